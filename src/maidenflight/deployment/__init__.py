@@ -1,0 +1,1 @@
+"""Deployment: from a trained policy to what a drone runs."""

@@ -1,0 +1,80 @@
+"""Windows, the paper's mini-trajectories: short stretches of flight, each with the commands that came before it.
+
+The motors and the delay line remember; a window that starts with them at rest is a different experiment. So each carries the
+30 rows before its start.
+"""
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Float, Int
+
+from maidenflight.errors import InputError
+from maidenflight.flights.log import Flight
+from maidenflight.simulator import rotations
+
+HISTORY = 30
+"""Rows before a window's start from which the motors' speed and the delay line are inferred."""
+EVERY = 10
+"""Every tenth row starts a window (Gronauer et al. 2022, sec. Simulation Optimization)."""
+BLOCK = 5.0
+"""Length of the stretches of flight that count as independent when uncertainty is estimated [s]."""
+
+
+class Windows(NamedTuple):
+    """W windows of T rows."""
+
+    position: Float[np.ndarray, "W 3"]
+    velocity: Float[np.ndarray, "W 3"]
+    quaternion: Float[np.ndarray, "W 4"]
+    body_rates: Float[np.ndarray, "W 3"]
+    command: Float[np.ndarray, "W P+T 4"]
+    """u in each period from `HISTORY` rows before the start to the end."""
+    measured: Float[np.ndarray, "W T 12"]
+    """Position, velocity, attitude, body rates in the T rows after the start."""
+    block: Int[np.ndarray, "W"]
+    """Number of the stretch of flight that the window lies in."""
+
+
+def windows(flights: Iterable[Flight], length: int, every: int = EVERY) -> Windows:
+    """Cuts flights into windows.
+
+    Args:
+        flights: checked flights, all of one period.
+        length: T, rows that the simulation must predict.
+        every: rows between the starts of two windows.
+
+    Raises:
+        InputError: the flights have different rates, or none is long enough.
+    """
+    flights = list(flights)
+    periods = {flight.period for flight in flights}
+    if len(periods) > 1:
+        rates = ", ".join(f"{1 / period:.6g} Hz" for period in sorted(periods))
+        raise InputError(f"flights of different rates ({rates}); identify from flights of one rate at a time.")
+    to_quaternion = jax.jit(jax.vmap(rotations.from_attitude))
+    parts: dict[str, list[np.ndarray]] = {name: [] for name in Windows._fields}
+    blocks = 0
+    for flight in flights:
+        starts = np.arange(HISTORY, len(flight) - length, every)
+        if starts.size == 0:
+            continue
+        rows = np.concatenate([flight.position, flight.velocity, flight.attitude, flight.body_rates], axis=1)
+        parts["position"].append(flight.position[starts])
+        parts["velocity"].append(flight.velocity[starts])
+        parts["quaternion"].append(flight.attitude[starts])
+        parts["body_rates"].append(flight.body_rates[starts])
+        parts["command"].append(flight.mean_command[starts[:, None] + np.arange(-HISTORY, length)])
+        parts["measured"].append(rows[starts[:, None] + np.arange(1, length + 1)])
+        pieces = max(1, round(flight.duration / BLOCK))
+        parts["block"].append(blocks + np.arange(starts.size) * pieces // starts.size)
+        blocks += pieces
+    if not parts["position"]:
+        longest = max((flight.duration for flight in flights), default=0.0)
+        needed = (HISTORY + length + 1) * (flights[0].period if flights else 0.01)
+        raise InputError(f"no flight is long enough for a window of {length} rows: longest {longest:.2f} s, needed {needed:.2f} s.")
+    joined = {name: np.concatenate(arrays) for name, arrays in parts.items()}
+    joined["quaternion"] = np.asarray(to_quaternion(joined["quaternion"]))
+    return Windows(**{name: array if name == "block" else array.astype(np.float32) for name, array in joined.items()})

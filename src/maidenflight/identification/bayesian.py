@@ -1,0 +1,142 @@
+"""Bayesian optimisation as the paper ran it: a Gaussian process, and an acquisition function drawn anew for every evaluation.
+
+The search works in a unit box; time constants are searched on a logarithmic scale, and the process models the logarithm of the
+objective, because both span decades while what matters happens in one.
+"""
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.stats import norm, qmc
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
+
+PAPER_BOUNDS: dict[str, tuple[float, float]] = {
+    "thrust_to_weight": (1.5, 2.5),
+    "motor_time_constant": (0.01, 0.50),
+    "latency": (0.0, 0.05),
+}
+"""Search bounds, SI units (Gronauer et al. 2022, sec. Simulation Optimization)."""
+
+LOGARITHMIC = ("motor_time_constant", "motor_slowdown")
+"""Parameters searched on a logarithmic scale."""
+
+_FIRST = 10
+"""Evaluations spread evenly before the process is asked."""
+
+
+@dataclass(frozen=True)
+class Box:
+    """The search box, and the way between parameters' values and the unit cube."""
+
+    names: tuple[str, ...]
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+
+    def _ends(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        logarithmic = np.array([name in LOGARITHMIC for name in self.names])
+        low, high = np.array(self.lower), np.array(self.upper)
+        with np.errstate(divide="ignore"):
+            return np.where(logarithmic, np.log(low), low), np.where(logarithmic, np.log(high), high), logarithmic
+
+    def values(self, unit: Float[np.ndarray, "... d"]) -> Float[np.ndarray, "... d"]:
+        """Parameter values at points of the unit cube."""
+        low, high, logarithmic = self._ends()
+        scaled = low + np.asarray(unit) * (high - low)
+        return np.where(logarithmic, np.exp(scaled), scaled)
+
+    def unit(self, values: Float[np.ndarray, "... d"]) -> Float[np.ndarray, "... d"]:
+        """Points of the unit cube at parameter values."""
+        low, high, logarithmic = self._ends()
+        with np.errstate(divide="ignore", invalid="ignore"):
+            scaled = np.where(logarithmic, np.log(values), values)
+        return (scaled - low) / (high - low)
+
+
+def minimise(
+    objective: Callable[[Float[np.ndarray, "d"]], float],
+    dimensions: int,
+    evaluations: int,
+    generator: np.random.Generator,
+    on_evaluation: Callable[[], None] | None = None,
+) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n"]]:
+    """Minimises a positive function on the unit cube.
+
+    Args:
+        objective: point to value.
+        dimensions: d.
+        evaluations: how often the objective is evaluated.
+        generator: random numbers.
+        on_evaluation: called after each, for a progress bar.
+
+    Returns:
+        All points and their values, in the order of evaluation.
+
+    Source: Gronauer et al. 2022, sec. Simulation Optimization: lower confidence bound, expected improvement and probability of
+    improvement, chosen uniformly.
+    """
+    first = min(_FIRST, evaluations)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # ten is no power of two; balance does not matter here
+        points = qmc.Sobol(dimensions, seed=generator).random(first)
+    values = []
+    for point in points:
+        values.append(objective(point))
+        if on_evaluation is not None:
+            on_evaluation()
+    kernel = None
+    while len(values) < evaluations:
+        logs = np.log(np.maximum(values, 1e-12))
+        scaled = (logs - logs.mean()) / (logs.std() + 1e-12)
+        # The length scales settle early; fitting them anew each time would cost more than the evaluations.
+        process = _fitted(points, scaled, kernel if len(values) % 5 and len(values) > 2 * _FIRST else None)
+        kernel = process.kernel_
+        candidates = _candidates(points[int(np.argmin(values))], dimensions, generator)
+        mean, deviation = process.predict(candidates, return_std=True)
+        acquisition = ACQUISITIONS[generator.integers(len(ACQUISITIONS))]
+        chosen = candidates[int(np.argmax(acquisition(mean, np.maximum(deviation, 1e-9), float(scaled.min()))))]
+        points = np.concatenate([points, chosen[None]])
+        values.append(objective(chosen))
+        if on_evaluation is not None:
+            on_evaluation()
+    return points, np.array(values)
+
+
+def _fitted(points: np.ndarray, values: np.ndarray, kernel: object | None) -> GaussianProcessRegressor:
+    """A Gaussian process; its kernel is fitted unless one is given."""
+    fresh = ConstantKernel(4.0, (1e-2, 1e3)) * Matern([0.5] * points.shape[1], (0.02, 20.0), nu=2.5) + WhiteKernel(1e-4, (1e-8, 1e-1))
+    process = GaussianProcessRegressor(kernel or fresh, optimizer=None if kernel else "fmin_l_bfgs_b", random_state=0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        return process.fit(points, values)
+
+
+def _candidates(best: np.ndarray, dimensions: int, generator: np.random.Generator) -> np.ndarray:
+    """Points among which the acquisition is maximised: everywhere, and ever closer to the best point."""
+    everywhere = generator.random((1024, dimensions))
+    scales = generator.choice([0.1, 0.03, 0.01], size=(512, 1))
+    near = np.clip(best + scales * generator.normal(size=(512, dimensions)), 0.0, 1.0)
+    return np.concatenate([everywhere, near])
+
+
+def lower_confidence_bound(mean: np.ndarray, deviation: np.ndarray, best: float) -> np.ndarray:
+    """How low the value may well be: -(mean - 1.96 deviation)."""
+    return 1.96 * deviation - mean
+
+
+def expected_improvement(mean: np.ndarray, deviation: np.ndarray, best: float) -> np.ndarray:
+    """Expected improvement over the best value."""
+    z = (best - mean) / deviation
+    return (best - mean) * norm.cdf(z) + deviation * norm.pdf(z)
+
+
+def probability_of_improvement(mean: np.ndarray, deviation: np.ndarray, best: float) -> np.ndarray:
+    """Probability of improving on the best value by 1 % of the values' standard deviation."""
+    return norm.cdf((best - 0.01 - mean) / deviation)
+
+
+ACQUISITIONS = (lower_confidence_bound, expected_improvement, probability_of_improvement)

@@ -1,0 +1,89 @@
+"""How sure the found parameters are: a bootstrap over stretches of flight.
+
+Repeating an optimiser tells how well it optimises, not how well the data fix the parameters. So the *data* are redrawn: blocks of
+flight with replacement, and the optimum is found anew for each draw. A quadratic surrogate, fitted to every block's loss
+around the optimum, makes that cheap, because the surrogate of a sum of losses is the sum of the surrogates.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.stats import qmc
+
+DESIGN = 64
+"""Points at which the losses around an optimum are evaluated."""
+RESAMPLES = 500
+"""Redrawn data sets."""
+LEVEL = 0.95
+"""Share of the redrawn optima that an interval holds."""
+
+
+class Bootstrap(NamedTuple):
+    """Optima of redrawn data, in the unit cube of the search."""
+
+    optima: Float[np.ndarray, "resamples d"]
+    points: Float[np.ndarray, "n d"]
+    """Points evaluated on the way."""
+    losses: Float[np.ndarray, "n"]
+    """Their mean loss."""
+
+    def interval(self) -> tuple[Float[np.ndarray, "d"], Float[np.ndarray, "d"]]:
+        """Central interval of the optima, in each dimension."""
+        tail = (1 - LEVEL) / 2
+        return np.quantile(self.optima, tail, axis=0), np.quantile(self.optima, 1 - tail, axis=0)
+
+
+def _basis(points: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "n k"]:
+    """Monomials up to the second degree."""
+    dimensions = points.shape[1]
+    squares = [points[:, i] * points[:, j] for i in range(dimensions) for j in range(i, dimensions)]
+    return np.stack([np.ones(len(points)), *points.T, *squares], axis=1)
+
+
+def bootstrap(
+    block_losses: Callable[[Float[np.ndarray, "d"]], Float[np.ndarray, "B"]],
+    windows_per_block: Float[np.ndarray, "B"],
+    best: Float[np.ndarray, "d"],
+    radius: Float[np.ndarray, "d"],
+    limits: tuple[Float[np.ndarray, "d"], Float[np.ndarray, "d"]],
+    generator: np.random.Generator,
+    on_evaluation: Callable[[], None] | None = None,
+) -> Bootstrap:
+    """Redraws the data and finds the optimum of each draw.
+
+    Args:
+        block_losses: point to the summed loss of each block's windows.
+        windows_per_block: B numbers of windows.
+        best: the optimum of all data.
+        radius: half width of the first neighbourhood in which a surrogate is fitted; it grows or shrinks to fit the spread.
+        limits: smallest and largest point that makes sense.
+        generator: random numbers.
+        on_evaluation: called after each evaluation.
+    """
+    dimensions = len(best)
+    points, losses = np.empty((0, dimensions)), np.empty(0)
+    optima = np.empty((0, dimensions))
+    for _ in range(3):
+        low, high = np.maximum(best - radius, limits[0]), np.minimum(best + radius, limits[1])
+        design = qmc.scale(qmc.Sobol(dimensions, seed=generator).random(DESIGN), low, high)
+        per_block = []
+        for point in design:
+            per_block.append(block_losses(point))
+            if on_evaluation is not None:
+                on_evaluation()
+        matrix = np.array(per_block)
+        centred = (design - best) / radius
+        coefficients = np.linalg.lstsq(_basis(centred), matrix, rcond=None)[0]
+        draws = generator.multinomial(len(windows_per_block), np.full(len(windows_per_block), 1 / len(windows_per_block)), RESAMPLES)
+        trial = generator.uniform(low, high, (8192, dimensions))
+        # A resample's surrogate; the number of windows in it scales the whole and moves no optimum.
+        surrogate = _basis((trial - best) / radius) @ (coefficients @ draws.T)
+        optima = trial[np.argmin(surrogate, axis=0)]
+        points = np.concatenate([points, design])
+        losses = np.concatenate([losses, matrix.sum(axis=1) / windows_per_block.sum()])
+        best = points[int(np.argmin(losses))]
+        spread = np.quantile(np.abs(optima - best), LEVEL, axis=0)
+        radius = np.maximum(np.minimum(2.0 * spread, 2.0 * radius), radius / 4)
+    return Bootstrap(optima, points, losses)

@@ -1,0 +1,363 @@
+"""The parameter vector xi: every physical constant of a simulated quadrotor, each with its unit, symbol, bounds and source.
+
+`Parameters` is flat, frozen and a JAX pytree, and all of it is traced: one compilation serves every drone. A *point* is one
+drone; a batch of points (leaves with a leading axis) is domain randomization, an ensemble or a lattice. The fields that the
+paper's model lacks (drag, unequal motor lag, estimator delay, battery) have neutral values, zero or one, in the named drones.
+"""
+
+import dataclasses
+import math
+import os
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+import tomlkit
+
+from maidenflight import results
+from maidenflight.errors import InputError
+
+FORMAT = 1
+"""Version of the TOML layout."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What is known of one physical constant besides its value."""
+
+    symbol: str
+    unit: str
+    """SI; "-" for a pure number."""
+    lower: float
+    """Smallest value with a physical meaning."""
+    upper: float
+    """Largest plausible value for a drone of 5 g to 5 kg."""
+    meaning: str
+    source: str
+    """Where the model or the named drone's value comes from."""
+    table: str
+    """The table of the TOML file in which it stands."""
+    size: int = 1
+    """Number of components."""
+
+
+def _quantity(table: str, symbol: str, unit: str, bounds: tuple[float, float], meaning: str, source: str, size: int = 1) -> Any:
+    return field(metadata={"quantity": Quantity(symbol, unit, *bounds, meaning, source, table, size)})
+
+
+_PAPER = "Gronauer et al. 2022"
+_AUTHORS = "the authors' code (phoenix-drone-simulation c5d6907)"
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Parameters:
+    """The constants of one quadrotor, in SI units.
+
+    Leaves are floats, or arrays with any leading batch axes; `inertia` and `drag` have a last axis of 3.
+    `QUANTITIES` gives each field's unit, symbol, bounds, meaning and source.
+    """
+
+    thrust_to_weight: Any = _quantity(
+        "motors", "k_F", "-", (1.0, 10.0), "thrust of all motors at full speed over weight", f"{_PAPER}, eq:motor-force"
+    )
+    motor_time_constant: Any = _quantity(
+        "motors", "T_m", "s", (0.001, 1.0), "lag of the rotor speeds", f"{_PAPER}, eq:motor-dynamics"
+    )
+    motor_slowdown: Any = _quantity(
+        "motors",
+        "T_down/T_up",
+        "-",
+        (0.1, 10.0),
+        "lag while slowing down over lag while speeding up; 1 in the paper's model",
+        "measured on load cells and from flights by others, 0.8 to 4.5",
+    )
+    latency: Any = _quantity(
+        "motors", "Delta", "s", (0.0, 0.05), "delay from command to motor", f"{_PAPER}, sec. Motor Model; bounds of its search"
+    )
+    torque_to_thrust: Any = _quantity(
+        "motors", "k_M1", "m", (0.0, 0.1), "reaction torque of a rotor per thrust", f"{_PAPER}, eq:motor-torque"
+    )
+    torque_offset: Any = _quantity(
+        "motors", "k_M2", "N m", (0.0, 1e-3), "constant part of that torque; cancels over four rotors", f"{_PAPER}, eq:motor-torque"
+    )
+    actuator_noise: Any = _quantity(
+        "motors",
+        "sigma_u",
+        "-",
+        (0.0, 0.5),
+        "standard deviation of the Ornstein-Uhlenbeck noise added to the thrust commands",
+        f"{_AUTHORS}: 0.01/sqrt(1 - 0.85^2)",
+    )
+    actuator_noise_rate: Any = _quantity(
+        "motors", "theta_u", "1/s", (0.0, 1e4), "how fast that noise forgets", f"{_AUTHORS}: -ln(0.85)/5 ms"
+    )
+    mass: Any = _quantity("body", "m", "kg", (0.005, 5.0), "mass, battery included", f"{_PAPER}, table:drone-parameters")
+    inertia: Any = _quantity(
+        "body", "I", "kg m2", (1e-7, 1.0), "diagonal of the inertia matrix: x, y, z", f"{_PAPER}, table:drone-parameters", 3
+    )
+    arm_length: Any = _quantity(
+        "body", "L", "m", (0.01, 1.0), "distance from the centre to a rotor", f"{_PAPER}, table:drone-parameters"
+    )
+    drag: Any = _quantity(
+        "body",
+        "d",
+        "1/s",
+        (0.0, 10.0),
+        "rotor drag per mass along body x, y, z; 0 in the paper's model",
+        "Faessler, Franchi and Scaramuzza 2018, eq. 1",
+        3,
+    )
+    gravity: Any = _quantity("body", "g", "m/s2", (0.1, 30.0), "gravitational acceleration", f"{_PAPER}, table:drone-parameters")
+    position_noise: Any = _quantity("sensors", "sigma_r", "m", (0.0, 1.0), "Gaussian noise of the position", _AUTHORS)
+    position_noise_uniform: Any = _quantity("sensors", "b_r", "m", (0.0, 1.0), "half width of its uniform noise", _AUTHORS)
+    velocity_noise: Any = _quantity("sensors", "sigma_v", "m/s", (0.0, 1.0), "Gaussian noise of the velocity", _AUTHORS)
+    attitude_noise: Any = _quantity(
+        "sensors", "sigma_phi", "rad", (0.0, 1.0), "Gaussian noise of roll, pitch, yaw", f"{_AUTHORS}: 0.1 deg"
+    )
+    attitude_noise_uniform: Any = _quantity(
+        "sensors", "b_phi", "rad", (0.0, 1.0), "half width of its uniform noise", f"{_AUTHORS}: 0.05 deg"
+    )
+    gyro_noise: Any = _quantity(
+        "sensors",
+        "sigma_omega",
+        "rad/s",
+        (0.0, 5.0),
+        "white noise of the body rates per sample",
+        f"{_AUTHORS}: 0.088 rad/s before, 0.051 after its low-pass filter",
+    )
+    gyro_turn_on_bias: Any = _quantity(
+        "sensors",
+        "b_0",
+        "rad/s",
+        (0.0, 1.0),
+        "standard deviation of the bias at power-on",
+        "Furrer et al. 2016 (RotorS), gyroscope_turn_on_bias_sigma: 0.5 deg/s",
+    )
+    gyro_bias_walk: Any = _quantity(
+        "sensors",
+        "sigma_b",
+        "rad/s2/sqrt(Hz)",
+        (0.0, 1.0),
+        "random walk of the bias",
+        "Furrer et al. 2016 (RotorS); value from the authors' code",
+    )
+    gyro_bias_time: Any = _quantity(
+        "sensors", "tau_b", "s", (0.1, 1e5), "correlation time of the bias", "Furrer et al. 2016 (RotorS): 1000 s"
+    )
+    estimator_delay: Any = _quantity(
+        "sensors",
+        "Delta_e",
+        "s",
+        (0.0, 0.05),
+        "age of the estimated position, velocity and attitude; 0 in the paper's model",
+        "a Kalman filter's lag; not measured",
+    )
+    battery_voltage: Any = _quantity(
+        "battery", "V_0", "V", (2.0, 60.0), "open-circuit voltage when the flight starts", "LiPo cell, full"
+    )
+    battery_resistance: Any = _quantity(
+        "battery", "R_V", "V", (0.0, 10.0), "sag with all motors at full ratio; 0: no sag", "not measured"
+    )
+    battery_discharge: Any = _quantity(
+        "battery", "dV/dt", "V/s", (0.0, 1.0), "fall of the open-circuit voltage with all motors at full ratio", "not measured"
+    )
+    time_step: Any = _quantity("simulation", "dt", "s", (1e-5, 0.02), "physics step", f"{_PAPER}, sec. Simulation Environment: 200 Hz")
+
+    def __post_init__(self) -> None:
+        # Numbers given by people become float32 once, here, so that every compiled function sees one dtype.
+        for name in QUANTITIES:
+            value = getattr(self, name)
+            if isinstance(value, float | int | tuple | list):
+                object.__setattr__(self, name, np.asarray(value, dtype=np.float32))
+
+
+QUANTITIES: dict[str, Quantity] = {entry.name: entry.metadata["quantity"] for entry in dataclasses.fields(Parameters)}
+"""Unit, symbol, bounds, meaning and source of every field of `Parameters`, in order."""
+
+
+def crazyflie() -> Parameters:
+    """The Crazyflie 2.1 as the paper models it.
+
+    Body and torque constants are those of the paper's appendix (table:drone-parameters); thrust-to-weight ratio, motor time
+    constant and latency those that its Bayesian optimisation found for T = 30 (table:results-sim-opt); noise is that of the
+    authors' code.
+    """
+    return Parameters(
+        thrust_to_weight=1.725,
+        motor_time_constant=0.088,
+        motor_slowdown=1.0,
+        latency=0.018,
+        torque_to_thrust=5.96e-3,
+        torque_offset=1.56e-5,
+        actuator_noise=0.019,
+        actuator_noise_rate=32.5,
+        mass=0.028,
+        inertia=(1.33e-5, 1.33e-5, 2.64e-5),
+        arm_length=0.0396,
+        drag=(0.0, 0.0, 0.0),
+        gravity=9.81,
+        position_noise=0.002,
+        position_noise_uniform=0.001,
+        velocity_noise=0.01,
+        attitude_noise=math.radians(0.1),
+        attitude_noise_uniform=math.radians(0.05),
+        gyro_noise=0.051,
+        gyro_turn_on_bias=math.radians(0.5),
+        gyro_bias_walk=1.75e-4,
+        gyro_bias_time=1000.0,
+        estimator_delay=0.0,
+        battery_voltage=4.2,
+        battery_resistance=0.0,
+        battery_discharge=0.0,
+        time_step=0.005,
+    )
+
+
+DRONES = {"crazyflie": crazyflie}
+"""Named drones, for the command line's `--drone NAME`."""
+
+
+def replace(parameters: Parameters, /, **changes: Any) -> Parameters:
+    """A copy with some fields changed.
+
+    Raises:
+        InputError: no field has that name.
+    """
+    for name in changes:
+        if name not in QUANTITIES:
+            raise InputError(f"unknown parameter {name!r}; known are {', '.join(QUANTITIES)}.")
+    return dataclasses.replace(parameters, **changes)
+
+
+def noiseless(parameters: Parameters) -> Parameters:
+    """The same drone with perfect sensors and motors that do as told."""
+    silent = {name: np.float32(0.0) for name in QUANTITIES if "noise" in name and not name.endswith("rate")}
+    return replace(parameters, **silent, gyro_turn_on_bias=np.float32(0.0), gyro_bias_walk=np.float32(0.0))
+
+
+def check(parameters: Parameters, where: str = "parameters") -> Parameters:
+    """Returns one drone's parameters if every value lies in its physical range.
+
+    Args:
+        parameters: a point, without batch axes.
+        where: what the error names, usually a file.
+
+    Raises:
+        InputError: a value is not a finite number, has the wrong number of components or is out of range.
+    """
+    for name, quantity in QUANTITIES.items():
+        value = np.asarray(getattr(parameters, name))
+        if value.size != quantity.size or value.ndim > 1:
+            raise InputError(f"{where}: {name} has {value.size} values, expected {quantity.size}.")
+        if not (np.all(np.isfinite(value)) and np.all(value >= quantity.lower) and np.all(value <= np.float32(quantity.upper))):
+            raise InputError(
+                f"{where}: {name} = {_plain(value)} {quantity.unit} is outside its physical range"
+                f" [{quantity.lower:g}, {quantity.upper:g}]. Check the unit; values are SI."
+            )
+    return parameters
+
+
+def _plain(value: Any) -> Any:
+    """float32 to the shortest decimal that reads back to the same float32."""
+    array = np.asarray(value, dtype=np.float32)
+    return [float(str(entry)) for entry in array] if array.ndim else float(str(array))
+
+
+def to_toml(parameters: Parameters, name: str, extra: Mapping[str, Any] | None = None) -> str:
+    """The TOML text of one drone, its units, symbols and sources as comments.
+
+    Args:
+        parameters: a point, without batch axes.
+        name: what to call the drone.
+        extra: further tables for the end of the file, such as `identification` or `record`.
+
+    Returns:
+        Text that `from_toml` reads back to the same float32 values.
+    """
+    check(parameters, name)
+    document = tomlkit.document()
+    document.add(tomlkit.comment("A quadrotor's parameters, SI units."))
+    document.add("format", tomlkit.item(FORMAT))
+    document.add("name", tomlkit.item(name))
+    tables: dict[str, Any] = {}
+    for field_name, quantity in QUANTITIES.items():
+        if quantity.table not in tables:
+            tables[quantity.table] = tomlkit.table()
+        entry = tomlkit.item(_plain(getattr(parameters, field_name)))
+        entry.comment(f"{quantity.symbol} [{quantity.unit}] {quantity.meaning} ({quantity.source})")
+        tables[quantity.table].add(field_name, entry)
+    for title, table in tables.items():
+        document.add(tomlkit.nl())
+        document.add(title, table)
+    for title, content in (extra or {}).items():
+        document.add(tomlkit.nl())
+        document.add(title, tomlkit.item(content))
+    return tomlkit.dumps(document)
+
+
+def from_toml(text: str, where: str = "drone.toml") -> Parameters:
+    """Reads one drone from TOML text.
+
+    Raises:
+        InputError: not TOML, an unknown key, a missing value, a value that is no number or outside its physical range.
+    """
+    try:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{where}: not valid TOML: {error}.") from error
+    if document.get("format") != FORMAT:
+        raise InputError(f"{where}: format = {document.get('format')!r}, expected {FORMAT}. Is it a drone file?")
+    found: dict[str, Any] = {}
+    for table in dict.fromkeys(quantity.table for quantity in QUANTITIES.values()):
+        content = document.get(table, {})
+        if not isinstance(content, dict):
+            raise InputError(f"{where}: {table} is a value, expected a table [{table}].")
+        for name, value in content.items():
+            if name not in QUANTITIES or QUANTITIES[name].table != table:
+                raise InputError(f"{where}: unknown key {name!r} in [{table}]{_suggestion(name)}")
+            found[name] = _numbers(value, name, where)
+    missing = [name for name in QUANTITIES if name not in found]
+    if missing:
+        raise InputError(f"{where}: missing {', '.join(missing)}. Start from a complete file: maidenflight drone crazyflie.")
+    return check(Parameters(**found), where)
+
+
+def _suggestion(name: str) -> str:
+    import difflib
+
+    close = difflib.get_close_matches(name, QUANTITIES, n=1)
+    return f"; did you mean {close[0]!r} in [{QUANTITIES[close[0]].table}]?" if close else "."
+
+
+def _numbers(value: Any, name: str, where: str) -> Any:
+    entries = value if isinstance(value, list) else [value]
+    if not all(isinstance(entry, float | int) and not isinstance(entry, bool) for entry in entries):
+        raise InputError(f"{where}: {name} = {value!r}, expected {'3 numbers' if QUANTITIES[name].size == 3 else 'a number'}.")
+    if isinstance(value, list) != (QUANTITIES[name].size > 1):
+        raise InputError(f"{where}: {name} has {len(entries)} values, expected {QUANTITIES[name].size}.")
+    return tuple(map(float, entries)) if isinstance(value, list) else float(value)
+
+
+def write(path: str | os.PathLike[str], parameters: Parameters, extra: Mapping[str, Any] | None = None) -> Path:
+    """Writes one drone as a TOML file named after it; see `to_toml`."""
+    return results.write(path, to_toml(parameters, Path(path).stem, extra))
+
+
+def read(drone: str | os.PathLike[str]) -> Parameters:
+    """Reads a TOML file, or returns a named drone.
+
+    Raises:
+        InputError: neither a named drone nor a readable, valid file.
+    """
+    if str(drone) in DRONES:
+        return DRONES[str(drone)]()
+    try:
+        text = Path(drone).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{drone}: no such drone; give a TOML file or one of: {', '.join(DRONES)}.") from error
+    return from_toml(text, str(drone))

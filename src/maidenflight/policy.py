@@ -1,0 +1,172 @@
+"""A policy: what a network sees, the network, and what its outputs mean. One JSON file, exact to the last bit of float32."""
+
+import dataclasses
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from maidenflight import results
+from maidenflight.errors import InputError
+from maidenflight.simulator.environment import ACTION_SIZE, OBSERVATION_SIZE
+
+FORMAT = "maidenflight policy 1"
+CONTROLS = ("pwm",)
+"""Control structures that a policy can be made for."""
+
+_MEAN = (0.25, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.2, 0.2, 0.2, 0.2)
+_DEVIATION = (0.2, 0.2, 0.2, 0.1, 0.1, 0.1, 0.05, 0.4, 0.4, 0.4, 1.0, 1.0, 1.0, 0.1, 0.1, 0.1, 0.5, 0.5, 0.5, 0.5)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class Policy:
+    """A multi-layer perceptron with ReLU between its layers, and all that is needed to fly it.
+
+    Output: four actions, of which the control structure uses the part in [-1, 1].
+    """
+
+    weights: tuple[Float[Array, "outputs inputs"], ...]
+    biases: tuple[Float[Array, "outputs"], ...]
+    observation_mean: Float[Array, "20H"]
+    observation_deviation: Float[Array, "20H"]
+    control: str = dataclasses.field(default="pwm", metadata={"static": True})
+    """Control structure that the actions are meant for."""
+    rate: int = dataclasses.field(default=100, metadata={"static": True})
+    """Actions a second [Hz]."""
+    history: int = dataclasses.field(default=2, metadata={"static": True})
+    """H, observed instants in the input."""
+
+    def __call__(self, observation: Float[Array, "20H"]) -> Float[Array, "4"]:
+        """Action for an observation; not clipped, because the next observation holds it as it is."""
+        values = (observation - self.observation_mean) / self.observation_deviation
+        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
+            values = jax.nn.relu(weight @ values + bias)
+        return self.weights[-1] @ values + self.biases[-1]
+
+    @property
+    def layer_sizes(self) -> tuple[int, ...]:
+        """Sizes of input, hidden layers and output, such as (40, 50, 50, 4)."""
+        return (self.weights[0].shape[-1], *(weight.shape[-2] for weight in self.weights))
+
+
+def untrained(key: Array, hidden: tuple[int, ...] = (50, 50), history: int = 2) -> Policy:
+    """A policy with Kaiming-uniform weights and zero biases; its last layer is small, so that it starts near a constant.
+
+    Observations are scaled by fixed, round numbers of the circle task's size; training changes only the network.
+
+    Source: Gronauer et al. 2022, sec. Zero-Shot Experiments (layer sizes and initial weights).
+    """
+    sizes = (OBSERVATION_SIZE * history, *hidden, ACTION_SIZE)
+    weights = []
+    for key_, inputs, outputs in zip(jax.random.split(key, len(sizes) - 1), sizes[:-1], sizes[1:], strict=True):
+        bound = np.float32(np.sqrt(6.0 / inputs) * (0.1 if outputs == ACTION_SIZE else 1.0))
+        weights.append(jax.random.uniform(key_, (outputs, inputs), minval=-bound, maxval=bound))
+    biases = tuple(jnp.zeros(outputs) for outputs in sizes[1:])
+    mean = jnp.tile(jnp.array(_MEAN), history)
+    return Policy(tuple(weights), biases, mean, jnp.tile(jnp.array(_DEVIATION), history), history=history)
+
+
+def _decimals(array: Any) -> Any:
+    """Nested lists of the shortest decimals that read back to the same float32."""
+    array = np.asarray(array, np.float32)
+    return [_decimals(row) for row in array] if array.ndim > 1 else [float(str(entry)) for entry in array]
+
+
+def to_json(policy: Policy, record: Mapping[str, Any] | None = None) -> str:
+    """The text of a policy file; `record` says how the policy was made."""
+    layers = [
+        {"weights": _decimals(weight), "biases": _decimals(bias)} for weight, bias in zip(policy.weights, policy.biases, strict=True)
+    ]
+    return json.dumps(
+        {
+            "format": FORMAT,
+            "control": policy.control,
+            "rate": policy.rate,
+            "history": policy.history,
+            "instant": "position 3, quaternion xyzw 4, velocity 3, body rates 3, setpoint - position 3, last action 4; oldest first",
+            "activation": "relu",
+            "record": dict(record or {}),
+            "observation_mean": _decimals(policy.observation_mean),
+            "observation_deviation": _decimals(policy.observation_deviation),
+            "layers": layers,
+        }
+    )
+
+
+def from_json(text: str, where: str = "policy") -> Policy:
+    """Reads a policy.
+
+    Raises:
+        InputError: not a policy file, or its shapes or numbers make no sense.
+    """
+    try:
+        content = json.loads(text)
+    except (json.JSONDecodeError, RecursionError) as error:
+        raise InputError(f"{where}: not valid JSON ({error}). Expected a policy file written by maidenflight train.") from error
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise InputError(f"{where}: not a maidenflight policy (format is not {FORMAT!r}). Give a file written by maidenflight train.")
+    try:
+        policy = Policy(
+            weights=tuple(jnp.array(layer["weights"], jnp.float32) for layer in content["layers"]),
+            biases=tuple(jnp.array(layer["biases"], jnp.float32) for layer in content["layers"]),
+            observation_mean=jnp.array(content["observation_mean"], jnp.float32),
+            observation_deviation=jnp.array(content["observation_deviation"], jnp.float32),
+            control=content["control"],
+            rate=content["rate"],
+            history=content["history"],
+        )
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        raise InputError(f"{where}: damaged policy ({type(error).__name__}: {error}). Export it again.") from error
+    return _checked(policy, content, where)
+
+
+def _checked(policy: Policy, content: Mapping[str, Any], where: str) -> Policy:
+    if policy.control not in CONTROLS:
+        raise InputError(f"{where}: control = {policy.control!r}, expected one of {', '.join(CONTROLS)}.")
+    if content.get("activation") != "relu":
+        raise InputError(f"{where}: activation = {content.get('activation')!r}, expected 'relu'.")
+    for name, value in (("rate", policy.rate), ("history", policy.history)):
+        if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= 1000:
+            raise InputError(f"{where}: {name} = {value!r}, expected a whole number from 1 to 1000.")
+    if not policy.weights:
+        raise InputError(f"{where}: no layers.")
+    size = OBSERVATION_SIZE * policy.history
+    if policy.observation_mean.shape != (size,) or policy.observation_deviation.shape != (size,):
+        raise InputError(f"{where}: the normaliser has {policy.observation_mean.shape} values, expected {size} (20 x history).")
+    for number, (weight, bias) in enumerate(zip(policy.weights, policy.biases, strict=True), 1):
+        if weight.ndim != 2 or weight.shape[1] != size or bias.shape != weight.shape[:1]:
+            raise InputError(f"{where}: layer {number} has weights {weight.shape} and biases {bias.shape}, expected ({size} inputs).")
+        size = weight.shape[0]
+    if size != ACTION_SIZE:
+        raise InputError(f"{where}: {size} outputs, expected {ACTION_SIZE}.")
+    if not all(bool(jnp.all(jnp.isfinite(leaf))) for leaf in jax.tree.leaves(policy)):
+        raise InputError(f"{where}: a weight is not a finite number. Train again or restore the file.")
+    if not bool(jnp.all(policy.observation_deviation > 0)):
+        raise InputError(f"{where}: an observation's deviation is not positive.")
+    return policy
+
+
+def write(path: str | os.PathLike[str], policy: Policy, record: Mapping[str, Any] | None = None) -> Path:
+    """Writes a policy file; see `to_json`."""
+    return results.write(path, to_json(policy, record) + "\n")
+
+
+def read(path: str | os.PathLike[str]) -> Policy:
+    """Reads a policy file.
+
+    Raises:
+        InputError: no such file, or not a valid policy.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read as a policy ({error}).") from error
+    return from_json(text, str(path))

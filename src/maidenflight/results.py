@@ -1,0 +1,70 @@
+"""What every result file has in common: it is written whole or not at all, and it says where it comes from.
+
+A record never holds the time of day, a host name or an absolute path, so the same seed gives the same bytes.
+"""
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from maidenflight import __version__
+from maidenflight.errors import InputError
+
+
+def write(path: str | os.PathLike[str], content: str | bytes) -> Path:
+    """Writes a file atomically: a reader sees the old content or the new, never a part.
+
+    Args:
+        path: where to write; missing folders are made.
+        content: text (UTF-8, newlines kept) or bytes.
+
+    Returns:
+        The path.
+
+    Raises:
+        InputError: the folder or the file cannot be written.
+    """
+    path = Path(path)
+    payload = content.encode() if isinstance(content, str) else content
+    temporary: str | None = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        descriptor, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(payload)
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except OSError as error:
+        if temporary is not None and os.path.exists(temporary):
+            os.unlink(temporary)
+        raise InputError(f"{path}: cannot be written ({error.strerror}). Choose a writable place with -o.") from error
+    return path
+
+
+def digest(path: str | os.PathLike[str]) -> str:
+    """First 16 hexadecimal digits of a file's SHA-256."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()[:16]
+
+
+def record(*, seed: int | None, inputs: Sequence[str | os.PathLike[str]], settings: Mapping[str, Any]) -> dict[str, Any]:
+    """What a result file says of its own making.
+
+    Args:
+        seed: the random seed, `None` where no randomness was used.
+        inputs: the files read; recorded by name and hash, not by place.
+        settings: every setting that shapes the result, plain values only.
+
+    Returns:
+        Plain dictionaries, ready for TOML or JSON: `version`, `seed`, `inputs` (name and hash), `settings`.
+    """
+    made: dict[str, Any] = {"version": __version__}
+    if seed is not None:
+        made["seed"] = seed
+    if inputs:
+        made["inputs"] = [f"{Path(path).parent.name}/{Path(path).name} sha256:{digest(path)}" for path in inputs]
+    made["settings"] = {name: value for name, value in settings.items() if value is not None}
+    return made

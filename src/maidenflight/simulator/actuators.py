@@ -1,0 +1,77 @@
+"""From thrust command to motor command: actuator noise, the optional battery, and the square root of the motor model."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from maidenflight.parameters import Parameters
+from maidenflight.simulator import battery
+
+
+class Actuators(NamedTuple):
+    """What the actuators remember from one command to the next."""
+
+    noise: Float[Array, "4"]
+    """Ornstein-Uhlenbeck noise added to u [-]."""
+    charge_drawn: Float[Array, ""]
+    """Time at full ratio that the battery has delivered [s]."""
+    ratio: Float[Array, "4"]
+    """Motor ratio after battery compensation; the command where no battery is simulated."""
+    voltage: Float[Array, ""]
+    """Battery voltage [V]."""
+
+
+def switched_on(command: Float[Array, ""], parameters: Parameters, with_battery: bool) -> Actuators:
+    """Actuators at a steady command, with a fresh battery and no noise yet."""
+    steady = jnp.broadcast_to(command, (4,))
+    fresh = jnp.zeros(())
+    ratio = battery.motor_ratio(steady, parameters.battery_voltage) if with_battery else steady
+    return Actuators(jnp.zeros(4), fresh, ratio, battery.voltage(fresh, ratio, parameters))
+
+
+def ornstein_uhlenbeck(
+    noise: Float[Array, "4"], elapsed: Float[Array, ""], parameters: Parameters, key: Array
+) -> Float[Array, "4"]:
+    """Next sample of the actuator noise, exact at any time step: its strength does not depend on how often it is drawn.
+
+    Source: the process of Gronauer et al. 2022, sec. Simulation Environment; Molchanov et al. 2019.
+    """
+    kept = jnp.exp(-parameters.actuator_noise_rate * elapsed)
+    return kept * noise + parameters.actuator_noise * jnp.sqrt(1 - kept**2) * jax.random.normal(key, (4,))
+
+
+def rotor_speed_command(command: Float[Array, "4"]) -> Float[Array, "4"]:
+    """sqrt(u), with a zero instead of an infinite gradient at u = 0. Source: Gronauer et al. 2022, eq:motor-dynamics."""
+    positive = command > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, command, 1.0)), 0.0)
+
+
+def actuate(
+    actuators: Actuators, command: Float[Array, "4"], period: Float[Array, ""], parameters: Parameters, key: Array, with_battery: bool
+) -> tuple[Actuators, Float[Array, "4"]]:
+    """Turns a thrust command into the rotor speed command that enters the delay line.
+
+    Args:
+        actuators: memory.
+        command: u, in [0, 1].
+        period: time for which the command holds [s].
+        parameters: uses the noise and `battery` fields.
+        key: random key.
+        with_battery: whether the command passes through the firmware's battery compensation and 8-bit PWM.
+
+    Returns:
+        New memory and sqrt(u) of the noisy command, in [0, 1].
+    """
+    noise = ornstein_uhlenbeck(actuators.noise, period, parameters, key)
+    if with_battery:
+        ratio = battery.motor_ratio(command, actuators.voltage)
+        volts = battery.voltage(actuators.charge_drawn, ratio, parameters)
+        drawn = actuators.charge_drawn + period * jnp.mean(ratio)
+        # The thrust follows the voltage at the motor now, which sags after the ratio was chosen.
+        command = battery.thrust_command(ratio, volts)
+        actuators = Actuators(noise, drawn, ratio, volts)
+    else:
+        actuators = actuators._replace(noise=noise, ratio=command)
+    return actuators, rotor_speed_command(jnp.clip(command + noise, 0.0, 1.0))

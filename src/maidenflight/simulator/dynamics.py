@@ -1,0 +1,142 @@
+"""The rigid body and its four motors: one derivative and two integrators.
+
+A `State` is one drone's. Rotors 1 to 4 are front right, back right, back left, front left; 1 and 3 turn counter-clockwise.
+Inside this module a *command* is a rotor speed command sqrt(u), already delayed, noisy and averaged over the step.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jax import tree
+from jaxtyping import Array, Float
+
+from maidenflight.parameters import Parameters
+from maidenflight.simulator import rotations
+
+
+class State(NamedTuple):
+    """Where a drone is and how it moves."""
+
+    position: Float[Array, "3"]
+    """r [m], world."""
+    velocity: Float[Array, "3"]
+    """dr/dt [m/s], world."""
+    quaternion: Float[Array, "4"]
+    """Attitude, body to world (x, y, z, w)."""
+    body_rates: Float[Array, "3"]
+    """omega [rad/s], body."""
+    rotor_speed: Float[Array, "4"]
+    """nu [-], in [0, 1]."""
+
+
+Integrator = Callable[[State, Float[Array, "4"], Parameters], State]
+
+
+def rotor_forces(rotor_speed: Float[Array, "4"], parameters: Parameters) -> Float[Array, "4"]:
+    """Thrust of each rotor, F = m g / 4 k_F nu^2 [N].
+
+    Source: Gronauer et al. 2022, eq:motor-force.
+    """
+    full = parameters.mass * parameters.gravity / 4 * parameters.thrust_to_weight
+    return full * rotor_speed**2
+
+
+def torque(forces: Float[Array, "4"], parameters: Parameters) -> Float[Array, "3"]:
+    """Torque eta [N m] of the rotors on the body, with M_i = k_M1 F_i + k_M2.
+
+    Source: Gronauer et al. 2022, eq:torque and eq:motor-torque.
+    """
+    f1, f2, f3, f4 = forces
+    m1, m2, m3, m4 = parameters.torque_to_thrust * forces + parameters.torque_offset
+    lever = parameters.arm_length / jnp.sqrt(2.0)
+    return jnp.stack([lever * (-f1 - f2 + f3 + f4), lever * (-f1 + f2 + f3 - f4), -m1 + m2 - m3 + m4])
+
+
+def linear_acceleration(state: State, parameters: Parameters) -> Float[Array, "3"]:
+    """Acceleration of the centre of mass [m/s2], world.
+
+    Source: Gronauer et al. 2022, eq:linear-acceleration; rotor drag -R diag(d) R^T v from Faessler et al. 2018, eq. 1.
+    """
+    thrust = jnp.sum(rotor_forces(state.rotor_speed, parameters)) / parameters.mass
+    rotation = rotations.to_matrix(state.quaternion)
+    rotor_drag = rotation @ (parameters.drag * (rotation.T @ state.velocity))
+    weight = jnp.stack([jnp.zeros_like(parameters.gravity), jnp.zeros_like(parameters.gravity), parameters.gravity])
+    return rotation[:, 2] * thrust - weight - rotor_drag
+
+
+def angular_acceleration(state: State, parameters: Parameters) -> Float[Array, "3"]:
+    """Angular acceleration [rad/s2], body: I domega/dt = eta - omega x (I omega).
+
+    Source: Gronauer et al. 2022, eq:angular-acceleration.
+    """
+    momentum = parameters.inertia * state.body_rates
+    eta = torque(rotor_forces(state.rotor_speed, parameters), parameters)
+    return (eta - jnp.cross(state.body_rates, momentum)) / parameters.inertia
+
+
+def motor_derivative(rotor_speed: Float[Array, "4"], command: Float[Array, "4"], parameters: Parameters) -> Float[Array, "4"]:
+    """Rate of change of the rotor speeds [1/s]: T_m dnu/dt = -nu + sqrt(u).
+
+    Args:
+        rotor_speed: nu, in [0, 1].
+        command: sqrt(u) after the delay line, in [0, 1].
+        parameters: `motor_time_constant` T_m [s] holds while the motor speeds up; T_m `motor_slowdown` while it slows down.
+
+    Source: Gronauer et al. 2022, eq:motor-dynamics.
+    """
+    change = command - rotor_speed
+    slower = parameters.motor_time_constant * parameters.motor_slowdown
+    return change / jnp.where(change < 0, slower, parameters.motor_time_constant)
+
+
+def derivative(state: State, command: Float[Array, "4"], parameters: Parameters) -> State:
+    """Time derivative of the whole state, f(x, u) of eq:discrete-system-diff-eq."""
+    return State(
+        position=state.velocity,
+        velocity=linear_acceleration(state, parameters),
+        quaternion=rotations.quaternion_derivative(state.quaternion, state.body_rates),
+        body_rates=angular_acceleration(state, parameters),
+        rotor_speed=motor_derivative(state.rotor_speed, command, parameters),
+    )
+
+
+def euler(state: State, command: Float[Array, "4"], parameters: Parameters) -> State:
+    """One semi-implicit Euler step: motors, then velocities, then positions, each from the newest values.
+
+    First order, and half a step less late than explicit Euler; PyBullet, the paper's engine, steps the same way.
+    """
+    dt = parameters.time_step
+    state = state._replace(rotor_speed=state.rotor_speed + dt * motor_derivative(state.rotor_speed, command, parameters))
+    velocity = state.velocity + dt * linear_acceleration(state, parameters)
+    body_rates = state.body_rates + dt * angular_acceleration(state, parameters)
+    turned = state.quaternion + dt * rotations.quaternion_derivative(state.quaternion, body_rates)
+    return State(state.position + dt * velocity, velocity, rotations.normalise(turned), body_rates, state.rotor_speed)
+
+
+def rk4(state: State, command: Float[Array, "4"], parameters: Parameters) -> State:
+    """One step of the classical fourth-order Runge-Kutta method with a held command."""
+    dt = parameters.time_step
+
+    def shifted(slope: State, by: Float[Array, ""]) -> State:
+        return tree.map(lambda value, change: value + by * change, state, slope)
+
+    k1 = derivative(state, command, parameters)
+    k2 = derivative(shifted(k1, dt / 2), command, parameters)
+    k3 = derivative(shifted(k2, dt / 2), command, parameters)
+    k4 = derivative(shifted(k3, dt), command, parameters)
+    mean = tree.map(lambda a, b, c, d: (a + 2 * b + 2 * c + d) / 6, k1, k2, k3, k4)
+    new = shifted(mean, dt)
+    return new._replace(quaternion=rotations.normalise(new.quaternion))
+
+
+def hover_command(parameters: Parameters) -> Float[Array, ""]:
+    """u [-], the normalised thrust command at which thrust equals weight: 1 / k_F, from eq:motor-force."""
+    return 1.0 / parameters.thrust_to_weight
+
+
+def at_hover(position: Float[Array, "3"], parameters: Parameters) -> State:
+    """A drone at rest and level, its rotors carrying its weight."""
+    speed = jnp.sqrt(hover_command(parameters))
+    level = jnp.array([0.0, 0.0, 0.0, 1.0], dtype=jnp.float32)
+    return State(position, jnp.zeros(3), level, jnp.zeros(3), jnp.broadcast_to(speed, (4,)))

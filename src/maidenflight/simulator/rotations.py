@@ -1,0 +1,60 @@
+"""Attitude as unit quaternions (x, y, z, w), body to world, and as roll, pitch, yaw (intrinsic ZYX: R = Rz Ry Rx).
+
+World: z up. Body: x forward, y left, z up. Positive pitch is nose down.
+"""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+
+def to_matrix(quaternion: Float[Array, "4"]) -> Float[Array, "3 3"]:
+    """Rotation matrix R of a unit quaternion: world = R body."""
+    x, y, z, w = quaternion
+    return jnp.stack(
+        [
+            jnp.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)]),
+            jnp.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)]),
+            jnp.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]),
+        ]
+    )
+
+
+def body_z(quaternion: Float[Array, "4"]) -> Float[Array, "3"]:
+    """The body's z axis in the world: the last column of the rotation matrix."""
+    x, y, z, w = quaternion
+    return jnp.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
+
+
+def to_attitude(quaternion: Float[Array, "4"]) -> Float[Array, "3"]:
+    """Roll, pitch, yaw [rad] of a unit quaternion; pitch in [-pi/2, pi/2]."""
+    x, y, z, w = quaternion
+    roll = jnp.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    pitch = jnp.arcsin(jnp.clip(2 * (w * y - z * x), -1.0, 1.0))
+    yaw = jnp.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return jnp.stack([roll, pitch, yaw])
+
+
+def from_attitude(attitude: Float[Array, "3"]) -> Float[Array, "4"]:
+    """Unit quaternion of roll, pitch, yaw [rad]."""
+    sin_r, sin_p, sin_y = jnp.sin(attitude / 2)
+    cos_r, cos_p, cos_y = jnp.cos(attitude / 2)
+    return jnp.stack(
+        [
+            sin_r * cos_p * cos_y - cos_r * sin_p * sin_y,
+            cos_r * sin_p * cos_y + sin_r * cos_p * sin_y,
+            cos_r * cos_p * sin_y - sin_r * sin_p * cos_y,
+            cos_r * cos_p * cos_y + sin_r * sin_p * sin_y,
+        ]
+    )
+
+
+def quaternion_derivative(quaternion: Float[Array, "4"], body_rates: Float[Array, "3"]) -> Float[Array, "4"]:
+    """dq/dt = q (x) (omega, 0) / 2 for body rates omega [rad/s]."""
+    x, y, z, w = quaternion
+    p, q, r = body_rates
+    return 0.5 * jnp.stack([w * p + y * r - z * q, w * q + z * p - x * r, w * r + x * q - y * p, -x * p - y * q - z * r])
+
+
+def normalise(quaternion: Float[Array, "4"]) -> Float[Array, "4"]:
+    """The unit quaternion of the same direction."""
+    return quaternion / jnp.sqrt(jnp.sum(quaternion**2))

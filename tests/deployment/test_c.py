@@ -1,0 +1,254 @@
+"""The exported C computes what Python computes, remembers what the simulator remembers and refuses to fly when damaged."""
+
+import ctypes
+import dataclasses
+import hashlib
+import re
+import shutil
+import subprocess
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from maidenflight.deployment.c import GOLDEN_COUNT, checksum, export_c, golden_observations
+from maidenflight.errors import InputError
+from maidenflight.parameters import crazyflie
+from maidenflight.policy import to_json, untrained
+from maidenflight.simulator import environment
+from maidenflight.simulator.sensors import Measurement
+
+STRICT = ("-Wall", "-Wextra", "-Wpedantic", "-Werror", "-std=c99", "-Wconversion", "-Wdouble-promotion")
+COMPILERS = [name for name in ("gcc", "clang") if shutil.which(name)]
+NETWORKS = [((50, 50), 2), ((13, 7), 1), ((13, 7), 3), ((64,), 2), ((), 1)]
+NUMBERS = np.ctypeslib.ndpointer(np.float32, flags="C_CONTIGUOUS")
+
+pytestmark = pytest.mark.skipif(not COMPILERS, reason="no C compiler (gcc or clang) on this machine")
+
+
+class Now(ctypes.Structure):
+    """mf_observation."""
+
+    _fields_ = [(name, ctypes.c_float * size) for name, size in
+                (("position", 3), ("quaternion", 4), ("velocity", 3), ("body_rates", 3), ("setpoint", 3))]  # fmt: skip
+
+
+class Flown:
+    """A compiled policy and its state."""
+
+    def __init__(self, directory, history, level="-O3", compiler=None):
+        """Compiles `policy.c` of a directory, warnings being errors."""
+        target = directory / f"policy{level}.so"
+        command = [compiler or COMPILERS[0], *STRICT, level, "-shared", "-fPIC", "policy.c", "-o", target]
+        found = subprocess.run(command, cwd=directory, capture_output=True, text=True)
+        assert (found.returncode, found.stderr) == (0, "")
+
+        class State(ctypes.Structure):
+            _fields_ = [("history", ctypes.c_float * 20 * history), ("action", ctypes.c_float * 4), ("begun", ctypes.c_bool)]
+
+        self.library, self.state = ctypes.CDLL(str(target)), State()
+        self.library.mf_network.argtypes = [NUMBERS, NUMBERS]
+        self.library.mf_policy_reset.argtypes = [ctypes.POINTER(State), NUMBERS]
+        self.library.mf_policy_step.argtypes = [ctypes.POINTER(State), ctypes.POINTER(Now), NUMBERS]
+        self.library.mf_policy_step.restype = self.library.mf_policy_self_test.restype = ctypes.c_bool
+        self.self_test = self.library.mf_policy_self_test
+
+    def network(self, observations):
+        actions = np.empty((len(observations), 4), np.float32)
+        for observation, action in zip(observations, actions, strict=True):
+            self.library.mf_network(observation, action)
+        return actions
+
+    def reset(self, action):
+        self.library.mf_policy_reset(self.state, np.asarray(action, np.float32))
+
+    def step(self, measurement, setpoint):
+        """Whether all was finite, and the commands."""
+        parts = (measurement.position, measurement.quaternion, measurement.velocity, measurement.body_rates, setpoint)
+        now = Now(*(field(*np.asarray(part).tolist()) for (_, field), part in zip(Now._fields_, parts, strict=True)))
+        command = np.full(4, np.nan, np.float32)
+        return self.library.mf_policy_step(self.state, now, command), command
+
+    history = property(lambda self: np.array(self.state.history))
+    action = property(lambda self: np.array(self.state.action))
+
+
+def restless(hidden=(50, 50), history=2):
+    """A policy with biases, whose actions are of order 1, sometimes beyond; weak in the last action, lest a flight run away."""
+    policy = untrained(jax.random.key(3), hidden, history)
+    keys = jax.random.split(jax.random.key(4), len(policy.biases))
+    biases = tuple(jax.random.normal(key, bias.shape) * 0.3 for key, bias in zip(keys, policy.biases, strict=True))
+    deviation = policy.observation_deviation * jnp.tile(jnp.where(jnp.arange(20) < 16, 1.0, 10.0), history)
+    weights = (*policy.weights[:-1], 5.0 * policy.weights[-1])
+    return dataclasses.replace(policy, weights=weights, biases=biases, observation_deviation=deviation)
+
+
+def walk(steps, seed=0):
+    """Measurements and set-points that wander as in a flight."""
+    random = np.random.default_rng(seed)
+    drift = np.cumsum(random.normal(size=(steps, 16)) * 0.02, axis=0).astype(np.float32)
+    quaternion = drift[:, 3:7] + np.float32([0, 0, 0, 1])
+    quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
+    moments = zip(drift[:, :3] + np.float32([0, 0, 1]), drift[:, 7:10], quaternion, 5 * drift[:, 10:13], strict=True)
+    return [Measurement(*moment) for moment in moments], drift[:, 13:] + np.float32([0, 0, 1])
+
+
+@pytest.fixture
+def flown(tmp_path):
+    """Exports and compiles."""
+    return lambda policy, level="-O3": Flown(export_c(policy, tmp_path)[0].parent, policy.history, level)
+
+
+@pytest.mark.parametrize(("hidden", "history"), NETWORKS)
+@pytest.mark.parametrize("level", ["-O3", "-Os"])
+def test_network_computes_what_python_computes_and_passes_its_self_test(flown, hidden, history, level):
+    policy = restless(hidden, history)
+    spread = np.random.default_rng(1).normal(size=(10_000, 20 * history)).astype(np.float32)
+    observations = np.asarray(policy.observation_mean + policy.observation_deviation * spread)
+    expected = np.asarray(jax.vmap(policy)(observations))
+    drone = flown(policy, level)
+    error = np.abs(drone.network(observations) - expected)
+    assert np.all(error <= 1e-5 * np.maximum(1.0, np.abs(expected)))
+    assert np.abs(expected).max() > 1.0 and drone.self_test()
+
+
+@pytest.mark.parametrize("history", [1, 2, 3])
+def test_500_steps_remember_what_python_remembers(flown, history):
+    policy = restless(history=history)
+    drone, act, observe = flown(policy), jax.jit(lambda seen: policy(seen)), jax.jit(environment.observe)
+    action = np.full(4, 0.1, np.float32)
+    drone.reset(action)
+    memory, commands = None, []
+    for measurement, setpoint in zip(*walk(500), strict=True):
+        instant = observe(measurement, setpoint, action)
+        memory = np.tile(instant, (history, 1)) if memory is None else np.vstack([memory[1:], instant])
+        action = act(memory.reshape(-1))
+        finite, command = drone.step(measurement, setpoint)
+        assert finite
+        np.testing.assert_allclose(drone.history, memory, rtol=1e-5, atol=1e-5)
+        np.testing.assert_allclose(drone.action, action, rtol=1e-5, atol=1e-5)
+        np.testing.assert_allclose(command, (np.clip(action, -1, 1) + 1) / 2, rtol=0, atol=1e-5)
+        commands.append(command)
+    assert np.min(commands) == 0.0 and np.max(commands) == 1.0
+
+
+def test_an_episode_of_the_simulator_is_seen_as_the_simulator_sees_it(flown):
+    policy, world, parameters = untrained(jax.random.key(5)), environment.Environment(), crazyflie()
+    begin_key, key = jax.random.split(jax.random.key(6))
+    episode = environment.reset(world, parameters, begin_key)
+    _, (episodes, _) = environment.rollout(world, policy, episode, parameters, key, 30)
+    drone = flown(policy)
+    drone.reset(episode.action)
+    for number in range(30):
+        measurement = Measurement(*(part[number] for part in episodes.measurement))
+        drone.step(measurement, world.task.reference(episodes.time[number]))
+        np.testing.assert_allclose(drone.history, episodes.history[number], rtol=0, atol=2e-6)
+
+
+def test_reset_begins_with_copies_of_the_first_instant_and_forgets_what_was(flown):
+    drone, (measurements, setpoints) = flown(restless(history=3)), walk(5)
+    drone.reset([0.5, -2.0, 3.0, 0.25])
+    _, first = drone.step(measurements[0], setpoints[0])
+    fresh = drone.history
+    assert np.all(fresh == fresh[0])
+    assert fresh[0, 16:].tolist() == [0.5, -2.0, 3.0, 0.25]
+    for measurement, setpoint in zip(measurements, setpoints, strict=True):
+        drone.step(measurement, setpoint)
+    assert not np.all(drone.history == drone.history[0])
+    drone.reset([0.5, -2.0, 3.0, 0.25])
+    assert np.array_equal(drone.step(measurements[0], setpoints[0])[1], first)
+    assert np.array_equal(drone.history, fresh)
+
+
+def test_commands_are_clipped_and_the_remembered_action_is_not(flown):
+    policy = untrained(jax.random.key(0))
+    policy = dataclasses.replace(policy, weights=tuple(0 * weight for weight in policy.weights),
+                                 biases=(*policy.biases[:-1], jnp.array([-5.0, -1.0, 0.5, 7.0])))  # fmt: skip
+    drone, (measurements, setpoints) = flown(policy), walk(2)
+    drone.reset(np.zeros(4))
+    assert drone.step(measurements[0], setpoints[0])[1].tolist() == [0.0, 0.0, 0.75, 1.0]
+    drone.step(measurements[1], setpoints[1])
+    assert drone.history[1, 16:].tolist() == drone.action.tolist() == [-5.0, -1.0, 0.5, 7.0]
+
+
+@pytest.mark.parametrize("poison", [np.nan, np.inf, -np.inf])
+def test_a_number_that_is_not_finite_stops_the_motors_and_is_not_remembered(flown, poison):
+    drone, (measurements, setpoints) = flown(restless()), walk(4)
+    drone.reset(np.zeros(4))
+    drone.step(measurements[0], setpoints[0])
+    action = drone.action
+    finite, command = drone.step(measurements[1]._replace(velocity=np.float32([0, poison, 0])), setpoints[1])
+    assert not finite and command.tolist() == [0, 0, 0, 0]
+    assert np.array_equal(drone.action, action)
+    finite, _ = drone.step(measurements[2], setpoints[2])
+    assert finite and np.array_equal(drone.history[0], drone.history[1])
+
+
+@pytest.mark.parametrize("table", ["mean", "deviation", "weights_1", "biases_2", "weights_3", "golden_observations", "golden_actions"])
+def test_self_test_fails_when_one_number_is_damaged(tmp_path, table):
+    _, source = export_c(restless((13, 7)), tmp_path)
+    text = source.read_text()
+    place = text.index("{\n", text.index(f" {table}["))
+    damaged = text[:place] + re.sub(r"-?[\d.]+(e-?\d+)?f", "0.8125f", text[place:], count=1)
+    assert damaged != text
+    source.write_text(damaged)
+    assert not Flown(tmp_path, 2).self_test()
+
+
+def test_checksum_sees_a_change_of_the_last_bit():
+    numbers = np.linspace(-1, 1, 100, dtype=np.float32)
+    for place in range(100):
+        changed = numbers.copy()
+        changed[place] = np.nextafter(changed[place], np.float32(2))
+        assert checksum([numbers]) != checksum([changed])
+    assert checksum([]) == 0x811C9DC5
+
+
+def test_golden_observations_have_unit_quaternions_and_change_with_the_seed():
+    policy = untrained(jax.random.key(0), history=3)
+    golden = golden_observations(policy, 0)
+    assert golden.shape == (GOLDEN_COUNT, 60)
+    np.testing.assert_allclose(np.linalg.norm(golden.reshape(-1, 20)[:, 3:7], axis=1), 1, rtol=1e-6)
+    assert not np.array_equal(golden, golden_observations(policy, 1))
+
+
+def test_same_policy_and_seed_give_the_same_bytes(tmp_path):
+    once, again, other = (
+        [file.read_bytes() for file in export_c(restless(), tmp_path / name, seed=seed)]
+        for name, seed in (("once", 7), ("again", 7), ("other", 8))
+    )
+    assert once == again and once[1] != other[1]
+    assert hashlib.sha256(to_json(restless()).encode()).hexdigest().encode() in once[0]
+
+
+@pytest.mark.parametrize("compiler", COMPILERS)
+@pytest.mark.parametrize("level", ["-O0", "-O2", "-O3", "-Os"])
+def test_every_compiler_and_level_is_silent_and_agrees(tmp_path, compiler, level):
+    export_c(restless((6,), 1), tmp_path, record={"note": "ends */ /* here ??/ or not", "path": "a" * 300})
+    assert Flown(tmp_path, 1, level, compiler).self_test()
+
+
+def test_the_header_s_example_compiles(tmp_path):
+    header, _ = export_c(restless(), tmp_path)
+    example = re.search(r"Example:\n(.*?)\n \*/", header.read_text(), re.DOTALL)[1]
+    body = "\n".join(line.removeprefix(" *") for line in example.splitlines())
+    names = "thrust_to_weight, x, y, z, qx, qy, qz, qw, vx, vy, vz, p, q, r, goal_x, goal_y, goal_z"
+    (tmp_path / "example.c").write_text(
+        f'#include "policy.h"\nextern float {names};\nbool next_period(float);\nvoid drive_motors(const float *);\nbool fly(void);\n'
+        f"bool fly(void)\n{{\n{body}\n    return true;\n}}\n"
+    )
+    subprocess.run([COMPILERS[0], *STRICT, "-c", "example.c"], cwd=tmp_path, check=True)
+
+
+def test_what_cannot_be_exported_is_refused(tmp_path):
+    policy = restless()
+    for wrong, message in (
+        (dataclasses.replace(policy, control="attitude"), "control = 'attitude', but C can be written only for 'pwm'"),
+        (dataclasses.replace(policy, biases=(*policy.biases[:-1], jnp.array([0, 0, jnp.nan, 0]))), "not a finite number"),
+        (dataclasses.replace(policy, weights=(*policy.weights[:-1], jnp.full((4, 50), 3e38))), "overflows float32"),
+        (jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), policy), "expected"),
+    ):
+        with pytest.raises(InputError, match=message):
+            export_c(wrong, tmp_path)
+    assert not list(tmp_path.iterdir())
