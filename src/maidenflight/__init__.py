@@ -4,3 +4,61 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from maidenflight.deployment.c import export_c as export_c
+    from maidenflight.flights.reading import read_flights as read_flights
+    from maidenflight.flights.recording import record as record
+    from maidenflight.identification.identify import identify as identify
+    from maidenflight.parameters import Parameters as Parameters
+    from maidenflight.parameters import crazyflie as crazyflie
+    from maidenflight.policy import Policy as Policy
+    from maidenflight.report.page import report as report
+    from maidenflight.simulator.control import pwm as pwm
+    from maidenflight.simulator.environment import Environment as Environment
+    from maidenflight.simulator.environment import reset as reset
+    from maidenflight.simulator.environment import rollout as rollout
+    from maidenflight.simulator.environment import step as step
+    from maidenflight.simulator.randomization import randomize as randomize
+    from maidenflight.simulator.randomization import relative_box as relative_box
+    from maidenflight.simulator.tasks import circle as circle
+    from maidenflight.simulator.virtual_drone import virtual_drone as virtual_drone
+    from maidenflight.training.analytic_gradient import AnalyticGradient as AnalyticGradient
+    from maidenflight.training.analytic_gradient import train as train
+    from maidenflight.transfer.flying import transfer as transfer
+
+# Each public name lives in one module, which is imported when the name is first used: `import maidenflight` costs no JAX.
+_PUBLIC = {
+    "AnalyticGradient": "training.analytic_gradient",
+    "Environment": "simulator.environment",
+    "Parameters": "parameters",
+    "Policy": "policy",
+    "circle": "simulator.tasks",
+    "crazyflie": "parameters",
+    "export_c": "deployment.c",
+    "identify": "identification.identify",
+    "pwm": "simulator.control",
+    "randomize": "simulator.randomization",
+    "read_flights": "flights.reading",
+    "record": "flights.recording",
+    "relative_box": "simulator.randomization",
+    "report": "report.page",
+    "reset": "simulator.environment",
+    "rollout": "simulator.environment",
+    "step": "simulator.environment",
+    "train": "training.analytic_gradient",
+    "transfer": "transfer.flying",
+    "virtual_drone": "simulator.virtual_drone",
+}
+
+__all__ = ["__version__", *_PUBLIC]  # pyright: ignore[reportUnsupportedDunderAll]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _PUBLIC:
+        return getattr(import_module(f"maidenflight.{_PUBLIC[name]}"), name)
+    raise AttributeError(f"module 'maidenflight' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

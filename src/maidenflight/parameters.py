@@ -65,9 +65,7 @@ class Parameters:
     thrust_to_weight: Any = _quantity(
         "motors", "k_F", "-", (1.0, 10.0), "thrust of all motors at full speed over weight", f"{_PAPER}, eq:motor-force"
     )
-    motor_time_constant: Any = _quantity(
-        "motors", "T_m", "s", (0.001, 1.0), "lag of the rotor speeds", f"{_PAPER}, eq:motor-dynamics"
-    )
+    motor_time_constant: Any = _quantity("motors", "T_m", "s", (0.001, 1.0), "lag of the rotor speeds", f"{_PAPER}, eq:motor-dynamics")
     motor_slowdown: Any = _quantity(
         "motors",
         "T_down/T_up",
@@ -100,9 +98,7 @@ class Parameters:
     inertia: Any = _quantity(
         "body", "I", "kg m2", (1e-7, 1.0), "diagonal of the inertia matrix: x, y, z", f"{_PAPER}, table:drone-parameters", 3
     )
-    arm_length: Any = _quantity(
-        "body", "L", "m", (0.01, 1.0), "distance from the centre to a rotor", f"{_PAPER}, table:drone-parameters"
-    )
+    arm_length: Any = _quantity("body", "L", "m", (0.01, 1.0), "distance from the centre to a rotor", f"{_PAPER}, table:drone-parameters")
     drag: Any = _quantity(
         "body",
         "d",
@@ -116,9 +112,7 @@ class Parameters:
     position_noise: Any = _quantity("sensors", "sigma_r", "m", (0.0, 1.0), "Gaussian noise of the position", _AUTHORS)
     position_noise_uniform: Any = _quantity("sensors", "b_r", "m", (0.0, 1.0), "half width of its uniform noise", _AUTHORS)
     velocity_noise: Any = _quantity("sensors", "sigma_v", "m/s", (0.0, 1.0), "Gaussian noise of the velocity", _AUTHORS)
-    attitude_noise: Any = _quantity(
-        "sensors", "sigma_phi", "rad", (0.0, 1.0), "Gaussian noise of roll, pitch, yaw", f"{_AUTHORS}: 0.1 deg"
-    )
+    attitude_noise: Any = _quantity("sensors", "sigma_phi", "rad", (0.0, 1.0), "Gaussian noise of roll, pitch, yaw", f"{_AUTHORS}: 0.1 deg")
     attitude_noise_uniform: Any = _quantity(
         "sensors", "b_phi", "rad", (0.0, 1.0), "half width of its uniform noise", f"{_AUTHORS}: 0.05 deg"
     )
@@ -157,12 +151,8 @@ class Parameters:
         "age of the estimated position, velocity and attitude; 0 in the paper's model",
         "a Kalman filter's lag; not measured",
     )
-    battery_voltage: Any = _quantity(
-        "battery", "V_0", "V", (2.0, 60.0), "open-circuit voltage when the flight starts", "LiPo cell, full"
-    )
-    battery_resistance: Any = _quantity(
-        "battery", "R_V", "V", (0.0, 10.0), "sag with all motors at full ratio; 0: no sag", "not measured"
-    )
+    battery_voltage: Any = _quantity("battery", "V_0", "V", (2.0, 60.0), "open-circuit voltage when the flight starts", "LiPo cell, full")
+    battery_resistance: Any = _quantity("battery", "R_V", "V", (0.0, 10.0), "sag with all motors at full ratio; 0: no sag", "not measured")
     battery_discharge: Any = _quantity(
         "battery", "dV/dt", "V/s", (0.0, 1.0), "fall of the open-circuit voltage with all motors at full ratio", "not measured"
     )

@@ -82,9 +82,7 @@ def _decimals(array: Any) -> Any:
 
 def to_json(policy: Policy, record: Mapping[str, Any] | None = None) -> str:
     """The text of a policy file; `record` says how the policy was made."""
-    layers = [
-        {"weights": _decimals(weight), "biases": _decimals(bias)} for weight, bias in zip(policy.weights, policy.biases, strict=True)
-    ]
+    layers = [{"weights": _decimals(weight), "biases": _decimals(bias)} for weight, bias in zip(policy.weights, policy.biases, strict=True)]
     return json.dumps(
         {
             "format": FORMAT,

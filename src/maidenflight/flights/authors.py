@@ -11,9 +11,7 @@ import numpy as np
 from maidenflight.flights.log import Flight, numbers
 from maidenflight.simulator import battery
 
-COLUMNS = (
-    "x,y,z,x_dot,y_dot,z_dot,roll,pitch,yaw,roll_dot,pitch_dot,yaw_dot,n0,n1,n2,n3,mot0,mot1,mot2,mot3,bat,time"
-).split(",")
+COLUMNS: list[str] = ("x y z x_dot y_dot z_dot roll pitch yaw roll_dot pitch_dot yaw_dot n0 n1 n2 n3 mot0 mot1 mot2 mot3 bat time").split()
 
 PERIOD = 0.01
 """Time between two rows [s]."""

@@ -71,7 +71,7 @@ class Flight:
 
     @property
     def mean_command(self) -> Float[np.ndarray, "N 4"]:
-        """u between a row and the next: the command itself if it is held, else the mean of this row's and the next one's."""
+        """U between a row and the next: the command itself if it is held, else the mean of this row's and the next one's."""
         if self.held:
             return self.command
         following = np.concatenate([self.command[1:], self.command[-1:]])

@@ -7,6 +7,7 @@ objective, because both span decades while what matters happens in one.
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -82,7 +83,7 @@ def minimise(
     first = min(_FIRST, evaluations)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # ten is no power of two; balance does not matter here
-        points = qmc.Sobol(dimensions, seed=generator).random(first)
+        points = qmc.Sobol(dimensions, rng=generator).random(first)
     values = []
     for point in points:
         values.append(objective(point))
@@ -109,7 +110,8 @@ def minimise(
 def _fitted(points: np.ndarray, values: np.ndarray, kernel: object | None) -> GaussianProcessRegressor:
     """A Gaussian process; its kernel is fitted unless one is given."""
     fresh = ConstantKernel(4.0, (1e-2, 1e3)) * Matern([0.5] * points.shape[1], (0.02, 20.0), nu=2.5) + WhiteKernel(1e-4, (1e-8, 1e-1))
-    process = GaussianProcessRegressor(kernel or fresh, optimizer=None if kernel else "fmin_l_bfgs_b", random_state=0)
+    optimiser: Any = None if kernel else "fmin_l_bfgs_b"
+    process = GaussianProcessRegressor(kernel or fresh, optimizer=optimiser, random_state=0)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
         return process.fit(points, values)

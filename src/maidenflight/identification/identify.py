@@ -130,9 +130,7 @@ def identify(
         values = box.values(unit)
         return replace(start, **{name: np.float32(value) for name, value in zip(box.names, values, strict=True)})
 
-    runs = [
-        bayesian.minimise(lambda unit: objective(at(unit)), len(box.names), evaluations, generator, count) for _ in range(trials)
-    ]
+    runs = [bayesian.minimise(lambda unit: objective(at(unit)), len(box.names), evaluations, generator, count) for _ in range(trials)]
     optima = np.array([points[int(np.argmin(values))] for points, values in runs])
     best = min(runs, key=lambda run: run[1].min())
     lowest = best[0][int(np.argmin(best[1]))]
@@ -185,7 +183,8 @@ def _estimates(box: Box, optimum: np.ndarray, optima: np.ndarray, drawn: posteri
     value, low, high = (box.values(unit) for unit in (optimum, np.minimum(low, optimum), np.maximum(high, optimum)))
     trials = box.values(optima)
     return {
-        name: Estimate(float(value[i]), (float(low[i]), float(high[i])), tuple(map(float, trials[:, i]))) for i, name in enumerate(box.names)
+        name: Estimate(float(value[i]), (float(low[i]), float(high[i])), tuple(map(float, trials[:, i])))
+        for i, name in enumerate(box.names)
     }
 
 

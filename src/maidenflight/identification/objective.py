@@ -4,7 +4,6 @@ Each window is simulated open loop from its measured start with its recorded com
 the start are those that the 30 recorded rows before it imply.
 """
 
-from collections.abc import Callable
 from functools import partial
 
 import jax
@@ -14,7 +13,7 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from maidenflight.flights.windows import HISTORY, Windows
-from maidenflight.parameters import Parameters
+from maidenflight.parameters import Parameters, replace
 from maidenflight.simulator import actuators, dynamics, environment, latency, rotations
 from maidenflight.simulator.dynamics import State
 
@@ -23,6 +22,8 @@ DISCOUNT = 0.95
 WEIGHTS = np.array([100.0] * 3 + [10.0] * 3 + [1.0] * 6, np.float32)
 """Diagonal of W: position [1/m], velocity [s/m], attitude [1/rad], body rates [s/rad]. The paper gives no values; these are the
 authors' code's."""
+PHYSICS_STEP = 0.005
+"""Nominal physics step [s]: the paper simulates at 200 Hz."""
 _CHUNK = 256
 """Windows simulated side by side; their state fits a core's cache, which is 2 to 3 times faster than one large batch."""
 
@@ -38,8 +39,9 @@ def simulate(window: Windows, parameters: Parameters, steps: int) -> Float[Array
     Returns:
         Position, velocity, attitude and body rates in the T rows after the start.
     """
-    speed_commands = actuators.rotor_speed_command(window.command)
-    slots = latency.slots(1.0 / 100.0) if steps == 2 else latency.slots(steps * 0.005)
+    position, velocity, quaternion, body_rates, command = map(jnp.asarray, window[:5])
+    speed_commands = actuators.rotor_speed_command(command)
+    slots = latency.slots(steps * PHYSICS_STEP)
     weights = latency.weights(parameters, steps, slots)
 
     def spin(memory: tuple[Array, Array], command: Array) -> tuple[tuple[Array, Array], None]:
@@ -51,7 +53,7 @@ def simulate(window: Windows, parameters: Parameters, steps: int) -> Float[Array
 
     line = jnp.broadcast_to(speed_commands[0], (slots, 4))
     (line, speed), _ = lax.scan(spin, (line, speed_commands[0]), speed_commands[:HISTORY])
-    start = State(window.position, window.velocity, window.quaternion, window.body_rates, speed)
+    start = State(position, velocity, quaternion, body_rates, speed)
 
     def advance(memory: tuple[State, Array], command: Array) -> tuple[tuple[State, Array], Array]:
         state, line = memory
@@ -99,13 +101,13 @@ class Objective:
         self.size = count
         self.blocks = int(windows.block.max()) + 1
         self._block = windows.block
-        self.steps = max(1, round(period / 0.005))
+        self.steps = max(1, round(period / PHYSICS_STEP))
         self._time_step = np.float32(period / self.steps)
         self._settings = (jnp.asarray(weights), jnp.float32(discount))
 
     def per_window(self, parameters: Parameters) -> Float[np.ndarray, "W"]:
         """Loss of each window."""
-        parameters = jax.tree.map(jnp.asarray, _with_time_step(parameters, self._time_step))
+        parameters = jax.tree.map(jnp.asarray, replace(parameters, time_step=self._time_step))
         return np.asarray(_losses(self._windows, parameters, *self._settings, self.steps)).reshape(-1)[: self.size]
 
     def per_block(self, parameters: Parameters) -> Float[np.ndarray, "B"]:
@@ -122,15 +124,9 @@ class Objective:
         return np.bincount(self._block, minlength=self.blocks).astype(np.float64)
 
 
-def _with_time_step(parameters: Parameters, time_step: np.float32) -> Parameters:
-    from maidenflight.parameters import replace
-
-    return replace(parameters, time_step=time_step)
-
-
 @partial(jax.jit, static_argnums=(4,))
 def _losses(windows: Windows, parameters: Parameters, weights: Array, discount: Array, steps: int) -> Float[Array, "chunks 256"]:
-    one: Callable[[Windows], Array] = lambda window: window_loss(  # noqa: E731
-        simulate(window, parameters, steps), window.measured, weights, discount
-    )
+    def one(window: Windows) -> Float[Array, ""]:
+        return window_loss(simulate(window, parameters, steps), jnp.asarray(window.measured), weights, discount)
+
     return lax.map(jax.vmap(one), windows)

@@ -67,7 +67,7 @@ def bootstrap(
     optima = np.empty((0, dimensions))
     for _ in range(3):
         low, high = np.maximum(best - radius, limits[0]), np.minimum(best + radius, limits[1])
-        design = qmc.scale(qmc.Sobol(dimensions, seed=generator).random(DESIGN), low, high)
+        design = qmc.scale(qmc.Sobol(dimensions, rng=generator).random(DESIGN), low, high)
         per_block = []
         for point in design:
             per_block.append(block_losses(point))

@@ -31,9 +31,7 @@ def switched_on(command: Float[Array, ""], parameters: Parameters, with_battery:
     return Actuators(jnp.zeros(4), fresh, ratio, battery.voltage(fresh, ratio, parameters))
 
 
-def ornstein_uhlenbeck(
-    noise: Float[Array, "4"], elapsed: Float[Array, ""], parameters: Parameters, key: Array
-) -> Float[Array, "4"]:
+def ornstein_uhlenbeck(noise: Float[Array, "4"], elapsed: Float[Array, ""], parameters: Parameters, key: Array) -> Float[Array, "4"]:
     """Next sample of the actuator noise, exact at any time step: its strength does not depend on how often it is drawn.
 
     Source: the process of Gronauer et al. 2022, sec. Simulation Environment; Molchanov et al. 2019.

@@ -9,9 +9,16 @@ authors' flight logs (97 % of 617,316 samples exact, all within one 8-bit step).
 These functions take NumPy arrays as well as JAX arrays, because logs are read without compiling anything.
 """
 
+from typing import TypeVar
+
+import jax
+import numpy as np
 from jaxtyping import Array, Float
 
 from maidenflight.parameters import Parameters
+
+Numbers = TypeVar("Numbers", jax.Array, np.ndarray)
+"""A NumPy or a JAX array."""
 
 _GRAMS = 60.0 * 60000.0 / 65535.0
 """Thrust [g] of four motors that the firmware expects at u = 1, which is PWM 60000 of 65535."""
@@ -21,12 +28,12 @@ _STEPS = 256
 """The motors' timers count to 8 bit."""
 
 
-def motor_ratio(command: Float[Array, "4"], voltage: Float[Array, ""]) -> Float[Array, "4"]:
+def motor_ratio(command: Numbers, voltage: Numbers) -> Numbers:
     """Motor ratio that the firmware sets for a thrust command, in steps of 1/256.
 
     Args:
-        command: u, in [0, 1].
-        voltage: battery voltage [V].
+        command: u, in [0, 1], any shape.
+        voltage: battery voltage [V], of a shape that broadcasts.
 
     Returns:
         Ratio in [0, 255/256], rounded down to the timer's resolution.
@@ -37,12 +44,12 @@ def motor_ratio(command: Float[Array, "4"], voltage: Float[Array, ""]) -> Float[
     return xp.floor(xp.clip(volts / voltage, 0.0, 1.0) * (65535.0 / _STEPS)) / _STEPS
 
 
-def thrust_command(ratio: Float[Array, "4"], voltage: Float[Array, ""]) -> Float[Array, "4"]:
+def thrust_command(ratio: Numbers, voltage: Numbers) -> Numbers:
     """Thrust command that a motor ratio stands for: the inverse of `motor_ratio` at the middle of its 8-bit step.
 
     Args:
         ratio: motor ratio after compensation; zero means that the motor is off.
-        voltage: battery voltage [V].
+        voltage: battery voltage [V], of a shape that broadcasts.
 
     Returns:
         u, in [0, 1].

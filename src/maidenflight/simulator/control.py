@@ -113,9 +113,7 @@ def position_pid() -> Controller:
         zero = np.zeros(3, np.float32)
         return CascadeMemory(_FRESH, _FRESH, _FRESH, _FRESH, zero, np.float32(36000.0), np.int32(0))  # type: ignore[arg-type]
 
-    def outer(
-        memory: CascadeMemory, measurement: Measurement, setpoint: Float[Array, "3"], yaw: Float[Array, ""]
-    ) -> CascadeMemory:
+    def outer(memory: CascadeMemory, measurement: Measurement, setpoint: Float[Array, "3"], yaw: Float[Array, ""]) -> CascadeMemory:
         dt = every / inner
         position, wanted = pid(memory.position, setpoint - measurement.position, _POSITION, dt)
         velocity, out = pid(memory.velocity, jnp.clip(wanted, -_FASTEST, _FASTEST) - measurement.velocity, _VELOCITY, dt)
@@ -149,9 +147,7 @@ def mix(thrust: Float[Array, ""], torque: Float[Array, "3"]) -> Float[Array, "4"
     Source: Crazyflie firmware 2021.10, power_distribution_stock.c, X formation, with pitch in our sign (nose down positive).
     """
     roll, pitch, yaw = torque[0] / 2, torque[1] / 2, torque[2]
-    return jnp.stack(
-        [thrust - roll - pitch - yaw, thrust - roll + pitch + yaw, thrust + roll + pitch - yaw, thrust + roll - pitch + yaw]
-    )
+    return jnp.stack([thrust - roll - pitch - yaw, thrust - roll + pitch + yaw, thrust + roll + pitch - yaw, thrust + roll - pitch + yaw])
 
 
 def _chosen(condition: Array, new: Any, old: Any) -> Any:

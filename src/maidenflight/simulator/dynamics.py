@@ -131,7 +131,7 @@ def rk4(state: State, command: Float[Array, "4"], parameters: Parameters) -> Sta
 
 
 def hover_command(parameters: Parameters) -> Float[Array, ""]:
-    """u [-], the normalised thrust command at which thrust equals weight: 1 / k_F, from eq:motor-force."""
+    """U [-], the normalised thrust command at which thrust equals weight: 1 / k_F, from eq:motor-force."""
     return 1.0 / parameters.thrust_to_weight
 
 

@@ -91,9 +91,7 @@ class Outcome(NamedTuple):
     """[m], at the end of the step."""
 
 
-def observe(
-    measurement: Measurement, setpoint: Float[Array, "3"], action: Float[Array, "4"]
-) -> Float[Array, "20"]:
+def observe(measurement: Measurement, setpoint: Float[Array, "3"], action: Float[Array, "4"]) -> Float[Array, "20"]:
     """One instant as the policy sees it: position, quaternion, velocity, body rates, set-point minus position, last action.
 
     Source: Gronauer et al. 2022, sec. Simulation Environment; the order and the sign of the error are those of the authors'

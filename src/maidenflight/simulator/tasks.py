@@ -80,7 +80,7 @@ def circle(diameter: float = 0.5, period: float = 3.0, height: float = 1.0) -> T
         hover = dynamics.at_hover(reference(start) + 0.05 * draws[0], parameters)
         state = hover._replace(
             velocity=0.1 * draws[1],
-            quaternion=rotations.from_attitude(tilt * draws[2]),
+            quaternion=rotations.from_attitude(jnp.asarray(tilt) * draws[2]),
             body_rates=spin * draws[3],
             rotor_speed=jnp.clip(hover.rotor_speed + 0.02 * jax.random.normal(rotor_key, (4,)), 0.0, 1.0),
         )

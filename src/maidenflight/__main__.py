@@ -1,0 +1,5 @@
+"""python -m maidenflight: the command line."""
+
+from maidenflight.cli import main
+
+main()

@@ -1,0 +1,452 @@
+"""The command line: parsing and printing only. Nothing heavy is imported before a command runs."""
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from maidenflight import __version__
+from maidenflight.errors import InputError
+
+if TYPE_CHECKING:
+    from maidenflight.demo import Demo
+    from maidenflight.identification.identify import Identification
+    from maidenflight.training.analytic_gradient import Progress
+    from maidenflight.transfer.flying import Transfer
+
+_CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
+
+
+def main() -> None:
+    """Entry point: exit code 2 and one line for a user's mistake, 130 when interrupted."""
+    try:
+        commands(prog_name="maidenflight", standalone_mode=False)
+    except InputError as error:
+        print(f"maidenflight: {error}", file=sys.stderr)
+        sys.exit(2)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(error.exit_code)
+    except (click.Abort, KeyboardInterrupt):
+        print("maidenflight: interrupted; finished files are complete, the rest was not written.", file=sys.stderr)
+        sys.exit(130)
+
+
+@click.group(context_settings=_CONTEXT)
+@click.version_option(__version__, prog_name="maidenflight")
+def commands() -> None:
+    r"""From flight logs to a neural network that flies the real drone on its first try.
+
+    \b
+    flight logs -> identify -> train -> transfer -> export -> report
+    """
+
+
+def _seed(command: Callable[..., Any]) -> Callable[..., Any]:
+    return click.option("--seed", default=0, show_default=True, help="Random seed; the same seed gives the same results.")(command)
+
+
+def _as_json(command: Callable[..., Any]) -> Callable[..., Any]:
+    return click.option("--json", "as_json", is_flag=True, help="Print one JSON object on standard output and nothing else there.")(command)
+
+
+def _overwrite(command: Callable[..., Any]) -> Callable[..., Any]:
+    return click.option("--overwrite", is_flag=True, help="Replace results of an earlier run.")(command)
+
+
+def _output(default: str, what: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    return click.option("-o", "--output", default=default, show_default=True, type=click.Path(path_type=Path), help=what)
+
+
+def _must_be_new(path: Path, overwrite: bool) -> None:
+    """Refuses to write into a folder that holds something, or over a file."""
+    taken = any(path.iterdir()) if path.is_dir() else path.exists()
+    if taken and not overwrite:
+        raise InputError(f"{path}: already there. Choose another place with -o, or allow it with --overwrite.")
+
+
+def _emit(as_json: bool, content: dict[str, Any], text: Callable[[], None]) -> None:
+    if as_json:
+        print(json.dumps(content))
+    else:
+        text()
+
+
+@contextmanager
+def _progress(title: str, total: int | None) -> Iterator[Callable[[int, int, str], None]]:
+    """A progress bar on standard error; call it with (done, total, remark)."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    columns = ("[bold]{task.description:<9}", BarColumn(24), "{task.percentage:>3.0f} %", TimeElapsedColumn(), TimeRemainingColumn())
+    with Progress(*columns, TextColumn("{task.fields[remark]}"), console=console, disable=not console.is_terminal) as bar:
+        task = bar.add_task(title, total=total, remark="")
+
+        def move(done: int, of: int, remark: str = "") -> None:
+            bar.update(task, completed=done, total=of, remark=remark)
+
+        yield move
+
+
+def _table(title: str, columns: list[str], rows: list[list[str]], numbers_from: int = 1) -> None:
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title=title, box=SIMPLE_HEAD, title_justify="left", title_style="bold")
+    for number, column in enumerate(columns):
+        table.add_column(column, justify="right" if number >= numbers_from else "left", no_wrap=True)
+    for row in rows:
+        table.add_row(*row)
+    Console(soft_wrap=True).print(table)
+
+
+@commands.command()
+@click.argument("name", default="crazyflie")
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="File to write; standard output unless given.")
+@_overwrite
+def drone(name: str, output: Path | None, overwrite: bool) -> None:
+    """Print a drone's parameters as TOML: a named drone (crazyflie) or a file, checked."""
+    from maidenflight import parameters
+
+    text = parameters.to_toml(parameters.read(name), Path(name).stem)
+    if output is None:
+        print(text, end="")
+        return
+    from maidenflight import results
+
+    _must_be_new(output, overwrite)
+    results.write(output, text)
+
+
+@commands.command()
+@_output("flights", "Folder for the logs.")
+@click.option("--reality", default="virtual:7", show_default=True, help="Virtual drone (virtual:SEED) or a drone's TOML file.")
+@click.option("--flights", "count", default=4, show_default=True, type=click.IntRange(1, 999), help="How many flights.")
+@click.option("--duration", default=30.0, show_default=True, type=click.FloatRange(2.0, 600.0), help="Seconds of each.")
+@click.option(
+    "--excitation",
+    default=0.06,
+    show_default=True,
+    type=click.FloatRange(0.0, 0.3),
+    help="Random thrust added to each motor, as a share of full thrust; it makes lag and latency visible. 0: the plain PID.",
+)
+@_seed
+@_as_json
+@_overwrite
+def record(output: Path, reality: str, count: int, duration: float, excitation: float, seed: int, as_json: bool, overwrite: bool) -> None:
+    """Record flights around the circle on a virtual drone (simulated), flown by the firmware's position PID, at 100 Hz."""
+    _must_be_new(output, overwrite)
+    from maidenflight import workflow
+
+    written = workflow.record(workflow.reality(reality), seed, output, output / "reality.toml", count, duration, excitation)
+    content = {"flights": [str(path) for path in written], "truth": str(output / "reality.toml"), "simulated": True}
+    _emit(as_json, content, lambda: print(f"{count} simulated flights of {duration:g} s in {output}/; the truth is in reality.toml"))
+
+
+def _bounds(_: click.Context, __: click.Parameter, given: tuple[str, ...]) -> dict[str, tuple[float, float]]:
+    pairs = {}
+    for entry in given:
+        try:
+            name, values = entry.split("=")
+            low, high = map(float, values.split(","))
+        except ValueError as error:
+            raise click.BadParameter(f"{entry!r}; expected NAME=LOWER,UPPER, such as latency=0,0.03.") from error
+        pairs[name] = (low, high)
+    return pairs
+
+
+@commands.command()
+@click.argument("logs", type=click.Path(path_type=Path))
+@_output("drone.toml", "TOML file for the identified drone; identification.csv goes beside it.")
+@click.option("--over", default="thrust_to_weight,motor_time_constant,latency", show_default=True, help="Parameters to identify.")
+@click.option("--start", default="crazyflie", show_default=True, help="Drone whose other parameters are kept: a name or a TOML file.")
+@click.option("--length", default=30, show_default=True, type=click.IntRange(1, 500), help="T, rows of a window.")
+@click.option("--evaluations", default=60, show_default=True, type=click.IntRange(11, 2000), help="Of the objective, a trial.")
+@click.option("--trials", default=3, show_default=True, type=click.IntRange(1, 100), help="Repetitions of the optimiser.")
+@click.option("--bounds", multiple=True, callback=_bounds, help="Search bounds, NAME=LOWER,UPPER in SI units; may be repeated.")
+@_seed
+@_as_json
+@_overwrite
+def identify(
+    logs: Path,
+    output: Path,
+    over: str,
+    start: str,
+    length: int,
+    evaluations: int,
+    trials: int,
+    bounds: dict[str, tuple[float, float]],
+    seed: int,
+    as_json: bool,
+    overwrite: bool,
+) -> None:
+    """Identify a drone's parameters from LOGS, a flight log or a folder of them."""
+    _must_be_new(output, overwrite)
+    from maidenflight import workflow
+
+    names = [name.strip() for name in over.split(",") if name.strip()]
+    with _progress("identify", None) as move:
+        flights, found = workflow.identify_from(
+            logs, seed, output, names, start, length, evaluations, trials, bounds,
+            on_file=lambda done, of: move(done, of, "reading flights"),
+            on_evaluation=lambda done, of: move(done, of, "evaluations"),
+        )  # fmt: skip
+    for note in found.notes:
+        print(f"note: {note}", file=sys.stderr)
+    content = {
+        "parameters": {
+            name: {
+                "value": estimate.value,
+                "interval": list(estimate.interval),
+                "trial_mean": estimate.trial_mean,
+                "trial_deviation": estimate.trial_deviation,
+            }
+            for name, estimate in found.estimates.items()
+        },
+        "objective": found.objective,
+        "windows": found.windows,
+        "evaluations": found.evaluations,
+        "seconds": round(found.seconds, 3),
+        "flights": {"files": len(flights.paths), "pieces": len(flights), "seconds": round(flights.duration, 2), "dropped": flights.notes},
+        "notes": found.notes,
+        "output": str(output),
+    }
+
+    def text() -> None:
+        print(f"{len(flights.paths)} files, {len(flights)} usable pieces of flight, {flights.duration:.0f} s; {found.windows} windows")
+        if flights.notes:
+            print(f"{len(flights.notes)} notes on dropped rows, the first: {flights.notes[0]}")
+        _estimates(found)
+        print(f"objective {found.objective:.4g} after {found.evaluations} evaluations in {found.seconds:.1f} s; written to {output}")
+
+    _emit(as_json, content, text)
+
+
+def _estimates(found: "Identification", truth: dict[str, str] | None = None) -> None:
+    from maidenflight.parameters import QUANTITIES
+
+    rows = []
+    for name, estimate in found.estimates.items():
+        unit = QUANTITIES[name].unit
+        scale, shown = (1e3, "ms") if unit == "s" else (1.0, "" if unit == "-" else unit)
+        numbers = [estimate.value, *estimate.interval]
+        value, low, high = (f"{number * scale:.4g}" for number in numbers)
+        trials = f"{estimate.trial_mean * scale:.4g} +- {estimate.trial_deviation * scale:.2g}"
+        row = [f"{name} {QUANTITIES[name].symbol}", f"{value} {shown}".strip(), f"{low} .. {high}", trials]
+        rows.append(row + ([truth.get(name, "")] if truth is not None else []))
+    columns = ["parameter", "value", "95 % interval", "trials of the optimiser"] + (["truth"] if truth is not None else [])
+    _table("Identified parameters", columns, rows)
+
+
+@commands.command()
+@click.option("--drone", "drone_", default="drone.toml", show_default=True, help="Drone to train for: a TOML file or a name.")
+@_output("policies", "Folder for the policies.")
+@click.option("--control", default="pwm", show_default=True, type=click.Choice(["pwm"]), help="Control structure.")
+@click.option("--task", default="circle", show_default=True, type=click.Choice(["circle"]), help="Task.")
+@click.option("--policies", "count", default=3, show_default=True, type=click.IntRange(1, 64), help="How many, each from its own seed.")
+@click.option("--updates", default=1500, show_default=True, type=click.IntRange(1, 10**6), help="Gradient steps.")
+@click.option("--randomize", default=0.10, show_default=True, type=click.FloatRange(0.0, 0.9), help="Half width of the parameters' box.")
+@_seed
+@_as_json
+@_overwrite
+def train(
+    drone_: str,
+    output: Path,
+    control: str,
+    task: str,
+    count: int,
+    updates: int,
+    randomize: float,
+    seed: int,
+    as_json: bool,
+    overwrite: bool,
+) -> None:
+    """Train policies around a drone by analytic gradients through the simulator."""
+    _must_be_new(output, overwrite)
+    from maidenflight import workflow
+    from maidenflight.training.analytic_gradient import AnalyticGradient
+
+    settings = AnalyticGradient(updates=updates, evaluations=min(15, updates))
+    scores: list[dict[str, Any]] = []
+    with _progress("train", updates) as move:
+
+        def hear(progress: "Progress") -> None:
+            move(progress.update, updates, _scores(progress))
+            scores[:] = [
+                {name: round(float(value[number]), 6) for name, value in progress.score._asdict().items()} for number in range(count)
+            ]
+
+        workflow.train_for(drone_, seed, output, count, settings, randomize, hear)
+    content = {"policies": [str(output / f"policy_{number}.json") for number in range(1, count + 1)], "scores": scores}
+
+    def text() -> None:
+        rows = [
+            [f"policy_{number}", f"{score['episode_return']:.1f}", f"{score['survival']:.1%}", f"{score['position_error'] * 100:.1f} cm"]
+            for number, score in enumerate(scores, 1)
+        ]
+        _table("Trained policies, at the end", ["policy", "return", "survival", "position error"], rows)
+        print(f"written to {output}/")
+
+    _emit(as_json, content, text)
+
+
+def _scores(progress: "Progress") -> str:
+    returns, survival, errors = (sum(map(float, values)) / len(values) for values in progress.score)
+    return f"return {returns:.1f}, survival {survival:.0%}, error {errors * 100:.1f} cm"
+
+
+@commands.command()
+@click.argument("policies", nargs=-1, required=True, type=click.Path(path_type=Path))
+@_output("transfer", "Folder for the flights.")
+@click.option("--reality", "realities", multiple=True, default=("virtual:7",), show_default=True, help="virtual:SEED or a TOML file.")
+@click.option("--trials", default=3, show_default=True, type=click.IntRange(1, 1000), help="Flights of each policy in each reality.")
+@click.option("--duration", default=20.0, show_default=True, type=click.FloatRange(0.1, 600.0), help="Longest flight, seconds.")
+@_seed
+@_as_json
+@_overwrite
+def transfer(
+    policies: tuple[Path, ...],
+    output: Path,
+    realities: tuple[str, ...],
+    trials: int,
+    duration: float,
+    seed: int,
+    as_json: bool,
+    overwrite: bool,
+) -> None:
+    """Fly POLICIES (files or folders) in realities that they have not seen; all of it simulated."""
+    _must_be_new(output, overwrite)
+    from maidenflight import workflow
+
+    flown = workflow.transfer_to(policies, [workflow.reality(name) for name in realities], seed, output, trials, duration)
+    content = {"flights": flown.table.to_dicts(), "simulated": True, "output": str(output)}
+
+    def text() -> None:
+        _flights(flown)
+        print(f"written to {output}/")
+
+    _emit(as_json, content, text)
+
+
+def _flights(flown: "Transfer") -> None:
+    rows = [
+        [str(row["flight"]), row["policy"], row["reality"], str(row["trial"]), f"{row['duration']:.2f} s", row["end_reason"],
+         f"{row['position_error'] * 100:.1f} cm"]
+        for row in flown.table.iter_rows(named=True)
+    ]  # fmt: skip
+    columns = ["flight", "policy", "reality (simulated)", "trial", "duration", "ended by", "position error"]
+    _table("Zero-shot flights", columns, rows, numbers_from=3)
+
+
+@commands.command()
+@click.argument("policy", type=click.Path(path_type=Path))
+@_output("firmware", "Folder for the C code.")
+@_as_json
+@_overwrite
+def export(policy: Path, output: Path, as_json: bool, overwrite: bool) -> None:
+    """Export a POLICY file to C99 without dependencies: policy.h and policy.c."""
+    _must_be_new(output, overwrite)
+    from maidenflight import workflow
+
+    written = workflow.export(policy, output)
+    content = {"files": [str(path) for path in written]}
+    _emit(as_json, content, lambda: print("written " + ", ".join(map(str, written))))
+
+
+@commands.command()
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="HTML file; report.html in the folder unless given.")
+@_as_json
+def report(run: Path, output: Path | None, as_json: bool) -> None:
+    """Make one self-contained HTML page of a RUN folder."""
+    from maidenflight.report.page import report as make
+
+    page = make(run, output or run / "report.html")
+    _emit(as_json, {"report": str(page)}, lambda: print(f"written {page}"))
+
+
+@commands.command()
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="Folder; the first free of run, run-2, ... unless given.")
+@click.option("--seed", default=7, show_default=True, help="Random seed, also of the virtual drone.")
+@_as_json
+@_overwrite
+def demo(output: Path | None, seed: int, as_json: bool, overwrite: bool) -> None:
+    """Run the whole line on a virtual drone in about three minutes: record, identify, train, fly unseen, export, report."""
+    if output is None:
+        output = next(path for number in range(1, 10**6) if not (path := Path("run" if number == 1 else f"run-{number}")).exists())
+    else:
+        _must_be_new(output, overwrite)
+    from maidenflight.demo import Listener, Plan
+    from maidenflight.demo import demo as run
+
+    plan = Plan()
+    what = {
+        "record": f"{plan.flights} flights of {plan.duration:g} s on a virtual drone (simulated), flown by the firmware's PID",
+        "identify": "thrust-to-weight ratio, motor time constant and latency from these flights",
+        "train": f"{plan.policies} policies by gradients through the simulator",
+        "transfer": f"{plan.policies * plan.flight_trials} zero-shot flights in the virtual reality they have not seen",
+        "export": "the best policy to C99",
+        "report": "one page to look at",
+    }
+    with _progress("demo", None) as move:
+        result = run(
+            output,
+            seed,
+            plan,
+            Listener(
+                stage=lambda name: print(f"{name:<9} {what[name]}", file=sys.stderr, flush=True),
+                evaluation=lambda done, of: move(done, of, "identify: evaluations"),
+                training=lambda progress: move(progress.update, plan.learner.updates, f"train: {_scores(progress)}"),
+            ),
+        )
+    _emit(as_json, _demo_content(result), lambda: _demo_text(result))
+
+
+def _truth(result: "Demo") -> dict[str, str]:
+    truth = result.truth
+    up, slower = float(truth.motor_time_constant) * 1e3, float(truth.motor_slowdown)
+    latency, late = float(truth.latency) * 1e3, float(truth.estimator_delay) * 1e3
+    return {
+        "thrust_to_weight": f"{float(truth.thrust_to_weight):.4g}",
+        "motor_time_constant": f"{up:.3g} ms up, {up * slower:.3g} ms down",
+        "latency": f"{latency:.2g} ms + {late:.2g} ms estimator",
+    }
+
+
+def _demo_content(result: "Demo") -> dict[str, Any]:
+    return {
+        "parameters": {
+            name: {"value": estimate.value, "interval": list(estimate.interval)}
+            for name, estimate in result.identification.estimates.items()
+        },
+        "truth": _truth(result),
+        "flights": result.transfer.table.to_dicts(),
+        "stages": result.seconds,
+        "report": str(result.page),
+        "simulated": True,
+    }
+
+
+def _demo_text(result: "Demo") -> None:
+    from maidenflight.demo import reached
+
+    table = result.transfer.table
+    _estimates(result.identification, _truth(result))
+    _flights(result.transfer)
+    durations, errors = table["duration"], table["position_error"]
+    print(f"{reached(table)} of {table.height} flights reached the time limit; median {durations.median():.1f} s,", end=" ")
+    print(f"mean position error {float(errors.to_numpy().mean()) * 100:.1f} cm. Flights and drone are simulated.")
+    print("wall time: " + ", ".join(f"{name} {seconds:.0f} s" for name, seconds in result.seconds.items()))
+    folder = result.folder
+    print(f"\n  drone      {folder / 'drone.toml'}\n  policies   {folder / 'policies'}/\n  flights    {folder / 'transfer'}/")
+    print(f"  C code     {folder / 'firmware'}/\n  report     {result.page}    <- open this in a browser")
+
+
+if __name__ == "__main__":
+    main()

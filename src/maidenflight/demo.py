@@ -1,0 +1,113 @@
+"""The whole line in one go, on a virtual drone: record, identify, train, fly unseen, export, report."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import polars
+
+from maidenflight import results, workflow
+from maidenflight.identification.identify import Identification
+from maidenflight.parameters import Parameters
+from maidenflight.report.page import report
+from maidenflight.training.analytic_gradient import AnalyticGradient, Progress
+from maidenflight.transfer.flying import Transfer
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How much the demo does."""
+
+    flights: int = 4
+    """Flights recorded."""
+    duration: float = 30.0
+    """Of each of them [s]."""
+    evaluations: int = 60
+    """Evaluations of the objective, a trial."""
+    trials: int = 3
+    """Trials of the optimiser."""
+    policies: int = 3
+    """Policies trained."""
+    learner: AnalyticGradient = AnalyticGradient(updates=1000, evaluations=10)
+    """Settings of training."""
+    flight_trials: int = 3
+    """Zero-shot flights of each policy."""
+    longest: float = 20.0
+    """Longest of them [s]."""
+
+
+@dataclass(frozen=True)
+class Demo:
+    """What the demo found."""
+
+    truth: Parameters
+    identification: Identification
+    transfer: Transfer
+    seconds: dict[str, float]
+    """Wall time of each stage."""
+    folder: Path
+    page: Path
+
+
+@dataclass(frozen=True)
+class Listener:
+    """Who hears how the demo goes on."""
+
+    stage: Callable[[str], None]
+    evaluation: Callable[[int, int], None]
+    training: Callable[[Progress], None]
+
+
+def demo(folder: Path, seed: int, plan: Plan, listener: Listener) -> Demo:
+    """Runs every stage on the virtual drone of a seed and writes all results into a folder.
+
+    Identification and training see only the recorded flights; the truth is read again only for the summary.
+    """
+    stages = workflow.Stages()
+    drone = workflow.reality(f"virtual:{seed}")
+
+    def run(name: str, stage: Callable[[], Any]) -> Any:
+        listener.stage(name)
+        return stages.run(name, stage)
+
+    recorded = folder / "recorded"
+    run(
+        "record",
+        lambda: workflow.record(drone, seed, recorded, folder / "reality.toml", plan.flights, plan.duration, 0.06),
+    )
+    _, found = run(
+        "identify",
+        lambda: workflow.identify_from(
+            recorded,
+            seed,
+            folder / "drone.toml",
+            ("thrust_to_weight", "motor_time_constant", "latency"),
+            "crazyflie",
+            length=30,
+            evaluations=plan.evaluations,
+            trials=plan.trials,
+            bounds={},
+            on_evaluation=listener.evaluation,
+        ),
+    )
+    policies = folder / "policies"
+    run(
+        "train",
+        lambda: workflow.train_for(folder / "drone.toml", seed, policies, plan.policies, plan.learner, 0.10, listener.training),
+    )
+    flown = run(
+        "transfer",
+        lambda: workflow.transfer_to([policies], [drone], seed, folder / "transfer", plan.flight_trials, plan.longest),
+    )
+    best = workflow.best_policy(flown, workflow.policy_files([policies]))
+    run("export", lambda: workflow.export(best, folder / "firmware"))
+    results.write(folder / "demo.json", json.dumps({"seed": seed, "stages": stages.seconds}, indent=1) + "\n")
+    page = run("report", lambda: report(folder, folder / "report.html"))
+    return Demo(drone.parameters, found, flown, stages.seconds, folder, page)
+
+
+def reached(table: polars.DataFrame) -> int:
+    """Flights that lasted as long as they might."""
+    return table.filter(polars.col("end_reason") == "time limit").height

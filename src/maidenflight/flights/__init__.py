@@ -1,0 +1,1 @@
+"""Flight logs: reading, checking, cutting into windows, and recording on a virtual drone."""

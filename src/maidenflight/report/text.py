@@ -1,0 +1,64 @@
+"""Numbers, symbols and units as a person reads them: milliseconds, degrees and centimetres instead of SI, and HTML that cannot break.
+
+The only place of the report where units change.
+"""
+
+import html
+import json
+import math
+import re
+from typing import Any
+
+from maidenflight.parameters import QUANTITIES
+
+_GREEK = {"Delta": "Δ", "sigma": "σ", "theta": "θ", "tau": "τ", "phi": "φ", "omega": "ω"}
+
+
+def symbol(name: str) -> str:
+    """A parameter's symbol as HTML: `T_m` becomes T with a subscript."""
+    letters = "|".join(_GREEK)
+    shown = re.sub(rf"(?<![a-z])({letters})(?![a-z])", lambda found: _GREEK[found[0]], QUANTITIES[name].symbol)
+    return re.sub(r"_(\w+)", r"<sub>\1</sub>", html.escape(shown))
+
+
+def factor(name: str) -> float:
+    """Shown value per SI value: 1000 for short times, shown in ms."""
+    return 1000.0 if QUANTITIES[name].unit == "s" and QUANTITIES[name].upper <= 1.0 else 1.0
+
+
+def unit(name: str) -> str:
+    """The unit in which a parameter is shown; empty for a pure number."""
+    if factor(name) != 1.0:
+        return "ms"
+    shown = QUANTITIES[name].unit.replace("sqrt(Hz)", "√Hz")
+    return "" if shown == "-" else re.sub(r"(?<=[a-z])2", "²", shown).replace("kg m²", "kg m²").replace("N m", "N m")
+
+
+def places(width: float) -> int:
+    """Decimals at which a number of this uncertainty keeps two digits of it."""
+    return min(6, max(0, 1 - math.floor(math.log10(width)))) if width > 0 else 4
+
+
+def number(value: Any, digits: int = 4) -> str:
+    """A number in few digits, without trailing zeros."""
+    value = float(value)
+    if not math.isfinite(value):
+        return "–"
+    shown = f"{value:.{digits}g}"
+    if "e" in shown:
+        mantissa, exponent = shown.split("e")
+        return f"{mantissa} × 10<sup>{int(exponent)}</sup>".replace("-", "−")
+    return shown.replace("-", "−")
+
+
+def plural(count: int, noun: str) -> str:
+    """`1 flight`, `2 flights`, `3 policies`."""
+    if count == 1:
+        return f"1 {noun}"
+    return f"{count} {noun[:-1]}ies" if noun.endswith("y") else f"{count} {noun}s"
+
+
+def embed(identity: str, content: Any) -> str:
+    """Content as JSON within HTML: nothing in it can end the element."""
+    text = json.dumps(content, separators=(",", ":"), ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
+    return f'<script type="application/json" id="{identity}">{text}</script>'

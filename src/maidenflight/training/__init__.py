@@ -1,0 +1,1 @@
+"""Training: from a distribution of drones to policies."""

@@ -1,0 +1,53 @@
+"""How good a policy is: episodes of its task, with noise and randomization, as they are scored in the paper."""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from maidenflight.policy import Policy
+from maidenflight.simulator import environment
+from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.randomization import RelativeBox, randomize
+
+
+class Evaluation(NamedTuple):
+    """Means over episodes."""
+
+    episode_return: Float[Array, ""]
+    """Sum of rewards until failure or the time limit."""
+    survival: Float[Array, ""]
+    """Share of episodes that reach the time limit."""
+    position_error: Float[Array, ""]
+    """Distance from the set-point [m], over all steps before failure."""
+
+
+@partial(jax.jit, static_argnums=(0, 4, 5))
+def evaluate(simulated: Environment, policy: Policy, box: RelativeBox, key: Array, episodes: int = 256, steps: int = 500) -> Evaluation:
+    """Scores a policy without exploration noise.
+
+    Args:
+        simulated: task and control structure; static.
+        policy: the policy.
+        box: drones to draw from, one an episode.
+        key: random key; the same key gives the same episodes.
+        episodes: how many; static.
+        steps: control periods of an episode; static.
+    """
+
+    def one(key: Array) -> tuple[Array, Array, Array, Array]:
+        drone_key, reset_key, key = jax.random.split(key, 3)
+        drone = randomize(box, drone_key)
+        first = environment.reset(simulated, drone, reset_key)
+        _, (before, outcome) = environment.rollout(simulated, policy, first, drone, key, steps)
+        failed = jnp.cumsum(outcome.terminated) > 0
+        counted = jnp.concatenate([jnp.array([True]), ~failed[:-1]])  # the step that fails still counts, with its penalty
+        distance = jnp.linalg.norm(outcome.setpoint[:-1] - before.state.position[1:], axis=1)
+        flying = ~failed[:-1]
+        total = jnp.sum(jnp.where(counted, outcome.reward, 0.0))
+        return total, ~failed[-1], jnp.sum(jnp.where(flying, distance, 0.0)), jnp.sum(flying)
+
+    total, survived, distance, count = jax.vmap(one)(jax.random.split(key, episodes))
+    return Evaluation(jnp.mean(total), jnp.mean(survived), jnp.sum(distance) / jnp.maximum(jnp.sum(count), 1))

@@ -1,0 +1,178 @@
+"""The six verbs with files at both ends, as the command line and the demo run them.
+
+Each function reads what it is given, does one stage, writes its results with a record of their making, and returns them.
+"""
+
+import os
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import jax
+import polars
+
+from maidenflight import parameters, policy, results
+from maidenflight.deployment.c import export_c
+from maidenflight.errors import InputError
+from maidenflight.flights import log, recording
+from maidenflight.flights.reading import Flights, read_flights
+from maidenflight.identification.bayesian import PAPER_BOUNDS
+from maidenflight.identification.identify import Identification, identify
+from maidenflight.policy import Policy
+from maidenflight.simulator import control, tasks
+from maidenflight.simulator.randomization import relative_box
+from maidenflight.simulator.virtual_drone import VirtualDrone, virtual_drone
+from maidenflight.training.analytic_gradient import AnalyticGradient, Progress, train
+from maidenflight.transfer.flying import Transfer, transfer
+
+StrPath = str | os.PathLike[str]
+
+
+def reality(name: str) -> VirtualDrone:
+    """A virtual drone by name: `virtual:SEED`, or a drone's TOML file, which is then simulated as finely as a virtual drone.
+
+    Raises:
+        InputError: neither.
+    """
+    if name.startswith("virtual:"):
+        seed = name.removeprefix("virtual:")
+        if not seed.isdecimal():
+            raise InputError(f"{name}: expected virtual:SEED with a whole number, such as virtual:7.")
+        return virtual_drone(int(seed))
+    return VirtualDrone(Path(name).stem, parameters.replace(parameters.read(name), time_step=0.001))
+
+
+def record(drone: VirtualDrone, seed: int, folder: StrPath, truth: StrPath, count: int, duration: float, excitation: float) -> list[Path]:
+    """Records flights on a virtual drone: one CSV a flight in `folder`, and the hidden parameters in `truth`."""
+    settings = {"reality": drone.name, "flights": count, "duration": duration, "excitation": excitation}
+    made = results.record(seed=seed, inputs=[], settings=settings)
+    flown = recording.record(drone, jax.random.key(seed), count, duration, excitation)
+    parameters.write(truth, drone.parameters, {"record": made})
+    return [log.write(Path(folder) / f"{flight.name}.csv", flight, made) for flight in flown]
+
+
+def identify_from(
+    logs: StrPath,
+    seed: int,
+    output: StrPath,
+    over: Sequence[str],
+    start: str,
+    length: int,
+    evaluations: int,
+    trials: int,
+    bounds: Mapping[str, tuple[float, float]],
+    on_file: Callable[[int, int], None] | None = None,
+    on_evaluation: Callable[[int, int], None] | None = None,
+) -> tuple[Flights, Identification]:
+    """Identifies a drone from logs; writes `output` (TOML) and, beside it, `identification.csv` with every evaluation."""
+    flights = read_flights(logs, on_file)
+    found = identify(
+        flights,
+        over,
+        jax.random.key(seed),
+        start=parameters.read(start),
+        length=length,
+        evaluations=evaluations,
+        trials=trials,
+        bounds={**PAPER_BOUNDS, **bounds},
+        on_evaluation=on_evaluation,
+    )
+    settings = {
+        "start": Path(start).name,
+        "over": list(over),
+        "length": length,
+        "evaluations": evaluations,
+        "trials": trials,
+        "bounds": {name: list({**PAPER_BOUNDS, **bounds}[name]) for name in over},
+    }
+    made = results.record(seed=seed, inputs=flights.paths, settings=settings)
+    parameters.write(output, found.parameters, {"identification": found.to_table(), "record": made})
+    results.write(Path(output).with_name("identification.csv"), found.history.write_csv(float_precision=9))
+    return flights, found
+
+
+def train_for(
+    drone: StrPath,
+    seed: int,
+    folder: StrPath,
+    count: int,
+    settings: AnalyticGradient,
+    randomization: float,
+    on_progress: Callable[[Progress], None] | None = None,
+) -> tuple[Policy, ...]:
+    """Trains PWM policies for the circle around a drone; writes one JSON a policy and `training.csv` with their scores."""
+    box = relative_box(parameters.read(drone), randomization)
+    rows: list[dict[str, Any]] = []
+
+    def note(progress: Progress) -> None:
+        for number in range(count):
+            scores = {name: round(float(value[number]), 6) for name, value in progress.score._asdict().items()}
+            rows.append({"update": progress.update, "steps": progress.steps, "policy": number + 1, **scores})
+        if on_progress is not None:
+            on_progress(progress)
+
+    policies = train(tasks.circle(), control.pwm(), box, jax.random.split(jax.random.key(seed), count), settings, note)
+    inputs = [drone] if Path(drone).is_file() else []
+    said = {"task": "circle", "control": "pwm", "randomization": randomization, "policies": count, **settings.settings()}
+    made = results.record(seed=seed, inputs=inputs, settings=said if inputs else {"drone": str(drone), **said})
+    for number, trained in enumerate(policies, 1):
+        policy.write(Path(folder) / f"policy_{number}.json", trained, {**made, "number": number})
+    results.write(Path(folder) / "training.csv", polars.DataFrame(rows).write_csv())
+    return policies
+
+
+def policy_files(given: Sequence[StrPath]) -> list[Path]:
+    """The policy files among files and folders.
+
+    Raises:
+        InputError: a path does not exist, or a folder holds no policy.
+    """
+    files: list[Path] = []
+    for path in map(Path, given):
+        found = sorted(path.glob("*.json")) if path.is_dir() else [path]
+        if not found:
+            raise InputError(f"{path}: no policies (.json) in this folder. Train some: maidenflight train -o {path}.")
+        files += found
+    return files
+
+
+def transfer_to(
+    given: Sequence[StrPath], realities: Sequence[VirtualDrone], seed: int, folder: StrPath, trials: int, duration: float
+) -> Transfer:
+    """Flies policies in realities; writes `flights.csv` with a row a flight, and every flight's log."""
+    files = policy_files(given)
+    policies = [policy.read(path) for path in files]
+    flown = transfer(policies, realities, trials, jax.random.key(seed), duration=duration, names=[path.stem for path in files])
+    settings = {"realities": [drone.name for drone in realities], "trials": trials, "duration": duration}
+    made = results.record(seed=seed, inputs=files, settings=settings)
+    for flight in flown.flights:
+        log.write(Path(folder) / f"{flight.name}.csv", flight, made)
+    results.write(Path(folder) / "flights.csv", flown.table.write_csv())
+    return flown
+
+
+def best_policy(flown: Transfer, files: Sequence[Path]) -> Path:
+    """The policy that flew longest and, among equals, closest."""
+    order = flown.table.group_by("policy").agg(polars.col("duration").mean(), polars.col("position_error").mean())
+    name = order.sort(["duration", "position_error", "policy"], descending=[True, False, False])["policy"][0]
+    return next(path for path in files if path.stem == name)
+
+
+def export(path: StrPath, folder: StrPath) -> list[Path]:
+    """Writes a policy as C99."""
+    return export_c(policy.read(path), folder, record=results.record(seed=None, inputs=[path], settings={}))
+
+
+class Stages:
+    """Wall time of each stage of a longer run."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    def run(self, name: str, stage: Callable[[], Any]) -> Any:
+        """Runs a stage and keeps its time."""
+        began = time.perf_counter()
+        made = stage()
+        self.seconds[name] = round(time.perf_counter() - began, 2)
+        return made

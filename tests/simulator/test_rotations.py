@@ -1,0 +1,84 @@
+"""Quaternions, matrices and roll-pitch-yaw are one rotation in three forms."""
+
+import hypothesis.strategies as st
+import jax
+import jax.numpy as jnp
+import numpy as np
+from hypothesis import given
+from scipy.spatial.transform import Rotation
+
+from maidenflight.simulator import rotations
+
+to_matrix = jax.jit(rotations.to_matrix)
+to_attitude = jax.jit(rotations.to_attitude)
+from_attitude = jax.jit(rotations.from_attitude)
+derivative = jax.jit(rotations.quaternion_derivative)
+normalise = jax.jit(rotations.normalise)
+body_z = jax.jit(rotations.body_z)
+
+angle = st.floats(-3, 3, width=16)
+attitudes = st.tuples(angle, st.floats(-1.5, 1.5, width=16), angle).map(np.float32)
+vectors = st.tuples(*[st.floats(-10, 10, width=16)] * 3).map(np.float32)
+
+
+def scipy_rotation(attitude):
+    return Rotation.from_euler("ZYX", np.float64(attitude)[::-1])
+
+
+@given(attitudes)
+def test_the_matrix_is_that_of_scipys_intrinsic_zyx(attitude):
+    np.testing.assert_allclose(to_matrix(from_attitude(attitude)), scipy_rotation(attitude).as_matrix(), atol=1e-6)
+
+
+@given(attitudes)
+def test_the_quaternion_is_scipys_up_to_its_sign(attitude):
+    ours, theirs = np.asarray(from_attitude(attitude)), scipy_rotation(attitude).as_quat()
+    np.testing.assert_allclose(ours * np.sign(ours @ theirs), theirs, atol=1e-6)
+
+
+@given(attitudes)
+def test_the_matrix_is_a_proper_rotation(attitude):
+    matrix = np.asarray(to_matrix(from_attitude(attitude)))
+    np.testing.assert_allclose(matrix @ matrix.T, np.eye(3), atol=1e-6)
+    np.testing.assert_allclose(np.linalg.det(matrix), 1, atol=1e-6)
+
+
+@given(attitudes)
+def test_attitude_to_quaternion_and_back_is_the_same_attitude(attitude):
+    np.testing.assert_allclose(to_attitude(from_attitude(attitude)), attitude, atol=5e-5)
+
+
+@given(attitudes)
+def test_both_signs_of_a_quaternion_are_the_same_attitude(attitude):
+    quaternion = from_attitude(attitude)
+    np.testing.assert_allclose(to_matrix(-quaternion), to_matrix(quaternion), atol=1e-7)
+    np.testing.assert_allclose(to_attitude(-quaternion), to_attitude(quaternion), atol=1e-6)
+
+
+@given(attitudes)
+def test_the_body_z_axis_is_the_matrix_last_column(attitude):
+    quaternion = from_attitude(attitude)
+    np.testing.assert_allclose(body_z(quaternion), to_matrix(quaternion)[:, 2], atol=1e-7)
+
+
+def test_positive_pitch_is_nose_down_and_positive_roll_is_left_side_up():
+    nose = to_matrix(from_attitude(jnp.array([0.0, 0.3, 0.0]))) @ jnp.array([1.0, 0.0, 0.0])
+    left = to_matrix(from_attitude(jnp.array([0.3, 0.0, 0.0]))) @ jnp.array([0.0, 1.0, 0.0])
+    assert nose[2] < -0.29
+    assert left[2] > 0.29
+
+
+@given(attitudes, vectors)
+def test_the_derivative_is_the_slope_of_a_rotation_about_body_axes(attitude, rates):
+    turn, h = scipy_rotation(attitude), 1e-4
+    before, after = ((turn * Rotation.from_rotvec(sign * h * np.float64(rates))).as_quat() for sign in (-1, 1))
+    after *= np.sign(before @ after)
+    quaternion = np.asarray(from_attitude(attitude))
+    slope = (after - before) / (2 * h) * np.sign(before @ quaternion)
+    np.testing.assert_allclose(derivative(quaternion, rates), slope, atol=1e-4)
+
+
+@given(attitudes, st.floats(0.125, 10, width=16))
+def test_normalise_keeps_the_direction_and_makes_the_length_one(attitude, length):
+    quaternion = from_attitude(attitude)
+    np.testing.assert_allclose(normalise(np.float32(length) * quaternion), quaternion, atol=1e-6)

@@ -1,0 +1,119 @@
+"""What the sensors add to the truth: noise of a given strength, a bias that walks and an estimate of a given age."""
+
+import hypothesis.strategies as st
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from scipy.spatial.transform import Rotation
+
+from maidenflight.parameters import crazyflie, noiseless, replace
+from maidenflight.simulator import rotations, sensors
+from maidenflight.simulator.dynamics import State
+
+PAPER = crazyflie()
+SAMPLES = 20_000
+KEYS = jax.random.split(jax.random.key(0), SAMPLES)
+STATE = State(
+    jnp.array([0.1, 0.2, 1.0]),
+    jnp.array([0.5, -0.5, 0.1]),
+    rotations.from_attitude(jnp.array([0.2, -0.3, 1.0])),
+    jnp.array([1.0, -2.0, 0.5]),
+    jnp.full(4, 0.7),
+)
+BIAS = jnp.array([0.01, -0.02, 0.03])
+measure_many = jax.jit(jax.vmap(sensors.measure, (None, None, None, 0)))
+walk_many = jax.jit(jax.vmap(sensors.walk_bias, (0, None, None, 0)))
+walk = jax.jit(sensors.walk_bias)
+delayed = jax.jit(sensors.delayed)
+
+
+def test_without_noise_the_measurement_is_the_truth():
+    seen = measure_many(STATE, jnp.zeros(3), noiseless(PAPER), KEYS)
+    for name in seen._fields:
+        np.testing.assert_allclose(getattr(seen, name)[:5], np.tile(getattr(STATE, name), (5, 1)), atol=1e-6)
+
+
+def test_noise_has_the_strength_of_the_parameters_and_no_mean():
+    parameters = replace(PAPER, position_noise_uniform=0.004, attitude_noise_uniform=0.003)
+    seen = measure_many(STATE, BIAS, parameters, KEYS)
+    tilt = (Rotation.from_quat(STATE.quaternion).inv() * Rotation.from_quat(np.asarray(seen.quaternion))).as_rotvec()
+    expected = {  # error, Gaussian part, half width of the uniform part
+        "position": (seen.position - STATE.position[None], 0.002, 0.004),
+        "velocity": (seen.velocity - STATE.velocity[None], 0.01, 0.0),
+        "attitude": (tilt, np.radians(0.1), 0.003),
+        "body rates": (seen.body_rates - (STATE.body_rates + BIAS)[None], 0.051, 0.0),
+    }
+    for name, (error, gaussian, uniform) in expected.items():
+        deviation = np.sqrt(gaussian**2 + uniform**2 / 3)
+        np.testing.assert_allclose(np.std(error, axis=0), deviation, rtol=0.03, err_msg=name)
+        np.testing.assert_allclose(np.mean(error, axis=0), 0, atol=4 * deviation / np.sqrt(SAMPLES), err_msg=name)
+        correlation = np.corrcoef(np.asarray(error).T)
+        np.testing.assert_allclose(correlation, np.eye(3), atol=0.03, err_msg=name)
+
+
+def test_a_measured_quaternion_has_length_one():
+    seen = measure_many(STATE, BIAS, replace(PAPER, attitude_noise=0.5), KEYS)
+    np.testing.assert_allclose(np.linalg.norm(seen.quaternion, axis=1), 1, atol=1e-6)
+
+
+def test_the_bias_at_power_on_has_its_deviation():
+    found = jax.jit(jax.vmap(sensors.turn_on_bias, (None, 0)))(PAPER, KEYS)
+    np.testing.assert_allclose(np.std(found, axis=0), np.radians(0.5), rtol=0.03)
+
+
+def walked_variance(steps, total, parameters):
+    """Variance of a bias that walked `total` seconds in `steps` steps from zero, read off two calls with one key."""
+    key = jax.random.key(1)
+    apart = np.float32(total / steps)
+    kept = np.float64(walk(jnp.ones(3), apart, replace(parameters, gyro_bias_walk=0.0), key)[0])
+    normal = jax.random.normal(key, (3,))[0]
+    spread = np.float64(walk(jnp.zeros(3), apart, parameters, key)[0] / normal)
+    return spread**2 * sum(kept ** (2 * step) for step in range(steps))
+
+
+@pytest.mark.parametrize("steps", [1, 10, 100])
+@pytest.mark.parametrize("time_constant", [0.5, 2.0])
+def test_the_bias_walks_as_far_in_many_steps_as_in_one(steps, time_constant):
+    parameters = replace(PAPER, gyro_bias_time=time_constant, gyro_bias_walk=0.1)
+    expected = 0.1**2 * time_constant / 2 * (1 - np.exp(-2 / time_constant))
+    np.testing.assert_allclose(walked_variance(steps, 1.0, parameters), expected, rtol=1e-3)
+
+
+@pytest.mark.parametrize("apart", [0.001, 0.002, 0.01])
+@pytest.mark.parametrize("time_constant", [1e3, 1e5])
+def test_a_slow_bias_walks_as_far_in_short_steps(apart, time_constant):
+    """At a control period over tau of 1e-5 and less, 1 - exp(-2 t / tau) must not be lost in float32."""
+    parameters = replace(PAPER, gyro_bias_time=time_constant, gyro_bias_walk=0.1)
+    found = walked_variance(1, apart, parameters)
+    np.testing.assert_allclose(found, 0.1**2 * apart, rtol=1e-2)
+
+
+def test_samples_of_the_walk_have_that_variance():
+    parameters = replace(PAPER, gyro_bias_time=2.0, gyro_bias_walk=0.1)
+    bias = jnp.zeros((SAMPLES, 3))
+    for step in range(4):
+        bias = walk_many(bias, np.float32(0.25), parameters, jax.random.split(jax.random.key(step), SAMPLES))
+    np.testing.assert_allclose(np.std(bias, axis=0), 0.1 * np.sqrt(1 - np.exp(-1)), rtol=0.03)
+
+
+@given(st.floats(0, 0.03), st.floats(0.008, 0.012))
+def test_a_linear_motion_is_seen_exactly_as_old_as_the_estimator_delay(delay, period):
+    velocity = np.float32([1.0, -2.0, 0.5])
+    past = jnp.zeros((6, 10))
+    state = STATE._replace(velocity=velocity)
+    for instant in range(7):
+        state = state._replace(position=np.float32(period * instant) * velocity)
+        past = sensors.remember(past, state)
+    seen = delayed(past, state, np.float32(period), replace(PAPER, estimator_delay=delay))
+    np.testing.assert_allclose(seen.position, (6 * period - delay) * velocity, atol=2e-6)
+    np.testing.assert_allclose(seen.velocity, velocity, atol=1e-6)
+    np.testing.assert_allclose(seen.quaternion, STATE.quaternion, atol=1e-6)
+
+
+def test_a_late_estimator_reads_the_gyro_afresh():
+    past = jnp.zeros((6, 10)) + jnp.array([0, 0, 1.0, 0, 0, 0, 0, 0, 0, 1])[None]
+    seen = delayed(past, STATE, np.float32(0.01), replace(PAPER, estimator_delay=0.03))
+    np.testing.assert_array_equal(seen.body_rates, STATE.body_rates)
+    np.testing.assert_array_equal(seen.position, [0, 0, 1])

@@ -1,0 +1,76 @@
+"""Virtual drones: repeatable, different from each other, physical, and flyable by the firmware's own controller."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from maidenflight.parameters import QUANTITIES, check, crazyflie
+from maidenflight.simulator import control, dynamics, environment, tasks
+from maidenflight.simulator.virtual_drone import SPREAD, virtual_drone
+
+SEEDS = range(8)
+
+
+def test_the_same_seed_is_the_same_drone():
+    first, second = virtual_drone(3), virtual_drone(3)
+    assert first.name == second.name == "virtual-3"
+    jax.tree.map(np.testing.assert_array_equal, first.parameters, second.parameters)
+
+
+@pytest.mark.parametrize("name", [*SPREAD, "inertia", "drag", "torque_to_thrust"])
+def test_different_seeds_hide_different_constants(name):
+    values = np.array([getattr(virtual_drone(seed).parameters, name) for seed in SEEDS])
+    assert len(np.unique(values, axis=0)) == len(SEEDS)
+
+
+@pytest.mark.parametrize("seed", [*range(30), 2**40])
+def test_every_virtual_drone_is_physical_and_within_its_spread(seed):
+    parameters = check(virtual_drone(seed).parameters)
+    for name, (low, high) in SPREAD.items():
+        assert np.float32(low) <= getattr(parameters, name) <= np.float32(high), name
+    assert parameters.time_step == np.float32(0.001)
+    assert all(np.asarray(getattr(parameters, name)).dtype == np.float32 for name in QUANTITIES)
+
+
+def test_a_negative_seed_is_a_drone_too():
+    check(virtual_drone(-1).parameters)
+
+
+def test_a_virtual_drone_has_effects_that_the_papers_model_lacks():
+    drone = virtual_drone(0)
+    world = drone.environment(tasks.circle(), control.pwm())
+    assert world.integrator is dynamics.rk4
+    assert world.battery
+    assert world.estimator_memory * 0.01 > QUANTITIES["estimator_delay"].lower
+    for name in ("drag", "motor_slowdown", "estimator_delay", "battery_resistance", "battery_discharge"):
+        assert np.all(getattr(drone.parameters, name) > getattr(crazyflie(), name)), name
+
+
+@pytest.mark.parametrize("controller", [control.pwm(), control.position_pid()])
+def test_an_action_holds_for_ten_milliseconds_whatever_the_controllers_rate(controller):
+    drone = virtual_drone(0)
+    world = drone.environment(tasks.circle(), controller)
+    np.testing.assert_allclose(world.command_period(drone.parameters), 1 / controller.rate, rtol=1e-6)
+    np.testing.assert_allclose(world.control_period(drone.parameters), 0.01, rtol=1e-6)
+
+
+def test_the_firmwares_pid_flies_the_circle_on_every_virtual_drone():
+    drones = [virtual_drone(seed) for seed in SEEDS]
+    world = drones[0].environment(tasks.circle(), control.position_pid())
+
+    def fly(parameters, key):
+        start = dynamics.at_hover(jnp.array([0.0, 0.0, 1.0]), parameters)
+        episode = environment.begin(world, start, jnp.float32(0.0), parameters, key)
+        _, (flown, outcome) = environment.rollout(world, lambda _: jnp.zeros(4), episode, parameters, key, 600)
+        return flown.state, outcome.setpoint
+
+    batch = jax.tree.map(lambda *leaves: np.stack(leaves), *(drone.parameters for drone in drones))
+    state, setpoint = jax.jit(jax.vmap(fly))(batch, jax.random.split(jax.random.key(0), len(SEEDS)))
+    tilt = np.degrees(np.arccos(np.asarray(jax.vmap(jax.vmap(lambda q: 1 - 2 * (q[0] ** 2 + q[1] ** 2)))(state.quaternion))))
+    height, distance = np.asarray(state.position[..., 2]), np.linalg.norm(state.position - setpoint, axis=-1)
+    print(f"height {height.min():.3f} to {height.max():.3f} m, tilt {tilt.max():.1f} deg, distance {distance.max():.3f} m")
+    assert np.all((height > 0.7) & (height < 1.3))
+    assert np.all(tilt < 30)
+    assert np.all(distance < 0.5)
+    assert np.all(np.ptp(state.position[:, 300:, 1], axis=1) > 0.35), "it flies the circle instead of hovering"

@@ -1,0 +1,168 @@
+"""Parameters keep their physical meaning from Python to TOML and back, and a wrong file is refused in words."""
+
+import dataclasses
+import re
+
+import hypothesis.strategies as st
+import jax
+import numpy as np
+import pytest
+from hypothesis import given
+
+from maidenflight.errors import InputError
+from maidenflight.parameters import DRONES, QUANTITIES, Parameters, check, crazyflie, from_toml, noiseless, read, replace, to_toml, write
+
+GOOD = to_toml(crazyflie(), "crazyflie")
+FIELDS = list(QUANTITIES)
+
+
+@st.composite
+def drones(draw):
+    def values(quantity):
+        low, high = np.float32(quantity.lower), np.float32(quantity.upper)
+        number = st.floats(float(low), float(high), width=32)
+        return number if quantity.size == 1 else st.tuples(*[number] * quantity.size)
+
+    return Parameters(**{name: draw(values(quantity)) for name, quantity in QUANTITIES.items()})
+
+
+@given(drones())
+def test_toml_reads_back_to_the_same_float32(drone):
+    back = from_toml(to_toml(drone, "drawn"))
+    for name in FIELDS:
+        value = getattr(back, name)
+        assert value.dtype == np.float32
+        np.testing.assert_array_equal(value, getattr(drone, name), err_msg=name)
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_every_quantity_says_what_it_is(name):
+    quantity = QUANTITIES[name]
+    for text in (quantity.symbol, quantity.unit, quantity.meaning, quantity.source, quantity.table):
+        assert text.strip()
+    assert quantity.lower < quantity.upper
+    lines = [line for line in GOOD.splitlines() if line.startswith(f"{name} =")]
+    assert len(lines) == 1
+    comment = lines[0].partition("#")[2]
+    assert f"{quantity.symbol} [{quantity.unit}]" in comment
+    assert quantity.source in comment
+
+
+def test_the_crazyflie_has_the_constants_of_the_papers_appendix():
+    drone = crazyflie()
+    appendix = {"gravity": 9.81, "arm_length": 0.0396, "mass": 0.028, "torque_to_thrust": 5.96e-3, "torque_offset": 1.56e-5}
+    for name, value in appendix.items():
+        assert getattr(drone, name) == np.float32(value), name
+    np.testing.assert_array_equal(drone.inertia, np.float32([1.33e-5, 1.33e-5, 2.64e-5]))
+
+
+def test_the_crazyflie_lacks_what_the_papers_model_lacks():
+    drone = crazyflie()
+    assert drone.motor_slowdown == 1
+    for name in ("drag", "estimator_delay", "battery_resistance", "battery_discharge"):
+        assert not np.any(getattr(drone, name)), name
+
+
+@pytest.mark.parametrize("name", DRONES)
+def test_a_named_drone_is_physical_and_reads_by_its_name(name):
+    jax.tree.map(np.testing.assert_array_equal, check(read(name)), DRONES[name]())
+
+
+def test_a_file_is_named_after_its_drone_and_keeps_further_tables(tmp_path):
+    path = write(tmp_path / "mine.toml", crazyflie(), {"record": {"seed": 3}})
+    assert 'name = "mine"' in path.read_text()
+    assert re.search(r"\[record\]\nseed = 3", path.read_text())
+    jax.tree.map(np.testing.assert_array_equal, read(path), crazyflie())
+
+
+def edited(name, value):
+    """The good file with one value written differently; `None` removes the line."""
+    text, count = re.subn(rf"(?m)^{name} = .*$", "" if value is None else f"{name} = {value}", GOOD)
+    assert count == 1
+    return text
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        pytest.param(GOOD + "[", "not valid TOML", id="broken"),
+        pytest.param("", "format = None, expected 1", id="empty"),
+        pytest.param(edited("format", 2), "format = 2, expected 1", id="later format"),
+        pytest.param(edited("mass", None), "missing mass", id="missing"),
+        pytest.param(edited("mass", "0.028\nmas = 1.0"), r"unknown key 'mas' in \[body\]; did you mean 'mass' in \[body\]\?", id="misspelt"),
+        pytest.param(edited("mass", "0.028\nzzz = 1.0"), r"unknown key 'zzz' in \[body\]\.", id="unknown"),
+        pytest.param(edited("mass", "0.028\nlatency = 0.01"), r"unknown key 'latency' in \[body\]; did you mean .* \[motors\]", id="wrong table"),
+        pytest.param("format = 1\nbody = 3\n", r"body is a value, expected a table \[body\]", id="value for a table"),
+        pytest.param(edited("mass", '"28 g"'), "mass = '28 g', expected a number", id="text"),
+        pytest.param(edited("mass", "true"), "mass = True, expected a number", id="truth value"),
+        pytest.param(edited("mass", "[0.028, 0.028]"), "mass has 2 values, expected 1", id="list for a number"),
+        pytest.param(edited("mass", "{ kg = 0.028 }"), "mass = .*, expected a number", id="table for a number"),
+        pytest.param(edited("inertia", "1e-5"), "inertia has 1 values, expected 3", id="number for a list"),
+        pytest.param(edited("inertia", "[1e-5, 1e-5]"), "inertia has 2 values, expected 3", id="too few"),
+        pytest.param(edited("inertia", '[1e-5, 1e-5, "x"]'), "inertia = .*, expected 3 numbers", id="text in a list"),
+        pytest.param(edited("inertia", "[1e-5, 1e-5, 13.3]"), r"inertia = \[1e-05, 1e-05, 13.3\] kg m2 is outside", id="one out of range"),
+        pytest.param(edited("mass", "28.0"), r"mass = 28.0 kg is outside its physical range \[0.005, 5\]. Check the unit", id="grams"),
+        pytest.param(edited("mass", "-0.028"), "mass = -0.028 kg is outside", id="negative"),
+        pytest.param(edited("mass", "nan"), "mass = nan kg is outside", id="nan"),
+        pytest.param(edited("mass", "inf"), "mass = inf kg is outside", id="infinite"),
+        pytest.param(edited("mass", "1e39"), "mass = .* is outside", id="more than float32 holds"),
+        pytest.param(edited("mass", "1" + "0" * 400), "mass", id="more than float64 holds"),
+        pytest.param(edited("mass", "1" + "0" * 5000), "drone.toml: ", id="more digits than Python reads"),
+    ],
+)
+def test_a_wrong_file_is_refused_with_its_name_and_cause(text, message):
+    with pytest.raises(InputError, match=message) as caught:
+        from_toml(text, "drone.toml")
+    assert str(caught.value).startswith("drone.toml: ")
+
+
+def test_a_drone_that_is_neither_named_nor_a_file_is_refused_with_the_names(tmp_path):
+    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe")
+    for place in ("crazyfly", tmp_path / "missing.toml", tmp_path, tmp_path / "binary.toml"):
+        with pytest.raises(InputError, match="no such drone; .*crazyflie"):
+            read(place)
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_every_value_has_both_its_bounds_checked(name):
+    quantity = QUANTITIES[name]
+    for bound, outside in ((quantity.lower, -np.inf), (quantity.upper, np.inf)):
+        edge = np.full(quantity.size, bound, np.float32)
+        beyond = np.nextafter(edge, np.float32(outside))
+        shape = () if quantity.size == 1 else (3,)
+        check(replace(crazyflie(), **{name: edge.reshape(shape)}))
+        with pytest.raises(InputError, match=f"{name} = .* is outside"):
+            check(replace(crazyflie(), **{name: beyond.reshape(shape)}))
+
+
+def test_what_passes_the_check_can_be_written_and_read():
+    """A number given as a list of one is either refused or read back."""
+    drone = replace(crazyflie(), mass=[0.028])
+    try:
+        check(drone)
+    except InputError:
+        return
+    from_toml(to_toml(drone, "drone"))
+
+
+def test_replace_changes_one_field_and_refuses_an_unknown_one():
+    heavier = replace(crazyflie(), mass=0.03)
+    changed = [name for name in FIELDS if not np.array_equal(getattr(heavier, name), getattr(crazyflie(), name))]
+    assert changed == ["mass"]
+    assert heavier.mass.dtype == np.float32
+    with pytest.raises(InputError, match="unknown parameter 'weight'; known are thrust_to_weight, "):
+        replace(crazyflie(), weight=0.03)
+
+
+def test_parameters_are_frozen_and_every_field_is_traced():
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        crazyflie().mass = 1.0  # type: ignore[misc]
+    assert len(jax.tree.leaves(crazyflie())) == len(FIELDS)
+
+
+def test_noiseless_silences_the_noise_and_nothing_else():
+    quiet, drone = noiseless(crazyflie()), crazyflie()
+    changed = {name for name in FIELDS if not np.array_equal(getattr(quiet, name), getattr(drone, name))}
+    sensors = {"position_noise", "position_noise_uniform", "velocity_noise", "attitude_noise", "attitude_noise_uniform", "gyro_noise"}
+    assert changed == sensors | {"actuator_noise", "gyro_turn_on_bias", "gyro_bias_walk"}
+    assert all(getattr(quiet, name) == 0 for name in changed)
