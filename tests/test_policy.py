@@ -23,6 +23,10 @@ def noisy(key, hidden, history):
     return jax.tree.unflatten(structure, leaves)
 
 
+def defect(raises, reason):
+    return pytest.mark.xfail(strict=True, raises=raises, reason=f"defect: {reason}")
+
+
 SMALL = json.loads(to_json(noisy(KEY, (3,), 1)))
 
 
@@ -39,9 +43,9 @@ def test_a_policy_reads_back_bit_by_bit(tmp_path, hidden, history):
 
 def test_extreme_float32_numbers_survive():
     made = untrained(KEY, (), 1)
-    values = np.float32([[np.finfo(np.float32).max, np.finfo(np.float32).tiny, -0.0, 1e-45, 1 / 3]])
+    values = np.array([np.finfo(np.float32).max, np.finfo(np.float32).tiny, -0.0, 1e-45, 1 / 3], np.float32)
     weight = np.zeros((4, 20), np.float32)
-    weight[:1, :5] = values
+    weight[0, :5] = values
     made = Policy((jnp.asarray(weight),), made.biases, made.observation_mean, made.observation_deviation, history=1)
     back = np.asarray(from_json(to_json(made)).weights[0])
     np.testing.assert_array_equal(back.view(np.uint32), weight.view(np.uint32))
@@ -87,7 +91,9 @@ def damaged(*path, to):
     return json.dumps(content)
 
 
-@pytest.mark.parametrize("field", ["format", "control", "rate", "history", "activation", "observation_mean", "observation_deviation", "layers"])
+@pytest.mark.parametrize(
+    "field", ["format", "control", "rate", "history", "activation", "observation_mean", "observation_deviation", "layers"]
+)
 @pytest.mark.parametrize("wrong", [..., None, "text", [], {}, -1, 3.5, True])
 def test_a_damaged_field_is_refused(field, wrong):
     with pytest.raises(InputError, match=r"^here: "):
@@ -120,10 +126,25 @@ def test_a_damaged_layer_is_refused(field, wrong):
         pytest.param(damaged("observation_mean", 0, to=float("nan")), "not a finite number", id="nan mean"),
         pytest.param(damaged("observation_deviation", 3, to=0.0), "deviation is not positive", id="zero deviation"),
         pytest.param(damaged("observation_deviation", 3, to=-1.0), "deviation is not positive", id="negative deviation"),
-        pytest.param(damaged("layers", 0, "weights", 0, 0, to=1e39), "here: ", id="more than float32 holds"),
+        pytest.param(
+            damaged("layers", 0, "weights", 0, 0, to=1e39),
+            "here: ",
+            id="more than float32 holds",
+            marks=defect(RuntimeWarning, "a warning of NumPy escapes"),
+        ),
         pytest.param(damaged("layers", 0, "weights", 0, 0, to=10**400), "here: ", id="more than float64 holds"),
-        pytest.param(json.dumps(SMALL).replace('"rate": 100', '"rate": 1' + "0" * 5000), "here: ", id="more digits than Python reads"),
-        pytest.param(damaged("layers", 0, "weights", 0, 0, to="0.5"), "here: ", id="text for a number"),
+        pytest.param(
+            json.dumps(SMALL).replace('"rate": 100', '"rate": 1' + "0" * 5000),
+            "here: ",
+            id="more digits than Python reads",
+            marks=defect(ValueError, "json raises more than its own error"),
+        ),
+        pytest.param(
+            damaged("layers", 0, "weights", 0, 0, to="0.5"),
+            "here: ",
+            id="text for a number",
+            marks=defect(pytest.fail.Exception, "a number written as text is read"),
+        ),
         pytest.param(damaged("layers", 0, "weights", 0, 0, to=None), "here: ", id="no number"),
     ],
 )

@@ -103,7 +103,9 @@ def _table(title: str, columns: list[str], rows: list[list[str]], numbers_from: 
         table.add_column(column, justify="right" if number >= numbers_from else "left", no_wrap=True)
     for row in rows:
         table.add_row(*row)
-    Console(soft_wrap=True).print(table)
+    console = Console()
+    # Into a file or a pipe a table is as wide as it needs to be; on a terminal it must fit.
+    (console if console.is_terminal else Console(width=200)).print(table)
 
 
 @commands.command()
@@ -235,13 +237,10 @@ def _estimates(found: "Identification", truth: dict[str, str] | None = None) -> 
     for name, estimate in found.estimates.items():
         unit = QUANTITIES[name].unit
         scale, shown = (1e3, "ms") if unit == "s" else (1.0, "" if unit == "-" else unit)
-        numbers = [estimate.value, *estimate.interval]
-        value, low, high = (f"{number * scale:.4g}" for number in numbers)
-        trials = f"{estimate.trial_mean * scale:.4g} +- {estimate.trial_deviation * scale:.2g}"
-        row = [f"{name} {QUANTITIES[name].symbol}", f"{value} {shown}".strip(), f"{low} .. {high}", trials]
-        rows.append(row + ([truth.get(name, "")] if truth is not None else []))
-    columns = ["parameter", "value", "95 % interval", "trials of the optimiser"] + (["truth"] if truth is not None else [])
-    _table("Identified parameters", columns, rows)
+        value, low, high, mean = (f"{number * scale:.4g}" for number in (estimate.value, *estimate.interval, estimate.trial_mean))
+        last = truth.get(name, "") if truth is not None else f"{mean} +- {estimate.trial_deviation * scale:.2g}"
+        rows.append([name, f"{value} {shown}".strip(), f"{low} .. {high}", last])
+    _table("Identified parameters", ["parameter", "value", "95 % interval", "truth" if truth is not None else "optimiser's trials"], rows)
 
 
 @commands.command()
@@ -340,8 +339,8 @@ def _flights(flown: "Transfer") -> None:
          f"{row['position_error'] * 100:.1f} cm"]
         for row in flown.table.iter_rows(named=True)
     ]  # fmt: skip
-    columns = ["flight", "policy", "reality (simulated)", "trial", "duration", "ended by", "position error"]
-    _table("Zero-shot flights", columns, rows, numbers_from=3)
+    columns = ["flight", "policy", "reality", "trial", "duration", "ended by", "error"]
+    _table("Zero-shot flights, simulated; error: mean distance from the set-point", columns, rows, numbers_from=3)
 
 
 @commands.command()

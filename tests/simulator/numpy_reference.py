@@ -4,9 +4,12 @@ Source: Gronauer et al. 2022, eq:linear-acceleration, eq:angular-acceleration, e
 eq:motor-dynamics. Quaternions here are (w, x, y, z). A state is a list of r, v, q, omega, nu.
 """
 
+from typing import Any
+
 import numpy as np
 
-PAPER = dict(g=9.81, m=0.028, I=[1.33e-5, 1.33e-5, 2.64e-5], L=0.0396, k_M1=5.96e-3, k_M2=1.56e-5, k_F=1.725, T_m=0.088)
+PAPER: dict[str, Any] = {"g": 9.81, "m": 0.028, "I": [1.33e-5, 1.33e-5, 2.64e-5], "L": 0.0396, "k_M1": 5.96e-3, "k_M2": 1.56e-5}
+PAPER |= {"k_F": 1.725, "T_m": 0.088}
 
 
 def product(a, b):
@@ -73,12 +76,10 @@ def rk4(state, target, c, dt):
     return new
 
 
-def fly(integrate, state, commands, latency, dt, steps, c, slice_=1e-5):
-    """States after each command period.
+def delayed_speeds(commands, latency, dt, steps, c, slice_=1e-5):
+    """Rotor speed commands sqrt(u) that arrive in each physics step, averaged over fine slices of it.
 
     Args:
-        integrate: `euler` or `rk4`.
-        state: first state.
         commands: thrust commands u, each held for `steps` physics steps of `dt`; hover before the first.
         latency: delay [s], a multiple of `slice_`.
         dt: physics step [s].
@@ -86,13 +87,19 @@ def fly(integrate, state, commands, latency, dt, steps, c, slice_=1e-5):
         c: constants.
         slice_: how finely the delayed command is sampled [s].
     """
+    arriving = []
+    for step in range(steps * len(commands)):
+        middles = step * dt + slice_ * (np.arange(round(dt / slice_)) + 0.5) - latency
+        given = np.floor(middles / (steps * dt)).astype(int)
+        speeds = np.where(given[:, None] < 0, np.sqrt(1 / c["k_F"]), np.sqrt(commands[np.maximum(given, 0)]))
+        arriving.append(speeds.mean(axis=0))
+    return np.array(arriving)
+
+
+def fly(integrate, state, speeds, dt, c):
+    """States after each physics step under these rotor speed commands: a list of arrays r, v, q, omega, nu."""
     flown = []
-    hover = np.sqrt(1 / c["k_F"])
-    for period in range(len(commands)):
-        for step in range(steps):
-            middles = (period * steps + step) * dt + slice_ * (np.arange(round(dt / slice_)) + 0.5) - latency
-            given = np.floor(middles / (steps * dt)).astype(int)
-            speeds = np.where(given[:, None] < 0, hover, np.sqrt(commands[np.maximum(given, 0)]))
-            state = integrate(state, speeds.mean(axis=0), c, dt)
+    for target in speeds:
+        state = integrate(state, target, c, dt)
         flown.append(state)
-    return flown
+    return [np.array(column) for column in zip(*flown, strict=True)]

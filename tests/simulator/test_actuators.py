@@ -74,6 +74,7 @@ def test_a_sagging_battery_weakens_a_sudden_command_until_the_firmware_has_seen_
     memory = actuators.switched_on(jnp.float32(0.2), weak, True)
     command = jnp.full(4, 0.6)
     memory, first = actuate(memory, command, np.float32(0.01), weak, jax.random.key(0), True)
+    later = first
     for _ in range(5):
         memory, later = actuate(memory, command, np.float32(0.01), weak, jax.random.key(0), True)
     assert np.all(np.square(first) < 0.58)

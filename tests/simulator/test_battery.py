@@ -5,20 +5,21 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from arrays import float32, float64
 from hypothesis import given
 
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.simulator import battery
 
-commands = st.tuples(*[st.floats(0, 1, width=32)] * 4).map(np.float32)
-voltages = st.floats(3.0, 4.25, width=32).map(np.float32)
+commands = st.tuples(*[st.floats(0, 1, width=32)] * 4).map(float32)
+voltages = st.floats(3.0, 4.25, width=32).map(float32)
 motor_ratio = jax.jit(battery.motor_ratio)
 thrust_command = jax.jit(battery.thrust_command)
 
 
 def needed_volts(command):
     """Motor voltage that the firmware computes for u."""
-    grams = 60 * (60000 / 65536) * np.float64(command)
+    grams = 60 * (60000 / 65536) * float64(command)
     return -0.0006239 * grams**2 + 0.088 * grams
 
 
@@ -28,8 +29,8 @@ def needed_volts(command):
     [(1.0, 4.2, 179), (1.0, 3.2, 236), (0.5, 3.7, 134), (0.5, 4.2, 118), (0.25, 3.0, 93), (0.0, 3.7, 0), (1.0, 2.6, 255)],
 )
 def test_the_ratio_is_the_firmwares(command, voltage, steps):
-    found = battery.motor_ratio(np.full(4, command, np.float32), np.float32(voltage))
-    np.testing.assert_array_equal(found, np.float32(steps / 256))
+    found = battery.motor_ratio(np.full(4, command, np.float32), float32(voltage))
+    np.testing.assert_array_equal(found, float32(steps / 256))
 
 
 @given(commands, voltages)
@@ -64,14 +65,14 @@ def test_numpy_and_jax_agree(command, voltage):
 
 def test_a_low_battery_saturates_and_has_less_thrust_than_commanded():
     full = np.ones(4, np.float32)
-    ratio = battery.motor_ratio(full, np.float32(2.6))
-    np.testing.assert_array_equal(ratio, np.float32(255 / 256))
-    np.testing.assert_array_less(battery.thrust_command(ratio, np.float32(2.6)), 0.85)
-    np.testing.assert_array_less(battery.motor_ratio(full, np.float32(3.2)), 255 / 256)
+    ratio = battery.motor_ratio(full, float32(2.6))
+    np.testing.assert_array_equal(ratio, float32(255 / 256))
+    np.testing.assert_array_less(battery.thrust_command(ratio, float32(2.6)), 0.85)
+    np.testing.assert_array_less(battery.motor_ratio(full, float32(3.2)), 255 / 256)
 
 
 def test_a_motor_that_is_off_gives_no_thrust():
-    np.testing.assert_array_equal(battery.thrust_command(np.zeros(4, np.float32), np.float32(3.7)), 0)
+    np.testing.assert_array_equal(battery.thrust_command(np.zeros(4, np.float32), float32(3.7)), 0)
 
 
 def test_thrust_grows_with_ratio_and_stays_in_range_at_any_voltage():

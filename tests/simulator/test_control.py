@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from arrays import float32
 from hypothesis import given
 
 from maidenflight.parameters import crazyflie, noiseless, replace
@@ -33,7 +34,7 @@ def fly_pid(radius, parameters, seconds):
     return flown.state
 
 
-@given(st.tuples(*[st.floats(-3, 3, width=16)] * 4).map(np.float32))
+@given(st.tuples(*[st.floats(-3, 3, width=16)] * 4).map(float32))
 def test_pwm_maps_actions_from_minus_one_to_one_onto_thrust(action):
     _, command = control.pwm().command(None, jnp.asarray(action), None, None)  # type: ignore[arg-type]
     np.testing.assert_allclose(command, (np.clip(action, -1, 1) + 1) / 2, atol=1e-6)
@@ -49,7 +50,7 @@ def test_a_pid_is_proportional_integral_and_derivative_by_hand():
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_the_integral_stops_at_its_limit(sign):
-    memory = PIDMemory(jnp.zeros(3), jnp.zeros(3))
+    memory, output = PIDMemory(jnp.zeros(3), jnp.zeros(3)), jnp.zeros(3)
     for _ in range(5):
         memory, output = pid(memory, jnp.full(3, 10.0 * sign), GAINS, 0.01)
     np.testing.assert_allclose(memory.integral, sign * np.array([0.3, 0.2, 0.1]), rtol=1e-6)
@@ -79,9 +80,8 @@ def test_the_position_pid_flies_the_circle_as_small_and_as_late_as_the_firmware(
     """Measured of the stock firmware: radius 0.237 to 0.25 m, 57 deg = 0.48 s behind (crazyflie.md, section 2)."""
     position = np.asarray(fly_pid(jnp.float32(0.25), QUICK, 12).position)[600:]
     time = 0.01 * np.arange(600, 1200)
-    first_harmonic = 2 * np.mean((position[:, 0] + 1j * position[:, 1]) * np.exp(2j * np.pi * time / 3.0)) / 2
+    first_harmonic = np.mean((position[:, 0] + 1j * position[:, 1]) * np.exp(2j * np.pi * time / 3.0))
     lag = np.angle(-first_harmonic) * 3.0 / (2 * np.pi)  # The reference is r - r exp(-i w t).
-    print(f"radius {abs(first_harmonic):.4f} m, lag {lag:.4f} s, height {position[:, 2].min():.3f} to {position[:, 2].max():.3f} m")
     assert 0.23 < abs(first_harmonic) < 0.25
     assert 0.45 < lag < 0.51
     np.testing.assert_allclose(position.mean(axis=0), [0.25, 0, 1], atol=0.02)

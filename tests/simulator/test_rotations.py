@@ -4,6 +4,7 @@ import hypothesis.strategies as st
 import jax
 import jax.numpy as jnp
 import numpy as np
+from arrays import float32, float64
 from hypothesis import given
 from scipy.spatial.transform import Rotation
 
@@ -17,12 +18,12 @@ normalise = jax.jit(rotations.normalise)
 body_z = jax.jit(rotations.body_z)
 
 angle = st.floats(-3, 3, width=16)
-attitudes = st.tuples(angle, st.floats(-1.5, 1.5, width=16), angle).map(np.float32)
-vectors = st.tuples(*[st.floats(-10, 10, width=16)] * 3).map(np.float32)
+attitudes = st.tuples(angle, st.floats(-1.5, 1.5, width=16), angle).map(float32)
+vectors = st.tuples(*[st.floats(-10, 10, width=16)] * 3).map(float32)
 
 
 def scipy_rotation(attitude):
-    return Rotation.from_euler("ZYX", np.float64(attitude)[::-1])
+    return Rotation.from_euler("ZYX", float64(attitude)[::-1])
 
 
 @given(attitudes)
@@ -71,7 +72,7 @@ def test_positive_pitch_is_nose_down_and_positive_roll_is_left_side_up():
 @given(attitudes, vectors)
 def test_the_derivative_is_the_slope_of_a_rotation_about_body_axes(attitude, rates):
     turn, h = scipy_rotation(attitude), 1e-4
-    before, after = ((turn * Rotation.from_rotvec(sign * h * np.float64(rates))).as_quat() for sign in (-1, 1))
+    before, after = ((turn * Rotation.from_rotvec(sign * h * float64(rates))).as_quat() for sign in (-1, 1))
     after *= np.sign(before @ after)
     quaternion = np.asarray(from_attitude(attitude))
     slope = (after - before) / (2 * h) * np.sign(before @ quaternion)
@@ -81,4 +82,4 @@ def test_the_derivative_is_the_slope_of_a_rotation_about_body_axes(attitude, rat
 @given(attitudes, st.floats(0.125, 10, width=16))
 def test_normalise_keeps_the_direction_and_makes_the_length_one(attitude, length):
     quaternion = from_attitude(attitude)
-    np.testing.assert_allclose(normalise(np.float32(length) * quaternion), quaternion, atol=1e-6)
+    np.testing.assert_allclose(normalise(float32(length) * quaternion), quaternion, atol=1e-6)

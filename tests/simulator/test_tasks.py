@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from arrays import float32
 from hypothesis import given
 
 from maidenflight.parameters import crazyflie, replace
@@ -12,15 +13,15 @@ from maidenflight.simulator import dynamics, rotations, tasks, trajectories
 
 PAPER = crazyflie()
 CIRCLE = tasks.circle()
-SETPOINT = np.float32([0.1, 0.2, 1.0])
+SETPOINT = float32([0.1, 0.2, 1.0])
 reward = jax.jit(tasks.paper_reward)
 too_far = jax.jit(tasks.too_far)
-vectors = st.tuples(*[st.floats(-2, 2, width=16)] * 3).map(np.float32)
-actions = st.tuples(*[st.floats(-2, 2, width=16)] * 4).map(np.float32)
+vectors = st.tuples(*[st.floats(-2, 2, width=16)] * 3).map(float32)
+actions = st.tuples(*[st.floats(-2, 2, width=16)] * 4).map(float32)
 
 
 def away(offset, body_rates=(0, 0, 0)):
-    return dynamics.at_hover(jnp.asarray(SETPOINT + np.float32(offset)), PAPER)._replace(body_rates=jnp.asarray(np.float32(body_rates)))
+    return dynamics.at_hover(jnp.asarray(SETPOINT + float32(offset)), PAPER)._replace(body_rates=jnp.asarray(float32(body_rates)))
 
 
 @given(vectors, vectors, actions, actions)
@@ -36,7 +37,7 @@ def test_the_reward_is_the_papers_with_its_penalties_negative(offset, rates, act
 @pytest.mark.parametrize("direction", [(1, 0, 0), (0, -1, 0), (0, 0, 1), (0.6, 0, -0.8)])
 @pytest.mark.parametrize(("distance", "over"), [(0.249, False), (0.251, True)])
 def test_an_episode_fails_a_quarter_metre_from_the_setpoint_and_that_costs_a_hundred(direction, distance, over):
-    state = away(distance * np.float32(direction))
+    state = away(distance * float32(direction))
     assert bool(too_far(state, SETPOINT)) is over
     assert (float(reward(state, SETPOINT, np.zeros(4, np.float32), np.zeros(4, np.float32))) < -100) is over
 

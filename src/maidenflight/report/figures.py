@@ -3,6 +3,7 @@
 Colours are the names of CSS variables, `var(--blue)`; the page's script puts in what they mean in light, in dark and in print.
 """
 
+import html
 from collections.abc import Mapping
 from typing import Any
 
@@ -18,13 +19,19 @@ FEW = 12
 """Up to this many rows of flight times are shown one by one."""
 CLIP = 10.0
 """Objectives further than this above the best share one colour [%]."""
-_SYMBOLS = {"time limit": "circle", "position error": "x", "tilt": "triangle-up", "body rate": "diamond", "not finite": "square"}
-_COLOURS = ("var(--blue)", "var(--orange)", "var(--green)", "var(--purple)", "var(--ink)")
+_MARKS = {
+    "time limit": ("circle", "var(--blue)"),
+    "position error": ("x", "var(--orange)"),
+    "tilt": ("triangle-up", "var(--purple)"),
+    "body rate": ("diamond", "var(--green)"),
+    "not finite": ("square", "var(--ink)"),
+}
+"""Symbol and colour of a flight, by why it ended."""
 
 
 def _axis(title: str, **more: Any) -> Figure:
     return {
-        "title": {"text": title, "standoff": 8},
+        "title": {"text": title, "standoff": 8, "font": {"size": 13}},
         "gridcolor": "var(--grid)",
         "linecolor": "var(--line)",
         "tickcolor": "var(--line)",
@@ -85,6 +92,7 @@ def valley(run: Run) -> Figure | None:
         {
             "name": "evaluation",
             "mode": "markers",
+            "showlegend": False,
             "x": _rounded(lag, 2),
             "y": _rounded(delay, 2),
             "customdata": _rounded(above, 2),
@@ -96,7 +104,7 @@ def valley(run: Run) -> Figure | None:
                 "colorscale": [[0, "var(--low)"], [0.5, "var(--middle)"], [1, "var(--high)"]],
                 "line": {"width": 0.5, "color": "var(--line)"},
                 "colorbar": {
-                    "title": {"text": "objective above the best [%]", "side": "right"},
+                    "title": {"text": "objective above the best [%]", "side": "right", "font": {"size": 13}},
                     "thickness": 10,
                     "outlinewidth": 0,
                     "tickvals": [0, 2.5, 5, 7.5, 10],
@@ -210,8 +218,9 @@ def durations(run: Run) -> Figure | None:
         spots.append(round(place[name] - 0.32 + 0.64 * (height[name] - 0.5) / count[name], 3))
     rows = rows.with_columns(polars.Series("spot", spots))
     traces = []
-    for number, (reason, part) in enumerate(rows.group_by("end_reason", maintain_order=True)):
-        name = "reached the time limit" if reason[0] == "time limit" else f"ended by {reason[0]}"
+    for reason, part in rows.group_by("end_reason", maintain_order=True):
+        symbol, colour = _MARKS.get(str(reason[0]), ("star", "var(--ink)"))
+        name = "reached the time limit" if reason[0] == "time limit" else f"ended by {html.escape(str(reason[0]))}"
         traces.append(
             {
                 "name": name,
@@ -219,13 +228,20 @@ def durations(run: Run) -> Figure | None:
                 "x": _rounded(part["duration"], 3),
                 "y": part["spot"].to_list(),
                 "customdata": part["flight"].to_list(),
-                "marker": {"symbol": _SYMBOLS.get(reason[0], "star"), "size": 9, "color": _COLOURS[number % len(_COLOURS)]},
+                "marker": {"symbol": symbol, "size": 9, "color": colour},
                 "cliponaxis": False,
                 "hovertemplate": f"flight %{{customdata}}: %{{x:.2f}} s, {name}<extra></extra>",
             }
         )
     longest = float(rows["duration"].to_numpy().max())
-    y = _axis("", tickvals=list(place.values()), ticktext=names, range=[-0.6, len(names) - 0.4], showgrid=True, showline=False)
+    y = _axis(
+        "",
+        tickvals=list(place.values()),
+        ticktext=[html.escape(name) for name in names],
+        range=[-0.6, len(names) - 0.4],
+        showgrid=True,
+        showline=False,
+    )
     x = _axis("flight time [s]", range=[0, round(longest * 1.04, 3)])
     legend = {"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom"}
     return _figure(traces, x, y, 110 + 44 * len(names), showlegend=True, legend=legend, margin={"l": 48, "r": 12, "t": 34, "b": 44})

@@ -22,7 +22,7 @@ from maidenflight.flights.log import Flight
 from maidenflight.parameters import QUANTITIES, Parameters
 from maidenflight.transfer.flying import Transfer
 
-FLIGHT_COLUMNS = {
+FLIGHT_COLUMNS: dict[str, Any] = {
     "flight": polars.Int64,
     "policy": polars.String,
     "reality": polars.String,
@@ -32,7 +32,10 @@ FLIGHT_COLUMNS = {
     "position_error": polars.Float64,
 }
 """Columns of `flights.csv` and their kinds."""
-TRAINING_COLUMNS = dict.fromkeys(("steps", "policy", "episode_return", "survival", "position_error"), polars.Float64)
+TRAINING_COLUMNS: dict[str, Any] = dict.fromkeys(("steps", "policy", "episode_return", "survival", "position_error"), polars.Float64)
+"""Columns of `training.csv` and their kinds."""
+MOST = 30
+"""Flights that the viewer holds; more would make the page heavy."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +69,12 @@ class Run:
     """How each file was made, by the file's name."""
     seconds: Mapping[str, float] = field(default_factory=dict)
     """Wall time of each stage."""
+
+    @property
+    def known(self) -> bool:
+        """Whether there is anything to show."""
+        tables = (self.reality, self.drone, self.search, self.training, self.table)
+        return any(part is not None for part in tables) or bool(self.recorded or self.policies)
 
 
 def of_transfer(flown: Transfer) -> Run:
@@ -107,7 +116,7 @@ def read(folder: Path) -> Run:
         records=records,
         seconds={str(stage): float(seconds) for stage, seconds in stages.items()} if isinstance(stages, dict) else {},
     )
-    if found == Run():
+    if not found.known:
         raise InputError(
             f"{folder}: nothing of a run in this folder; expected reality.toml, recorded/, drone.toml, identification.csv, policies/,"
             " transfer/ or flights.csv."
@@ -194,7 +203,9 @@ def _columns(frame: polars.DataFrame, columns: Mapping[str, Any], where: str) ->
         problem = f"missing column {', '.join(missing)}" if missing else "no rows"
         raise InputError(f"{where}: {problem}; expected a table with {', '.join(columns)}.")
     try:
-        return frame.with_columns(polars.col(name).cast(kind) for name, kind in columns.items())
+        numbers = {name: polars.col(name).cast(kind) for name, kind in columns.items()}
+        floats = {name: numbers[name].fill_null(float("nan")) for name, kind in columns.items() if kind == polars.Float64}
+        return frame.with_columns(**(numbers | floats))
     except polars.exceptions.PolarsError as error:
         raise InputError(f"{where}: {str(error).splitlines()[0]}; expected numbers in the columns of numbers.") from error
 
@@ -203,4 +214,9 @@ def usable(flight: Flight) -> slice:
     """The rows before the first one that is not finite; a flight may end in such."""
     rows = np.concatenate([flight.position, flight.attitude, flight.command], axis=1)
     bad = ~np.isfinite(rows).all(axis=1)
-    return slice(0, int(np.argmax(bad)) if bad.any() else len(bad))
+    return slice(0, int(np.argmax(bad)) if bad.any() else len(flight))
+
+
+def viewable(run: Run) -> list[int]:
+    """Rows of the table whose flights the viewer holds: the first `MOST` of those that have a log with anything in it."""
+    return [number for number, flight in enumerate(run.flights) if usable(flight).stop > 1][:MOST]

@@ -11,7 +11,10 @@ from typing import Any
 
 from maidenflight.parameters import QUANTITIES
 
-_GREEK = {"Delta": "Δ", "sigma": "σ", "theta": "θ", "tau": "τ", "phi": "φ", "omega": "ω"}
+NOTHING = "\N{EN DASH}"
+"""Stands for a number that is not known."""
+
+_GREEK = {"Delta": "Δ", "sigma": "\N{GREEK SMALL LETTER SIGMA}", "theta": "θ", "tau": "τ", "phi": "φ", "omega": "ω"}
 
 
 def symbol(name: str) -> str:
@@ -31,7 +34,7 @@ def unit(name: str) -> str:
     if factor(name) != 1.0:
         return "ms"
     shown = QUANTITIES[name].unit.replace("sqrt(Hz)", "√Hz")
-    return "" if shown == "-" else re.sub(r"(?<=[a-z])2", "²", shown).replace("kg m²", "kg m²").replace("N m", "N m")
+    return "" if shown == "-" else re.sub(r"(?<=[a-z])2", "²", shown)
 
 
 def places(width: float) -> int:
@@ -43,12 +46,12 @@ def number(value: Any, digits: int = 4) -> str:
     """A number in few digits, without trailing zeros."""
     value = float(value)
     if not math.isfinite(value):
-        return "–"
+        return NOTHING
     shown = f"{value:.{digits}g}"
     if "e" in shown:
         mantissa, exponent = shown.split("e")
-        return f"{mantissa} × 10<sup>{int(exponent)}</sup>".replace("-", "−")
-    return shown.replace("-", "−")
+        return f"{mantissa} \N{MULTIPLICATION SIGN} 10<sup>{int(exponent)}</sup>".replace("-", "\N{MINUS SIGN}")
+    return shown.replace("-", "\N{MINUS SIGN}")
 
 
 def plural(count: int, noun: str) -> str:

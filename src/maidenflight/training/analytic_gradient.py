@@ -142,7 +142,7 @@ def _update(simulated: Environment, settings: AnalyticGradient, box: RelativeBox
 
     gradient, episodes = jax.grad(cost, has_aux=True)(_network(learner.policy))
     # A step whose gradient overflowed all the same is left out.
-    usable = jnp.isfinite(optax.global_norm(gradient))
+    usable = jnp.isfinite(optax.tree.norm(gradient))
     gradient = tree.map(lambda g: jnp.where(usable, g, 0.0), gradient)
     changes, optimiser = _optimiser(settings).update(gradient, learner.optimiser)
     policy = _with_network(learner.policy, optax.apply_updates(_network(learner.policy), changes))  # type: ignore[arg-type]

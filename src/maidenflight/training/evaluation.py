@@ -47,7 +47,7 @@ def evaluate(simulated: Environment, policy: Policy, box: RelativeBox, key: Arra
         distance = jnp.linalg.norm(outcome.setpoint[:-1] - before.state.position[1:], axis=1)
         flying = ~failed[:-1]
         total = jnp.sum(jnp.where(counted, outcome.reward, 0.0))
-        return total, ~failed[-1], jnp.sum(jnp.where(flying, distance, 0.0)), jnp.sum(flying)
+        return total, ~failed[-1], jnp.sum(jnp.where(flying, distance, 0.0)), jnp.sum(flying, dtype=jnp.float32)
 
     total, survived, distance, count = jax.vmap(one)(jax.random.split(key, episodes))
-    return Evaluation(jnp.mean(total), jnp.mean(survived), jnp.sum(distance) / jnp.maximum(jnp.sum(count), 1))
+    return Evaluation(jnp.mean(total), jnp.mean(survived), jnp.sum(distance) / jnp.maximum(jnp.sum(count), 1.0))

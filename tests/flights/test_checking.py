@@ -1,0 +1,147 @@
+"""Checking: a fault costs its own rows and a note, a wrong unit costs the file, and a clean flight costs nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_flights import calm, same
+
+from maidenflight.errors import InputError
+from maidenflight.flights import checking
+
+
+def spoilt(group, column, value, rows=slice(80, 86), flight=None):
+    """A calm flight, one column of it overwritten in some rows."""
+    flight = flight or calm(rows=200)
+    values = getattr(flight, group).copy()
+    values[rows, column] = value
+    return replace(flight, **{group: values})
+
+
+def part(flight, start, stop):
+    groups = ("position", "velocity", "attitude", "body_rates", "command", "battery", "setpoint")
+    return replace(flight, **{group: getattr(flight, group)[start:stop] for group in groups})
+
+
+def test_a_clean_flight_passes_whole_and_without_notes():
+    kept, notes = checking.pieces(calm(rows=200))
+    assert notes == []
+    assert [len(piece) for piece in kept] == [200]
+    assert same(kept[0], calm(rows=200))
+    assert (kept[0].name, kept[0].held, kept[0].period) == ("calm", True, 0.01)
+
+
+FAULTS = [
+    *[(group, 2, value, "not a finite number") for group in ("position", "velocity", "attitude", "body_rates") for value in (np.nan, np.inf)],
+    ("command", 3, np.nan, "not a finite number"),
+    ("attitude", 0, 1.06, "tilt above 60 deg"),
+    ("attitude", 1, -1.06, "tilt above 60 deg"),
+    ("body_rates", 2, -25.5, "body rate above 25 rad/s"),
+    ("position", 2, 0.09, "below 0.1 m"),
+    ("command", slice(None), 0.0, "motors off"),
+]
+
+
+@pytest.mark.parametrize(("group", "column", "value", "words"), FAULTS)
+def test_a_fault_drops_exactly_its_rows_and_says_so(group, column, value, words):
+    flight = spoilt(group, column, value)
+    kept, notes = checking.pieces(flight)
+    assert notes == [f"calm: 6 rows dropped: {words}"]
+    assert [len(piece) for piece in kept] == [80, 114]
+    assert same(kept[0], part(flight, 0, 80))
+    assert same(kept[1], part(flight, 86, 200))
+
+
+@pytest.mark.parametrize(
+    ("group", "column", "value"),
+    [("attitude", 2, 3.1), ("attitude", 0, 1.04), ("body_rates", 0, 24.5), ("position", 2, 0.11), ("command", 1, 0.0), ("battery", slice(None), np.nan)],
+)
+def test_what_only_looks_bold_is_kept(group, column, value):
+    flight = calm(rows=200)
+    if group == "battery":
+        flight = replace(flight, battery=np.full(200, np.nan, np.float32))
+    else:
+        flight = spoilt(group, column, value)
+    kept, notes = checking.pieces(flight)
+    assert (len(kept), len(kept[0]), notes) == (1, 200, [])
+
+
+def test_a_row_with_two_faults_is_counted_once():
+    _, notes = checking.pieces(spoilt("position", 2, 0.0, flight=spoilt("attitude", 0, 1.2)))
+    assert notes == ["calm: 6 rows dropped: tilt above 60 deg"]
+
+
+def test_faults_at_both_ends_leave_the_middle():
+    flight = spoilt("position", 2, 0.02, slice(0, 30), spoilt("command", slice(None), 0.0, slice(180, 200)))
+    kept, notes = checking.pieces(flight)
+    assert [len(piece) for piece in kept] == [150]
+    assert notes == ["calm: 30 rows dropped: below 0.1 m", "calm: 20 rows dropped: motors off"]
+
+
+@pytest.mark.parametrize(("shortest", "lengths"), [(50, [80, 114]), (80, [80, 114]), (81, [114]), (115, [])])
+def test_pieces_that_are_too_short_are_dropped_with_a_note(shortest, lengths):
+    kept, notes = checking.pieces(spoilt("position", 2, 0.0), shortest)
+    assert [len(piece) for piece in kept] == lengths
+    short = [f"calm: {rows} rows dropped: a piece shorter than {shortest * 0.01:g} s" for rows in (80, 114) if rows not in lengths]
+    assert notes[1:] == short
+
+
+@pytest.mark.parametrize(
+    ("group", "factor", "words"),
+    [
+        ("attitude", 180 / np.pi, ["roll, pitch", "expected rad,", "degrees"]),
+        ("body_rates", 180 / np.pi, ["body_rate", "expected rad/s,", "degrees a second"]),
+        ("command", 65535.0, ["command", r"in \[0, 1\]", "PWM counts"]),
+        ("position", 1000.0, ["position", "expected m,", "millimetres"]),
+    ],
+)
+def test_a_wrong_unit_is_refused_with_the_right_one(group, factor, words):
+    flight = calm(rows=200)
+    wrong = replace(flight, **{group: getattr(flight, group) * np.float32(factor)})
+    with pytest.raises(InputError, match="calm: " + ".*".join(words)):
+        checking.pieces(wrong)
+
+
+def test_a_flight_without_one_finite_number_has_no_pieces():
+    empty = np.full((200, 3), np.nan, np.float32)
+    kept, notes = checking.pieces(calm(rows=200, position=empty, attitude=empty))
+    assert kept == []
+    assert notes == ["calm: 200 rows dropped: not a finite number"]
+
+
+def clock(rows=200):
+    return np.arange(rows) * 0.01
+
+
+def test_a_steady_clock_cuts_nothing():
+    parts, notes = checking.at_gaps(calm(rows=200), clock() + 3.0)
+    assert [len(piece) for piece in parts] == [200]
+    assert notes == []
+
+
+@pytest.mark.parametrize("jump", [0.02, 5.0, -0.4])
+def test_missing_rows_and_time_running_backwards_cut_the_flight(jump):
+    time = clock()
+    time[70:] += jump
+    parts, notes = checking.at_gaps(calm(rows=200), time)
+    assert [len(piece) for piece in parts] == [70, 130]
+    assert same(parts[1], part(calm(rows=200), 70, 200))
+    assert notes == [f"calm: cut at 1 jumps of time (largest {0.01 + jump:.3f} s at t = 0.69 s)"]
+
+
+def test_jitter_of_less_than_half_a_period_cuts_nothing():
+    jitter = np.random.default_rng(0).uniform(-0.0024, 0.0024, 200)
+    assert len(checking.at_gaps(calm(rows=200), clock() + jitter)[0]) == 1
+
+
+@pytest.mark.parametrize("time", [np.cumsum(np.tile([0.001, 0.02, 0.1, 0.4], 50)), np.zeros(200)])
+def test_rows_at_no_steady_rate_are_refused(time):
+    with pytest.raises(InputError, match="not equally spaced"):
+        checking.at_gaps(calm(rows=200, period=float(np.median(np.diff(time)))), time)
+
+
+def test_a_row_without_a_time_is_refused_by_its_number():
+    time = clock()
+    time[41] = np.nan
+    with pytest.raises(InputError, match="row 42"):
+        checking.at_gaps(calm(rows=200), time)

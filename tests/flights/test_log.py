@@ -1,0 +1,129 @@
+"""Our own log format: what is written is read back, and what is not a log is refused in words."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from made_flights import calm
+
+from maidenflight.errors import InputError
+from maidenflight.flights import log
+
+
+def numbers(rows, columns=None):
+    elements = st.floats(-100, 100, width=32)
+    return arrays(np.float32, rows if columns is None else (rows, columns), elements=elements)
+
+
+@st.composite
+def flights(draw):
+    rows = draw(st.integers(2, 12))
+    groups = {"position": 3, "velocity": 3, "attitude": 3, "body_rates": 3, "command": 4}
+    unknown = st.just(np.float32("nan"))
+    return log.Flight(
+        name="made",
+        period=draw(st.sampled_from([0.001, 0.002, 0.005, 0.01, 0.02, 1 / 30])),
+        **{group: draw(numbers(rows, columns)) for group, columns in groups.items()},
+        battery=draw(arrays(np.float32, rows, elements=st.floats(0, 10, width=32) | unknown)),
+        setpoint=draw(arrays(np.float32, (rows, 3), elements=st.floats(-10, 10, width=32) | unknown)),
+        held=draw(st.booleans()),
+        simulated=draw(st.sampled_from(["", "virtual-3", "a: b"])),
+    )
+
+
+@given(flights())
+def test_a_written_flight_is_read_back_to_a_millionth(flight):
+    again = log.from_csv(log.to_csv(flight), "made")
+    assert (again.held, again.simulated, again.name, len(again)) == (flight.held, flight.simulated, "made", len(flight))
+    assert again.period == pytest.approx(flight.period, abs=1e-6)
+    for group in ("position", "velocity", "attitude", "body_rates", "command", "battery", "setpoint"):
+        before, after = getattr(flight, group), getattr(again, group)
+        assert after.dtype == np.float32
+        np.testing.assert_allclose(after, before, rtol=0, atol=1e-6, equal_nan=True)
+
+
+def test_a_battery_and_a_setpoint_that_nobody_knows_survive():
+    unknown = calm(battery=np.full(120, np.nan, np.float32), setpoint=np.full((120, 3), np.nan, np.float32))
+    again = log.from_csv(log.to_csv(unknown), "made")
+    assert np.isnan(again.battery).all()
+    assert np.isnan(again.setpoint).all()
+    assert not np.isnan(again.position).any()
+
+
+def test_a_flight_of_one_row_is_read():
+    again = log.from_csv(log.to_csv(calm(rows=1)), "made")
+    assert len(again) == 1
+
+
+def test_a_held_command_is_its_own_mean():
+    flight = calm(held=True)
+    np.testing.assert_array_equal(flight.mean_command, flight.command)
+
+
+def test_a_sampled_command_is_averaged_with_the_next_one():
+    flight = calm(held=False)
+    np.testing.assert_allclose(flight.mean_command[:-1], (flight.command[:-1] + flight.command[1:]) / 2)
+    np.testing.assert_array_equal(flight.mean_command[-1], flight.command[-1])
+
+
+def test_duration_is_rows_times_period():
+    assert calm(rows=150).duration == pytest.approx(1.5)
+
+
+def test_a_file_says_what_it_is_and_in_which_units():
+    lines = log.to_csv(calm(held=False, simulated="virtual-3"), {"seed": 7}).split("\n")
+    assert lines[0].startswith(log.MARK)
+    for quantity in ("time s;", "position m ", "velocity m/s ", "yaw rad ", "body_rate rad/s,", r"u in \[0, 1\]", "battery V;", "setpoint m$"):
+        assert re.search(quantity, lines[0]), quantity
+    assert lines[1:3] == ["# commands: sampled", "# simulated: virtual-3"]
+    assert json.loads(lines[3].removeprefix("# record: ")) == {"seed": 7}
+    assert lines[4].split(",") == [column for group in log.GROUPS.values() for column in group]
+    assert len(lines) == 5 + 120 + 1
+
+
+def test_the_same_flight_makes_the_same_bytes(tmp_path):
+    paths = [log.write(tmp_path / name, calm(), {"b": 1, "a": 2}) for name in ("one.csv", "two.csv")]
+    assert paths[0].read_bytes() == paths[1].read_bytes() == log.to_csv(calm(), {"b": 1, "a": 2}).encode()
+
+
+@pytest.mark.parametrize("column", ["time", "position_x", "roll", "body_rate_z", "command_4", "battery", "setpoint_y"])
+def test_a_missing_column_is_named(column):
+    with pytest.raises(InputError, match=rf"x\.csv: missing column {column};"):
+        log.from_csv(log.to_csv(calm()).replace(column, "something_else"), "x.csv")
+
+
+def test_text_in_a_numeric_column_is_named():
+    lines = log.to_csv(calm()).split("\n")
+    lines[9] = lines[9].replace(lines[9].split(",")[2], "left", 1)
+    with pytest.raises(InputError, match=r"x\.csv: column position_y .*not a number"):
+        log.from_csv("\n".join(lines), "x.csv")
+
+
+def test_the_text_in_a_numeric_column_is_shown():
+    lines = log.to_csv(calm()).split("\n")
+    lines[9] = lines[9].replace(lines[9].split(",")[2], "left", 1)
+    with pytest.raises(InputError, match="'left'"):
+        log.from_csv("\n".join(lines), "x.csv")
+
+
+def test_a_file_without_rows_is_refused():
+    with pytest.raises(InputError, match=r"x\.csv: no rows"):
+        log.from_csv("\n".join(log.to_csv(calm()).split("\n")[:5]) + "\n", "x.csv")
+
+
+@pytest.mark.parametrize("line", ["", "# commands: often\n"])
+def test_commands_must_be_held_or_sampled(line):
+    with pytest.raises(InputError, match="'# commands: held' or '# commands: sampled'"):
+        log.from_csv(log.to_csv(calm()).replace("# commands: held\n", line), "x.csv")
+
+
+@pytest.mark.parametrize("text", ["", "\n", "\x00\x01\x02", "a" * 1000, "a,b\n1\n2,3,4\n", '"', "# commands: held"])
+def test_what_is_no_table_is_refused(text):
+    with pytest.raises(InputError, match=r"x\.csv"):
+        log.from_csv(text, "x.csv")
+    with pytest.raises(InputError, match=r"x\.csv"):
+        log.numbers(text, "x.csv", ["time"])

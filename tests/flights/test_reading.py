@@ -1,0 +1,187 @@
+"""Reading files and folders: every format is recognised, and whatever else lies there is an InputError or ignored."""
+
+import gzip
+import warnings
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from made_flights import AUTHORS, authors_columns, authors_text, calm, same
+
+from maidenflight.errors import InputError
+from maidenflight.flights import log
+from maidenflight.flights.reading import Flights, read_flights
+
+
+@cache
+def ours(rows=80, seed=0):
+    return log.to_csv(calm(rows=rows, seed=seed)).encode()
+
+
+@cache
+def theirs(rows=80):
+    return authors_text(authors_columns(rows=rows)).encode()
+
+
+def put(path, content):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(content)
+    return path
+
+
+@pytest.mark.parametrize("name", ["a.csv", "a.csv.gz"])
+@pytest.mark.parametrize("content", [ours, theirs])
+def test_one_file_of_either_format_is_read_plain_or_compressed(tmp_path, name, content):
+    data = content()
+    path = put(tmp_path / "day" / name, gzip.compress(data) if name.endswith("gz") else data)
+    read = read_flights(path)
+    assert (len(read), read.notes, read.paths) == (1, (), (path,))
+    assert read.flights[0].name == f"day/{name}"
+    assert read.duration == pytest.approx(0.8)
+    assert same(read.flights[0], read_flights(put(tmp_path / "plain.csv", data)).flights[0])
+
+
+def test_a_folder_is_searched_to_its_depth_in_the_order_of_names(tmp_path):
+    put(tmp_path / "b" / "2.csv.gz", gzip.compress(ours(90)))
+    put(tmp_path / "b" / "deep" / "er" / "1.csv", ours(100))
+    put(tmp_path / "a.csv", theirs(70))
+    put(tmp_path / "b" / "notes.txt", b"no log")
+    seen = []
+    read = read_flights(tmp_path, lambda done, all_: seen.append((done, all_)))
+    assert [len(flight) for flight in read] == [70, 90, 100]
+    assert [path.name for path in read.paths] == ["a.csv", "2.csv.gz", "1.csv"]
+    assert seen == [(1, 3), (2, 3), (3, 3)]
+
+
+@pytest.mark.parametrize("table", [b"policy,return\n1,2\n", b"", b"\n\n", gzip.compress(b"policy,return\n1,2\n")])
+def test_other_tables_in_a_folder_are_ignored(tmp_path, table):
+    put(tmp_path / "flight.csv", ours())
+    put(tmp_path / ("results.csv.gz" if table[:2] == b"\x1f\x8b" else "results.csv"), table)
+    assert [path.name for path in read_flights(tmp_path).paths] == ["flight.csv"]
+
+
+def test_a_log_with_its_columns_in_another_order_is_read_in_a_folder_too(tmp_path):
+    columns, names = authors_columns(rows=80), AUTHORS.split(",")
+    text = authors_text(columns[:, ::-1]).replace(AUTHORS, ",".join(names[::-1]))
+    path = put(tmp_path / "reversed.csv", text.encode())
+    assert len(read_flights(path)) == 1
+    assert len(read_flights(tmp_path)) == 1
+
+
+def test_notes_of_all_files_are_kept(tmp_path):
+    lines = ours(200).decode().split("\n")
+    put(tmp_path / "gap.csv", "\n".join(lines[:100] + lines[120:]).encode())
+    put(tmp_path / "short.csv", ours(40))
+    read = read_flights(tmp_path)
+    assert [len(flight) for flight in read] == [95, 85]
+    assert len(read.notes) == 2
+    assert "cut at 1 jumps" in read.notes[0]
+    assert "40 rows dropped" in read.notes[1]
+
+
+REFUSED = {
+    "an unknown format": (b"t,x,y\n1,2,3\n", "unknown format.*'t,x,y'.*maidenflight flight 1.*22 columns"),
+    "an empty file": (b"", "unknown format"),
+    "a truncated gzip": (gzip.compress(ours())[:-200], "cannot be read"),
+    "a damaged gzip": (gzip.compress(ours())[:60] + b"\x00" * 40 + gzip.compress(ours())[100:], "cannot be read"),
+    "only the start of a gzip": (b"\x1f\x8b", "cannot be read"),
+    "text that is not UTF-8": (ours().replace(b"held", b"h\xffld"), "cannot be read"),
+    "too short a flight": (ours(49), "no usable flight in 1 files.*0.5 s"),
+    "a column short": (ours().replace(b"command_4", b"command_5"), "missing column command_4"),
+    "no rows": (b"\n".join(ours().split(b"\n")[:5]) + b"\n", "no rows"),
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_is_refused_in_words(tmp_path, what):
+    content, words = REFUSED[what]
+    with pytest.raises(InputError, match=words):
+        read_flights(put(tmp_path / "bad.csv", content))
+
+
+@pytest.mark.parametrize("what", ["a truncated gzip", "a damaged gzip", "only the start of a gzip"])
+def test_a_broken_gzip_in_a_folder_is_refused_not_skipped(tmp_path, what):
+    put(tmp_path / "good.csv", ours())
+    put(tmp_path / "broken.csv.gz", REFUSED[what][0])
+    with pytest.raises(InputError, match=r"broken\.csv\.gz"):
+        read_flights(tmp_path)
+
+
+@pytest.mark.parametrize("make", [lambda path: path / "nowhere", lambda path: path])
+def test_where_there_is_nothing_the_message_says_what_to_give(tmp_path, make):
+    with pytest.raises(InputError, match=r"\.csv, \.csv\.gz"):
+        read_flights(make(tmp_path))
+
+
+def reads_or_refuses(path):
+    """The law of all garbage; that NumPy warns of numbers too large for float32 is another test's matter."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)
+            read = read_flights(path)
+    except InputError:
+        return
+    assert isinstance(read, Flights)
+    for flight in read:
+        assert len(flight) >= 50
+        assert all(np.isfinite(getattr(flight, group)).all() for group in ("position", "velocity", "attitude", "body_rates", "command"))
+
+
+@pytest.mark.parametrize("cell", [b"inf", b"-1e39"])
+@pytest.mark.parametrize(("source", "column"), [(ours, 1), (ours, 14), (ours, 17), (theirs, 0), (theirs, 13), (theirs, 17), (theirs, 20)])
+def test_a_number_without_measure_costs_at_most_its_row_and_no_warning(tmp_path, source, column, cell):
+    """Columns: position, command and battery of our own log; x, n1, mot1 and battery of the authors'."""
+    lines = source(200).split(b"\n")
+    line = lines[-51].split(b",")
+    lines[-51] = b",".join([*line[:column], cell, *line[column + 1 :]])
+    read = read_flights(put(tmp_path / "x.csv", b"\n".join(lines)))
+    assert 149 <= sum(map(len, read)) <= 200
+    assert all(np.isfinite(flight.command).all() for flight in read)
+
+
+def test_a_file_saved_on_windows_is_read_alike(tmp_path):
+    plain, windows = put(tmp_path / "x" / "1.csv", ours()), put(tmp_path / "y" / "1.csv", ours().replace(b"\n", b"\r\n"))
+    assert same(read_flights(windows).flights[0], read_flights(plain).flights[0])
+
+
+HEADS = [b"", log.MARK.encode() + b"\n", log.MARK.encode() + b"\n# commands: held\n", AUTHORS.encode() + b"\n", b"\x1f\x8b\x08\x00"]
+
+
+@settings(max_examples=200)
+@given(head=st.sampled_from(HEADS), body=st.binary(max_size=200))
+def test_random_bytes_are_refused_not_crashed_on(tmp_path_factory, head, body):
+    for name in ("fuzz.csv", "fuzz.csv.gz"):
+        reads_or_refuses(put(tmp_path_factory.getbasetemp() / "random" / name, head + body))
+    reads_or_refuses(tmp_path_factory.getbasetemp() / "random")
+
+
+CELLS = [b"inf", b"-inf", b"nan", b"1e300", b"-1e39", b"", b"true", b"2020-01-01", b'"', b",", b"\n", b"\x00", b"9" * 40, b"#", b"\r", b"-"]
+
+
+@settings(max_examples=200)
+@given(
+    source=st.sampled_from([ours, theirs]),
+    edits=st.lists(st.tuples(st.floats(0, 1), st.integers(0, 400), st.sampled_from(CELLS) | st.binary(max_size=6)), min_size=1, max_size=4),
+    zipped=st.booleans(),
+)
+def test_damaged_logs_are_read_or_refused_not_crashed_on(tmp_path_factory, source, edits, zipped):
+    content = source()
+    for place, length, new in edits:
+        start = int(place * len(content))
+        content = content[:start] + new + content[start + length :]
+    reads_or_refuses(put(tmp_path_factory.getbasetemp() / "damaged" / "x.csv", gzip.compress(content, 1) if zipped else content))
+
+
+@settings(max_examples=100)
+@given(
+    source=st.sampled_from([ours, theirs]),
+    cells=st.lists(st.tuples(st.integers(0, 79), st.integers(0, 20), st.sampled_from(CELLS)), min_size=1, max_size=5),
+)
+def test_strange_cells_are_read_or_refused_not_crashed_on(tmp_path_factory, source, cells):
+    lines = source().split(b"\n")
+    for row, column, new in cells:
+        line = lines[-81 + row].split(b",")
+        lines[-81 + row] = b",".join([*line[:column], new, *line[column + 1 :]])
+    reads_or_refuses(put(tmp_path_factory.getbasetemp() / "cells" / "x.csv", b"\n".join(lines)))

@@ -1,0 +1,105 @@
+"""Recording: the firmware's PID flies a virtual drone about the circle, and the log holds what a real one would."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from made_flights import same, volts
+
+from maidenflight.flights import checking, log, recording
+from maidenflight.simulator.virtual_drone import virtual_drone
+
+DRONE = virtual_drone(3)
+SECONDS, FLIGHTS = 4.0, 2
+
+
+def recorded(seed, excitation):
+    return recording.record(DRONE, jax.random.key(seed), FLIGHTS, SECONDS, excitation)
+
+
+@pytest.fixture(scope="module")
+def flights():
+    return recorded(1, 0.05)
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return recorded(1, 0.0)
+
+
+def test_the_same_key_records_the_same_flights_and_another_key_others(flights):
+    again, other = recorded(1, 0.05), recorded(2, 0.05)
+    assert all(same(one, two) for one, two in zip(flights, again, strict=True))
+    assert not any(same(one, two) for one, two in zip(flights, other, strict=True))
+    assert not same(flights[0], flights[1])
+
+
+def test_flights_are_marked_simulated_and_sampled(flights):
+    assert [(f.name, f.simulated, f.held, f.period, len(f)) for f in flights] == [
+        (f"flight_{number:02d}", "virtual-3", False, 0.01, 400) for number in (1, 2)
+    ]
+
+
+def test_the_drone_stays_on_the_circle(flights, plain):
+    for flight in [*flights, *plain]:
+        radius = np.linalg.norm(flight.position[:, :2] - [0.25, 0.0], axis=1)
+        assert np.abs(radius[100:] - 0.25).max() < 0.06
+        assert np.abs(flight.position[:, 2] - 1.0).max() < 0.08
+        assert np.ptp(flight.position[100:, 1]) > 0.4, "it goes round"
+
+
+def test_the_setpoint_is_the_papers_circle(flights):
+    angle = 2 * np.pi * np.arange(400) / 300
+    expected = np.stack([0.25 - 0.25 * np.cos(angle), 0.25 * np.sin(angle), np.ones(400)], axis=1)
+    np.testing.assert_allclose(flights[0].setpoint, expected, atol=1e-4)
+
+
+def test_the_logged_command_is_the_middle_of_a_step_of_the_motors_timer(flights):
+    """What the battery law makes of the command is (ratio + 1/2) / 256 of the battery's voltage, exactly."""
+    for flight in flights:
+        steps = 256 * volts(np.float64(flight.command)) / flight.battery[:, None]
+        np.testing.assert_allclose(steps % 1, 0.5, atol=0.02)
+
+
+def test_the_logged_battery_sags_with_the_motors(flights):
+    for flight in flights:
+        assert 3.3 < flight.battery.min() < flight.battery.max() < 4.2
+        assert np.corrcoef(flight.battery[1:], flight.command[1:].mean(axis=1))[0, 1] < -0.5
+
+
+def test_excitation_moves_the_motors_by_its_strength(flights, plain):
+    """Every 50 ms the commands change by 0 or twice the strength; the PID alone moves them by far less than that at once."""
+
+    def jumps(flight):
+        change = np.abs(np.diff(flight.command, axis=0)).mean(axis=1)
+        return change[4::5].mean() - change[2::5].mean(), change[0::5].mean() - change[2::5].mean()
+
+    for excited, calm in zip(flights, plain, strict=True):
+        assert max(jumps(excited)) > 0.03
+        assert max(np.abs(jumps(calm))) < 0.01
+
+
+def test_dither_is_plus_or_minus_its_strength_and_new_every_five_periods():
+    act = recording.dither(jnp.float32(0.05), 100, jax.random.key(4))
+    actions = np.stack([act(jnp.zeros(40), jnp.int32(number)) for number in range(100)])
+    np.testing.assert_allclose(np.abs(actions), 0.05)
+    held = actions.reshape(20, 5, 4)
+    assert (held == held[:, :1]).all()
+    assert 0.3 < (held[1:, 0] != held[:-1, 0]).mean() < 0.7
+
+
+def test_a_recorded_flight_has_nothing_to_complain_about_and_survives_its_file(flights):
+    for flight in flights:
+        again = log.from_csv(log.to_csv(flight), flight.name)
+        kept, notes = checking.pieces(again)
+        assert (len(kept), len(kept[0]), notes) == (1, 400, [])
+        np.testing.assert_allclose(kept[0].command, flight.command, atol=1e-6)
+        assert kept[0].simulated == "virtual-3"
+
+
+def test_without_a_battery_the_logged_command_is_the_ratio():
+    values = {name: np.ones((5, 3), np.float32) for name in recording.Rows._fields}
+    values |= {"ratio": np.full((5, 4), 0.625, np.float32), "battery": np.full(5, 3.5, np.float32)}
+    flight = recording.to_flight(recording.Rows(**values), "made", held=True, has_battery=False, simulated="x", period=0.02)
+    np.testing.assert_array_equal(flight.command, values["ratio"])
+    assert (flight.held, flight.simulated, flight.period) == (True, "x", 0.02)

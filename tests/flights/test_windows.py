@@ -1,0 +1,112 @@
+"""Windows: every row is where it belongs, and no window looks from one flight into another.
+
+The flights here carry their own number and row in every column, so that a row out of place shows.
+"""
+
+import numpy as np
+import pytest
+from made_flights import calm
+
+from maidenflight.errors import InputError
+from maidenflight.flights.windows import BLOCK, EVERY, HISTORY, windows
+
+LENGTH = 30
+
+
+def numbered(number, rows, **changes):
+    """A flight whose every column is 10,000 times its number, plus the row, plus a share for the column."""
+    row = 10_000.0 * number + np.arange(rows)[:, None]
+    columns = {group: np.float32(row + offset) for group, offset in (("position", 0.0), ("velocity", 0.25), ("body_rates", 0.5))}
+    columns = {group: np.tile(values, (1, 3)) for group, values in columns.items()}
+    attitude = np.float32(np.stack([0.1 + 0 * row[:, 0], 1e-4 * np.arange(rows), 0 * row[:, 0]], axis=1))
+    return calm(rows, **columns, attitude=attitude, command=np.float32(np.tile(row, (1, 4))), **changes)
+
+
+@pytest.fixture(scope="module")
+def cut():
+    """Windows of three flights, one of which is too short to give any."""
+    return windows([numbered(1, 200), numbered(2, HISTORY + LENGTH), numbered(3, 3001)], LENGTH)
+
+
+def begins(rows):
+    """First rows of all windows that a flight of so many rows holds."""
+    return np.arange(HISTORY, rows - LENGTH, EVERY)
+
+
+def test_every_tenth_row_that_has_a_past_and_a_future_starts_a_window(cut):
+    np.testing.assert_array_equal(cut.position[:, 0], [*(10_000 + begins(200)), *(30_000 + begins(3001))])
+    assert begins(3001)[-1] + LENGTH == 3000, "the last window ends in the last row"
+    assert EVERY == 10
+
+
+def test_the_state_at_the_start_is_the_starting_rows(cut):
+    row = cut.position[:, :1]
+    np.testing.assert_array_equal(cut.position, np.tile(row, (1, 3)))
+    np.testing.assert_array_equal(cut.velocity, np.tile(row + np.float32(0.25), (1, 3)))
+    np.testing.assert_array_equal(cut.body_rates, np.tile(row + np.float32(0.5), (1, 3)))
+    half = np.array([0.05, 0.5e-4 * HISTORY])
+    roll_only = [np.sin(half[0]) * np.cos(half[1]), np.cos(half[0]) * np.sin(half[1]), -np.sin(half[0]) * np.sin(half[1]), np.prod(np.cos(half))]
+    np.testing.assert_allclose(cut.quaternion[0], roll_only, atol=1e-6)
+
+
+def test_what_is_to_be_predicted_are_the_rows_after_the_start(cut):
+    expected = cut.position[:, :1] + np.arange(1, LENGTH + 1, dtype=np.float32)
+    for columns, offset in ((slice(0, 3), 0.0), (slice(3, 6), 0.25), (slice(9, 12), 0.5)):
+        np.testing.assert_array_equal(cut.measured[:, :, columns], np.tile(expected[:, :, None] + np.float32(offset), (1, 1, 3)))
+    np.testing.assert_allclose(cut.measured[0, :, 7], 1e-4 * (HISTORY + np.arange(1, LENGTH + 1)), rtol=1e-5)
+
+
+def test_commands_run_from_the_history_to_the_last_period(cut):
+    expected = cut.position[:, :1] + np.arange(-HISTORY, LENGTH, dtype=np.float32)
+    np.testing.assert_array_equal(cut.command, np.tile(expected[:, :, None], (1, 1, 4)))
+
+
+def test_sampled_commands_are_averaged_over_their_period():
+    cut = windows([numbered(1, 200, held=False)], LENGTH)
+    np.testing.assert_allclose(cut.command[0, :, 0], 10_000.5 + np.arange(HISTORY + LENGTH))
+
+
+def test_no_window_crosses_two_flights(cut):
+    flight = np.floor(cut.position[:, 0] / 10_000)
+    assert (np.floor(cut.measured[:, -1, 0] / 10_000) == flight).all()
+    assert (np.floor(cut.command[:, 0, 0] / 10_000) == flight).all()
+
+
+def test_blocks_are_contiguous_stretches_of_one_flight(cut):
+    assert (np.diff(cut.block) >= 0).all()
+    np.testing.assert_array_equal(np.unique(cut.block), np.arange(cut.block.max() + 1))
+    for block in range(cut.block.max() + 1):
+        rows = cut.position[cut.block == block, 0]
+        assert (np.diff(rows) == EVERY).all(), "one stretch"
+        assert len(rows) * EVERY * 0.01 <= 1.25 * BLOCK
+    assert cut.block.max() + 1 == 1 + round(30.01 / BLOCK)
+
+
+def test_windows_are_float32_and_of_the_sizes_promised(cut):
+    count = len(cut.block)
+    assert cut.measured.shape == (count, LENGTH, 12)
+    assert cut.command.shape == (count, HISTORY + LENGTH, 4)
+    assert cut.quaternion.shape == (count, 4)
+    assert {array.dtype for name, array in cut._asdict().items() if name != "block"} == {np.dtype(np.float32)}
+
+
+def test_the_distance_between_starts_can_be_chosen():
+    cut = windows([numbered(1, 200)], LENGTH, every=7)
+    assert (np.diff(cut.position[:, 0]) == 7).all()
+
+
+def test_flights_of_different_rates_are_refused():
+    with pytest.raises(InputError, match="50 Hz, 100 Hz|100 Hz, 50 Hz"):
+        windows([calm(200), calm(200, period=0.02)], LENGTH)
+
+
+def test_flights_that_are_too_short_are_refused_with_what_is_needed():
+    least = HISTORY + LENGTH + 1
+    assert len(windows([calm(least)], LENGTH).block) == 1
+    with pytest.raises(InputError, match=rf"longest {0.01 * (least - 1):.2f} s, needed {0.01 * least:.2f} s"):
+        windows([calm(least - 1), calm(10)], LENGTH)
+
+
+def test_no_flight_at_all_is_refused():
+    with pytest.raises(InputError, match="no flight is long enough"):
+        windows([], LENGTH)

@@ -1,0 +1,85 @@
+"""Noise-free logs of the training model itself, flown with a known xi: what identification must find again.
+
+Each flight starts in hover. Feedback of the true state keeps the drone level, and each axis (thrust, roll, pitch, yaw) is
+excited by pulses + - - + of random sign, 50 ms each.
+"""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from maidenflight.flights.log import Flight
+from maidenflight.parameters import crazyflie, noiseless, replace
+from maidenflight.simulator import dynamics, environment, rotations, tasks
+from maidenflight.simulator.environment import Environment
+
+WORLD = Environment(task=tasks.circle())
+ROWS = 200
+FLIGHTS = 16
+LENGTH = 30
+"""T of every window here, so that one compilation serves all."""
+AXES = np.array([[1, 1, 1, 1], [-1, -1, 1, 1], [-1, 1, 1, -1], [-1, 1, -1, 1]], np.float32)
+
+
+def drone(thrust_to_weight, motor_time_constant, latency):
+    """The noiseless Crazyflie with a planted xi."""
+    return replace(noiseless(crazyflie()), thrust_to_weight=thrust_to_weight, motor_time_constant=motor_time_constant, latency=latency)
+
+
+def excitation(generator):
+    """Additions to the hover command, ROWS x 4; the first row is hover itself."""
+    pulse = np.repeat(np.float32([1, -1, -1, 1]), 5)
+    signs = generator.choice([-1.0, 1.0], (ROWS // 20, 1, 4)) * [0.08, 0.02, 0.02, 0.04]
+    axes = (signs * pulse[None, :, None]).reshape(ROWS, 4)
+    return np.concatenate([np.zeros((1, 4)), (axes @ AXES)[:-1]]).astype(np.float32)
+
+
+def stabilised(state, parameters):
+    """What keeps the drone level, as an addition to the four commands: every axis gets three poles at -5/s, were there no latency."""
+    lag, pole = parameters.motor_time_constant, 5.0
+    acceleration = dynamics.angular_acceleration(state, parameters)
+    attitude = rotations.to_attitude(state.quaternion)
+    jerk = -3 * pole * acceleration - 3 * pole**2 * state.body_rates - pole**3 * attitude
+    full = parameters.mass * parameters.gravity * parameters.thrust_to_weight
+    lever = jnp.stack([parameters.arm_length / jnp.sqrt(2.0), parameters.arm_length / jnp.sqrt(2.0), parameters.torque_to_thrust])
+    turning = (acceleration + lag * jerk) * parameters.inertia / (full * lever)
+    climb = jnp.sum(jnp.array([-0.1, -0.05]) * jnp.stack([state.velocity[2], state.position[2] - 1.0]))
+    return jnp.concatenate([climb[None], jnp.clip(turning, -0.1, 0.1)]) @ AXES
+
+
+@partial(jax.jit, static_argnums=0)
+def _fly(world, parameters, additions):
+    state = dynamics.at_hover(world.task.reference(jnp.zeros(())), parameters)
+    first = environment.begin(world, state, jnp.zeros(()), parameters, jax.random.key(0))
+
+    def one(episode, addition):
+        command = dynamics.hover_command(parameters) + addition + stabilised(episode.state, parameters)
+        after, _ = environment.step(world, episode, 2.0 * command - 1.0, parameters, jax.random.key(0))
+        return after, (episode.state, after.actuators.ratio)
+
+    return jax.lax.scan(one, first, additions)[1]
+
+
+def logs(parameters, count=FLIGHTS, seed=0):
+    """Flights whose rows are the exact states and whose commands are exact and held."""
+    generator = np.random.default_rng(seed)
+    flights = []
+    for number in range(count):
+        states, command = _fly(WORLD, parameters, jnp.asarray(excitation(generator)))
+        flights.append(
+            Flight(
+                name=f"planted {number}",
+                period=0.01,
+                position=np.asarray(states.position),
+                velocity=np.asarray(states.velocity),
+                attitude=np.asarray(jax.vmap(rotations.to_attitude)(states.quaternion)),
+                body_rates=np.asarray(states.body_rates),
+                command=np.asarray(command),
+                battery=np.full(ROWS, np.nan, np.float32),
+                setpoint=np.full((ROWS, 3), np.nan, np.float32),
+                held=True,
+            )
+        )
+    return flights

@@ -1,0 +1,168 @@
+"""Identification: what was planted is found again, on the model's own flights; on real ones the answer is the study's."""
+
+import itertools
+
+import jax
+import numpy as np
+import planted
+import pytest
+
+from maidenflight.errors import InputError
+from maidenflight.flights.reading import read_flights
+from maidenflight.identification.identify import PAPER_BOUNDS, identify
+from maidenflight.identification.posterior import DESIGN
+from maidenflight.parameters import QUANTITIES, check, crazyflie, noiseless
+
+FEW = dict(evaluations=12, trials=1)
+
+
+@pytest.fixture(scope="module")
+def flights():
+    return planted.logs(planted.drone(1.9, 0.06, 0.012))
+
+
+@pytest.fixture(scope="module")
+def quick(flights):
+    return identify(flights, key=jax.random.key(5), evaluations=14, trials=2)
+
+
+@pytest.mark.parametrize("planted_xi", [(1.9, 0.06, 0.012), (1.7, 0.03, 0.004), (1.6, 0.11, 0.025)])
+def test_a_planted_drone_is_found_again(planted_xi):
+    """k_F within 1 %, T_m + latency within 3 ms, latency within 4 ms."""
+    found = identify(planted.logs(planted.drone(*planted_xi)))
+    thrust, lag, delay = (found.estimates[name].value for name in PAPER_BOUNDS)
+    print(f"planted {planted_xi}: k_F {thrust / planted_xi[0] - 1:+.2%}, T_m + latency {1e3 * (lag + delay - sum(planted_xi[1:])):+.2f} ms,", end=" ")
+    print(f"latency {1e3 * (delay - planted_xi[2]):+.2f} ms, loss {found.objective:.3f}")
+    assert thrust == pytest.approx(planted_xi[0], rel=0.01)
+    assert lag + delay == pytest.approx(planted_xi[1] + planted_xi[2], abs=0.003)
+    assert delay == pytest.approx(planted_xi[2], abs=0.004)
+
+
+def test_one_parameter_alone_is_found_and_the_others_are_kept(flights):
+    start = planted.drone(1.7, 0.06, 0.012)
+    found = identify(flights, ["thrust_to_weight"], start=start, **FEW)
+    assert found.estimates["thrust_to_weight"].value == pytest.approx(1.9, rel=0.005)
+    assert list(found.estimates) == ["thrust_to_weight"]
+    for name in QUANTITIES:
+        if name != "thrust_to_weight":
+            np.testing.assert_array_equal(getattr(found.parameters, name), getattr(start, name))
+
+
+def test_an_estimate_lies_in_its_interval_and_in_its_parameters(quick):
+    for name, estimate in quick.estimates.items():
+        low, high = estimate.interval
+        assert low <= estimate.value <= high
+        assert getattr(quick.parameters, name) == np.float32(estimate.value)
+    check(quick.parameters)
+
+
+def test_trials_are_the_optimisers_best_points(quick):
+    for trial in (1, 2):
+        rows = quick.history.filter(quick.history["trial"] == trial)
+        best = rows.row(rows["objective"].arg_min(), named=True)
+        for name, estimate in quick.estimates.items():
+            assert estimate.trials[trial - 1] == pytest.approx(best[name])
+    for estimate in quick.estimates.values():
+        assert estimate.trial_mean == pytest.approx(np.mean(estimate.trials))
+        assert estimate.trial_deviation == pytest.approx(np.std(estimate.trials))
+
+
+def test_history_has_a_row_for_every_evaluation(quick):
+    assert quick.history.columns == ["trial", *PAPER_BOUNDS, "objective"]
+    assert len(quick.history) == quick.evaluations == 2 * 14 + 3 * DESIGN
+    assert dict(quick.history["trial"].value_counts().iter_rows()) == {1: 14, 2: 14, 0: 3 * DESIGN}
+    assert quick.history["objective"].min() == quick.objective < quick.start_objective
+
+
+def test_the_optimum_is_the_best_point_of_history(quick):
+    best = quick.history.row(quick.history["objective"].arg_min(), named=True)
+    for name, estimate in quick.estimates.items():
+        assert estimate.value == pytest.approx(best[name])
+
+
+def test_the_same_key_gives_the_same_result_and_another_key_another(flights, quick):
+    again = identify(flights, key=jax.random.key(5), evaluations=14, trials=2)
+    other = identify(flights, key=jax.random.key(6), evaluations=14, trials=2)
+    assert again.to_table() == quick.to_table()
+    assert again.history.equals(quick.history)
+    assert not other.history.equals(quick.history)
+
+
+def test_the_table_for_the_file_holds_no_time_of_day(quick):
+    table = quick.to_table()
+    assert set(table) == {"objective", "windows", "evaluations", *PAPER_BOUNDS}
+    assert set(table["latency"]) == {"value", "interval", "trial_mean", "trial_deviation"}
+
+
+def test_progress_is_counted_to_the_plan(flights):
+    seen = []
+    identify(flights, on_evaluation=lambda done, planned: seen.append((done, planned)), **FEW)
+    planned = 12 + 3 * DESIGN
+    assert seen == [(done, planned) for done in range(1, planned + 1)]
+
+
+@pytest.mark.parametrize(("bounds", "side"), [((1.5, 1.75), "1.75"), ((2.1, 2.5), "2.1")])
+def test_an_optimum_at_a_search_bound_gives_a_note(flights, bounds, side):
+    found = identify(flights, bounds={**PAPER_BOUNDS, "thrust_to_weight": bounds}, **FEW)
+    assert any(note.startswith(f"thrust_to_weight lies at its search bound {side}") for note in found.notes)
+
+
+def test_an_optimum_inside_its_bounds_gives_no_note(quick):
+    assert quick.notes == ()
+
+
+@pytest.mark.parametrize("bounds", [(1.5, 1.75), (2.1, 2.5)])
+def test_an_estimate_stays_within_the_bounds_that_the_user_gave(flights, bounds):
+    found = identify(flights, bounds={**PAPER_BOUNDS, "thrust_to_weight": bounds}, **FEW)
+    assert bounds[0] - 1e-6 <= found.estimates["thrust_to_weight"].value <= bounds[1] + 1e-6
+
+
+@pytest.mark.parametrize(
+    ("over", "bounds", "words"),
+    [
+        (["k_F"], {}, "unknown parameter 'k_F'.*thrust_to_weight"),
+        (["mass"], {}, "no search bounds for mass.*--bounds mass="),
+        (["latency"], {"latency": (0.02, 0.01)}, "expected a rising pair"),
+        (["latency"], {"latency": (0.01, 0.01)}, "expected a rising pair"),
+        (["latency"], {"latency": (0.0, 0.06)}, r"within \[0, 0\.05\] s"),
+        (["latency"], {"latency": (float("nan"), 0.05)}, "expected a rising pair"),
+        (["inertia"], {"inertia": (1e-6, 1e-4)}, "single number"),
+        (["latency", "latency"], {}, "once"),
+        ([], {}, "at least one"),
+    ],
+)
+def test_what_cannot_be_searched_is_refused_in_words(flights, over, bounds, words):
+    with pytest.raises(InputError, match=words):
+        identify(flights, over, bounds={**PAPER_BOUNDS, **bounds})
+
+
+def test_too_little_flight_is_refused():
+    with pytest.raises(InputError, match="no flight is long enough"):
+        identify([])
+
+
+def test_a_single_stretch_of_flight_has_no_interval_to_be_sure_of(flights):
+    """One block cannot be redrawn: a note must say so, lest an interval of no width be believed."""
+    found = identify(flights[:1], ["thrust_to_weight"], start=noiseless(crazyflie()), **FEW)
+    low, high = found.estimates["thrust_to_weight"].interval
+    assert not np.isfinite(low) or high - low > 0.01 or any("interval" in note for note in found.notes)
+
+
+def test_a_third_of_the_real_pwm_flights_gives_the_studys_drone(shared_data):
+    """Thrust and total lag of the throw-away study on these logs, from every third policy."""
+    folders = sorted((shared_data / "authors" / "flights" / "pwm").iterdir())[::3]
+    assert len(folders) == 12
+    # Policies that crash within half a second leave a folder without a usable flight.
+    flights = itertools.chain.from_iterable(usable(folder) for folder in folders)
+    found = identify(flights, evaluations=25, trials=2)
+    thrust, lag, delay = (found.estimates[name].value for name in PAPER_BOUNDS)
+    print(f"real: k_F {thrust:.3f}, T_m {1e3 * lag:.1f} ms, latency {1e3 * delay:.1f} ms, {found.windows} windows, {found.seconds:.1f} s")
+    assert 1.45 < thrust < 1.60
+    assert 0.085 < lag + delay < 0.102
+
+
+def usable(folder):
+    try:
+        return read_flights(folder).flights
+    except InputError:
+        return ()

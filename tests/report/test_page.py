@@ -1,0 +1,202 @@
+"""The report: what is there is shown, what is missing is left out, and the page works in a browser without a network."""
+
+import json
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+
+import numpy as np
+import plotly.offline
+import polars
+import pytest
+
+from maidenflight import parameters
+from maidenflight.errors import InputError
+from maidenflight.flights import log
+from maidenflight.flights.log import Flight
+from maidenflight.report import text
+from maidenflight.report.page import report
+from maidenflight.transfer.flying import Transfer
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+RECORD = {"version": "0.1.0", "seed": 7, "settings": {"reality": "virtual-1"}}
+NAMES = ("thrust_to_weight", "motor_time_constant", "latency")
+
+
+def circling(duration: float, simulated: str = "virtual-1") -> Flight:
+    """A flight around the paper's circle, 1 cm off, rolled by 0.1 rad."""
+    time = np.arange(0, duration, 0.01)
+    angle, full = 2 * np.pi * time / 3, np.ones_like(time)
+    setpoint = np.stack([0.25 * np.cos(angle), 0.25 * np.sin(angle), full], axis=1)
+    attitude = np.stack([0.1 * full, 0 * full, 0 * full], axis=1)
+    position, still = setpoint + np.array([0.0, 0.0, 0.01]), np.zeros_like(setpoint)
+    command = np.full((len(time), 4), 0.55)
+    return Flight("flight", 0.01, position, still, attitude, still, command, 4.0 * full, setpoint, True, simulated)
+
+
+def flown(simulated: str = "virtual-1", reason: str = "tilt") -> Transfer:
+    durations = [2.0, 0.5, 10.0]
+    table = polars.DataFrame(
+        {
+            "flight": [1, 2, 3],
+            "policy": ["1", "1", "2"],
+            "reality": ["virtual-1"] * 3,
+            "trial": [1, 2, 1],
+            "duration": durations,
+            "end_reason": ["position error", reason, "time limit"],
+            "position_error": [0.011, float("nan"), 0.0123],
+        }
+    )
+    return Transfer(table, tuple(circling(duration, simulated) for duration in durations))
+
+
+@pytest.fixture
+def run(tmp_path):
+    """A run folder with everything in it."""
+    folder = tmp_path / "run"
+    drone = parameters.crazyflie()
+    estimate = {
+        name: {"value": float(getattr(drone, name)), "interval": [float(getattr(drone, name)) * k for k in (0.99, 1.01)]} for name in NAMES
+    }
+    truth = parameters.replace(drone, motor_slowdown=1.5, estimator_delay=0.004)
+    parameters.write(folder / "reality.toml", truth, {"record": RECORD})
+    parameters.write(folder / "drone.toml", drone, {"identification": {"objective": 1.0, **estimate}, "record": RECORD})
+    log.write(folder / "recorded" / "flight_01.csv", circling(3.0), RECORD)
+    grid = [
+        {"trial": 1, "thrust_to_weight": 1.7, "motor_time_constant": 0.08 + i / 1000, "latency": 0.018, "objective": 5.0 + i}
+        for i in range(9)
+    ]
+    polars.DataFrame(grid).write_csv(folder / "identification.csv")
+    (folder / "policies").mkdir()
+    (folder / "policies" / "policy_1.json").write_text(json.dumps({"record": RECORD}))
+    steps = {"update": [1, 2], "steps": [1000000, 2000000], "policy": [1, 1], "episode_return": [-9.0, -5.0], "survival": [0.5, 1.0]}
+    polars.DataFrame(steps | {"position_error": [0.1, 0.02]}).write_csv(folder / "policies" / "training.csv")
+    tested = flown()
+    for number, flight in enumerate(tested.flights, 1):
+        log.write(folder / "transfer" / f"flight_{number:02d}.csv", flight, RECORD)
+    tested.table.write_csv(folder / "transfer" / "flights.csv")
+    (folder / "demo.json").write_text(json.dumps({"stages": {"record": 1.5, "train": 3.0}}))
+    return folder
+
+
+def page(source, tmp_path) -> str:
+    """The page without Plotly's code."""
+    content = report(source, tmp_path / "page.html").read_text()
+    return content.replace(plotly.offline.get_plotlyjs(), "")
+
+
+PARTS = {
+    "drone.toml": 'class="estimates"',
+    "identification.csv": 'id="valley"',
+    "policies/training.csv": 'id="survival"',
+    "transfer": "id=viewer",
+    "demo.json": "Time of each stage",
+    "reality.toml": "<th scope=col>Truth</th>",
+}
+
+
+def test_a_whole_run_shows_every_part(run, tmp_path):
+    content = page(run, tmp_path)
+    assert [name for name, mark in PARTS.items() if mark not in content] == []
+    assert "132.0 <small>(slowing down)" in content  # ms at the border
+    assert "22.0 <small>(command + estimator)" in content
+    assert "87.12 .. 88.88" not in content
+    assert "87.1 .. 88.9" in content
+    assert "no real drone has flown" in content
+    assert "<span class=badge>simulated</span>" in content
+
+
+@pytest.mark.parametrize("missing", PARTS)
+def test_a_missing_part_is_left_out_and_the_rest_stays(run, tmp_path, missing):
+    (shutil.rmtree if (run / missing).is_dir() else lambda path: path.unlink())(run / missing)
+    content = page(run, tmp_path)
+    assert {name for name, mark in PARTS.items() if mark not in content} == {missing}
+
+
+def test_test_flights_alone_make_a_page(tmp_path):
+    content = page(flown(), tmp_path)
+    assert "3 test flights" in content
+    assert 'id="training"' not in content
+    assert "<b>1 <small>of 3" in content
+
+
+def test_real_flights_are_not_called_simulated(tmp_path):
+    content = page(flown(simulated=""), tmp_path)
+    assert "<span class=badge>real</span>" in content
+    assert "Everything here is simulated" not in content
+
+
+def test_text_from_files_cannot_become_markup(tmp_path):
+    evil = "</script><script>alert(1)</script>"
+    transfer = flown(simulated=evil, reason=evil)
+    content = page(replace(transfer, table=transfer.table.with_columns(policy=polars.lit(evil))), tmp_path)
+    assert "alert(1)" in content
+    assert "<script>alert" not in content
+
+
+def test_nothing_is_loaded_from_outside(run, tmp_path):
+    content = report(run, tmp_path / "page.html").read_text()
+    assert "default-src 'none'" in content
+    assert not re.search(r"<(?:script|link|img|iframe|source)[^>]*\s(?:src|href)\s*=", page(run, tmp_path))
+    assert not re.search(r"(?:src|href)\s*=\s*[\"']?\s*(?:https?:)?//", page(run, tmp_path))
+
+
+def test_the_same_run_gives_the_same_bytes_and_they_are_few(run, tmp_path):
+    assert report(run, tmp_path / "1.html").read_bytes() == report(run, tmp_path / "2.html").read_bytes()
+    assert len(page(run, tmp_path)) < 200_000
+
+
+def test_a_folder_without_a_run_is_refused(tmp_path):
+    with pytest.raises(InputError, match="nothing of a run"):
+        report(tmp_path, tmp_path / "page.html")
+    with pytest.raises(InputError, match="no such folder"):
+        report(tmp_path / "nowhere", tmp_path / "page.html")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("transfer/flights.csv", "flight,policy\n1,1\n", "missing column reality"),
+        ("transfer/flight_04.csv", log.to_csv(circling(1.0)), "4 flight logs, but flights.csv has 3 rows"),
+        ("recorded/flight_02.csv", "time\n0\n", "not a flight log"),
+        ("demo.json", "{", "not valid JSON"),
+        ("policies/training.csv", "steps,policy,episode_return,survival,position_error\n1,1,high,1,1\n", "expected numbers"),
+    ],
+)
+def test_a_broken_file_is_named(run, tmp_path, name, content, message):
+    (run / name).write_text(content)
+    with pytest.raises(InputError, match=message):
+        report(run, tmp_path / "page.html")
+
+
+def test_symbols_units_and_numbers_read_well():
+    assert text.symbol("motor_time_constant") == "T<sub>m</sub>"
+    assert text.symbol("gyro_noise") == "\N{GREEK SMALL LETTER SIGMA}<sub>ω</sub>"
+    assert text.unit("latency") == "ms"
+    assert text.unit("gyro_bias_time") == "s"
+    assert text.unit("inertia") == "kg m²"
+    assert text.number(1.33e-5) == "1.33 \N{MULTIPLICATION SIGN} 10<sup>\N{MINUS SIGN}5</sup>"
+    assert text.number(-2.5) == "\N{MINUS SIGN}2.5"
+    assert text.number(float("nan")) == text.NOTHING
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
+def test_in_a_browser_the_drone_moves_and_the_table_sorts(run, tmp_path):
+    made = report(run, tmp_path / "page.html")
+    quiet = "--disable-quic --no-first-run --disable-background-networking --disable-component-update --disable-sync"
+    shown = subprocess.run(
+        [str(CHROMIUM), "--headless", "--no-sandbox", "--disable-gpu", *quiet.split(), f"--user-data-dir={tmp_path / 'profile'}",
+         "--enable-logging=stderr", "--v=0", "--virtual-time-budget=3000", "--dump-dom", f"{made.as_uri()}#autoplay&sort=position_error"],
+        capture_output=True, text=True, timeout=120, check=True,
+    )  # fmt: skip
+    assert [line for line in shown.stderr.splitlines() if "CONSOLE" in line] == []
+    dom = shown.stdout
+    assert shown.stdout.count('class="main-svg"') >= 5, "Plotly has drawn its charts"
+    time = float(re.findall(r'data-time="([\d.]+)"', dom)[-1])
+    place = [float(number) for number in re.findall(r'data-position="([^"]+)"', dom)[-1].split()]
+    assert time > 0
+    angle = 2 * np.pi * time / 3
+    np.testing.assert_allclose(place, [0.25 * np.cos(angle), 0.25 * np.sin(angle), 1.01], atol=0.003)
+    assert re.findall(r'<tr data-flight="(\d)"', dom) == ["0", "2", "1"], "smallest error first, unknown last"
+    assert 'aria-sort="ascending"' in dom

@@ -1,0 +1,140 @@
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from maidenflight import cli, parameters, policy
+
+COMMANDS = ("demo", "drone", "record", "identify", "train", "transfer", "export", "report")
+
+
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *arguments: Any) -> tuple[int, str, str]:
+    """Exit code, standard output and standard error of a command, run in this process."""
+    monkeypatch.setattr(sys, "argv", ["maidenflight", *map(str, arguments)])
+    try:
+        cli.main()
+        code = 0
+    except SystemExit as leaving:
+        code = int(leaving.code or 0)
+    said = capsys.readouterr()
+    return code, said.out, said.err
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_explains_itself(command: str, monkeypatch: Any, capsys: Any) -> None:
+    code, out, _ = run(monkeypatch, capsys, command, "--help")
+    assert code == 0
+    assert f"maidenflight {command}" in out
+    assert "--json" in out or command == "drone"
+
+
+def test_help_imports_nothing_heavy() -> None:
+    heavy = "jax numpy scipy sklearn polars plotly rich optax tomlkit".split()
+    program = (
+        "import sys; sys.argv = ['maidenflight', 'identify', '--help']\n"
+        "from maidenflight import cli\n"
+        "try: cli.main()\n"
+        f"finally: print('HEAVY', [name for name in {heavy} if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert "HEAVY []" in done.stdout, done.stdout + done.stderr
+
+
+def test_help_starts_within_a_fifth_of_a_second_of_python_itself() -> None:
+    def fastest(*arguments: str) -> float:
+        times = []
+        for _ in range(7):
+            began = time.perf_counter()
+            subprocess.run([sys.executable, *arguments], capture_output=True, check=True)
+            times.append(time.perf_counter() - began)
+        return min(times)
+
+    assert fastest("-m", "maidenflight", "train", "--help") - fastest("-c", "pass") < 0.2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["identify", "{tmp}/nothing"], "no such file or folder"),
+        (["identify", "{tmp}/empty"], "no flight logs"),
+        (["identify", "{tmp}/odd.csv"], "unknown format"),
+        (["identify", "{tmp}/empty", "--bounds", "latency"], "NAME=LOWER,UPPER"),
+        (["train", "--drone", "{tmp}/no.toml", "-o", "{tmp}/p"], "no such drone"),
+        (["train", "--drone", "{tmp}/bad.toml", "-o", "{tmp}/p"], "missing"),
+        (["transfer", "{tmp}/empty", "-o", "{tmp}/t"], "no policies"),
+        (["transfer", "{tmp}/odd.csv", "-o", "{tmp}/t"], "not valid JSON"),
+        (["transfer", "{tmp}/odd.csv", "--reality", "virtual:x", "-o", "{tmp}/t"], "virtual:SEED"),
+        (["export", "{tmp}/no.json", "-o", "{tmp}/c"], "cannot be read"),
+        (["record", "-o", "{tmp}/full"], "already there"),
+        (["record", "-o", "{tmp}/r", "--flights", "0"], "0"),
+        (["report", "{tmp}/empty"], "empty"),
+        (["drone", "swan"], "no such drone"),
+        (["fly"], "No such command"),
+    ],
+)
+def test_a_mistake_gives_one_line_and_exit_code_2(arguments: list[str], says: str, tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+    for folder in ("empty", "full"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "full" / "mine.txt").write_text("keep me")
+    (tmp_path / "odd.csv").write_text("a,b\n1,2\n")
+    (tmp_path / "bad.toml").write_text("format = 1\n")
+    code, out, err = run(monkeypatch, capsys, *(argument.format(tmp=tmp_path) for argument in arguments))
+    assert code == 2
+    assert says in err
+    assert "Traceback" not in err
+    assert out == ""
+    assert len([line for line in err.splitlines() if line.startswith(("maidenflight:", "Error:"))]) == 1
+    assert (tmp_path / "full" / "mine.txt").read_text() == "keep me"
+
+
+def test_a_drone_is_printed_and_read_back(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+    code, out, _ = run(monkeypatch, capsys, "drone", "crazyflie")
+    assert code == 0
+    assert parameters.to_toml(parameters.from_toml(out), "crazyflie") == out
+    assert run(monkeypatch, capsys, "drone", "crazyflie", "-o", tmp_path / "mine.toml")[0] == 0
+    assert run(monkeypatch, capsys, "drone", "crazyflie", "-o", tmp_path / "mine.toml")[0] == 2
+    assert run(monkeypatch, capsys, "drone", tmp_path / "mine.toml", "-o", tmp_path / "mine.toml", "--overwrite")[0] == 0
+
+
+def test_the_line_from_logs_to_report_in_json(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+    def said(*arguments: Any) -> dict[str, Any]:
+        code, out, err = run(monkeypatch, capsys, *arguments, "--json")
+        assert code == 0, err
+        assert len(out.splitlines()) == 1
+        return json.loads(out)
+
+    logs, drone, policies = tmp_path / "recorded", tmp_path / "drone.toml", tmp_path / "policies"
+    recorded = said("record", "-o", logs, "--reality", "virtual:3", "--flights", 2, "--duration", 4)
+    assert [Path(path).name for path in recorded["flights"]] == ["flight_01.csv", "flight_02.csv"]
+    assert recorded["simulated"] is True
+
+    identified = said("identify", logs, "-o", drone, "--trials", 1, "--evaluations", 20)
+    assert set(identified["parameters"]) == {"thrust_to_weight", "motor_time_constant", "latency"}
+    for estimate in identified["parameters"].values():
+        assert estimate["interval"][0] <= estimate["value"] <= estimate["interval"][1]
+    assert identified["windows"] > 50
+    assert identified["evaluations"] == 20 + 3 * 64
+    assert identified["objective"] > 0
+    assert identified["seconds"] > 0
+    value = identified["parameters"]["latency"]["value"]
+    assert float(parameters.read(drone).latency) == pytest.approx(value, rel=1e-6)
+    assert (tmp_path / "identification.csv").exists()
+
+    trained = said("train", "--drone", drone, "-o", policies, "--policies", 2, "--updates", 2)
+    assert [Path(path).name for path in trained["policies"]] == ["policy_1.json", "policy_2.json"]
+    assert policy.read(trained["policies"][0]).layer_sizes == (40, 50, 50, 4)
+
+    flown = said("transfer", policies, "--reality", "virtual:3", "-o", tmp_path / "transfer", "--trials", 2, "--duration", 0.5)
+    assert len(flown["flights"]) == 4
+    assert {"duration", "end_reason", "position_error"} <= set(flown["flights"][0])
+
+    exported = said("export", trained["policies"][0], "-o", tmp_path / "firmware")
+    assert {Path(path).name for path in exported["files"]} == {"policy.h", "policy.c"}
+
+    page = Path(said("report", tmp_path)["report"])
+    assert page == tmp_path / "report.html"
+    assert "simulated" in page.read_text()

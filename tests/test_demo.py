@@ -1,0 +1,73 @@
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import jax
+import pytest
+
+from maidenflight.demo import Demo, Listener, Plan, demo, reached
+from maidenflight.training.analytic_gradient import AnalyticGradient
+
+QUICK = Plan(
+    flights=2,
+    duration=4.0,
+    evaluations=15,
+    trials=1,
+    policies=2,
+    learner=AnalyticGradient(updates=2, evaluations=1, drones=4, horizon=4, episodes=4),
+    flight_trials=2,
+    longest=0.5,
+)
+HEARD: list[str] = []
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Demo, Demo]]:
+    listener = Listener(HEARD.append, lambda done, of: None, lambda progress: None)
+    with jax.numpy_dtype_promotion("standard"):  # optax mixes integers and floats
+        yield (
+            demo(tmp_path_factory.mktemp("one") / "run", 3, QUICK, listener),
+            demo(tmp_path_factory.mktemp("two") / "run", 3, QUICK, listener),
+        )
+
+
+def test_every_stage_runs_in_order_and_leaves_its_results(runs: tuple[Demo, Demo]) -> None:
+    result = runs[0]
+    stages = ["record", "identify", "train", "transfer", "export", "report"]
+    assert HEARD[:6] == stages
+    assert list(result.seconds) == stages
+    written = {str(path.relative_to(result.folder)) for path in result.folder.rglob("*") if path.is_file()}
+    assert written == {
+        *("reality.toml", "drone.toml", "identification.csv", "demo.json", "report.html"),
+        *(f"recorded/flight_0{number}.csv" for number in (1, 2)),
+        *(f"policies/policy_{number}.json" for number in (1, 2)),
+        "policies/training.csv",
+        *(f"transfer/flight_0{number}.csv" for number in (1, 2, 3, 4)),
+        "transfer/flights.csv",
+        *("firmware/policy.h", "firmware/policy.c"),
+    }
+    assert result.transfer.table.height == 4
+    assert 0 <= reached(result.transfer.table) <= 4
+    assert json.loads((result.folder / "demo.json").read_text())["seed"] == 3
+
+
+def test_the_same_seed_gives_the_same_bytes(runs: tuple[Demo, Demo]) -> None:
+    one, two = (result.folder for result in runs)
+    different = [
+        str(path.relative_to(one))
+        for path in sorted(one.rglob("*"))
+        if path.is_file() and path.read_bytes() != (two / path.relative_to(one)).read_bytes()
+    ]
+    assert set(different) <= {"demo.json", "report.html"}, "only these two tell how long the stages took"
+
+
+def test_results_name_no_place_and_no_time(runs: tuple[Demo, Demo]) -> None:
+    for path in runs[0].folder.rglob("*"):
+        if path.is_file():
+            assert str(runs[0].folder.parent) not in path.read_text(), path
+
+
+def test_the_truth_stays_hidden_from_the_identified_drone(runs: tuple[Demo, Demo]) -> None:
+    text = (runs[0].folder / "drone.toml").read_text()
+    assert "battery_resistance = 0.0 " in text
+    assert "motor_slowdown = 1.0 " in text

@@ -1,0 +1,90 @@
+"""Every snippet in the README and the docs runs: the real functions, with less work each."""
+
+import re
+import shlex
+import sys
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+import pytest
+
+import maidenflight as mf
+from maidenflight import cli, parameters
+from maidenflight.flights import log
+
+ROOT = Path(__file__).parent.parent
+QUICK = mf.AnalyticGradient(updates=2, evaluations=1, drones=4, horizon=4, episodes=4)
+LESS_WORK = {
+    "record": ["--flights", "2", "--duration", "4"],
+    "identify": ["--trials", "1", "--evaluations", "15"],
+    "train": ["--policies", "2", "--updates", "2"],
+    "transfer": ["--trials", "1", "--duration", "0.5"],
+}
+
+
+def blocks(page: str, language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", (ROOT / page).read_text(), re.M | re.S)
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """An empty folder to work in; optax mixes integers and floats, hence the promotion."""
+    monkeypatch.chdir(tmp_path)
+    with jax.numpy_dtype_promotion("standard"):
+        yield
+
+
+def test_the_python_of_the_readme_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for number, flight in enumerate(mf.record(mf.virtual_drone(7), jax.random.key(0), flights=2, duration=4.0)):
+        log.write(f"run/recorded/flight_{number}.csv", flight)
+    monkeypatch.setattr(mf, "identify", partial(mf.identify, evaluations=15, trials=1), raising=False)
+    monkeypatch.setattr(mf, "train", partial(mf.train, settings=QUICK), raising=False)
+    monkeypatch.setattr(mf, "transfer", partial(mf.transfer, duration=0.5), raising=False)
+    (snippet,) = blocks("README.md", "python")
+    exec(compile(snippet, "README.md", "exec"), {})
+    assert (tmp_path / "firmware/policy.c").exists()
+    assert (tmp_path / "report.html").exists()
+
+
+def test_the_commands_of_the_readme_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    commands = [line for block in blocks("README.md", "sh") for line in block.splitlines() if line.startswith("maidenflight ")]
+    assert len(commands) >= 6
+    for line in commands:
+        arguments = shlex.split(line, comments=True)
+        monkeypatch.setattr(sys, "argv", arguments + LESS_WORK.get(arguments[1], []))
+        cli.main()
+    assert (tmp_path / "report.html").exists()
+
+
+def test_the_make_targets_that_the_pages_name_exist() -> None:
+    makefile = (ROOT / "Makefile").read_text()
+    named = {name for page in ("README.md", "CONTRIBUTING.md") for name in re.findall(r"\bmake (\w+)", (ROOT / page).read_text())}
+    assert {"demo", "test"} <= named
+    assert all(f"\n{name}:" in makefile for name in named)
+
+
+def test_the_log_format_page_lists_every_column_of_the_format() -> None:
+    page = (ROOT / "docs/flight-log.md").read_text()
+    rows = " ".join(line for line in page.splitlines() if line.startswith("| `"))
+    for columns in log.GROUPS.values():
+        for column in columns:
+            assert f"`{column}`" in rows or column in ("command_2", "command_3"), column
+
+
+def test_pages_link_only_to_what_exists() -> None:
+    for page in [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")]:
+        for target in re.findall(r"\]\(([^)#:]+)\)", page.read_text()):
+            assert (page.parent / target).exists(), (page.name, target)
+
+
+def test_all_public_names_resolve() -> None:
+    missing: list[Any] = [name for name in mf.__all__ if not hasattr(mf, name)]
+    assert missing == []
+    assert all(callable(getattr(mf, name)) for name in mf.__all__ if name != "__version__")
+    with pytest.raises(AttributeError):
+        _ = mf.nonsense  # type: ignore[attr-defined]
+    assert np.isfinite(float(parameters.crazyflie().mass))

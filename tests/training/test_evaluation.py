@@ -1,0 +1,43 @@
+import jax
+import numpy as np
+
+from maidenflight.parameters import crazyflie
+from maidenflight.policy import untrained
+from maidenflight.simulator import environment
+from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.randomization import randomize, relative_box
+from maidenflight.training.evaluation import evaluate
+
+BOX = relative_box(crazyflie(), 0.10)
+
+
+def test_a_score_is_what_a_plain_loop_counts() -> None:
+    simulated, policy, episodes, steps = Environment(), untrained(jax.random.key(4)), 3, 80
+    score = evaluate(simulated, policy, BOX, jax.random.key(1), episodes, steps)
+    step = jax.jit(environment.step, static_argnums=0)
+    returns, survivals, distances = [], [], []
+    for key in jax.random.split(jax.random.key(1), episodes):
+        drone_key, reset_key, key = jax.random.split(key, 3)
+        drone = randomize(BOX, drone_key)
+        episode = environment.reset(simulated, drone, reset_key)
+        total, alive = 0.0, True
+        for number, now in enumerate(jax.random.split(key, steps)):
+            step_key, _ = jax.random.split(now)
+            episode, outcome = step(simulated, episode, policy(environment.observation(episode)), drone, step_key)
+            total += float(outcome.reward)
+            if bool(outcome.terminated):
+                alive = False
+                break
+            if number < steps - 1:
+                distances.append(float(np.linalg.norm(outcome.setpoint - episode.state.position)))
+        returns.append(total)
+        survivals.append(alive)
+    np.testing.assert_allclose(float(score.episode_return), np.mean(returns), rtol=1e-4)
+    np.testing.assert_allclose(float(score.survival), np.mean(survivals))
+    np.testing.assert_allclose(float(score.position_error), np.mean(distances), rtol=1e-4)
+
+
+def test_failing_costs_the_terminal_penalty() -> None:
+    score = evaluate(Environment(), untrained(jax.random.key(4)), BOX, jax.random.key(2), 8, 300)
+    assert float(score.survival) == 0.0
+    assert -140.0 < float(score.episode_return) < -100.0

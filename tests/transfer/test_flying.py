@@ -1,0 +1,84 @@
+import jax
+import numpy as np
+import pytest
+
+from maidenflight.errors import InputError
+from maidenflight.flights.recording import Rows
+from maidenflight.policy import untrained
+from maidenflight.simulator.virtual_drone import virtual_drone
+from maidenflight.transfer.flying import end_of_flight, transfer
+
+POLICIES = [untrained(jax.random.key(number)) for number in range(2)]
+
+
+def rows(length: int = 100, **changes: tuple[int, int, float]) -> Rows:
+    """A perfect flight but for entries (from row, column, value) of named fields."""
+    widths = {"ratio": 4, "battery": 0}
+    fields = {name: np.zeros((length, widths.get(name, 3)) if widths.get(name, 3) else length) for name in Rows._fields}
+    for name, (start, column, value) in changes.items():
+        fields[name][start:, column] = value
+    return Rows(**fields)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "reason"),
+    [
+        ("true_position", 0.26, "position error"),
+        ("true_position", np.nan, "not finite"),
+        ("true_attitude", np.radians(31.0), "tilt"),
+        ("true_attitude", -np.radians(31.0), "tilt"),
+        ("true_body_rates", np.radians(-801.0), "body rate"),
+    ],
+)
+def test_each_guard_ends_the_flight_in_the_period_it_trips(field: str, value: float, reason: str) -> None:
+    assert end_of_flight(rows(**{field: (40, 1, value)}), 0.01) == (41, reason)
+
+
+@pytest.mark.parametrize(
+    ("field", "column", "value"),
+    [
+        ("true_position", 0, 0.249),
+        ("true_attitude", 0, np.radians(29.0)),
+        ("true_attitude", 2, 3.0),
+        ("true_body_rates", 1, np.radians(799.0)),
+        ("true_body_rates", 2, np.radians(900.0)),
+    ],
+)
+def test_within_the_guards_a_flight_lasts_to_the_time_limit(field: str, column: int, value: float) -> None:
+    assert end_of_flight(rows(**{field: (0, column, value)}), 0.01) == (100, "time limit")
+
+
+def test_the_first_guard_to_trip_is_the_reason() -> None:
+    flown = rows(true_attitude=(30, 0, 1.0), true_position=(20, 0, 1.0))
+    assert end_of_flight(flown, 0.01) == (21, "position error")
+
+
+def test_every_policy_flies_every_reality_and_the_logs_match_the_table() -> None:
+    realities = [virtual_drone(1), virtual_drone(2)]
+    flown = transfer(POLICIES, realities, trials=2, key=jax.random.key(0), duration=0.6)
+    again = transfer(POLICIES, realities, trials=2, key=jax.random.key(0), duration=0.6)
+    assert flown.table.equals(again.table)
+    assert flown.table.select("policy", "reality", "trial").rows() == [
+        (policy, reality, trial) for reality in ("virtual-1", "virtual-2") for policy in ("1", "2") for trial in (1, 2)
+    ]
+    assert flown.table["flight"].to_list() == list(range(1, 9))
+    for flight, duration, reality in zip(flown.flights, flown.table["duration"], flown.table["reality"], strict=True):
+        assert flight.duration == pytest.approx(duration)
+        assert flight.held
+        assert flight.simulated == reality
+        assert np.isfinite(flight.position).all()
+    assert not np.array_equal(flown.flights[0].position[0], flown.flights[1].position[0])
+
+
+def test_an_untrained_policy_ends_by_a_guard() -> None:
+    table = transfer(POLICIES, [virtual_drone(1)], trials=1, duration=2.0).table
+    assert set(table["end_reason"]) <= {"tilt", "position error", "body rate"}
+    assert (table["duration"] < 2.0).all()
+    assert (table["position_error"] < 0.3).all()
+
+
+def test_policies_of_different_shapes_and_empty_lists_are_refused() -> None:
+    with pytest.raises(InputError, match="different kinds"):
+        transfer([POLICIES[0], untrained(jax.random.key(0), hidden=(8,))], [virtual_drone(1)])
+    with pytest.raises(InputError, match="at least one"):
+        transfer([], [virtual_drone(1)])
