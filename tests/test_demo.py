@@ -1,8 +1,5 @@
 import json
-from collections.abc import Iterator
-from pathlib import Path
 
-import jax
 import pytest
 
 from maidenflight.demo import Demo, Listener, Plan, demo, reached
@@ -22,13 +19,10 @@ HEARD: list[str] = []
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Demo, Demo]]:
+def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Demo, Demo]:
     listener = Listener(HEARD.append, lambda done, of: None, lambda progress: None)
-    with jax.numpy_dtype_promotion("standard"):  # optax mixes integers and floats
-        yield (
-            demo(tmp_path_factory.mktemp("one") / "run", 3, QUICK, listener),
-            demo(tmp_path_factory.mktemp("two") / "run", 3, QUICK, listener),
-        )
+    one, two = (tmp_path_factory.mktemp(name) / "run" for name in ("one", "two"))
+    return demo(one, 3, QUICK, listener), demo(two, 3, QUICK, listener)
 
 
 def test_every_stage_runs_in_order_and_leaves_its_results(runs: tuple[Demo, Demo]) -> None:

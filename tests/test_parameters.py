@@ -16,10 +16,6 @@ GOOD = to_toml(crazyflie(), "crazyflie")
 FIELDS = list(QUANTITIES)
 
 
-def defect(raises, reason):
-    return pytest.mark.xfail(strict=True, raises=raises, reason=f"defect: {reason}")
-
-
 @st.composite
 def drones(draw):
     def values(quantity):
@@ -106,7 +102,7 @@ def edited(name, value):
         pytest.param(edited("mass", "[0.028, 0.028]"), "mass has 2 values, expected 1", id="list for a number"),
         pytest.param(edited("mass", "{ kg = 0.028 }"), "mass = .*, expected a number", id="table for a number"),
         pytest.param(edited("inertia", "1e-5"), "inertia has 1 values, expected 3", id="number for a list"),
-        pytest.param(edited("inertia", "[1e-5, 1e-5]"), "inertia has 2 values, expected 3", id="too few"),
+        pytest.param(edited("inertia", "[1e-5, 1e-5]"), "inertia has shape .*, expected 3", id="too few"),
         pytest.param(edited("inertia", '[1e-5, 1e-5, "x"]'), "inertia = .*, expected 3 numbers", id="text in a list"),
         pytest.param(edited("inertia", "[1e-5, 1e-5, 13.3]"), r"inertia = \[1e-05, 1e-05, 13.3\] kg m2 is outside", id="one out of range"),
         pytest.param(edited("mass", "28.0"), r"mass = 28.0 kg is outside its physical range \[0.005, 5\]. Check the unit", id="grams"),
@@ -117,19 +113,16 @@ def edited(name, value):
             edited("mass", "1e39"),
             "mass = .* is outside",
             id="more than float32 holds",
-            marks=defect(RuntimeWarning, "a warning of NumPy escapes"),
         ),
         pytest.param(
             edited("mass", "1" + "0" * 400),
             "mass",
             id="more than float64 holds",
-            marks=defect(OverflowError, "float() of a huge whole number"),
         ),
         pytest.param(
             edited("mass", "1" + "0" * 5000),
             "drone.toml: ",
             id="more digits than Python reads",
-            marks=defect(ValueError, "tomllib raises more than its own error"),
         ),
     ],
 )
@@ -158,7 +151,6 @@ def test_every_value_has_both_its_bounds_checked(name):
             check(replace(crazyflie(), **{name: beyond.reshape(shape)}))
 
 
-@defect(InputError, "check takes a list of one, to_toml writes it as a list, from_toml refuses that")
 def test_what_passes_the_check_can_be_written_and_read():
     """A number given as a list of one is either refused or read back."""
     drone = replace(crazyflie(), mass=[0.028])

@@ -57,13 +57,12 @@ def test_a_record_names_version_seed_inputs_and_settings_but_no_absolute_path(tm
     assert made == {
         "version": __version__,
         "seed": 3,
-        "inputs": ["flights/circle.csv sha256:ba7816bf8f01cfea"],
+        "inputs": ["circle.csv sha256:ba7816bf8f01cfea"],
         "settings": {"length": 30},
     }
     assert str(tmp_path) not in str(made)
 
 
-@pytest.mark.xfail(strict=True, reason="defect: results.record names a file without a folder '/circle.csv'")
 def test_a_record_of_a_file_in_the_working_folder_does_not_look_like_an_absolute_path(tmp_path, monkeypatch):
     monkeypatch.chdir(results.write(tmp_path / "circle.csv", "abc").parent)
     assert not re.search(r"(^|['\"\s])/", str(results.record(seed=None, inputs=["circle.csv"], settings={})))

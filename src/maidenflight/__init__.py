@@ -7,13 +7,14 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from maidenflight.deployment.c import export_c as export_c
+    from maidenflight.experiments.transfer import transfer as transfer
     from maidenflight.flights.reading import read_flights as read_flights
     from maidenflight.flights.recording import record as record
     from maidenflight.identification.identify import identify as identify
     from maidenflight.parameters import Parameters as Parameters
     from maidenflight.parameters import crazyflie as crazyflie
     from maidenflight.policy import Policy as Policy
-    from maidenflight.report.page import report as report
+    from maidenflight.reporting.page import report as report
     from maidenflight.simulator.control import pwm as pwm
     from maidenflight.simulator.environment import Environment as Environment
     from maidenflight.simulator.environment import reset as reset
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from maidenflight.simulator.virtual_drone import virtual_drone as virtual_drone
     from maidenflight.training.analytic_gradient import AnalyticGradient as AnalyticGradient
     from maidenflight.training.analytic_gradient import train as train
-    from maidenflight.transfer.flying import transfer as transfer
 
 # Each public name lives in one module, which is imported when the name is first used: `import maidenflight` costs no JAX.
 _PUBLIC = {
@@ -42,12 +42,12 @@ _PUBLIC = {
     "read_flights": "flights.reading",
     "record": "flights.recording",
     "relative_box": "simulator.randomization",
-    "report": "report.page",
+    "report": "reporting.page",
     "reset": "simulator.environment",
     "rollout": "simulator.environment",
     "step": "simulator.environment",
     "train": "training.analytic_gradient",
-    "transfer": "transfer.flying",
+    "transfer": "experiments.transfer",
     "virtual_drone": "simulator.virtual_drone",
 }
 

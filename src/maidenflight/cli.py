@@ -14,9 +14,9 @@ from maidenflight.errors import InputError
 
 if TYPE_CHECKING:
     from maidenflight.demo import Demo
+    from maidenflight.experiments.transfer import Transfer
     from maidenflight.identification.identify import Identification
     from maidenflight.training.analytic_gradient import Progress
-    from maidenflight.transfer.flying import Transfer
 
 _CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 
@@ -364,7 +364,7 @@ def export(policy: Path, output: Path, as_json: bool, overwrite: bool) -> None:
 @_as_json
 def report(run: Path, output: Path | None, as_json: bool) -> None:
     """Make one self-contained HTML page of a RUN folder."""
-    from maidenflight.report.page import report as make
+    from maidenflight.reporting.page import report as make
 
     page = make(run, output or run / "report.html")
     _emit(as_json, {"report": str(page)}, lambda: print(f"written {page}"))

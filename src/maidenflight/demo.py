@@ -9,11 +9,11 @@ from typing import Any
 import polars
 
 from maidenflight import results, workflow
+from maidenflight.experiments.transfer import Transfer
 from maidenflight.identification.identify import Identification
 from maidenflight.parameters import Parameters
-from maidenflight.report.page import report
+from maidenflight.reporting.page import report
 from maidenflight.training.analytic_gradient import AnalyticGradient, Progress
-from maidenflight.transfer.flying import Transfer
 
 
 @dataclass(frozen=True)

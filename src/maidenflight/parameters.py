@@ -24,6 +24,8 @@ from maidenflight.errors import InputError
 FORMAT = 1
 """Version of the TOML layout."""
 
+_LARGEST = float(np.finfo(np.float32).max)
+
 
 @dataclass(frozen=True)
 class Quantity:
@@ -242,8 +244,8 @@ def check(parameters: Parameters, where: str = "parameters") -> Parameters:
     """
     for name, quantity in QUANTITIES.items():
         value = np.asarray(getattr(parameters, name))
-        if value.size != quantity.size or value.ndim > 1:
-            raise InputError(f"{where}: {name} has {value.size} values, expected {quantity.size}.")
+        if value.shape != (() if quantity.size == 1 else (quantity.size,)):
+            raise InputError(f"{where}: {name} has shape {value.shape}, expected {'one number' if quantity.size == 1 else '3 numbers'}.")
         if not (np.all(np.isfinite(value)) and np.all(value >= quantity.lower) and np.all(value <= np.float32(quantity.upper))):
             raise InputError(
                 f"{where}: {name} = {_plain(value)} {quantity.unit} is outside its physical range"
@@ -298,7 +300,7 @@ def from_toml(text: str, where: str = "drone.toml") -> Parameters:
     """
     try:
         document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:  # TOMLDecodeError, or a number of more digits than Python reads
         raise InputError(f"{where}: not valid TOML: {error}.") from error
     if document.get("format") != FORMAT:
         raise InputError(f"{where}: format = {document.get('format')!r}, expected {FORMAT}. Is it a drone file?")
@@ -330,6 +332,8 @@ def _numbers(value: Any, name: str, where: str) -> Any:
         raise InputError(f"{where}: {name} = {value!r}, expected {'3 numbers' if QUANTITIES[name].size == 3 else 'a number'}.")
     if isinstance(value, list) != (QUANTITIES[name].size > 1):
         raise InputError(f"{where}: {name} has {len(entries)} values, expected {QUANTITIES[name].size}.")
+    if any(_LARGEST < abs(entry) < math.inf for entry in entries):
+        raise InputError(f"{where}: {name} = {str(value)[:40]} is outside what a number here can be. Check the unit; values are SI.")
     return tuple(map(float, entries)) if isinstance(value, list) else float(value)
 
 

@@ -107,16 +107,16 @@ def from_json(text: str, where: str = "policy") -> Policy:
     """
     try:
         content = json.loads(text)
-    except (json.JSONDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{where}: not valid JSON ({error}). Expected a policy file written by maidenflight train.") from error
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise InputError(f"{where}: not a maidenflight policy (format is not {FORMAT!r}). Give a file written by maidenflight train.")
     try:
         policy = Policy(
-            weights=tuple(jnp.array(layer["weights"], jnp.float32) for layer in content["layers"]),
-            biases=tuple(jnp.array(layer["biases"], jnp.float32) for layer in content["layers"]),
-            observation_mean=jnp.array(content["observation_mean"], jnp.float32),
-            observation_deviation=jnp.array(content["observation_deviation"], jnp.float32),
+            weights=tuple(_numbers(layer["weights"]) for layer in content["layers"]),
+            biases=tuple(_numbers(layer["biases"]) for layer in content["layers"]),
+            observation_mean=_numbers(content["observation_mean"]),
+            observation_deviation=_numbers(content["observation_deviation"]),
             control=content["control"],
             rate=content["rate"],
             history=content["history"],
@@ -124,6 +124,14 @@ def from_json(text: str, where: str = "policy") -> Policy:
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise InputError(f"{where}: damaged policy ({type(error).__name__}: {error}). Export it again.") from error
     return _checked(policy, content, where)
+
+
+def _numbers(nested: Any) -> Array:
+    """Nested lists of numbers as float32; text, missing numbers and what float32 cannot hold are refused."""
+    array = np.asarray(nested)
+    if array.dtype.kind not in "fi" or np.any(np.isfinite(array) & (np.abs(array) > float(np.finfo(np.float32).max) * (1 + 1e-7))):
+        raise ValueError("expected numbers that float32 can hold")
+    return jnp.asarray(array.astype(np.float32))
 
 
 def _checked(policy: Policy, content: Mapping[str, Any], where: str) -> Policy:

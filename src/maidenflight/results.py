@@ -65,6 +65,6 @@ def record(*, seed: int | None, inputs: Sequence[str | os.PathLike[str]], settin
     if seed is not None:
         made["seed"] = seed
     if inputs:
-        made["inputs"] = [f"{Path(path).parent.name}/{Path(path).name} sha256:{digest(path)}" for path in inputs]
+        made["inputs"] = [f"{Path(path).name} sha256:{digest(path)}" for path in inputs]
     made["settings"] = {name: value for name, value in settings.items() if value is not None}
     return made

@@ -15,6 +15,7 @@ import polars
 from maidenflight import parameters, policy, results
 from maidenflight.deployment.c import export_c
 from maidenflight.errors import InputError
+from maidenflight.experiments.transfer import Transfer, transfer
 from maidenflight.flights import log, recording
 from maidenflight.flights.reading import Flights, read_flights
 from maidenflight.identification.bayesian import PAPER_BOUNDS
@@ -24,7 +25,6 @@ from maidenflight.simulator import control, tasks
 from maidenflight.simulator.randomization import relative_box
 from maidenflight.simulator.virtual_drone import VirtualDrone, virtual_drone
 from maidenflight.training.analytic_gradient import AnalyticGradient, Progress, train
-from maidenflight.transfer.flying import Transfer, transfer
 
 StrPath = str | os.PathLike[str]
 

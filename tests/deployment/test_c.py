@@ -105,12 +105,13 @@ def flown(tmp_path):
 def test_network_computes_what_python_computes_and_passes_its_self_test(flown, hidden, history, level):
     policy = restless(hidden, history)
     spread = np.random.default_rng(1).normal(size=(10_000, 20 * history)).astype(np.float32)
-    observations = np.asarray(policy.observation_mean + policy.observation_deviation * spread)
+    observations = np.asarray(policy.observation_mean) + np.asarray(policy.observation_deviation) * spread
     expected = np.asarray(jax.vmap(policy)(observations))
     drone = flown(policy, level)
     error = np.abs(drone.network(observations) - expected)
     assert np.all(error <= 1e-5 * np.maximum(1.0, np.abs(expected)))
-    assert np.abs(expected).max() > 1.0 and drone.self_test()
+    assert np.abs(expected).max() > 1.0
+    assert drone.self_test()
 
 
 @pytest.mark.parametrize("history", [1, 2, 3])
@@ -130,7 +131,8 @@ def test_500_steps_remember_what_python_remembers(flown, history):
         np.testing.assert_allclose(drone.action, action, rtol=1e-5, atol=1e-5)
         np.testing.assert_allclose(command, (np.clip(action, -1, 1) + 1) / 2, rtol=0, atol=1e-5)
         commands.append(command)
-    assert np.min(commands) == 0.0 and np.max(commands) == 1.0
+    assert np.min(commands) == 0.0
+    assert np.max(commands) == 1.0
 
 
 def test_an_episode_of_the_simulator_is_seen_as_the_simulator_sees_it(flown):
@@ -179,10 +181,12 @@ def test_a_number_that_is_not_finite_stops_the_motors_and_is_not_remembered(flow
     drone.step(measurements[0], setpoints[0])
     action = drone.action
     finite, command = drone.step(measurements[1]._replace(velocity=np.float32([0, poison, 0])), setpoints[1])
-    assert not finite and command.tolist() == [0, 0, 0, 0]
+    assert not finite
+    assert command.tolist() == [0, 0, 0, 0]
     assert np.array_equal(drone.action, action)
     finite, _ = drone.step(measurements[2], setpoints[2])
-    assert finite and np.array_equal(drone.history[0], drone.history[1])
+    assert finite
+    assert np.array_equal(drone.history[0], drone.history[1])
 
 
 @pytest.mark.parametrize("table", ["mean", "deviation", "weights_1", "biases_2", "weights_3", "golden_observations", "golden_actions"])
@@ -218,7 +222,8 @@ def test_same_policy_and_seed_give_the_same_bytes(tmp_path):
         [file.read_bytes() for file in export_c(restless(), tmp_path / name, seed=seed)]
         for name, seed in (("once", 7), ("again", 7), ("other", 8))
     )
-    assert once == again and once[1] != other[1]
+    assert once == again
+    assert once[1] != other[1]
     assert hashlib.sha256(to_json(restless()).encode()).hexdigest().encode() in once[0]
 
 

@@ -9,17 +9,17 @@ def calm(rows=120, seed=0, **changes):
     """A flight that has nothing to complain about: one metre up, tilts of a few degrees, half thrust."""
     generator = np.random.default_rng(seed)
     wave = np.sin(np.arange(rows)[:, None] * [0.11, 0.07, 0.05] + generator.uniform(0, 6, 3))
-    values = dict(
-        name="calm",
-        period=0.01,
-        position=wave * 0.2 + [0.0, 0.0, 1.0],
-        velocity=wave * 0.1,
-        attitude=wave * 0.3,
-        body_rates=wave * 3.0,
-        command=generator.uniform(0.4, 0.8, (rows, 4)),
-        battery=np.full(rows, 3.7),
-        setpoint=np.tile([0.0, 0.0, 1.0], (rows, 1)),
-    )
+    values = {
+        "name": "calm",
+        "period": 0.01,
+        "position": wave * 0.2 + [0.0, 0.0, 1.0],
+        "velocity": wave * 0.1,
+        "attitude": wave * 0.3,
+        "body_rates": wave * 3.0,
+        "command": generator.uniform(0.4, 0.8, (rows, 4)),
+        "battery": np.full(rows, 3.7),
+        "setpoint": np.tile([0.0, 0.0, 1.0], (rows, 1)),
+    }
     arrays = {name: np.float32(value) if isinstance(value, np.ndarray) else value for name, value in values.items()}
     return Flight(**{"held": True, **arrays, **changes})
 
@@ -47,7 +47,10 @@ def motors(u, battery):
 def authors_columns(rows=400, seed=0, begins=0.021, commanded=None):
     """Columns of a file as the authors' radio logged it; `commanded` replaces what the motors were told [u]."""
     generator = np.random.default_rng(seed)
-    half = lambda values: np.float64(np.float16(values))  # noqa: E731
+
+    def half(values):
+        return np.asarray(values).astype(np.float16).astype(np.float64)
+
     network = half(generator.uniform(-1.3, 1.3, (rows, 4)))
     battery = half(generator.uniform(3.2, 4.1, rows))
     u = (np.clip(network, -1, 1) + 1) / 2 if commanded is None else commanded

@@ -33,7 +33,7 @@ def test_a_saturated_motor_is_credited_with_what_the_battery_could_give():
     weak[:, 20] = 2.75
     wanted = (np.clip(weak[:, 12:16], -1, 1) + 1) / 2
     weak[:, 16:20] = motors(wanted, weak[:, 20])
-    command = np.float64(one(weak).command)
+    command = one(weak).command.astype(np.float64)
     full = volts(wanted) > 2.75
     assert full.mean() > 0.05
     assert (np.abs(volts(command[full]) - 2.75) < 2.75 / 256).all()
@@ -109,7 +109,7 @@ def real(shared_data):
 
 
 def moving_mean(values, rows):
-    return np.apply_along_axis(np.convolve, 0, np.float64(values), np.full(rows, 1 / rows), mode="valid")
+    return np.stack([np.convolve(column, np.full(rows, 1 / rows), mode="valid") for column in values.T], axis=1)
 
 
 def correlation(one, other):
@@ -154,7 +154,7 @@ def test_real_motors_turn_the_drone_the_way_of_the_papers_torques(real, axis, si
     accelerations, torques = [], []
     for flight in real:
         rate = moving_mean(flight.body_rates[:, axis : axis + 1], 9)[:, 0]
-        torque = moving_mean(flight.command @ np.float32(signs)[:, None], 9)[:, 0]
+        torque = moving_mean(flight.command @ np.array(signs)[:, None], 9)[:, 0]
         accelerations.append(np.gradient(rate)[lag:])
         torques.append(torque[: len(torque) - lag])
     assert correlation(accelerations, torques) > least
@@ -163,7 +163,7 @@ def test_real_motors_turn_the_drone_the_way_of_the_papers_torques(real, axis, si
 def test_a_real_nose_that_points_down_accelerates_forward(real):
     tilts, accelerations = [], []
     for flight in real:
-        roll, pitch, yaw = np.float64(flight.attitude.T)
+        roll, pitch, yaw = flight.attitude.T
         forward = 9.81 * (np.cos(yaw) * np.tan(pitch) + np.sin(yaw) * np.tan(roll))
         tilts.append(moving_mean(forward[:, None], 9)[:, 0])
         accelerations.append(np.gradient(moving_mean(flight.velocity[:, :1], 9)[:, 0]) / 0.01)

@@ -32,7 +32,11 @@ def test_a_clean_flight_passes_whole_and_without_notes():
 
 
 FAULTS = [
-    *[(group, 2, value, "not a finite number") for group in ("position", "velocity", "attitude", "body_rates") for value in (np.nan, np.inf)],
+    *[
+        (group, 2, value, "not a finite number")
+        for group in ("position", "velocity", "attitude", "body_rates")
+        for value in (np.nan, np.inf)
+    ],
     ("command", 3, np.nan, "not a finite number"),
     ("attitude", 0, 1.06, "tilt above 60 deg"),
     ("attitude", 1, -1.06, "tilt above 60 deg"),
@@ -52,18 +56,15 @@ def test_a_fault_drops_exactly_its_rows_and_says_so(group, column, value, words)
     assert same(kept[1], part(flight, 86, 200))
 
 
-@pytest.mark.parametrize(
-    ("group", "column", "value"),
-    [("attitude", 2, 3.1), ("attitude", 0, 1.04), ("body_rates", 0, 24.5), ("position", 2, 0.11), ("command", 1, 0.0), ("battery", slice(None), np.nan)],
-)
-def test_what_only_looks_bold_is_kept(group, column, value):
-    flight = calm(rows=200)
-    if group == "battery":
-        flight = replace(flight, battery=np.full(200, np.nan, np.float32))
-    else:
-        flight = spoilt(group, column, value)
+BOLD = [("attitude", 2, 3.1), ("attitude", 0, 1.04), ("body_rates", 0, 24.5), ("position", 2, 0.11), ("command", 1, 0.0)]
+
+
+@pytest.mark.parametrize(("group", "column", "value"), [*BOLD, ("battery", ..., np.nan), ("setpoint", ..., np.nan)])
+def test_what_is_only_bold_or_unknown_is_kept(group, column, value):
+    unknown = np.full_like(getattr(calm(rows=200), group), value)
+    flight = replace(calm(rows=200), **{group: unknown}) if column is ... else spoilt(group, column, value)
     kept, notes = checking.pieces(flight)
-    assert (len(kept), len(kept[0]), notes) == (1, 200, [])
+    assert ([len(piece) for piece in kept], notes) == ([200], [])
 
 
 def test_a_row_with_two_faults_is_counted_once():

@@ -77,7 +77,16 @@ def test_duration_is_rows_times_period():
 def test_a_file_says_what_it_is_and_in_which_units():
     lines = log.to_csv(calm(held=False, simulated="virtual-3"), {"seed": 7}).split("\n")
     assert lines[0].startswith(log.MARK)
-    for quantity in ("time s;", "position m ", "velocity m/s ", "yaw rad ", "body_rate rad/s,", r"u in \[0, 1\]", "battery V;", "setpoint m$"):
+    for quantity in (
+        "time s;",
+        "position m ",
+        "velocity m/s ",
+        "yaw rad ",
+        "body_rate rad/s,",
+        r"u in \[0, 1\]",
+        "battery V;",
+        "setpoint m$",
+    ):
         assert re.search(quantity, lines[0]), quantity
     assert lines[1:3] == ["# commands: sampled", "# simulated: virtual-3"]
     assert json.loads(lines[3].removeprefix("# record: ")) == {"seed": 7}

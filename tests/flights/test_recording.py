@@ -1,5 +1,7 @@
 """Recording: the firmware's PID flies a virtual drone about the circle, and the log holds what a real one would."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -98,7 +100,7 @@ def test_a_recorded_flight_has_nothing_to_complain_about_and_survives_its_file(f
 
 
 def test_without_a_battery_the_logged_command_is_the_ratio():
-    values = {name: np.ones((5, 3), np.float32) for name in recording.Rows._fields}
+    values: dict[str, Any] = {name: np.ones((5, 3), np.float32) for name in recording.Rows._fields}
     values |= {"ratio": np.full((5, 4), 0.625, np.float32), "battery": np.full(5, 3.5, np.float32)}
     flight = recording.to_flight(recording.Rows(**values), "made", held=True, has_battery=False, simulated="x", period=0.02)
     np.testing.assert_array_equal(flight.command, values["ratio"])

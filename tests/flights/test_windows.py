@@ -45,7 +45,12 @@ def test_the_state_at_the_start_is_the_starting_rows(cut):
     np.testing.assert_array_equal(cut.velocity, np.tile(row + np.float32(0.25), (1, 3)))
     np.testing.assert_array_equal(cut.body_rates, np.tile(row + np.float32(0.5), (1, 3)))
     half = np.array([0.05, 0.5e-4 * HISTORY])
-    roll_only = [np.sin(half[0]) * np.cos(half[1]), np.cos(half[0]) * np.sin(half[1]), -np.sin(half[0]) * np.sin(half[1]), np.prod(np.cos(half))]
+    roll_only = [
+        np.sin(half[0]) * np.cos(half[1]),
+        np.cos(half[0]) * np.sin(half[1]),
+        -np.sin(half[0]) * np.sin(half[1]),
+        np.prod(np.cos(half)),
+    ]
     np.testing.assert_allclose(cut.quaternion[0], roll_only, atol=1e-6)
 
 
@@ -96,7 +101,7 @@ def test_the_distance_between_starts_can_be_chosen():
 
 
 def test_flights_of_different_rates_are_refused():
-    with pytest.raises(InputError, match="50 Hz, 100 Hz|100 Hz, 50 Hz"):
+    with pytest.raises(InputError, match=r"100 Hz, 50 Hz"):
         windows([calm(200), calm(200, period=0.02)], LENGTH)
 
 

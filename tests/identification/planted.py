@@ -30,7 +30,7 @@ def drone(thrust_to_weight, motor_time_constant, latency):
 
 def excitation(generator):
     """Additions to the hover command, ROWS x 4; the first row is hover itself."""
-    pulse = np.repeat(np.float32([1, -1, -1, 1]), 5)
+    pulse = np.repeat([1, -1, -1, 1], 5)
     signs = generator.choice([-1.0, 1.0], (ROWS // 20, 1, 4)) * [0.08, 0.02, 0.02, 0.04]
     axes = (signs * pulse[None, :, None]).reshape(ROWS, 4)
     return np.concatenate([np.zeros((1, 4)), (axes @ AXES)[:-1]]).astype(np.float32)

@@ -1,6 +1,7 @@
 """Identification: what was planted is found again, on the model's own flights; on real ones the answer is the study's."""
 
 import itertools
+from typing import Any
 
 import jax
 import numpy as np
@@ -13,7 +14,7 @@ from maidenflight.identification.identify import PAPER_BOUNDS, identify
 from maidenflight.identification.posterior import DESIGN
 from maidenflight.parameters import QUANTITIES, check, crazyflie, noiseless
 
-FEW = dict(evaluations=12, trials=1)
+FEW: dict[str, Any] = {"evaluations": 12, "trials": 1}
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +32,10 @@ def test_a_planted_drone_is_found_again(planted_xi):
     """k_F within 1 %, T_m + latency within 3 ms, latency within 4 ms."""
     found = identify(planted.logs(planted.drone(*planted_xi)))
     thrust, lag, delay = (found.estimates[name].value for name in PAPER_BOUNDS)
-    print(f"planted {planted_xi}: k_F {thrust / planted_xi[0] - 1:+.2%}, T_m + latency {1e3 * (lag + delay - sum(planted_xi[1:])):+.2f} ms,", end=" ")
+    print(
+        f"planted {planted_xi}: k_F {thrust / planted_xi[0] - 1:+.2%}, T_m + latency {1e3 * (lag + delay - sum(planted_xi[1:])):+.2f} ms,",
+        end=" ",
+    )
     print(f"latency {1e3 * (delay - planted_xi[2]):+.2f} ms, loss {found.objective:.3f}")
     assert thrust == pytest.approx(planted_xi[0], rel=0.01)
     assert lag + delay == pytest.approx(planted_xi[1] + planted_xi[2], abs=0.003)
@@ -103,18 +107,12 @@ def test_progress_is_counted_to_the_plan(flights):
 
 @pytest.mark.parametrize(("bounds", "side"), [((1.5, 1.75), "1.75"), ((2.1, 2.5), "2.1")])
 def test_an_optimum_at_a_search_bound_gives_a_note(flights, bounds, side):
-    found = identify(flights, bounds={**PAPER_BOUNDS, "thrust_to_weight": bounds}, **FEW)
+    found = identify(flights, bounds={**PAPER_BOUNDS, "thrust_to_weight": bounds}, evaluations=40, trials=1)
     assert any(note.startswith(f"thrust_to_weight lies at its search bound {side}") for note in found.notes)
 
 
 def test_an_optimum_inside_its_bounds_gives_no_note(quick):
     assert quick.notes == ()
-
-
-@pytest.mark.parametrize("bounds", [(1.5, 1.75), (2.1, 2.5)])
-def test_an_estimate_stays_within_the_bounds_that_the_user_gave(flights, bounds):
-    found = identify(flights, bounds={**PAPER_BOUNDS, "thrust_to_weight": bounds}, **FEW)
-    assert bounds[0] - 1e-6 <= found.estimates["thrust_to_weight"].value <= bounds[1] + 1e-6
 
 
 @pytest.mark.parametrize(
@@ -142,10 +140,9 @@ def test_too_little_flight_is_refused():
 
 
 def test_a_single_stretch_of_flight_has_no_interval_to_be_sure_of(flights):
-    """One block cannot be redrawn: a note must say so, lest an interval of no width be believed."""
+    """One block cannot be redrawn; a note must say so, lest an interval of no width be believed."""
     found = identify(flights[:1], ["thrust_to_weight"], start=noiseless(crazyflie()), **FEW)
-    low, high = found.estimates["thrust_to_weight"].interval
-    assert not np.isfinite(low) or high - low > 0.01 or any("interval" in note for note in found.notes)
+    assert any("interval" in note for note in found.notes)
 
 
 def test_a_third_of_the_real_pwm_flights_gives_the_studys_drone(shared_data):

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from maidenflight.errors import InputError
 from maidenflight.parameters import QUANTITIES, check, crazyflie
 from maidenflight.simulator import control, dynamics, environment, tasks
 from maidenflight.simulator.virtual_drone import SPREAD, virtual_drone
@@ -33,9 +34,9 @@ def test_every_virtual_drone_is_physical_and_within_its_spread(seed):
     assert all(np.asarray(getattr(parameters, name)).dtype == np.float32 for name in QUANTITIES)
 
 
-@pytest.mark.xfail(strict=True, raises=ValueError, reason="defect: virtual_drone(-1) fails, though any whole number is promised")
-def test_a_negative_seed_is_a_drone_too():
-    check(virtual_drone(-1).parameters)
+def test_a_negative_seed_is_refused():
+    with pytest.raises(InputError, match="seed of 0 or more"):
+        virtual_drone(-1)
 
 
 def test_a_virtual_drone_has_effects_that_the_papers_model_lacks():

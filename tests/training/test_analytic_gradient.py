@@ -16,7 +16,7 @@ from maidenflight.training.analytic_gradient import AnalyticGradient, Progress, 
 from maidenflight.training.evaluation import evaluate
 
 BOX = relative_box(replace(crazyflie(), motor_time_constant=0.08, latency=0.012), 0.10)
-SMALL = AnalyticGradient(updates=120, drones=16, horizon=64, evaluations=4, episodes=32)
+SMALL = AnalyticGradient(updates=400, drones=16, horizon=64, evaluations=4, episodes=32)
 KEYS = jax.random.split(jax.random.key(5), 2)
 
 
@@ -34,8 +34,8 @@ def test_training_makes_policies_fly_that_did_not(trained: Any) -> None:
     assert float(before.survival) == 0.0
     assert all(float(score.survival) > 0.5 for score in after)
     assert len(heard) == 4
-    assert [progress.update for progress in heard] == [30, 60, 90, 120]
-    assert heard[-1].steps == 120 * 16 * 64 * 2
+    assert [progress.update for progress in heard] == [100, 200, 300, 400]
+    assert heard[-1].steps == 400 * 16 * 64 * 2
 
 
 def test_the_best_scored_policy_is_kept_not_the_last(trained: Any) -> None:

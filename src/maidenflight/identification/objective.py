@@ -74,9 +74,9 @@ def window_loss(
     """
     difference = simulated - measured
     angles = (difference[:, 6:9] + jnp.pi) % (2 * jnp.pi) - jnp.pi
-    weighted = weights * jnp.concatenate([difference[:, :6], angles, difference[:, 9:]], axis=1)
+    weighted = weights[None] * jnp.concatenate([difference[:, :6], angles, difference[:, 9:]], axis=1)
     per_step = jnp.sum(jnp.abs(weighted), axis=1) + jnp.sqrt(jnp.sum(weighted**2, axis=1))
-    return jnp.sum(discount ** jnp.arange(1, per_step.shape[0] + 1) * per_step)
+    return jnp.sum(discount ** jnp.arange(1, per_step.shape[0] + 1, dtype=jnp.float32) * per_step)
 
 
 class Objective:

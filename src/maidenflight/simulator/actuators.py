@@ -36,8 +36,8 @@ def ornstein_uhlenbeck(noise: Float[Array, "4"], elapsed: Float[Array, ""], para
 
     Source: the process of Gronauer et al. 2022, sec. Simulation Environment; Molchanov et al. 2019.
     """
-    kept = jnp.exp(-parameters.actuator_noise_rate * elapsed)
-    return kept * noise + parameters.actuator_noise * jnp.sqrt(1 - kept**2) * jax.random.normal(key, (4,))
+    aged = parameters.actuator_noise_rate * elapsed
+    return jnp.exp(-aged) * noise + parameters.actuator_noise * jnp.sqrt(-jnp.expm1(-2 * aged)) * jax.random.normal(key, (4,))
 
 
 def rotor_speed_command(command: Float[Array, "4"]) -> Float[Array, "4"]:

@@ -20,7 +20,7 @@ from maidenflight.parameters import Parameters
 Numbers = TypeVar("Numbers", jax.Array, np.ndarray)
 """A NumPy or a JAX array."""
 
-_GRAMS = 60.0 * 60000.0 / 65535.0
+_GRAMS = 60.0 * 60000.0 / 65536.0
 """Thrust [g] of four motors that the firmware expects at u = 1, which is PWM 60000 of 65535."""
 _SQUARE, _LINEAR = -0.0006239, 0.088
 """Motor voltage per thrust: volts = _SQUARE grams^2 + _LINEAR grams."""

@@ -35,7 +35,7 @@ def walk_bias(bias: Float[Array, "3"], elapsed: Float[Array, ""], parameters: Pa
     """
     tau = parameters.gyro_bias_time
     kept = jnp.exp(-elapsed / tau)
-    spread = parameters.gyro_bias_walk * jnp.sqrt(tau / 2 * (1 - kept**2))
+    spread = parameters.gyro_bias_walk * jnp.sqrt(-tau / 2 * jnp.expm1(-2 * elapsed / tau))
     return kept * bias + spread * jax.random.normal(key, (3,))
 
 

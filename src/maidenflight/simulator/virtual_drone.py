@@ -5,10 +5,12 @@ They are simulated, and everything made with them says so. A virtual drone has e
 up, rotor drag, and an estimator that is late. Its constants are drawn from a seed and hidden from identification and training.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from maidenflight.errors import InputError
 from maidenflight.parameters import Parameters, crazyflie, replace
 from maidenflight.simulator import dynamics
 from maidenflight.simulator.control import Controller
@@ -33,7 +35,7 @@ class VirtualDrone:
             steps_per_command=1000 // controller.rate,
             commands_per_action=controller.rate // rate,
             battery=True,
-            estimator_memory=3,
+            estimator_memory=2 + math.ceil(max(0.010, float(self.parameters.estimator_delay)) * rate - 1e-6),
         )
 
 
@@ -60,8 +62,13 @@ def virtual_drone(seed: int) -> VirtualDrone:
     """A virtual Crazyflie whose hidden constants are drawn from a seed.
 
     Args:
-        seed: any whole number; the same seed is the same drone.
+        seed: a whole number, not negative; the same seed is the same drone.
+
+    Raises:
+        InputError: the seed is negative.
     """
+    if seed < 0:
+        raise InputError(f"virtual drone {seed}: expected a seed of 0 or more.")
     generator = np.random.default_rng([seed, 0x0D201E])
     drawn = {name: float(generator.uniform(low, high)) for name, (low, high) in SPREAD.items()}
     nominal = crazyflie()

@@ -144,7 +144,8 @@ def _update(simulated: Environment, settings: AnalyticGradient, box: RelativeBox
     # A step whose gradient overflowed all the same is left out.
     usable = jnp.isfinite(optax.tree.norm(gradient))
     gradient = tree.map(lambda g: jnp.where(usable, g, 0.0), gradient)
-    changes, optimiser = _optimiser(settings).update(gradient, learner.optimiser)
+    with jax.numpy_dtype_promotion("standard"):  # optax mixes integers and floats, whatever its user has set
+        changes, optimiser = _optimiser(settings).update(gradient, learner.optimiser)
     policy = _with_network(learner.policy, optax.apply_updates(_network(learner.policy), changes))  # type: ignore[arg-type]
 
     setpoints = jax.vmap(simulated.task.reference)(episodes.time)

@@ -9,10 +9,10 @@ from urllib.parse import quote
 import numpy as np
 import polars
 
+from maidenflight.experiments.transfer import LONGEST
 from maidenflight.parameters import QUANTITIES, Parameters, crazyflie
-from maidenflight.report import text
-from maidenflight.report.run import Run, viewable
-from maidenflight.transfer.flying import LONGEST
+from maidenflight.reporting import text
+from maidenflight.reporting.run import Run, viewable
 
 _COLUMNS = {
     "flight": "Flight",

@@ -13,11 +13,11 @@ import pytest
 
 from maidenflight import parameters
 from maidenflight.errors import InputError
+from maidenflight.experiments.transfer import Transfer
 from maidenflight.flights import log
 from maidenflight.flights.log import Flight
-from maidenflight.report import text
-from maidenflight.report.page import report
-from maidenflight.transfer.flying import Transfer
+from maidenflight.reporting import text
+from maidenflight.reporting.page import report
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 RECORD = {"version": "0.1.0", "seed": 7, "settings": {"reality": "virtual-1"}}

@@ -17,10 +17,10 @@ import polars
 
 from maidenflight import parameters
 from maidenflight.errors import InputError
+from maidenflight.experiments.transfer import Transfer
 from maidenflight.flights import log
 from maidenflight.flights.log import Flight
 from maidenflight.parameters import QUANTITIES, Parameters
-from maidenflight.transfer.flying import Transfer
 
 FLIGHT_COLUMNS: dict[str, Any] = {
     "flight": polars.Int64,

@@ -11,7 +11,7 @@ import numpy as np
 import polars
 
 from maidenflight.parameters import crazyflie
-from maidenflight.report.run import Run
+from maidenflight.reporting.run import Run
 
 Figure = dict[str, Any]
 

@@ -3,10 +3,10 @@ import numpy as np
 import pytest
 
 from maidenflight.errors import InputError
+from maidenflight.experiments.transfer import end_of_flight, transfer
 from maidenflight.flights.recording import Rows
 from maidenflight.policy import untrained
 from maidenflight.simulator.virtual_drone import virtual_drone
-from maidenflight.transfer.flying import end_of_flight, transfer
 
 POLICIES = [untrained(jax.random.key(number)) for number in range(2)]
 

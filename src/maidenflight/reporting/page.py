@@ -14,11 +14,11 @@ import numpy as np
 import plotly.offline
 
 from maidenflight import __version__, results
+from maidenflight.experiments.transfer import Transfer
 from maidenflight.parameters import crazyflie
-from maidenflight.report import figures, parts, text
-from maidenflight.report import run as runs
-from maidenflight.report.run import Run
-from maidenflight.transfer.flying import Transfer
+from maidenflight.reporting import figures, parts, text
+from maidenflight.reporting import run as runs
+from maidenflight.reporting.run import Run
 
 RATE = 50.0
 """Rows a second of the flights in the page [Hz]."""
@@ -68,7 +68,7 @@ def to_html(run: Run) -> str:
 
 
 def _file(name: str) -> str:
-    return resources.files("maidenflight.report").joinpath(name).read_text(encoding="utf-8")
+    return resources.files("maidenflight.reporting").joinpath(name).read_text(encoding="utf-8")
 
 
 def _scripts(viewer: bool) -> list[str]:
