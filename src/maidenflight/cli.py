@@ -169,6 +169,7 @@ def _bounds(_: click.Context, __: click.Parameter, given: tuple[str, ...]) -> di
 @click.option("--over", default="thrust_to_weight,motor_time_constant,latency", show_default=True, help="Parameters to identify.")
 @click.option("--start", default="crazyflie", show_default=True, help="Drone whose other parameters are kept: a name or a TOML file.")
 @click.option("--length", default=30, show_default=True, type=click.IntRange(1, 500), help="T, rows of a window.")
+@click.option("--history", default=100, show_default=True, type=click.IntRange(1, 500), help="Rows before a window that set its motors.")
 @click.option("--evaluations", default=60, show_default=True, type=click.IntRange(11, 2000), help="Of the objective, a trial.")
 @click.option("--trials", default=3, show_default=True, type=click.IntRange(1, 100), help="Repetitions of the optimiser.")
 @click.option("--bounds", multiple=True, callback=_bounds, help="Search bounds, NAME=LOWER,UPPER in SI units; may be repeated.")
@@ -181,6 +182,7 @@ def identify(
     over: str,
     start: str,
     length: int,
+    history: int,
     evaluations: int,
     trials: int,
     bounds: dict[str, tuple[float, float]],
@@ -195,7 +197,7 @@ def identify(
     names = [name.strip() for name in over.split(",") if name.strip()]
     with _progress("identify", None) as move:
         flights, found = workflow.identify_from(
-            logs, seed, output, names, start, length, evaluations, trials, bounds,
+            logs, seed, output, names, start, length, history, evaluations, trials, bounds,
             on_file=lambda done, of: move(done, of, "reading flights"),
             on_evaluation=lambda done, of: move(done, of, "evaluations"),
         )  # fmt: skip

@@ -86,6 +86,7 @@ def demo(folder: Path, seed: int, plan: Plan, listener: Listener) -> Demo:
             ("thrust_to_weight", "motor_time_constant", "latency"),
             "crazyflie",
             length=30,
+            history=100,
             evaluations=plan.evaluations,
             trials=plan.trials,
             bounds={},

@@ -8,7 +8,7 @@ import pytest
 from made_flights import calm
 
 from maidenflight.errors import InputError
-from maidenflight.flights.windows import BLOCK, EVERY, HISTORY, windows
+from maidenflight.flights.windows import BLOCK, EVERY, HISTORY, SHORTEST_HISTORY, windows
 
 LENGTH = 30
 
@@ -25,12 +25,12 @@ def numbered(number, rows, **changes):
 @pytest.fixture(scope="module")
 def cut():
     """Windows of three flights, one of which is too short to give any."""
-    return windows([numbered(1, 200), numbered(2, HISTORY + LENGTH), numbered(3, 3001)], LENGTH)
+    return windows([numbered(1, 200), numbered(2, SHORTEST_HISTORY + LENGTH), numbered(3, 3001)], LENGTH)
 
 
 def begins(rows):
     """First rows of all windows that a flight of so many rows holds."""
-    return np.arange(HISTORY, rows - LENGTH, EVERY)
+    return np.arange(SHORTEST_HISTORY, rows - LENGTH, EVERY)
 
 
 def test_every_tenth_row_that_has_a_past_and_a_future_starts_a_window(cut):
@@ -44,7 +44,7 @@ def test_the_state_at_the_start_is_the_starting_rows(cut):
     np.testing.assert_array_equal(cut.position, np.tile(row, (1, 3)))
     np.testing.assert_array_equal(cut.velocity, np.tile(row + np.float32(0.25), (1, 3)))
     np.testing.assert_array_equal(cut.body_rates, np.tile(row + np.float32(0.5), (1, 3)))
-    half = np.array([0.05, 0.5e-4 * HISTORY])
+    half = np.array([0.05, 0.5e-4 * SHORTEST_HISTORY])
     roll_only = [
         np.sin(half[0]) * np.cos(half[1]),
         np.cos(half[0]) * np.sin(half[1]),
@@ -58,17 +58,20 @@ def test_what_is_to_be_predicted_are_the_rows_after_the_start(cut):
     expected = cut.position[:, :1] + np.arange(1, LENGTH + 1, dtype=np.float32)
     for columns, offset in ((slice(0, 3), 0.0), (slice(3, 6), 0.25), (slice(9, 12), 0.5)):
         np.testing.assert_array_equal(cut.measured[:, :, columns], np.tile(expected[:, :, None] + np.float32(offset), (1, 1, 3)))
-    np.testing.assert_allclose(cut.measured[0, :, 7], 1e-4 * (HISTORY + np.arange(1, LENGTH + 1)), rtol=1e-5)
+    np.testing.assert_allclose(cut.measured[0, :, 7], 1e-4 * (SHORTEST_HISTORY + np.arange(1, LENGTH + 1)), rtol=1e-5)
 
 
 def test_commands_run_from_the_history_to_the_last_period(cut):
-    expected = cut.position[:, :1] + np.arange(-HISTORY, LENGTH, dtype=np.float32)
+    first = 10_000 * np.floor(cut.position[:, :1] / 10_000)
+    expected = np.maximum(cut.position[:, :1] + np.arange(-HISTORY, LENGTH, dtype=np.float32), first)
+    assert (expected[:, 0] == first[:, 0]).any(), "the first row stands for what came before it"
     np.testing.assert_array_equal(cut.command, np.tile(expected[:, :, None], (1, 1, 4)))
 
 
 def test_sampled_commands_are_averaged_over_their_period():
     cut = windows([numbered(1, 200, held=False)], LENGTH)
-    np.testing.assert_allclose(cut.command[0, :, 0], 10_000.5 + np.arange(HISTORY + LENGTH))
+    rows = np.maximum(np.arange(-HISTORY, LENGTH) + SHORTEST_HISTORY, 0)
+    np.testing.assert_allclose(cut.command[0, :, 0], 10_000.5 + rows)
 
 
 def test_no_window_crosses_two_flights(cut):
@@ -100,13 +103,17 @@ def test_the_distance_between_starts_can_be_chosen():
     assert (np.diff(cut.position[:, 0]) == 7).all()
 
 
+def test_the_length_of_the_history_can_be_chosen():
+    assert windows([numbered(1, 200)], LENGTH, history=30).command.shape[1:] == (30 + LENGTH, 4)
+
+
 def test_flights_of_different_rates_are_refused():
     with pytest.raises(InputError, match=r"100 Hz, 50 Hz"):
         windows([calm(200), calm(200, period=0.02)], LENGTH)
 
 
 def test_flights_that_are_too_short_are_refused_with_what_is_needed():
-    least = HISTORY + LENGTH + 1
+    least = SHORTEST_HISTORY + LENGTH + 1
     assert len(windows([calm(least)], LENGTH).block) == 1
     with pytest.raises(InputError, match=rf"longest {0.01 * (least - 1):.2f} s, needed {0.01 * least:.2f} s"):
         windows([calm(least - 1), calm(10)], LENGTH)

@@ -42,7 +42,7 @@ def test_a_window_whose_history_began_in_hover_loses_nothing_whatever_its_lag():
     slow = planted.drone(1.6, 0.11, 0.025)
     cut = windows(planted.logs(slow), planted.LENGTH)
     fresh = (np.abs(cut.command[:, 0] - 1 / 1.6) < 1e-6).all(axis=1)
-    assert fresh.sum() == planted.FLIGHTS
+    assert fresh.sum() >= planted.FLIGHTS
     losses = Objective(cut, 0.01).per_window(slow)
     assert losses[fresh].max() < 1e-3
 

@@ -13,6 +13,9 @@ from maidenflight.simulator import battery
 
 COLUMNS: list[str] = ("x y z x_dot y_dot z_dot roll pitch yaw roll_dot pitch_dot yaw_dot n0 n1 n2 n3 mot0 mot1 mot2 mot3 bat time").split()
 
+_SATURATED = 255 / 256
+"""Motor ratio at which the battery gives all it has, whatever was commanded."""
+
 PERIOD = 0.01
 """Time between two rows [s]."""
 
@@ -45,10 +48,12 @@ def _flight(table: dict[str, np.ndarray], name: str) -> Flight:
 
     voltage = table["bat"].astype(np.float32)
     ratio = columns("mot0", "mot1", "mot2", "mot3") / np.float32(65536.0)
-    command = battery.thrust_command(ratio, voltage[:, None])
+    with np.errstate(invalid="ignore"):  # a battery that is not a number makes a command that is not one, which checking drops
+        command = battery.thrust_command(ratio, voltage[:, None])
     # The network's own command, where the network commanded the motors, equals what the motors were told.
     wanted = (np.clip(columns("n0", "n1", "n2", "n3"), -1.0, 1.0) + 1.0) / 2.0
-    held = bool(np.nanmedian(np.abs(command - wanted)) < 0.02)
+    free = np.isfinite(command) & (ratio < _SATURATED)
+    held = bool(free.any() and np.median(np.abs(command - wanted)[free]) < 0.02)
     clock = (np.round(table["time"][0] / PERIOD) + np.arange(len(voltage))) * PERIOD
     angle = 2 * np.pi * clock / 3.0
     setpoint = np.stack([0.25 * (1 - np.cos(angle)), 0.25 * np.sin(angle), np.ones_like(angle)], axis=-1)

@@ -30,6 +30,8 @@ GROUPS: dict[str, tuple[str, ...]] = {
 }
 """Columns of our format, by the field of `Flight` that they fill."""
 
+_LARGEST = float(np.finfo(np.float32).max)
+
 _LEGEND = (
     "time s; position m and velocity m/s in the world, z up; roll, pitch, yaw rad (ZYX, positive pitch nose down); body_rate rad/s,"
     " x forward, y left, z up; command = normalised thrust u in [0, 1] of motors 1..4 (front right, back right, back left, front"
@@ -146,7 +148,10 @@ def numbers(text: str, name: str, columns: list[str]) -> dict[str, np.ndarray]:
     table = {}
     for column in columns:
         series = frame[column]
-        if not series.dtype.is_numeric() and series.null_count() < len(series):
-            raise InputError(f"{name}: column {column} holds something that is not a number, such as {series[0]!r}.")
-        table[column] = series.cast(polars.Float64).fill_null(float("nan")).to_numpy()
+        cast = series.cast(polars.Float64, strict=False)
+        odd = series.filter(cast.is_null() & series.is_not_null())
+        if len(odd) > 0:
+            raise InputError(f"{name}: column {column} holds something that is not a number, such as {str(odd[0])[:40]!r}.")
+        values = cast.fill_null(float("nan")).to_numpy()
+        table[column] = np.where(np.abs(values) > _LARGEST, np.inf, values)
     return table

@@ -79,7 +79,7 @@ def _files(path: Path) -> list[Path]:
 def _open(path: Path) -> str:
     try:
         content = path.read_bytes()
-        return (gzip.decompress(content) if content[:2] == b"\x1f\x8b" else content).decode("utf-8")
+        return (gzip.decompress(content) if content[:2] == b"\x1f\x8b" else content).decode("utf-8").replace("\r\n", "\n")
     except (OSError, EOFError, zlib.error, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read as a flight log ({error}).") from error
 
@@ -89,9 +89,9 @@ def _first_line(path: Path) -> bool:
     try:
         with gzip.open(path, "rt", encoding="utf-8") if path.suffix == ".gz" else open(path, encoding="utf-8") as file:
             line = file.readline()
-    except (OSError, EOFError, UnicodeDecodeError):
+    except (OSError, EOFError, zlib.error, UnicodeDecodeError):
         return True  # let reading it say what is wrong
-    return line.startswith(log.MARK) or line.strip().split(",") == authors.COLUMNS
+    return line.startswith(log.MARK) or set(line.strip().split(",")) == set(authors.COLUMNS)
 
 
 def _read(path: Path, notes: list[str]) -> list[Flight]:

@@ -1,22 +1,24 @@
 """Windows, the paper's mini-trajectories: short stretches of flight, each with the commands that came before it.
 
-The motors and the delay line remember; a window that starts with them at rest is a different experiment. So each carries the
-30 rows before its start.
+The motors and the delay line remember; a window that starts with them at rest is a different experiment. So each carries up to
+a second of commands from before its start.
 """
 
 from collections.abc import Iterable
 from typing import NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.spatial.transform import Rotation
 
 from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
-from maidenflight.simulator import rotations
 
-HISTORY = 30
-"""Rows before a window's start from which the motors' speed and the delay line are inferred."""
+HISTORY = 100
+"""Rows before a window's start from which the motors' speed and the delay line are inferred: nine lags of a motor of 0.11 s. With
+30 rows the motors have not forgotten where they are guessed to begin, and their lag is found up to a tenth too short."""
+SHORTEST_HISTORY = 30
+"""Rows that must have been recorded before a window's start; what lies before a flight's first row is taken to equal it."""
 EVERY = 10
 """Every tenth row starts a window (Gronauer et al. 2022, sec. Simulation Optimization)."""
 BLOCK = 5.0
@@ -31,20 +33,21 @@ class Windows(NamedTuple):
     quaternion: Float[np.ndarray, "W 4"]
     body_rates: Float[np.ndarray, "W 3"]
     command: Float[np.ndarray, "W P+T 4"]
-    """u in each period from `HISTORY` rows before the start to the end."""
+    """u in each period from P = `HISTORY` rows before the start to the end."""
     measured: Float[np.ndarray, "W T 12"]
     """Position, velocity, attitude, body rates in the T rows after the start."""
     block: Int[np.ndarray, "W"]
     """Number of the stretch of flight that the window lies in."""
 
 
-def windows(flights: Iterable[Flight], length: int, every: int = EVERY) -> Windows:
+def windows(flights: Iterable[Flight], length: int, every: int = EVERY, history: int = HISTORY) -> Windows:
     """Cuts flights into windows.
 
     Args:
         flights: checked flights, all of one period.
         length: T, rows that the simulation must predict.
         every: rows between the starts of two windows.
+        history: P, rows of commands before each start.
 
     Raises:
         InputError: the flights have different rates, or none is long enough.
@@ -54,27 +57,26 @@ def windows(flights: Iterable[Flight], length: int, every: int = EVERY) -> Windo
     if len(periods) > 1:
         rates = ", ".join(f"{1 / period:.6g} Hz" for period in sorted(periods))
         raise InputError(f"flights of different rates ({rates}); identify from flights of one rate at a time.")
-    to_quaternion = jax.jit(jax.vmap(rotations.from_attitude))
     parts: dict[str, list[np.ndarray]] = {name: [] for name in Windows._fields}
     blocks = 0
     for flight in flights:
-        starts = np.arange(HISTORY, len(flight) - length, every)
+        starts = np.arange(SHORTEST_HISTORY, len(flight) - length, every)
         if starts.size == 0:
             continue
         rows = np.concatenate([flight.position, flight.velocity, flight.attitude, flight.body_rates], axis=1)
         parts["position"].append(flight.position[starts])
         parts["velocity"].append(flight.velocity[starts])
-        parts["quaternion"].append(flight.attitude[starts])
+        parts["quaternion"].append(Rotation.from_euler("ZYX", flight.attitude[starts, ::-1]).as_quat())
         parts["body_rates"].append(flight.body_rates[starts])
-        parts["command"].append(flight.mean_command[starts[:, None] + np.arange(-HISTORY, length)])
+        # A flight's first row stands for what came before it.
+        parts["command"].append(flight.mean_command[np.maximum(starts[:, None] + np.arange(-history, length), 0)])
         parts["measured"].append(rows[starts[:, None] + np.arange(1, length + 1)])
         pieces = max(1, round(flight.duration / BLOCK))
         parts["block"].append(blocks + np.arange(starts.size) * pieces // starts.size)
         blocks += pieces
     if not parts["position"]:
         longest = max((flight.duration for flight in flights), default=0.0)
-        needed = (HISTORY + length + 1) * (flights[0].period if flights else 0.01)
+        needed = (SHORTEST_HISTORY + length + 1) * (flights[0].period if flights else 0.01)
         raise InputError(f"no flight is long enough for a window of {length} rows: longest {longest:.2f} s, needed {needed:.2f} s.")
     joined = {name: np.concatenate(arrays) for name, arrays in parts.items()}
-    joined["quaternion"] = np.asarray(to_quaternion(joined["quaternion"]))
     return Windows(**{name: array if name == "block" else array.astype(np.float32) for name, array in joined.items()})

@@ -12,11 +12,14 @@ from jaxtyping import Array
 
 from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
-from maidenflight.flights.windows import windows
+from maidenflight.flights.windows import BLOCK, HISTORY, windows
 from maidenflight.identification import bayesian, posterior
 from maidenflight.identification.bayesian import PAPER_BOUNDS, Box
 from maidenflight.identification.objective import DISCOUNT, Objective
 from maidenflight.parameters import QUANTITIES, Parameters, check, crazyflie, replace
+
+_FEWEST_BLOCKS = 6
+"""Stretches of flight below which redrawing them says little."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +86,7 @@ def identify(
     *,
     start: Parameters | None = None,
     length: int = 30,
+    history: int = HISTORY,
     evaluations: int = 60,
     trials: int = 3,
     bounds: Mapping[str, tuple[float, float]] = PAPER_BOUNDS,
@@ -97,6 +101,7 @@ def identify(
         key: random key; `jax.random.key(0)` unless given.
         start: the drone whose other parameters are kept; the paper's Crazyflie unless given.
         length: T, rows of a window.
+        history: rows of commands before a window, from which its motors' speed is inferred.
         evaluations: of the objective, a trial; the paper spent 250.
         trials: repetitions of the optimiser.
         bounds: search bounds by name, SI units.
@@ -113,7 +118,7 @@ def identify(
     flights = list(flights)
     start = crazyflie() if start is None else start
     box = _box(over, bounds)
-    cut = windows(flights, length)
+    cut = windows(flights, length, history=history)
     objective = Objective(cut, flights[0].period, discount)
     seed = jax.random.bits(jax.random.key(0) if key is None else key, (2,))
     generator = np.random.default_rng(np.asarray(seed).tolist())
@@ -134,13 +139,12 @@ def identify(
     optima = np.array([points[int(np.argmin(values))] for points, values in runs])
     best = min(runs, key=lambda run: run[1].min())
     lowest = best[0][int(np.argmin(best[1]))]
-    limits = np.array([[QUANTITIES[name].lower, QUANTITIES[name].upper] for name in box.names]).T
     drawn = posterior.bootstrap(
         lambda unit: objective.per_block(at(unit)),
         objective.windows_per_block,
         lowest,
         np.full(len(box.names), 0.08),
-        (box.unit(limits[0]), box.unit(limits[1])),
+        (np.zeros(len(box.names)), np.ones(len(box.names))),
         generator,
         count,
     )
@@ -157,7 +161,7 @@ def identify(
         evaluations=len(losses),
         seconds=time.perf_counter() - began,
         history=_history(box, runs, drawn),
-        notes=tuple(_notes(box, optimum)),
+        notes=tuple(_notes(box, optimum, objective.blocks)),
     )
 
 
@@ -197,8 +201,12 @@ def _history(box: Box, runs: list[tuple[np.ndarray, np.ndarray]], drawn: posteri
     return polars.concat(parts)
 
 
-def _notes(box: Box, optimum: np.ndarray) -> list[str]:
+def _notes(box: Box, optimum: np.ndarray, blocks: int) -> list[str]:
     notes = []
+    if blocks < _FEWEST_BLOCKS:
+        notes.append(
+            f"each interval rests on {blocks} stretches of flight and is too narrow; record at least {_FEWEST_BLOCKS * BLOCK:.0f} s."
+        )
     for name, place, low, high in zip(box.names, optimum, box.lower, box.upper, strict=True):
         if place < 0.01 or place > 0.99:
             side = low if place < 0.5 else high

@@ -1,7 +1,7 @@
 """The paper's objective: how far simulated windows drift from measured ones.
 
 Each window is simulated open loop from its measured start with its recorded commands. The motors' speed and the delay line at
-the start are those that the 30 recorded rows before it imply.
+the start are those that the recorded commands before it imply.
 """
 
 from functools import partial
@@ -12,7 +12,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float
 
-from maidenflight.flights.windows import HISTORY, Windows
+from maidenflight.flights.windows import Windows
 from maidenflight.parameters import Parameters, replace
 from maidenflight.simulator import actuators, dynamics, environment, latency, rotations
 from maidenflight.simulator.dynamics import State
@@ -52,7 +52,8 @@ def simulate(window: Windows, parameters: Parameters, steps: int) -> Float[Array
         return (line, speed), None
 
     line = jnp.broadcast_to(speed_commands[0], (slots, 4))
-    (line, speed), _ = lax.scan(spin, (line, speed_commands[0]), speed_commands[:HISTORY])
+    history = command.shape[0] - window.measured.shape[0]
+    (line, speed), _ = lax.scan(spin, (line, speed_commands[0]), speed_commands[:history])
     start = State(position, velocity, quaternion, body_rates, speed)
 
     def advance(memory: tuple[State, Array], command: Array) -> tuple[tuple[State, Array], Array]:
@@ -62,7 +63,7 @@ def simulate(window: Windows, parameters: Parameters, steps: int) -> Float[Array
         row = jnp.concatenate([state.position, state.velocity, rotations.to_attitude(state.quaternion), state.body_rates])
         return (state, line), row
 
-    return lax.scan(advance, (start, line), speed_commands[HISTORY:])[1]
+    return lax.scan(advance, (start, line), speed_commands[history:])[1]
 
 
 def window_loss(
