@@ -66,7 +66,7 @@ class Flown:
     def step(self, measurement, setpoint):
         """Whether all was finite, and the commands."""
         parts = (measurement.position, measurement.quaternion, measurement.velocity, measurement.body_rates, setpoint)
-        now = Now(*(field(*np.asarray(part).tolist()) for (_, field), part in zip(Now._fields_, parts, strict=True)))
+        now = Now(*(field(*np.asarray(part).tolist()) for (_, field), part in zip(Now._fields_, parts, strict=True)))  # pyright: ignore[reportAssignmentType]
         command = np.full(4, np.nan, np.float32)
         return self.library.mf_policy_step(self.state, now, command), command
 
@@ -88,10 +88,10 @@ def walk(steps, seed=0):
     """Measurements and set-points that wander as in a flight."""
     random = np.random.default_rng(seed)
     drift = np.cumsum(random.normal(size=(steps, 16)) * 0.02, axis=0).astype(np.float32)
-    quaternion = drift[:, 3:7] + np.float32([0, 0, 0, 1])
+    quaternion = drift[:, 3:7] + np.array([0, 0, 0, 1], np.float32)
     quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
-    moments = zip(drift[:, :3] + np.float32([0, 0, 1]), drift[:, 7:10], quaternion, 5 * drift[:, 10:13], strict=True)
-    return [Measurement(*moment) for moment in moments], drift[:, 13:] + np.float32([0, 0, 1])
+    moments = zip(drift[:, :3] + np.array([0, 0, 1], np.float32), drift[:, 7:10], quaternion, 5 * drift[:, 10:13], strict=True)
+    return [Measurement(*moment) for moment in moments], drift[:, 13:] + np.array([0, 0, 1], np.float32)
 
 
 @pytest.fixture
@@ -106,7 +106,7 @@ def test_network_computes_what_python_computes_and_passes_its_self_test(flown, h
     policy = restless(hidden, history)
     spread = np.random.default_rng(1).normal(size=(10_000, 20 * history)).astype(np.float32)
     observations = np.asarray(policy.observation_mean) + np.asarray(policy.observation_deviation) * spread
-    expected = np.asarray(jax.vmap(policy)(observations))
+    expected = np.asarray(jax.vmap(policy)(jnp.asarray(observations)))
     drone = flown(policy, level)
     error = np.abs(drone.network(observations) - expected)
     assert np.all(error <= 1e-5 * np.maximum(1.0, np.abs(expected)))
@@ -180,7 +180,7 @@ def test_a_number_that_is_not_finite_stops_the_motors_and_is_not_remembered(flow
     drone.reset(np.zeros(4))
     drone.step(measurements[0], setpoints[0])
     action = drone.action
-    finite, command = drone.step(measurements[1]._replace(velocity=np.float32([0, poison, 0])), setpoints[1])
+    finite, command = drone.step(measurements[1]._replace(velocity=np.array([0, poison, 0], np.float32)), setpoints[1])
     assert not finite
     assert command.tolist() == [0, 0, 0, 0]
     assert np.array_equal(drone.action, action)
@@ -236,7 +236,9 @@ def test_every_compiler_and_level_is_silent_and_agrees(tmp_path, compiler, level
 
 def test_the_header_s_example_compiles(tmp_path):
     header, _ = export_c(restless(), tmp_path)
-    example = re.search(r"Example:\n(.*?)\n \*/", header.read_text(), re.DOTALL)[1]
+    found = re.search(r"Example:\n(.*?)\n \*/", header.read_text(), re.DOTALL)
+    assert found is not None
+    example = found[1]
     body = "\n".join(line.removeprefix(" *") for line in example.splitlines())
     names = "thrust_to_weight, x, y, z, qx, qy, qz, qw, vx, vy, vz, p, q, r, goal_x, goal_y, goal_z"
     (tmp_path / "example.c").write_text(

@@ -11,8 +11,9 @@ from maidenflight.simulator.virtual_drone import virtual_drone
 POLICIES = [untrained(jax.random.key(number)) for number in range(2)]
 
 
-def rows(length: int = 100, **changes: tuple[int, int, float]) -> Rows:
-    """A perfect flight but for entries (from row, column, value) of named fields."""
+def rows(**changes: tuple[int, int, float]) -> Rows:
+    """A perfect flight of 100 periods but for entries (from row, column, value) of named fields."""
+    length = 100
     widths = {"ratio": 4, "battery": 0}
     fields = {name: np.zeros((length, widths.get(name, 3)) if widths.get(name, 3) else length) for name in Rows._fields}
     for name, (start, column, value) in changes.items():

@@ -11,7 +11,10 @@ import numpy as np
 from maidenflight.flights.log import Flight, numbers
 from maidenflight.simulator import battery
 
-COLUMNS: list[str] = ("x y z x_dot y_dot z_dot roll pitch yaw roll_dot pitch_dot yaw_dot n0 n1 n2 n3 mot0 mot1 mot2 mot3 bat time").split()
+COLUMNS = (
+    *("x", "y", "z", "x_dot", "y_dot", "z_dot", "roll", "pitch", "yaw", "roll_dot", "pitch_dot", "yaw_dot"),
+    *("n0", "n1", "n2", "n3", "mot0", "mot1", "mot2", "mot3", "bat", "time"),
+)
 
 _SATURATED = 255 / 256
 """Motor ratio at which the battery gives all it has, whatever was commanded."""

@@ -3,7 +3,7 @@
 import io
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -130,7 +130,7 @@ def from_csv(text: str, name: str) -> Flight:
     )
 
 
-def numbers(text: str, name: str, columns: list[str]) -> dict[str, np.ndarray]:
+def numbers(text: str, name: str, columns: Sequence[str]) -> dict[str, np.ndarray]:
     """Reads named columns of a CSV as float64 arrays, empty cells as NaN.
 
     Raises:
