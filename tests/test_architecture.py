@@ -17,6 +17,7 @@ ORDER = [
     "deployment reporting",
     "workflow",
     "demo",
+    "terminal",
     "cli",
 ]
 RANK = {name: rank for rank, names in enumerate(ORDER) for name in names.split()}

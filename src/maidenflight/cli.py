@@ -1,21 +1,18 @@
-"""The command line: parsing and printing only. Nothing heavy is imported before a command runs."""
+"""The command line: parsing only. Nothing heavy is imported before a command runs."""
 
 import json
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from maidenflight import __version__
+from maidenflight import __version__, terminal
 from maidenflight.errors import InputError
 
 if TYPE_CHECKING:
     from maidenflight.demo import Demo
-    from maidenflight.experiments.transfer import Transfer
-    from maidenflight.identification.identify import Identification
     from maidenflight.training.analytic_gradient import Progress
 
 _CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
@@ -74,38 +71,6 @@ def _emit(as_json: bool, content: dict[str, Any], text: Callable[[], None]) -> N
         print(json.dumps(content))
     else:
         text()
-
-
-@contextmanager
-def _progress(title: str, total: int | None) -> Iterator[Callable[[int, int, str], None]]:
-    """A progress bar on standard error; call it with (done, total, remark)."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-
-    console = Console(stderr=True)
-    columns = ("[bold]{task.description:<9}", BarColumn(24), "{task.percentage:>3.0f} %", TimeElapsedColumn(), TimeRemainingColumn())
-    with Progress(*columns, TextColumn("{task.fields[remark]}"), console=console, disable=not console.is_terminal) as bar:
-        task = bar.add_task(title, total=total, remark="")
-
-        def move(done: int, of: int, remark: str = "") -> None:
-            bar.update(task, completed=done, total=of, remark=remark)
-
-        yield move
-
-
-def _table(title: str, columns: list[str], rows: list[list[str]], numbers_from: int = 1) -> None:
-    from rich.box import SIMPLE_HEAD
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(title=title, box=SIMPLE_HEAD, title_justify="left", title_style="bold")
-    for number, column in enumerate(columns):
-        table.add_column(column, justify="right" if number >= numbers_from else "left", no_wrap=True)
-    for row in rows:
-        table.add_row(*row)
-    console = Console()
-    # Into a file or a pipe a table is as wide as it needs to be; on a terminal it must fit.
-    (console if console.is_terminal else Console(width=200)).print(table)
 
 
 @commands.command()
@@ -195,7 +160,7 @@ def identify(
     from maidenflight import workflow
 
     names = [name.strip() for name in over.split(",") if name.strip()]
-    with _progress("identify", None) as move:
+    with terminal.progress("identify", None) as move:
         flights, found = workflow.identify_from(
             logs, seed, output, names, start, length, history, evaluations, trials, bounds,
             on_file=lambda done, of: move(done, of, "reading flights"),
@@ -226,23 +191,10 @@ def identify(
         print(f"{len(flights.paths)} files, {len(flights)} usable pieces of flight, {flights.duration:.0f} s; {found.windows} windows")
         if flights.notes:
             print(f"{len(flights.notes)} notes on dropped rows, the first: {flights.notes[0]}")
-        _estimates(found)
+        terminal.estimates(found)
         print(f"objective {found.objective:.4g} after {found.evaluations} evaluations in {found.seconds:.1f} s; written to {output}")
 
     _emit(as_json, content, text)
-
-
-def _estimates(found: "Identification", truth: dict[str, str] | None = None) -> None:
-    from maidenflight.parameters import QUANTITIES
-
-    rows = []
-    for name, estimate in found.estimates.items():
-        unit = QUANTITIES[name].unit
-        scale, shown = (1e3, "ms") if unit == "s" else (1.0, "" if unit == "-" else unit)
-        value, low, high, mean = (f"{number * scale:.4g}" for number in (estimate.value, *estimate.interval, estimate.trial_mean))
-        last = truth.get(name, "") if truth is not None else f"{mean} +- {estimate.trial_deviation * scale:.2g}"
-        rows.append([name, f"{value} {shown}".strip(), f"{low} .. {high}", last])
-    _table("Identified parameters", ["parameter", "value", "95 % interval", "truth" if truth is not None else "optimiser's trials"], rows)
 
 
 @commands.command()
@@ -275,10 +227,10 @@ def train(
 
     settings = AnalyticGradient(updates=updates, evaluations=min(15, updates))
     scores: list[dict[str, Any]] = []
-    with _progress("train", updates) as move:
+    with terminal.progress("train", updates) as move:
 
         def hear(progress: "Progress") -> None:
-            move(progress.update, updates, _scores(progress))
+            move(progress.update, updates, terminal.scores(progress))
             scores[:] = [
                 {name: round(float(value[number]), 6) for name, value in progress.score._asdict().items()} for number in range(count)
             ]
@@ -291,15 +243,10 @@ def train(
             [f"policy_{number}", f"{score['episode_return']:.1f}", f"{score['survival']:.1%}", f"{score['position_error'] * 100:.1f} cm"]
             for number, score in enumerate(scores, 1)
         ]
-        _table("Trained policies, at the end", ["policy", "return", "survival", "position error"], rows)
+        terminal.table("Trained policies, at the end", ["policy", "return", "survival", "position error"], rows)
         print(f"written to {output}/")
 
     _emit(as_json, content, text)
-
-
-def _scores(progress: "Progress") -> str:
-    returns, survival, errors = (sum(map(float, values)) / len(values) for values in progress.score)
-    return f"return {returns:.1f}, survival {survival:.0%}, error {errors * 100:.1f} cm"
 
 
 @commands.command()
@@ -329,20 +276,10 @@ def transfer(
     content = {"flights": flown.table.to_dicts(), "simulated": True, "output": str(output)}
 
     def text() -> None:
-        _flights(flown)
+        terminal.flights(flown)
         print(f"written to {output}/")
 
     _emit(as_json, content, text)
-
-
-def _flights(flown: "Transfer") -> None:
-    rows = [
-        [str(row["flight"]), row["policy"], row["reality"], str(row["trial"]), f"{row['duration']:.2f} s", row["end_reason"],
-         f"{row['position_error'] * 100:.1f} cm"]
-        for row in flown.table.iter_rows(named=True)
-    ]  # fmt: skip
-    columns = ["flight", "policy", "reality", "trial", "duration", "ended by", "error"]
-    _table("Zero-shot flights, simulated; error: mean distance from the set-point", columns, rows, numbers_from=3)
 
 
 @commands.command()
@@ -395,7 +332,7 @@ def demo(output: Path | None, seed: int, as_json: bool, overwrite: bool) -> None
         "export": "the best policy to C99",
         "report": "one page to look at",
     }
-    with _progress("demo", None) as move:
+    with terminal.progress("demo", None) as move:
         result = run(
             output,
             seed,
@@ -403,21 +340,10 @@ def demo(output: Path | None, seed: int, as_json: bool, overwrite: bool) -> None
             Listener(
                 stage=lambda name: print(f"{name:<9} {what[name]}", file=sys.stderr, flush=True),
                 evaluation=lambda done, of: move(done, of, "identify: evaluations"),
-                training=lambda progress: move(progress.update, plan.learner.updates, f"train: {_scores(progress)}"),
+                training=lambda progress: move(progress.update, plan.learner.updates, f"train: {terminal.scores(progress)}"),
             ),
         )
-    _emit(as_json, _demo_content(result), lambda: _demo_text(result))
-
-
-def _truth(result: "Demo") -> dict[str, str]:
-    truth = result.truth
-    up, slower = float(truth.motor_time_constant) * 1e3, float(truth.motor_slowdown)
-    latency, late = float(truth.latency) * 1e3, float(truth.estimator_delay) * 1e3
-    return {
-        "thrust_to_weight": f"{float(truth.thrust_to_weight):.4g}",
-        "motor_time_constant": f"{up:.3g} ms up, {up * slower:.3g} ms down",
-        "latency": f"{latency:.2g} ms + {late:.2g} ms estimator",
-    }
+    _emit(as_json, _demo_content(result), lambda: terminal.summary(result))
 
 
 def _demo_content(result: "Demo") -> dict[str, Any]:
@@ -426,27 +352,12 @@ def _demo_content(result: "Demo") -> dict[str, Any]:
             name: {"value": estimate.value, "interval": list(estimate.interval)}
             for name, estimate in result.identification.estimates.items()
         },
-        "truth": _truth(result),
+        "truth": terminal.truth(result),
         "flights": result.transfer.table.to_dicts(),
         "stages": result.seconds,
         "report": str(result.page),
         "simulated": True,
     }
-
-
-def _demo_text(result: "Demo") -> None:
-    from maidenflight.demo import reached
-
-    table = result.transfer.table
-    _estimates(result.identification, _truth(result))
-    _flights(result.transfer)
-    durations, errors = table["duration"], table["position_error"]
-    print(f"{reached(table)} of {table.height} flights reached the time limit; median {durations.median():.1f} s,", end=" ")
-    print(f"mean position error {float(errors.to_numpy().mean()) * 100:.1f} cm. Flights and drone are simulated.")
-    print("wall time: " + ", ".join(f"{name} {seconds:.0f} s" for name, seconds in result.seconds.items()))
-    folder = result.folder
-    print(f"\n  drone      {folder / 'drone.toml'}\n  policies   {folder / 'policies'}/\n  flights    {folder / 'transfer'}/")
-    print(f"  C code     {folder / 'firmware'}/\n  report     {result.page}    <- open this in a browser")
 
 
 if __name__ == "__main__":

@@ -60,7 +60,7 @@ def test_every_policy_flies_every_reality_and_the_logs_match_the_table() -> None
     again = transfer(POLICIES, realities, trials=2, key=jax.random.key(0), duration=0.6)
     assert flown.table.equals(again.table)
     assert flown.table.select("policy", "reality", "trial").rows() == [
-        (policy, reality, trial) for reality in ("virtual-1", "virtual-2") for policy in ("1", "2") for trial in (1, 2)
+        (policy, reality, trial) for reality in ("virtual-1", "virtual-2") for policy in ("policy_1", "policy_2") for trial in (1, 2)
     ]
     assert flown.table["flight"].to_list() == list(range(1, 9))
     for flight, duration, reality in zip(flown.flights, flown.table["duration"], flown.table["reality"], strict=True):

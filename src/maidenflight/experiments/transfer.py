@@ -102,7 +102,7 @@ def transfer(
         key: random key; `jax.random.key(0)` unless given.
         task: the circle of the paper unless given.
         duration: longest flight [s].
-        names: what the table calls the policies; their numbers unless given.
+        names: what the table calls the policies; policy_1, policy_2, ... unless given.
 
     Raises:
         InputError: no policy, no reality, or policies of different shapes.
@@ -113,7 +113,7 @@ def transfer(
     if len(shapes) > 1:
         raise InputError(f"policies of different kinds ({'; '.join(map(str, sorted(shapes)))}); transfer each kind by itself.")
     key = jax.random.key(0) if key is None else key
-    names = list(names or map(str, range(1, len(policies) + 1)))
+    names = list(names or (f"policy_{number}" for number in range(1, len(policies) + 1)))
     plan = [(policy, trial) for policy in range(len(policies)) for trial in range(trials)]
     stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *(policies[policy] for policy, _ in plan))
     rows: list[dict[str, Any]] = []

@@ -205,7 +205,7 @@ def durations(run: Run) -> Figure | None:
     if run.table is None:
         return None
     several = run.table["reality"].n_unique() > 1
-    label = polars.format("policy {} on {}", "policy", "reality") if several else polars.format("policy {}", "policy")
+    label = polars.format("{} on {}", "policy", "reality") if several else polars.format("{}", "policy")
     rows = run.table.with_columns(label.alias("row"))
     if rows["row"].n_unique() > FEW:
         rows = rows.with_columns(polars.col("reality").alias("row"))

@@ -149,7 +149,7 @@ def _viewed(run: Run) -> dict[str, Any]:
         flights.append(
             {
                 "row": number,
-                "label": "Flight {flight}: policy {policy}, trial {trial}, {duration:.1f} s, {end_reason}".format(**row),
+                "label": "Flight {flight}: {policy}, trial {trial}, {duration:.1f} s, {end_reason}".format(**row),
                 "simulated": flight.simulated,
                 "period": round(flight.period * every, 6),
                 "position": _compact(flight.position[kept][::every], 4),

@@ -1,0 +1,103 @@
+"""What people see in a terminal: progress bars on standard error, tables on standard output."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from maidenflight.demo import Demo
+    from maidenflight.experiments.transfer import Transfer
+    from maidenflight.identification.identify import Identification
+    from maidenflight.training.analytic_gradient import Progress
+
+
+@contextmanager
+def progress(title: str, total: int | None) -> Iterator[Callable[[int, int, str], None]]:
+    """A progress bar on standard error; call it with (done, total, remark)."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    columns = ("[bold]{task.description:<9}", BarColumn(24), "{task.percentage:>3.0f} %", TimeElapsedColumn(), TimeRemainingColumn())
+    with Progress(*columns, TextColumn("{task.fields[remark]}"), console=console, disable=not console.is_terminal) as bar:
+        task = bar.add_task(title, total=total, remark="")
+
+        def move(done: int, of: int, remark: str = "") -> None:
+            bar.update(task, completed=done, total=of, remark=remark)
+
+        yield move
+
+
+def table(title: str, columns: list[str], rows: list[list[str]], numbers_from: int = 1) -> None:
+    """Prints a table; columns from `numbers_from` on are aligned right."""
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.table import Table
+
+    grid = Table(title=title, box=SIMPLE_HEAD, title_justify="left", title_style="bold")
+    for number, column in enumerate(columns):
+        grid.add_column(column, justify="right" if number >= numbers_from else "left", no_wrap=True)
+    for row in rows:
+        grid.add_row(*row)
+    console = Console()
+    # Into a file or a pipe a table is as wide as it needs to be; on a terminal it must fit.
+    (console if console.is_terminal else Console(width=200)).print(grid)
+
+
+def estimates(found: "Identification", truth: dict[str, str] | None = None) -> None:
+    """Prints identified parameters, beside the truth where it is known, else beside the optimiser's trials."""
+    from maidenflight.parameters import QUANTITIES
+
+    rows = []
+    for name, estimate in found.estimates.items():
+        unit = QUANTITIES[name].unit
+        scale, shown = (1e3, "ms") if unit == "s" else (1.0, "" if unit == "-" else unit)
+        value, low, high, mean = (f"{number * scale:.4g}" for number in (estimate.value, *estimate.interval, estimate.trial_mean))
+        last = truth.get(name, "") if truth is not None else f"{mean} +- {estimate.trial_deviation * scale:.2g}"
+        rows.append([name, f"{value} {shown}".strip(), f"{low} .. {high}", last])
+    table("Identified parameters", ["parameter", "value", "95 % interval", "truth" if truth is not None else "optimiser's trials"], rows)
+
+
+def scores(progress: "Progress") -> str:
+    """The mean scores of policies in training, for the end of a progress bar."""
+    returns, survival, errors = (sum(map(float, values)) / len(values) for values in progress.score)
+    return f"return {returns:.1f}, survival {survival:.0%}, error {errors * 100:.1f} cm"
+
+
+def flights(flown: "Transfer") -> None:
+    """Prints a line for each zero-shot flight."""
+    rows = [
+        [str(row["flight"]), row["policy"], row["reality"], str(row["trial"]), f"{row['duration']:.2f} s", row["end_reason"],
+         f"{row['position_error'] * 100:.1f} cm"]
+        for row in flown.table.iter_rows(named=True)
+    ]  # fmt: skip
+    columns = ["flight", "policy", "reality", "trial", "duration", "ended by", "error"]
+    table("Zero-shot flights, simulated; error: mean distance from the set-point", columns, rows, numbers_from=3)
+
+
+def truth(result: "Demo") -> dict[str, str]:
+    """What the demo's virtual drone really has, in words: two lags and two delays stand against one each in the model."""
+    hidden = result.truth
+    up, slower = float(hidden.motor_time_constant) * 1e3, float(hidden.motor_slowdown)
+    latency, late = float(hidden.latency) * 1e3, float(hidden.estimator_delay) * 1e3
+    return {
+        "thrust_to_weight": f"{float(hidden.thrust_to_weight):.4g}",
+        "motor_time_constant": f"{up:.3g} ms up, {up * slower:.3g} ms down",
+        "latency": f"{latency:.2g} ms + {late:.2g} ms estimator",
+    }
+
+
+def summary(result: "Demo") -> None:
+    """Prints what the demo found and where it wrote it."""
+    from maidenflight.demo import reached
+
+    table = result.transfer.table
+    estimates(result.identification, truth(result))
+    flights(result.transfer)
+    durations, errors = table["duration"], table["position_error"]
+    print(f"{reached(table)} of {table.height} flights reached the time limit; median {durations.median():.1f} s,", end=" ")
+    print(f"mean position error {float(errors.to_numpy().mean()) * 100:.1f} cm. Flights and drone are simulated.")
+    print("wall time: " + ", ".join(f"{name} {seconds:.0f} s" for name, seconds in result.seconds.items()))
+    folder = result.folder
+    print(f"\n  drone      {folder / 'drone.toml'}\n  policies   {folder / 'policies'}/\n  flights    {folder / 'transfer'}/")
+    print(f"  C code     {folder / 'firmware'}/\n  report     {result.page}    <- open this in a browser")
