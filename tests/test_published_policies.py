@@ -41,9 +41,11 @@ def outputs(policy: Policy, flown: Measurement, setpoint: jax.Array, taken: jax.
     """What the network gives in every row; `before` is the row of the action before, `taken` that of the one before it."""
 
     def one(row: jax.Array) -> jax.Array:
-        now, past = (jax.tree.map(lambda column, at=at: column[at], (flown, setpoint)) for at in (row, before[row]))
-        last, older = taken[before[row]], taken[before[before[row]]]
-        return policy(jnp.concatenate([environment.observe(*past, older), environment.observe(*now, last)]))
+        def instant(at: jax.Array) -> jax.Array:
+            seen = Measurement(*(column[at] for column in flown))
+            return environment.observe(seen, setpoint[at], taken[before[at]])
+
+        return policy(jnp.concatenate([instant(before[row]), instant(row)]))
 
     return jax.vmap(one)(jnp.arange(len(before)))
 
