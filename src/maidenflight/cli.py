@@ -111,7 +111,8 @@ def record(output: Path, reality: str, count: int, duration: float, excitation: 
     _must_be_new(output, overwrite)
     from maidenflight import workflow
 
-    written = workflow.record(workflow.reality(reality), seed, output, output / "reality.toml", count, duration, excitation)
+    with terminal.progress("record", None):
+        written = workflow.record(workflow.reality(reality), seed, output, output / "reality.toml", count, duration, excitation)
     content = {"flights": [str(path) for path in written], "truth": str(output / "reality.toml"), "simulated": True}
     _emit(as_json, content, lambda: print(f"{count} simulated flights of {duration:g} s in {output}/; the truth is in reality.toml"))
 
@@ -272,7 +273,8 @@ def transfer(
     _must_be_new(output, overwrite)
     from maidenflight import workflow
 
-    flown = workflow.transfer_to(policies, [workflow.reality(name) for name in realities], seed, output, trials, duration)
+    with terminal.progress("transfer", None):
+        flown = workflow.transfer_to(policies, [workflow.reality(name) for name in realities], seed, output, trials, duration)
     content = {"flights": flown.table.to_dicts(), "simulated": True, "output": str(output)}
 
     def text() -> None:
@@ -333,12 +335,17 @@ def demo(output: Path | None, seed: int, as_json: bool, overwrite: bool) -> None
         "report": "one page to look at",
     }
     with terminal.progress("demo", None) as move:
+
+        def begin(name: str) -> None:
+            print(f"{name:<9} {what[name]}", file=sys.stderr, flush=True)
+            move(0, None, f"{name}: compiling and running")
+
         result = run(
             output,
             seed,
             plan,
             Listener(
-                stage=lambda name: print(f"{name:<9} {what[name]}", file=sys.stderr, flush=True),
+                stage=begin,
                 evaluation=lambda done, of: move(done, of, "identify: evaluations"),
                 training=lambda progress: move(progress.update, plan.learner.updates, f"train: {terminal.scores(progress)}"),
             ),

@@ -12,8 +12,8 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def progress(title: str, total: int | None) -> Iterator[Callable[[int, int, str], None]]:
-    """A progress bar on standard error; call it with (done, total, remark)."""
+def progress(title: str, total: int | None) -> Iterator[Callable[[int, int | None, str], None]]:
+    """A progress bar on standard error; call it with (done, total, remark), where no total means that none is known."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
@@ -22,7 +22,9 @@ def progress(title: str, total: int | None) -> Iterator[Callable[[int, int, str]
     with Progress(*columns, TextColumn("{task.fields[remark]}"), console=console, disable=not console.is_terminal) as bar:
         task = bar.add_task(title, total=total, remark="")
 
-        def move(done: int, of: int, remark: str = "") -> None:
+        def move(done: int, of: int | None, remark: str) -> None:
+            if of is None:
+                bar.reset(task, total=None)
             bar.update(task, completed=done, total=of, remark=remark)
 
         yield move
