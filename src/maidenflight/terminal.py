@@ -15,10 +15,11 @@ if TYPE_CHECKING:
 def progress(title: str, total: int | None) -> Iterator[Callable[[int, int | None, str], None]]:
     """A progress bar on standard error; call it with (done, total, remark), where no total means that none is known."""
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
     console = Console(stderr=True)
-    columns = ("[bold]{task.description:<9}", BarColumn(24), "{task.percentage:>3.0f} %", TimeElapsedColumn(), TimeRemainingColumn())
+    share = TaskProgressColumn("{task.percentage:>3.0f} %", text_format_no_percentage="     ")
+    columns = ("[bold]{task.description:<9}", BarColumn(24), share, TimeElapsedColumn(), TimeRemainingColumn())
     with Progress(*columns, TextColumn("{task.fields[remark]}"), console=console, disable=not console.is_terminal) as bar:
         task = bar.add_task(title, total=total, remark="")
 

@@ -1,6 +1,6 @@
 """Control structures: the policy's four actions, and the firmware's PID, which must fly as the firmware does."""
 
-from functools import partial
+from functools import cache, partial
 
 import hypothesis.strategies as st
 import jax
@@ -10,16 +10,21 @@ import pytest
 from arrays import float32
 from hypothesis import given
 
+from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, noiseless, replace
-from maidenflight.simulator import control, dynamics, environment, tasks
-from maidenflight.simulator.control import PID, PIDMemory
+from maidenflight.simulator import control, dynamics, environment, rotations, tasks
 from maidenflight.simulator.environment import Environment
 
 PAPER = crazyflie()
 QUICK = replace(noiseless(PAPER), latency=0.005, time_step=0.002)
 """The paper's drone with the short latency that the firmware's PID bears."""
-GAINS = PID((2.0, 3.0, 4.0), (0.5, 1.0, 0.0), (0.1, 0.0, 0.2), (0.3, 0.2, 0.1))
-pid = jax.jit(control.pid, static_argnums=(2, 3))
+WEAK = replace(QUICK, motor_time_constant=0.06, thrust_to_weight=1.6)
+"""A drone that the least thrust of the attitude structure does not lift: 35000 of 60000 counts hover a thrust-to-weight of 1.714."""
+FIRMWARES = ("2021.10", "2026.08")
+LEVEL = float(2 * dynamics.hover_command(WEAK) - 1)
+"""Action whose collective thrust is u = hover in 30000 + 30000 a counts."""
+LEVEL_ATTITUDE = 3 * LEVEL - 1.5
+"""The same in 45000 + 10000 a counts."""
 
 
 @partial(jax.jit, static_argnums=2)
@@ -34,39 +39,35 @@ def fly_pid(radius, parameters, seconds):
     return flown.state
 
 
+ASKED = np.array([*(sign * np.eye(3)[axis] for axis in range(3) for sign in (0.5, -0.5)), [0.5, 0.3, 0.2], [-0.5, 0.3, -0.2]], np.float32)
+"""What is asked of roll, pitch and yaw: each alone, both ways; then all, and all mirrored at the x-z plane."""
+
+
+@cache
+def fly_action(controller, level):
+    """State of two seconds [action, time, ...] in which an action holds: those of ASKED, then more and less thrust."""
+    world = Environment(controller=controller, steps_per_command=1, commands_per_action=500 // controller.action_rate)
+    actions = np.zeros((len(ASKED) + 2, 4), np.float32)
+    actions[:, 0], actions[: len(ASKED), 1:] = level, ASKED
+    actions[len(ASKED) :, 0] += np.array([0.1, -0.1], np.float32)
+
+    def fly(action):
+        start = dynamics.at_hover(jnp.array([0.0, 0.0, 1.0]), WEAK)
+        episode = environment.begin(world, start, jnp.float32(0.0), WEAK, jax.random.key(0))
+        steps = 2 * controller.action_rate
+        return environment.rollout(world, lambda _: action, episode, WEAK, jax.random.key(1), steps)[1][0].state
+
+    return jax.tree.map(np.asarray, jax.jit(jax.vmap(fly))(actions))
+
+
+def attitude_of(state):
+    return np.degrees(jax.vmap(jax.vmap(rotations.to_attitude))(jnp.asarray(state.quaternion)))
+
+
 @given(st.tuples(*[st.floats(-3, 3, width=16)] * 4).map(float32))
 def test_pwm_maps_actions_from_minus_one_to_one_onto_thrust(action):
     _, command = control.pwm().command(None, jnp.asarray(action), None, None)  # type: ignore[arg-type]
     np.testing.assert_allclose(command, (np.clip(action, -1, 1) + 1) / 2, atol=1e-6)
-
-
-def test_a_pid_is_proportional_integral_and_derivative_by_hand():
-    memory = PIDMemory(jnp.array([0.1, 0.1, 0.0]), jnp.array([0.5, 0.0, 1.0]))
-    memory, output = pid(memory, jnp.array([1.0, -2.0, 0.5]), GAINS, 0.01)
-    np.testing.assert_allclose(memory.integral, [0.11, 0.08, 0.005], atol=1e-6)
-    np.testing.assert_allclose(memory.error, [1.0, -2.0, 0.5])
-    np.testing.assert_allclose(output, [2 + 0.055 + 5, -6 + 0.08, 2 - 10], rtol=1e-5)
-
-
-@pytest.mark.parametrize("sign", [1, -1])
-def test_the_integral_stops_at_its_limit(sign):
-    memory, output = PIDMemory(jnp.zeros(3), jnp.zeros(3)), jnp.zeros(3)
-    for _ in range(5):
-        memory, output = pid(memory, jnp.full(3, 10.0 * sign), GAINS, 0.01)
-    np.testing.assert_allclose(memory.integral, sign * np.array([0.3, 0.2, 0.1]), rtol=1e-6)
-    np.testing.assert_allclose(output, sign * np.array([20 + 0.15, 30 + 0.2, 40]), rtol=1e-6)
-
-
-@pytest.mark.parametrize("axis", [0, 1, 2])
-@pytest.mark.parametrize("sign", [1, -1])
-def test_the_mixer_turns_the_drone_the_way_it_was_told(axis, sign):
-    wanted = np.zeros(3, np.float32)
-    wanted[axis] = sign * 5000
-    mixed = np.asarray(control.mix(jnp.float32(30000.0), jnp.asarray(wanted)))
-    np.testing.assert_allclose(mixed.mean(), 30000)
-    found = np.asarray(dynamics.torque(jnp.asarray(mixed / 60000), PAPER))
-    assert sign * found[axis] > 1e-5
-    np.testing.assert_allclose(np.delete(found, axis), 0, atol=1e-8)
 
 
 def test_the_position_pid_holds_hover():
@@ -88,13 +89,101 @@ def test_the_position_pid_flies_the_circle_as_small_and_as_late_as_the_firmware(
     np.testing.assert_allclose(position[:, 2], 1, atol=0.03)
 
 
-def test_an_action_is_added_to_the_pids_commands():
-    plain, excited = (control.position_pid().command(*call)[1] for call in map(asked, (jnp.zeros(4), jnp.array([0.1, -0.1, 0.05, 0.0]))))
+@pytest.mark.parametrize("firmware", FIRMWARES)
+def test_an_action_is_added_to_the_position_pids_commands(firmware):
+    controller = control.position_pid(firmware)
+    plain, excited = (first_command(controller, action) for action in (np.zeros(4), [0.1, -0.1, 0.05, 0.0]))
     np.testing.assert_allclose(excited - plain, [0.1, -0.1, 0.05, 0.0], atol=1e-6)
 
 
-def asked(action):
-    """Arguments of a command at hover."""
-    state = dynamics.at_hover(jnp.array([0.0, 0.0, 1.0]), PAPER)
-    memory = jax.tree.map(jnp.asarray, control.position_pid().init())
-    return memory, action, environment.Measurement(*state[:4]), state.position
+@pytest.mark.parametrize("firmware", FIRMWARES)
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_body_rate_is_reached(firmware, axis, sign):
+    flown = fly_action(control.attitude_rate(firmware), LEVEL)
+    number = 2 * axis + (sign < 0)
+    reached = np.degrees(flown.body_rates[number, 60:80].mean(axis=0))
+    np.testing.assert_allclose(reached, 60 * ASKED[number], atol=3.0)
+
+
+@pytest.mark.parametrize("firmware", FIRMWARES)
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_an_attitude_is_held(firmware, axis, sign):
+    flown = fly_action(control.attitude(firmware), LEVEL_ATTITUDE)
+    number = 2 * axis + (sign < 0)
+    held = attitude_of(flown)[number, 40:].mean(axis=0)
+    np.testing.assert_allclose(held, 10 * ASKED[number], atol=0.7)
+
+
+@pytest.mark.parametrize(("factory", "level"), [(control.attitude_rate, LEVEL), (control.attitude, LEVEL_ATTITUDE)])
+@pytest.mark.parametrize("firmware", FIRMWARES)
+def test_a_mirrored_command_is_a_mirrored_motion(factory, level, firmware):
+    flown, there, mirrored = fly_action(factory(firmware), level), 6, 7
+    np.testing.assert_allclose(flown.position[mirrored] * [1, -1, 1], flown.position[there], atol=2e-3)
+    np.testing.assert_allclose(flown.body_rates[mirrored] * [-1, 1, -1], flown.body_rates[there], atol=2e-2)
+    assert np.abs(flown.position[there, -1, :2]).min() > 0.1
+
+
+@pytest.mark.parametrize(("factory", "level"), [(control.attitude_rate, LEVEL), (control.attitude, LEVEL_ATTITUDE)])
+def test_the_first_action_climbs_and_sinks(factory, level):
+    flown = fly_action(factory(), level)
+    assert flown.velocity[-2, -1, 2] > 0.2
+    assert flown.velocity[-1, -1, 2] < -0.2
+
+
+@pytest.mark.parametrize("firmware", FIRMWARES)
+@given(st.tuples(*[st.floats(-3, 3, width=16)] * 4).map(float32))
+def test_actions_are_clipped(firmware, action):
+    for controller in (control.attitude_rate(firmware), control.attitude(firmware)):
+        np.testing.assert_array_equal(first_command(controller, action), first_command(controller, np.clip(action, -1, 1)))
+
+
+@pytest.mark.parametrize(("factory", "least", "most"), [(control.attitude_rate, 0.0, 1.0), (control.attitude, 35 / 60, 55 / 60)])
+def test_the_first_action_is_collective_thrust(factory, least, most):
+    for action, thrust in ((-1.0, least), (0.0, (least + most) / 2), (1.0, most)):
+        np.testing.assert_allclose(first_command(factory(), [action, 0, 0, 0]), thrust, atol=2e-5)
+
+
+@pytest.mark.parametrize(("factory", "rate"), [(control.pwm, 100), (control.attitude_rate, 50), (control.attitude, 25)])
+def test_the_policys_rates_are_the_papers(factory, rate):
+    assert factory().action_rate == rate
+    assert factory().rate % rate == 0
+
+
+def test_a_new_rate_kicks_in_2021_and_not_in_2026():
+    """2021.10: K_d times the step of the error over 2 ms saturates; 2026.08: only K_p times the error, 250 x 60 = 15000 counts."""
+    spread = {}
+    for firmware in FIRMWARES:
+        controller = control.attitude_rate(firmware)
+        memory, _ = command(controller, jax.tree.map(jnp.asarray, controller.init()), np.zeros(4))
+        _, motors = command(controller, memory, [0, 1, 0, 0])
+        spread[firmware] = float(np.asarray(motors).max() - np.asarray(motors).min()) * 60000
+    assert spread["2021.10"] == pytest.approx(32766, abs=2)
+    assert spread["2026.08"] == pytest.approx(15000 + 500 * 60 / 500, abs=4)
+
+
+@pytest.mark.parametrize("factory", [control.attitude_rate, control.attitude, control.position_pid])
+def test_an_unknown_firmware_is_refused(factory):
+    with pytest.raises(InputError, match=r"2021\.10, 2026\.08"):
+        factory("2024.01")
+
+
+@pytest.mark.parametrize("factory", [control.attitude_rate, control.attitude, control.position_pid])
+def test_the_same_controller_is_the_same_object_so_that_nothing_is_compiled_twice(factory):
+    assert factory("2021.10") is factory(firmware="2021.10")
+    assert factory("2021.10") is not factory("2026.08")
+
+
+@partial(jax.jit, static_argnums=0)
+def command_at_hover(controller, memory, action):
+    state = dynamics.at_hover(jnp.array([0.0, 0.0, 1.0]), QUICK)
+    return controller.command(memory, action, environment.Measurement(*state[:4]), state.position)
+
+
+def command(controller, memory, action):
+    return command_at_hover(controller, memory, jnp.asarray(action, jnp.float32))
+
+
+def first_command(controller, action):
+    return np.asarray(command(controller, jax.tree.map(jnp.asarray, controller.init()), action)[1])

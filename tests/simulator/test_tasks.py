@@ -1,4 +1,4 @@
-"""The paper's circle: where it starts, where it leads, what it pays and when it is over."""
+"""Tasks: where they start, where they lead, what they pay and when they are over."""
 
 import hypothesis.strategies as st
 import jax
@@ -16,6 +16,31 @@ CIRCLE = tasks.circle()
 SETPOINT = float32([0.1, 0.2, 1.0])
 reward = jax.jit(tasks.paper_reward)
 too_far = jax.jit(tasks.too_far)
+HOVER, TAKE_OFF = tasks.hover(), tasks.take_off()
+EIGHT = trajectories.figure_eight(period=4.0)
+TRACKING = tasks.tracking(EIGHT, duration=8.0, farthest=0.4, latest_start=4.0)
+STILL = jnp.zeros(4)
+CIRCLE_OF_KEY_3 = [
+    -0.0470275,
+    0.0178258,
+    0.9981022,
+    0.0240390,
+    -0.0239665,
+    -0.0720400,
+    -0.0861983,
+    -0.0923465,
+    0.1361623,
+    0.9825995,
+    0.2215987,
+    -0.3791811,
+    0.1033628,
+    0.7496313,
+    0.7122841,
+    0.7892737,
+    0.7719924,
+    0.0260861,
+]
+"""Drawn before there were other tasks; recorded policies depend on it."""
 vectors = st.tuples(*[st.floats(-2, 2, width=16)] * 3).map(float32)
 actions = st.tuples(*[st.floats(-2, 2, width=16)] * 4).map(float32)
 
@@ -49,25 +74,167 @@ def test_a_perfect_flight_pays_nothing_and_has_a_finite_slope():
     assert all(bool(jnp.all(jnp.isfinite(leaf))) for leaf in slope)
 
 
+def starts(task, parameters=PAPER):
+    """A thousand first states, and how far they are from the reference."""
+    state, time = jax.jit(jax.vmap(task.reset, (None, 0)))(parameters, jax.random.split(jax.random.key(0), 1000))
+    away_from = state.position - jax.vmap(task.reference)(time)
+    return state, time, away_from, jax.vmap(rotations.to_attitude)(state.quaternion)
+
+
+def fills(values, half_width):
+    """Whether values reach all over their interval about zero, and not beyond."""
+    half_width = np.asarray(half_width)
+    extremes = np.stack([np.max(values, axis=0), -np.min(values, axis=0)])
+    return bool(np.all(extremes <= half_width * (1 + 1e-5) + 2e-7) and np.all(extremes >= 0.95 * half_width))
+
+
 def test_starts_fill_their_box_and_never_leave_it():
-    parameters = replace(PAPER, thrust_to_weight=2.0)
-    state, time = jax.jit(jax.vmap(CIRCLE.reset, (None, 0)))(parameters, jax.random.split(jax.random.key(0), 1000))
-    reference = jax.vmap(CIRCLE.reference)(time)
-    attitude = jax.vmap(rotations.to_attitude)(state.quaternion)
-    boxes = {
-        "position": (state.position - reference, [0.05] * 3),
-        "velocity": (state.velocity, [0.1] * 3),
-        "attitude": (attitude, np.radians([20, 20, 18])),
-        "body rates": (state.body_rates, np.radians([50, 50, 20])),
-        "time": (time[:, None] - 1.5, [1.5]),
-    }
-    for name, (values, half_width) in boxes.items():
-        largest, smallest = np.max(values, axis=0), np.min(values, axis=0)
-        for extreme in (largest, -smallest):
-            assert np.all(extreme <= np.multiply(half_width, 1 + 1e-5)), name
-            assert np.all(extreme > 0.95 * np.asarray(half_width)), name
+    state, time, position, attitude = starts(CIRCLE, replace(PAPER, thrust_to_weight=2.0))
+    assert fills(position, [0.05] * 3)
+    assert fills(state.velocity, [0.1] * 3)
+    assert fills(attitude, np.radians([20, 20, 18]))
+    assert fills(state.body_rates, np.radians([50, 50, 20]))
+    assert fills(time - 1.5, 1.5)
     np.testing.assert_allclose(np.mean(state.rotor_speed, axis=0), np.sqrt(0.5), atol=0.003)
     np.testing.assert_allclose(np.std(state.rotor_speed, axis=0), 0.02, rtol=0.1)
+
+
+def test_a_key_gives_the_circle_the_start_that_it_always_gave():
+    state, time = CIRCLE.reset(PAPER, jax.random.key(3))
+    drawn = np.concatenate([state.position, state.velocity, state.quaternion, state.body_rates, state.rotor_speed, time[None]])
+    np.testing.assert_allclose(drawn, CIRCLE_OF_KEY_3, atol=1e-6)
+
+
+def test_hover_starts_anywhere_near_and_facing_anywhere():
+    state, time, position, attitude = starts(HOVER)
+    assert fills(position, [0.25] * 3)
+    assert fills(state.velocity, [0.1] * 3)
+    assert fills(attitude, np.radians([30, 30, 180]))
+    assert fills(state.body_rates, np.radians([200, 200, 20]))
+    np.testing.assert_array_equal(time, 0)
+    np.testing.assert_allclose(np.std(state.rotor_speed, axis=0), 0.02, rtol=0.1)
+    assert not np.any(jax.vmap(HOVER.terminated)(state, jnp.zeros((1000, 3)))), "no start has failed already"
+
+
+def test_a_take_off_starts_at_rest_on_the_ground_with_motors_off():
+    state, time, position, attitude = starts(TAKE_OFF)
+    assert fills(position[:, :2], [0.25] * 2)
+    np.testing.assert_allclose(state.position[:, 2], 0.0125)
+    assert fills(attitude, [0, 0, np.pi])
+    for resting in (state.velocity, state.body_rates, state.rotor_speed, time):
+        np.testing.assert_array_equal(resting, 0)
+    assert not np.any(jax.vmap(TAKE_OFF.terminated)(state, jax.vmap(TAKE_OFF.reference)(time)))
+    assert float(TAKE_OFF.first_command(PAPER)) == 0
+    np.testing.assert_allclose(TAKE_OFF.reference(jnp.float32(1.5)), [0, 0, 1], atol=1e-6)
+
+
+@pytest.mark.parametrize("task", [CIRCLE, HOVER, TRACKING])
+def test_other_tasks_start_with_the_motors_at_hover(task):
+    np.testing.assert_allclose(task.first_command(replace(PAPER, thrust_to_weight=2.0)), 0.5)
+
+
+def test_tracking_starts_near_its_reference_and_as_fast_as_it():
+    state, time, position, attitude = starts(TRACKING)
+    assert fills(time - 2.0, 2.0)
+    assert fills(position, [0.05] * 3)
+    assert fills(attitude, np.radians([20, 20, 18]))
+    ahead, behind = (jax.vmap(EIGHT)(time + shift) for shift in (0.01, -0.01))
+    assert float(jnp.abs(state.velocity).max()) > 1, "the reference is fast"
+    np.testing.assert_array_less(np.abs(state.velocity - (ahead - behind) / 0.02), 0.105)
+
+
+def test_tracking_without_a_latest_start_starts_where_the_trajectory_does():
+    path = trajectories.zigzag(((0.0, 0.0, 0.0, 1.0), (1.0, 0.8, 0.0, 1.0), (2.0, 0.0, 0.0, 1.0)))
+    state, time, position, _ = starts(tasks.tracking(path, 2.0))
+    np.testing.assert_array_equal(time, 0)
+    assert fills(position, [0.05] * 3)
+    assert fills(state.velocity - jnp.array([[0.8, 0.0, 0.0]]), [0.1] * 3)
+
+
+def test_tracking_a_circle_follows_the_circles_reference_and_pays_and_fails_as_it():
+    tracked = tasks.tracking(trajectories.circle(), duration=5.0)
+    assert tracked.reference is CIRCLE.reference
+    for offset in (0.1, 0.249, 0.251):
+        state = away((0, offset, 0), (1, 2, 3))
+        assert float(tracked.reward(state, SETPOINT, STILL, STILL + 1)) == float(CIRCLE.reward(state, SETPOINT, STILL, STILL + 1))
+        assert bool(tracked.terminated(state, SETPOINT)) == bool(CIRCLE.terminated(state, SETPOINT))
+
+
+@pytest.mark.parametrize(("distance", "over"), [(0.399, False), (0.401, True)])
+def test_tracking_fails_as_far_away_as_it_was_asked_to(distance, over):
+    state = away((0, 0, distance))
+    assert bool(TRACKING.terminated(state, SETPOINT)) is over
+    assert (float(TRACKING.reward(state, SETPOINT, STILL, STILL)) < -100) is over
+
+
+def at(height=1.0, roll=0.0, pitch=0.0, yaw=0.0, rates=(0, 0, 0), x=0.0, velocity=(0, 0, 0)):
+    attitude = rotations.from_attitude(jnp.asarray(float32(np.radians([roll, pitch, yaw]))))
+    state = dynamics.at_hover(jnp.asarray(float32([x, 0, height])), PAPER)
+    return state._replace(quaternion=attitude, body_rates=jnp.asarray(float32(np.radians(rates))), velocity=jnp.asarray(float32(velocity)))
+
+
+@pytest.mark.parametrize(
+    ("inside", "outside"),
+    [
+        (at(roll=59.9), at(roll=60.1)),
+        (at(roll=-59.9, yaw=170), at(roll=-60.1, yaw=170)),
+        (at(pitch=59.9, yaw=90), at(pitch=60.1, yaw=90)),
+        (at(pitch=-59.9), at(roll=180)),
+        (at(rates=(299, 0, 0)), at(rates=(301, 0, 0))),
+        (at(rates=(0, -299, 0)), at(rates=(0, -301, 0))),
+        (at(rates=(0, 0, 299)), at(rates=(0, 0, 301))),
+        (at(height=0.201), at(height=0.199)),
+        (at(x=50.0), at(height=-1.0)),
+    ],
+)
+def test_hover_fails_when_steep_spinning_or_low_and_that_costs_a_hundred(inside, outside):
+    setpoint = HOVER.reference(jnp.float32(0))
+    for state, over in ((inside, False), (outside, True)):
+        assert bool(HOVER.terminated(state, setpoint)) is over
+        gap = float(HOVER.reward(state, setpoint, STILL, STILL) + jnp.linalg.norm(setpoint - state.position))
+        assert gap == pytest.approx(-100 * over, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("state", "setpoint", "over"),
+    [
+        (at(height=0.0125), 0.49, False),
+        (at(height=0.049), 0.499, False),
+        (at(height=0.049), 0.501, True),
+        (at(height=0.051), 0.501, False),
+        (at(height=0.5), 0.999, False),
+        (at(height=0.5), 1.001, True),
+        (at(height=1.0, x=0.501), 1.0, True),
+        (at(height=-0.049), 0.0, False),
+        (at(height=-0.051), 0.0, True),
+        (at(roll=59.9), 1.0, False),
+        (at(pitch=-60.1), 1.0, True),
+        (at(rates=(0, 0, 900)), 1.0, False),
+    ],
+)
+def test_a_take_off_fails_when_steep_far_left_behind_or_underground(state, setpoint, over):
+    setpoint = jnp.asarray(float32([0, 0, setpoint]))
+    assert bool(TAKE_OFF.terminated(state, setpoint)) is over
+    assert (float(TAKE_OFF.reward(state, setpoint, STILL, STILL)) < -100) is over
+
+
+def test_rewards_of_hover_and_take_off_are_the_authors():
+    # |e| = 0.3, u = (1, 0.5, 0.5, 0) after clipping, |omega| = 5 rad/s, |v| = 3 m/s; the previous action does not count.
+    action, previous = jnp.array([3.0, 0.0, 0.0, -2.0]), jnp.array([9.0, 9.0, 9.0, 9.0])
+    state = at(height=0.7, rates=np.degrees([3, 0, -4]), velocity=(1, 2, 2))
+    setpoint = HOVER.reference(jnp.float32(0))
+    effort = 0.3 + 1e-4 * np.sqrt(1.5) + 1e-4 * 5
+    np.testing.assert_allclose(HOVER.reward(state, setpoint, action, previous), -effort, rtol=1e-6)
+    np.testing.assert_allclose(TAKE_OFF.reward(state, setpoint, action, previous), -effort - 3e-4, rtol=1e-6)
+    low, setpoint = state._replace(position=jnp.array([0.0, 0.0, 0.079])), jnp.array([0.0, 0.0, 0.379])
+    np.testing.assert_allclose(TAKE_OFF.reward(low, setpoint, action, previous), -effort - 3e-4 - 1, rtol=1e-6)
+
+
+@pytest.mark.parametrize("task", [HOVER, TAKE_OFF, TRACKING])
+def test_rewards_have_finite_slopes_where_nothing_is_wrong(task):
+    setpoint = jnp.array([0.0, 0.0, 1.0])
+    slope = jax.grad(lambda state: task.reward(state, setpoint, STILL - 1, STILL - 1))(at())
+    assert all(bool(jnp.all(jnp.isfinite(leaf))) for leaf in slope)
 
 
 def test_the_circle_runs_clockwise_seen_from_above_and_starts_at_the_origin():
@@ -91,5 +258,9 @@ def test_a_circle_has_the_size_period_and_height_it_was_asked_for():
 
 
 def test_the_same_task_is_the_same_object_so_that_nothing_compiles_twice():
-    assert tasks.circle() is CIRCLE
+    assert tasks.circle() is tasks.circle(0.5, period=3.0) is CIRCLE
     assert hash(tasks.circle(diameter=1.0)) != hash(CIRCLE)
+    for make in (tasks.hover, tasks.take_off, lambda: tasks.tracking(EIGHT, duration=8.0, farthest=0.4, latest_start=4.0)):
+        assert make() is make()
+    assert tasks.tracking(trajectories.figure_eight(period=4.0), duration=8.0, farthest=0.4, latest_start=4.0) is TRACKING
+    assert len({hash(task) for task in (CIRCLE, HOVER, TAKE_OFF, TRACKING)}) == 4

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from maidenflight.simulator import rotations
+from maidenflight.simulator.firmware import ABSOLUTE, DISABLE, VELOCITY, Generation, Memory, Setpoint, State, checked, switched_on, tick
 from maidenflight.simulator.sensors import Measurement
 
 
@@ -25,6 +26,8 @@ class Controller(NamedTuple):
     """(memory, action, measurement, setpoint [m]) to (memory, thrust commands u in [0, 1])."""
     rate: int
     """Commands a second [Hz]."""
+    action_rate: int
+    """Actions a second [Hz]."""
 
 
 @cache
@@ -39,118 +42,116 @@ def pwm() -> Controller:
     ) -> tuple[None, Float[Array, "4"]]:
         return memory, (jnp.clip(action, -1.0, 1.0) + 1.0) / 2.0
 
-    return Controller("pwm", lambda: None, command, rate=100)
+    return Controller("pwm", lambda: None, command, rate=100, action_rate=100)
 
 
-class PID(NamedTuple):
-    """Gains of three PID controllers, one an axis, in the firmware's units (degrees, PWM counts)."""
-
-    proportional: tuple[float, float, float]
-    integral: tuple[float, float, float]
-    derivative: tuple[float, float, float]
-    integral_limit: tuple[float, float, float]
-
-
-class PIDMemory(NamedTuple):
-    """Integral and previous error of three PID controllers."""
-
-    integral: Float[Array, "3"]
-    error: Float[Array, "3"]
-
-
-_FRESH = PIDMemory(np.zeros(3, np.float32), np.zeros(3, np.float32))  # type: ignore[arg-type]
-
-# Crazyflie firmware, platform_defaults_cf2.h; the same in 2021.10 and 2026.08.
-_POSITION = PID((2.0, 2.0, 2.0), (0.0, 0.0, 0.5), (0.0, 0.0, 0.0), (5000.0, 5000.0, 5000.0))
-_VELOCITY = PID((25.0, 25.0, 25.0), (1.0, 1.0, 15.0), (0.0, 0.0, 0.0), (5000.0, 5000.0, 5000.0))
-_ATTITUDE = PID((6.0, 6.0, 6.0), (3.0, 3.0, 1.0), (0.0, 0.0, 0.35), (20.0, 20.0, 360.0))
-_RATE = PID((250.0, 250.0, 120.0), (500.0, 500.0, 16.7), (2.5, 2.5, 0.0), (33.3, 33.3, 166.7))
-_FASTEST = 1.1
-"""Limit of the position controller's output [m/s]."""
-_STEEPEST = 20.0
-"""Limit of roll and pitch [deg]."""
 _FULL = 60000.0
-"""PWM counts of u = 1."""
+"""Counts of u = 1 (authors' code and flights)."""
+_INNER, _OUTER = 500, 100
+"""Rates of the attitude PIDs and of the position PIDs [Hz]."""
+_ZERO = np.zeros(3, np.float32)
+_NOTHING = Setpoint(_ZERO, _ZERO, _ZERO, _ZERO, np.float32(0.0), np.zeros(6, np.int32), np.bool_(False))  # type: ignore[arg-type]
 
 
-def pid(memory: PIDMemory, error: Float[Array, "3"], gains: PID, dt: float) -> tuple[PIDMemory, Float[Array, "3"]]:
-    """One step of three PID controllers with limited integrals and the derivative of the error.
+def attitude_rate(firmware: str = "2026.08") -> Controller:
+    """The policy asks for collective thrust and body rates at 50 Hz; the firmware's PIDs command the motors at 500 Hz.
 
-    Source: Crazyflie firmware 2021.10, src/modules/src/pid.c, pidUpdate.
+    T = 30000 + 30000 a_0 counts of 60000; roll, pitch and yaw rate are 60 deg/s times a_1, a_2, a_3, with a clipped to [-1, 1].
+    The firmware does not follow a yaw rate itself but the yaw that it leads to.
+
+    Args:
+        firmware: `"2021.10"` or `"2026.08"`.
+
+    Raises:
+        InputError: there is no such firmware.
+
+    Source: Gronauer et al. 2022, sec. Control Structures; scales from the authors' code.
     """
-    limit = jnp.array(gains.integral_limit)
-    total = jnp.clip(memory.integral + error * dt, -limit, limit)
-    slope = (error - memory.error) / dt
-    output = jnp.array(gains.proportional) * error + jnp.array(gains.integral) * total + jnp.array(gains.derivative) * slope
-    return PIDMemory(total, error), output
+    return _by_policy("attitude_rate", checked(firmware), 50, _rates)
 
 
-class CascadeMemory(NamedTuple):
-    """What the position PID remembers: four PIDs, the outer loops' last output and a counter of inner steps."""
+def attitude(firmware: str = "2026.08") -> Controller:
+    """The policy asks for collective thrust and attitude at 25 Hz; the firmware's PIDs command the motors at 500 Hz.
 
-    position: PIDMemory
-    velocity: PIDMemory
-    attitude: PIDMemory
-    rate: PIDMemory
-    target: Float[Array, "3"]
-    thrust: Float[Array, ""]
-    tick: Int[Array, ""]
+    T = 45000 + 10000 a_0 counts of 60000; roll, pitch and yaw are 10 deg times a_1, a_2, a_3, with a clipped to [-1, 1].
+
+    Args:
+        firmware: `"2021.10"` or `"2026.08"`.
+
+    Raises:
+        InputError: there is no such firmware.
+
+    Source: Gronauer et al. 2022, sec. Control Structures; scales from the authors' code.
+    """
+    return _by_policy("attitude", checked(firmware), 25, _angles)
+
+
+def _rates(action: Float[Array, "4"]) -> Setpoint:
+    mode: Any = np.array([DISABLE] * 3 + [VELOCITY] * 3, np.int32)
+    return _NOTHING._replace(mode=mode, body_rates=60.0 * action[1:], thrust=30000.0 + 30000.0 * action[0])
+
+
+def _angles(action: Float[Array, "4"]) -> Setpoint:
+    mode: Any = np.array([DISABLE] * 3 + [ABSOLUTE] * 3, np.int32)
+    return _NOTHING._replace(mode=mode, attitude=10.0 * action[1:], thrust=45000.0 + 10000.0 * action[0])
 
 
 @cache
-def position_pid() -> Controller:
+def _by_policy(name: str, firmware: Generation, action_rate: int, ask: Callable[[Float[Array, "4"]], Setpoint]) -> Controller:
+    """A controller whose action, clipped, is the set-point of the firmware's attitude PIDs."""
+
+    def command(
+        memory: Memory, action: Float[Array, "4"], measurement: Measurement, setpoint: Float[Array, "3"]
+    ) -> tuple[Memory, Float[Array, "4"]]:
+        wanted = ask(jnp.clip(action, -1.0, 1.0))
+        memory, motors = tick(memory, wanted, _sensed(measurement), firmware, position_due=False)
+        return memory, jnp.clip(motors / _FULL, 0.0, 1.0)
+
+    return Controller(name, switched_on, command, rate=_INNER, action_rate=action_rate)
+
+
+class CascadeMemory(NamedTuple):
+    """What the position PID remembers."""
+
+    firmware: Memory
+    step: Int[Array, ""]
+    """Commands given so far, modulo the commands between two updates of the outer loops."""
+
+
+def position_pid(firmware: str = "2021.10") -> Controller:
     """The firmware's cascaded PID, which holds a set-point: position and velocity at 100 Hz, attitude and rate at 500 Hz.
 
     The action is added to the four commands, so that flights can be excited for identification; zero is the plain PID. Yaw is
     held at zero.
 
-    Source: Crazyflie firmware 2021.10, position_controller_pid.c, attitude_pid_controller.c, power_distribution_stock.c, with
-    gains of platform_defaults_cf2.h; the mixer clips at u = 1.
+    Args:
+        firmware: `"2021.10"`, which the paper's flights had, or `"2026.08"`.
+
+    Raises:
+        InputError: there is no such firmware.
     """
-    inner, every = 500, 5
+    return _position_pid(checked(firmware))
 
-    def init() -> CascadeMemory:
-        zero = np.zeros(3, np.float32)
-        return CascadeMemory(_FRESH, _FRESH, _FRESH, _FRESH, zero, np.float32(36000.0), np.int32(0))  # type: ignore[arg-type]
 
-    def outer(memory: CascadeMemory, measurement: Measurement, setpoint: Float[Array, "3"], yaw: Float[Array, ""]) -> CascadeMemory:
-        dt = every / inner
-        position, wanted = pid(memory.position, setpoint - measurement.position, _POSITION, dt)
-        velocity, out = pid(memory.velocity, jnp.clip(wanted, -_FASTEST, _FASTEST) - measurement.velocity, _VELOCITY, dt)
-        forward = out[0] * jnp.cos(yaw) + out[1] * jnp.sin(yaw)
-        left = out[1] * jnp.cos(yaw) - out[0] * jnp.sin(yaw)
-        # Nose down (positive pitch) flies forward, right side down (positive roll) flies right.
-        target = jnp.clip(jnp.stack([-left, forward, jnp.zeros_like(yaw)]), -_STEEPEST, _STEEPEST)
-        thrust = jnp.clip(36000.0 + 1000.0 * out[2], 20000.0, 65535.0)
-        return memory._replace(position=position, velocity=velocity, target=target, thrust=thrust)
+@cache
+def _position_pid(firmware: Generation) -> Controller:
+    mode: Any = np.array([ABSOLUTE, ABSOLUTE, ABSOLUTE, DISABLE, DISABLE, ABSOLUTE], np.int32)
+    every = _INNER // _OUTER
 
     def command(
         memory: CascadeMemory, action: Float[Array, "4"], measurement: Measurement, setpoint: Float[Array, "3"]
     ) -> tuple[CascadeMemory, Float[Array, "4"]]:
-        attitude = rotations.to_attitude(measurement.quaternion)
-        updated = outer(memory, measurement, setpoint, attitude[2])
-        due = memory.tick % every == 0
-        memory = CascadeMemory(*(_chosen(due, new, old) for new, old in zip(updated, memory, strict=True)))
-        error = memory.target - jnp.degrees(attitude)
-        error = error.at[2].set((error[2] + 180.0) % 360.0 - 180.0)
-        attitude_memory, wanted = pid(memory.attitude, error, _ATTITUDE, 1 / inner)
-        rate_memory, out = pid(memory.rate, wanted - jnp.degrees(measurement.body_rates), _RATE, 1 / inner)
-        memory = memory._replace(attitude=attitude_memory, rate=rate_memory, tick=memory.tick + 1)
-        return memory, jnp.clip(mix(memory.thrust, out) / _FULL + action, 0.0, 1.0)
+        wanted = _NOTHING._replace(mode=mode, position=setpoint)
+        inner, motors = tick(memory.firmware, wanted, _sensed(measurement), firmware, position_due=memory.step == 0)
+        return CascadeMemory(inner, (memory.step + 1) % every), jnp.clip(motors / _FULL + action, 0.0, 1.0)
 
-    return Controller("position_pid", init, command, rate=inner)
+    def init() -> CascadeMemory:
+        return CascadeMemory(switched_on(), np.int32(0))  # type: ignore[arg-type]
+
+    return Controller("position_pid", init, command, rate=_INNER, action_rate=_OUTER)
 
 
-def mix(thrust: Float[Array, ""], torque: Float[Array, "3"]) -> Float[Array, "4"]:
-    """Motor commands from thrust and roll, pitch, yaw, all in PWM counts.
-
-    Source: Crazyflie firmware 2021.10, power_distribution_stock.c, X formation, with pitch in our sign (nose down positive).
-    """
-    roll, pitch, yaw = torque[0] / 2, torque[1] / 2, torque[2]
-    return jnp.stack([thrust - roll - pitch - yaw, thrust - roll + pitch + yaw, thrust + roll + pitch - yaw, thrust + roll - pitch + yaw])
-
-
-def _chosen(condition: Array, new: Any, old: Any) -> Any:
-    if isinstance(new, PIDMemory):
-        return PIDMemory(*(jnp.where(condition, a, b) for a, b in zip(new, old, strict=True)))
-    return jnp.where(condition, new, old)
+def _sensed(measurement: Measurement) -> State:
+    """A measurement in the firmware's units."""
+    attitude = rotations.to_attitude(measurement.quaternion)
+    return State(measurement.position, measurement.velocity, jnp.degrees(attitude), jnp.degrees(measurement.body_rates))

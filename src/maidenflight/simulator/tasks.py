@@ -1,7 +1,8 @@
 """Tasks: where an episode starts, what the drone shall follow, what that is worth and when it has failed."""
 
 from collections.abc import Callable
-from functools import cache
+from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -12,7 +13,9 @@ from jaxtyping import Array, Bool, Float
 from maidenflight.parameters import Parameters
 from maidenflight.simulator import dynamics, rotations, trajectories
 from maidenflight.simulator.dynamics import State
-from maidenflight.simulator.trajectories import Trajectory
+from maidenflight.simulator.trajectories import Trajectory, once
+
+Reset = Callable[[Parameters, Array], tuple[State, Float[Array, ""]]]
 
 
 class Task(NamedTuple):
@@ -21,7 +24,7 @@ class Task(NamedTuple):
     name: str
     reference: Trajectory
     """Set-point [m] at a time [s]."""
-    reset: Callable[[Parameters, Array], tuple[State, Float[Array, ""]]]
+    reset: Reset
     """(parameters, key) to a first state and the reference's time [s] at which the episode starts."""
     reward: Callable[[State, Float[Array, "3"], Float[Array, "4"], Float[Array, "4"]], Float[Array, ""]]
     """(state, setpoint, action, previous action) to the reward of one step."""
@@ -29,10 +32,82 @@ class Task(NamedTuple):
     """(state, setpoint) to whether the drone has failed."""
     duration: float
     """Time after which an episode is truncated [s]."""
+    first_command: Callable[[Parameters], Float[Array, ""]] = dynamics.hover_command
+    """(parameters) to the command u, in [0, 1], that the motors had before the episode."""
 
 
 FARTHEST = 0.25
 """Distance from the set-point [m] at which an episode fails (Gronauer et al. 2022, sec. Experimental Setup)."""
+STEEPEST = 60.0
+"""Roll or pitch [deg] at which hover and take-off fail (authors' code, hover)."""
+FASTEST_TURN = 300.0
+"""Body rate [deg/s] at which hover fails (authors' code)."""
+LOWEST = 0.2
+"""Height [m] below which hover fails (authors' code)."""
+TAKE_OFF_FARTHEST = 0.5
+"""Distance from the set-point [m] at which a take-off fails, and the set-point's height at which the drone must have left; ours."""
+STANDING = 0.0125
+"""Height [m] of a drone that stands on the ground (authors' code, take-off)."""
+LEFT_GROUND, BELOW_GROUND = 0.05, -0.05
+"""Heights [m] that a drone has above the ground once it has left it, and below it once it has fallen through; ours."""
+LOW = 0.08
+"""Height [m] below which each step of a take-off costs 1 (authors' code)."""
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Half widths of the uniform distributions that an episode's first state is drawn from."""
+
+    position: tuple[float, float, float]
+    """About the reference, world [m]."""
+    attitude: tuple[float, float, float]
+    """Roll, pitch, yaw [deg]."""
+    velocity: float
+    """Each world axis [m/s]."""
+    body_rates: tuple[float, float, float]
+    """[deg/s]."""
+    rotor_speed: float = 0.02
+    """Standard deviation of a normal distribution about hover [-] (authors' code, all tasks)."""
+
+
+CIRCLE_START = Spread((0.05, 0.05, 0.05), (20.0, 20.0, 18.0), 0.1, (50.0, 50.0, 20.0))
+"""Source: Gronauer et al. 2022, sec. Experimental Setup; the numbers are from the authors' code."""
+HOVER_START = Spread((0.25, 0.25, 0.25), (30.0, 30.0, 180.0), 0.1, (200.0, 200.0, 20.0))
+"""Source: authors' code; its yaw of +-360 deg is the same attitudes, but of both signs of the quaternion."""
+TAKE_OFF_START = Spread((0.25, 0.25, 0.0), (0.0, 0.0, 180.0), 0.0, (0.0, 0.0, 0.0), rotor_speed=0.0)
+"""Source: authors' code."""
+
+
+def _starting(reference: Trajectory, spread: Spread, latest: float = 0.0, moving: bool = False) -> Reset:
+    """A reset near a reference.
+
+    Args:
+        reference: set-point [m] at a time [s].
+        spread: how near.
+        latest: the start on the reference's clock is uniform up to it [s].
+        moving: whether the drone starts with the reference's velocity, else about at rest.
+    """
+    tilt = np.radians(np.array(spread.attitude, np.float32))
+    spin = np.radians(np.array(spread.body_rates, np.float32))
+    box = np.array(spread.position, np.float32)
+
+    def reset(parameters: Parameters, key: Array) -> tuple[State, Float[Array, ""]]:
+        time_key, uniform_key, rotor_key = jax.random.split(key, 3)
+        start = latest * jax.random.uniform(time_key)
+        draws = jax.random.uniform(uniform_key, (4, 3), minval=-1.0, maxval=1.0)
+        hover = dynamics.at_hover(reference(start) + box * draws[0], parameters)
+        velocity = spread.velocity * draws[1]
+        if moving:
+            velocity = velocity + jax.jvp(reference, (start,), (jnp.ones_like(start),))[1]
+        state = hover._replace(
+            velocity=velocity,
+            quaternion=rotations.from_attitude(jnp.asarray(tilt) * draws[2]),
+            body_rates=spin * draws[3],
+            rotor_speed=jnp.clip(hover.rotor_speed + spread.rotor_speed * jax.random.normal(rotor_key, (4,)), 0.0, 1.0),
+        )
+        return state, start
+
+    return reset
 
 
 def _norm(vector: Float[Array, "n"]) -> Float[Array, ""]:
@@ -42,7 +117,7 @@ def _norm(vector: Float[Array, "n"]) -> Float[Array, ""]:
 
 
 def paper_reward(
-    state: State, setpoint: Float[Array, "3"], action: Float[Array, "4"], previous_action: Float[Array, "4"]
+    state: State, setpoint: Float[Array, "3"], action: Float[Array, "4"], previous_action: Float[Array, "4"], farthest: float = FARTHEST
 ) -> Float[Array, ""]:
     """The paper's reward, its penalties negative: -(|e| + 1e-4 |a| + 1e-3 |a - a_previous| + 1e-3 |omega|) - 100 if |e| > 0.25 m.
 
@@ -52,15 +127,58 @@ def paper_reward(
     """
     distance = _norm(setpoint - state.position)
     penalties = 1e-4 * _norm(action) + 1e-3 * _norm(action - previous_action) + 1e-3 * _norm(state.body_rates)
-    return -distance - penalties - jnp.where(distance > FARTHEST, 100.0, 0.0)
+    return -distance - penalties - jnp.where(distance > farthest, 100.0, 0.0)
 
 
-def too_far(state: State, setpoint: Float[Array, "3"]) -> Bool[Array, ""]:
+def too_far(state: State, setpoint: Float[Array, "3"], farthest: float = FARTHEST) -> Bool[Array, ""]:
     """The paper's termination: the drone is more than 0.25 m from its set-point."""
-    return jnp.sum((setpoint - state.position) ** 2) > FARTHEST**2
+    return jnp.sum((setpoint - state.position) ** 2) > farthest**2
 
 
-@cache
+def too_steep(state: State) -> Bool[Array, ""]:
+    """Roll or pitch is beyond 60 deg, to either side."""
+    return jnp.any(jnp.abs(rotations.to_attitude(state.quaternion)[:2]) > np.float32(np.radians(STEEPEST)))
+
+
+def hover_failed(state: State, setpoint: Float[Array, "3"]) -> Bool[Array, ""]:
+    """The authors' termination of hover: roll or pitch beyond 60 deg, a body rate beyond 300 deg/s or a height below 0.2 m."""
+    spinning = jnp.any(jnp.abs(state.body_rates) > np.float32(np.radians(FASTEST_TURN)))
+    return too_steep(state) | spinning | (state.position[2] < LOWEST)
+
+
+def take_off_failed(state: State, setpoint: Float[Array, "3"]) -> Bool[Array, ""]:
+    """Steeper than 60 deg, 0.5 m from the set-point, through the ground, or on it when the set-point is 0.5 m up."""
+    height = state.position[2]
+    left_behind = (setpoint[2] > TAKE_OFF_FARTHEST) & (height < LEFT_GROUND)
+    return too_steep(state) | too_far(state, setpoint, TAKE_OFF_FARTHEST) | left_behind | (height < BELOW_GROUND)
+
+
+def hover_reward(
+    state: State, setpoint: Float[Array, "3"], action: Float[Array, "4"], previous_action: Float[Array, "4"]
+) -> Float[Array, ""]:
+    """-(|e| + 1e-4 |u| + 1e-4 |omega|) - 100 on failure, with u = (clip(a, -1, 1) + 1) / 2. Source: authors' code."""
+    return _effort(state, setpoint, action) - jnp.where(hover_failed(state, setpoint), 100.0, 0.0)
+
+
+def take_off_reward(
+    state: State, setpoint: Float[Array, "3"], action: Float[Array, "4"], previous_action: Float[Array, "4"]
+) -> Float[Array, ""]:
+    """-(|e| + 1e-4 |u| + 1e-4 |omega| + 1e-4 |v|) - 1 if z < 0.08 m - 100 on failure.
+
+    Source: authors' code; there a take-off never fails. Without the last term it would pay to fail early.
+    """
+    grounded = jnp.where(state.position[2] < LOW, 1.0, 0.0)
+    failure = jnp.where(take_off_failed(state, setpoint), 100.0, 0.0)
+    return _effort(state, setpoint, action) - 1e-4 * _norm(state.velocity) - grounded - failure
+
+
+def _effort(state: State, setpoint: Float[Array, "3"], action: Float[Array, "4"]) -> Float[Array, ""]:
+    """-(|e| + 1e-4 |u| + 1e-4 |omega|), the part that the authors' hover and take-off share."""
+    command = (jnp.clip(action, -1.0, 1.0) + 1.0) / 2.0
+    return -_norm(setpoint - state.position) - 1e-4 * _norm(command) - 1e-4 * _norm(state.body_rates)
+
+
+@once
 def circle(diameter: float = 0.5, period: float = 3.0, height: float = 1.0) -> Task:
     """Follow a circle, clock-wise, from a random point on it; 5 s an episode.
 
@@ -70,20 +188,55 @@ def circle(diameter: float = 0.5, period: float = 3.0, height: float = 1.0) -> T
     Source: Gronauer et al. 2022, sec. Experimental Setup; start values from the authors' code.
     """
     reference = trajectories.circle(diameter, period, height)
-    tilt = np.radians(np.array([20.0, 20.0, 18.0], np.float32))
-    spin = np.radians(np.array([50.0, 50.0, 20.0], np.float32))
+    reset = _starting(reference, CIRCLE_START, latest=period)
+    return Task("circle", reference, reset, paper_reward, too_far, duration=5.0)
+
+
+@once
+def hover(height: float = 1.0) -> Task:
+    """Come to rest above the origin from up to 0.25 m away, tilted, turning and facing anywhere; 5 s an episode.
+
+    Source: authors' code.
+    """
+    reference = trajectories.hold((0.0, 0.0, height))
+    return Task("hover", reference, _starting(reference, HOVER_START), hover_reward, hover_failed, duration=5.0)
+
+
+@once
+def take_off(height: float = 1.0, duration: float = 1.5) -> Task:
+    """Rise from the ground, motors off, to a height [m] within a duration [s], and stay there; 5 s an episode.
+
+    The ground itself is not simulated yet: a drone falls until its motors have spun up, and below -0.05 m it has failed. With a lag
+    of 80 to 104 ms and a latency of 10 to 18 ms even full throttle comes too late (computed: it falls 0.16 to 0.25 m), so that
+    nothing can fly this task before there is a ground.
+
+    Source: authors' code, there called "not yet working properly".
+    """
+    reference = trajectories.climb(height, duration)
+    near = _starting(reference, TAKE_OFF_START)
 
     def reset(parameters: Parameters, key: Array) -> tuple[State, Float[Array, ""]]:
-        time_key, uniform_key, rotor_key = jax.random.split(key, 3)
-        start = period * jax.random.uniform(time_key)
-        draws = jax.random.uniform(uniform_key, (4, 3), minval=-1.0, maxval=1.0)
-        hover = dynamics.at_hover(reference(start) + 0.05 * draws[0], parameters)
-        state = hover._replace(
-            velocity=0.1 * draws[1],
-            quaternion=rotations.from_attitude(jnp.asarray(tilt) * draws[2]),
-            body_rates=spin * draws[3],
-            rotor_speed=jnp.clip(hover.rotor_speed + 0.02 * jax.random.normal(rotor_key, (4,)), 0.0, 1.0),
-        )
-        return state, start
+        state, start = near(parameters, key)
+        return state._replace(position=state.position.at[2].set(STANDING), rotor_speed=jnp.zeros(4)), start
 
-    return Task("circle", reference, reset, paper_reward, too_far, duration=5.0)
+    def motors_off(parameters: Parameters) -> Float[Array, ""]:
+        return jnp.zeros(())
+
+    return Task("take-off", reference, reset, take_off_reward, take_off_failed, duration=5.0, first_command=motors_off)
+
+
+@once
+def tracking(trajectory: Trajectory, duration: float, farthest: float = FARTHEST, latest_start: float = 0.0) -> Task:
+    """Follow any trajectory, with the paper's reward, from near it and as fast as it.
+
+    Args:
+        trajectory: what to follow.
+        duration: of an episode [s].
+        farthest: distance from the set-point [m] at which an episode fails.
+        latest_start: episodes start on the trajectory's clock uniformly up to this time [s]: a period, for a closed curve.
+
+    Source: reward, failure and all start values but velocity as in `circle`.
+    """
+    reset = _starting(trajectory, CIRCLE_START, latest_start, moving=True)
+    reward, failed = partial(paper_reward, farthest=farthest), partial(too_far, farthest=farthest)
+    return Task("tracking", trajectory, reset, reward, failed, duration)

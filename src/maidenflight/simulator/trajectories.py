@@ -1,16 +1,55 @@
-"""Reference trajectories: position as a function of time, never of step counts, so that every control rate sees the same one."""
+"""Reference trajectories: position as a function of time, never of step counts, so that every control rate sees the same one.
 
+Each shape starts at (0, 0, height), where a hovering drone can pick it up. A trajectory is made once for its arguments and is then
+the same object for ever, so that it can be a static argument of compiled programs; way-points are therefore tuples.
+"""
+
+import csv
+import os
 from collections.abc import Callable
-from functools import cache
+from functools import cache, wraps
+from inspect import signature
+from math import cos, factorial, pi, sin
+from typing import ParamSpec, TypeVar
 
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
+
+from maidenflight.errors import InputError
 
 Trajectory = Callable[[Float[Array, ""]], Float[Array, "3"]]
 """Time [s] to set-point [m], world."""
 
+Waypoints = tuple[tuple[float, float, float, float], ...]
+"""Rows of time [s], x, y, z [m], world."""
 
-@cache
+COLUMNS = ("time", "x", "y", "z")
+"""Columns of a way-point file."""
+
+SLOW, NORMAL, FAST = 15.0, 5.5, 3.5
+"""Periods of a figure-eight [s] (SimpleFlight, second-hand)."""
+
+
+Arguments = ParamSpec("Arguments")
+Made = TypeVar("Made")
+
+
+def once(make: Callable[Arguments, Made]) -> Callable[Arguments, Made]:
+    """Makes one object for the same arguments, whether they are given by position, by name or by default."""
+    cached, known = cache(make), signature(make)
+
+    @wraps(make)
+    def made(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Made:
+        bound = known.bind(*args, **kwargs)
+        bound.apply_defaults()
+        return cached(*bound.args)
+
+    return made
+
+
+@once
 def circle(diameter: float = 0.5, period: float = 3.0, height: float = 1.0) -> Trajectory:
     """A level circle, clock-wise seen from above, that starts at (0, 0, height) towards +y with its centre on the x axis.
 
@@ -26,5 +65,216 @@ def circle(diameter: float = 0.5, period: float = 3.0, height: float = 1.0) -> T
     def reference(time: Float[Array, ""]) -> Float[Array, "3"]:
         angle = 2 * jnp.pi * time / period
         return jnp.stack([radius * (1 - jnp.cos(angle)), radius * jnp.sin(angle), jnp.full_like(angle, height)])
+
+    return reference
+
+
+@once
+def hold(position: tuple[float, float, float] = (0.0, 0.0, 1.0)) -> Trajectory:
+    """One point [m] for ever."""
+    return lambda time: jnp.stack([jnp.full_like(time, coordinate) for coordinate in position])
+
+
+@once
+def climb(height: float = 1.0, duration: float = 1.5) -> Trajectory:
+    """Straight up from the origin to a height [m] within a duration [s], then hold; from rest to rest with the least jerk.
+
+    Source: height and duration from the authors' code (its ramp is linear, so its velocity jumps); the shape is from Flash and
+    Hogan 1985, eq. 1.
+    """
+
+    def reference(time: Float[Array, ""]) -> Float[Array, "3"]:
+        s = jnp.clip(time / duration, 0.0, 1.0)
+        return jnp.stack([jnp.zeros_like(s), jnp.zeros_like(s), height * s**3 * (10 - 15 * s + 6 * s**2)])
+
+    return reference
+
+
+@once
+def figure_eight(period: float = NORMAL, width: float = 2.0, height: float = 1.0) -> Trajectory:
+    """A level lemniscate of Bernoulli along the x axis that starts at its crossing towards +x and +y.
+
+    Args:
+        period: [s]; `SLOW`, `NORMAL` and `FAST` are SimpleFlight's.
+        width: from tip to tip [m]; source unknown: a unit lemniscate, of our choice.
+        height: [m].
+    """
+    half = width / 2
+
+    def reference(time: Float[Array, ""]) -> Float[Array, "3"]:
+        sine, cosine = jnp.sin(2 * jnp.pi * time / period), jnp.cos(2 * jnp.pi * time / period)
+        x = half * sine / (1 + cosine**2)
+        return jnp.stack([x, x * cosine, jnp.full_like(x, height)])
+
+    return reference
+
+
+@once
+def pentagram(diameter: float = 0.5, period: float = 5.0, height: float = 1.0) -> Trajectory:
+    """A level five-pointed star, flown edge by edge at constant speed; its corners lie on `circle`.
+
+    Args:
+        diameter: of the circle through the corners [m], as that of the paper's circle.
+        period: [s]; of our choice, 0.48 m/s at 0.5 m where the paper's circle has 0.52 m/s.
+        height: [m].
+    """
+    radius, turn = diameter / 2, 4 * pi / 5
+    corners = [(number * period / 5, radius * (1 - cos(number * turn)), radius * sin(number * turn), height) for number in range(6)]
+    star = zigzag(tuple(corners))
+    return lambda time: star(jnp.mod(time, period))
+
+
+@once
+def zigzag(points: Waypoints) -> Trajectory:
+    """Straight lines from way-point to way-point, each at constant speed; holds the first point before and the last after.
+
+    Args:
+        points: such as `random_waypoints(key)` or `read_waypoints(file)`.
+
+    Raises:
+        InputError: fewer than two points, not four finite numbers each, or time that does not increase.
+    """
+    table = _checked(points)
+    return _piecewise(table[:, 0], np.stack([table[:-1, 1:], np.diff(table[:, 1:], axis=0)]))
+
+
+@once
+def polynomial(points: Waypoints) -> Trajectory:
+    """The curve of least jerk from rest to rest through all way-points: quintic pieces with four continuous derivatives.
+
+    It may swing out between points whose distances in time are very unequal. Holds the first point before and the last after.
+
+    Args:
+        points: such as `random_waypoints(key)` or `read_waypoints(file)`.
+
+    Raises:
+        InputError: as of `zigzag`.
+
+    Source: Flash and Hogan 1985, eq. 1, for one piece; through more points, the natural generalisation to a quintic spline.
+    """
+    from scipy.interpolate import make_interp_spline  # takes longer to import than all the rest of the simulator needs
+
+    table = _checked(points)
+    times, lengths = table[:, 0], np.diff(table[:, 0])[:, None]
+    rest = [(1, np.zeros(3)), (2, np.zeros(3))]
+    spline = make_interp_spline(times, table[:, 1:], k=5, bc_type=(rest, rest))
+    powers = [spline(times[:-1], nu=power) * lengths**power / factorial(power) for power in range(6)]
+    return _piecewise(times, np.stack(powers))
+
+
+def random_waypoints(
+    key: Array, count: int = 11, reach: float = 1.0, shortest: float = 1.0, longest: float = 1.5, height: float = 1.0
+) -> Waypoints:
+    """Way-points at one height that begin at (0, 0, height) and jump about in a square.
+
+    Args:
+        key: random key.
+        count: how many points.
+        reach: half the square's side [m].
+        shortest: least time between two points [s].
+        longest: greatest time between two points [s].
+        height: [m].
+
+    Source: sizes and times in the manner of SimpleFlight's zigzag, second-hand and not checked.
+    """
+    point_key, time_key = jax.random.split(key)
+    points = np.asarray(jax.random.uniform(point_key, (count, 2), minval=-reach, maxval=reach)).tolist()
+    pauses = np.asarray(jax.random.uniform(time_key, (count - 1,), minval=shortest, maxval=longest), np.float64)
+    times = [0.0, *np.cumsum(pauses).tolist()]
+    return tuple((time, x, y, height) for time, (x, y) in zip(times, [(0.0, 0.0), *points[1:]], strict=True))
+
+
+def waypoints(file: str | os.PathLike[str], smooth: bool = False, fastest: float = 5.0) -> Trajectory:
+    """The trajectory through the way-points of a CSV file; the same rows give the same object.
+
+    Args:
+        file: as of `read_waypoints`.
+        smooth: `polynomial` instead of `zigzag`.
+        fastest: highest mean speed between two points [m/s].
+
+    Raises:
+        InputError: as of `read_waypoints`.
+    """
+    points = read_waypoints(file, fastest)
+    return polynomial(points) if smooth else zigzag(points)
+
+
+def read_waypoints(file: str | os.PathLike[str], fastest: float = 5.0) -> Waypoints:
+    """Reads and checks way-points; their clock starts at the first one.
+
+    Args:
+        file: CSV with a header line and at least the columns time [s], x, y, z [m].
+        fastest: highest mean speed between two points [m/s], against a wrong unit or a lost row; of our choice.
+
+    Returns:
+        The way-points; the last one's time is the duration.
+
+    Raises:
+        InputError: not readable, a missing column, fewer than two points, a value that is not finite, time that does not increase,
+            or a jump.
+    """
+    try:
+        with open(file, encoding="utf-8-sig", newline="") as lines:
+            reader = csv.DictReader(lines, skipinitialspace=True)
+            missing = [name for name in COLUMNS if name not in (reader.fieldnames or ())]
+            if missing:
+                raise InputError(f"{file}: missing column {', '.join(missing)}; expected a header line with {','.join(COLUMNS)}.")
+            rows = [(f"line {reader.line_num}", [row[name] for name in COLUMNS]) for row in reader]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{file}: not a readable CSV file ({error}). Give a text file with the columns {','.join(COLUMNS)}.") from error
+    points = [tuple(_number(text, f"{file}: {name}: {column}") for text, column in zip(row, COLUMNS, strict=True)) for name, row in rows]
+    table = _checked(points, f"{file}: ", [name for name, _ in rows], fastest)
+    return tuple((time, x, y, z) for time, x, y, z in table.tolist())
+
+
+def _number(text: str | None, where: str) -> float:
+    try:
+        return float(text or "")
+    except ValueError:
+        raise InputError(f"{where} is {text!r}; expected a number. Write it, or leave the row out.") from None
+
+
+def _checked(
+    points: Waypoints | list[tuple[float, ...]], where: str = "", names: list[str] | None = None, fastest: float = np.inf
+) -> Float[np.ndarray, "n 4"]:
+    """Way-points as a table whose time starts at zero, in numbers that float32 can hold."""
+    names = names or [f"way-point {number}" for number in range(1, len(points) + 1)]
+    if len(points) < 2:
+        raise InputError(f"{where}{len(points)} way-points; expected two or more. Add rows of {','.join(COLUMNS)}.")
+    for name, row in zip(names, points, strict=True):
+        if len(row) != len(COLUMNS) or not np.all(np.abs(row) < np.finfo(np.float32).max):
+            raise InputError(f"{where}{name} is {row}; expected four finite numbers, {','.join(COLUMNS)}.")
+    table = np.array(points, np.float64)
+    table[:, 0] -= table[0, 0]
+    gaps = np.diff(table[:, 0].astype(np.float32))
+    for number in np.flatnonzero(gaps <= 0)[:1]:
+        before, after = points[number][0], points[number + 1][0]
+        raise InputError(f"{where}{names[number + 1]}: time goes from {before} to {after} s; expected it to increase. Sort the rows.")
+    speeds = np.linalg.norm(np.diff(table[:, 1:], axis=0), axis=1) / gaps
+    for number in np.flatnonzero(speeds > fastest)[:1]:
+        raise InputError(
+            f"{where}{names[number + 1]}: {speeds[number]:.1f} m/s from the point before it, but at most {fastest:g} m/s are allowed. "
+            "Check the units (s, m) and for lost rows, or allow more with fastest."
+        )
+    return table
+
+
+def _piecewise(times: Float[np.ndarray, "n"], powers: Float[np.ndarray, "degree m 3"]) -> Trajectory:
+    """Polynomials between times: piece i is the sum of `powers[k, i]` s^k, where s goes from 0 to 1; holds its ends beyond them.
+
+    At a time where two pieces meet, the slope is that of the later one.
+    """
+    knots = times.astype(np.float32)
+    lengths, table = np.diff(knots), powers.astype(np.float32)
+
+    def reference(time: Float[Array, ""]) -> Float[Array, "3"]:
+        index = jnp.clip(jnp.searchsorted(jnp.asarray(knots), time, side="right") - 1, 0, len(lengths) - 1)
+        s = (time - jnp.asarray(knots)[index]) / jnp.asarray(lengths)[index]
+        s = jnp.where(time < knots[0], 0.0, jnp.where(time < knots[-1], s, 1.0))
+        coefficients = jnp.asarray(table)[:, index]
+        point = coefficients[-1]
+        for coefficient in coefficients[-2::-1]:
+            point = point * s + coefficient
+        return point
 
     return reference
