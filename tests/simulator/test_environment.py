@@ -242,3 +242,44 @@ def test_a_rollout_that_is_given_fresh_episodes_begins_anew_after_each_end():
     np.testing.assert_array_equal(before.elapsed[over + 1], 0)
     starts = np.asarray(before.state.position[over + 1])
     assert len(np.unique(starts, axis=0)) == len(starts), "each fresh episode starts elsewhere"
+
+
+GROUND = Environment(task=tasks.take_off())
+
+
+def climb(observation):
+    """The same thrust on all motors, against the height error and the climb."""
+    return jnp.broadcast_to(0.16 + 3.0 * observation[-5] - 2.0 * observation[29], (4,))
+
+
+@jax.jit
+def lift(command):
+    """Five seconds of a take-off; a constant command, or feedback where it is negative."""
+
+    def act(observation):
+        return jnp.where(command < 0, climb(observation), jnp.broadcast_to(2.0 * command - 1.0, (4,)))
+
+    first = environment.reset(GROUND, QUIET, KEY)
+    last, (before, outcome) = environment.rollout(GROUND, act, first, QUIET, KEY, 500)
+    return before.state, outcome, last.state, first.actuators.ratio
+
+
+def test_a_drone_without_thrust_stands_on_the_floor_and_stays_there():
+    states, _, last, ratio = lift(float32(0.3))
+    np.testing.assert_array_equal(ratio, np.zeros(4))
+    np.testing.assert_allclose(states.position[:, 2], 0.0125, atol=1e-7)
+    np.testing.assert_array_equal(last.velocity, np.zeros(3))
+    assert np.isfinite(np.asarray(last.quaternion)).all()
+
+
+def test_a_drone_takes_off_from_the_floor_as_soon_as_thrust_exceeds_weight_and_follows_its_reference():
+    states, outcome, last, _ = lift(float32(-1.0))
+    assert not outcome.terminated.any()
+    assert states.position[:, 2].min() >= np.float32(0.0125)
+    assert abs(float(last.position[2]) - 1.0) < 0.05
+    assert np.abs(states.position[:, 2] - outcome.setpoint[:, 2]).max() < 0.25
+
+
+def test_a_floor_changes_nothing_in_the_air():
+    state = dynamics.at_hover(jnp.array([0.0, 0.0, 0.5]), QUIET)._replace(velocity=float32([0.1, 0.2, -0.3]))
+    assert same(dynamics.held_by_floor(state, 0.0125), state)

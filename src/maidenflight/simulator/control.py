@@ -12,7 +12,20 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from maidenflight.simulator import rotations
-from maidenflight.simulator.firmware import ABSOLUTE, DISABLE, VELOCITY, Generation, Memory, Setpoint, State, checked, switched_on, tick
+from maidenflight.simulator.firmware import (
+    ABSOLUTE,
+    ATTITUDE_RATE,
+    DISABLE,
+    POSITION_RATE,
+    VELOCITY,
+    Generation,
+    Memory,
+    Setpoint,
+    State,
+    checked,
+    switched_on,
+    tick,
+)
 from maidenflight.simulator.sensors import Measurement
 
 
@@ -47,8 +60,6 @@ def pwm() -> Controller:
 
 _FULL = 60000.0
 """Counts of u = 1 (authors' code and flights)."""
-_INNER, _OUTER = 500, 100
-"""Rates of the attitude PIDs and of the position PIDs [Hz]."""
 _ZERO = np.zeros(3, np.float32)
 _NOTHING = Setpoint(_ZERO, _ZERO, _ZERO, _ZERO, np.float32(0.0), np.zeros(6, np.int32), np.bool_(False))  # type: ignore[arg-type]
 
@@ -107,7 +118,7 @@ def _by_policy(name: str, firmware: Generation, action_rate: int, ask: Callable[
         memory, motors = tick(memory, wanted, _sensed(measurement), firmware, position_due=False)
         return memory, jnp.clip(motors / _FULL, 0.0, 1.0)
 
-    return Controller(name, switched_on, command, rate=_INNER, action_rate=action_rate)
+    return Controller(name, switched_on, command, rate=ATTITUDE_RATE, action_rate=action_rate)
 
 
 class CascadeMemory(NamedTuple):
@@ -136,7 +147,7 @@ def position_pid(firmware: str = "2021.10") -> Controller:
 @cache
 def _position_pid(firmware: Generation) -> Controller:
     mode: Any = np.array([ABSOLUTE, ABSOLUTE, ABSOLUTE, DISABLE, DISABLE, ABSOLUTE], np.int32)
-    every = _INNER // _OUTER
+    every = ATTITUDE_RATE // POSITION_RATE
 
     def command(
         memory: CascadeMemory, action: Float[Array, "4"], measurement: Measurement, setpoint: Float[Array, "3"]
@@ -148,7 +159,7 @@ def _position_pid(firmware: Generation) -> Controller:
     def init() -> CascadeMemory:
         return CascadeMemory(switched_on(), np.int32(0))  # type: ignore[arg-type]
 
-    return Controller("position_pid", init, command, rate=_INNER, action_rate=_OUTER)
+    return Controller("position_pid", init, command, rate=ATTITUDE_RATE, action_rate=POSITION_RATE)
 
 
 def _sensed(measurement: Measurement) -> State:

@@ -130,6 +130,21 @@ def rk4(state: State, command: Float[Array, "4"], parameters: Parameters) -> Sta
     return new._replace(quaternion=rotations.normalise(new.quaternion))
 
 
+def held_by_floor(state: State, height: float) -> State:
+    """A drone that would sink below a floor rests on it instead, at once and without a bounce; ours.
+
+    Args:
+        state: the drone.
+        height: of its centre when it stands [m].
+    """
+    sunk = state.position[2] < height
+    return state._replace(
+        position=state.position.at[2].max(height),
+        velocity=jnp.where(sunk, 0.0, state.velocity),
+        body_rates=jnp.where(sunk, 0.0, state.body_rates),
+    )
+
+
 def hover_command(parameters: Parameters) -> Float[Array, ""]:
     """U [-], the normalised thrust command at which thrust equals weight: 1 / k_F, from eq:motor-force."""
     return 1.0 / parameters.thrust_to_weight

@@ -108,7 +108,7 @@ def observation(episode: Episode) -> Float[Array, "20H"]:
 
 
 def begin(environment: Environment, state: State, time: Float[Array, ""], parameters: Parameters, key: Array) -> Episode:
-    """An episode that starts in a given state, its command path filled with the hover command.
+    """An episode that starts in a given state, its command path filled with the task's first command.
 
     Args:
         environment: what is simulated.
@@ -118,18 +118,18 @@ def begin(environment: Environment, state: State, time: Float[Array, ""], parame
         key: random key for bias and sensor noise.
     """
     bias_key, sensor_key = jax.random.split(key)
-    hover = dynamics.hover_command(parameters)
+    command = environment.task.first_command(parameters)
     bias = sensors.turn_on_bias(parameters, bias_key)
     estimator = jnp.zeros((environment.estimator_memory, 10))
     for _ in range(environment.estimator_memory):
         estimator = sensors.remember(estimator, state)
     measurement = sensors.measure(state, bias, parameters, sensor_key)
-    action = jnp.broadcast_to(2.0 * hover - 1.0, (ACTION_SIZE,))
+    action = jnp.broadcast_to(2.0 * command - 1.0, (ACTION_SIZE,))
     instant = observe(measurement, environment.task.reference(time), action)
     return Episode(
         state=state,
-        delay_line=jnp.broadcast_to(jnp.sqrt(hover), (environment.delay_slots(), 4)),
-        actuators=actuators.switched_on(hover, parameters, environment.battery),
+        delay_line=jnp.broadcast_to(actuators.rotor_speed_command(command), (environment.delay_slots(), 4)),
+        actuators=actuators.switched_on(command, parameters, environment.battery),
         controller=environment.controller.init(),
         gyro_bias=bias,
         estimator=estimator,
@@ -213,11 +213,18 @@ def _hold_command(
     period = environment.command_period(parameters)
     motors, speed_command = actuators.actuate(episode.actuators, command, period, parameters, key, environment.battery)
     line = latency.push(episode.delay_line, speed_command)
-    state = drive(environment.integrator, episode.state, line, environment.steps_per_command, parameters)
+    state = drive(environment.integrator, episode.state, line, environment.steps_per_command, parameters, environment.task.floor)
     return episode._replace(state=state, delay_line=line, actuators=motors, controller=memory)
 
 
-def drive(integrator: Integrator, state: State, line: Float[Array, "slots 4"], steps: int, parameters: Parameters) -> State:
+def drive(
+    integrator: Integrator,
+    state: State,
+    line: Float[Array, "slots 4"],
+    steps: int,
+    parameters: Parameters,
+    floor: float | None = None,
+) -> State:
     """Integrates the physics over one command period.
 
     Args:
@@ -226,11 +233,17 @@ def drive(integrator: Integrator, state: State, line: Float[Array, "slots 4"], s
         line: rotor speed commands, newest first.
         steps: physics steps in the period.
         parameters: the drone.
+        floor: height at which the drone stands [m], if there is a floor.
     """
     delayed = latency.weights(parameters, steps, line.shape[0]) @ line
     # Two Euler steps compile quickly and run faster unrolled; RK4 is four times as much to compile.
     unroll = steps if integrator is dynamics.euler and steps <= 2 else 1
-    return lax.scan(lambda state, speed: (integrator(state, speed, parameters), None), state, delayed, unroll=unroll)[0]
+
+    def advance(state: State, speed: Float[Array, "4"]) -> tuple[State, None]:
+        after = integrator(state, speed, parameters)
+        return after if floor is None else dynamics.held_by_floor(after, floor), None
+
+    return lax.scan(advance, state, delayed, unroll=unroll)[0]
 
 
 PolicyFunction = Callable[[Float[Array, "20H"]], Float[Array, "4"]]

@@ -34,6 +34,8 @@ class Task(NamedTuple):
     """Time after which an episode is truncated [s]."""
     first_command: Callable[[Parameters], Float[Array, ""]] = dynamics.hover_command
     """(parameters) to the command u, in [0, 1], that the motors had before the episode."""
+    floor: float | None = None
+    """Height [m] at which the drone stands on a floor; `None`: there is no floor."""
 
 
 FARTHEST = 0.25
@@ -48,8 +50,8 @@ TAKE_OFF_FARTHEST = 0.5
 """Distance from the set-point [m] at which a take-off fails, and the set-point's height at which the drone must have left; ours."""
 STANDING = 0.0125
 """Height [m] of a drone that stands on the ground (authors' code, take-off)."""
-LEFT_GROUND, BELOW_GROUND = 0.05, -0.05
-"""Heights [m] that a drone has above the ground once it has left it, and below it once it has fallen through; ours."""
+LEFT_GROUND = 0.05
+"""Height [m] that a drone has once it has left the ground; ours."""
 LOW = 0.08
 """Height [m] below which each step of a take-off costs 1 (authors' code)."""
 
@@ -147,10 +149,10 @@ def hover_failed(state: State, setpoint: Float[Array, "3"]) -> Bool[Array, ""]:
 
 
 def take_off_failed(state: State, setpoint: Float[Array, "3"]) -> Bool[Array, ""]:
-    """Steeper than 60 deg, 0.5 m from the set-point, through the ground, or on it when the set-point is 0.5 m up."""
+    """Steeper than 60 deg, 0.5 m from the set-point, or still on the ground when the set-point is 0.5 m up."""
     height = state.position[2]
     left_behind = (setpoint[2] > TAKE_OFF_FARTHEST) & (height < LEFT_GROUND)
-    return too_steep(state) | too_far(state, setpoint, TAKE_OFF_FARTHEST) | left_behind | (height < BELOW_GROUND)
+    return too_steep(state) | too_far(state, setpoint, TAKE_OFF_FARTHEST) | left_behind
 
 
 def hover_reward(
@@ -206,9 +208,7 @@ def hover(height: float = 1.0) -> Task:
 def take_off(height: float = 1.0, duration: float = 1.5) -> Task:
     """Rise from the ground, motors off, to a height [m] within a duration [s], and stay there; 5 s an episode.
 
-    The ground itself is not simulated yet: a drone falls until its motors have spun up, and below -0.05 m it has failed. With a lag
-    of 80 to 104 ms and a latency of 10 to 18 ms even full throttle comes too late (computed: it falls 0.16 to 0.25 m), so that
-    nothing can fly this task before there is a ground.
+    The ground holds what sinks to it; it does not bounce, tilt or change the air above it.
 
     Source: authors' code, there called "not yet working properly".
     """
@@ -222,7 +222,7 @@ def take_off(height: float = 1.0, duration: float = 1.5) -> Task:
     def motors_off(parameters: Parameters) -> Float[Array, ""]:
         return jnp.zeros(())
 
-    return Task("take-off", reference, reset, take_off_reward, take_off_failed, duration=5.0, first_command=motors_off)
+    return Task("take-off", reference, reset, take_off_reward, take_off_failed, duration=5.0, first_command=motors_off, floor=STANDING)
 
 
 @once

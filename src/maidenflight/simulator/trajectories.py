@@ -80,7 +80,7 @@ def climb(height: float = 1.0, duration: float = 1.5) -> Trajectory:
     """Straight up from the origin to a height [m] within a duration [s], then hold; from rest to rest with the least jerk.
 
     Source: height and duration from the authors' code (its ramp is linear, so its velocity jumps); the shape is from Flash and
-    Hogan 1985, eq. 1.
+    Hogan 1985.
     """
 
     def reference(time: Float[Array, ""]) -> Float[Array, "3"]:
@@ -150,7 +150,7 @@ def polynomial(points: Waypoints) -> Trajectory:
     Raises:
         InputError: as of `zigzag`.
 
-    Source: Flash and Hogan 1985, eq. 1, for one piece; through more points, the natural generalisation to a quintic spline.
+    Source: Flash and Hogan 1985 for one piece; through more points, the natural generalisation to a quintic spline.
     """
     from scipy.interpolate import make_interp_spline  # takes longer to import than all the rest of the simulator needs
 

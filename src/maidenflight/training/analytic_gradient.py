@@ -22,8 +22,11 @@ from maidenflight.simulator import environment, rotations
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment, Episode
 from maidenflight.simulator.randomization import RelativeBox, randomize
-from maidenflight.simulator.tasks import FARTHEST, Task
+from maidenflight.simulator.tasks import Task
 from maidenflight.training.evaluation import Evaluation, evaluate
+
+LOST = 1.0
+"""Distance from the set-point [m] beyond which a drone in training is given up."""
 
 
 @dataclass(frozen=True)
@@ -123,7 +126,7 @@ def _segment(
         guards += settings.tilt_barrier * jax.nn.relu(tilt - settings.tilt_margin)
         cost = guards - outcome.reward
         # A drone that is far beyond failure stays where it is: its gradient says nothing of flying, and would overflow.
-        lost = square > (4 * FARTHEST) ** 2
+        lost = square > LOST**2
         return tree.map(lambda old, new: jnp.where(lost, old, new), episode, after), jnp.where(lost, 0.0, cost)
 
     episode, costs = lax.scan(one, episode, jax.random.split(key, settings.horizon))
@@ -151,6 +154,7 @@ def _update(simulated: Environment, settings: AnalyticGradient, box: RelativeBox
     setpoints = jax.vmap(simulated.task.reference)(episodes.time)
     over = jax.vmap(simulated.task.terminated)(episodes.state, setpoints) | (episodes.elapsed > simulated.task.duration)
     over |= ~jnp.isfinite(jnp.sum(episodes.state.position, axis=1))
+    over |= jnp.sum((setpoints - episodes.state.position) ** 2, axis=1) > LOST**2
     drones, fresh = jax.vmap(partial(_fresh, simulated, box))(jax.random.split(fresh_key, settings.drones))
 
     def chosen(old: Array, new: Array) -> Array:

@@ -25,7 +25,9 @@ class Evaluation(NamedTuple):
 
 
 @partial(jax.jit, static_argnums=(0, 4, 5))
-def evaluate(simulated: Environment, policy: Policy, box: RelativeBox, key: Array, episodes: int = 256, steps: int = 500) -> Evaluation:
+def evaluate(
+    simulated: Environment, policy: Policy, box: RelativeBox, key: Array, episodes: int = 256, steps: int | None = None
+) -> Evaluation:
     """Scores a policy without exploration noise.
 
     Args:
@@ -34,14 +36,16 @@ def evaluate(simulated: Environment, policy: Policy, box: RelativeBox, key: Arra
         box: drones to draw from, one an episode.
         key: random key; the same key gives the same episodes.
         episodes: how many; static.
-        steps: control periods of an episode; static.
+        steps: control periods of an episode; as many as the task lasts unless given; static.
     """
+    rate = simulated.controller.rate / simulated.commands_per_action
+    periods = round(simulated.task.duration * rate) if steps is None else steps
 
     def one(key: Array) -> tuple[Array, Array, Array, Array]:
         drone_key, reset_key, key = jax.random.split(key, 3)
         drone = randomize(box, drone_key)
         first = environment.reset(simulated, drone, reset_key)
-        _, (before, outcome) = environment.rollout(simulated, policy, first, drone, key, steps)
+        _, (before, outcome) = environment.rollout(simulated, policy, first, drone, key, periods)
         failed = jnp.cumsum(outcome.terminated) > 0
         counted = jnp.concatenate([jnp.array([True]), ~failed[:-1]])  # the step that fails still counts, with its penalty
         distance = jnp.linalg.norm(outcome.setpoint[:-1] - before.state.position[1:], axis=1)

@@ -1,0 +1,301 @@
+"""The Crazyflie firmware's cascaded PID: position, velocity, attitude, rate, mixer; two generations of it.
+
+`"2021.10"` flew the paper's flights, `"2026.08"` is today's. Gains are the same, behaviour is not:
+
+| | 2021.10 | 2026.08 |
+|---|---|---|
+| derivative | of the error | of the measurement, yaw wrapped |
+| position and velocity PIDs | world axes, output turned by yaw | axes turned by yaw |
+| velocity set-point of the other frame | body turned to world | world turned to body |
+| rate mode | attitude PID of the axis is reset | attitude PID runs on |
+| another mode | nothing | all PIDs start anew, from the present tilt |
+| thrust above 65535 | passes | clipped |
+| a motor above 65535 | clipped | all four are lowered |
+
+Units are the firmware's: m, deg, deg/s and PWM counts in float32, computed in the firmware's order. Signs are ours: pitch and
+pitch rate are positive nose down, which is the firmware's gyro and minus its attitude. A count is cut off as an integer is,
+yet a gradient passes.
+
+Source: Crazyflie firmware 5ed999b6f953 (2021-10-29) and 2a18fc299d7b (2026-08-21), src/modules/src: pid.c,
+controller_pid.c, attitude_pid_controller.c, position_controller_pid.c, power_distribution_*.c; described from reading, not
+copied.
+"""
+
+from typing import Any, Literal, NamedTuple, cast, get_args
+
+import jax.numpy as jnp
+import numpy as np
+from jax import lax, tree
+from jaxtyping import Array, Bool, Float, Int
+
+from maidenflight.errors import InputError
+
+Generation = Literal["2021.10", "2026.08"]
+
+DISABLE, ABSOLUTE, VELOCITY = 0, 1, 2
+"""Modes of an axis (stabilizer_types.h)."""
+ATTITUDE_RATE = 500
+"""Attitude and rate PIDs [Hz]."""
+POSITION_RATE = 100
+"""Position and velocity PIDs [Hz]."""
+MOST = 65535.0
+"""Full PWM [counts]."""
+
+
+class State(NamedTuple):
+    """What the firmware's estimator and gyro tell."""
+
+    position: Float[Array, "3"]
+    velocity: Float[Array, "3"]
+    attitude: Float[Array, "3"]
+    """Roll, pitch, yaw [deg]."""
+    body_rates: Float[Array, "3"]
+    """[deg/s]."""
+
+
+class Setpoint(NamedTuple):
+    """What is asked of the PIDs."""
+
+    position: Float[Array, "3"]
+    velocity: Float[Array, "3"]
+    attitude: Float[Array, "3"]
+    """[deg]."""
+    body_rates: Float[Array, "3"]
+    """[deg/s]."""
+    thrust: Float[Array, ""]
+    """[counts], of use where z is disabled."""
+    mode: Int[Array, "6"]
+    """Of x, y, z, roll, pitch, yaw. A disabled yaw counts as absolute."""
+    velocity_body: Bool[Array, ""]
+    """Whether velocity is in axes turned by yaw."""
+
+
+class Gains(NamedTuple):
+    """Three PID controllers, one an axis."""
+
+    proportional: np.ndarray
+    integral: np.ndarray
+    derivative: np.ndarray
+    integral_limit: np.ndarray
+    output_limit: np.ndarray
+    period: float
+    """Time between two updates [s]."""
+
+
+class PIDMemory(NamedTuple):
+    """Of three PID controllers."""
+
+    integral: Float[Array, "3"]
+    last: Float[Array, "3"]
+    """The error (2021.10) or measurement (2026.08) before."""
+
+
+class Memory(NamedTuple):
+    """Of the cascade."""
+
+    position: PIDMemory
+    velocity: PIDMemory
+    attitude: PIDMemory
+    rate: PIDMemory
+    desired: Float[Array, "3"]
+    """Roll, pitch, yaw [deg]."""
+    thrust: Float[Array, ""]
+    """[counts]."""
+    torque: Float[Array, "3"]
+    """Roll, pitch, yaw [counts], whole numbers."""
+    mode: Int[Array, "6"]
+    """The last set-point's; -1 before the first."""
+
+
+def _gains(*rows: tuple[float, float, float], period: float) -> Gains:
+    return Gains(*(np.array(row, np.float32) for row in rows), period=period)
+
+
+# platform_defaults_cf2.h; rows are kp, ki, kd, limit of the integral, limit of the output.
+_INT16 = 32767.0
+_POSITION = _gains((2, 2, 2), (0, 0, 0.5), (0, 0, 0), (5000, 5000, 5000), (1.1, 1.1, 1.1), period=1 / POSITION_RATE)
+_VELOCITY = _gains((25, 25, 25), (1, 1, 15), (0, 0, 0), (5000, 5000, 5000), (22, 22, 32.767), period=1 / POSITION_RATE)
+_ATTITUDE = _gains((6, 6, 6), (3, 3, 1), (0, 0, 0.35), (20, 20, 360), (np.inf, np.inf, np.inf), period=1 / ATTITUDE_RATE)
+_RATE = _gains((250, 250, 120), (500, 500, 16.7), (2.5, 2.5, 0), (33.3, 33.3, 166.7), (_INT16, _INT16, _INT16), period=1 / ATTITUDE_RATE)
+_STEEPEST = 20.0
+"""Limit of roll and pitch that the velocity PID asks for [deg]."""
+_THRUST_BASE, _THRUST_LEAST, _THRUST_SCALE = 36000.0, 20000.0, 1000.0
+"""[counts], [counts], [counts per unit of the velocity PID's output]."""
+
+
+def checked(firmware: str) -> Generation:
+    """The generation of that name.
+
+    Raises:
+        InputError: there is none.
+    """
+    if firmware not in get_args(Generation):
+        raise InputError(f"firmware {firmware!r}: no such generation. Give one of {', '.join(get_args(Generation))}.")
+    return cast(Generation, firmware)
+
+
+def switched_on() -> Memory:
+    """Memory before the first tick."""
+    zero = np.zeros(3, np.float32)
+    pid = PIDMemory(zero, zero)  # type: ignore[arg-type]
+    return Memory(pid, pid, pid, pid, zero, np.float32(0.0), zero, np.full(6, -1, np.int32))  # type: ignore[arg-type]
+
+
+def wrap(angle: Float[Array, "..."]) -> Float[Array, "..."]:
+    """An angle within one and a half turns [deg] to [-180, 180] deg. Source: num.c, capAngle."""
+    return jnp.where(angle > 180.0, angle - 360.0, jnp.where(angle < -180.0, angle + 360.0, angle))
+
+
+def pid(
+    memory: PIDMemory, desired: Float[Array, "3"], measured: Float[Array, "3"], gains: Gains, firmware: Generation, heading: bool = False
+) -> tuple[PIDMemory, Float[Array, "3"]]:
+    """One update of three PID controllers: K_p e + K_d de/dt + K_i (limited integral of e), limited.
+
+    Args:
+        memory: of the last update.
+        desired: set-point.
+        measured: its counterpart.
+        gains: of the three.
+        firmware: 2021.10 takes the derivative of the error, 2026.08 minus that of the measurement.
+        heading: whether the third axis is an angle that wraps [deg].
+
+    Source: pid.c, pidUpdate.
+    """
+
+    def wrapped(difference: Float[Array, "3"]) -> Float[Array, "3"]:
+        return difference.at[2].set(wrap(difference[2])) if heading else difference
+
+    error = wrapped(desired - measured)
+    change = wrapped(memory.last - measured) if firmware == "2026.08" else error - memory.last
+    integral = jnp.clip(memory.integral + error * gains.period, -gains.integral_limit, gains.integral_limit)
+    output = gains.proportional * error + gains.derivative * (change / gains.period) + gains.integral * integral
+    last = measured if firmware == "2026.08" else error
+    return PIDMemory(integral, last), jnp.clip(output, -gains.output_limit, gains.output_limit)
+
+
+def reset(memory: Memory, state: State, firmware: Generation) -> Memory:
+    """All PIDs anew; in 2026.08 the present attitude becomes the last one.
+
+    What was last of position and velocity is of no consequence: they have no derivative.
+
+    Source: pid.c, pidReset; attitude_pid_controller.c, attitudeControllerResetAllPID.
+    """
+    none = jnp.zeros(3)
+    fresh = PIDMemory(none, none)
+    attitude = PIDMemory(none, state.attitude if firmware == "2026.08" else none)
+    return memory._replace(position=fresh, velocity=fresh, attitude=attitude, rate=fresh)
+
+
+def position_loops(memory: Memory, setpoint: Setpoint, state: State, firmware: Generation) -> Memory:
+    """Position and velocity PIDs: what attitude and thrust to ask for. Source: position_controller_pid.c, positionController."""
+    yaw, given = state.attitude[2], setpoint.velocity
+    target, place, speed = setpoint.position, state.position, state.velocity
+    if firmware == "2026.08":
+        given = jnp.where(setpoint.velocity_body, given, _turn(given, yaw))
+        target, place, speed = _turn(target, yaw), _turn(place, yaw), _turn(speed, yaw)
+    else:
+        given = jnp.where(setpoint.velocity_body, _turn(given, -yaw), given)
+    position, wanted = pid(memory.position, target, place, _POSITION, firmware)
+    absolute = setpoint.mode[:3] == ABSOLUTE
+    position = _chosen(absolute, position, memory.position)
+    velocity, out = pid(memory.velocity, jnp.where(absolute, wanted, given), speed, _VELOCITY, firmware)
+    if firmware == "2021.10":
+        out = _turn(out, yaw)
+    # Nose down (positive pitch) flies forward, right side down (positive roll) flies right.
+    desired = jnp.stack([jnp.clip(-out[1], -_STEEPEST, _STEEPEST), jnp.clip(out[0], -_STEEPEST, _STEEPEST), memory.desired[2]])
+    most = MOST if firmware == "2026.08" else None
+    thrust = jnp.clip(out[2] * _THRUST_SCALE + _THRUST_BASE, _THRUST_LEAST, most)
+    return memory._replace(position=position, velocity=velocity, desired=desired, thrust=thrust)
+
+
+def attitude_loops(memory: Memory, setpoint: Setpoint, state: State, firmware: Generation) -> Memory:
+    """Attitude and rate PIDs: what torque to ask for. Source: controller_pid.c; attitude_pid_controller.c."""
+    mode = setpoint.mode
+    by_hand = (mode[0] == DISABLE) | (mode[1] == DISABLE)
+    tilt = jnp.where(by_hand, setpoint.attitude[:2], memory.desired[:2])
+    desired = jnp.concatenate([tilt, memory.desired[2:]])
+    thrust = jnp.where(mode[2] == DISABLE, setpoint.thrust, memory.thrust)
+    attitude, wanted = pid(memory.attitude, desired, state.attitude, _ATTITUDE, firmware, heading=True)
+    # Only roll and pitch: a yaw rate has moved the desired yaw instead.
+    by_rate = (mode[3:] == VELOCITY) & np.array([True, True, False])
+    wanted = jnp.where(by_rate, setpoint.body_rates, wanted)
+    if firmware == "2021.10":
+        attitude = _chosen(by_rate, PIDMemory(jnp.zeros(3), jnp.zeros(3)), attitude)
+    rate, torque = pid(memory.rate, wanted, state.body_rates, _RATE, firmware)
+    return memory._replace(attitude=attitude, rate=rate, desired=desired, thrust=thrust, torque=_cut(torque))
+
+
+def mix(thrust: Float[Array, ""], torque: Float[Array, "3"], firmware: Generation) -> Float[Array, "4"]:
+    """Motor commands [counts] from thrust and roll, pitch, yaw [counts].
+
+    Source: power_distribution_stock.c (2021.10), power_distribution_quadrotor.c (2026.08), X formation.
+    """
+    roll, pitch, yaw = _cut(torque[0] / 2), _cut(torque[1] / 2), torque[2]
+    right, left = thrust - roll, thrust + roll
+    motors = _cut(jnp.stack([right - pitch - yaw, right + pitch + yaw, left + pitch - yaw, left - pitch + yaw]))
+    if firmware == "2026.08":
+        motors = motors - jnp.maximum(motors.max() - MOST, 0.0)
+    return jnp.clip(motors, 0.0, MOST)
+
+
+def tick(
+    memory: Memory,
+    setpoint: Setpoint,
+    state: State,
+    firmware: Generation,
+    position_due: Bool[Array, ""] | bool,
+    attitude_due: Bool[Array, ""] | bool = True,
+) -> tuple[Memory, Float[Array, "4"]]:
+    """One tick of the cascade.
+
+    Thrust 0 stops the motors, resets the PIDs and makes the present yaw the desired one; so it is before the first tick.
+
+    Args:
+        memory: of the tick before.
+        setpoint: what is asked.
+        state: what is measured.
+        firmware: generation; static.
+        position_due: whether position and velocity PIDs run, as they do at 100 Hz.
+        attitude_due: whether attitude and rate PIDs run, as they do at 500 Hz.
+
+    Returns:
+        Memory, and the four motors' commands [counts], not yet compensated for the battery.
+
+    Source: controller_pid.c, controllerPid.
+    """
+
+    def stopped(memory: Memory) -> Memory:
+        desired = jnp.concatenate([memory.desired[:2], state.attitude[2:]])
+        return reset(memory, state, firmware)._replace(desired=desired, torque=jnp.zeros(3))
+
+    memory = _chosen(memory.mode[0] < 0, stopped(memory), memory)
+    if firmware == "2026.08":
+        level = jnp.concatenate([state.attitude[:2], memory.desired[2:]])
+        memory = _chosen(jnp.any(memory.mode != setpoint.mode), reset(memory, state, firmware)._replace(desired=level), memory)
+    memory = memory._replace(mode=setpoint.mode)
+    moved = memory.desired[2] + setpoint.body_rates[2] * (1 / ATTITUDE_RATE)
+    yaw = wrap(jnp.where(setpoint.mode[5] == VELOCITY, moved, setpoint.attitude[2]))
+    memory = _chosen(attitude_due, memory._replace(desired=memory.desired.at[2].set(yaw)), memory)
+    if position_due is not False:
+        memory = _chosen(position_due, position_loops(memory, setpoint, state, firmware), memory)
+    memory = _chosen(attitude_due, attitude_loops(memory, setpoint, state, firmware), memory)
+    memory = _chosen(memory.thrust == 0.0, stopped(memory), memory)
+    return memory, mix(memory.thrust, memory.torque, firmware)
+
+
+def _turn(vector: Float[Array, "3"], yaw: Float[Array, ""]) -> Float[Array, "3"]:
+    """A vector of the world in axes turned by yaw [deg]."""
+    angle = yaw * np.float32(np.pi) / 180.0
+    cos, sin = jnp.cos(angle), jnp.sin(angle)
+    return jnp.stack([vector[0] * cos + vector[1] * sin, vector[1] * cos - vector[0] * sin, vector[2]])
+
+
+def _cut(counts: Float[Array, "..."]) -> Float[Array, "..."]:
+    """Whole counts, cut off towards zero, with the derivative of the uncut."""
+    return counts + lax.stop_gradient(jnp.trunc(counts) - counts)
+
+
+def _chosen(condition: Bool[Array, "..."] | bool, new: Any, old: Any) -> Any:
+    if isinstance(condition, bool):
+        return new if condition else old
+    return tree.map(lambda new, old: jnp.where(condition, new, old), new, old)
