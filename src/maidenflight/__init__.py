@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from maidenflight.simulator.randomization import randomize as randomize
     from maidenflight.simulator.randomization import relative_box as relative_box
     from maidenflight.simulator.tasks import circle as circle
+    from maidenflight.simulator.tasks import hover as hover
+    from maidenflight.simulator.tasks import take_off as take_off
+    from maidenflight.simulator.tasks import tracking as tracking
     from maidenflight.simulator.virtual_drone import virtual_drone as virtual_drone
     from maidenflight.training.analytic_gradient import AnalyticGradient as AnalyticGradient
     from maidenflight.training.analytic_gradient import train as train
@@ -36,6 +39,7 @@ _PUBLIC = {
     "circle": "simulator.tasks",
     "crazyflie": "parameters",
     "export_c": "deployment.c",
+    "hover": "simulator.tasks",
     "identify": "identification.identify",
     "pwm": "simulator.control",
     "randomize": "simulator.randomization",
@@ -46,6 +50,8 @@ _PUBLIC = {
     "reset": "simulator.environment",
     "rollout": "simulator.environment",
     "step": "simulator.environment",
+    "take_off": "simulator.tasks",
+    "tracking": "simulator.tasks",
     "train": "training.analytic_gradient",
     "transfer": "experiments.transfer",
     "virtual_drone": "simulator.virtual_drone",

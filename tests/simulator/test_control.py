@@ -32,7 +32,7 @@ def fly_pid(radius, parameters, seconds):
     """Positions [m] at 100 Hz of the position PID on a circle whose radius is traced; radius 0 is hovering."""
     unit = tasks.circle(diameter=2.0, height=0.0)
     task = unit._replace(reference=lambda time: radius * unit.reference(time) + jnp.array([0.0, 0.0, 1.0]))
-    world = Environment(task=task, controller=control.position_pid(), steps_per_command=1, commands_per_action=5)
+    world = Environment(task=task, controller=control.position_pid(), steps_per_command=1)
     start = dynamics.at_hover(jnp.array([0.0, 0.0, 1.0]), parameters)
     episode = environment.begin(world, start, jnp.float32(0.0), parameters, jax.random.key(0))
     _, (flown, _) = environment.rollout(world, lambda _: jnp.zeros(4), episode, parameters, jax.random.key(1), 100 * seconds)
@@ -46,7 +46,7 @@ ASKED = np.array([*(sign * np.eye(3)[axis] for axis in range(3) for sign in (0.5
 @cache
 def fly_action(controller, level):
     """State of two seconds [action, time, ...] in which an action holds: those of ASKED, then more and less thrust."""
-    world = Environment(controller=controller, steps_per_command=1, commands_per_action=500 // controller.action_rate)
+    world = Environment(controller=controller, steps_per_command=1)
     actions = np.zeros((len(ASKED) + 2, 4), np.float32)
     actions[:, 0], actions[: len(ASKED), 1:] = level, ASKED
     actions[len(ASKED) :, 0] += np.array([0.1, -0.1], np.float32)

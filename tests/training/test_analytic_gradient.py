@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, noiseless, replace
 from maidenflight.policy import Policy, untrained
 from maidenflight.simulator import control, environment, tasks
@@ -78,6 +79,11 @@ def test_gradient_through_the_simulator_is_the_slope_of_the_cost() -> None:
     numeric = [(float(cost(jnp.float32(h))) - float(cost(jnp.float32(-h)))) / (2 * h) for h in steps]
     assert abs(slope) > 1e-3
     assert slope == pytest.approx(np.mean(numeric), rel=0.05)
+
+
+def test_a_control_structure_that_no_policy_can_carry_is_refused() -> None:
+    with pytest.raises(InputError, match="position_pid cannot be trained for"):
+        train(tasks.circle(), control.position_pid(), BOX, KEYS, SMALL)
 
 
 def test_a_lost_drone_is_held_and_gives_no_gradient() -> None:

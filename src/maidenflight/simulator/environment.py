@@ -35,14 +35,17 @@ class Environment:
     integrator: Integrator = dynamics.euler
     steps_per_command: int = 2
     """Physics steps a command: the command period is `steps_per_command` x `time_step`, 10 ms by default."""
-    commands_per_action: int = 1
-    """Commands of the controller an action: 1 where the policy commands the motors itself."""
     history: int = 2
     """H, instants in an observation (Gronauer et al. 2022, sec. Simulation Environment)."""
     battery: bool = False
     """Whether commands pass through battery compensation, 8-bit PWM and a battery that sags."""
     estimator_memory: int = 0
     """Control periods of state that a late estimator remembers; 0: the estimator is not late."""
+
+    @property
+    def commands_per_action(self) -> int:
+        """Commands of the controller an action: 1 where the policy commands the motors itself."""
+        return self.controller.rate // self.controller.action_rate
 
     def command_period(self, parameters: Parameters) -> Float[Array, ""]:
         """Time for which a command holds [s]."""

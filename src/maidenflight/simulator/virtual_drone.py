@@ -26,16 +26,15 @@ class VirtualDrone:
     parameters: Parameters
     """The truth; `time_step` is 1 ms."""
 
-    def environment(self, task: Task, controller: Controller, rate: int = 100) -> Environment:
-        """How this drone is simulated for a task, with `rate` actions a second [Hz]."""
+    def environment(self, task: Task, controller: Controller) -> Environment:
+        """How this drone is simulated for a task and a control structure."""
         return Environment(
             task=task,
             controller=controller,
             integrator=dynamics.rk4,
             steps_per_command=1000 // controller.rate,
-            commands_per_action=controller.rate // rate,
             battery=True,
-            estimator_memory=2 + math.ceil(max(0.010, float(self.parameters.estimator_delay)) * rate - 1e-6),
+            estimator_memory=2 + math.ceil(max(0.010, float(self.parameters.estimator_delay)) * controller.action_rate - 1e-6),
         )
 
 

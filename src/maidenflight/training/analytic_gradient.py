@@ -16,8 +16,9 @@ import optax
 from jax import lax, tree
 from jaxtyping import Array, Float
 
+from maidenflight.errors import InputError
 from maidenflight.parameters import Parameters
-from maidenflight.policy import Policy, untrained
+from maidenflight.policy import CONTROLS, Policy, untrained
 from maidenflight.simulator import environment, rotations
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment, Episode
@@ -192,8 +193,13 @@ def train(
     Returns:
         For each key the policy of the best score, in the keys' order. Cost grows linearly with keys, updates, drones and horizon;
         the defaults take about 20 s a policy on two cores.
+
+    Raises:
+        InputError: policies cannot be made for this control structure.
     """
     settings = AnalyticGradient() if settings is None else settings
+    if controller.name not in CONTROLS:
+        raise InputError(f"control structure {controller.name} cannot be trained for; expected one of {', '.join(CONTROLS)}.")
     simulated = Environment(task=task, controller=controller)
     score = jax.jit(jax.vmap(partial(evaluate, simulated, episodes=settings.episodes), in_axes=(0, None, None)))
     learners = _begin(simulated, settings, box, keys)
