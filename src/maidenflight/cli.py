@@ -287,14 +287,15 @@ def transfer(
 @commands.command()
 @click.argument("policy", type=click.Path(path_type=Path))
 @_output("firmware", "Folder for the C code.")
+@_seed
 @_as_json
 @_overwrite
-def export(policy: Path, output: Path, as_json: bool, overwrite: bool) -> None:
+def export(policy: Path, output: Path, seed: int, as_json: bool, overwrite: bool) -> None:
     """Export a POLICY file to C99 without dependencies: policy.h and policy.c."""
     _must_be_new(output, overwrite)
     from maidenflight import workflow
 
-    written = workflow.export(policy, output)
+    written = workflow.export(policy, output, seed)
     content = {"files": [str(path) for path in written]}
     _emit(as_json, content, lambda: print("written " + ", ".join(map(str, written))))
 

@@ -103,7 +103,7 @@ def demo(folder: Path, seed: int, plan: Plan, listener: Listener) -> Demo:
         lambda: workflow.transfer_to([policies], [drone], seed, folder / "transfer", plan.flight_trials, plan.longest),
     )
     best = workflow.best_policy(flown, workflow.policy_files([policies]))
-    run("export", lambda: workflow.export(best, folder / "firmware"))
+    run("export", lambda: workflow.export(best, folder / "firmware", seed))
     results.write(folder / "demo.json", json.dumps({"seed": seed, "stages": stages.seconds}, indent=1) + "\n")
     page = run("report", lambda: report(folder, folder / "report.html"))
     return Demo(drone.parameters, found, flown, stages.seconds, folder, page)

@@ -162,9 +162,9 @@ def best_policy(flown: Transfer, files: Sequence[Path]) -> Path:
     return next(path for path in files if path.stem == name)
 
 
-def export(path: StrPath, folder: StrPath) -> list[Path]:
-    """Writes a policy as C99."""
-    return export_c(policy.read(path), folder, record=results.record(seed=None, inputs=[path], settings={}))
+def export(path: StrPath, folder: StrPath, seed: int) -> list[Path]:
+    """Writes a policy as C99; the seed draws the observations of its self-test."""
+    return export_c(policy.read(path), folder, seed=seed, record=results.record(seed=seed, inputs=[path], settings={}))
 
 
 class Stages:
