@@ -1,6 +1,9 @@
-"""Strict JAX, so that no shape or dtype is guessed, and the same examples from hypothesis on every run."""
+"""Strict JAX, so that no shape or dtype is guessed, and the same examples from hypothesis on every run; the authors' data where it is."""
+
+from pathlib import Path
 
 import jax
+import pytest
 from hypothesis import settings
 
 jax.config.update("jax_numpy_rank_promotion", "raise")
@@ -8,3 +11,12 @@ jax.config.update("jax_numpy_dtype_promotion", "strict")
 
 settings.register_profile("reproducible", derandomize=True, deadline=None, max_examples=25, database=None)
 settings.load_profile("reproducible")
+
+
+@pytest.fixture(scope="session")
+def shared_data():
+    """The folder shared/data beside the repository."""
+    folder = Path(__file__).parents[2] / "shared" / "data"
+    if not (folder / "authors" / "flights" / "pwm").is_dir():
+        pytest.skip(f"the authors' flight logs are not at {folder}")
+    return folder

@@ -4,7 +4,6 @@ Each function reads what it is given, does one stage, writes its results with a 
 """
 
 import os
-import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -67,6 +66,7 @@ def identify_from(
     on_evaluation: Callable[[int, int], None] | None = None,
 ) -> tuple[Flights, Identification]:
     """Identifies a drone from logs; writes `output` (TOML) and, beside it, `identification.csv` with every evaluation."""
+    searched = {**PAPER_BOUNDS, **bounds}
     flights = read_flights(logs, on_file)
     found = identify(
         flights,
@@ -77,7 +77,7 @@ def identify_from(
         history=history,
         evaluations=evaluations,
         trials=trials,
-        bounds={**PAPER_BOUNDS, **bounds},
+        bounds=searched,
         on_evaluation=on_evaluation,
     )
     settings = {
@@ -87,7 +87,7 @@ def identify_from(
         "history": history,
         "evaluations": evaluations,
         "trials": trials,
-        "bounds": {name: list({**PAPER_BOUNDS, **bounds}[name]) for name in over},
+        "bounds": {name: list(searched[name]) for name in over},
     }
     made = results.record(seed=seed, inputs=flights.paths, settings=settings)
     parameters.write(output, found.parameters, {"identification": found.to_table(), "record": made})
@@ -165,17 +165,3 @@ def best_policy(flown: Transfer, files: Sequence[Path]) -> Path:
 def export(path: StrPath, folder: StrPath, seed: int) -> list[Path]:
     """Writes a policy as C99; the seed draws the observations of its self-test."""
     return export_c(policy.read(path), folder, seed=seed, record=results.record(seed=seed, inputs=[path], settings={}))
-
-
-class Stages:
-    """Wall time of each stage of a longer run."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-
-    def run(self, name: str, stage: Callable[[], Any]) -> Any:
-        """Runs a stage and keeps its time."""
-        began = time.perf_counter()
-        made = stage()
-        self.seconds[name] = round(time.perf_counter() - began, 2)
-        return made

@@ -112,10 +112,9 @@ def transfer(
     shapes = {(policy.control, policy.rate, policy.history, policy.layer_sizes) for policy in policies}
     if len(shapes) > 1:
         raise InputError(f"policies of different kinds ({'; '.join(map(str, sorted(shapes)))}); transfer each kind by itself.")
-    if policies[0].rate != CONTROLLERS[policies[0].control]().action_rate:
-        raise InputError(
-            f"policies of {policies[0].rate} Hz; {policies[0].control} control acts at {CONTROLLERS[policies[0].control]().action_rate} Hz."
-        )
+    controller = CONTROLLERS[policies[0].control]()
+    if policies[0].rate != controller.action_rate:
+        raise InputError(f"policies of {policies[0].rate} Hz; {policies[0].control} control acts at {controller.action_rate} Hz.")
     key = jax.random.key(0) if key is None else key
     names = list(names or (f"policy_{number}" for number in range(1, len(policies) + 1)))
     plan = [(policy, trial) for policy in range(len(policies)) for trial in range(trials)]
@@ -123,7 +122,7 @@ def transfer(
     rows: list[dict[str, Any]] = []
     flights: list[Flight] = []
     for number, reality in enumerate(realities):
-        simulated = reality.environment(task or tasks.circle(), CONTROLLERS[policies[0].control]())
+        simulated = reality.environment(task or tasks.circle(), controller)
         drones = jax.tree.map(lambda leaf: np.broadcast_to(leaf, (len(plan), *np.shape(leaf))), reality.parameters)
         keys = jax.random.split(jax.random.fold_in(key, number), len(plan))
         flown = jax.tree.map(np.asarray, _fly(simulated, stacked, drones, keys, round(duration * policies[0].rate)))

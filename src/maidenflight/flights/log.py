@@ -73,7 +73,7 @@ class Flight:
 
     @property
     def mean_command(self) -> Float[np.ndarray, "N 4"]:
-        """U between a row and the next: the command itself if it is held, else the mean of this row's and the next one's."""
+        """Command u between a row and the next: the command itself if it is held, else the mean of this row's and the next one's."""
         if self.held:
             return self.command
         following = np.concatenate([self.command[1:], self.command[-1:]])
@@ -103,11 +103,19 @@ def write(path: str | os.PathLike[str], flight: Flight, record: Mapping[str, Any
 
 
 def from_csv(text: str, name: str) -> Flight:
-    """Reads a flight in our format; the rows are not checked, `checking.pieces` does that.
+    """Reads a flight in our format as if its rows were equally spaced; see `timed`."""
+    return timed(text, name)[0]
+
+
+def timed(text: str, name: str) -> tuple[Flight, Float[np.ndarray, "N"]]:
+    """Reads a flight in our format; the rows are not checked, `checking` does that.
 
     Args:
         text: content of the file.
         name: what errors name.
+
+    Returns:
+        The flight, and the time of each of its rows [s].
 
     Raises:
         InputError: a column is missing or is not numeric, or there are no rows.
@@ -117,7 +125,7 @@ def from_csv(text: str, name: str) -> Flight:
         raise InputError(f"{name}: line 2 is not '# commands: held' or '# commands: sampled'. Add it; see docs/flight-log.md.")
     table = numbers(text, name, [column for columns in GROUPS.values() for column in columns])
     simulated = head.get("simulated", "no")
-    return Flight(
+    flight = Flight(
         name=name,
         period=float(np.round(np.median(np.diff(table["time"])), 6)) if len(table["time"]) > 1 else 0.01,
         held=head["commands"] == "held",
@@ -128,6 +136,7 @@ def from_csv(text: str, name: str) -> Flight:
             for group in ("position", "velocity", "attitude", "body_rates", "command", "setpoint")
         },
     )
+    return flight, table["time"]
 
 
 def numbers(text: str, name: str, columns: Sequence[str]) -> dict[str, np.ndarray]:

@@ -91,19 +91,26 @@ def _first_line(path: Path) -> bool:
             line = file.readline()
     except (OSError, EOFError, zlib.error, UnicodeDecodeError):
         return True  # let reading it say what is wrong
-    return line.startswith(log.MARK) or set(line.strip().split(",")) == set(authors.COLUMNS)
+    return _ours(line.strip()) or _authors(line.strip())
+
+
+def _ours(first: str) -> bool:
+    return first.startswith(log.MARK)
+
+
+def _authors(first: str) -> bool:
+    return set(first.split(",")) == set(authors.COLUMNS)
 
 
 def _read(path: Path, notes: list[str]) -> list[Flight]:
     text = _open(path)
     name = f"{path.parent.name}/{path.name}"
     first = text.split("\n", 1)[0].strip()
-    if first.startswith(log.MARK):
-        flight = log.from_csv(text, name)
-        parts, cuts = checking.at_gaps(flight, log.numbers(text, name, ["time"])["time"])
+    if _ours(first):
+        parts, cuts = checking.at_gaps(*log.timed(text, name))
         notes += cuts
         return parts
-    if set(first.split(",")) == set(authors.COLUMNS):
+    if _authors(first):
         return authors.from_csv(text, name)
     raise InputError(
         f"{path}: unknown format; its first line is {first[:60]!r}. Known are maidenflight's own log ('{log.MARK}', see"

@@ -43,14 +43,14 @@ def report(source: str | os.PathLike[str] | Transfer, path: str | os.PathLike[st
 
 def to_html(run: Run) -> str:
     """The page."""
+    drawn = _figures(run)
     sections = [
-        ("parameters", "Parameters", _parameters(run)),
+        ("parameters", "Parameters", _parameters(run, "valley" in drawn)),
         ("training", "Training", _training(run)),
         ("flights", "Test flights", _flights(run)),
         ("reproduce", "Reproduce", parts.seconds(run) + parts.records(run)),
     ]
     sections = [section for section in sections if section[2]]
-    drawn = _figures(run)
     shown = _viewed(run)
     return Template(_file("page.html")).substitute(
         title=escape(parts.title(run)),
@@ -85,9 +85,9 @@ def _chart(name: str, label: str, caption: str = "") -> str:
     return f'<figure><div class=chart id="{name}" role=img aria-label="{label}"></div>{below}</figure>'
 
 
-def _parameters(run: Run) -> str:
+def _parameters(run: Run, valley: bool) -> str:
     chart = ""
-    if run.search is not None and figures.valley(run) is not None:
+    if run.search is not None and valley:
         truth = (
             " The green box is the truth, which has two time constants, for motors speeding up and slowing down, and two delays, that of"
             " the commands and that with the estimator's added."

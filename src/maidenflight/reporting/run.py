@@ -155,8 +155,9 @@ def _keep(records: dict[str, Mapping[str, Any]], path: Path, record: Any) -> Non
 def _drone(path: Path, records: dict[str, Mapping[str, Any]]) -> Parameters | None:
     if not path.exists():
         return None
-    drone = parameters.from_toml(_text(path), str(path))
-    _keep(records, path, tomllib.loads(_text(path)).get("record"))
+    text = _text(path)
+    drone = parameters.from_toml(text, str(path))
+    _keep(records, path, tomllib.loads(text).get("record"))
     return drone
 
 

@@ -146,7 +146,7 @@ def held_by_floor(state: State, height: float) -> State:
 
 
 def hover_command(parameters: Parameters) -> Float[Array, ""]:
-    """U [-], the normalised thrust command at which thrust equals weight: 1 / k_F, from eq:motor-force."""
+    """The normalised thrust command u [-] at which thrust equals weight: 1 / k_F, from eq:motor-force."""
     return 1.0 / parameters.thrust_to_weight
 
 

@@ -112,7 +112,7 @@ def _starting(reference: Trajectory, spread: Spread, latest: float = 0.0, moving
     return reset
 
 
-def _norm(vector: Float[Array, "n"]) -> Float[Array, ""]:
+def norm(vector: Float[Array, "n"]) -> Float[Array, ""]:
     """Euclidean norm whose gradient at zero is zero, not NaN."""
     square = jnp.sum(vector**2)
     return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
@@ -127,8 +127,8 @@ def paper_reward(
 
     Source: Gronauer et al. 2022, sec. Experimental Setup.
     """
-    distance = _norm(setpoint - state.position)
-    penalties = 1e-4 * _norm(action) + 1e-3 * _norm(action - previous_action) + 1e-3 * _norm(state.body_rates)
+    distance = norm(setpoint - state.position)
+    penalties = 1e-4 * norm(action) + 1e-3 * norm(action - previous_action) + 1e-3 * norm(state.body_rates)
     return -distance - penalties - jnp.where(distance > farthest, 100.0, 0.0)
 
 
@@ -171,13 +171,13 @@ def take_off_reward(
     """
     grounded = jnp.where(state.position[2] < LOW, 1.0, 0.0)
     failure = jnp.where(take_off_failed(state, setpoint), 100.0, 0.0)
-    return _effort(state, setpoint, action) - 1e-4 * _norm(state.velocity) - grounded - failure
+    return _effort(state, setpoint, action) - 1e-4 * norm(state.velocity) - grounded - failure
 
 
 def _effort(state: State, setpoint: Float[Array, "3"], action: Float[Array, "4"]) -> Float[Array, ""]:
     """-(|e| + 1e-4 |u| + 1e-4 |omega|), the part that the authors' hover and take-off share."""
     command = (jnp.clip(action, -1.0, 1.0) + 1.0) / 2.0
-    return -_norm(setpoint - state.position) - 1e-4 * _norm(command) - 1e-4 * _norm(state.body_rates)
+    return -norm(setpoint - state.position) - 1e-4 * norm(command) - 1e-4 * norm(state.body_rates)
 
 
 @once

@@ -6,7 +6,7 @@ each as another drone. Short horizons keep the gradients of a chaotic system sma
 """
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import optax
 from jax import lax, tree
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from maidenflight.errors import InputError
 from maidenflight.parameters import Parameters
@@ -23,7 +23,7 @@ from maidenflight.simulator import environment, rotations
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment, Episode
 from maidenflight.simulator.randomization import RelativeBox, randomize
-from maidenflight.simulator.tasks import Task
+from maidenflight.simulator.tasks import Task, norm, too_far
 from maidenflight.training.evaluation import Evaluation, evaluate
 
 LOST = 1.0
@@ -108,7 +108,8 @@ def _network(policy: Policy) -> tuple[Any, Any]:
 
 
 def _with_network(policy: Policy, network: tuple[Any, Any]) -> Policy:
-    return Policy(*network, policy.observation_mean, policy.observation_deviation, policy.control, policy.rate, policy.history)
+    weights, biases = network
+    return replace(policy, weights=weights, biases=biases)
 
 
 def _segment(
@@ -119,15 +120,13 @@ def _segment(
     def one(episode: Episode, key: Array) -> tuple[Episode, Float[Array, ""]]:
         action = policy(environment.observation(episode))
         after, outcome = environment.step(simulated, episode, action, drone, key)
-        error = outcome.setpoint - after.state.position
-        square = jnp.sum(error**2)
-        distance = jnp.sqrt(jnp.where(square > 0, square, 1.0))
-        tilt = jnp.sqrt(jnp.sum(rotations.body_z(after.state.quaternion)[:2] ** 2) + 1e-12)
+        distance = norm(outcome.setpoint - after.state.position)
+        tilt = norm(rotations.body_z(after.state.quaternion)[:2])
         guards = settings.barrier * jax.nn.relu(distance - settings.margin)
         guards += settings.tilt_barrier * jax.nn.relu(tilt - settings.tilt_margin)
         cost = guards - outcome.reward
         # A drone that is far beyond failure stays where it is: its gradient says nothing of flying, and would overflow.
-        lost = square > LOST**2
+        lost = too_far(after.state, outcome.setpoint, LOST)
         return tree.map(lambda old, new: jnp.where(lost, old, new), episode, after), jnp.where(lost, 0.0, cost)
 
     episode, costs = lax.scan(one, episode, jax.random.split(key, settings.horizon))
@@ -155,13 +154,14 @@ def _update(simulated: Environment, settings: AnalyticGradient, box: RelativeBox
     setpoints = jax.vmap(simulated.task.reference)(episodes.time)
     over = jax.vmap(simulated.task.terminated)(episodes.state, setpoints) | (episodes.elapsed > simulated.task.duration)
     over |= ~jnp.isfinite(jnp.sum(episodes.state.position, axis=1))
-    over |= jnp.sum((setpoints - episodes.state.position) ** 2, axis=1) > LOST**2
+    over |= jax.vmap(partial(too_far, farthest=LOST))(episodes.state, setpoints)
     drones, fresh = jax.vmap(partial(_fresh, simulated, box))(jax.random.split(fresh_key, settings.drones))
+    return _Learner(policy, optimiser, _chosen(over, drones, learner.drones), _chosen(over, fresh, episodes)), None
 
-    def chosen(old: Array, new: Array) -> Array:
-        return jnp.where(over.reshape(-1, *[1] * (old.ndim - 1)), new, old)
 
-    return _Learner(policy, optimiser, tree.map(chosen, learner.drones, drones), tree.map(chosen, episodes, fresh)), None
+def _chosen(which: Bool[Array, "n"], new: Any, old: Any) -> Any:
+    """Of two batches, the new entries where `which` holds and the old ones elsewhere."""
+    return tree.map(lambda new, old: jnp.where(which.reshape(-1, *[1] * (new.ndim - 1)), new, old), new, old)
 
 
 @partial(jax.jit, static_argnums=(0, 1, 5))
@@ -192,7 +192,7 @@ def train(
 
     Returns:
         For each key the policy of the best score, in the keys' order. Cost grows linearly with keys, updates, drones and horizon;
-        the defaults take about 20 s a policy on two cores.
+        the defaults take about 30 s a policy on two cores.
 
     Raises:
         InputError: policies cannot be made for this control structure.
@@ -210,7 +210,7 @@ def train(
         scores = score(learners.policy, box, jax.random.key(0))
         better = scores.episode_return > best_return
         best_return = jnp.where(better, scores.episode_return, best_return)
-        best = tree.map(lambda new, old: jnp.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old), learners.policy, best)  # noqa: B023
+        best = _chosen(better, learners.policy, best)
         if on_progress is not None:
             on_progress(Progress(update, update * settings.drones * settings.horizon * len(keys), scores))
     return tuple(tree.map(lambda leaf: leaf[number], best) for number in range(len(keys)))  # noqa: B023
