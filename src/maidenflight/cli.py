@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from maidenflight.training.analytic_gradient import Progress
 
 _CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
+_REALITIES = "virtual:SEED, pybullet:SEED (the same drone in PyBullet) or a drone's TOML file"
 
 
 def main() -> None:
@@ -93,7 +94,7 @@ def drone(name: str, output: Path | None, overwrite: bool) -> None:
 
 @commands.command()
 @_output("flights", "Folder for the logs.")
-@click.option("--reality", default="virtual:7", show_default=True, help="Virtual drone (virtual:SEED) or a drone's TOML file.")
+@click.option("--reality", default="virtual:7", show_default=True, help=f"Which drone: {_REALITIES}.")
 @click.option("--flights", "count", default=4, show_default=True, type=click.IntRange(1, 999), help="How many flights.")
 @click.option("--duration", default=30.0, show_default=True, type=click.FloatRange(2.0, 600.0), help="Seconds of each.")
 @click.option(
@@ -253,7 +254,9 @@ def train(
 @commands.command()
 @click.argument("policies", nargs=-1, required=True, type=click.Path(path_type=Path))
 @_output("transfer", "Folder for the flights.")
-@click.option("--reality", "realities", multiple=True, default=("virtual:7",), show_default=True, help="virtual:SEED or a TOML file.")
+@click.option(
+    "--reality", "realities", multiple=True, default=("virtual:7",), show_default=True, help=f"Where: {_REALITIES}; may be repeated."
+)
 @click.option("--trials", default=3, show_default=True, type=click.IntRange(1, 1000), help="Flights of each policy in each reality.")
 @click.option("--duration", default=20.0, show_default=True, type=click.FloatRange(0.1, 600.0), help="Longest flight, seconds.")
 @_seed

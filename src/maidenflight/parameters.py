@@ -52,6 +52,7 @@ def _quantity(table: str, symbol: str, unit: str, bounds: tuple[float, float], m
 
 
 _PAPER = "Gronauer et al. 2022"
+_THRUST_CURVE = "affine-quadratic curves fitted to load cells by others, such as crazyflow's"
 _AUTHORS = "the authors' code (phoenix-drone-simulation c5d6907)"
 
 
@@ -66,6 +67,17 @@ class Parameters:
 
     thrust_to_weight: Any = _quantity(
         "motors", "k_F", "-", (1.0, 10.0), "thrust of all motors at full speed over weight", f"{_PAPER}, eq:motor-force"
+    )
+    thrust_offset: Any = _quantity(
+        "motors", "c_0", "-", (-0.5, 0.5), "share of full thrust that does not depend on rotor speed; 0 in the paper's model", _THRUST_CURVE
+    )
+    thrust_linear: Any = _quantity(
+        "motors",
+        "c_1",
+        "-",
+        (-1.0, 2.0),
+        "share of full thrust that grows with rotor speed itself; 0 in the paper's model",
+        _THRUST_CURVE,
     )
     motor_time_constant: Any = _quantity("motors", "T_m", "s", (0.001, 1.0), "lag of the rotor speeds", f"{_PAPER}, eq:motor-dynamics")
     motor_slowdown: Any = _quantity(
@@ -111,6 +123,14 @@ class Parameters:
         3,
     )
     gravity: Any = _quantity("body", "g", "m/s2", (0.1, 30.0), "gravitational acceleration", f"{_PAPER}, table:drone-parameters")
+    ground_effect: Any = _quantity(
+        "body",
+        "c_g",
+        "m2",
+        (0.0, 0.1),
+        "gain of thrust near the ground times height squared; acts in tasks that have a floor",
+        "gym-pybullet-drones: 11.37 (r/4)^2 with a propeller of r = 23.1 mm",
+    )
     position_noise: Any = _quantity("sensors", "sigma_r", "m", (0.0, 1.0), "Gaussian noise of the position", _AUTHORS)
     position_noise_uniform: Any = _quantity("sensors", "b_r", "m", (0.0, 1.0), "half width of its uniform noise", _AUTHORS)
     velocity_noise: Any = _quantity("sensors", "sigma_v", "m/s", (0.0, 1.0), "Gaussian noise of the velocity", _AUTHORS)
@@ -125,6 +145,14 @@ class Parameters:
         (0.0, 5.0),
         "white noise of the body rates per sample",
         f"{_AUTHORS}: 0.088 rad/s before, 0.051 after its low-pass filter",
+    )
+    gyro_lag: Any = _quantity(
+        "sensors",
+        "tau_g",
+        "s",
+        (0.0, 0.05),
+        "lag of the gyro's low-pass filter; 0 in the paper's model",
+        "Crazyflie firmware: 80 Hz Butterworth, 2.8 ms",
     )
     gyro_turn_on_bias: Any = _quantity(
         "sensors",
@@ -181,6 +209,8 @@ def crazyflie() -> Parameters:
     """
     return Parameters(
         thrust_to_weight=1.725,
+        thrust_offset=0.0,
+        thrust_linear=0.0,
         motor_time_constant=0.088,
         motor_slowdown=1.0,
         latency=0.018,
@@ -193,12 +223,14 @@ def crazyflie() -> Parameters:
         arm_length=0.0396,
         drag=(0.0, 0.0, 0.0),
         gravity=9.81,
+        ground_effect=3.8e-4,
         position_noise=0.002,
         position_noise_uniform=0.001,
         velocity_noise=0.01,
         attitude_noise=math.radians(0.1),
         attitude_noise_uniform=math.radians(0.05),
         gyro_noise=0.051,
+        gyro_lag=0.0,
         gyro_turn_on_bias=math.radians(0.5),
         gyro_bias_walk=1.75e-4,
         gyro_bias_time=1000.0,

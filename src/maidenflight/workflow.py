@@ -3,6 +3,7 @@
 Each function reads what it is given, does one stage, writes its results with a record of their making, and returns them.
 """
 
+import dataclasses
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -21,6 +22,7 @@ from maidenflight.identification.bayesian import PAPER_BOUNDS
 from maidenflight.identification.identify import Identification, identify
 from maidenflight.policy import Policy
 from maidenflight.simulator import control, tasks
+from maidenflight.simulator.bullet import DAMPING, Bullet
 from maidenflight.simulator.randomization import relative_box
 from maidenflight.simulator.virtual_drone import VirtualDrone, virtual_drone
 from maidenflight.training.analytic_gradient import AnalyticGradient, Progress, train
@@ -29,16 +31,23 @@ StrPath = str | os.PathLike[str]
 
 
 def reality(name: str) -> VirtualDrone:
-    """A virtual drone by name: `virtual:SEED`, or a drone's TOML file, which is then simulated as finely as a virtual drone.
+    """A virtual drone by name.
+
+    Args:
+        name: `virtual:SEED`; `pybullet:SEED`, the same drone in PyBullet with the damping that Bullet has unless told otherwise; or
+            a drone's TOML file, which is then simulated as finely as a virtual drone.
 
     Raises:
-        InputError: neither.
+        InputError: none of these, or PyBullet is not installed.
     """
-    if name.startswith("virtual:"):
-        seed = name.removeprefix("virtual:")
+    if name.startswith(("virtual:", "pybullet:")):
+        engine, seed = name.split(":", 1)
         if not seed.isdecimal():
-            raise InputError(f"{name}: expected virtual:SEED with a whole number, such as virtual:7.")
-        return virtual_drone(int(seed))
+            raise InputError(f"{name}: expected {engine}:SEED with a whole number, such as {engine}:7.")
+        drone = virtual_drone(int(seed))
+        if engine == "pybullet":
+            drone = dataclasses.replace(drone, name=f"pybullet-{int(seed)}", integrator=Bullet(DAMPING, DAMPING))
+        return drone
     return VirtualDrone(Path(name).stem, parameters.replace(parameters.read(name), time_step=0.001))
 
 

@@ -14,7 +14,7 @@ from maidenflight.parameters import crazyflie, replace
 from maidenflight.simulator import latency
 
 STEPS, SLOTS = 2, latency.slots(0.01)
-weights = jax.jit(latency.weights, static_argnums=(1, 2))
+arriving = jax.jit(latency.delayed, static_argnums=2)
 delays = st.floats(0, latency.SLOWEST)
 time_steps = st.floats(0.0045, 0.0055)
 
@@ -26,11 +26,10 @@ def drone(delay, dt):
 @partial(jax.jit, static_argnums=2)
 def delayed(commands, parameters, steps):
     """What the motors see in each physics step; the line is empty (zero) at first."""
-    shares = latency.weights(parameters, steps, SLOTS)
 
     def hold(line, command):
         line = latency.push(line, command)
-        return line, shares @ line
+        return line, latency.delayed(line, parameters, steps)
 
     return lax.scan(hold, jnp.zeros((SLOTS, 4)), commands)[1].reshape(-1, 4)
 
@@ -42,9 +41,12 @@ def test_the_line_remembers_the_longest_latency(period, expected):
 
 @given(delays, time_steps)
 def test_every_step_sees_shares_of_commands_that_sum_to_one(delay, dt):
-    shares = np.asarray(weights(drone(delay, dt), STEPS, SLOTS))
+    """Each slot alone shows its share; four at a time, one a motor."""
+    lines = np.eye(SLOTS, dtype=np.float32).reshape(SLOTS, SLOTS // 4, 4).transpose(1, 0, 2)
+    shares = np.concatenate([arriving(jnp.asarray(line), drone(delay, dt), STEPS) for line in lines], axis=1)
     assert shares.shape == (STEPS, SLOTS)
     assert np.all(shares >= 0)
+    assert np.all(np.count_nonzero(shares, axis=1) <= 2), "a step is no longer than a command"
     np.testing.assert_allclose(shares.sum(axis=1), 1, atol=2e-5)
 
 
@@ -92,8 +94,8 @@ def test_what_the_motors_see_has_a_slope_in_the_latency_everywhere(delay):
 
 
 def test_a_latency_longer_than_the_line_sees_its_oldest_command():
-    shares = np.asarray(weights(drone(1.0, 0.005), STEPS, SLOTS))
-    np.testing.assert_allclose(shares, np.eye(SLOTS)[[-1, -1]], atol=1e-5)
+    line = jnp.broadcast_to(jnp.arange(1.0, SLOTS + 1)[:, None], (SLOTS, 4))
+    np.testing.assert_allclose(arriving(line, drone(1.0, 0.005), STEPS), SLOTS, rtol=1e-6)
 
 
 def test_push_puts_the_newest_in_front_and_forgets_the_oldest():

@@ -15,7 +15,8 @@ from maidenflight.simulator.dynamics import State
 
 PAPER = crazyflie()
 SAMPLES = 20_000
-KEYS = jax.random.split(jax.random.key(0), SAMPLES)
+NORMAL = jax.random.normal(jax.random.key(0), (SAMPLES, sensors.NORMALS))
+UNIFORM = jax.random.uniform(jax.random.key(1), (SAMPLES, sensors.UNIFORMS), minval=-1.0, maxval=1.0)
 STATE = State(
     jnp.array([0.1, 0.2, 1.0]),
     jnp.array([0.5, -0.5, 0.1]),
@@ -24,21 +25,21 @@ STATE = State(
     jnp.full(4, 0.7),
 )
 BIAS = jnp.array([0.01, -0.02, 0.03])
-measure_many = jax.jit(jax.vmap(sensors.measure, (None, None, None, 0)))
+measure_many = jax.jit(jax.vmap(sensors.measure, (None, None, None, 0, 0)))
 walk_many = jax.jit(jax.vmap(sensors.walk_bias, (0, None, None, 0)))
 walk = jax.jit(sensors.walk_bias)
 delayed = jax.jit(sensors.delayed)
 
 
 def test_without_noise_the_measurement_is_the_truth():
-    seen = measure_many(STATE, jnp.zeros(3), noiseless(PAPER), KEYS)
+    seen = measure_many(STATE, jnp.zeros(3), noiseless(PAPER), NORMAL, UNIFORM)
     for name in seen._fields:
         np.testing.assert_allclose(getattr(seen, name)[:5], np.tile(getattr(STATE, name), (5, 1)), atol=1e-6)
 
 
 def test_noise_has_the_strength_of_the_parameters_and_no_mean():
     parameters = replace(PAPER, position_noise_uniform=0.004, attitude_noise_uniform=0.003)
-    seen = measure_many(STATE, BIAS, parameters, KEYS)
+    seen = measure_many(STATE, BIAS, parameters, NORMAL, UNIFORM)
     tilt = (Rotation.from_quat(STATE.quaternion).inv() * Rotation.from_quat(np.asarray(seen.quaternion))).as_rotvec()
     expected = {  # error, Gaussian part, half width of the uniform part
         "position": (seen.position - STATE.position[None], 0.002, 0.004),
@@ -55,22 +56,21 @@ def test_noise_has_the_strength_of_the_parameters_and_no_mean():
 
 
 def test_a_measured_quaternion_has_length_one():
-    seen = measure_many(STATE, BIAS, replace(PAPER, attitude_noise=0.5), KEYS)
+    seen = measure_many(STATE, BIAS, replace(PAPER, attitude_noise=0.5), NORMAL, UNIFORM)
     np.testing.assert_allclose(np.linalg.norm(seen.quaternion, axis=1), 1, atol=1e-6)
 
 
 def test_the_bias_at_power_on_has_its_deviation():
-    found = jax.jit(jax.vmap(sensors.turn_on_bias, (None, 0)))(PAPER, KEYS)
+    found = jax.jit(jax.vmap(sensors.turn_on_bias, (None, 0)))(PAPER, NORMAL[:, :3])
     np.testing.assert_allclose(np.std(found, axis=0), np.radians(0.5), rtol=0.03)
 
 
 def walked_variance(steps, total, parameters):
-    """Variance of a bias that walked `total` seconds in `steps` steps from zero, read off two calls with one key."""
-    key = jax.random.key(1)
+    """Variance of a bias that walked `total` seconds in `steps` steps from zero, read off two calls with the same draws."""
+    normal = jnp.array([1.5, -0.5, 1.0])
     apart = float32(total / steps)
-    kept = float64(walk(jnp.ones(3), apart, replace(parameters, gyro_bias_walk=0.0), key)[0])
-    normal = jax.random.normal(key, (3,))[0]
-    spread = float64(walk(jnp.zeros(3), apart, parameters, key)[0] / normal)
+    kept = float64(walk(jnp.ones(3), apart, replace(parameters, gyro_bias_walk=0.0), normal)[0])
+    spread = float64(walk(jnp.zeros(3), apart, parameters, normal)[0] / normal[0])
     return spread**2 * sum(kept ** (2 * step) for step in range(steps))
 
 
@@ -97,7 +97,7 @@ def test_samples_of_the_walk_have_that_variance():
     parameters = replace(PAPER, gyro_bias_time=2.0, gyro_bias_walk=0.1)
     bias = jnp.zeros((SAMPLES, 3))
     for step in range(4):
-        bias = walk_many(bias, float32(0.25), parameters, jax.random.split(jax.random.key(step), SAMPLES))
+        bias = walk_many(bias, float32(0.25), parameters, jax.random.normal(jax.random.key(step), (SAMPLES, 3)))
     np.testing.assert_allclose(np.std(bias, axis=0), 0.1 * np.sqrt(1 - np.exp(-1)), rtol=0.03)
 
 
@@ -120,3 +120,37 @@ def test_a_late_estimator_reads_the_gyro_afresh():
     seen = delayed(past, STATE, float32(0.01), replace(PAPER, estimator_delay=0.03))
     np.testing.assert_array_equal(seen.body_rates, STATE.body_rates)
     np.testing.assert_array_equal(seen.position, [0, 0, 1])
+
+
+low_pass = jax.jit(sensors.low_pass)
+
+
+def test_the_gyro_filter_passes_a_constant_and_lags_behind_a_ramp_by_its_time_constant():
+    parameters, period, rate = replace(PAPER, gyro_lag=0.0028), float32(0.002), float32([10.0, -20.0, 5.0])
+    filtered = after = jnp.zeros(3)
+    for instant in range(20):
+        before, after = after, (instant + 1) * period * rate
+        filtered = low_pass(filtered, before, after, period, parameters)
+    np.testing.assert_allclose(after - filtered, 0.0028 * rate, rtol=1e-4)
+    for _ in range(30):
+        filtered = low_pass(filtered, after, after, period, parameters)
+    np.testing.assert_allclose(filtered, after, rtol=1e-5)
+
+
+@given(st.floats(0.0005, 0.02), st.integers(1, 10))
+def test_the_gyro_filter_is_exact_however_finely_time_is_cut(lag, pieces):
+    """Against the closed form of a first-order lag behind a ramp from rest."""
+    parameters, total = replace(PAPER, gyro_lag=lag), 0.01
+    filtered = jnp.zeros(3)
+    for piece in range(pieces):
+        before, after = float32([piece / pieces] * 3), float32([(piece + 1) / pieces] * 3)
+        filtered = low_pass(filtered, before, after, float32(total / pieces), parameters)
+    expected = 1 - lag / total * (1 - np.exp(-total / lag))
+    np.testing.assert_allclose(filtered, expected, atol=2e-5)
+
+
+def test_without_a_lag_the_gyro_filter_is_none_and_its_slope_is_finite():
+    after = jnp.array([1.0, 2.0, 3.0])
+    np.testing.assert_allclose(low_pass(jnp.full(3, 9.0), jnp.zeros(3), after, float32(0.002), PAPER), after, rtol=1e-6)
+    slope = jax.grad(lambda lag: low_pass(after, jnp.zeros(3), after, float32(0.002), replace(PAPER, gyro_lag=lag)).sum())(float32(0.0))
+    assert np.isfinite(slope)

@@ -113,7 +113,7 @@ def test_hover_starts_anywhere_near_and_facing_anywhere():
     assert fills(state.body_rates, np.radians([200, 200, 20]))
     np.testing.assert_array_equal(time, 0)
     np.testing.assert_allclose(np.std(state.rotor_speed, axis=0), 0.02, rtol=0.1)
-    assert not np.any(jax.vmap(HOVER.terminated)(state, jnp.zeros((1000, 3)))), "no start has failed already"
+    assert not np.any(jax.vmap(HOVER.failure)(state, jnp.zeros((1000, 3)))), "no start has failed already"
 
 
 def test_a_take_off_starts_at_rest_on_the_ground_with_motors_off():
@@ -123,7 +123,7 @@ def test_a_take_off_starts_at_rest_on_the_ground_with_motors_off():
     assert fills(attitude, [0, 0, np.pi])
     for resting in (state.velocity, state.body_rates, state.rotor_speed, time):
         np.testing.assert_array_equal(resting, 0)
-    assert not np.any(jax.vmap(TAKE_OFF.terminated)(state, jax.vmap(TAKE_OFF.reference)(time)))
+    assert not np.any(jax.vmap(TAKE_OFF.failure)(state, jax.vmap(TAKE_OFF.reference)(time)))
     assert float(TAKE_OFF.first_command(PAPER)) == 0
     np.testing.assert_allclose(TAKE_OFF.reference(jnp.float32(1.5)), [0, 0, 1], atol=1e-6)
 
@@ -157,13 +157,13 @@ def test_tracking_a_circle_follows_the_circles_reference_and_pays_and_fails_as_i
     for offset in (0.1, 0.249, 0.251):
         state = away((0, offset, 0), (1, 2, 3))
         assert float(tracked.reward(state, SETPOINT, STILL, STILL + 1)) == float(CIRCLE.reward(state, SETPOINT, STILL, STILL + 1))
-        assert bool(tracked.terminated(state, SETPOINT)) == bool(CIRCLE.terminated(state, SETPOINT))
+        assert bool(tracked.failure(state, SETPOINT)) == bool(CIRCLE.failure(state, SETPOINT))
 
 
 @pytest.mark.parametrize(("distance", "over"), [(0.399, False), (0.401, True)])
 def test_tracking_fails_as_far_away_as_it_was_asked_to(distance, over):
     state = away((0, 0, distance))
-    assert bool(TRACKING.terminated(state, SETPOINT)) is over
+    assert bool(TRACKING.failure(state, SETPOINT)) is over
     assert (float(TRACKING.reward(state, SETPOINT, STILL, STILL)) < -100) is over
 
 
@@ -190,7 +190,7 @@ def at(height=1.0, roll=0.0, pitch=0.0, yaw=0.0, rates=(0, 0, 0), x=0.0, velocit
 def test_hover_fails_when_steep_spinning_or_low_and_that_costs_a_hundred(inside, outside):
     setpoint = HOVER.reference(jnp.float32(0))
     for state, over in ((inside, False), (outside, True)):
-        assert bool(HOVER.terminated(state, setpoint)) is over
+        assert bool(HOVER.failure(state, setpoint)) is over
         gap = float(HOVER.reward(state, setpoint, STILL, STILL) + jnp.linalg.norm(setpoint - state.position))
         assert gap == pytest.approx(-100 * over, abs=0.01)
 
@@ -212,7 +212,7 @@ def test_hover_fails_when_steep_spinning_or_low_and_that_costs_a_hundred(inside,
 )
 def test_a_take_off_fails_when_steep_far_or_left_behind(state, setpoint, over):
     setpoint = jnp.asarray(float32([0, 0, setpoint]))
-    assert bool(TAKE_OFF.terminated(state, setpoint)) is over
+    assert bool(TAKE_OFF.failure(state, setpoint)) is over
     assert (float(TAKE_OFF.reward(state, setpoint, STILL, STILL)) < -100) is over
 
 

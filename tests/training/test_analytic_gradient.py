@@ -10,7 +10,7 @@ from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, noiseless, replace
 from maidenflight.policy import Policy, untrained
 from maidenflight.simulator import control, environment, tasks
-from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.environment import Drone, Environment
 from maidenflight.simulator.randomization import relative_box
 from maidenflight.training import analytic_gradient
 from maidenflight.training.analytic_gradient import AnalyticGradient, Progress, train
@@ -72,7 +72,7 @@ def test_gradient_through_the_simulator_is_the_slope_of_the_cost() -> None:
     def cost(scale: jax.Array) -> jax.Array:
         moved = jax.tree.map(lambda leaf, step: leaf + scale * step, analytic_gradient._network(policy), direction)
         changed = analytic_gradient._with_network(policy, moved)
-        return analytic_gradient._segment(simulated, settings, changed, episode, drone, jax.random.key(3))[0]
+        return analytic_gradient._segment(simulated, settings, changed, Drone(episode, drone), jax.random.key(3))[0]
 
     slope = float(jax.jit(jax.grad(cost))(jnp.zeros(())))
     steps = (1e-3, 2e-3)
@@ -92,6 +92,6 @@ def test_a_lost_drone_is_held_and_gives_no_gradient() -> None:
     lost = episode._replace(state=episode.state._replace(position=episode.state.position + 50.0))
     policy = untrained(jax.random.key(1))
     segment = jax.jit(partial(analytic_gradient._segment, simulated, AnalyticGradient(horizon=12)))
-    cost, after = segment(policy, lost, drone, jax.random.key(3))
+    cost, after = segment(policy, Drone(lost, drone), jax.random.key(3))
     assert float(cost) == 0.0
     np.testing.assert_array_equal(after.state.position, lost.state.position)

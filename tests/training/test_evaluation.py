@@ -17,19 +17,18 @@ def test_a_score_is_what_a_plain_loop_counts() -> None:
     step = jax.jit(environment.step, static_argnums=0)
     returns, survivals, distances = [], [], []
     for key in jax.random.split(jax.random.key(1), episodes):
-        drone_key, reset_key, key = jax.random.split(key, 3)
+        launch_key, key = jax.random.split(key)
+        drone_key, reset_key = jax.random.split(launch_key)
         drone = randomize(BOX, drone_key)
         episode = environment.reset(simulated, drone, reset_key)
         total, alive = 0.0, True
-        for number, now in enumerate(jax.random.split(key, steps)):
-            step_key, _ = jax.random.split(now)
-            episode, outcome = step(simulated, episode, policy(environment.observation(episode)), drone, step_key)
+        for now in jax.random.split(key, steps):
+            episode, outcome = step(simulated, episode, policy(environment.observation(episode)), drone, now)
             total += float(outcome.reward)
             if bool(outcome.terminated):
                 alive = False
                 break
-            if number < steps - 1:
-                distances.append(float(np.linalg.norm(outcome.setpoint - episode.state.position)))
+            distances.append(float(np.linalg.norm(outcome.setpoint - episode.state.position)))
         returns.append(total)
         survivals.append(alive)
     np.testing.assert_allclose(float(score.episode_return), np.mean(returns), rtol=1e-4)

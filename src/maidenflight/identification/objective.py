@@ -42,12 +42,11 @@ def simulate(window: Windows, parameters: Parameters, steps: int) -> Float[Array
     position, velocity, quaternion, body_rates, command = map(jnp.asarray, window[:5])
     speed_commands = actuators.rotor_speed_command(command)
     slots = latency.slots(steps * PHYSICS_STEP)
-    weights = latency.weights(parameters, steps, slots)
 
     def spin(memory: tuple[Array, Array], command: Array) -> tuple[tuple[Array, Array], None]:
         line, speed = memory
         line = latency.push(line, command)
-        for delayed in weights @ line:
+        for delayed in latency.delayed(line, parameters, steps):
             speed = speed + parameters.time_step * dynamics.motor_derivative(speed, delayed, parameters)
         return (line, speed), None
 

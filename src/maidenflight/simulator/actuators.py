@@ -2,7 +2,6 @@
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -31,13 +30,15 @@ def switched_on(command: Float[Array, ""], parameters: Parameters, with_battery:
     return Actuators(jnp.zeros(4), fresh, ratio, battery.voltage(fresh, ratio, parameters))
 
 
-def ornstein_uhlenbeck(noise: Float[Array, "4"], elapsed: Float[Array, ""], parameters: Parameters, key: Array) -> Float[Array, "4"]:
+def ornstein_uhlenbeck(
+    noise: Float[Array, "4"], elapsed: Float[Array, ""], parameters: Parameters, normal: Float[Array, "4"]
+) -> Float[Array, "4"]:
     """Next sample of the actuator noise, exact at any time step: its strength does not depend on how often it is drawn.
 
     Source: the process of Gronauer et al. 2022, sec. Simulation Environment; Molchanov et al. 2019.
     """
     aged = parameters.actuator_noise_rate * elapsed
-    return jnp.exp(-aged) * noise + parameters.actuator_noise * jnp.sqrt(-jnp.expm1(-2 * aged)) * jax.random.normal(key, (4,))
+    return jnp.exp(-aged) * noise + parameters.actuator_noise * jnp.sqrt(-jnp.expm1(-2 * aged)) * normal
 
 
 def rotor_speed_command(command: Float[Array, "4"]) -> Float[Array, "4"]:
@@ -47,7 +48,12 @@ def rotor_speed_command(command: Float[Array, "4"]) -> Float[Array, "4"]:
 
 
 def actuate(
-    actuators: Actuators, command: Float[Array, "4"], period: Float[Array, ""], parameters: Parameters, key: Array, with_battery: bool
+    actuators: Actuators,
+    command: Float[Array, "4"],
+    period: Float[Array, ""],
+    parameters: Parameters,
+    normal: Float[Array, "4"],
+    with_battery: bool,
 ) -> tuple[Actuators, Float[Array, "4"]]:
     """Turns a thrust command into the rotor speed command that enters the delay line.
 
@@ -56,13 +62,13 @@ def actuate(
         command: u, in [0, 1].
         period: time for which the command holds [s].
         parameters: uses the noise and `battery` fields.
-        key: random key.
+        normal: draws from the standard normal distribution.
         with_battery: whether the command passes through the firmware's battery compensation and 8-bit PWM.
 
     Returns:
         New memory and sqrt(u) of the noisy command, in [0, 1].
     """
-    noise = ornstein_uhlenbeck(actuators.noise, period, parameters, key)
+    noise = ornstein_uhlenbeck(actuators.noise, period, parameters, normal)
     if with_battery:
         ratio = battery.motor_ratio(command, actuators.voltage)
         volts = battery.voltage(actuators.charge_drawn, ratio, parameters)

@@ -4,13 +4,14 @@ A `Controller` is a NamedTuple of pure functions, so a cascade is a function tha
 """
 
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from maidenflight.errors import InputError
 from maidenflight.simulator import rotations
 from maidenflight.simulator.firmware import (
     ABSOLUTE,
@@ -41,6 +42,14 @@ class Controller(NamedTuple):
     """Commands a second [Hz]."""
     action_rate: int
     """Actions a second [Hz]."""
+    level: Callable[[Float[Array, ""]], Float[Array, "4"]]
+    """The action that asks for a level drone whose motors all have the command u, in [0, 1]."""
+
+
+def time_step(controller: Controller, longest: float = 0.005) -> float:
+    """The longest physics step [s] that divides the period between two commands, but is no longer than one of one's choice."""
+    period = 1.0 / controller.rate
+    return period / np.ceil(period / longest - 1e-6)
 
 
 @cache
@@ -55,7 +64,10 @@ def pwm() -> Controller:
     ) -> tuple[None, Float[Array, "4"]]:
         return memory, (jnp.clip(action, -1.0, 1.0) + 1.0) / 2.0
 
-    return Controller("pwm", lambda: None, command, rate=100, action_rate=100)
+    def level(command: Float[Array, ""]) -> Float[Array, "4"]:
+        return jnp.broadcast_to(2.0 * command - 1.0, (4,))
+
+    return Controller("pwm", lambda: None, command, rate=100, action_rate=100, level=level)
 
 
 _FULL = 60000.0
@@ -64,7 +76,7 @@ _ZERO = np.zeros(3, np.float32)
 _NOTHING = Setpoint(_ZERO, _ZERO, _ZERO, _ZERO, np.float32(0.0), np.zeros(6, np.int32), np.bool_(False))  # type: ignore[arg-type]
 
 
-def attitude_rate(firmware: str = "2026.08") -> Controller:
+def attitude_rate(firmware: str = "2026.08", action_rate: int = 50) -> Controller:
     """The policy asks for collective thrust and body rates at 50 Hz; the firmware's PIDs command the motors at 500 Hz.
 
     T = 30000 + 30000 a_0 counts of 60000; roll, pitch and yaw rate are 60 deg/s times a_1, a_2, a_3, with a clipped to [-1, 1].
@@ -72,29 +84,35 @@ def attitude_rate(firmware: str = "2026.08") -> Controller:
 
     Args:
         firmware: `"2021.10"` or `"2026.08"`.
+        action_rate: actions a second [Hz]; the authors trained at 100 and flew at 50.
 
     Raises:
-        InputError: there is no such firmware.
+        InputError: there is no such firmware, or the action rate does not divide 500 Hz.
 
     Source: Gronauer et al. 2022, sec. Control Structures; scales from the authors' code.
     """
-    return _by_policy("attitude_rate", checked(firmware), 50, _rates)
+    return _by_policy("attitude_rate", checked(firmware), action_rate, _rates, _heading, _level_rates)
 
 
-def attitude(firmware: str = "2026.08") -> Controller:
+def attitude(firmware: str = "2026.08", action_rate: int = 25) -> Controller:
     """The policy asks for collective thrust and attitude at 25 Hz; the firmware's PIDs command the motors at 500 Hz.
 
     T = 45000 + 10000 a_0 counts of 60000; roll, pitch and yaw are 10 deg times a_1, a_2, a_3, with a clipped to [-1, 1].
 
     Args:
         firmware: `"2021.10"` or `"2026.08"`.
+        action_rate: actions a second [Hz]; the authors trained at 100 and flew at 25.
 
     Raises:
-        InputError: there is no such firmware.
+        InputError: there is no such firmware, or the action rate does not divide 500 Hz.
 
     Source: Gronauer et al. 2022, sec. Control Structures; scales from the authors' code.
     """
-    return _by_policy("attitude", checked(firmware), 25, _angles)
+    return _by_policy("attitude", checked(firmware), action_rate, _angles, _sensed, _level_angles)
+
+
+CONTROLLERS: dict[str, Callable[..., Controller]] = {"pwm": pwm, "attitude_rate": attitude_rate, "attitude": attitude}
+"""The paper's control structures by name; those of the firmware take `firmware` and `action_rate`."""
 
 
 def _rates(action: Float[Array, "4"]) -> Setpoint:
@@ -107,18 +125,37 @@ def _angles(action: Float[Array, "4"]) -> Setpoint:
     return _NOTHING._replace(mode=mode, attitude=10.0 * action[1:], thrust=45000.0 + 10000.0 * action[0])
 
 
+def _level_rates(command: Float[Array, ""]) -> Float[Array, "4"]:
+    thrust = 2.0 * command - 1.0
+    return jnp.stack([thrust, *[jnp.zeros_like(thrust)] * 3])
+
+
+def _level_angles(command: Float[Array, ""]) -> Float[Array, "4"]:
+    thrust = 6.0 * command - 4.5
+    return jnp.stack([thrust, *[jnp.zeros_like(thrust)] * 3])
+
+
 @cache
-def _by_policy(name: str, firmware: Generation, action_rate: int, ask: Callable[[Float[Array, "4"]], Setpoint]) -> Controller:
+def _by_policy(
+    name: str,
+    firmware: Generation,
+    action_rate: int,
+    ask: Callable[[Float[Array, "4"]], Setpoint],
+    sense: Callable[[Measurement], State],
+    level: Callable[[Float[Array, ""]], Float[Array, "4"]],
+) -> Controller:
     """A controller whose action, clipped, is the set-point of the firmware's attitude PIDs."""
+    if action_rate < 1 or ATTITUDE_RATE % action_rate:
+        raise InputError(f"action_rate = {action_rate} Hz does not divide the PIDs' {ATTITUDE_RATE} Hz. Give 25, 50 or 100.")
 
     def command(
         memory: Memory, action: Float[Array, "4"], measurement: Measurement, setpoint: Float[Array, "3"]
     ) -> tuple[Memory, Float[Array, "4"]]:
         wanted = ask(jnp.clip(action, -1.0, 1.0))
-        memory, motors = tick(memory, wanted, _sensed(measurement), firmware, position_due=False)
-        return memory, jnp.clip(motors / _FULL, 0.0, 1.0)
+        memory, motors = tick(memory, wanted, sense(measurement), firmware, position_due=False)
+        return memory, jnp.clip(motors * (1.0 / _FULL), 0.0, 1.0)
 
-    return Controller(name, switched_on, command, rate=ATTITUDE_RATE, action_rate=action_rate)
+    return Controller(name, partial(switched_on, fixed=True), command, rate=ATTITUDE_RATE, action_rate=action_rate, level=level)
 
 
 class CascadeMemory(NamedTuple):
@@ -159,10 +196,20 @@ def _position_pid(firmware: Generation) -> Controller:
     def init() -> CascadeMemory:
         return CascadeMemory(switched_on(), np.int32(0))  # type: ignore[arg-type]
 
-    return Controller("position_pid", init, command, rate=ATTITUDE_RATE, action_rate=POSITION_RATE)
+    def level(command: Float[Array, ""]) -> Float[Array, "4"]:
+        return jnp.zeros(4)
+
+    return Controller("position_pid", init, command, rate=ATTITUDE_RATE, action_rate=POSITION_RATE, level=level)
 
 
 def _sensed(measurement: Measurement) -> State:
     """A measurement in the firmware's units."""
     attitude = rotations.to_attitude(measurement.quaternion)
     return State(measurement.position, measurement.velocity, jnp.degrees(attitude), jnp.degrees(measurement.body_rates))
+
+
+def _heading(measurement: Measurement) -> State:
+    """A measurement for rate control, where roll and pitch loops run idle: of the attitude only yaw is worked out."""
+    none = jnp.zeros(())
+    yaw = jnp.degrees(rotations.heading(measurement.quaternion))
+    return State(measurement.position, measurement.velocity, jnp.stack([none, none, yaw]), jnp.degrees(measurement.body_rates))

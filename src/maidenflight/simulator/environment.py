@@ -6,18 +6,21 @@ the compiled program; everything physical is in `Parameters` and is traced.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax, tree
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
+from maidenflight.errors import InputError
 from maidenflight.parameters import Parameters
 from maidenflight.simulator import actuators, control, dynamics, latency, sensors, tasks
 from maidenflight.simulator.actuators import Actuators
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.dynamics import Integrator, State
+from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.sensors import Measurement
 from maidenflight.simulator.tasks import Task
 
@@ -39,13 +42,52 @@ class Environment:
     """H, instants in an observation (Gronauer et al. 2022, sec. Simulation Environment)."""
     battery: bool = False
     """Whether commands pass through battery compensation, 8-bit PWM and a battery that sags."""
+    estimate_rate: int = 100
+    """Estimates of position, velocity and attitude a second [Hz]; the gyro is read for every command (Crazyflie: 100 Hz, 500 Hz)."""
     estimator_memory: int = 0
-    """Control periods of state that a late estimator remembers; 0: the estimator is not late."""
+    """Estimates that a late estimator remembers; 0: the estimator is not late."""
+
+    def __post_init__(self) -> None:
+        rates = self.controller.rate, self.estimate_rate, self.controller.action_rate
+        if min(rates) < 1 or rates[0] % max(rates) or max(rates[1:]) % min(rates[1:]):
+            raise InputError(
+                f"{rates[0]} commands, {rates[1]} estimates and {rates[2]} actions a second: of estimates and actions one must divide "
+                "the other, and both the commands. Change estimate_rate or the controller's action_rate."
+            )
+
+    @classmethod
+    def matching(cls, parameters: Parameters, task: Task | None = None, controller: Controller | None = None, **settings: Any) -> Self:
+        """An environment whose commands hold for the controller's period at a drone's time step.
+
+        Args:
+            parameters: one drone; its `time_step` must divide the period between two commands.
+            task: the paper's circle unless given.
+            controller: PWM unless given.
+            settings: further fields.
+
+        Raises:
+            InputError: the time step does not divide the period.
+        """
+        task, controller = task or tasks.circle(), controller or control.pwm()
+        step = float(np.asarray(parameters.time_step))
+        steps = 1.0 / (controller.rate * step)
+        if round(steps) < 1 or abs(steps - round(steps)) > 1e-3:
+            fitting = control.time_step(controller, step)
+            raise InputError(
+                f"time_step = {step * 1e3:.4g} ms does not divide the {1e3 / controller.rate:.4g} ms between two commands of "
+                f"{controller.name} control. Give one that does, such as replace(parameters, time_step={fitting:.6g})."
+            )
+        return cls(task=task, controller=controller, steps_per_command=round(steps), **settings)
 
     @property
     def commands_per_action(self) -> int:
         """Commands of the controller an action: 1 where the policy commands the motors itself."""
         return self.controller.rate // self.controller.action_rate
+
+    @property
+    def estimates_per_action(self) -> int:
+        """Estimates an action; 1 also where an estimate serves several actions."""
+        return max(1, self.estimate_rate // self.controller.action_rate)
 
     def command_period(self, parameters: Parameters) -> Float[Array, ""]:
         """Time for which a command holds [s]."""
@@ -68,6 +110,8 @@ class Episode(NamedTuple):
     """Rotor speed commands sqrt(u) on their way to the motors, newest first."""
     actuators: Actuators
     controller: Any
+    gyro: Float[Array, "3"]
+    """Body rates behind the gyro's low-pass filter [rad/s]."""
     gyro_bias: Float[Array, "3"]
     estimator: Float[Array, "memory 10"]
     measurement: Measurement
@@ -92,6 +136,28 @@ class Outcome(NamedTuple):
     """Time was up; the drone had not failed."""
     setpoint: Float[Array, "3"]
     """[m], at the end of the step."""
+    position_error: Float[Array, ""]
+    """Distance from the set-point at the end of the step [m]."""
+    end_reason: Int[Array, ""]
+    """Which of `tasks.END_REASONS` ends the episode; 0: it goes on."""
+
+
+class Noise(NamedTuple):
+    """Random numbers of one step, E estimates of K commands each."""
+
+    command: Float[Array, "E K 7"]
+    """Standard normal: of the four actuators and of the gyro."""
+    estimate: Float[Array, "E 15"]
+    """Standard normal: of the gyro's bias and of a measurement."""
+    uniform: Float[Array, "E 6"]
+    """Uniform on [-1, 1]: of a measurement."""
+
+
+class Drone(NamedTuple):
+    """A drone in flight."""
+
+    episode: Episode
+    parameters: Parameters
 
 
 def observe(measurement: Measurement, setpoint: Float[Array, "3"], action: Float[Array, "4"]) -> Float[Array, "20"]:
@@ -119,21 +185,28 @@ def begin(environment: Environment, state: State, time: Float[Array, ""], parame
         time: the reference's clock [s].
         parameters: the drone.
         key: random key for bias and sensor noise.
+
+    Raises:
+        InputError: the state holds a number that is not finite (told outside compiled functions only).
     """
-    bias_key, sensor_key = jax.random.split(key)
+    state = dynamics.checked(state)
+    normal_key, uniform_key = jax.random.split(key)
+    normal = jax.random.normal(normal_key, (3 + sensors.NORMALS,))
+    uniform = jax.random.uniform(uniform_key, (sensors.UNIFORMS,), minval=-1.0, maxval=1.0)
     command = environment.task.first_command(parameters)
-    bias = sensors.turn_on_bias(parameters, bias_key)
+    bias = sensors.turn_on_bias(parameters, normal[:3])
     estimator = jnp.zeros((environment.estimator_memory, 10))
     for _ in range(environment.estimator_memory):
         estimator = sensors.remember(estimator, state)
-    measurement = sensors.measure(state, bias, parameters, sensor_key)
-    action = jnp.broadcast_to(2.0 * command - 1.0, (ACTION_SIZE,))
+    measurement = sensors.measure(state, bias, parameters, normal[3:], uniform)
+    action = environment.controller.level(command)
     instant = observe(measurement, environment.task.reference(time), action)
     return Episode(
         state=state,
         delay_line=jnp.broadcast_to(actuators.rotor_speed_command(command), (environment.delay_slots(), 4)),
         actuators=actuators.switched_on(command, parameters, environment.battery),
         controller=environment.controller.init(),
+        gyro=state.body_rates,
         gyro_bias=bias,
         estimator=estimator,
         measurement=measurement,
@@ -151,6 +224,16 @@ def reset(environment: Environment, parameters: Parameters, key: Array) -> Episo
     return begin(environment, state, time, parameters, key)
 
 
+def draw(environment: Environment, key: Array) -> Noise:
+    """The random numbers of one step, drawn at once: many small draws would cost more than the physics."""
+    estimates = environment.estimates_per_action
+    commands = environment.commands_per_action // estimates
+    normal_key, uniform_key = jax.random.split(key)
+    normal = jax.random.normal(normal_key, (estimates, commands * 7 + 3 + sensors.NORMALS))
+    uniform = jax.random.uniform(uniform_key, (estimates, sensors.UNIFORMS), minval=-1.0, maxval=1.0)
+    return Noise(normal[:, : commands * 7].reshape(estimates, commands, 7), normal[:, commands * 7 :], uniform)
+
+
 def step(
     environment: Environment, episode: Episode, action: Float[Array, "4"], parameters: Parameters, key: Array
 ) -> tuple[Episode, Outcome]:
@@ -166,58 +249,84 @@ def step(
     Returns:
         The drone after, and what the step gave. A finished episode is not reset.
     """
-    sensor_key, bias_key, command_key = jax.random.split(key, 3)
+    noise = draw(environment, key)
     setpoint = environment.task.reference(episode.time)
-
-    def hold(episode: Episode, now: tuple[Array, Array]) -> tuple[Episode, None]:
-        number, key = now
-        # Between two estimates only the gyro is read anew, as on the drone.
-        gyro_key, key = jax.random.split(key)
-        rates = sensors.gyro(episode.state.body_rates, episode.gyro_bias, parameters, gyro_key)
-        rates = jnp.where(number > 0, rates, episode.measurement.body_rates)
-        episode = episode._replace(measurement=episode.measurement._replace(body_rates=rates))
-        return _hold_command(environment, episode, action, setpoint, parameters, key), None
-
-    if environment.commands_per_action == 1:
-        episode = _hold_command(environment, episode, action, setpoint, parameters, command_key)
-    else:
-        count = environment.commands_per_action
-        episode, _ = lax.scan(hold, episode, (jnp.arange(count), jax.random.split(command_key, count)))
-
     period = environment.control_period(parameters)
+    number = jnp.round(episode.elapsed / period) + 1.0
+
+    def until_estimate(before: Episode, noise: Noise) -> tuple[Episode, None]:
+        def hold(episode: Episode, now: tuple[Array, Array]) -> tuple[Episode, None]:
+            # Between two estimates only the gyro is read anew, as on the drone.
+            rates = sensors.gyro(episode.gyro, episode.gyro_bias, parameters, now[1][4:])
+            rates = jnp.where(now[0] > 0, rates, before.measurement.body_rates)
+            episode = episode._replace(measurement=episode.measurement._replace(body_rates=rates))
+            return _hold_command(environment, episode, action, setpoint, parameters, now[1][:4]), None
+
+        commands = noise.command.shape[0]
+        if commands == 1:
+            episode = _hold_command(environment, before, action, setpoint, parameters, noise.command[0, :4])
+        else:
+            episode, _ = lax.scan(hold, before, (jnp.arange(commands), noise.command))
+        return _estimate(environment, episode, number, period / environment.estimates_per_action, parameters, noise), None
+
+    if environment.estimates_per_action == 1:
+        after, _ = until_estimate(episode, tree.map(lambda numbers: numbers[0], noise))
+    else:
+        after, _ = lax.scan(until_estimate, episode, noise)
+
     time, elapsed = episode.time + period, episode.elapsed + period
     setpoint = environment.task.reference(time)
-    bias = sensors.walk_bias(episode.gyro_bias, period, parameters, bias_key)
-    seen, estimator = episode.state, episode.estimator
-    if environment.estimator_memory > 0:
-        estimator = sensors.remember(estimator, episode.state)
-        seen = sensors.delayed(estimator, episode.state, period, parameters)
-    measurement = sensors.measure(seen, bias, parameters, sensor_key)
-    instant = observe(measurement, setpoint, action)
-    terminated = environment.task.terminated(episode.state, setpoint)
+    failure = environment.task.failure(after.state, setpoint)
+    failure = jnp.where(jnp.isfinite(tasks.norm(after.state.position)), failure, tasks.NOT_FINITE)
+    terminated = failure > 0
+    truncated = ~terminated & (elapsed > environment.task.duration - period / 2)
     outcome = Outcome(
-        reward=environment.task.reward(episode.state, setpoint, action, episode.action),
+        reward=environment.task.reward(after.state, setpoint, action, episode.action),
         terminated=terminated,
-        truncated=~terminated & (elapsed > environment.task.duration - period / 2),
+        truncated=truncated,
         setpoint=setpoint,
+        position_error=tasks.norm(setpoint - after.state.position),
+        end_reason=jnp.where(truncated, tasks.TIME_LIMIT, failure),
     )
+    instant = observe(after.measurement, setpoint, action)
     history = jnp.concatenate([episode.history[1:], instant[None]])
-    episode = episode._replace(
-        gyro_bias=bias, estimator=estimator, measurement=measurement, history=history, action=action, time=time, elapsed=elapsed
-    )
-    return episode, outcome
+    return after._replace(history=history, action=action, time=time, elapsed=elapsed), outcome
 
 
 def _hold_command(
-    environment: Environment, episode: Episode, action: Float[Array, "4"], setpoint: Float[Array, "3"], parameters: Parameters, key: Array
+    environment: Environment,
+    episode: Episode,
+    action: Float[Array, "4"],
+    setpoint: Float[Array, "3"],
+    parameters: Parameters,
+    normal: Float[Array, "4"],
 ) -> Episode:
     """Asks the controller for one command and integrates the physics over its period."""
     memory, command = environment.controller.command(episode.controller, action, episode.measurement, setpoint)
     period = environment.command_period(parameters)
-    motors, speed_command = actuators.actuate(episode.actuators, command, period, parameters, key, environment.battery)
+    motors, speed_command = actuators.actuate(episode.actuators, command, period, parameters, normal, environment.battery)
     line = latency.push(episode.delay_line, speed_command)
     state = drive(environment.integrator, episode.state, line, environment.steps_per_command, parameters, environment.task.floor)
-    return episode._replace(state=state, delay_line=line, actuators=motors, controller=memory)
+    gyro = sensors.low_pass(episode.gyro, episode.state.body_rates, state.body_rates, period, parameters)
+    return episode._replace(state=state, delay_line=line, actuators=motors, controller=memory, gyro=gyro)
+
+
+def _estimate(
+    environment: Environment, episode: Episode, number: Float[Array, ""], period: Float[Array, ""], parameters: Parameters, noise: Noise
+) -> Episode:
+    """Reads the sensors; position, velocity and attitude only where an estimate is due after this action of the episode."""
+    bias = sensors.walk_bias(episode.gyro_bias, period, parameters, noise.estimate[:3])
+    seen, estimator = episode.state, episode.estimator
+    every = max(1, environment.controller.action_rate // environment.estimate_rate)
+    if environment.estimator_memory > 0:
+        estimator = sensors.remember(estimator, episode.state)
+        seen = sensors.delayed(estimator, episode.state, every * period, parameters)
+    fresh = sensors.measure(seen._replace(body_rates=episode.gyro), bias, parameters, noise.estimate[3:], noise.uniform)
+    if every > 1:
+        due = number % every == 0
+        old = episode.measurement._replace(body_rates=fresh.body_rates)
+        fresh, estimator = tree.map(lambda new, old: jnp.where(due, new, old), (fresh, estimator), (old, episode.estimator))
+    return episode._replace(gyro_bias=bias, estimator=estimator, measurement=fresh)
 
 
 def drive(
@@ -236,15 +345,17 @@ def drive(
         line: rotor speed commands, newest first.
         steps: physics steps in the period.
         parameters: the drone.
-        floor: height at which the drone stands [m], if there is a floor.
+        floor: height at which the drone stands [m], if there is a floor; the ground is at height 0.
     """
-    delayed = latency.weights(parameters, steps, line.shape[0]) @ line
+    delayed = latency.delayed(line, parameters, steps)
     # Two Euler steps compile quickly and run faster unrolled; RK4 is four times as much to compile.
     unroll = steps if integrator is dynamics.euler and steps <= 2 else 1
 
     def advance(state: State, speed: Float[Array, "4"]) -> tuple[State, None]:
-        after = integrator(state, speed, parameters)
-        return after if floor is None else dynamics.held_by_floor(after, floor), None
+        if floor is None:
+            return integrator(state, speed, parameters), None
+        after = integrator(state, speed, dynamics.near_ground(parameters, state.position[2]))
+        return dynamics.held_by_floor(after, floor), None
 
     return lax.scan(advance, state, delayed, unroll=unroll)[0]
 
@@ -253,15 +364,9 @@ PolicyFunction = Callable[[Float[Array, "20H"]], Float[Array, "4"]]
 
 
 def rollout(
-    environment: Environment,
-    policy: PolicyFunction,
-    episode: Episode,
-    parameters: Parameters,
-    key: Array,
-    steps: int,
-    fresh: Callable[[Array], Episode] | None = None,
+    environment: Environment, policy: PolicyFunction, episode: Episode, parameters: Parameters, key: Array, steps: int
 ) -> tuple[Episode, tuple[Episode, Outcome]]:
-    """Flies a policy for a number of control periods.
+    """Flies a policy for a number of control periods; a finished episode goes on.
 
     Args:
         environment: what is simulated.
@@ -270,19 +375,48 @@ def rollout(
         parameters: the drone.
         key: random key.
         steps: control periods; static.
-        fresh: makes the episode that follows a finished one; without it a finished episode goes on.
 
     Returns:
         The last episode state, and each period's episode (before it) and outcome, stacked along a first axis of `steps`.
     """
 
     def one(episode: Episode, key: Array) -> tuple[Episode, tuple[Episode, Outcome]]:
-        step_key, fresh_key = jax.random.split(key)
-        after, outcome = step(environment, episode, policy(observation(episode)), parameters, step_key)
-        if fresh is not None:
-            over = outcome.terminated | outcome.truncated
-            new = fresh(fresh_key)
-            after = tree.map(lambda old, new: jnp.where(over, new, old), after, new)
+        after, outcome = step(environment, episode, policy(observation(episode)), parameters, key)
         return after, (episode, outcome)
 
     return lax.scan(one, episode, jax.random.split(key, steps))
+
+
+def launch(environment: Environment, distribution: Distribution, key: Array) -> Drone:
+    """Draws a drone and an episode that starts where the task starts it."""
+    drone_key, reset_key = jax.random.split(key)
+    parameters = distribution.draw(drone_key)
+    return Drone(reset(environment, parameters, reset_key), parameters)
+
+
+def practise(
+    environment: Environment, policy: PolicyFunction, drone: Drone, fresh: Drone, key: Array, steps: int
+) -> tuple[Drone, tuple[Episode, Outcome]]:
+    """Flies a policy for a number of control periods; after a finished episode the next of the prepared drones takes over.
+
+    Args:
+        environment: what is simulated.
+        policy: observation to action.
+        drone: where to begin.
+        fresh: F prepared drones, stacked along a first axis; the one that takes over is that of the period's number modulo F.
+        key: random key.
+        steps: control periods; static.
+
+    Returns:
+        The drone that flies in the end, and each period's episode (before it) and outcome, stacked along a first axis of `steps`.
+    """
+    count = fresh.episode.time.shape[0]
+
+    def one(drone: Drone, now: tuple[Array, Array]) -> tuple[Drone, tuple[Episode, Outcome]]:
+        number, key = now
+        episode, outcome = step(environment, drone.episode, policy(observation(drone.episode)), drone.parameters, key)
+        over = outcome.terminated | outcome.truncated
+        after, new = Drone(episode, drone.parameters), tree.map(lambda leaf: leaf[number % count], fresh)
+        return tree.map(lambda old, new: jnp.where(over, new, old), after, new), (drone.episode, outcome)
+
+    return lax.scan(one, drone, (jnp.arange(steps), jax.random.split(key, steps)))

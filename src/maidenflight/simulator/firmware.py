@@ -93,8 +93,9 @@ class PIDMemory(NamedTuple):
 class Memory(NamedTuple):
     """Of the cascade."""
 
-    position: PIDMemory
-    velocity: PIDMemory
+    position: PIDMemory | None
+    """None where these loops never run."""
+    velocity: PIDMemory | None
     attitude: PIDMemory
     rate: PIDMemory
     desired: Float[Array, "3"]
@@ -103,8 +104,8 @@ class Memory(NamedTuple):
     """[counts]."""
     torque: Float[Array, "3"]
     """Roll, pitch, yaw [counts], whole numbers."""
-    mode: Int[Array, "6"]
-    """The last set-point's; -1 before the first."""
+    mode: Int[Array, "6"] | Int[Array, ""]
+    """The last set-point's, or 0 where modes never change; -1 before the first."""
 
 
 def _gains(*rows: tuple[float, float, float], period: float) -> Gains:
@@ -134,11 +135,16 @@ def checked(firmware: str) -> Generation:
     return cast(Generation, firmware)
 
 
-def switched_on() -> Memory:
-    """Memory before the first tick."""
+def switched_on(fixed: bool = False) -> Memory:
+    """Memory before the first tick.
+
+    Args:
+        fixed: whether set-points are for attitude or rate loops and always of one mode, known before compiling.
+    """
     zero = np.zeros(3, np.float32)
     pid = PIDMemory(zero, zero)  # type: ignore[arg-type]
-    return Memory(pid, pid, pid, pid, zero, np.float32(0.0), zero, np.full(6, -1, np.int32))  # type: ignore[arg-type]
+    outer, mode = (None, np.int32(-1)) if fixed else (pid, np.full(6, -1, np.int32))
+    return Memory(outer, outer, pid, pid, zero, np.float32(0.0), zero, mode)  # type: ignore[arg-type]
 
 
 def wrap(angle: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -163,7 +169,7 @@ def pid(
     """
 
     def wrapped(difference: Float[Array, "3"]) -> Float[Array, "3"]:
-        return difference.at[2].set(wrap(difference[2])) if heading else difference
+        return _with_third(difference, wrap(difference[2])) if heading else difference
 
     error = wrapped(desired - measured)
     change = wrapped(memory.last - measured) if firmware == "2026.08" else error - memory.last
@@ -183,11 +189,14 @@ def reset(memory: Memory, state: State, firmware: Generation) -> Memory:
     none = jnp.zeros(3)
     fresh = PIDMemory(none, none)
     attitude = PIDMemory(none, state.attitude if firmware == "2026.08" else none)
-    return memory._replace(position=fresh, velocity=fresh, attitude=attitude, rate=fresh)
+    outer = None if memory.position is None else fresh
+    return memory._replace(position=outer, velocity=outer, attitude=attitude, rate=fresh)
 
 
 def position_loops(memory: Memory, setpoint: Setpoint, state: State, firmware: Generation) -> Memory:
     """Position and velocity PIDs: what attitude and thrust to ask for. Source: position_controller_pid.c, positionController."""
+    assert memory.position is not None
+    assert memory.velocity is not None
     yaw, given = state.attitude[2], setpoint.velocity
     target, place, speed = setpoint.position, state.position, state.velocity
     if firmware == "2026.08":
@@ -234,7 +243,8 @@ def mix(thrust: Float[Array, ""], torque: Float[Array, "3"], firmware: Generatio
     right, left = thrust - roll, thrust + roll
     motors = _cut(jnp.stack([right - pitch - yaw, right + pitch + yaw, left + pitch - yaw, left - pitch + yaw]))
     if firmware == "2026.08":
-        motors = motors - jnp.maximum(motors.max() - MOST, 0.0)
+        m1, m2, m3, m4 = motors
+        motors = motors - jnp.maximum(jnp.maximum(jnp.maximum(m1, m2), jnp.maximum(m3, m4)) - MOST, 0.0)
     return jnp.clip(motors, 0.0, MOST)
 
 
@@ -268,14 +278,17 @@ def tick(
         desired = jnp.concatenate([memory.desired[:2], state.attitude[2:]])
         return reset(memory, state, firmware)._replace(desired=desired, torque=jnp.zeros(3))
 
-    memory = _chosen(memory.mode[0] < 0, stopped(memory), memory)
+    fixed = jnp.ndim(memory.mode) == 0
+    first = memory.mode < 0 if fixed else memory.mode[0] < 0
+    memory = _chosen(first, stopped(memory), memory)
     if firmware == "2026.08":
         level = jnp.concatenate([state.attitude[:2], memory.desired[2:]])
-        memory = _chosen(jnp.any(memory.mode != setpoint.mode), reset(memory, state, firmware)._replace(desired=level), memory)
-    memory = memory._replace(mode=setpoint.mode)
+        changed = first if fixed else jnp.any(memory.mode != setpoint.mode)
+        memory = _chosen(changed, reset(memory, state, firmware)._replace(desired=level), memory)
+    memory = memory._replace(mode=jnp.zeros_like(memory.mode) if fixed else setpoint.mode)
     moved = memory.desired[2] + setpoint.body_rates[2] * (1 / ATTITUDE_RATE)
     yaw = wrap(jnp.where(setpoint.mode[5] == VELOCITY, moved, setpoint.attitude[2]))
-    memory = _chosen(attitude_due, memory._replace(desired=memory.desired.at[2].set(yaw)), memory)
+    memory = _chosen(attitude_due, memory._replace(desired=_with_third(memory.desired, yaw)), memory)
     if position_due is not False:
         memory = _chosen(position_due, position_loops(memory, setpoint, state, firmware), memory)
     memory = _chosen(attitude_due, attitude_loops(memory, setpoint, state, firmware), memory)
@@ -288,6 +301,10 @@ def _turn(vector: Float[Array, "3"], yaw: Float[Array, ""]) -> Float[Array, "3"]
     angle = yaw * np.float32(np.pi) / 180.0
     cos, sin = jnp.cos(angle), jnp.sin(angle)
     return jnp.stack([vector[0] * cos + vector[1] * sin, vector[1] * cos - vector[0] * sin, vector[2]])
+
+
+def _with_third(vector: Float[Array, "3"], value: Float[Array, ""]) -> Float[Array, "3"]:
+    return jnp.stack([vector[0], vector[1], value])
 
 
 def _cut(counts: Float[Array, "..."]) -> Float[Array, "..."]:

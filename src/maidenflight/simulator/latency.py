@@ -28,25 +28,22 @@ def push(line: Float[Array, "slots 4"], command: Float[Array, "4"]) -> Float[Arr
     return jnp.concatenate([command[None], line[:-1]])
 
 
-def weights(parameters: Parameters, steps: int, length: int) -> Float[Array, "steps slots"]:
-    """Share of each held command in each physics step of the period that the newest command starts.
+def delayed(line: Float[Array, "slots 4"], parameters: Parameters, steps: int) -> Float[Array, "steps 4"]:
+    """What the motors see in each physics step of the period that the newest command starts: the delayed command's mean.
 
     Step i sees the commands of the time from (i dt - Delta) to ((i + 1) dt - Delta), where the newest command (slot 0) starts
-    at 0 and slot j holds from -j h to (1 - j) h, h = steps dt. Slot `length - 1` also stands for everything older.
+    at 0 and slot j holds from -j h to (1 - j) h, h = steps dt. A step is no longer than a command, so it sees two at most.
+    The last slot also stands for everything older.
 
     Args:
+        line: held commands, newest first.
         parameters: uses `latency` Delta [s] and `time_step` dt [s].
         steps: physics steps a command period.
-        length: slots of the delay line.
-
-    Returns:
-        Weights; each row sums to one.
     """
-    dt = parameters.time_step
-    opens = dt * jnp.arange(steps, dtype=jnp.float32)[:, None] - parameters.latency
-    starts = -steps * dt * jnp.arange(length, dtype=jnp.float32)[None, :]
-    ends = starts + steps * dt
-    oldest = jnp.arange(length)[None, :] == length - 1
-    newest = jnp.arange(length)[None, :] == 0
-    overlap = jnp.minimum(opens + dt, jnp.where(newest, jnp.inf, ends)) - jnp.maximum(opens, jnp.where(oldest, -jnp.inf, starts))
-    return jnp.clip(overlap / dt, 0.0, 1.0)
+    opens = jnp.arange(steps, dtype=jnp.float32) - parameters.latency / parameters.time_step
+    slot = jnp.clip(jnp.ceil(-opens / steps), 0.0, line.shape[0] - 1.0)
+    older = jnp.clip((1.0 - slot) * steps - opens, 0.0, 1.0)
+    older = jnp.where(slot == 0, 0.0, older)[:, None]
+    # An index and not a sum over all slots: the line of a 500 Hz controller has 28.
+    index = slot.astype(jnp.int32)
+    return older * line[index] + (1.0 - older) * line[jnp.maximum(index - 1, 0)]

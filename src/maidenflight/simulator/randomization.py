@@ -1,16 +1,36 @@
-"""Domain randomization: drawing a drone from a distribution over xi."""
+"""Domain randomization: drawing a drone from a distribution over xi.
+
+A distribution is a pytree that can draw one drone and prints like mathematics: factors about a drone (`relative_box`), ranges of
+values (`uniform_box`), or drones to choose from (`Ensemble`), such as those that an identification holds possible.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
+from maidenflight.errors import InputError
 from maidenflight.parameters import QUANTITIES, Parameters, replace
 
 PAPER_FIELDS = ("thrust_to_weight", "time_step", "mass", "inertia", "motor_time_constant", "torque_to_thrust", "torque_offset")
 """What the paper randomizes (Gronauer et al. 2022, sec. Simulation Environment, Domain Randomization)."""
+
+
+class Distribution(Protocol):
+    """What drones can be drawn from."""
+
+    @property
+    def centre(self) -> Parameters:
+        """The drone in the middle, whose `time_step` tells how finely time is cut."""
+        ...
+
+    def draw(self, key: Array) -> Parameters:
+        """One drone."""
+        ...
 
 
 @jax.tree_util.register_dataclass
@@ -24,6 +44,16 @@ class RelativeBox:
     upper: Parameters
     """Largest factor of each field."""
 
+    @property
+    def centre(self) -> Parameters:
+        """The nominal drone."""
+        return self.nominal
+
+    def draw(self, key: Array) -> Parameters:
+        """One drone."""
+        factors = _uniform(self.lower, self.upper, key)
+        return jax.tree.map(lambda value, factor: value * factor, self.nominal, factors)
+
     def __str__(self) -> str:
         lines = []
         for name, quantity in QUANTITIES.items():
@@ -31,6 +61,61 @@ class RelativeBox:
             if low != high:
                 value = " ".join(f"{entry:.4g}" for entry in jnp.ravel(getattr(self.nominal, name)).tolist())
                 lines.append(f"{name} ~ {value} U({low:g}, {high:g}) {quantity.unit}")
+        return "\n".join(lines)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class UniformBox:
+    """Independent uniform values between two drones; each component of a vector has its own."""
+
+    lower: Parameters
+    upper: Parameters
+
+    @property
+    def centre(self) -> Parameters:
+        """The middle of the box."""
+        return jax.tree.map(lambda low, high: (low + high) / 2, self.lower, self.upper)
+
+    def draw(self, key: Array) -> Parameters:
+        """One drone."""
+        return _uniform(self.lower, self.upper, key)
+
+    def __str__(self) -> str:
+        lines = []
+        for name, quantity in QUANTITIES.items():
+            low, high = (np.ravel(getattr(side, name)).tolist() for side in (self.lower, self.upper))
+            if low != high:
+                ranges = " ".join(f"U({a:.4g}, {b:.4g})" for a, b in zip(low, high, strict=True))
+                lines.append(f"{name} ~ {ranges} {quantity.unit}")
+        return "\n".join(lines)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Ensemble:
+    """Drones of which each is as likely as the next."""
+
+    drones: Parameters
+    """Stacked along a first axis."""
+
+    @property
+    def centre(self) -> Parameters:
+        """The mean drone."""
+        return jax.tree.map(lambda leaf: np.mean(leaf, axis=0, dtype=np.float64).astype(np.float32), self.drones)
+
+    def draw(self, key: Array) -> Parameters:
+        """One drone."""
+        number = jax.random.randint(key, (), 0, jnp.shape(self.drones.mass)[0])
+        return jax.tree.map(lambda leaf: jnp.asarray(leaf)[number], self.drones)
+
+    def __str__(self) -> str:
+        count, lines = np.shape(self.drones.mass)[0], []
+        for name, quantity in QUANTITIES.items():
+            values = np.asarray(getattr(self.drones, name), np.float64).reshape(count, -1)
+            if np.ptp(values, axis=0).any():
+                spreads = " ".join(f"{mean:.4g} +- {deviation:.2g}" for mean, deviation in zip(values.mean(0), values.std(0), strict=True))
+                lines.append(f"{name} ~ {spreads} {quantity.unit}, one of {count} drones")
         return "\n".join(lines)
 
 
@@ -56,12 +141,48 @@ def relative_box(nominal: Parameters, fraction: float = 0.10, fields: Sequence[s
     return RelativeBox(nominal, lower, upper)
 
 
-def randomize(box: RelativeBox, key: Array) -> Parameters:
+def uniform_box(nominal: Parameters, **ranges: tuple[float, float]) -> UniformBox:
+    """A box of values in SI units, such as `uniform_box(crazyflie(), latency=(0.0, 0.03), battery_voltage=(3.4, 4.2))`.
+
+    Args:
+        nominal: the values of all other fields.
+        ranges: smallest and largest value by field; every component of a vector gets the same.
+
+    Raises:
+        InputError: a field is unknown, or its range is not two numbers in order within its physical range.
+    """
+    for name, given in ranges.items():
+        quantity = QUANTITIES.get(name)
+        if quantity is None:
+            raise InputError(f"unknown parameter {name!r}; known are {', '.join(QUANTITIES)}.")
+        if len(given) != 2 or not quantity.lower <= given[0] <= given[1] <= quantity.upper:
+            raise InputError(
+                f"{name} = {given}: expected two numbers in order in [{quantity.lower:g}, {quantity.upper:g}] {quantity.unit}."
+            )
+    nominal = jax.tree.map(jnp.asarray, nominal)
+    lower, upper = (
+        replace(nominal, **{name: jnp.full_like(getattr(nominal, name), given[end]) for name, given in ranges.items()}) for end in (0, 1)
+    )
+    return UniformBox(lower, upper)
+
+
+def ensemble(drones: Sequence[Parameters]) -> Ensemble:
+    """An ensemble of given drones.
+
+    Raises:
+        InputError: no drone.
+    """
+    if not drones:
+        raise InputError("an ensemble of no drones; give one or more.")
+    return Ensemble(jax.tree.map(lambda *leaves: np.stack(leaves), *drones))
+
+
+def randomize(distribution: Distribution, key: Array) -> Parameters:
     """Draws one drone."""
-    leaves, structure = jax.tree.flatten(box.nominal)
+    return distribution.draw(key)
+
+
+def _uniform(lower: Parameters, upper: Parameters, key: Array) -> Parameters:
+    leaves, structure = jax.tree.flatten(lower)
     keys = jax.tree.unflatten(structure, list(jax.random.split(key, len(leaves))))
-
-    def draw(value: Array, low: Array, high: Array, key: Array) -> Array:
-        return value * jax.random.uniform(key, jnp.shape(value), minval=low, maxval=high)
-
-    return jax.tree.map(draw, box.nominal, box.lower, box.upper, keys)
+    return jax.tree.map(lambda low, high, key: jax.random.uniform(key, jnp.shape(low), minval=low, maxval=high), lower, upper, keys)

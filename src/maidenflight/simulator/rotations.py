@@ -4,25 +4,28 @@ World: z up. Body: x forward, y left, z up. Positive pitch is nose down.
 """
 
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, Float
+
+
+def axes(quaternion: Float[Array, "4"]) -> tuple[tuple[Float[Array, ""], ...], ...]:
+    """The body's x, y and z axes in the world, each as its three coordinates: the columns of the rotation matrix."""
+    x, y, z, w = quaternion
+    return (
+        (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)),
+        (2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)),
+        (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)),
+    )
 
 
 def to_matrix(quaternion: Float[Array, "4"]) -> Float[Array, "3 3"]:
     """Rotation matrix R of a unit quaternion: world = R body."""
-    x, y, z, w = quaternion
-    return jnp.stack(
-        [
-            jnp.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)]),
-            jnp.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)]),
-            jnp.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]),
-        ]
-    )
+    return jnp.stack([jnp.stack(axis) for axis in axes(quaternion)], axis=1)
 
 
 def body_z(quaternion: Float[Array, "4"]) -> Float[Array, "3"]:
     """The body's z axis in the world: the last column of the rotation matrix."""
-    x, y, z, w = quaternion
-    return jnp.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
+    return jnp.stack(axes(quaternion)[2])
 
 
 def to_attitude(quaternion: Float[Array, "4"]) -> Float[Array, "3"]:
@@ -30,8 +33,13 @@ def to_attitude(quaternion: Float[Array, "4"]) -> Float[Array, "3"]:
     x, y, z, w = quaternion
     roll = jnp.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
     pitch = jnp.arcsin(jnp.clip(2 * (w * y - z * x), -1.0, 1.0))
-    yaw = jnp.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    return jnp.stack([roll, pitch, yaw])
+    return jnp.stack([roll, pitch, heading(quaternion)])
+
+
+def heading(quaternion: Float[Array, "4"]) -> Float[Array, ""]:
+    """Yaw [rad] of a unit quaternion."""
+    x, y, z, w = quaternion
+    return jnp.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 
 def from_attitude(attitude: Float[Array, "3"]) -> Float[Array, "4"]:
@@ -57,4 +65,5 @@ def quaternion_derivative(quaternion: Float[Array, "4"], body_rates: Float[Array
 
 def normalise(quaternion: Float[Array, "4"]) -> Float[Array, "4"]:
     """The unit quaternion of the same direction."""
-    return quaternion / jnp.sqrt(jnp.sum(quaternion**2))
+    x, y, z, w = quaternion
+    return quaternion * lax.rsqrt(x * x + y * y + z * z + w * w)

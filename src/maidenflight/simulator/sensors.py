@@ -2,7 +2,6 @@
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -20,15 +19,23 @@ class Measurement(NamedTuple):
     body_rates: Float[Array, "3"]
 
 
-def turn_on_bias(parameters: Parameters, key: Array) -> Float[Array, "3"]:
+NORMALS, UNIFORMS = 12, 6
+"""Random numbers of one `measure`."""
+
+
+def turn_on_bias(parameters: Parameters, normal: Float[Array, "3"]) -> Float[Array, "3"]:
     """Gyro bias [rad/s] at power-on, constant over a flight but for its random walk.
+
+    Args:
+        parameters: uses `gyro_turn_on_bias`.
+        normal: draws from the standard normal distribution.
 
     Source: Furrer et al. 2016 (RotorS), gyroscope model.
     """
-    return parameters.gyro_turn_on_bias * jax.random.normal(key, (3,))
+    return parameters.gyro_turn_on_bias * normal
 
 
-def walk_bias(bias: Float[Array, "3"], elapsed: Float[Array, ""], parameters: Parameters, key: Array) -> Float[Array, "3"]:
+def walk_bias(bias: Float[Array, "3"], elapsed: Float[Array, ""], parameters: Parameters, normal: Float[Array, "3"]) -> Float[Array, "3"]:
     """The gyro's bias after some time: a first-order Gauss-Markov process, exact at any time step.
 
     Source: Furrer et al. 2016 (RotorS): sigma_b^2 tau / 2 (1 - exp(-2 t / tau)).
@@ -36,32 +43,59 @@ def walk_bias(bias: Float[Array, "3"], elapsed: Float[Array, ""], parameters: Pa
     tau = parameters.gyro_bias_time
     kept = jnp.exp(-elapsed / tau)
     spread = parameters.gyro_bias_walk * jnp.sqrt(-tau / 2 * jnp.expm1(-2 * elapsed / tau))
-    return kept * bias + spread * jax.random.normal(key, (3,))
+    return kept * bias + spread * normal
 
 
-def gyro(body_rates: Float[Array, "3"], bias: Float[Array, "3"], parameters: Parameters, key: Array) -> Float[Array, "3"]:
-    """Measured body rates [rad/s]: truth, bias and white noise."""
-    return body_rates + bias + parameters.gyro_noise * jax.random.normal(key, (3,))
+def low_pass(
+    filtered: Float[Array, "3"], before: Float[Array, "3"], after: Float[Array, "3"], elapsed: Float[Array, ""], parameters: Parameters
+) -> Float[Array, "3"]:
+    """The gyro's low-pass filter after some time: tau_g dy/dt = omega - y, exact for body rates that change along a straight line.
+
+    Args:
+        filtered: y before [rad/s].
+        before: body rates before [rad/s].
+        after: body rates now [rad/s].
+        elapsed: time between the two [s].
+        parameters: uses `gyro_lag` tau_g [s]; 0 is no filter.
+    """
+    kept = jnp.exp(-elapsed / jnp.maximum(parameters.gyro_lag, 1e-6))
+    behind = (after - before) * (parameters.gyro_lag / elapsed)
+    return after - behind + kept * (filtered - before + behind)
 
 
-def measure(state: State, bias: Float[Array, "3"], parameters: Parameters, key: Array) -> Measurement:
+def gyro(filtered: Float[Array, "3"], bias: Float[Array, "3"], parameters: Parameters, normal: Float[Array, "3"]) -> Float[Array, "3"]:
+    """Measured body rates [rad/s]: the filtered truth, bias and white noise."""
+    return filtered + bias + parameters.gyro_noise * normal
+
+
+def measure(
+    state: State,
+    bias: Float[Array, "3"],
+    parameters: Parameters,
+    normal: Float[Array, "12"],
+    uniform: Float[Array, "6"],
+) -> Measurement:
     """One noisy reading of the state.
 
     Position and attitude carry Gaussian and uniform noise, velocity Gaussian noise. The attitude noise is a small rotation in
     the body frame, which for small tilt is what adding noise to roll, pitch and yaw does, and has no singular attitude.
 
+    Args:
+        state: what is read; its body rates are those behind the gyro's low-pass filter.
+        bias: of the gyro [rad/s].
+        parameters: uses the noise fields.
+        normal: draws from the standard normal distribution.
+        uniform: draws from the uniform distribution on [-1, 1].
+
     Source: Gronauer et al. 2022, sec. Simulation Environment, Noise.
     """
-    gaussian_key, uniform_key, gyro_key = jax.random.split(key, 3)
-    gaussian = jax.random.normal(gaussian_key, (9,))
-    uniform = jax.random.uniform(uniform_key, (6,), minval=-1.0, maxval=1.0)
-    tilt = parameters.attitude_noise * gaussian[6:] + parameters.attitude_noise_uniform * uniform[3:]
+    tilt = parameters.attitude_noise * normal[6:9] + parameters.attitude_noise_uniform * uniform[3:]
     turned = state.quaternion + rotations.quaternion_derivative(state.quaternion, tilt)
     return Measurement(
-        position=state.position + parameters.position_noise * gaussian[:3] + parameters.position_noise_uniform * uniform[:3],
-        velocity=state.velocity + parameters.velocity_noise * gaussian[3:6],
+        position=state.position + parameters.position_noise * normal[:3] + parameters.position_noise_uniform * uniform[:3],
+        velocity=state.velocity + parameters.velocity_noise * normal[3:6],
         quaternion=rotations.normalise(turned),
-        body_rates=gyro(state.body_rates, bias, parameters, gyro_key),
+        body_rates=gyro(state.body_rates, bias, parameters, normal[9:]),
     )
 
 
@@ -75,9 +109,9 @@ def delayed(past: Float[Array, "memory 10"], state: State, period: Float[Array, 
     """The state with its position, velocity and attitude `estimator_delay` old, blended between remembered instants.
 
     Args:
-        past: memory, newest first, one row a control period; row 0 is the present.
+        past: memory, newest first, one row an estimate; row 0 is the present.
         state: the present; its body rates are kept, because the gyro is read afresh.
-        period: control period [s].
+        period: time between two estimates [s].
         parameters: uses `estimator_delay` [s], at most (memory - 1) periods.
     """
     age = jnp.clip(parameters.estimator_delay / period, 0.0, past.shape[0] - 1.0)

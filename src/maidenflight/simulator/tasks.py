@@ -2,13 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import partial, reduce
+from operator import add
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from maidenflight.parameters import Parameters
 from maidenflight.simulator import dynamics, rotations, trajectories
@@ -28,8 +29,8 @@ class Task(NamedTuple):
     """(parameters, key) to a first state and the reference's time [s] at which the episode starts."""
     reward: Callable[[State, Float[Array, "3"], Float[Array, "4"], Float[Array, "4"]], Float[Array, ""]]
     """(state, setpoint, action, previous action) to the reward of one step."""
-    terminated: Callable[[State, Float[Array, "3"]], Bool[Array, ""]]
-    """(state, setpoint) to whether the drone has failed."""
+    failure: Callable[[State, Float[Array, "3"]], Int[Array, ""]]
+    """(state, setpoint) to why the drone has failed, an index of `END_REASONS`; 0: it has not."""
     duration: float
     """Time after which an episode is truncated [s]."""
     first_command: Callable[[Parameters], Float[Array, ""]] = dynamics.hover_command
@@ -38,6 +39,9 @@ class Task(NamedTuple):
     """Height [m] at which the drone stands on a floor; `None`: there is no floor."""
 
 
+END_REASONS = ("", "time limit", "not finite", "body rate", "tilt", "position error", "height")
+"""Why an episode ends. Where several hold at once, the first of these is told."""
+TIME_LIMIT, NOT_FINITE = END_REASONS.index("time limit"), END_REASONS.index("not finite")
 FARTHEST = 0.25
 """Distance from the set-point [m] at which an episode fails (Gronauer et al. 2022, sec. Experimental Setup)."""
 STEEPEST = 60.0
@@ -114,8 +118,13 @@ def _starting(reference: Trajectory, spread: Spread, latest: float = 0.0, moving
 
 def norm(vector: Float[Array, "n"]) -> Float[Array, ""]:
     """Euclidean norm whose gradient at zero is zero, not NaN."""
-    square = jnp.sum(vector**2)
-    return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
+    square = squared(vector)
+    return jnp.where(square == 0, 0.0, jnp.sqrt(jnp.where(square == 0, 1.0, square)))
+
+
+def squared(vector: Float[Array, "n"]) -> Float[Array, ""]:
+    """Sum of squares, written out as in `dynamics`."""
+    return reduce(add, [entry * entry for entry in vector])
 
 
 def paper_reward(
@@ -134,32 +143,48 @@ def paper_reward(
 
 def too_far(state: State, setpoint: Float[Array, "3"], farthest: float = FARTHEST) -> Bool[Array, ""]:
     """The paper's termination: the drone is more than 0.25 m from its set-point."""
-    return jnp.sum((setpoint - state.position) ** 2) > farthest**2
+    return squared(setpoint - state.position) > farthest**2
 
 
 def too_steep(state: State) -> Bool[Array, ""]:
     """Roll or pitch is beyond 60 deg, to either side."""
-    return jnp.any(jnp.abs(rotations.to_attitude(state.quaternion)[:2]) > np.float32(np.radians(STEEPEST)))
+    roll, pitch, _ = jnp.abs(rotations.to_attitude(state.quaternion))
+    return jnp.maximum(roll, pitch) > np.float32(np.radians(STEEPEST))
 
 
-def hover_failed(state: State, setpoint: Float[Array, "3"]) -> Bool[Array, ""]:
-    """The authors' termination of hover: roll or pitch beyond 60 deg, a body rate beyond 300 deg/s or a height below 0.2 m."""
-    spinning = jnp.any(jnp.abs(state.body_rates) > np.float32(np.radians(FASTEST_TURN)))
-    return too_steep(state) | spinning | (state.position[2] < LOWEST)
+def reason(**failures: Bool[Array, ""]) -> Int[Array, ""]:
+    """The index of the first of `END_REASONS` that holds, 0 if none does; names have _ for a blank."""
+    found = jnp.zeros((), jnp.int32)
+    for index, name in reversed(list(enumerate(END_REASONS))):
+        if name.replace(" ", "_") in failures:
+            found = jnp.where(failures[name.replace(" ", "_")], index, found)
+    return found
 
 
-def take_off_failed(state: State, setpoint: Float[Array, "3"]) -> Bool[Array, ""]:
+def strayed(state: State, setpoint: Float[Array, "3"], farthest: float = FARTHEST) -> Int[Array, ""]:
+    """The paper's failure: the drone is more than 0.25 m from its set-point."""
+    return reason(position_error=too_far(state, setpoint, farthest))
+
+
+def hover_failure(state: State, setpoint: Float[Array, "3"]) -> Int[Array, ""]:
+    """The authors' failure of hover: roll or pitch beyond 60 deg, a body rate beyond 300 deg/s or a height below 0.2 m."""
+    p, q, r = jnp.abs(state.body_rates)
+    spinning = jnp.maximum(jnp.maximum(p, q), r) > np.float32(np.radians(FASTEST_TURN))
+    return reason(body_rate=spinning, tilt=too_steep(state), height=state.position[2] < LOWEST)
+
+
+def take_off_failure(state: State, setpoint: Float[Array, "3"]) -> Int[Array, ""]:
     """Steeper than 60 deg, 0.5 m from the set-point, or still on the ground when the set-point is 0.5 m up."""
     height = state.position[2]
     left_behind = (setpoint[2] > TAKE_OFF_FARTHEST) & (height < LEFT_GROUND)
-    return too_steep(state) | too_far(state, setpoint, TAKE_OFF_FARTHEST) | left_behind
+    return reason(tilt=too_steep(state), position_error=too_far(state, setpoint, TAKE_OFF_FARTHEST), height=left_behind)
 
 
 def hover_reward(
     state: State, setpoint: Float[Array, "3"], action: Float[Array, "4"], previous_action: Float[Array, "4"]
 ) -> Float[Array, ""]:
     """-(|e| + 1e-4 |u| + 1e-4 |omega|) - 100 on failure, with u = (clip(a, -1, 1) + 1) / 2. Source: authors' code."""
-    return _effort(state, setpoint, action) - jnp.where(hover_failed(state, setpoint), 100.0, 0.0)
+    return _effort(state, setpoint, action) - jnp.where(hover_failure(state, setpoint) > 0, 100.0, 0.0)
 
 
 def take_off_reward(
@@ -170,7 +195,7 @@ def take_off_reward(
     Source: authors' code; there a take-off never fails. Without the last term it would pay to fail early.
     """
     grounded = jnp.where(state.position[2] < LOW, 1.0, 0.0)
-    failure = jnp.where(take_off_failed(state, setpoint), 100.0, 0.0)
+    failure = jnp.where(take_off_failure(state, setpoint) > 0, 100.0, 0.0)
     return _effort(state, setpoint, action) - 1e-4 * norm(state.velocity) - grounded - failure
 
 
@@ -191,7 +216,7 @@ def circle(diameter: float = 0.5, period: float = 3.0, height: float = 1.0) -> T
     """
     reference = trajectories.circle(diameter, period, height)
     reset = _starting(reference, CIRCLE_START, latest=period)
-    return Task("circle", reference, reset, paper_reward, too_far, duration=5.0)
+    return Task("circle", reference, reset, paper_reward, strayed, duration=5.0)
 
 
 @once
@@ -201,14 +226,14 @@ def hover(height: float = 1.0) -> Task:
     Source: authors' code.
     """
     reference = trajectories.hold((0.0, 0.0, height))
-    return Task("hover", reference, _starting(reference, HOVER_START), hover_reward, hover_failed, duration=5.0)
+    return Task("hover", reference, _starting(reference, HOVER_START), hover_reward, hover_failure, duration=5.0)
 
 
 @once
 def take_off(height: float = 1.0, duration: float = 1.5) -> Task:
     """Rise from the ground, motors off, to a height [m] within a duration [s], and stay there; 5 s an episode.
 
-    The ground holds what sinks to it; it does not bounce, tilt or change the air above it.
+    The ground holds what sinks to it, without a bounce or a tilt; near it, thrust grows (`dynamics.near_ground`).
 
     Source: authors' code, there called "not yet working properly".
     """
@@ -222,7 +247,7 @@ def take_off(height: float = 1.0, duration: float = 1.5) -> Task:
     def motors_off(parameters: Parameters) -> Float[Array, ""]:
         return jnp.zeros(())
 
-    return Task("take-off", reference, reset, take_off_reward, take_off_failed, duration=5.0, first_command=motors_off, floor=STANDING)
+    return Task("take-off", reference, reset, take_off_reward, take_off_failure, duration=5.0, first_command=motors_off, floor=STANDING)
 
 
 @once
@@ -238,5 +263,5 @@ def tracking(trajectory: Trajectory, duration: float, farthest: float = FARTHEST
     Source: reward, failure and all start values but velocity as in `circle`.
     """
     reset = _starting(trajectory, CIRCLE_START, latest_start, moving=True)
-    reward, failed = partial(paper_reward, farthest=farthest), partial(too_far, farthest=farthest)
+    reward, failed = partial(paper_reward, farthest=farthest), partial(strayed, farthest=farthest)
     return Task("tracking", trajectory, reset, reward, failed, duration)

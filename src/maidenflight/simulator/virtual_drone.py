@@ -14,6 +14,7 @@ from maidenflight.errors import InputError
 from maidenflight.parameters import Parameters, crazyflie, replace
 from maidenflight.simulator import dynamics
 from maidenflight.simulator.control import Controller
+from maidenflight.simulator.dynamics import Integrator
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.tasks import Task
 
@@ -25,17 +26,15 @@ class VirtualDrone:
     name: str
     parameters: Parameters
     """The truth; `time_step` is 1 ms."""
+    integrator: Integrator = dynamics.rk4
+    """The engine."""
 
     def environment(self, task: Task, controller: Controller) -> Environment:
         """How this drone is simulated for a task and a control structure."""
-        return Environment(
-            task=task,
-            controller=controller,
-            integrator=dynamics.rk4,
-            steps_per_command=1000 // controller.rate,
-            battery=True,
-            estimator_memory=2 + math.ceil(max(0.010, float(self.parameters.estimator_delay)) * controller.action_rate - 1e-6),
-        )
+        rate = 100
+        memory = 2 + math.ceil(max(0.010, float(self.parameters.estimator_delay)) * rate - 1e-6)
+        settings = {"integrator": self.integrator, "battery": True, "estimate_rate": rate, "estimator_memory": memory}
+        return Environment.matching(self.parameters, task, controller, **settings)
 
 
 SPREAD: dict[str, tuple[float, float]] = {

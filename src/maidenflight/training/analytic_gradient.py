@@ -17,12 +17,11 @@ from jax import lax, tree
 from jaxtyping import Array, Bool, Float
 
 from maidenflight.errors import InputError
-from maidenflight.parameters import Parameters
 from maidenflight.policy import CONTROLS, Policy, untrained
 from maidenflight.simulator import environment, rotations
 from maidenflight.simulator.control import Controller
-from maidenflight.simulator.environment import Environment, Episode
-from maidenflight.simulator.randomization import RelativeBox, randomize
+from maidenflight.simulator.environment import Drone, Environment, Episode
+from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.tasks import Task, norm, too_far
 from maidenflight.training.evaluation import Evaluation, evaluate
 
@@ -76,8 +75,7 @@ class Progress(NamedTuple):
 class _Learner(NamedTuple):
     policy: Policy
     optimiser: optax.OptState
-    drones: Parameters
-    episodes: Episode
+    drones: Drone
 
 
 def _optimiser(settings: AnalyticGradient) -> optax.GradientTransformation:
@@ -85,19 +83,13 @@ def _optimiser(settings: AnalyticGradient) -> optax.GradientTransformation:
     return optax.chain(optax.clip_by_global_norm(settings.gradient_norm), optax.adam(schedule))
 
 
-def _fresh(simulated: Environment, box: RelativeBox, key: Array) -> tuple[Parameters, Episode]:
-    drone_key, reset_key = jax.random.split(key)
-    drone = randomize(box, drone_key)
-    return drone, environment.reset(simulated, drone, reset_key)
-
-
 @partial(jax.jit, static_argnums=(0, 1))
-def _begin(simulated: Environment, settings: AnalyticGradient, box: RelativeBox, keys: Array) -> _Learner:
+def _begin(simulated: Environment, settings: AnalyticGradient, box: Distribution, keys: Array) -> _Learner:
     def one(key: Array) -> _Learner:
         policy_key, key = jax.random.split(key)
         policy = untrained(policy_key, settings.hidden, simulated.history)
-        drones, episodes = jax.vmap(partial(_fresh, simulated, box))(jax.random.split(key, settings.drones))
-        return _Learner(policy, _optimiser(settings).init(_network(policy)), drones, episodes)
+        drones = jax.vmap(partial(environment.launch, simulated, box))(jax.random.split(key, settings.drones))
+        return _Learner(policy, _optimiser(settings).init(_network(policy)), drones)
 
     return jax.vmap(one)(keys)
 
@@ -113,34 +105,33 @@ def _with_network(policy: Policy, network: tuple[Any, Any]) -> Policy:
 
 
 def _segment(
-    simulated: Environment, settings: AnalyticGradient, policy: Policy, episode: Episode, drone: Parameters, key: Array
+    simulated: Environment, settings: AnalyticGradient, policy: Policy, drone: Drone, key: Array
 ) -> tuple[Float[Array, ""], Episode]:
     """Mean cost of one drone over a horizon, and where it is then."""
 
     def one(episode: Episode, key: Array) -> tuple[Episode, Float[Array, ""]]:
         action = policy(environment.observation(episode))
-        after, outcome = environment.step(simulated, episode, action, drone, key)
-        distance = norm(outcome.setpoint - after.state.position)
+        after, outcome = environment.step(simulated, episode, action, drone.parameters, key)
         tilt = norm(rotations.body_z(after.state.quaternion)[:2])
-        guards = settings.barrier * jax.nn.relu(distance - settings.margin)
+        guards = settings.barrier * jax.nn.relu(outcome.position_error - settings.margin)
         guards += settings.tilt_barrier * jax.nn.relu(tilt - settings.tilt_margin)
         cost = guards - outcome.reward
         # A drone that is far beyond failure stays where it is: its gradient says nothing of flying, and would overflow.
-        lost = too_far(after.state, outcome.setpoint, LOST)
+        lost = outcome.position_error > LOST
         return tree.map(lambda old, new: jnp.where(lost, old, new), episode, after), jnp.where(lost, 0.0, cost)
 
-    episode, costs = lax.scan(one, episode, jax.random.split(key, settings.horizon))
+    episode, costs = lax.scan(one, drone.episode, jax.random.split(key, settings.horizon))
     return jnp.mean(costs), episode
 
 
-def _update(simulated: Environment, settings: AnalyticGradient, box: RelativeBox, learner: _Learner, key: Array) -> tuple[_Learner, None]:
+def _update(simulated: Environment, settings: AnalyticGradient, box: Distribution, learner: _Learner, key: Array) -> tuple[_Learner, None]:
     """One gradient step of one policy."""
     flight_key, fresh_key = jax.random.split(key)
     flight_keys = jax.random.split(flight_key, settings.drones)
 
     def cost(network: tuple[Any, Any]) -> tuple[Float[Array, ""], Episode]:
         policy = _with_network(learner.policy, network)
-        costs, episodes = jax.vmap(partial(_segment, simulated, settings, policy))(learner.episodes, learner.drones, flight_keys)
+        costs, episodes = jax.vmap(partial(_segment, simulated, settings, policy))(learner.drones, flight_keys)
         return jnp.mean(costs), episodes
 
     gradient, episodes = jax.grad(cost, has_aux=True)(_network(learner.policy))
@@ -152,11 +143,11 @@ def _update(simulated: Environment, settings: AnalyticGradient, box: RelativeBox
     policy = _with_network(learner.policy, optax.apply_updates(_network(learner.policy), changes))  # type: ignore[arg-type]
 
     setpoints = jax.vmap(simulated.task.reference)(episodes.time)
-    over = jax.vmap(simulated.task.terminated)(episodes.state, setpoints) | (episodes.elapsed > simulated.task.duration)
+    over = (jax.vmap(simulated.task.failure)(episodes.state, setpoints) > 0) | (episodes.elapsed > simulated.task.duration)
     over |= ~jnp.isfinite(jnp.sum(episodes.state.position, axis=1))
     over |= jax.vmap(partial(too_far, farthest=LOST))(episodes.state, setpoints)
-    drones, fresh = jax.vmap(partial(_fresh, simulated, box))(jax.random.split(fresh_key, settings.drones))
-    return _Learner(policy, optimiser, _chosen(over, drones, learner.drones), _chosen(over, fresh, episodes)), None
+    fresh = jax.vmap(partial(environment.launch, simulated, box))(jax.random.split(fresh_key, settings.drones))
+    return _Learner(policy, optimiser, _chosen(over, fresh, Drone(episodes, learner.drones.parameters))), None
 
 
 def _chosen(which: Bool[Array, "n"], new: Any, old: Any) -> Any:
@@ -165,7 +156,9 @@ def _chosen(which: Bool[Array, "n"], new: Any, old: Any) -> Any:
 
 
 @partial(jax.jit, static_argnums=(0, 1, 5))
-def _learn(simulated: Environment, settings: AnalyticGradient, box: RelativeBox, learners: _Learner, keys: Array, updates: int) -> _Learner:
+def _learn(
+    simulated: Environment, settings: AnalyticGradient, box: Distribution, learners: _Learner, keys: Array, updates: int
+) -> _Learner:
     def one(learner: _Learner, key: Array) -> _Learner:
         return lax.scan(partial(_update, simulated, settings, box), learner, jax.random.split(key, updates))[0]
 
@@ -175,7 +168,7 @@ def _learn(simulated: Environment, settings: AnalyticGradient, box: RelativeBox,
 def train(
     task: Task,
     controller: Controller,
-    box: RelativeBox,
+    box: Distribution,
     keys: Array,
     settings: AnalyticGradient | None = None,
     on_progress: Callable[[Progress], None] | None = None,
@@ -195,12 +188,12 @@ def train(
         the defaults take about 30 s a policy on two cores.
 
     Raises:
-        InputError: policies cannot be made for this control structure.
+        InputError: policies cannot be made for this control structure, or the drones' time step does not divide its period.
     """
     settings = AnalyticGradient() if settings is None else settings
     if controller.name not in CONTROLS:
         raise InputError(f"control structure {controller.name} cannot be trained for; expected one of {', '.join(CONTROLS)}.")
-    simulated = Environment(task=task, controller=controller)
+    simulated = Environment.matching(box.centre, task, controller)
     score = jax.jit(jax.vmap(partial(evaluate, simulated, episodes=settings.episodes), in_axes=(0, None, None)))
     learners = _begin(simulated, settings, box, keys)
     chunk = max(1, settings.updates // settings.evaluations)

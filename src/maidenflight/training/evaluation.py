@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from maidenflight.policy import Policy
 from maidenflight.simulator import environment
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.randomization import RelativeBox, randomize
+from maidenflight.simulator.randomization import Distribution
 
 
 class Evaluation(NamedTuple):
@@ -26,7 +26,7 @@ class Evaluation(NamedTuple):
 
 @partial(jax.jit, static_argnums=(0, 4, 5))
 def evaluate(
-    simulated: Environment, policy: Policy, box: RelativeBox, key: Array, episodes: int = 256, steps: int | None = None
+    simulated: Environment, policy: Policy, box: Distribution, key: Array, episodes: int = 256, steps: int | None = None
 ) -> Evaluation:
     """Scores a policy without exploration noise.
 
@@ -38,20 +38,17 @@ def evaluate(
         episodes: how many; static.
         steps: control periods of an episode; as many as the task lasts unless given; static.
     """
-    rate = simulated.controller.rate / simulated.commands_per_action
-    periods = round(simulated.task.duration * rate) if steps is None else steps
+    periods = round(simulated.task.duration * simulated.controller.action_rate) if steps is None else steps
 
     def one(key: Array) -> tuple[Array, Array, Array, Array]:
-        drone_key, reset_key, key = jax.random.split(key, 3)
-        drone = randomize(box, drone_key)
-        first = environment.reset(simulated, drone, reset_key)
-        _, (before, outcome) = environment.rollout(simulated, policy, first, drone, key, periods)
+        launch_key, key = jax.random.split(key)
+        first, drone = environment.launch(simulated, box, launch_key)
+        _, (_, outcome) = environment.rollout(simulated, policy, first, drone, key, periods)
         failed = jnp.cumsum(outcome.terminated) > 0
         counted = jnp.concatenate([jnp.array([True]), ~failed[:-1]])  # the step that fails still counts, with its penalty
-        distance = jnp.linalg.norm(outcome.setpoint[:-1] - before.state.position[1:], axis=1)
-        flying = ~failed[:-1]
         total = jnp.sum(jnp.where(counted, outcome.reward, 0.0))
-        return total, ~failed[-1], jnp.sum(jnp.where(flying, distance, 0.0)), jnp.sum(flying, dtype=jnp.float32)
+        distance = jnp.sum(jnp.where(failed, 0.0, outcome.position_error))
+        return total, ~failed[-1], distance, jnp.sum(~failed, dtype=jnp.float32)
 
     total, survived, distance, count = jax.vmap(one)(jax.random.split(key, episodes))
     return Evaluation(jnp.mean(total), jnp.mean(survived), jnp.sum(distance) / jnp.maximum(jnp.sum(count), 1.0))

@@ -1,0 +1,217 @@
+"""The same drone in PyBullet: a second opinion on our rigid body, and a reality that none of our equations integrate.
+
+The body is made in code, without a mesh or URDF: mass, diagonal inertia, and a force at each rotor's place, so that Bullet works
+out the torques of the lever arms itself. What we hand to it is the motors (`dynamics.motor_derivative`, `dynamics.rotor_forces`),
+their reaction torque about the body's z axis and the rotor drag; weight, gyroscopic torque, damping and the step are Bullet's.
+
+The body is Bullet's default kind, a multibody with a base and no links. Read back and measured (version 3.2.7):
+
+- A shapeless body is made with no inertia; the diagonal must be set afterwards.
+- The gyroscopic torque is there, explicit in the rates, so that free rotation gains energy at first order in the step. A body in
+  maximal coordinates, Bullet's other kind, treats it implicitly and loses energy instead.
+- Damping is 0.04 unless it is set: an acceleration of -0.04 (1 + |v|) v, and likewise for the angular velocity.
+- Every component of either velocity is clipped to 100 m/s or rad/s.
+- The step is `dynamics.euler`'s with an exact rotation in place of the normalised quaternion.
+"""
+
+import atexit
+import importlib
+import threading
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax, tree
+from jaxtyping import Array, ArrayLike, Float
+
+from maidenflight.errors import InputError
+from maidenflight.parameters import Parameters
+from maidenflight.simulator import dynamics
+from maidenflight.simulator.dynamics import State
+
+DAMPING = 0.04
+"""Bullet's own linear and angular damping [-], in force unless switched off."""
+
+_ROTORS = ((1, -1), (-1, -1), (-1, 1), (1, 1))
+"""Signs of x and y of the rotors' places: front right, back right, back left, front left."""
+_PARTS = (3, 6, 10)
+"""Where velocity, quaternion and body rates begin in the 13 numbers of a body, which begin with its position."""
+
+
+@dataclass(frozen=True)
+class Bullet:
+    """PyBullet as an `Integrator`: State, delayed command, Parameters -> State.
+
+    It works under `jit` and `vmap`, one drone after another in one Bullet world, and has no gradient. Between two steps the state
+    is ours, in float32; `simulate` leaves it inside Bullet.
+
+    Raises:
+        InputError: PyBullet is not installed.
+    """
+
+    linear_damping: float = 0.0
+    """Bullet's linear damping [-]; 0: off, `DAMPING`: Bullet's own."""
+    angular_damping: float = 0.0
+    """Bullet's angular damping [-]; 0: off, `DAMPING`: Bullet's own."""
+
+    def __post_init__(self) -> None:
+        _pybullet()
+
+    def __call__(self, state: State, command: Float[Array, "4"], parameters: Parameters) -> State:
+        """One step of `time_step`: our motors, then Bullet's rigid body under their forces."""
+        rotor_speed, push = _motors(state.rotor_speed, command, parameters)
+        row = jnp.concatenate([*state[:4], push, _constants(parameters)])
+        moved = jax.pure_callback(self._moved, jax.ShapeDtypeStruct((13,), row.dtype), row, vmap_method="expand_dims")
+        return _state(jnp.split(moved, _PARTS), rotor_speed)
+
+    def simulate(self, state: State, commands: Float[ArrayLike, "N 4"], parameters: Parameters) -> State:
+        """A whole flight inside Bullet, in double precision.
+
+        Args:
+            state: the drone at the start.
+            commands: rotor speed command sqrt(u) of each physics step, already delayed.
+            parameters: the drone.
+
+        Returns:
+            The drone after each step, stacked along a first axis of N; float64.
+        """
+        with jax.enable_x64(True):
+            state, parameters, commands = tree.map(lambda leaf: jnp.asarray(leaf, jnp.float64), (state, parameters, commands))
+            rotor_speed, pushes = _all_motors(state.rotor_speed, commands, parameters)
+            constants, body = _constants(parameters), jnp.concatenate(state[:4])
+        flown = []
+        with _LOCK:
+            world = _world()
+            world.set_up(np.asarray(constants), self.linear_damping, self.angular_damping)
+            world.place(np.asarray(body).tolist())
+            for push in np.asarray(pushes).tolist():
+                world.step(push)
+                flown.append(world.read())
+        return _state(np.split(np.array(flown), _PARTS, axis=-1), np.asarray(rotor_speed))
+
+    def _moved(self, rows: Array) -> np.ndarray:
+        """The host's side of a step: rows of 13 numbers of the body, 5 of the motors and 10 constants to rows of 13."""
+        given = np.asarray(rows)
+        moved = np.empty((*given.shape[:-1], 13), given.dtype)
+        with _LOCK:
+            world = _world()
+            for place in np.ndindex(given.shape[:-1]):
+                row = given[place]
+                world.set_up(row[18:], self.linear_damping, self.angular_damping)
+                values = row.tolist()
+                world.place(values[:13])
+                world.step(values[13:18])
+                moved[place] = world.read()
+        return moved
+
+
+class _World:
+    """One Bullet world with one body in it, of plain numbers; slow settings are repeated only when they change."""
+
+    def __init__(self) -> None:
+        self.bullet = _pybullet()
+        self.client = {"physicsClientId": self.bullet.connect(self.bullet.DIRECT)}
+        atexit.register(self.bullet.disconnect, **self.client)
+        self.body = self.bullet.createMultiBody(baseMass=1.0, **self.client)
+        self.settings: tuple[Any, ...] = ()
+
+    def set_up(self, constants: Float[np.ndarray, "10"], linear_damping: float, angular_damping: float) -> None:
+        """Makes the body this drone's; `constants` are those of `_constants`."""
+        settings = (constants.tobytes(), linear_damping, angular_damping)
+        if settings == self.settings:
+            return
+        mass, ix, iy, iz, arm, *drag, gravity, step = constants.tolist()
+        self.places = [(arm / 2**0.5 * x, arm / 2**0.5 * y, 0.0) for x, y in _ROTORS]
+        self.drag = [mass * share for share in drag]
+        self.bullet.setGravity(0.0, 0.0, -gravity, **self.client)
+        self.bullet.setTimeStep(step, **self.client)
+        damping = {"linearDamping": linear_damping, "angularDamping": angular_damping}
+        self.bullet.changeDynamics(self.body, -1, mass=mass, localInertiaDiagonal=(ix, iy, iz), **damping, **self.client)
+        self.settings = settings
+
+    def place(self, body: list[float]) -> None:
+        """Puts the body where the drone is; Bullet's angular velocity is along world axes."""
+        quaternion = body[6:10]
+        self.bullet.resetBasePositionAndOrientation(self.body, body[:3], quaternion, **self.client)
+        self.bullet.resetBaseVelocity(self.body, body[3:6], self.bullet.rotateVector(quaternion, body[10:]), **self.client)
+
+    def step(self, push: list[float]) -> None:
+        """One step under the rotors' forces at their places, their reaction torque about body z (see `_motors`), and rotor drag."""
+        bullet, frame = self.bullet, self.bullet.LINK_FRAME
+        *forces, reaction = push
+        for force, place in zip(forces, self.places, strict=True):
+            bullet.applyExternalForce(self.body, -1, (0.0, 0.0, force), place, frame, **self.client)
+        bullet.applyExternalTorque(self.body, -1, (0.0, 0.0, reaction), frame, **self.client)
+        if any(self.drag):
+            x, y, z, w = bullet.getBasePositionAndOrientation(self.body, **self.client)[1]
+            velocity = bullet.rotateVector((-x, -y, -z, w), bullet.getBaseVelocity(self.body, **self.client)[0])
+            slowing = [-share * speed for share, speed in zip(self.drag, velocity, strict=True)]
+            bullet.applyExternalForce(self.body, -1, slowing, (0.0, 0.0, 0.0), frame, **self.client)
+        bullet.stepSimulation(**self.client)
+
+    def read(self) -> list[float]:
+        """Position, velocity, quaternion, body rates."""
+        position, quaternion = self.bullet.getBasePositionAndOrientation(self.body, **self.client)
+        velocity, spin = self.bullet.getBaseVelocity(self.body, **self.client)
+        x, y, z, w = quaternion
+        return [*position, *velocity, *quaternion, *self.bullet.rotateVector((-x, -y, -z, w), spin)]
+
+
+_LOCK = threading.Lock()
+"""One drone at a time: XLA calls back from threads of its own, and a Bullet world has one state."""
+
+
+@lru_cache(maxsize=1)
+def _world() -> _World:
+    return _World()
+
+
+def _pybullet() -> Any:
+    """The package, imported when first needed.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    try:
+        return importlib.import_module("pybullet")
+    except ImportError as error:
+        raise InputError(
+            "PyBullet is not installed, and this drone is simulated in it. Install it with: pip install 'maidenflight[pybullet]'"
+            " (ready-made for Python 3.11 on Linux; elsewhere pip compiles it)."
+        ) from error
+
+
+def _motors(
+    rotor_speed: Float[Array, "4"], command: Float[Array, "4"], parameters: Parameters
+) -> tuple[Float[Array, "4"], Float[Array, "5"]]:
+    """Rotor speeds after a step, as `dynamics.euler` moves them, and their push: four forces [N], reaction torque about z [N m]."""
+    rotor_speed = rotor_speed + parameters.time_step * dynamics.motor_derivative(rotor_speed, command, parameters)
+    forces = dynamics.rotor_forces(rotor_speed, parameters)
+    return rotor_speed, jnp.append(forces, dynamics.torque(forces, parameters)[2])
+
+
+@jax.jit
+def _all_motors(
+    rotor_speed: Float[Array, "4"], commands: Float[Array, "N 4"], parameters: Parameters
+) -> tuple[Float[Array, "N 4"], Float[Array, "N 5"]]:
+    """`_motors` over a whole flight; the motors do not depend on how the body moves."""
+
+    def one(rotor_speed: Array, command: Array) -> tuple[Array, tuple[Array, Array]]:
+        moved = _motors(rotor_speed, command, parameters)
+        return moved[0], moved
+
+    return lax.scan(one, rotor_speed, commands)[1]
+
+
+def _state(parts: Any, rotor_speed: Any) -> State:
+    position, velocity, quaternion, body_rates = parts
+    return State(position, velocity, quaternion, body_rates, rotor_speed)
+
+
+def _constants(parameters: Parameters) -> Float[Array, "10"]:
+    """What Bullet needs of xi: mass, inertia, arm length, drag, gravity, time step."""
+    names = ("mass", "inertia", "arm_length", "drag", "gravity", "time_step")
+    return jnp.concatenate([jnp.ravel(getattr(parameters, name)) for name in names])
