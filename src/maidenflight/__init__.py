@@ -18,10 +18,10 @@ if TYPE_CHECKING:
     from maidenflight.simulator.control import pwm as pwm
     from maidenflight.simulator.environment import Environment as Environment
     from maidenflight.simulator.environment import reset as reset
-    from maidenflight.simulator.environment import rollout as rollout
     from maidenflight.simulator.environment import step as step
     from maidenflight.simulator.randomization import randomize as randomize
     from maidenflight.simulator.randomization import relative_box as relative_box
+    from maidenflight.simulator.rollout import rollout as rollout
     from maidenflight.simulator.tasks import circle as circle
     from maidenflight.simulator.tasks import hover as hover
     from maidenflight.simulator.tasks import take_off as take_off
@@ -48,7 +48,7 @@ _PUBLIC = {
     "relative_box": "simulator.randomization",
     "report": "reporting.page",
     "reset": "simulator.environment",
-    "rollout": "simulator.environment",
+    "rollout": "simulator.rollout",
     "step": "simulator.environment",
     "take_off": "simulator.tasks",
     "tracking": "simulator.tasks",

@@ -17,6 +17,7 @@ from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie
 from maidenflight.policy import to_json, untrained
 from maidenflight.simulator import environment
+from maidenflight.simulator.rollout import rollout
 from maidenflight.simulator.sensors import Measurement
 
 STRICT = ("-Wall", "-Wextra", "-Wpedantic", "-Werror", "-std=c99", "-Wconversion", "-Wdouble-promotion")
@@ -139,7 +140,7 @@ def test_an_episode_of_the_simulator_is_seen_as_the_simulator_sees_it(flown):
     policy, world, parameters = untrained(jax.random.key(5)), environment.Environment(), crazyflie()
     begin_key, key = jax.random.split(jax.random.key(6))
     episode = environment.reset(world, parameters, begin_key)
-    _, (episodes, _) = environment.rollout(world, policy, episode, parameters, key, 30)
+    _, (episodes, _) = rollout(world, policy, episode, parameters, key, 30)
     drone = flown(policy)
     drone.reset(episode.action)
     for number in range(30):

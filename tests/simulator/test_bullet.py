@@ -20,6 +20,7 @@ from maidenflight.policy import untrained
 from maidenflight.simulator import bullet, control, dynamics, environment, rotations, tasks
 from maidenflight.simulator.bullet import DAMPING, Bullet
 from maidenflight.simulator.dynamics import State
+from maidenflight.simulator.rollout import rollout
 from maidenflight.simulator.virtual_drone import virtual_drone
 
 UNEQUAL = replace(crazyflie(), inertia=(1.33e-5, 1.6e-5, 2.64e-5), drag=(0.3, 0.2, 0.1), motor_slowdown=1.4)
@@ -239,7 +240,7 @@ def test_two_drones_side_by_side_fly_as_one_by_one(pybullet):
 
     def fly(parameters, key):
         episode = environment.reset(world, parameters, key)
-        return environment.rollout(world, lambda _: jnp.full(4, 0.3), episode, parameters, key, 20)[1][0].state
+        return rollout(world, lambda _: jnp.full(4, 0.3), episode, parameters, key, 20)[1][0].state
 
     keys = jax.random.split(jax.random.key(0))
     together = jax.jit(jax.vmap(fly))(jax.tree.map(lambda *leaves: np.stack(leaves), *drones), keys)

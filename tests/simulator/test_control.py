@@ -14,6 +14,8 @@ from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, noiseless, replace
 from maidenflight.simulator import control, dynamics, environment, rotations, tasks
 from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.rollout import rollout
+from maidenflight.simulator.sensors import Measurement
 
 PAPER = crazyflie()
 QUICK = replace(noiseless(PAPER), latency=0.005, time_step=0.002)
@@ -35,7 +37,7 @@ def fly_pid(radius, parameters, seconds):
     world = Environment(task=task, controller=control.position_pid(), steps_per_command=1)
     start = dynamics.at_hover(jnp.array([0.0, 0.0, 1.0]), parameters)
     episode = environment.begin(world, start, jnp.float32(0.0), parameters, jax.random.key(0))
-    _, (flown, _) = environment.rollout(world, lambda _: jnp.zeros(4), episode, parameters, jax.random.key(1), 100 * seconds)
+    _, (flown, _) = rollout(world, lambda _: jnp.zeros(4), episode, parameters, jax.random.key(1), 100 * seconds)
     return flown.state
 
 
@@ -55,7 +57,7 @@ def fly_action(controller, level):
         start = dynamics.at_hover(jnp.array([0.0, 0.0, 1.0]), WEAK)
         episode = environment.begin(world, start, jnp.float32(0.0), WEAK, jax.random.key(0))
         steps = 2 * controller.action_rate
-        return environment.rollout(world, lambda _: action, episode, WEAK, jax.random.key(1), steps)[1][0].state
+        return rollout(world, lambda _: action, episode, WEAK, jax.random.key(1), steps)[1][0].state
 
     return jax.tree.map(np.asarray, jax.jit(jax.vmap(fly))(actions))
 
@@ -187,3 +189,27 @@ def command(controller, memory, action):
 
 def first_command(controller, action):
     return np.asarray(command(controller, jax.tree.map(jnp.asarray, controller.init()), action)[1])
+
+
+@pytest.mark.parametrize("name", control.CONTROLLERS)
+@pytest.mark.parametrize("firmware", FIRMWARES)
+def test_the_level_action_gives_a_level_drone_the_command_that_it_names(name, firmware):
+    controller = control.CONTROLLERS[name](**({} if name == "pwm" else {"firmware": firmware}))
+    still = Measurement(jnp.zeros(3), jnp.zeros(3), jnp.array([0.0, 0.0, 0.0, 1.0]), jnp.zeros(3))
+    action = controller.level(jnp.float32(0.65))
+    _, command = jax.jit(controller.command)(controller.init(), action, still, jnp.zeros(3))
+    np.testing.assert_allclose(command, 0.65, atol=1e-4)
+
+
+def test_an_action_rate_is_chosen_or_refused():
+    assert control.attitude(action_rate=100).action_rate == 100
+    assert control.attitude_rate("2021.10", 25) is control.attitude_rate("2021.10", action_rate=25), "nothing compiles twice"
+    with pytest.raises(InputError, match=r"action_rate = 60 Hz does not divide the PIDs' 500 Hz\. Give"):
+        control.attitude(action_rate=60)
+
+
+@pytest.mark.parametrize(
+    ("controller", "longest", "step"), [("pwm", 0.005, 0.005), ("attitude", 0.005, 0.002), ("attitude", 0.0015, 0.001)]
+)
+def test_the_longest_step_that_divides_the_command_period(controller, longest, step):
+    assert control.time_step(control.CONTROLLERS[controller](), longest) == pytest.approx(step)

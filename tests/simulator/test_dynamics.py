@@ -11,9 +11,11 @@ from arrays import float32, float64
 from hypothesis import given
 from jax import lax
 
+from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, replace
-from maidenflight.simulator import dynamics, rotations
+from maidenflight.simulator import dynamics, environment, rotations
 from maidenflight.simulator.dynamics import State
+from maidenflight.simulator.environment import Environment
 
 PAPER = crazyflie()
 INTEGRATORS = [dynamics.euler, dynamics.rk4]
@@ -200,3 +202,36 @@ def test_drag_along_the_nose_acts_along_the_nose_alone():
     nose, velocity = np.array([np.cos(0.5), np.sin(0.5), 0.0]), np.array([1.0, 0.2, 0.0])
     found = drag_acceleration(drone(velocity=velocity, attitude=(0, 0, 0.5)), (0.5, 0.0, 0.0))
     np.testing.assert_allclose(found, -0.5 * (nose @ velocity) * nose, atol=1e-5)
+
+
+@given(st.floats(-0.25, 0.125, width=16), st.floats(-0.25, 1.0, width=16), st.floats(1.25, 4, width=16))
+def test_an_affine_quadratic_thrust_curve_keeps_full_thrust_and_hovers_where_it_says(offset, linear, ratio):
+    parameters = replace(PAPER, thrust_offset=offset, thrust_linear=linear, thrust_to_weight=ratio)
+    full = np.asarray(dynamics.rotor_forces(jnp.ones(4), parameters))
+    np.testing.assert_allclose(full.sum(), 0.028 * 9.81 * ratio, rtol=1e-5)
+    trimmed = dynamics.at_hover(jnp.array([0.0, 0.0, 1.0]), parameters)
+    lift = np.asarray(dynamics.rotor_forces(trimmed.rotor_speed, parameters)).sum()
+    np.testing.assert_allclose(lift, 0.028 * 9.81, rtol=2e-4)
+
+
+def test_a_thrust_curve_is_the_polynomial_of_its_coefficients():
+    parameters = replace(PAPER, thrust_offset=0.05, thrust_linear=0.3)
+    speed = np.array([0.1, 0.4, 0.7, 0.9], np.float32)
+    expected = 0.028 * 9.81 / 4 * 1.725 * np.polyval([0.65, 0.3, 0.05], speed)
+    np.testing.assert_allclose(dynamics.rotor_forces(speed, parameters), expected, rtol=1e-5)
+
+
+def test_thrust_grows_near_the_ground_by_the_cited_formula_and_no_more_than_its_limit():
+    heights = np.array([0.012, 0.05, 0.1, 1.0], np.float32)
+    gain = jax.vmap(lambda height: dynamics.near_ground(PAPER, height).thrust_to_weight)(heights) / 1.725 - 1
+    radius = 0.0231348
+    expected = np.minimum(11.36859 * (radius / (4 * heights)) ** 2, 4 / 15)
+    np.testing.assert_allclose(gain, expected, rtol=2e-3, atol=1e-6)
+    assert expected[0] == 4 / 15, "the limit is reached on the ground"
+
+
+def test_a_state_with_a_number_that_is_not_finite_is_refused_by_name():
+    with pytest.raises(InputError, match=r"state: velocity = \[0.0, nan, 0.0\] is not finite"):
+        dynamics.checked(drone(velocity=(0, np.nan, 0)))
+    with pytest.raises(InputError, match="state: position"):
+        environment.begin(Environment(), drone(position=(np.inf, 0, 1)), jnp.float32(0), PAPER, jax.random.key(0))

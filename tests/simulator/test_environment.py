@@ -1,6 +1,7 @@
 """An episode: repeatable, equal alone and in a batch, and the paper's equations step by step."""
 
 from functools import partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -9,15 +10,20 @@ import numpy_reference
 import pytest
 from arrays import float32, float64
 from jax import lax
+from jaxtyping import Array, Float
 
+from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, noiseless, replace
-from maidenflight.simulator import dynamics, environment, latency, tasks
+from maidenflight.simulator import control, dynamics, environment, latency, tasks
+from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import relative_box
+from maidenflight.simulator.rollout import Drone, launch, practise, rollout
 
 WORLD = Environment()
 PAPER, QUIET = crazyflie(), noiseless(crazyflie())
 KEY = jax.random.key(0)
+FINE = replace(QUIET, time_step=0.002, latency=0.007)
 TRACES = []
 """One entry for each compilation of `fly`."""
 
@@ -29,7 +35,7 @@ step = jax.jit(environment.step, static_argnums=0)
 def fly(parameters, key):
     """Half a second of a simple policy from a random start."""
     TRACES.append(parameters)
-    return environment.rollout(WORLD, wobble, environment.reset(WORLD, parameters, key), parameters, key, 50)[1]
+    return rollout(WORLD, wobble, environment.reset(WORLD, parameters, key), parameters, key, 50)[1]
 
 
 def wobble(observation):
@@ -163,7 +169,7 @@ def test_time_is_up_after_five_seconds_and_that_is_no_failure():
     world = Environment(task=tasks.circle(diameter=0.0))
     episode = environment.begin(world, dynamics.at_hover(jnp.array([0.0, 0.0, 1.0]), QUIET), jnp.float32(0), QUIET, KEY)
     hover = episode.action
-    roll = jax.jit(lambda episode: environment.rollout(world, lambda _: hover, episode, QUIET, KEY, 502)[1])
+    roll = jax.jit(lambda episode: rollout(world, lambda _: hover, episode, QUIET, KEY, 502)[1])
     before, outcome = roll(episode)
     assert not np.any(outcome.terminated)
     assert np.flatnonzero(outcome.truncated)[0] == 499
@@ -230,11 +236,11 @@ def test_a_late_estimator_shows_the_state_of_the_period_before():
 
 
 def test_practice_begins_anew_with_the_next_prepared_drone_after_each_end():
-    fresh = jax.vmap(partial(environment.launch, WORLD, relative_box(PAPER)))(jax.random.split(KEY, 7))
+    fresh = jax.vmap(partial(launch, WORLD, relative_box(PAPER)))(jax.random.split(KEY, 7))
 
     def fall(episode, key):
-        first = environment.Drone(episode, PAPER)
-        return environment.practise(WORLD, lambda _: jnp.full(4, -1.0), first, fresh, key, 60)[1]
+        first = Drone(episode, PAPER)
+        return practise(WORLD, lambda _: jnp.full(4, -1.0), first, fresh, key, 60)[1]
 
     before, outcome = jax.jit(fall)(start(WORLD, PAPER, KEY)._replace(elapsed=jnp.float32(4.9)), KEY)
     assert np.any(outcome.terminated)
@@ -262,7 +268,7 @@ def lift(command):
         return jnp.where(command < 0, climb(observation), jnp.broadcast_to(2.0 * command - 1.0, (4,)))
 
     first = environment.reset(GROUND, QUIET, KEY)
-    last, (before, outcome) = environment.rollout(GROUND, act, first, QUIET, KEY, 500)
+    last, (before, outcome) = rollout(GROUND, act, first, QUIET, KEY, 500)
     return before.state, outcome, last.state, first.actuators.ratio
 
 
@@ -285,3 +291,124 @@ def test_a_drone_takes_off_from_the_floor_as_soon_as_thrust_exceeds_weight_and_f
 def test_a_floor_changes_nothing_in_the_air():
     state = dynamics.at_hover(jnp.array([0.0, 0.0, 0.5]), QUIET)._replace(velocity=float32([0.1, 0.2, -0.3]))
     assert same(dynamics.held_by_floor(state, 0.0125), state)
+
+
+class Heard(NamedTuple):
+    """Memory of a controller that only listens."""
+
+    positions: Float[Array, "10 3"]
+    rates: Float[Array, "10 3"]
+
+
+def listening(action_rate, commands):
+    """A controller of 500 Hz that remembers what it was told of its last commands."""
+
+    def init():
+        return Heard(jnp.zeros((commands, 3)), jnp.zeros((commands, 3)))
+
+    def command(memory, action, measurement, setpoint):
+        told = (measurement.position, measurement.body_rates)
+        memory = Heard(*(jnp.concatenate([old[1:], new[None]]) for old, new in zip(memory, told, strict=True)))
+        return memory, jnp.array([0.5, 0.6, 0.7, 0.6])
+
+    return Controller("listening", init, command, 500, action_rate, level=lambda command: jnp.zeros(4))
+
+
+def test_between_two_estimates_a_controller_hears_only_the_gyro():
+    world = Environment.matching(FINE, controller=listening(50, 10))
+    episode = start(world, FINE, KEY)
+    before = episode.measurement
+    after, _ = step(world, episode, jnp.zeros(4), FINE, KEY)
+    positions, rates = np.asarray(after.controller.positions), np.asarray(after.controller.rates)
+    np.testing.assert_array_equal(positions[:5], np.tile(before.position, (5, 1)))
+    np.testing.assert_array_equal(positions[5:], np.tile(positions[5], (5, 1)))
+    assert np.linalg.norm(positions[5] - positions[0]) > 1e-5, "the estimate is renewed every 10 ms, not every 20"
+    assert len(np.unique(rates, axis=0)) == 10
+    np.testing.assert_allclose(after.measurement.position, after.state.position, atol=1e-6)
+
+
+def test_an_estimate_may_serve_several_actions_while_the_gyro_goes_on():
+    world = Environment(estimate_rate=25)
+    episode = start(world, QUIET, KEY)
+    seen = [episode.measurement]
+    for number in range(8):
+        episode, _ = step(world, episode, float32([-0.1, 0.1, 0.2, 0.1]), QUIET, jax.random.key(number))
+        seen.append(episode.measurement)
+    positions = [tuple(np.asarray(entry.position).tolist()) for entry in seen]
+    assert [positions.index(entry) for entry in positions] == [0, 0, 0, 0, 4, 4, 4, 4, 8]
+    assert len({tuple(np.asarray(entry.body_rates).tolist()) for entry in seen}) == 9
+
+
+def test_rates_that_do_not_divide_one_another_are_refused():
+    with pytest.raises(InputError, match="100 commands, 60 estimates and 100 actions a second"):
+        Environment(estimate_rate=60)
+
+
+def test_an_environment_matches_the_drones_time_step_or_refuses_it():
+    assert Environment.matching(PAPER).steps_per_command == 2
+    assert Environment.matching(replace(PAPER, time_step=0.001), controller=control.attitude()).steps_per_command == 2
+    with pytest.raises(InputError, match=r"time_step = 5 ms does not divide the 2 ms between two commands of attitude_rate") as told:
+        Environment.matching(PAPER, controller=control.attitude_rate())
+    assert "replace(parameters, time_step=0.002)" in str(told.value)
+    with pytest.raises(InputError, match="time_step = 3 ms does not divide the 10 ms"):
+        Environment.matching(replace(PAPER, time_step=0.003))
+
+
+def test_an_episode_tells_its_error_and_why_it_ends():
+    state = dynamics.at_hover(jnp.array([0.0, 0.0, 1.3]), QUIET)
+    begin = jax.jit(environment.begin, static_argnums=0)
+    lost, outcome = step(WORLD, begin(WORLD, state, jnp.float32(0), QUIET, KEY), jnp.zeros(4), QUIET, KEY)
+    np.testing.assert_allclose(outcome.position_error, np.linalg.norm(outcome.setpoint - lost.state.position), rtol=1e-5)
+    assert tasks.END_REASONS[int(outcome.end_reason)] == "position error"
+    on_it = begin(WORLD, dynamics.at_hover(jnp.array([0.0, 0.0, 1.0]), QUIET), jnp.float32(0), QUIET, KEY)
+    flying = step(WORLD, on_it, on_it.action, QUIET, KEY)[1]
+    assert int(flying.end_reason) == 0
+    over = step(WORLD, on_it._replace(elapsed=jnp.float32(4.99)), on_it.action, QUIET, KEY)[1]
+    assert tasks.END_REASONS[int(over.end_reason)] == "time limit"
+
+
+def test_an_action_that_is_not_a_number_ends_the_episode():
+    _, outcome = step(WORLD, start(WORLD, QUIET, KEY), jnp.full(4, jnp.nan), QUIET, KEY)
+    assert bool(outcome.terminated)
+    assert tasks.END_REASONS[int(outcome.end_reason)] == "not finite"
+
+
+@pytest.mark.parametrize("name", ["latency", "motor_time_constant", "thrust_to_weight"])
+@pytest.mark.parametrize("structure", ["pwm", "attitude_rate"])
+def test_the_gradient_of_a_flight_with_respect_to_the_drone_is_its_slope(name, structure):
+    """Of where a quarter of a second of a changing action leads, against central differences."""
+    world = Environment.matching(FINE, controller=control.CONTROLLERS[structure]())
+    rate = world.controller.action_rate
+    first = environment.begin(world, dynamics.at_hover(jnp.zeros(3), FINE), jnp.float32(0), FINE, KEY)
+    wave = jnp.array([0.1, 0.2, -0.2, 0.1])[None] * jnp.cos(jnp.linspace(0.0, 4.0, rate // 4))[:, None]
+    actions = wave + world.controller.level(dynamics.hover_command(FINE))[None]
+
+    @jax.jit
+    def where(value):
+        drone = replace(FINE, **{name: value})
+
+        def fly(episode, action):
+            return environment.step(world, episode, action, drone, KEY)[0], None
+
+        return lax.scan(fly, first, actions)[0].state.position @ jnp.array([0.3, 0.5, 1.0])
+
+    nominal = jnp.float32(getattr(FINE, name))
+    slope = float(jax.jit(jax.grad(where))(nominal))
+    h = 0.05 * float(nominal)
+    numeric = (float(where(nominal + h)) - float(where(nominal - h))) / (2 * h)
+    assert abs(slope) * float(nominal) > 1e-4, "the parameter matters"
+    np.testing.assert_allclose(slope, numeric, rtol=0.03)
+
+
+def test_the_ground_lifts_a_drone_that_hovers_just_above_it():
+    task = tasks.take_off()
+    world = Environment(task=task)
+    heights = {}
+    for height in (0.04, 1.0):
+        state = dynamics.at_hover(jnp.array([0.0, 0.0, height]), QUIET)
+        line = jnp.broadcast_to(jnp.sqrt(dynamics.hover_command(QUIET)), (latency.slots(0.01), 4))
+        heights[height] = float(environment.drive(dynamics.rk4, state, line, 20, QUIET, task.floor).position[2]) - height
+        assert environment.drive(dynamics.rk4, state, line, 20, QUIET).position[2] == pytest.approx(height, abs=1e-4)
+    assert heights[0.04] > 0.005
+    assert abs(heights[1.0]) < 1e-4
+    assert world.task.floor == tasks.STANDING

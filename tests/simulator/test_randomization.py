@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from maidenflight.errors import InputError
-from maidenflight.parameters import QUANTITIES, crazyflie
-from maidenflight.simulator.randomization import PAPER_FIELDS, randomize, relative_box
+from maidenflight.parameters import QUANTITIES, crazyflie, replace
+from maidenflight.simulator.randomization import PAPER_FIELDS, ensemble, randomize, relative_box, uniform_box
 
 PAPER = crazyflie()
 many = jax.jit(jax.vmap(randomize, (None, 0)))
@@ -52,3 +52,57 @@ def test_a_wrong_box_is_refused():
     for fraction in (-0.1, 1.0, float("nan")):
         with pytest.raises(ValueError, match=r"fraction = .*, expected a share"):
             relative_box(PAPER, fraction)
+
+
+RANGES = {"latency": (0.0, 0.03), "battery_voltage": (3.4, 4.2), "inertia": (1e-5, 3e-5)}
+
+
+def test_a_uniform_box_fills_its_ranges_and_changes_nothing_else():
+    drawn = many(uniform_box(PAPER, **RANGES), KEYS)
+    for name in QUANTITIES:
+        values = np.asarray(getattr(drawn, name))
+        low, high = RANGES.get(name, (None, None))
+        if low is None:
+            np.testing.assert_array_equal(values, np.broadcast_to(getattr(PAPER, name), values.shape), err_msg=name)
+        else:
+            assert np.all((values >= low) & (values <= np.float32(high)))
+            np.testing.assert_allclose(values.min(axis=0), low, atol=0.01 * (high - low))
+            np.testing.assert_allclose(values.max(axis=0), high, atol=0.01 * (high - low))
+    inertia = np.asarray(drawn.inertia)
+    np.testing.assert_allclose(np.corrcoef(inertia.T), np.eye(3), atol=0.1)
+
+
+def test_a_uniform_box_reads_like_mathematics_and_has_a_middle():
+    box = uniform_box(PAPER, **RANGES)
+    assert "latency ~ U(0, 0.03) s" in str(box).splitlines()
+    assert "inertia ~ U(1e-05, 3e-05) U(1e-05, 3e-05) U(1e-05, 3e-05) kg m2" in str(box).splitlines()
+    np.testing.assert_allclose(box.centre.latency, 0.015)
+    assert relative_box(PAPER).centre is PAPER
+
+
+@pytest.mark.parametrize(
+    ("ranges", "message"),
+    [
+        ({"weight": (0, 1)}, "unknown parameter 'weight'"),
+        ({"mass": (0.03, 0.02)}, r"mass = \(0.03, 0.02\): expected two numbers in order in \[0.005, 5\] kg"),
+        ({"mass": (-0.03, 0.02)}, "expected two numbers in order"),
+        ({"latency": (0.0, float("nan"))}, "expected two numbers in order"),
+    ],
+)
+def test_a_wrong_uniform_box_is_refused(ranges, message):
+    with pytest.raises(InputError, match=message):
+        uniform_box(PAPER, **ranges)
+
+
+def test_an_ensemble_draws_each_of_its_drones_whole_and_as_often():
+    lags, latencies = (0.06, 0.07, 0.08, 0.09), (0.02, 0.015, 0.01, 0.005)
+    drones = ensemble([replace(PAPER, motor_time_constant=lag, latency=late) for lag, late in zip(lags, latencies, strict=True)])
+    drawn = many(drones, KEYS)
+    pairs, counts = np.unique(np.stack([drawn.motor_time_constant, drawn.latency], axis=1), axis=0, return_counts=True)
+    np.testing.assert_allclose(pairs, np.stack([lags, latencies], axis=1), rtol=1e-6)
+    np.testing.assert_allclose(counts, 500, atol=80)
+    assert "latency ~ 0.0125 +- 0.0056 s, one of 4 drones" in str(drones).splitlines()
+    assert len(str(drones).splitlines()) == 2, "only what differs is told"
+    np.testing.assert_allclose(drones.centre.motor_time_constant, 0.075, rtol=1e-6)
+    with pytest.raises(InputError, match="an ensemble of no drones"):
+        ensemble([])

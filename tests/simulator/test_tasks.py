@@ -262,3 +262,34 @@ def test_the_same_task_is_the_same_object_so_that_nothing_compiles_twice():
         assert make() is make()
     assert tasks.tracking(trajectories.figure_eight(period=4.0), duration=8.0, farthest=0.4, latest_start=4.0) is TRACKING
     assert len({hash(task) for task in (CIRCLE, HOVER, TAKE_OFF, TRACKING)}) == 4
+
+
+def test_a_reason_is_the_first_of_the_list_that_holds():
+    true, false = jnp.array(True), jnp.array(False)
+    told = tasks.END_REASONS[int(tasks.reason(position_error=true, tilt=true, height=true))]
+    assert told == "tilt"
+    assert tasks.END_REASONS[int(tasks.reason(position_error=true, tilt=false))] == "position error"
+    assert int(tasks.reason(body_rate=false)) == 0
+
+
+def test_each_task_says_why_it_failed():
+    level = dynamics.at_hover(jnp.array([0.0, 0.0, 1.0]), PAPER)
+    tilted = level._replace(quaternion=rotations.from_attitude(jnp.array([1.2, 0.0, 0.0])))
+    low = level._replace(position=jnp.array([0.0, 0.0, 0.1]))
+    spinning = level._replace(body_rates=jnp.array([0.0, 6.0, 0.0]))
+    far = level._replace(position=jnp.array([2.0, 0.0, 1.0]))
+    here = level.position
+    for task, state, expected in [
+        (HOVER, tilted, "tilt"),
+        (HOVER, low, "height"),
+        (HOVER, spinning, "body rate"),
+        (CIRCLE, far, "position error"),
+        (TAKE_OFF, far, "position error"),
+        (TAKE_OFF, level._replace(position=jnp.array([0.0, 0.0, 0.0125])), "position error"),
+    ]:
+        assert tasks.END_REASONS[int(task.failure(state, here))] == expected
+
+
+def test_a_length_of_what_is_not_a_number_is_not_a_number():
+    assert np.isnan(tasks.norm(jnp.array([0.0, jnp.nan, 0.0])))
+    assert tasks.norm(jnp.zeros(3)) == 0

@@ -8,6 +8,7 @@ import pytest
 from maidenflight.errors import InputError
 from maidenflight.parameters import QUANTITIES, check, crazyflie
 from maidenflight.simulator import control, dynamics, environment, tasks
+from maidenflight.simulator.rollout import rollout
 from maidenflight.simulator.virtual_drone import SPREAD, virtual_drone
 
 SEEDS = range(8)
@@ -64,7 +65,7 @@ def test_the_firmwares_pid_flies_the_circle_on_every_virtual_drone():
     def fly(parameters, key):
         start = dynamics.at_hover(jnp.array([0.0, 0.0, 1.0]), parameters)
         episode = environment.begin(world, start, jnp.float32(0.0), parameters, key)
-        _, (flown, outcome) = environment.rollout(world, lambda _: jnp.zeros(4), episode, parameters, key, 600)
+        _, (flown, outcome) = rollout(world, lambda _: jnp.zeros(4), episode, parameters, key, 600)
         return flown.state, outcome.setpoint
 
     batch = jax.tree.map(lambda *leaves: np.stack(leaves), *(drone.parameters for drone in drones))

@@ -10,8 +10,9 @@ from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, noiseless, replace
 from maidenflight.policy import Policy, untrained
 from maidenflight.simulator import control, environment, tasks
-from maidenflight.simulator.environment import Drone, Environment
+from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import relative_box
+from maidenflight.simulator.rollout import Drone
 from maidenflight.training import analytic_gradient
 from maidenflight.training.analytic_gradient import AnalyticGradient, Progress, train
 from maidenflight.training.evaluation import evaluate

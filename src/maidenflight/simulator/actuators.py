@@ -43,8 +43,8 @@ def ornstein_uhlenbeck(
 
 def rotor_speed_command(command: Float[Array, "4"]) -> Float[Array, "4"]:
     """sqrt(u), with a zero instead of an infinite gradient at u = 0. Source: Gronauer et al. 2022, eq:motor-dynamics."""
-    positive = command > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, command, 1.0)), 0.0)
+    none = command <= 0
+    return jnp.where(none, 0.0, jnp.sqrt(jnp.where(none, 1.0, command)))
 
 
 def actuate(

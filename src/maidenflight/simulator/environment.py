@@ -1,10 +1,9 @@
 """One drone doing one task: observations in, actions out.
 
-`reset`, `step` and `rollout` are pure functions of one drone; `jax.vmap` makes many. An `Environment` is the part that shapes
+`reset` and `step` are pure functions of one drone; `jax.vmap` makes many. An `Environment` is the part that shapes
 the compiled program; everything physical is in `Parameters` and is traced.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Self
 
@@ -20,7 +19,6 @@ from maidenflight.simulator import actuators, control, dynamics, latency, sensor
 from maidenflight.simulator.actuators import Actuators
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.dynamics import Integrator, State
-from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.sensors import Measurement
 from maidenflight.simulator.tasks import Task
 
@@ -153,13 +151,6 @@ class Noise(NamedTuple):
     """Uniform on [-1, 1]: of a measurement."""
 
 
-class Drone(NamedTuple):
-    """A drone in flight."""
-
-    episode: Episode
-    parameters: Parameters
-
-
 def observe(measurement: Measurement, setpoint: Float[Array, "3"], action: Float[Array, "4"]) -> Float[Array, "20"]:
     """One instant as the policy sees it: position, quaternion, velocity, body rates, set-point minus position, last action.
 
@@ -277,7 +268,8 @@ def step(
     time, elapsed = episode.time + period, episode.elapsed + period
     setpoint = environment.task.reference(time)
     failure = environment.task.failure(after.state, setpoint)
-    failure = jnp.where(jnp.isfinite(tasks.norm(after.state.position)), failure, tasks.NOT_FINITE)
+    finite = jnp.isfinite(tasks.norm(after.state.position)) & jnp.isfinite(tasks.norm(action))
+    failure = jnp.where(finite, failure, tasks.NOT_FINITE)
     terminated = failure > 0
     truncated = ~terminated & (elapsed > environment.task.duration - period / 2)
     outcome = Outcome(
@@ -358,65 +350,3 @@ def drive(
         return dynamics.held_by_floor(after, floor), None
 
     return lax.scan(advance, state, delayed, unroll=unroll)[0]
-
-
-PolicyFunction = Callable[[Float[Array, "20H"]], Float[Array, "4"]]
-
-
-def rollout(
-    environment: Environment, policy: PolicyFunction, episode: Episode, parameters: Parameters, key: Array, steps: int
-) -> tuple[Episode, tuple[Episode, Outcome]]:
-    """Flies a policy for a number of control periods; a finished episode goes on.
-
-    Args:
-        environment: what is simulated.
-        policy: observation to action.
-        episode: where to begin.
-        parameters: the drone.
-        key: random key.
-        steps: control periods; static.
-
-    Returns:
-        The last episode state, and each period's episode (before it) and outcome, stacked along a first axis of `steps`.
-    """
-
-    def one(episode: Episode, key: Array) -> tuple[Episode, tuple[Episode, Outcome]]:
-        after, outcome = step(environment, episode, policy(observation(episode)), parameters, key)
-        return after, (episode, outcome)
-
-    return lax.scan(one, episode, jax.random.split(key, steps))
-
-
-def launch(environment: Environment, distribution: Distribution, key: Array) -> Drone:
-    """Draws a drone and an episode that starts where the task starts it."""
-    drone_key, reset_key = jax.random.split(key)
-    parameters = distribution.draw(drone_key)
-    return Drone(reset(environment, parameters, reset_key), parameters)
-
-
-def practise(
-    environment: Environment, policy: PolicyFunction, drone: Drone, fresh: Drone, key: Array, steps: int
-) -> tuple[Drone, tuple[Episode, Outcome]]:
-    """Flies a policy for a number of control periods; after a finished episode the next of the prepared drones takes over.
-
-    Args:
-        environment: what is simulated.
-        policy: observation to action.
-        drone: where to begin.
-        fresh: F prepared drones, stacked along a first axis; the one that takes over is that of the period's number modulo F.
-        key: random key.
-        steps: control periods; static.
-
-    Returns:
-        The drone that flies in the end, and each period's episode (before it) and outcome, stacked along a first axis of `steps`.
-    """
-    count = fresh.episode.time.shape[0]
-
-    def one(drone: Drone, now: tuple[Array, Array]) -> tuple[Drone, tuple[Episode, Outcome]]:
-        number, key = now
-        episode, outcome = step(environment, drone.episode, policy(observation(drone.episode)), drone.parameters, key)
-        over = outcome.terminated | outcome.truncated
-        after, new = Drone(episode, drone.parameters), tree.map(lambda leaf: leaf[number % count], fresh)
-        return tree.map(lambda old, new: jnp.where(over, new, old), after, new), (drone.episode, outcome)
-
-    return lax.scan(one, drone, (jnp.arange(steps), jax.random.split(key, steps)))

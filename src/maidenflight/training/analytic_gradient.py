@@ -20,8 +20,9 @@ from maidenflight.errors import InputError
 from maidenflight.policy import CONTROLS, Policy, untrained
 from maidenflight.simulator import environment, rotations
 from maidenflight.simulator.control import Controller
-from maidenflight.simulator.environment import Drone, Environment, Episode
+from maidenflight.simulator.environment import Environment, Episode
 from maidenflight.simulator.randomization import Distribution
+from maidenflight.simulator.rollout import Drone, launch
 from maidenflight.simulator.tasks import Task, norm, too_far
 from maidenflight.training.evaluation import Evaluation, evaluate
 
@@ -88,7 +89,7 @@ def _begin(simulated: Environment, settings: AnalyticGradient, box: Distribution
     def one(key: Array) -> _Learner:
         policy_key, key = jax.random.split(key)
         policy = untrained(policy_key, settings.hidden, simulated.history)
-        drones = jax.vmap(partial(environment.launch, simulated, box))(jax.random.split(key, settings.drones))
+        drones = jax.vmap(partial(launch, simulated, box))(jax.random.split(key, settings.drones))
         return _Learner(policy, _optimiser(settings).init(_network(policy)), drones)
 
     return jax.vmap(one)(keys)
@@ -146,7 +147,7 @@ def _update(simulated: Environment, settings: AnalyticGradient, box: Distributio
     over = (jax.vmap(simulated.task.failure)(episodes.state, setpoints) > 0) | (episodes.elapsed > simulated.task.duration)
     over |= ~jnp.isfinite(jnp.sum(episodes.state.position, axis=1))
     over |= jax.vmap(partial(too_far, farthest=LOST))(episodes.state, setpoints)
-    fresh = jax.vmap(partial(environment.launch, simulated, box))(jax.random.split(fresh_key, settings.drones))
+    fresh = jax.vmap(partial(launch, simulated, box))(jax.random.split(fresh_key, settings.drones))
     return _Learner(policy, optimiser, _chosen(over, fresh, Drone(episodes, learner.drones.parameters))), None
 
 

@@ -8,9 +8,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from maidenflight.policy import Policy
-from maidenflight.simulator import environment
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import Distribution
+from maidenflight.simulator.rollout import launch, rollout
 
 
 class Evaluation(NamedTuple):
@@ -42,8 +42,8 @@ def evaluate(
 
     def one(key: Array) -> tuple[Array, Array, Array, Array]:
         launch_key, key = jax.random.split(key)
-        first, drone = environment.launch(simulated, box, launch_key)
-        _, (_, outcome) = environment.rollout(simulated, policy, first, drone, key, periods)
+        first, drone = launch(simulated, box, launch_key)
+        _, (_, outcome) = rollout(simulated, policy, first, drone, key, periods)
         failed = jnp.cumsum(outcome.terminated) > 0
         counted = jnp.concatenate([jnp.array([True]), ~failed[:-1]])  # the step that fails still counts, with its penalty
         total = jnp.sum(jnp.where(counted, outcome.reward, 0.0))
