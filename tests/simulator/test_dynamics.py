@@ -216,7 +216,7 @@ def test_an_affine_quadratic_thrust_curve_keeps_full_thrust_and_hovers_where_it_
 
 def test_a_thrust_curve_is_the_polynomial_of_its_coefficients():
     parameters = replace(PAPER, thrust_offset=0.05, thrust_linear=0.3)
-    speed = np.array([0.1, 0.4, 0.7, 0.9], np.float32)
+    speed = float32([0.1, 0.4, 0.7, 0.9])
     expected = 0.028 * 9.81 / 4 * 1.725 * np.polyval([0.65, 0.3, 0.05], speed)
     np.testing.assert_allclose(dynamics.rotor_forces(speed, parameters), expected, rtol=1e-5)
 

@@ -1,0 +1,39 @@
+"""The drone as Gymnasium environments, one and many at a time.
+
+Importing this package registers them and imports no JAX. Gymnasium does it by itself where the id names the package:
+`gymnasium.make("maidenflight.gym:maidenflight/Circle-v0")`.
+"""
+
+from maidenflight.errors import InputError
+
+TASKS = {"Hover": "hover", "Circle": "circle", "TakeOff": "take_off", "Tracking": "tracking"}
+"""Name in an environment's id to name of the task."""
+
+
+def register() -> None:
+    """Registers `maidenflight/Hover-v0`, `Circle-v0`, `TakeOff-v0` and `Tracking-v0`, unless that has been done.
+
+    Raises:
+        InputError: Gymnasium is not installed.
+    """
+    try:
+        from gymnasium.envs import registration
+    except ModuleNotFoundError as error:
+        if not (error.name or "").startswith("gymnasium"):
+            raise
+        raise InputError(
+            "gymnasium is not installed, but maidenflight.gym needs it. Install it: pip install 'maidenflight[gym]'."
+        ) from error
+    for name, task in TASKS.items():
+        if f"maidenflight/{name}-v0" not in registration.registry:
+            registration.register(
+                f"maidenflight/{name}-v0",
+                entry_point="maidenflight.gym.single:QuadrotorEnv",
+                vector_entry_point="maidenflight.gym.vector:QuadrotorVectorEnv",
+                kwargs={"task": task},
+                # Each step's check would cost as much as the step; the tests check all environments.
+                disable_env_checker=True,
+            )
+
+
+register()

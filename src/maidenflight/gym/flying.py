@@ -1,0 +1,137 @@
+"""One step of one drone as a compiled function of few small arrays, for `vmap` and for being called often.
+
+Calling a compiled function costs a microsecond or so for each array that goes in or comes out, and XLA on a CPU runs a program one
+operation after the other, without threads that wait for each other, only where no array is larger than 512 bytes. So all that
+changes or differs from drone to drone is packed into groups of at most 128 numbers, and what a step gives comes out as one row.
+"""
+
+from functools import cache
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax, tree
+from jaxtyping import Array, Bool, Float, UInt32
+
+from maidenflight.parameters import crazyflie
+from maidenflight.simulator import environment, rotations
+from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.randomization import Distribution, relative_box
+from maidenflight.simulator.rollout import Drone, launch
+from maidenflight.simulator.tasks import END_REASONS
+
+GROUP = 128
+"""Most float32 numbers of an array of 512 bytes."""
+RANDOM = "threefry2x32"
+"""The kind of random keys, which draws the same numbers for one drone and for many."""
+
+Groups = tuple[Float[Array, "..."], ...]
+"""A flight, packed."""
+
+
+class Flight(NamedTuple):
+    """A drone that flies an episode, and what is counted of it."""
+
+    drone: Drone
+    key: UInt32[Array, "2"]
+    """Of the noise to come."""
+    error: Float[Array, ""]
+    """Sum of the distances from the set-point after each step [m]."""
+    steps: Float[Array, ""]
+
+
+STATISTICS = 4
+"""Numbers behind the observation in the row that a step gives: reward, index of `END_REASONS`, mean position error [m], duration [s]."""
+
+
+def statistics(reason: float, error: float, duration: float) -> dict[str, Any]:
+    """`info` at the end of an episode: why it ended, mean distance from the set-point [m] and length [s]."""
+    return {"end_reason": END_REASONS[int(reason)], "position_error": float(error), "duration": float(duration)}
+
+
+class Program:
+    """The compiled functions of an environment; `program` gives equal environments the same."""
+
+    def __init__(self, world: Environment) -> None:
+        """Compiles nothing yet."""
+        self._world = world
+        shapes = jax.eval_shape(self._launch, relative_box(crazyflie(), 0.0), jax.ShapeDtypeStruct((2,), np.uint32))
+        self._leaves, self._structure = tree.flatten(shapes)
+        self._sizes = _grouped([leaf.size for leaf in self._leaves])
+        self.step = jax.jit(self._step, donate_argnums=0)
+        """(groups, action) to the groups after, and a row."""
+        self.step_all = jax.jit(jax.vmap(self._step), donate_argnums=0)
+        # Optimised, its draws take three seconds to compile and, 64 at a time, hardly less to run.
+        quick = {"xla_backend_optimization_level": 0}
+        self.launch_all = jax.jit(jax.vmap(self._packed_launch, in_axes=(None, 0, 0)), compiler_options=quick)
+        """(distribution, keys, number of the episode) to groups, and the first observations."""
+        self.choose = jax.jit(_choose, donate_argnums=2)
+        """(whose, new groups, old groups) to new groups for some and the old ones for the rest."""
+        self.view = jax.jit(self._view)
+        """Groups to the parts of a `drawing.View`."""
+        self.view_all = jax.jit(jax.vmap(self._view))
+
+    def _launch(self, distribution: Distribution, key: UInt32[Array, "2"]) -> Flight:
+        drone_key, noise_key = jax.random.split(jax.random.wrap_key_data(key, impl=RANDOM))
+        drone = launch(self._world, distribution, drone_key)
+        drone = tree.map(lambda leaf: jnp.asarray(leaf), drone)
+        return Flight(drone, jax.random.key_data(noise_key), jnp.zeros(()), jnp.zeros(()))
+
+    def _packed_launch(self, distribution: Distribution, key: UInt32[Array, "2"], number: Array) -> tuple[Groups, Float[Array, "20H"]]:
+        key = jax.random.key_data(jax.random.fold_in(jax.random.wrap_key_data(key, impl=RANDOM), number))
+        flight = self._launch(distribution, key)
+        return self._pack(flight), environment.observation(flight.drone.episode)
+
+    def _step(self, groups: Groups, action: Float[Array, "4"]) -> tuple[Groups, Float[Array, "n"]]:
+        flight = self._unpack(groups)
+        step_key, next_key = jax.random.split(jax.random.wrap_key_data(flight.key, impl=RANDOM))
+        episode, outcome = environment.step(self._world, flight.drone.episode, action, flight.drone.parameters, step_key)
+        error, steps = flight.error + outcome.position_error, flight.steps + 1.0
+        numbers = [outcome.reward, outcome.end_reason.astype(jnp.float32), error / steps, episode.elapsed]
+        row = jnp.concatenate([environment.observation(episode), jnp.stack(numbers)])
+        return self._pack(Flight(Drone(episode, flight.drone.parameters), jax.random.key_data(next_key), error, steps)), row
+
+    def _view(self, groups: Groups) -> tuple[Array, Array, Array, Array]:
+        episode = self._unpack(groups).drone.episode
+        state = episode.state
+        return state.position, rotations.to_matrix(state.quaternion), state.rotor_speed, self._world.task.reference(episode.time)
+
+    def _pack(self, flight: Flight) -> Groups:
+        leaves = [lax.bitcast_convert_type(leaf, jnp.float32).reshape(-1) for leaf in tree.leaves(flight)]
+        return tuple(jnp.concatenate([leaves[i] for i in group]) for group in self._sizes)
+
+    def _unpack(self, groups: Groups) -> Flight:
+        leaves: list[Any] = [None] * len(self._leaves)
+        for group, members in zip(groups, self._sizes, strict=True):
+            start = 0
+            for i in members:
+                known = self._leaves[i]
+                flat = group[start : start + known.size]
+                leaves[i] = lax.bitcast_convert_type(flat, known.dtype).reshape(known.shape)
+                start += known.size
+        return tree.unflatten(self._structure, leaves)
+
+
+def _choose(whose: Bool[Array, "n"], new: Groups, old: Groups) -> Groups:
+    return tree.map(lambda new, old: jnp.where(whose[:, None], new, old), new, old)
+
+
+def _grouped(sizes: list[int]) -> list[list[int]]:
+    """Numbers of the leaves that share an array: as many as fit, the large ones first."""
+    groups: list[list[int]] = []
+    for i in sorted(range(len(sizes)), key=lambda i: -sizes[i]):
+        fitting = [group for group in groups if sum(sizes[j] for j in group) + sizes[i] <= GROUP]
+        fitting[0].append(i) if fitting else groups.append([i])
+    return groups
+
+
+@cache
+def program(world: Environment) -> Program:
+    """The compiled functions of an environment."""
+    return Program(world)
+
+
+def first_key(generator: np.random.Generator) -> UInt32[np.ndarray, "2"]:
+    """The key of all episodes that follow a seed; episode n has this key folded with n."""
+    return generator.integers(0, 2**32, 2, dtype=np.uint32)
