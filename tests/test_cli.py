@@ -33,7 +33,7 @@ def test_every_command_explains_itself(command: str, monkeypatch: Any, capsys: A
 
 
 def test_help_imports_nothing_heavy() -> None:
-    heavy = "jax numpy scipy sklearn polars plotly rich optax tomlkit".split()
+    heavy = "jax numpy scipy sklearn polars plotly rich optax tomlkit gymnasium pybullet".split()
     program = (
         "import sys; sys.argv = ['maidenflight', 'identify', '--help']\n"
         "from maidenflight import cli\n"

@@ -52,6 +52,18 @@ def test_one_parameter_alone_is_found_and_the_others_are_kept(flights):
             np.testing.assert_array_equal(getattr(found.parameters, name), getattr(start, name))
 
 
+def test_the_ensemble_of_an_identification_spreads_as_its_intervals_tell(quick):
+    drones = quick.ensemble
+    for name, estimate in quick.estimates.items():
+        low, high = np.quantile(getattr(drones.drones, name), [0.025, 0.975])
+        assert min(low, estimate.value) == pytest.approx(estimate.interval[0], rel=1e-4)
+        assert max(high, estimate.value) == pytest.approx(estimate.interval[1], rel=1e-4)
+    drawn = drones.draw(jax.random.key(3))
+    values = np.stack([getattr(drones.drones, name) for name in quick.draws], axis=1)
+    assert np.any(np.all(values == np.stack([getattr(drawn, name) for name in quick.draws]), axis=1)), "one of them, whole"
+    np.testing.assert_array_equal(drawn.mass, quick.parameters.mass)
+
+
 def test_an_estimate_lies_in_its_interval_and_in_its_parameters(quick):
     for name, estimate in quick.estimates.items():
         low, high = estimate.interval

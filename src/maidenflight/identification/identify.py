@@ -17,6 +17,7 @@ from maidenflight.identification import bayesian, posterior
 from maidenflight.identification.bayesian import PAPER_BOUNDS, Box
 from maidenflight.identification.objective import DISCOUNT, Objective
 from maidenflight.parameters import QUANTITIES, Parameters, check, crazyflie, replace
+from maidenflight.simulator.randomization import Ensemble
 
 _FEWEST_BLOCKS = 6
 """Stretches of flight below which redrawing them says little."""
@@ -59,8 +60,17 @@ class Identification:
     seconds: float
     history: polars.DataFrame
     """One row an evaluation: trial (0: the bootstrap's), values, objective."""
+    draws: Mapping[str, np.ndarray]
+    """Optima of the redrawn data, by parameter; an entry of each belongs together."""
     notes: tuple[str, ...]
     """What the user should know of the result."""
+
+    @property
+    def ensemble(self) -> Ensemble:
+        """The drones that the redrawn data speak for, to randomize over as the flights are unsure."""
+        count = len(next(iter(self.draws.values())))
+        stacked = jax.tree.map(lambda leaf: np.broadcast_to(leaf, (count, *np.shape(leaf))), self.parameters)
+        return Ensemble(replace(stacked, **{name: values.astype(np.float32) for name, values in self.draws.items()}))
 
     def to_table(self) -> dict[str, Any]:
         """The `[identification]` table of a drone's TOML file: nothing in it depends on how long the work took."""
@@ -161,6 +171,7 @@ def identify(
         evaluations=len(losses),
         seconds=time.perf_counter() - began,
         history=_history(box, runs, drawn),
+        draws=dict(zip(box.names, box.values(drawn.optima).T, strict=True)),
         notes=tuple(_notes(box, optimum, objective.blocks)),
     )
 
