@@ -1,5 +1,6 @@
 """Every snippet in the README and the docs runs: the real functions, with less work each."""
 
+import importlib.util
 import re
 import shlex
 import sys
@@ -45,6 +46,18 @@ def test_the_python_of_the_readme_runs(tmp_path: Path, monkeypatch: pytest.Monke
     exec(compile(snippet, "README.md", "exec"), {})
     assert (tmp_path / "firmware/policy.c").exists()
     assert (tmp_path / "report.html").exists()
+
+
+def test_the_python_of_the_simulators_page_runs() -> None:
+    pytest.importorskip("gymnasium")
+    snippets = blocks("docs/simulator.md", "python")
+    assert len(snippets) >= 7
+    names: dict[str, Any] = {}
+    for snippet in snippets:
+        if "bullet" in snippet and importlib.util.find_spec("pybullet") is None:
+            continue
+        exec(compile(snippet, "docs/simulator.md", "exec"), names)
+    assert names["picture"].shape == (480, 640, 3)
 
 
 def test_the_commands_of_the_readme_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

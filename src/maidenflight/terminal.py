@@ -82,11 +82,11 @@ def truth(result: "Demo") -> dict[str, str]:
     """What the demo's virtual drone really has, in words: two lags and two delays stand against one each in the model."""
     hidden = result.truth
     up, slower = float(hidden.motor_time_constant) * 1e3, float(hidden.motor_slowdown)
-    latency, late = float(hidden.latency) * 1e3, float(hidden.estimator_delay) * 1e3
+    latency, late = float(hidden.latency) * 1e3, float(hidden.estimator_delay + hidden.gyro_lag) * 1e3
     return {
         "thrust_to_weight": f"{float(hidden.thrust_to_weight):.4g}",
         "motor_time_constant": f"{up:.3g} ms up, {up * slower:.3g} ms down",
-        "latency": f"{latency:.2g} ms + {late:.2g} ms estimator",
+        "latency": f"{latency:.2g} ms + {late:.2g} ms sensors",
     }
 
 

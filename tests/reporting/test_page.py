@@ -100,7 +100,7 @@ def test_a_whole_run_shows_every_part(run, tmp_path):
     content = page(run, tmp_path)
     assert [name for name, mark in PARTS.items() if mark not in content] == []
     assert "132.0 <small>(slowing down)" in content  # ms at the border
-    assert "22.0 <small>(command + estimator)" in content
+    assert "22.0 <small>(command + sensors)" in content
     assert "87.12 .. 88.88" not in content
     assert "87.1 .. 88.9" in content
     assert "no real drone has flown" in content

@@ -1,5 +1,6 @@
 """One drone as a `gymnasium.Env`."""
 
+import os
 from typing import Any
 
 import gymnasium
@@ -13,6 +14,10 @@ from maidenflight.gym import arguments, flying
 from maidenflight.gym.drawing import Scene, View
 from maidenflight.simulator.environment import ACTION_SIZE, OBSERVATION_SIZE
 from maidenflight.simulator.tasks import TIME_LIMIT
+
+# A step takes less time than to hand it to another thread, which JAX does on a CPU unless it is told not to before its first use.
+if "JAX_CPU_ENABLE_ASYNC_DISPATCH" not in os.environ:
+    jax.config.update("jax_cpu_enable_async_dispatch", False)
 
 AHEAD = 64
 """Episodes that are prepared at once, which costs hardly more than one."""

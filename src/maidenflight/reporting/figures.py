@@ -139,11 +139,11 @@ def _range(values: list[Any]) -> list[float]:
 
 
 def _truth(run: Run) -> tuple[tuple[float, float], ...]:
-    """Corners of what the truth spans: T_m speeding up to slowing down, latency of commands to that with the estimator's [ms]."""
+    """Corners of what the truth spans: T_m speeding up to slowing down, latency of commands to that with the sensors' [ms]."""
     if run.reality is None:
         return ()
     lag, delay = float(run.reality.motor_time_constant) * 1000, float(run.reality.latency) * 1000
-    slow, late = lag * float(run.reality.motor_slowdown), delay + float(run.reality.estimator_delay) * 1000
+    slow, late = lag * float(run.reality.motor_slowdown), delay + float(run.reality.estimator_delay + run.reality.gyro_lag) * 1000
     return ((lag, delay), (slow, delay), (slow, late), (lag, late))
 
 

@@ -90,7 +90,7 @@ def _parameters(run: Run, valley: bool) -> str:
     if run.search is not None and valley:
         truth = (
             " The green box is the truth, which has two time constants, for motors speeding up and slowing down, and two delays, that of"
-            " the commands and that with the estimator's added."
+            " the commands and that with the estimator's and the gyro's added."
             if run.reality is not None
             else ""
         )

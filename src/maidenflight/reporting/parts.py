@@ -25,7 +25,7 @@ _COLUMNS = {
 }
 _RANGES = {
     "motor_time_constant": ("speeding up", "slowing down"),
-    "latency": ("command", "command + estimator"),
+    "latency": ("command", "command + sensors"),
 }
 
 
@@ -120,7 +120,7 @@ def _truth(reality: Parameters, name: str) -> str:
     """The truth with its meaning where the simulation has two values for what the model has one for."""
     ends = {
         "motor_time_constant": (reality.motor_time_constant, reality.motor_time_constant * reality.motor_slowdown),
-        "latency": (reality.latency, reality.latency + reality.estimator_delay),
+        "latency": (reality.latency, reality.latency + reality.estimator_delay + reality.gyro_lag),
     }
     if name not in ends or np.isclose(*ends[name]):
         return _shown(reality, name)

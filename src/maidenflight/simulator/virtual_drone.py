@@ -2,7 +2,8 @@
 
 They are simulated, and everything made with them says so. A virtual drone has effects that the paper's model lacks: RK4 at
 1 kHz, a battery that sags behind 8-bit PWM and the firmware's compensation, motors that slow down more lazily than they speed
-up, rotor drag, and an estimator that is late. Its constants are drawn from a seed and hidden from identification and training.
+up, rotor drag, and an estimator and a gyro that are late. Its constants are drawn from a seed and hidden from identification
+and training.
 """
 
 import math
@@ -79,8 +80,9 @@ def virtual_drone(seed: int) -> VirtualDrone:
         **drawn,
         **drawn_vectors,
         torque_to_thrust=nominal.torque_to_thrust * np.float32(generator.uniform(0.9, 1.2)),
-        # What is left of the gyro's noise after the firmware's low-pass filters.
+        # What the firmware's low-pass filter of 80 Hz leaves of the gyro's noise, and how long it takes: sqrt(2) / (2 pi 80 Hz).
         gyro_noise=0.01,
+        gyro_lag=0.0028,
         actuator_noise=0.01,
         position_noise=0.003,
         velocity_noise=0.015,
