@@ -203,3 +203,55 @@ def flown(generation, setpoint, memory=None, seen=None, times=5):
     for _ in range(times):
         memory, motors = tick(generation, memory, setpoint, seen or state())
     return memory, np.asarray(motors)
+
+
+def inputs(seed, ticks=300):
+    """Attitude and rates [deg, deg/s], set-points and thrusts of a wild flight, its motors off now and then."""
+    generator = np.random.default_rng(seed)
+    attitude = np.cumsum(generator.normal(0, 2, (ticks, 3)), axis=0).astype(np.float32)
+    attitude[:, 2] = (attitude[:, 2] * 4 + 180) % 360 - 180
+    rates = np.cumsum(generator.normal(0, 20, (ticks, 3)), axis=0).astype(np.float32)
+    wanted = np.repeat(generator.uniform(-60, 60, (ticks // 10, 3)), 10, axis=0).astype(np.float32)
+    thrust = np.repeat(generator.choice([0, 20000, 40000, 60000], ticks // 10, p=[0.1, 0.3, 0.3, 0.3]), 10).astype(np.float32)
+    return attitude, rates, wanted, thrust
+
+
+def ticked(memory, mode, by_rate, seed, generation):
+    """Motor commands of `tick` [counts] on those inputs."""
+    nothing = jnp.zeros(3)
+
+    def one(memory, now):
+        attitude, rates, wanted, thrust = now
+        asked = (nothing, wanted) if by_rate else (wanted / 6, nothing)
+        setpoint = Setpoint(nothing, nothing, *asked, thrust, mode, jnp.array(False))
+        return firmware.tick(memory, setpoint, State(nothing, nothing, attitude, rates), generation, False)
+
+    return jax.jit(lambda numbers: jax.lax.scan(one, jax.tree.map(jnp.asarray, memory), numbers)[1])(inputs(seed))
+
+
+@pytest.mark.parametrize("generation", GENERATIONS)
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_rates_alone_are_held_as_by_the_whole_cascade(generation, seed):
+    mode = np.array([0, 0, 0, VELOCITY, VELOCITY, VELOCITY], np.int32)
+    whole = ticked(firmware.switched_on(), jnp.asarray(mode), True, seed, generation)
+
+    def one(memory, now):
+        attitude, rates, wanted, thrust = now
+        return firmware.rate_tick(memory, thrust, wanted, attitude[2], rates, generation)
+
+    first = jax.tree.map(jnp.asarray, firmware.rates_switched_on())
+    alone = jax.jit(lambda numbers: jax.lax.scan(one, first, numbers)[1])(inputs(seed))
+    difference = np.abs(np.asarray(alone) - np.asarray(whole))
+    assert difference.max() <= 2, "XLA rounds the two alike but for the last count"
+    assert np.mean(difference == 0) > 0.99
+    assert np.std(whole) > 5000, "the flight moves the motors"
+
+
+@pytest.mark.parametrize("generation", GENERATIONS)
+def test_a_mode_that_never_changes_is_a_mode_that_does_not_change(generation):
+    mode = np.array([0, 0, 0, ABSOLUTE, ABSOLUTE, ABSOLUTE], np.int32)
+    whole = ticked(firmware.switched_on(), jnp.asarray(mode), False, 5, generation)
+    fixed = ticked(firmware.switched_on(fixed=True), mode, False, 5, generation)
+    difference = np.abs(np.asarray(fixed) - np.asarray(whole))
+    assert difference.max() <= 2
+    assert np.mean(difference == 0) > 0.99

@@ -15,6 +15,7 @@ from maidenflight.simulator import latency
 
 STEPS, SLOTS = 2, latency.slots(0.01)
 arriving = jax.jit(latency.delayed, static_argnums=2)
+at_place = jax.jit(latency.delayed, static_argnums=2)
 delays = st.floats(0, latency.SLOWEST)
 time_steps = st.floats(0.0045, 0.0055)
 
@@ -101,3 +102,15 @@ def test_a_latency_longer_than_the_line_sees_its_oldest_command():
 def test_push_puts_the_newest_in_front_and_forgets_the_oldest():
     line = jnp.arange(12.0).reshape(3, 4)
     np.testing.assert_array_equal(latency.push(line, jnp.full(4, 9.0)), [[9, 9, 9, 9], [0, 1, 2, 3], [4, 5, 6, 7]])
+
+
+@given(delays, time_steps)
+def test_a_line_with_room_for_commands_is_the_line_to_which_they_are_pushed(delay, dt):
+    parameters = drone(delay, dt)
+    old, new = jnp.arange(4.0 * SLOTS).reshape(SLOTS, 4), -jnp.arange(12.0).reshape(3, 4)
+    roomy = latency.with_room(old, 3)
+    for number in range(3):
+        old = latency.push(old, new[number])
+        roomy = latency.put(roomy, new[number], 2 - number)
+        np.testing.assert_allclose(at_place(roomy, parameters, STEPS, 2 - number), arriving(old, parameters, STEPS), atol=1e-5)
+    np.testing.assert_array_equal(roomy[:SLOTS], old)

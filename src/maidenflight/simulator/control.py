@@ -18,12 +18,14 @@ from maidenflight.simulator.firmware import (
     ATTITUDE_RATE,
     DISABLE,
     POSITION_RATE,
-    VELOCITY,
     Generation,
     Memory,
+    RateMemory,
     Setpoint,
     State,
     checked,
+    rate_tick,
+    rates_switched_on,
     switched_on,
     tick,
 )
@@ -91,13 +93,14 @@ def attitude_rate(firmware: str = "2026.08", action_rate: int = 50) -> Controlle
 
     Source: Gronauer et al. 2022, sec. Control Structures; scales from the authors' code.
     """
-    return _by_policy("attitude_rate", checked(firmware), action_rate, _rates, _heading, _level_rates)
+    return _attitude_rate(checked(firmware), action_rate)
 
 
 def attitude(firmware: str = "2026.08", action_rate: int = 25) -> Controller:
     """The policy asks for collective thrust and attitude at 25 Hz; the firmware's PIDs command the motors at 500 Hz.
 
     T = 45000 + 10000 a_0 counts of 60000; roll, pitch and yaw are 10 deg times a_1, a_2, a_3, with a clipped to [-1, 1].
+    The least thrust, 35000 counts, lifts a drone whose thrust-to-weight ratio is above 1.71: it cannot descend.
 
     Args:
         firmware: `"2021.10"` or `"2026.08"`.
@@ -108,54 +111,58 @@ def attitude(firmware: str = "2026.08", action_rate: int = 25) -> Controller:
 
     Source: Gronauer et al. 2022, sec. Control Structures; scales from the authors' code.
     """
-    return _by_policy("attitude", checked(firmware), action_rate, _angles, _sensed, _level_angles)
+    return _attitude(checked(firmware), action_rate)
 
 
 CONTROLLERS: dict[str, Callable[..., Controller]] = {"pwm": pwm, "attitude_rate": attitude_rate, "attitude": attitude}
 """The paper's control structures by name; those of the firmware take `firmware` and `action_rate`."""
 
 
-def _rates(action: Float[Array, "4"]) -> Setpoint:
-    mode: Any = np.array([DISABLE] * 3 + [VELOCITY] * 3, np.int32)
-    return _NOTHING._replace(mode=mode, body_rates=60.0 * action[1:], thrust=30000.0 + 30000.0 * action[0])
+@cache
+def _attitude_rate(firmware: Generation, action_rate: int) -> Controller:
+    def command(
+        memory: RateMemory, action: Float[Array, "4"], measurement: Measurement, setpoint: Float[Array, "3"]
+    ) -> tuple[RateMemory, Float[Array, "4"]]:
+        asked = jnp.clip(action, -1.0, 1.0)
+        yaw, rates = jnp.degrees(rotations.heading(measurement.quaternion)), jnp.degrees(measurement.body_rates)
+        memory, motors = rate_tick(memory, 30000.0 + 30000.0 * asked[0], 60.0 * asked[1:], yaw, rates, firmware)
+        return memory, _command(motors)
 
+    def level(command: Float[Array, ""]) -> Float[Array, "4"]:
+        thrust = 2.0 * command - 1.0
+        return jnp.stack([thrust, *[jnp.zeros_like(thrust)] * 3])
 
-def _angles(action: Float[Array, "4"]) -> Setpoint:
-    mode: Any = np.array([DISABLE] * 3 + [ABSOLUTE] * 3, np.int32)
-    return _NOTHING._replace(mode=mode, attitude=10.0 * action[1:], thrust=45000.0 + 10000.0 * action[0])
-
-
-def _level_rates(command: Float[Array, ""]) -> Float[Array, "4"]:
-    thrust = 2.0 * command - 1.0
-    return jnp.stack([thrust, *[jnp.zeros_like(thrust)] * 3])
-
-
-def _level_angles(command: Float[Array, ""]) -> Float[Array, "4"]:
-    thrust = 6.0 * command - 4.5
-    return jnp.stack([thrust, *[jnp.zeros_like(thrust)] * 3])
+    return Controller("attitude_rate", rates_switched_on, command, ATTITUDE_RATE, _dividing(action_rate), level)
 
 
 @cache
-def _by_policy(
-    name: str,
-    firmware: Generation,
-    action_rate: int,
-    ask: Callable[[Float[Array, "4"]], Setpoint],
-    sense: Callable[[Measurement], State],
-    level: Callable[[Float[Array, ""]], Float[Array, "4"]],
-) -> Controller:
-    """A controller whose action, clipped, is the set-point of the firmware's attitude PIDs."""
-    if action_rate < 1 or ATTITUDE_RATE % action_rate:
-        raise InputError(f"action_rate = {action_rate} Hz does not divide the PIDs' {ATTITUDE_RATE} Hz. Give 25, 50 or 100.")
+def _attitude(firmware: Generation, action_rate: int) -> Controller:
+    mode: Any = np.array([DISABLE] * 3 + [ABSOLUTE] * 3, np.int32)
 
     def command(
         memory: Memory, action: Float[Array, "4"], measurement: Measurement, setpoint: Float[Array, "3"]
     ) -> tuple[Memory, Float[Array, "4"]]:
-        wanted = ask(jnp.clip(action, -1.0, 1.0))
-        memory, motors = tick(memory, wanted, sense(measurement), firmware, position_due=False)
-        return memory, jnp.clip(motors * (1.0 / _FULL), 0.0, 1.0)
+        asked = jnp.clip(action, -1.0, 1.0)
+        wanted = _NOTHING._replace(mode=mode, attitude=10.0 * asked[1:], thrust=45000.0 + 10000.0 * asked[0])
+        memory, motors = tick(memory, wanted, _sensed(measurement), firmware, position_due=False)
+        return memory, _command(motors)
 
-    return Controller(name, partial(switched_on, fixed=True), command, rate=ATTITUDE_RATE, action_rate=action_rate, level=level)
+    def level(command: Float[Array, ""]) -> Float[Array, "4"]:
+        thrust = 6.0 * command - 4.5
+        return jnp.stack([thrust, *[jnp.zeros_like(thrust)] * 3])
+
+    return Controller("attitude", partial(switched_on, fixed=True), command, ATTITUDE_RATE, _dividing(action_rate), level)
+
+
+def _command(motors: Float[Array, "4"]) -> Float[Array, "4"]:
+    """Motor commands [counts] as u."""
+    return jnp.clip(motors * (1.0 / _FULL), 0.0, 1.0)
+
+
+def _dividing(action_rate: int) -> int:
+    if action_rate < 1 or ATTITUDE_RATE % action_rate:
+        raise InputError(f"action_rate = {action_rate} Hz does not divide the PIDs' {ATTITUDE_RATE} Hz. Give 25, 50 or 100.")
+    return action_rate
 
 
 class CascadeMemory(NamedTuple):
@@ -206,10 +213,3 @@ def _sensed(measurement: Measurement) -> State:
     """A measurement in the firmware's units."""
     attitude = rotations.to_attitude(measurement.quaternion)
     return State(measurement.position, measurement.velocity, jnp.degrees(attitude), jnp.degrees(measurement.body_rates))
-
-
-def _heading(measurement: Measurement) -> State:
-    """A measurement for rate control, where roll and pitch loops run idle: of the attitude only yaw is worked out."""
-    none = jnp.zeros(())
-    yaw = jnp.degrees(rotations.heading(measurement.quaternion))
-    return State(measurement.position, measurement.velocity, jnp.stack([none, none, yaw]), jnp.degrees(measurement.body_rates))

@@ -247,17 +247,20 @@ def step(
 
     def until_estimate(before: Episode, noise: Noise) -> tuple[Episode, None]:
         def hold(episode: Episode, now: tuple[Array, Array]) -> tuple[Episode, None]:
+            number, normal = now
             # Between two estimates only the gyro is read anew, as on the drone.
-            rates = sensors.gyro(episode.gyro, episode.gyro_bias, parameters, now[1][4:])
-            rates = jnp.where(now[0] > 0, rates, before.measurement.body_rates)
+            rates = sensors.gyro(episode.gyro, episode.gyro_bias, parameters, normal[4:])
+            rates = jnp.where(number > 0, rates, before.measurement.body_rates)
             episode = episode._replace(measurement=episode.measurement._replace(body_rates=rates))
-            return _hold_command(environment, episode, action, setpoint, parameters, now[1][:4]), None
+            return _hold_command(environment, episode, action, setpoint, parameters, normal[:4], commands - 1 - number), None
 
         commands = noise.command.shape[0]
         if commands == 1:
             episode = _hold_command(environment, before, action, setpoint, parameters, noise.command[0, :4])
         else:
-            episode, _ = lax.scan(hold, before, (jnp.arange(commands), noise.command))
+            roomy = before._replace(delay_line=latency.with_room(before.delay_line, commands))
+            episode, _ = lax.scan(hold, roomy, (jnp.arange(commands), noise.command))
+            episode = episode._replace(delay_line=episode.delay_line[: before.delay_line.shape[0]])
         return _estimate(environment, episode, number, period / environment.estimates_per_action, parameters, noise), None
 
     if environment.estimates_per_action == 1:
@@ -292,13 +295,18 @@ def _hold_command(
     setpoint: Float[Array, "3"],
     parameters: Parameters,
     normal: Float[Array, "4"],
+    place: Int[Array, ""] | None = None,
 ) -> Episode:
-    """Asks the controller for one command and integrates the physics over its period."""
+    """Asks the controller for one command and integrates the physics over its period.
+
+    The command goes to a place kept in the delay line, or in front.
+    """
     memory, command = environment.controller.command(episode.controller, action, episode.measurement, setpoint)
     period = environment.command_period(parameters)
     motors, speed_command = actuators.actuate(episode.actuators, command, period, parameters, normal, environment.battery)
-    line = latency.push(episode.delay_line, speed_command)
-    state = drive(environment.integrator, episode.state, line, environment.steps_per_command, parameters, environment.task.floor)
+    old, newest = episode.delay_line, 0 if place is None else place
+    line = latency.push(old, speed_command) if place is None else latency.put(old, speed_command, place)
+    state = drive(environment.integrator, episode.state, line, environment.steps_per_command, parameters, environment.task.floor, newest)
     gyro = sensors.low_pass(episode.gyro, episode.state.body_rates, state.body_rates, period, parameters)
     return episode._replace(state=state, delay_line=line, actuators=motors, controller=memory, gyro=gyro)
 
@@ -328,6 +336,7 @@ def drive(
     steps: int,
     parameters: Parameters,
     floor: float | None = None,
+    newest: Int[Array, ""] | int = 0,
 ) -> State:
     """Integrates the physics over one command period.
 
@@ -338,10 +347,9 @@ def drive(
         steps: physics steps in the period.
         parameters: the drone.
         floor: height at which the drone stands [m], if there is a floor; the ground is at height 0.
+        newest: place of the newest command in the line.
     """
-    delayed = latency.delayed(line, parameters, steps)
-    # Two Euler steps compile quickly and run faster unrolled; RK4 is four times as much to compile.
-    unroll = steps if integrator is dynamics.euler and steps <= 2 else 1
+    delayed = latency.delayed(line, parameters, steps, newest)
 
     def advance(state: State, speed: Float[Array, "4"]) -> tuple[State, None]:
         if floor is None:
@@ -349,4 +357,4 @@ def drive(
         after = integrator(state, speed, dynamics.near_ground(parameters, state.position[2]))
         return dynamics.held_by_floor(after, floor), None
 
-    return lax.scan(advance, state, delayed, unroll=unroll)[0]
+    return lax.scan(advance, state, delayed)[0]

@@ -118,6 +118,7 @@ _POSITION = _gains((2, 2, 2), (0, 0, 0.5), (0, 0, 0), (5000, 5000, 5000), (1.1, 
 _VELOCITY = _gains((25, 25, 25), (1, 1, 15), (0, 0, 0), (5000, 5000, 5000), (22, 22, 32.767), period=1 / POSITION_RATE)
 _ATTITUDE = _gains((6, 6, 6), (3, 3, 1), (0, 0, 0.35), (20, 20, 360), (np.inf, np.inf, np.inf), period=1 / ATTITUDE_RATE)
 _RATE = _gains((250, 250, 120), (500, 500, 16.7), (2.5, 2.5, 0), (33.3, 33.3, 166.7), (_INT16, _INT16, _INT16), period=1 / ATTITUDE_RATE)
+_YAW = _ATTITUDE._replace(**{name: getattr(_ATTITUDE, name)[2] for name in Gains._fields if name != "period"})
 _STEEPEST = 20.0
 """Limit of roll and pitch that the velocity PID asks for [deg]."""
 _THRUST_BASE, _THRUST_LEAST, _THRUST_SCALE = 36000.0, 20000.0, 1000.0
@@ -155,7 +156,7 @@ def wrap(angle: Float[Array, "..."]) -> Float[Array, "..."]:
 def pid(
     memory: PIDMemory, desired: Float[Array, "3"], measured: Float[Array, "3"], gains: Gains, firmware: Generation, heading: bool = False
 ) -> tuple[PIDMemory, Float[Array, "3"]]:
-    """One update of three PID controllers: K_p e + K_d de/dt + K_i (limited integral of e), limited.
+    """One update of three PID controllers, or of one: K_p e + K_d de/dt + K_i (limited integral of e), limited.
 
     Args:
         memory: of the last update.
@@ -163,13 +164,15 @@ def pid(
         measured: its counterpart.
         gains: of the three.
         firmware: 2021.10 takes the derivative of the error, 2026.08 minus that of the measurement.
-        heading: whether the third axis is an angle that wraps [deg].
+        heading: whether the third axis, or the only one, is an angle that wraps [deg].
 
     Source: pid.c, pidUpdate.
     """
 
     def wrapped(difference: Float[Array, "3"]) -> Float[Array, "3"]:
-        return _with_third(difference, wrap(difference[2])) if heading else difference
+        if not heading:
+            return difference
+        return wrap(difference) if jnp.ndim(difference) == 0 else _with_third(difference, wrap(difference[2]))
 
     error = wrapped(desired - measured)
     change = wrapped(memory.last - measured) if firmware == "2026.08" else error - memory.last
@@ -294,6 +297,56 @@ def tick(
     memory = _chosen(attitude_due, attitude_loops(memory, setpoint, state, firmware), memory)
     memory = _chosen(memory.thrust == 0.0, stopped(memory), memory)
     return memory, mix(memory.thrust, memory.torque, firmware)
+
+
+class RateMemory(NamedTuple):
+    """Of the loops that run where body rates are asked for."""
+
+    yaw: PIDMemory
+    rate: PIDMemory
+    heading: Float[Array, ""]
+    """Desired yaw [deg]."""
+    first: Bool[Array, ""]
+    """Whether the first tick is still to come."""
+
+
+def rates_switched_on() -> RateMemory:
+    """Memory before the first `rate_tick`."""
+    zero, zeros = np.float32(0.0), np.zeros(3, np.float32)
+    return RateMemory(PIDMemory(zero, zero), PIDMemory(zeros, zeros), zero, np.bool_(True))  # type: ignore[arg-type]
+
+
+def rate_tick(
+    memory: RateMemory,
+    thrust: Float[Array, ""],
+    wanted: Float[Array, "3"],
+    yaw: Float[Array, ""],
+    body_rates: Float[Array, "3"],
+    firmware: Generation,
+) -> tuple[RateMemory, Float[Array, "4"]]:
+    """`tick` where body rates are asked for from first to last: what the other loops work out is of no consequence then.
+
+    Args:
+        memory: of the tick before.
+        thrust: asked for [counts].
+        wanted: body rates asked for [deg/s]; the third moves the desired yaw.
+        yaw: measured [deg].
+        body_rates: measured [deg/s].
+        firmware: generation; static.
+
+    Returns:
+        Memory, and the four motors' commands [counts].
+    """
+    none = jnp.zeros(3)
+    last = yaw if firmware == "2026.08" else jnp.zeros_like(yaw)
+    stopped = RateMemory(PIDMemory(jnp.zeros_like(yaw), last), PIDMemory(none, none), yaw, jnp.zeros_like(memory.first))
+    memory = _chosen(memory.first, stopped, memory)
+    heading = wrap(memory.heading + wanted[2] * (1 / ATTITUDE_RATE))
+    turning, turn = pid(memory.yaw, heading, yaw, _YAW, firmware, heading=True)
+    rate, torque = pid(memory.rate, jnp.stack([wanted[0], wanted[1], turn]), body_rates, _RATE, firmware)
+    off = thrust == 0.0
+    memory = _chosen(off, stopped, RateMemory(turning, rate, heading, stopped.first))
+    return memory, mix(thrust, jnp.where(off, 0.0, _cut(torque)), firmware)
 
 
 def _turn(vector: Float[Array, "3"], yaw: Float[Array, ""]) -> Float[Array, "3"]:

@@ -6,7 +6,8 @@ objective flat in the latency between steps.
 """
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jax import lax
+from jaxtyping import Array, Float, Int
 
 from maidenflight.parameters import QUANTITIES, Parameters
 
@@ -28,7 +29,17 @@ def push(line: Float[Array, "slots 4"], command: Float[Array, "4"]) -> Float[Arr
     return jnp.concatenate([command[None], line[:-1]])
 
 
-def delayed(line: Float[Array, "slots 4"], parameters: Parameters, steps: int) -> Float[Array, "steps 4"]:
+def with_room(line: Float[Array, "slots 4"], commands: int) -> Float[Array, "slots+commands 4"]:
+    """A line with room in front for commands to come: cheaper than a `push` for each, which moves the whole line."""
+    return jnp.concatenate([jnp.zeros((commands, 4)), line])
+
+
+def put(line: Float[Array, "slots 4"], command: Float[Array, "4"], place: Int[Array, ""] | int) -> Float[Array, "slots 4"]:
+    """Puts the newest command at a place kept for it."""
+    return lax.dynamic_update_index_in_dim(line, command, place, 0)
+
+
+def delayed(line: Float[Array, "slots 4"], parameters: Parameters, steps: int, newest: Int[Array, ""] | int = 0) -> Float[Array, "steps 4"]:
     """What the motors see in each physics step of the period that the newest command starts: the delayed command's mean.
 
     Step i sees the commands of the time from (i dt - Delta) to ((i + 1) dt - Delta), where the newest command (slot 0) starts
@@ -39,11 +50,12 @@ def delayed(line: Float[Array, "slots 4"], parameters: Parameters, steps: int) -
         line: held commands, newest first.
         parameters: uses `latency` Delta [s] and `time_step` dt [s].
         steps: physics steps a command period.
+        newest: place of slot 0 in the line.
     """
     opens = jnp.arange(steps, dtype=jnp.float32) - parameters.latency / parameters.time_step
-    slot = jnp.clip(jnp.ceil(-opens / steps), 0.0, line.shape[0] - 1.0)
+    slot = jnp.clip(jnp.ceil(-opens / steps), 0.0, jnp.asarray(line.shape[0] - 1 - newest, jnp.float32))
     older = jnp.clip((1.0 - slot) * steps - opens, 0.0, 1.0)
     older = jnp.where(slot == 0, 0.0, older)[:, None]
     # An index and not a sum over all slots: the line of a 500 Hz controller has 28.
     index = slot.astype(jnp.int32)
-    return older * line[index] + (1.0 - older) * line[jnp.maximum(index - 1, 0)]
+    return older * line[newest + index] + (1.0 - older) * line[newest + jnp.maximum(index - 1, 0)]
