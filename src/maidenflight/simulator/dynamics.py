@@ -45,8 +45,8 @@ def rotor_forces(rotor_speed: Float[Array, "4"], parameters: Parameters) -> Floa
     Source: Gronauer et al. 2022, eq:motor-force, where c_0 = c_1 = 0; the affine-quadratic curve fits a load cell better.
     """
     full = parameters.mass * parameters.gravity / 4 * parameters.thrust_to_weight
-    square = 1.0 - parameters.thrust_offset - parameters.thrust_linear
-    return full * (parameters.thrust_offset + rotor_speed * (parameters.thrust_linear + rotor_speed * square))
+    square = full * (1.0 - parameters.thrust_offset - parameters.thrust_linear)
+    return full * parameters.thrust_offset + rotor_speed * (full * parameters.thrust_linear + rotor_speed * square)
 
 
 def torque(forces: Float[Array, "4"], parameters: Parameters) -> Float[Array, "3"]:

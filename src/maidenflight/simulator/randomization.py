@@ -133,11 +133,10 @@ def relative_box(nominal: Parameters, fraction: float = 0.10, fields: Sequence[s
     """
     if not 0 <= fraction < 1:
         raise ValueError(f"fraction = {fraction}, expected a share in [0, 1).")
-    ones = jax.tree.map(jnp.ones_like, jax.tree.map(jnp.asarray, nominal))
-    factor = {name: jnp.ones_like(getattr(ones, name)) for name in fields if name in QUANTITIES}
-    unknown = {name: None for name in fields if name not in QUANTITIES}
-    lower = replace(ones, **{name: (1 - fraction) * one for name, one in factor.items()}, **unknown)
-    upper = replace(ones, **{name: (1 + fraction) * one for name, one in factor.items()}, **unknown)
+    ones = jax.tree.map(lambda leaf: np.ones(np.shape(leaf), np.float32), nominal)
+    lower, upper = (
+        replace(ones, **{name: getattr(ones, name, np.float32(1)) * np.float32(1 + side * fraction) for name in fields}) for side in (-1, 1)
+    )
     return RelativeBox(nominal, lower, upper)
 
 
@@ -159,9 +158,9 @@ def uniform_box(nominal: Parameters, **ranges: tuple[float, float]) -> UniformBo
             raise InputError(
                 f"{name} = {given}: expected two numbers in order in [{quantity.lower:g}, {quantity.upper:g}] {quantity.unit}."
             )
-    nominal = jax.tree.map(jnp.asarray, nominal)
     lower, upper = (
-        replace(nominal, **{name: jnp.full_like(getattr(nominal, name), given[end]) for name, given in ranges.items()}) for end in (0, 1)
+        replace(nominal, **{name: np.full_like(getattr(nominal, name), given[end], np.float32) for name, given in ranges.items()})
+        for end in (0, 1)
     )
     return UniformBox(lower, upper)
 
@@ -183,6 +182,9 @@ def randomize(distribution: Distribution, key: Array) -> Parameters:
 
 
 def _uniform(lower: Parameters, upper: Parameters, key: Array) -> Parameters:
-    leaves, structure = jax.tree.flatten(lower)
-    keys = jax.tree.unflatten(structure, list(jax.random.split(key, len(leaves))))
-    return jax.tree.map(lambda low, high, key: jax.random.uniform(key, jnp.shape(low), minval=low, maxval=high), lower, upper, keys)
+    """Values between two drones, from one draw: one for each field would take longer to compile than a step of the simulator."""
+    lows, structure = jax.tree.flatten(lower)
+    sizes = [np.size(low) for low in lows]
+    shares = jnp.split(jax.random.uniform(key, (sum(sizes),)), np.cumsum(sizes)[:-1])
+    shares = jax.tree.unflatten(structure, [share.reshape(np.shape(low)) for share, low in zip(shares, lows, strict=True)])
+    return jax.tree.map(lambda low, high, share: low + share * (high - low), lower, upper, shares)
