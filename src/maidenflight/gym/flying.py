@@ -98,7 +98,7 @@ class Program:
         return state.position, rotations.to_matrix(state.quaternion), state.rotor_speed, self._world.task.reference(episode.time)
 
     def _pack(self, flight: Flight) -> Groups:
-        leaves = [lax.bitcast_convert_type(leaf, jnp.float32).reshape(-1) for leaf in tree.leaves(flight)]
+        leaves = [_as_float(leaf).reshape(-1) for leaf in tree.leaves(flight)]
         return tuple(jnp.concatenate([leaves[i] for i in group]) for group in self._sizes)
 
     def _unpack(self, groups: Groups) -> Flight:
@@ -108,9 +108,15 @@ class Program:
             for i in members:
                 known = self._leaves[i]
                 flat = group[start : start + known.size]
-                leaves[i] = lax.bitcast_convert_type(flat, known.dtype).reshape(known.shape)
+                whole = flat != 0 if known.dtype == bool else lax.bitcast_convert_type(flat, known.dtype)
+                leaves[i] = whole.reshape(known.shape)
                 start += known.size
         return tree.unflatten(self._structure, leaves)
+
+
+def _as_float(leaf: Array) -> Float[Array, "..."]:
+    """The same 32 bits as a float32, or a truth value as 0 or 1."""
+    return leaf.astype(jnp.float32) if leaf.dtype == bool else lax.bitcast_convert_type(leaf, jnp.float32)
 
 
 def _choose(whose: Bool[Array, "n"], new: Groups, old: Groups) -> Groups:

@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from maidenflight.errors import InputError
 from maidenflight.parameters import Parameters
-from maidenflight.simulator import actuators, control, dynamics, latency, sensors, tasks
+from maidenflight.simulator import actuators, control, dynamics, latency, noise, sensors, tasks
 from maidenflight.simulator.actuators import Actuators
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.dynamics import Integrator, State
@@ -181,9 +181,7 @@ def begin(environment: Environment, state: State, time: Float[Array, ""], parame
         InputError: the state holds a number that is not finite (told outside compiled functions only).
     """
     state = dynamics.checked(state)
-    normal_key, uniform_key = jax.random.split(key)
-    normal = jax.random.normal(normal_key, (3 + sensors.NORMALS,))
-    uniform = jax.random.uniform(uniform_key, (sensors.UNIFORMS,), minval=-1.0, maxval=1.0)
+    normal, uniform = noise.draw(key, 3 + sensors.NORMALS, sensors.UNIFORMS)
     command = environment.task.first_command(parameters)
     bias = sensors.turn_on_bias(parameters, normal[:3])
     estimator = jnp.zeros((environment.estimator_memory, 10))
@@ -216,13 +214,17 @@ def reset(environment: Environment, parameters: Parameters, key: Array) -> Episo
 
 
 def draw(environment: Environment, key: Array) -> Noise:
-    """The random numbers of one step, drawn at once: many small draws would cost more than the physics."""
+    """The random numbers of one step."""
     estimates = environment.estimates_per_action
     commands = environment.commands_per_action // estimates
-    normal_key, uniform_key = jax.random.split(key)
-    normal = jax.random.normal(normal_key, (estimates, commands * 7 + 3 + sensors.NORMALS))
-    uniform = jax.random.uniform(uniform_key, (estimates, sensors.UNIFORMS), minval=-1.0, maxval=1.0)
-    return Noise(normal[:, : commands * 7].reshape(estimates, commands, 7), normal[:, commands * 7 :], uniform)
+    size = commands * 7 + 3 + sensors.NORMALS
+    normal, uniform = noise.draw(key, estimates * size, estimates * sensors.UNIFORMS)
+    normal = normal.reshape(estimates, size)
+    return Noise(
+        command=normal[:, : commands * 7].reshape(estimates, commands, 7),
+        estimate=normal[:, commands * 7 :],
+        uniform=uniform.reshape(estimates, sensors.UNIFORMS),
+    )
 
 
 def step(
@@ -240,12 +242,12 @@ def step(
     Returns:
         The drone after, and what the step gave. A finished episode is not reset.
     """
-    noise = draw(environment, key)
+    drawn = draw(environment, key)
     setpoint = environment.task.reference(episode.time)
     period = environment.control_period(parameters)
     number = jnp.round(episode.elapsed / period) + 1.0
 
-    def until_estimate(before: Episode, noise: Noise) -> tuple[Episode, None]:
+    def until_estimate(before: Episode, drawn: Noise) -> tuple[Episode, None]:
         def hold(episode: Episode, now: tuple[Array, Array]) -> tuple[Episode, None]:
             number, normal = now
             # Between two estimates only the gyro is read anew, as on the drone.
@@ -254,19 +256,19 @@ def step(
             episode = episode._replace(measurement=episode.measurement._replace(body_rates=rates))
             return _hold_command(environment, episode, action, setpoint, parameters, normal[:4], commands - 1 - number), None
 
-        commands = noise.command.shape[0]
+        commands = drawn.command.shape[0]
         if commands == 1:
-            episode = _hold_command(environment, before, action, setpoint, parameters, noise.command[0, :4])
+            episode = _hold_command(environment, before, action, setpoint, parameters, drawn.command[0, :4])
         else:
             roomy = before._replace(delay_line=latency.with_room(before.delay_line, commands))
-            episode, _ = lax.scan(hold, roomy, (jnp.arange(commands), noise.command))
+            episode, _ = lax.scan(hold, roomy, (jnp.arange(commands), drawn.command))
             episode = episode._replace(delay_line=episode.delay_line[: before.delay_line.shape[0]])
-        return _estimate(environment, episode, number, period / environment.estimates_per_action, parameters, noise), None
+        return _estimate(environment, episode, number, period / environment.estimates_per_action, parameters, drawn), None
 
     if environment.estimates_per_action == 1:
-        after, _ = until_estimate(episode, tree.map(lambda numbers: numbers[0], noise))
+        after, _ = until_estimate(episode, tree.map(lambda numbers: numbers[0], drawn))
     else:
-        after, _ = lax.scan(until_estimate, episode, noise)
+        after, _ = lax.scan(until_estimate, episode, drawn)
 
     time, elapsed = episode.time + period, episode.elapsed + period
     setpoint = environment.task.reference(time)
@@ -312,16 +314,16 @@ def _hold_command(
 
 
 def _estimate(
-    environment: Environment, episode: Episode, number: Float[Array, ""], period: Float[Array, ""], parameters: Parameters, noise: Noise
+    environment: Environment, episode: Episode, number: Float[Array, ""], period: Float[Array, ""], parameters: Parameters, drawn: Noise
 ) -> Episode:
     """Reads the sensors; position, velocity and attitude only where an estimate is due after this action of the episode."""
-    bias = sensors.walk_bias(episode.gyro_bias, period, parameters, noise.estimate[:3])
+    bias = sensors.walk_bias(episode.gyro_bias, period, parameters, drawn.estimate[:3])
     seen, estimator = episode.state, episode.estimator
     every = max(1, environment.controller.action_rate // environment.estimate_rate)
     if environment.estimator_memory > 0:
         estimator = sensors.remember(estimator, episode.state)
         seen = sensors.delayed(estimator, episode.state, every * period, parameters)
-    fresh = sensors.measure(seen._replace(body_rates=episode.gyro), bias, parameters, noise.estimate[3:], noise.uniform)
+    fresh = sensors.measure(seen._replace(body_rates=episode.gyro), bias, parameters, drawn.estimate[3:], drawn.uniform)
     if every > 1:
         due = number % every == 0
         old = episode.measurement._replace(body_rates=fresh.body_rates)

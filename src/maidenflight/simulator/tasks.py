@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from maidenflight.parameters import Parameters
-from maidenflight.simulator import dynamics, rotations, trajectories
+from maidenflight.simulator import dynamics, noise, rotations, trajectories
 from maidenflight.simulator.dynamics import State
 from maidenflight.simulator.trajectories import Trajectory, once
 
@@ -98,9 +98,8 @@ def _starting(reference: Trajectory, spread: Spread, latest: float = 0.0, moving
     box = np.array(spread.position, np.float32)
 
     def reset(parameters: Parameters, key: Array) -> tuple[State, Float[Array, ""]]:
-        time_key, uniform_key, rotor_key = jax.random.split(key, 3)
-        start = latest * jax.random.uniform(time_key)
-        draws = jax.random.uniform(uniform_key, (4, 3), minval=-1.0, maxval=1.0)
+        normal, uniform = noise.draw(key, 4, 13)
+        start, draws = latest * (uniform[12] + 1.0) / 2.0, uniform[:12].reshape(4, 3)
         hover = dynamics.at_hover(reference(start) + box * draws[0], parameters)
         velocity = spread.velocity * draws[1]
         if moving:
@@ -109,7 +108,7 @@ def _starting(reference: Trajectory, spread: Spread, latest: float = 0.0, moving
             velocity=velocity,
             quaternion=rotations.from_attitude(jnp.asarray(tilt) * draws[2]),
             body_rates=spin * draws[3],
-            rotor_speed=jnp.clip(hover.rotor_speed + spread.rotor_speed * jax.random.normal(rotor_key, (4,)), 0.0, 1.0),
+            rotor_speed=jnp.clip(hover.rotor_speed + spread.rotor_speed * normal, 0.0, 1.0),
         )
         return state, start
 
