@@ -1,0 +1,204 @@
+"""maidenflight's side of `simulator.py`: measures what it is asked for.
+
+`python maidenflight_speed.py` answers one JSON object a line, `{"series", "batch", "layout", "seconds"}`, with a rate. With the name of
+a single measurement (`first`, `memory`, `single`) it makes that one and leaves.
+
+XLA runs a program of small arrays on one core. So drones are laid on as many CPU devices as there are cores, and each device takes them
+in chunks that fit its cache. Everything is open to the compiler's eyes only as it is in training: parameters are arguments.
+"""
+
+import os
+import resource
+import sys
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import jax
+from serving import Prepared, rate, serve
+
+CORES = len(os.sched_getaffinity(0))
+if __name__ == "__main__" and len(sys.argv) == 1:
+    jax.config.update("jax_num_cpu_devices", CORES)
+
+import jax.numpy as jnp  # noqa: E402
+import numpy as np  # noqa: E402
+from jax.sharding import Mesh, NamedSharding, PartitionSpec  # noqa: E402
+
+from maidenflight.parameters import Parameters, crazyflie, replace  # noqa: E402
+from maidenflight.simulator import control, dynamics, environment, latency  # noqa: E402
+from maidenflight.simulator.actuators import rotor_speed_command  # noqa: E402
+from maidenflight.simulator.environment import Environment  # noqa: E402
+from maidenflight.simulator.randomization import relative_box  # noqa: E402
+from maidenflight.simulator.rollout import launch, practise  # noqa: E402
+from maidenflight.simulator.sensors import Measurement  # noqa: E402
+
+LAYOUTS = {"one core": (1, 0), "all cores": (CORES, 0), "all cores, by 256": (CORES, 256), "all cores, by 1,024": (CORES, 1024)}
+"""CPU devices, and drones that a device simulates at once; 0: all of its share."""
+FRESH = 2
+"""Drones prepared for those whose episode ends, for each that flies, anew for each call: one launch every `HORIZON` / 2 steps."""
+COMMANDS = 10
+"""Commands of the rate PID an action of 50 Hz."""
+HORIZON = 64
+"""Steps of a call of the training series, as many as training differentiates through."""
+
+Run = Callable[[Any, Any], Any]
+"""(what all drones share, what each has, stacked) to what each has afterwards."""
+
+
+def motor_level(shared: Parameters, own: Any, commands: int, steps: int = 2) -> Any:
+    """One drone whose motors are commanded at 100 Hz: motor lag, delay line, rigid body; 5 ms a physics step."""
+
+    def hold(flown: Any, _: None) -> tuple[Any, None]:
+        state, line = flown
+        line = latency.push(line, own["command"])
+        return (environment.drive(dynamics.euler, state, line, steps, shared), line), None
+
+    flown, _ = jax.lax.scan(hold, own["flown"], None, length=commands)
+    return own | {"flown": flown}
+
+
+def rate_pid(shared: Parameters, own: Any, commands: int) -> Any:
+    """One drone whose body rates the firmware's PID holds at 500 Hz: PID, motor lag, delay line, rigid body; 2 ms a physics step."""
+    controller = control.attitude_rate()
+
+    def act(flown: Any, _: None) -> tuple[Any, None]:
+        (state, line), memory = flown
+
+        def hold(flown: Any, number: jax.Array) -> tuple[Any, None]:
+            (state, line), memory = flown
+            exact = Measurement(state.position, state.velocity, state.quaternion, state.body_rates)
+            memory, command = controller.command(memory, own["action"], exact, jnp.zeros(3))
+            place = COMMANDS - 1 - number
+            line = latency.put(line, rotor_speed_command(command), place)
+            return ((environment.drive(dynamics.euler, state, line, 1, shared, newest=place), line), memory), None
+
+        roomy = (state, latency.with_room(line, COMMANDS)), memory
+        ((state, roomier), memory), _ = jax.lax.scan(hold, roomy, jnp.arange(COMMANDS))
+        return ((state, roomier[: line.shape[0]]), memory), None
+
+    flown, _ = jax.lax.scan(act, own["flown"], None, length=commands // COMMANDS)
+    return own | {"flown": flown}
+
+
+def training(shared: Any, own: Any, steps: int) -> Any:
+    """One drone in training: policy, noise, randomization, reward, termination, reset; 100 Hz PWM."""
+    world, weights = Environment(), shared["weights"]
+
+    def policy(seen: jax.Array) -> jax.Array:
+        return jnp.tanh(weights @ seen)
+
+    key, fresh_key, fly_key = jax.random.split(own["key"], 3)
+    fresh = own["fresh"] if "fresh" in own else jax.vmap(partial(launch, world, shared["box"]))(jax.random.split(fresh_key, FRESH))
+    drone, (before, outcome) = practise(world, policy, own["drone"], fresh, fly_key, steps)
+    told = (jax.vmap(environment.observation)(before), outcome.reward, outcome.terminated, outcome.truncated)
+    return {"key": key, "drone": drone, "told": told}
+
+
+@jax.jit
+def launched(box: Any, keys: jax.Array) -> Any:
+    """One drone for each key."""
+    return jax.vmap(partial(launch, Environment(), box))(keys)
+
+
+def drones(series: str, batch: int) -> tuple[Any, Any]:
+    """What all drones share and what each has, at the start."""
+    keys = jax.random.split(jax.random.key(0), batch)
+    if series == "training":
+        box = relative_box(jax.tree.map(jnp.asarray, crazyflie()))
+        weights = 0.1 * jax.random.normal(jax.random.key(1), (4, 40))
+        return {"box": box, "weights": weights}, {"key": keys, "drone": launched(box, keys)}
+    step, rate = (0.005, 100) if series == "motor" else (0.002, 500)
+    shared = jax.tree.map(jnp.asarray, replace(crazyflie(), time_step=step))
+
+    def one(key: jax.Array) -> Any:
+        state = dynamics.at_hover(jax.random.normal(key, (3,)), shared)
+        state = state._replace(body_rates=0.1 * jax.random.normal(key, (3,)))
+        flown = state, jnp.broadcast_to(state.rotor_speed, (latency.slots(1 / rate), 4))
+        if series == "motor":
+            return {"flown": flown, "command": state.rotor_speed}
+        return {"flown": (flown, jax.tree.map(jnp.asarray, control.attitude_rate().init())), "action": jnp.array([0.1, 0.0, 0.0, 0.0])}
+
+    return shared, jax.jit(jax.vmap(one))(keys)
+
+
+SERIES: dict[str, tuple[Callable[..., Any], int]] = {"motor": (motor_level, 2), "rate": (rate_pid, 1), "training": (training, 1)}
+"""One drone's function, and the steps that are counted a turn of its loop: physics steps, in training steps of the environment."""
+
+
+def in_chunks(run: Run, size: int) -> Run:
+    """The same for many drones, `size` of them at a time."""
+
+    def many(shared: Any, own: Any) -> Any:
+        count = jax.tree.leaves(own)[0].shape[0] // size
+        cut = jax.tree.map(lambda leaf: leaf.reshape(count, size, *leaf.shape[1:]), own)
+        done = jax.lax.map(partial(run, shared), cut)
+        return jax.tree.map(lambda leaf: leaf.reshape(count * size, *leaf.shape[2:]), done)
+
+    return many
+
+
+def prepare(series: str, batch: int, layout: str) -> Prepared | None:
+    """A call that simulates, and the steps that it counts for; nothing where the layout does not fit the batch."""
+    devices, size = LAYOUTS[layout]
+    if batch % devices or (size and batch // devices <= size):
+        return None
+    one, counted = SERIES[series]
+    turns = max(min(HORIZON, 2**20 // batch), 16) if series == "training" else max(min(2**20 // batch, 1024), 64)
+    run: Run = jax.vmap(partial(one, **{"steps" if series == "training" else "commands": turns}), in_axes=(None, 0))
+    run = in_chunks(run, size) if size else run
+    shared, own = drones(series, batch)
+    if devices > 1:
+        mesh, split, whole = Mesh(np.array(jax.devices()[:devices]), ("drones",)), PartitionSpec("drones"), PartitionSpec()
+        own, shared = jax.device_put(own, NamedSharding(mesh, split)), jax.device_put(shared, NamedSharding(mesh, whole))
+        run = jax.shard_map(run, mesh=mesh, in_specs=(whole, split), out_specs=split, check_vma=False)
+    compiled = jax.jit(run)
+
+    def call() -> None:
+        nonlocal own
+        after = jax.block_until_ready(compiled(shared, own))
+        own = {name: after[name] for name in own}
+
+    return call, batch * turns * counted
+
+
+def first() -> None:
+    """The first step of a fresh process."""
+    world, parameters, key = Environment(), crazyflie(), jax.random.key(0)
+    episode = jax.jit(environment.reset, static_argnums=0)(world, parameters, key)
+    _, outcome = jax.jit(environment.step, static_argnums=0)(world, episode, np.zeros(4, np.float32), parameters, key)
+    print(float(outcome.reward))
+
+
+def memory() -> None:
+    """Peak memory [MB] of a process that flies 1,000 drones in training; one program launches them and those that take over."""
+    shared, own = drones("training", 1000)
+    _, later = drones("training", 1000)
+    own["fresh"] = jax.tree.map(lambda leaf: leaf[:, None], later["drone"])
+    run = jax.jit(jax.vmap(partial(training, steps=HORIZON), in_axes=(None, 0)))
+    jax.block_until_ready(run(shared, own))
+    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6)
+
+
+def single() -> None:
+    """Steps a second of one Gymnasium environment, resets included."""
+    import gymnasium  # pyright: ignore[reportMissingImports]
+
+    import maidenflight.gym  # noqa: F401  registers
+
+    world = gymnasium.make("maidenflight/Circle-v0")
+    world.reset(seed=0)
+    actions = np.random.default_rng(0).uniform(-0.2, 0.5, (1000, 4)).astype(np.float32)
+
+    def fly() -> None:
+        for action in actions:
+            _, _, terminated, truncated, _ = world.step(action)
+            if terminated or truncated:
+                world.reset()
+
+    fly()
+    print(rate(fly, len(actions), seconds=2.0))
+
+
+if __name__ == "__main__":
+    {"first": first, "memory": memory, "single": single}[sys.argv[1]]() if len(sys.argv) > 1 else serve(prepare)

@@ -1,0 +1,46 @@
+"""What the measured sides of `simulator.py` have in common: answering requests, one JSON object a line. Needs no package."""
+
+import json
+import os
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+Prepared = tuple[Callable[[], Any], int]
+"""A call that simulates, and the steps that it counts for."""
+
+
+def rate(call: Callable[[], Any], steps: int, seconds: float) -> float:
+    """Steps a second over at least so many seconds."""
+    calls, start = 0, time.perf_counter()
+    while (now := time.perf_counter() - start) < seconds or calls == 0:
+        call()
+        calls += 1
+    return calls * steps / now
+
+
+def serve(prepare: Callable[[str, int, str], Prepared | None]) -> None:
+    """Answers `{"series", "batch", "layout", "seconds"}` with a rate until there are no more; `null` where the layout does not fit.
+
+    What was prepared for another batch is forgotten, and what others print goes to the standard error.
+    """
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)
+    prepared: dict[tuple[str, int, str], Prepared | None] = {}
+    for line in sys.stdin:
+        asked = json.loads(line)
+        name = asked["series"], asked["batch"], asked["layout"]
+        if name not in prepared:
+            prepared = {known: call for known, call in prepared.items() if known[:2] == name[:2]}
+            prepared[name] = prepare(*name)
+            warm(prepared[name])
+        ready = prepared[name]
+        answers.write(json.dumps({"rate": rate(*ready, asked["seconds"]) if ready else None}) + "\n")
+        answers.flush()
+
+
+def warm(prepared: Prepared | None) -> None:
+    """Compiles and calls twice."""
+    for _ in range(2 if prepared else 0):
+        prepared[0]()  # type: ignore[index]
