@@ -171,12 +171,23 @@ def first() -> None:
 
 
 def memory() -> None:
-    """Peak memory [MB] of a process that flies 1,000 drones in training; one program launches them and those that take over."""
-    shared, own = drones("training", 1000)
-    _, later = drones("training", 1000)
-    own["fresh"] = jax.tree.map(lambda leaf: leaf[:, None], later["drone"])
-    run = jax.jit(jax.vmap(partial(training, steps=HORIZON), in_axes=(None, 0)))
-    jax.block_until_ready(run(shared, own))
+    """Peak memory [MB] of a process that flies 1,000 drones in training and keeps rewards and ends; set up without eager JAX."""
+    generator, world, box = np.random.default_rng(0), Environment(), relative_box(crazyflie())
+    bits, weights = generator.integers(0, 2**32, (1000, 2), dtype=np.uint32), generator.normal(0.0, 0.1, (4, 40)).astype(np.float32)
+
+    def begin(bits: jax.Array) -> Any:
+        return launch(world, box, jax.random.wrap_key_data(bits))
+
+    def fly(weights: jax.Array, drone: Any, fresh: Any, bits: jax.Array) -> Any:
+        key = jax.random.wrap_key_data(bits)
+        drone, (_, outcome) = practise(world, lambda seen: jnp.tanh(weights @ seen), drone, fresh, key, HORIZON)
+        return drone, outcome.reward, outcome.terminated, outcome.truncated
+
+    first = jax.jit(jax.vmap(begin))(bits)
+    fresh = jax.tree.map(lambda leaf: np.asarray(leaf)[:, None], first)
+    run = jax.jit(jax.vmap(fly, in_axes=(None, 0, 0, 0)))
+    drone = run(weights, first, fresh, bits)[0]
+    jax.block_until_ready(run(weights, drone, fresh, bits + np.uint32(1)))
     print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6)
 
 
