@@ -5,11 +5,13 @@ import time
 from pathlib import Path
 from typing import Any
 
+import polars
 import pytest
 
-from maidenflight import cli, parameters, policy
+from maidenflight import cli, parameters, policy, results
+from maidenflight.flights import reading
 
-COMMANDS = ("demo", "drone", "record", "identify", "train", "transfer", "export", "report")
+COMMANDS = ("demo", "drone", "record", "identify", "validate", "train", "transfer", "export", "report")
 
 
 def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *arguments: Any) -> tuple[int, str, str]:
@@ -63,6 +65,10 @@ def test_help_starts_within_a_fifth_of_a_second_of_python_itself() -> None:
         (["identify", "{tmp}/empty"], "no flight logs"),
         (["identify", "{tmp}/odd.csv"], "unknown format"),
         (["identify", "{tmp}/empty", "--bounds", "latency"], "NAME=LOWER,UPPER"),
+        (["validate", "{tmp}/no.toml", "{tmp}/empty", "-o", "{tmp}/v.csv"], "no such drone"),
+        (["validate", "crazyflie", "{tmp}/empty", "-o", "{tmp}/v.csv"], "no flight logs"),
+        (["validate", "crazyflie", "{tmp}/empty", "-o", "{tmp}/odd.csv"], "already there"),
+        (["validate", "crazyflie", "{tmp}/empty", "-o", "{tmp}/v.csv", "--horizons", "soon"], "expected seconds"),
         (["train", "--drone", "{tmp}/no.toml", "-o", "{tmp}/p"], "no such drone"),
         (["train", "--drone", "{tmp}/bad.toml", "-o", "{tmp}/p"], "missing"),
         (["transfer", "{tmp}/empty", "-o", "{tmp}/t"], "no policies"),
@@ -138,3 +144,45 @@ def test_the_line_from_logs_to_report_in_json(tmp_path: Path, monkeypatch: Any, 
     page = Path(said("report", tmp_path)["report"])
     assert page == tmp_path / "report.html"
     assert "simulated" in page.read_text()
+
+
+def test_a_drone_is_validated(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+    logs, output, drone = tmp_path / "recorded", tmp_path / "validation.csv", tmp_path / "mine.toml"
+    assert run(monkeypatch, capsys, "record", "-o", logs, "--reality", "virtual:3", "--flights", 2, "--duration", 4)[0] == 0
+    assert run(monkeypatch, capsys, "drone", "crazyflie", "-o", drone)[0] == 0
+    arguments = ["validate", drone, logs, "-o", output, "--horizons", "0.05,0.3"]
+    code, out, err = run(monkeypatch, capsys, *arguments)
+    assert code == 0, err
+    for said in ("mine.toml", "paper's crazyflie", "nothing changes", "0.05 s", "0.3 s", "simulated", str(output)):
+        assert said in out
+    assert err == ""
+    assert run(monkeypatch, capsys, *arguments)[0] == 2
+    code, out, err = run(monkeypatch, capsys, *arguments, "--overwrite", "--json")
+    assert code == 0, err
+    assert len(out.splitlines()) == 1
+    said = json.loads(out)
+    assert said["simulated"] is True
+    assert len(said["errors"]) == 6
+    written = polars.read_csv(output, comment_prefix="#")
+    for row, entry in zip(written.iter_rows(named=True), said["errors"], strict=True):
+        assert row == pytest.approx(entry, abs=1e-8)
+    mine, papers = (written.filter(polars.col("model") == name).drop("model") for name in ("mine.toml", "paper's crazyflie"))
+    assert mine.equals(papers)
+    assert "mine.toml sha256:" in output.read_text()
+    assert list(reading.read_flights(tmp_path).paths) == sorted(logs.glob("*.csv"))
+
+    for horizons, expected in (("0,0.1", "horizons"), ("9", "no flight is long enough")):
+        code, out, err = run(monkeypatch, capsys, "validate", drone, logs, "-o", tmp_path / "v.csv", "--horizons", horizons)
+        assert (code, out, len(err.splitlines())) == (2, "", 1)
+        assert expected in err
+    assert not (tmp_path / "v.csv").exists()
+
+
+def test_flights_that_made_the_drone_are_called_no_test(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+    logs, drone = tmp_path / "recorded", tmp_path / "drone.toml"
+    run(monkeypatch, capsys, "record", "-o", logs, "--reality", "virtual:3", "--flights", 2, "--duration", 4)
+    made = results.record(seed=0, inputs=[logs / "flight_01.csv"], settings={})
+    parameters.write(drone, parameters.crazyflie(), {"record": made})
+    code, _, err = run(monkeypatch, capsys, "validate", drone, logs, "-o", tmp_path / "v.csv", "--horizons", "0.1")
+    assert code == 0
+    assert "identified from 1 of these 2 files" in err

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from maidenflight.flights.reading import read_flights as read_flights
     from maidenflight.flights.recording import record as record
     from maidenflight.identification.identify import identify as identify
+    from maidenflight.identification.prediction import prediction_error as prediction_error
     from maidenflight.parameters import Parameters as Parameters
     from maidenflight.parameters import crazyflie as crazyflie
     from maidenflight.policy import Policy as Policy
@@ -41,6 +42,7 @@ _PUBLIC = {
     "export_c": "deployment.c",
     "hover": "simulator.tasks",
     "identify": "identification.identify",
+    "prediction_error": "identification.prediction",
     "pwm": "simulator.control",
     "randomize": "simulator.randomization",
     "read_flights": "flights.reading",

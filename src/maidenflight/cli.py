@@ -13,6 +13,7 @@ from maidenflight.errors import InputError
 
 if TYPE_CHECKING:
     from maidenflight.demo import Demo
+    from maidenflight.flights.reading import Flights
     from maidenflight.training.analytic_gradient import Progress
 
 _CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
@@ -37,11 +38,11 @@ def main() -> None:
 @click.group(context_settings=_CONTEXT)
 @click.version_option(__version__, prog_name="maidenflight")
 def commands() -> None:
-    r"""From flight logs to a neural network that flies the real drone on its first try.
+    """From flight logs to a neural network that flies the real drone on its first try.
 
     \b
-    flight logs -> identify -> train -> transfer -> export -> report
-    """
+    flight logs -> identify -> validate -> train -> transfer -> export -> report
+    """  # noqa: D301
 
 
 def _seed(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -130,6 +131,17 @@ def _bounds(_: click.Context, __: click.Parameter, given: tuple[str, ...]) -> di
     return pairs
 
 
+def _flights_content(flights: "Flights") -> dict[str, Any]:
+    seconds = round(flights.duration, 2)
+    return {"files": len(flights.paths), "pieces": len(flights), "seconds": seconds, "dropped": flights.notes}
+
+
+def _print_flights(flights: "Flights", windows: int) -> None:
+    print(f"{len(flights.paths)} files, {len(flights)} usable pieces of flight, {flights.duration:.0f} s; {windows} windows")
+    if flights.notes:
+        print(f"{len(flights.notes)} notes on dropped rows, the first: {flights.notes[0]}")
+
+
 @commands.command()
 @click.argument("logs", type=click.Path(path_type=Path))
 @_output("drone.toml", "TOML file for the identified drone; identification.csv goes beside it.")
@@ -184,17 +196,62 @@ def identify(
         "windows": found.windows,
         "evaluations": found.evaluations,
         "seconds": round(found.seconds, 3),
-        "flights": {"files": len(flights.paths), "pieces": len(flights), "seconds": round(flights.duration, 2), "dropped": flights.notes},
+        "flights": _flights_content(flights),
         "notes": found.notes,
         "output": str(output),
     }
 
     def text() -> None:
-        print(f"{len(flights.paths)} files, {len(flights)} usable pieces of flight, {flights.duration:.0f} s; {found.windows} windows")
-        if flights.notes:
-            print(f"{len(flights.notes)} notes on dropped rows, the first: {flights.notes[0]}")
+        _print_flights(flights, found.windows)
         terminal.estimates(found)
         print(f"objective {found.objective:.4g} after {found.evaluations} evaluations in {found.seconds:.1f} s; written to {output}")
+
+    _emit(as_json, content, text)
+
+
+def _times(_: click.Context, __: click.Parameter, given: str) -> list[float]:
+    try:
+        return [float(entry) for entry in given.split(",")]
+    except ValueError as error:
+        raise click.BadParameter(f"{given!r}; expected seconds, such as 0.1,0.25,0.5.") from error
+
+
+@commands.command()
+@click.argument("drone_", metavar="DRONE")
+@click.argument("logs", type=click.Path(path_type=Path))
+@_output("validation.csv", "CSV file for the errors and their intervals.")
+@click.option("--horizons", default="0.1,0.25,0.5", show_default=True, callback=_times, help="How far ahead to predict, seconds.")
+@_seed
+@_as_json
+@_overwrite
+def validate(drone_: str, logs: Path, output: Path, horizons: list[float], seed: int, as_json: bool, overwrite: bool) -> None:
+    """Validate a DRONE on LOGS that it was not identified from.
+
+    DRONE is a TOML file or a name, LOGS a flight log or a folder of them. From every tenth row the drone is simulated with the
+    recorded commands alone; the table tells how far it is from the flight then. Beside it stand the paper's Crazyflie and the
+    prediction that nothing changes: position, velocity, attitude and body rates stay as they are.
+    """
+    _must_be_new(output, overwrite)
+    from maidenflight import workflow
+
+    with terminal.progress("validate", None) as move:
+        flights, errors, notes = workflow.validate_with(
+            drone_, logs, seed, output, horizons, lambda done, of: move(done, of, "reading flights")
+        )
+    for note in notes:
+        print(f"note: {note}", file=sys.stderr)
+    content = {
+        "errors": errors.to_dicts(),
+        "flights": _flights_content(flights),
+        "simulated": any(flight.simulated for flight in flights),
+        "notes": notes,
+        "output": str(output),
+    }
+
+    def text() -> None:
+        _print_flights(flights, errors["windows"][0])
+        terminal.predictions(errors, simulated=any(flight.simulated for flight in flights))
+        print(f"written to {output} in SI units, with 95 % intervals over {errors['stretches'][0]} stretches of flight")
 
     _emit(as_json, content, text)
 

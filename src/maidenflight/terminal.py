@@ -5,6 +5,8 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from polars import DataFrame
+
     from maidenflight.demo import Demo
     from maidenflight.experiments.transfer import Transfer
     from maidenflight.identification.identify import Identification
@@ -59,6 +61,25 @@ def estimates(found: "Identification", truth: dict[str, str] | None = None) -> N
         last = truth.get(name, "") if truth is not None else f"{mean} +- {estimate.trial_deviation * scale:.2g}"
         rows.append([name, f"{value} {shown}".strip(), f"{low} .. {high}", last])
     table("Identified parameters", ["parameter", "value", "95 % interval", "truth" if truth is not None else "optimiser's trials"], rows)
+
+
+def predictions(errors: "DataFrame", simulated: bool) -> None:
+    """Prints prediction errors, a block of rows for each horizon; `*` marks what is worse than predicting that nothing changes."""
+    from maidenflight.identification.prediction import NOTHING_CHANGES
+
+    shown = {"position": (100.0, "cm"), "velocity": (1.0, "m/s"), "attitude": (57.29578, "deg"), "body_rates": (1.0, "rad/s")}
+    simplest = {row["horizon"]: row for row in errors.iter_rows(named=True) if row["model"] == NOTHING_CHANGES}
+    rows: list[list[str]] = []
+    for row in errors.iter_rows(named=True):
+        worse = {name: not row[name] <= simplest[row["horizon"]][name] for name in shown}
+        cells = [f"{'* ' if worse[name] else ''}{row[name] * scale:#.3g}" for name, (scale, _) in shown.items()]
+        first = row["model"] == errors["model"][0]
+        rows.append([f"{row['horizon']:g} s" if first else "", row["model"], *(cell.removesuffix(".") for cell in cells)])
+    heads = [f"{name.replace('_', ' ')}\n{unit}" for name, (_, unit) in shown.items()]
+    title = f"Open-loop prediction errors on {'simulated' if simulated else 'real'} flight, root mean squares"
+    table(title, ["ahead", "model", *heads], rows, numbers_from=2)
+    if any(cell.startswith("*") for row in rows for cell in row[2:]):
+        print(f"* worse than predicting that {NOTHING_CHANGES}")
 
 
 def scores(progress: "Progress") -> str:

@@ -4,7 +4,9 @@ Each function reads what it is given, does one stage, writes its results with a 
 """
 
 import dataclasses
+import json
 import os
+import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,6 +22,7 @@ from maidenflight.flights import log, recording
 from maidenflight.flights.reading import Flights, read_flights
 from maidenflight.identification.bayesian import PAPER_BOUNDS
 from maidenflight.identification.identify import Identification, identify
+from maidenflight.identification.prediction import prediction_error
 from maidenflight.policy import Policy
 from maidenflight.simulator import control, tasks
 from maidenflight.simulator.bullet import DAMPING, Bullet
@@ -102,6 +105,40 @@ def identify_from(
     parameters.write(output, found.parameters, {"identification": found.to_table(), "record": made})
     results.write(Path(output).with_name("identification.csv"), found.history.write_csv(float_precision=9))
     return flights, found
+
+
+_VALIDATION = (
+    "# maidenflight validation 1: open-loop prediction errors, root mean squares over windows; horizon s, position m, velocity m/s,"
+    " attitude rad, body_rates rad/s; _low and _high end the 95 % interval over stretches of flight"
+)
+
+
+def validate_with(
+    drone: StrPath, logs: StrPath, seed: int, output: StrPath, horizons: Sequence[float], on_file: Callable[[int, int], None] | None = None
+) -> tuple[Flights, polars.DataFrame, list[str]]:
+    """Predicts flights with a drone and with the paper's Crazyflie; writes the errors to `output` as CSV.
+
+    Returns:
+        The flights, the errors as `prediction_error` gives them, and notes for the user.
+    """
+    models = {Path(drone).name: parameters.read(drone), "paper's crazyflie": parameters.crazyflie()}
+    flights = read_flights(logs, on_file)
+    table = prediction_error(flights, models, horizons, key=jax.random.key(seed))
+    inputs = [drone] if Path(drone).is_file() else []
+    settings = {"drone": Path(drone).name, "horizons": list(horizons)}
+    made = results.record(seed=seed, inputs=[*inputs, *flights.paths], settings=settings)
+    results.write(output, f"{_VALIDATION}\n# record: {json.dumps(made)}\n{table.write_csv(float_precision=9)}")
+    return flights, table, _not_held_out(drone, flights) if inputs else []
+
+
+def _not_held_out(drone: StrPath, flights: Flights) -> list[str]:
+    """Says so if a drone was identified from some of the flights, going by the record in its file."""
+    record = tomllib.loads(Path(drone).read_text(encoding="utf-8")).get("record", {})
+    used = {str(entry).rpartition("sha256:")[2] for entry in record.get("inputs", [])}
+    seen = sum(results.digest(path) in used for path in flights.paths)
+    if seen == 0:
+        return []
+    return [f"{Path(drone).name} was identified from {seen} of these {len(flights.paths)} files; how well it predicts those is no test."]
 
 
 def train_for(
