@@ -13,12 +13,14 @@ from jaxtyping import Array
 from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
 from maidenflight.flights.windows import BLOCK, HISTORY, windows
-from maidenflight.identification import bayesian, posterior
+from maidenflight.identification import bayesian, gradient, posterior
 from maidenflight.identification.bayesian import PAPER_BOUNDS, Box
-from maidenflight.identification.objective import DISCOUNT, Objective
+from maidenflight.identification.objective import DISCOUNT, NormalEquations, Objective
 from maidenflight.parameters import QUANTITIES, Parameters, check, crazyflie, replace
 from maidenflight.simulator.randomization import Ensemble
 
+METHODS = ("bayesian", "gradient")
+"""Optimisers of the objective."""
 _FEWEST_BLOCKS = 6
 """Stretches of flight below which redrawing them says little."""
 
@@ -101,9 +103,10 @@ def identify(
     trials: int = 3,
     bounds: Mapping[str, tuple[float, float]] = PAPER_BOUNDS,
     discount: float = DISCOUNT,
+    method: str = "bayesian",
     on_evaluation: Callable[[int, int], None] | None = None,
 ) -> Identification:
-    """Identifies parameters from flights by Bayesian optimisation of the paper's objective.
+    """Identifies parameters from flights by optimisation of the paper's objective.
 
     Args:
         flights: checked flights of one rate.
@@ -112,22 +115,25 @@ def identify(
         start: the drone whose other parameters are kept; the paper's Crazyflie unless given.
         length: T, rows of a window.
         history: rows of commands before a window, from which its motors' speed is inferred.
-        evaluations: of the objective, a trial; the paper spent 250.
-        trials: repetitions of the optimiser.
+        evaluations: of the objective, a trial; the paper spent 250. The gradient method stops by itself after two to five.
+        trials: repetitions of the optimiser, each from a start of its own.
         bounds: search bounds by name, SI units.
         discount: delta.
+        method: "bayesian", as the paper did, or "gradient", which follows derivatives through the simulator.
         on_evaluation: called with (evaluations done, evaluations planned).
 
     Returns:
         The best point found in any trial, its interval, and how it was found. Cost grows linearly with the windows.
 
     Raises:
-        InputError: an unknown or unbounded parameter, or too little flight.
+        InputError: an unknown or unbounded parameter, an unknown method, or too little flight.
     """
     began = time.perf_counter()
     flights = list(flights)
     start = crazyflie() if start is None else start
     box = _box(over, bounds)
+    if method not in METHODS:
+        raise InputError(f"unknown method {method!r} of identification; known are {', '.join(METHODS)}.")
     cut = windows(flights, length, history=history)
     objective = Objective(cut, flights[0].period, discount)
     seed = jax.random.bits(jax.random.key(0) if key is None else key, (2,))
@@ -145,7 +151,20 @@ def identify(
         values = box.values(unit)
         return replace(start, **{name: np.float32(value) for name, value in zip(box.names, values, strict=True)})
 
-    runs = [bayesian.minimise(lambda unit: objective(at(unit)), len(box.names), evaluations, generator, count) for _ in range(trials)]
+    def loss(unit: np.ndarray) -> float:
+        return objective(at(unit))
+
+    def equations(unit: np.ndarray, few: bool) -> NormalEquations:
+        every = max(1, objective.size // gradient.PILOT) if few else 1
+        return gradient.in_unit_cube(objective.normal_equations(at(unit), box.names, every), box, unit)
+
+    runs = []
+    for _ in range(trials):
+        if method == "gradient":
+            runs.append(gradient.minimise(loss, equations, len(box.names), evaluations, generator, count))
+            planned -= evaluations - len(runs[-1][1])
+        else:
+            runs.append(bayesian.minimise(loss, len(box.names), evaluations, generator, count))
     optima = np.array([points[int(np.argmin(values))] for points, values in runs])
     best = min(runs, key=lambda run: run[1].min())
     lowest = best[0][int(np.argmin(best[1]))]
