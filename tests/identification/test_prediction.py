@@ -7,7 +7,7 @@ import pytest
 
 from maidenflight.errors import InputError
 from maidenflight.flights.windows import windows
-from maidenflight.identification import prediction
+from maidenflight.identification import objective, prediction
 from maidenflight.identification.objective import simulate
 from maidenflight.identification.prediction import NOTHING_CHANGES, QUANTITIES, prediction_error
 from maidenflight.parameters import replace
@@ -140,7 +140,7 @@ def test_other_input_that_makes_no_sense_is_refused(flights):
 
 def test_chunks_are_filled_and_cut(flights):
     cut = windows(flights * 5, 5)
-    assert len(cut.block) > prediction._CHUNK
+    assert len(cut.block) > objective._CHUNK
     said = prediction.predict(cut, TRUE, 0.01)
     assert said.shape == (len(cut.block), 5, 12)
     few = jax.tree.map(lambda array: array[-3:], cut)

@@ -3,7 +3,7 @@
 Source of the experiment and its guards: Gronauer et al. 2022, sec. Zero-Shot Experiments.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -20,7 +20,6 @@ from maidenflight.flights.recording import Rows
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy
 from maidenflight.simulator import control, tasks
-from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.tasks import FARTHEST, Task
 from maidenflight.simulator.virtual_drone import VirtualDrone
@@ -31,9 +30,6 @@ STEEPEST = np.radians(30.0)
 """Roll or pitch at which the backup PID takes over [rad]."""
 FASTEST = np.radians(800.0)
 """Roll or pitch rate at which it takes over [rad/s]."""
-
-CONTROLLERS: dict[str, Callable[[], Controller]] = {"pwm": control.pwm}
-"""Control structure by the name that a policy carries."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +108,7 @@ def transfer(
     shapes = {(policy.control, policy.rate, policy.history, policy.layer_sizes) for policy in policies}
     if len(shapes) > 1:
         raise InputError(f"policies of different kinds ({'; '.join(map(str, sorted(shapes)))}); transfer each kind by itself.")
-    controller = CONTROLLERS[policies[0].control]()
+    controller = control.CONTROLLERS[policies[0].control]()
     if policies[0].rate != controller.action_rate:
         raise InputError(f"policies of {policies[0].rate} Hz; {policies[0].control} control acts at {controller.action_rate} Hz.")
     key = jax.random.key(0) if key is None else key

@@ -49,6 +49,17 @@ def world(
     return Environment.matching(drones.centre, task=_task(task, options), controller=controller, history=history), drones
 
 
+def checked_render_mode(mode: str | None) -> str | None:
+    """The render mode, if it is one.
+
+    Raises:
+        InputError: it is not.
+    """
+    if mode not in (None, "rgb_array"):
+        raise InputError(f"render_mode = {mode!r}; expected 'rgb_array' or None.")
+    return mode
+
+
 def _controller(name: str, firmware: str) -> Controller:
     make = control.CONTROLLERS.get(name)
     if make is None:

@@ -64,12 +64,10 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         Raises:
             InputError: an argument is not what it should be.
         """
-        if render_mode not in (None, *self.metadata["render_modes"]):
-            raise InputError(f"render_mode = {render_mode!r}; expected 'rgb_array' or None.")
+        self.render_mode = arguments.checked_render_mode(render_mode)
         self._world, self._drones = arguments.world(task, control, parameters, firmware, history, options)
         self.metadata = {**self.metadata, "render_fps": self._world.controller.action_rate}
         self.observation_space, self.action_space = spaces(history)
-        self.render_mode = render_mode
         self._program = flying.program(self._world)
         self._key: np.ndarray | None = None
         self._number = 0

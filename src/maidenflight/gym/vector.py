@@ -46,11 +46,10 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """
         if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
             raise InputError(f"num_envs = {num_envs!r}; expected a whole number of drones, 1 or more.")
-        if render_mode not in (None, *self.metadata["render_modes"]):
-            raise InputError(f"render_mode = {render_mode!r}; expected 'rgb_array' or None.")
+        self.render_mode = arguments.checked_render_mode(render_mode)
         self._world, self._drones = arguments.world(task, control, parameters, firmware, history, options)
         self.metadata = {**self.metadata, "render_fps": self._world.controller.action_rate}
-        self.num_envs, self.render_mode = num_envs, render_mode
+        self.num_envs = num_envs
         self.single_observation_space, self.single_action_space = spaces(history)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)

@@ -50,6 +50,11 @@ class Box:
         scaled = low + np.asarray(unit) * (high - low)
         return np.where(logarithmic, np.exp(scaled), scaled)
 
+    def slope(self, unit: Float[np.ndarray, "d"]) -> Float[np.ndarray, "d"]:
+        """Derivative of each value with respect to its coordinate in the unit cube."""
+        low, high, logarithmic = self._ends()
+        return (high - low) * np.where(logarithmic, self.values(unit), 1.0)
+
     def unit(self, values: Float[np.ndarray, "... d"]) -> Float[np.ndarray, "... d"]:
         """Points of the unit cube at parameter values."""
         low, high, logarithmic = self._ends()

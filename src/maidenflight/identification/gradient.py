@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import lsq_linear
 
-from maidenflight.identification.bayesian import LOGARITHMIC, Box
+from maidenflight.identification.bayesian import Box
 from maidenflight.identification.objective import NormalEquations
 
 PILOT = 512
@@ -27,10 +27,7 @@ _INSIDE = 1e-4
 
 def in_unit_cube(equations: NormalEquations, box: Box, point: Float[np.ndarray, "d"]) -> NormalEquations:
     """Normal equations per unit of the search's cube instead of per SI unit of the parameters."""
-    low, high = np.array(box.lower), np.array(box.upper)
-    logarithmic = np.array([name in LOGARITHMIC for name in box.names])
-    with np.errstate(divide="ignore"):
-        scale = np.where(logarithmic, box.values(point) * np.log(high / low), high - low)
+    scale = box.slope(point)
     square = np.outer(scale, scale)
     return NormalEquations(equations.loss, equations.gradient * scale, equations.curvature * square, equations.majorant * square)
 

@@ -93,6 +93,20 @@ def _discounts(length: int, discount: float | Array) -> Float[Array, "T"]:
     return discount ** jnp.arange(1, length + 1, dtype=jnp.float32)
 
 
+def in_chunks(windows: Windows) -> Windows:
+    """Windows by chunks of 256, on the device; the last chunk is filled up with windows that stand for nothing new."""
+    count = len(windows.block)
+    chunks = -(-count // _CHUNK)
+    order = np.resize(np.arange(count), chunks * _CHUNK)
+    return jax.tree.map(lambda array: jnp.asarray(array[order]).reshape(chunks, _CHUNK, *array.shape[1:]), windows)
+
+
+def physics_steps(period: float) -> tuple[int, np.float32]:
+    """Physics steps a row, and how long each is [s], for rows that are `period` seconds apart."""
+    steps = max(1, round(period / PHYSICS_STEP))
+    return steps, np.float32(period / steps)
+
+
 class NormalEquations(NamedTuple):
     """The objective around a point: its slope, and two models of how it curves. Per unit of each of d parameters."""
 
@@ -121,15 +135,11 @@ class Objective:
             discount: delta.
             weights: diagonal of W.
         """
-        count = len(windows.block)
-        chunks = -(-count // _CHUNK)
-        order = np.resize(np.arange(count), chunks * _CHUNK)  # the last chunk is filled up with windows that count nothing
-        self._windows = jax.tree.map(lambda array: jnp.asarray(array[order]).reshape(chunks, _CHUNK, *array.shape[1:]), windows)
-        self.size = count
+        self._windows = in_chunks(windows)
+        self.size = len(windows.block)
         self.blocks = int(windows.block.max()) + 1
         self._block = windows.block
-        self.steps = max(1, round(period / PHYSICS_STEP))
-        self._time_step = np.float32(period / self.steps)
+        self.steps, self._time_step = physics_steps(period)
         self._settings = (jnp.asarray(weights), jnp.float32(discount))
 
     def per_window(self, parameters: Parameters) -> Float[np.ndarray, "W"]:

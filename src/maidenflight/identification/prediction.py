@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
 from maidenflight.flights.windows import HISTORY, Windows, windows
-from maidenflight.identification.objective import PHYSICS_STEP, simulate
+from maidenflight.identification.objective import PHYSICS_STEP, in_chunks, physics_steps, simulate
 from maidenflight.identification.posterior import LEVEL, RESAMPLES
 from maidenflight.parameters import Parameters, replace
 
@@ -29,8 +29,6 @@ NOTHING_CHANGES = "nothing changes"
 QUANTITIES = {"position": "m", "velocity": "m/s", "attitude": "rad", "body_rates": "rad/s"}
 """Columns of errors and their units."""
 _STEP = f"physics steps of {PHYSICS_STEP * 1e3:g} ms"
-_CHUNK = 256
-"""Windows simulated side by side, as in the objective."""
 
 
 def prediction_error(
@@ -103,12 +101,10 @@ def predict(cut: Windows, parameters: Parameters, period: float) -> Float[np.nda
     Returns:
         Position, velocity, attitude and body rates in the T rows after each start.
     """
-    steps = max(1, round(period / PHYSICS_STEP))
-    drone = jax.tree.map(jnp.asarray, replace(parameters, time_step=np.float32(period / steps)))
-    count = len(cut.block)
-    order = np.resize(np.arange(count), -(-count // _CHUNK) * _CHUNK)  # the last chunk is filled up
-    chunks = jax.tree.map(lambda array: jnp.asarray(array[order].reshape(-1, _CHUNK, *array.shape[1:])), cut)
-    return np.asarray(_simulate(chunks, drone, steps)).reshape(len(order), -1, 12)[:count]
+    steps, time_step = physics_steps(period)
+    drone = jax.tree.map(jnp.asarray, replace(parameters, time_step=time_step))
+    simulated = np.asarray(_simulate(in_chunks(cut), drone, steps))
+    return simulated.reshape(-1, *simulated.shape[2:])[: len(cut.block)]
 
 
 @partial(jax.jit, static_argnums=2)

@@ -129,8 +129,7 @@ def _attitude_rate(firmware: Generation, action_rate: int) -> Controller:
         return memory, _command(motors)
 
     def level(command: Float[Array, ""]) -> Float[Array, "4"]:
-        thrust = 2.0 * command - 1.0
-        return jnp.stack([thrust, *[jnp.zeros_like(thrust)] * 3])
+        return _upright(2.0 * command - 1.0)
 
     return Controller("attitude_rate", rates_switched_on, command, ATTITUDE_RATE, _dividing(action_rate), level)
 
@@ -148,10 +147,15 @@ def _attitude(firmware: Generation, action_rate: int) -> Controller:
         return memory, _command(motors)
 
     def level(command: Float[Array, ""]) -> Float[Array, "4"]:
-        thrust = 6.0 * command - 4.5
-        return jnp.stack([thrust, *[jnp.zeros_like(thrust)] * 3])
+        return _upright(6.0 * command - 4.5)
 
     return Controller("attitude", partial(switched_on, fixed=True), command, ATTITUDE_RATE, _dividing(action_rate), level)
+
+
+def _upright(thrust: Float[Array, ""]) -> Float[Array, "4"]:
+    """The action that asks for collective thrust and nothing else."""
+    none = jnp.zeros_like(thrust)
+    return jnp.stack([thrust, none, none, none])
 
 
 def _command(motors: Float[Array, "4"]) -> Float[Array, "4"]:

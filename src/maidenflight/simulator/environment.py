@@ -245,7 +245,7 @@ def step(
     drawn = draw(environment, key)
     setpoint = environment.task.reference(episode.time)
     period = environment.control_period(parameters)
-    number = jnp.round(episode.elapsed / period) + 1.0
+    actions = jnp.round(episode.elapsed / period) + 1.0
 
     def until_estimate(before: Episode, drawn: Noise) -> tuple[Episode, None]:
         def hold(episode: Episode, now: tuple[Array, Array]) -> tuple[Episode, None]:
@@ -263,7 +263,7 @@ def step(
             roomy = before._replace(delay_line=latency.with_room(before.delay_line, commands))
             episode, _ = lax.scan(hold, roomy, (jnp.arange(commands), drawn.command))
             episode = episode._replace(delay_line=episode.delay_line[: before.delay_line.shape[0]])
-        return _estimate(environment, episode, number, period / environment.estimates_per_action, parameters, drawn), None
+        return _estimate(environment, episode, actions, period / environment.estimates_per_action, parameters, drawn), None
 
     if environment.estimates_per_action == 1:
         after, _ = until_estimate(episode, tree.map(lambda numbers: numbers[0], drawn))
@@ -314,9 +314,9 @@ def _hold_command(
 
 
 def _estimate(
-    environment: Environment, episode: Episode, number: Float[Array, ""], period: Float[Array, ""], parameters: Parameters, drawn: Noise
+    environment: Environment, episode: Episode, actions: Float[Array, ""], period: Float[Array, ""], parameters: Parameters, drawn: Noise
 ) -> Episode:
-    """Reads the sensors; position, velocity and attitude only where an estimate is due after this action of the episode."""
+    """Reads the sensors; position, velocity and attitude only where an estimate is due after so many actions."""
     bias = sensors.walk_bias(episode.gyro_bias, period, parameters, drawn.estimate[:3])
     seen, estimator = episode.state, episode.estimator
     every = max(1, environment.controller.action_rate // environment.estimate_rate)
@@ -325,7 +325,7 @@ def _estimate(
         seen = sensors.delayed(estimator, episode.state, every * period, parameters)
     fresh = sensors.measure(seen._replace(body_rates=episode.gyro), bias, parameters, drawn.estimate[3:], drawn.uniform)
     if every > 1:
-        due = number % every == 0
+        due = actions % every == 0
         old = episode.measurement._replace(body_rates=fresh.body_rates)
         fresh, estimator = tree.map(lambda new, old: jnp.where(due, new, old), (fresh, estimator), (old, episode.estimator))
     return episode._replace(gyro_bias=bias, estimator=estimator, measurement=fresh)

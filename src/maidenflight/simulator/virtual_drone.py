@@ -32,9 +32,8 @@ class VirtualDrone:
 
     def environment(self, task: Task, controller: Controller) -> Environment:
         """How this drone is simulated for a task and a control structure."""
-        rate = 100
-        memory = 2 + math.ceil(max(0.010, float(self.parameters.estimator_delay)) * rate - 1e-6)
-        settings = {"integrator": self.integrator, "battery": True, "estimate_rate": rate, "estimator_memory": memory}
+        memory = 2 + math.ceil(max(0.010, float(self.parameters.estimator_delay)) * Environment.estimate_rate - 1e-6)
+        settings = {"integrator": self.integrator, "battery": True, "estimator_memory": memory}
         return Environment.matching(self.parameters, task, controller, **settings)
 
 
