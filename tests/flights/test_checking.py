@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis.extra.numpy import arrays
 from made_flights import calm, same
 
 from maidenflight.errors import InputError
@@ -33,11 +35,13 @@ def test_a_clean_flight_passes_whole_and_without_notes():
 
 FAULTS = [
     *[
-        (group, 2, value, "not a finite number")
-        for group in ("position", "velocity", "attitude", "body_rates")
+        (group, 2, value, f"not a finite number in {name}")
+        for group, name in (("position", "position_z"), ("velocity", "velocity_z"), ("attitude", "yaw"), ("body_rates", "body_rate_z"))
         for value in (np.nan, np.inf)
     ],
-    ("command", 3, np.nan, "not a finite number"),
+    ("command", 3, np.nan, "not a finite number in command_4"),
+    ("command", 1, 1.2, "command outside [0, 1]"),
+    ("command", 1, -0.2, "command outside [0, 1]"),
     ("attitude", 0, 1.06, "tilt above 60 deg"),
     ("attitude", 1, -1.06, "tilt above 60 deg"),
     ("body_rates", 2, -25.5, "body rate above 25 rad/s"),
@@ -50,41 +54,50 @@ FAULTS = [
 def test_a_fault_drops_exactly_its_rows_and_says_so(group, column, value, words):
     flight = spoilt(group, column, value)
     kept, notes = checking.pieces(flight)
-    assert notes == [f"calm: 6 rows dropped: {words}"]
+    assert notes == [f"calm: 6 rows dropped: {words} (first: row 81)"]
     assert [len(piece) for piece in kept] == [80, 114]
     assert same(kept[0], part(flight, 0, 80))
     assert same(kept[1], part(flight, 86, 200))
 
 
-BOLD = [("attitude", 2, 3.1), ("attitude", 0, 1.04), ("body_rates", 0, 24.5), ("position", 2, 0.11), ("command", 1, 0.0)]
+ALL, SOME = slice(None), slice(80, 86)
+BOLD = [
+    ("attitude", 2, 3.1, SOME),
+    ("attitude", 0, 1.04, ALL),
+    ("body_rates", 0, 24.5, SOME),
+    ("position", 2, 0.11, ALL),
+    ("command", 1, 0.0, SOME),
+    ("battery", ..., np.nan, ALL),
+    ("setpoint", ..., np.nan, ALL),
+]
 
 
-@pytest.mark.parametrize(("group", "column", "value"), [*BOLD, ("battery", ..., np.nan), ("setpoint", ..., np.nan)])
-def test_what_is_only_bold_or_unknown_is_kept(group, column, value):
+@pytest.mark.parametrize(("group", "column", "value", "rows"), BOLD)
+def test_what_is_only_bold_or_unknown_is_kept(group, column, value, rows):
     unknown = np.full_like(getattr(calm(rows=200), group), value)
-    flight = replace(calm(rows=200), **{group: unknown}) if column is ... else spoilt(group, column, value)
+    flight = replace(calm(rows=200), **{group: unknown}) if column is ... else spoilt(group, column, value, rows)
     kept, notes = checking.pieces(flight)
     assert ([len(piece) for piece in kept], notes) == ([200], [])
 
 
 def test_a_row_with_two_faults_is_counted_once():
     _, notes = checking.pieces(spoilt("position", 2, 0.0, flight=spoilt("attitude", 0, 1.2)))
-    assert notes == ["calm: 6 rows dropped: tilt above 60 deg"]
+    assert notes == ["calm: 6 rows dropped: tilt above 60 deg (first: row 81)"]
 
 
 def test_faults_at_both_ends_leave_the_middle():
     flight = spoilt("position", 2, 0.02, slice(0, 30), spoilt("command", slice(None), 0.0, slice(180, 200)))
     kept, notes = checking.pieces(flight)
     assert [len(piece) for piece in kept] == [150]
-    assert notes == ["calm: 30 rows dropped: below 0.1 m", "calm: 20 rows dropped: motors off"]
+    assert notes == ["calm: 30 rows dropped: below 0.1 m (first: row 1)", "calm: 20 rows dropped: motors off (first: row 181)"]
 
 
 @pytest.mark.parametrize(("shortest", "lengths"), [(50, [80, 114]), (80, [80, 114]), (81, [114]), (115, [])])
 def test_pieces_that_are_too_short_are_dropped_with_a_note(shortest, lengths):
-    kept, notes = checking.pieces(spoilt("position", 2, 0.0), shortest)
+    kept, notes = checking.pieces(spoilt("position", 2, 0.0), shortest=shortest)
     assert [len(piece) for piece in kept] == lengths
-    short = [f"calm: {rows} rows dropped: a piece shorter than {shortest * 0.01:g} s" for rows in (80, 114) if rows not in lengths]
-    assert notes[1:] == short
+    what = {0: [], 1: ["80 rows dropped: a piece"], 2: ["194 rows dropped: 2 pieces"]}[2 - len(lengths)]
+    assert notes[1:] == [f"calm: {words} shorter than {shortest * 0.01:g} s" for words in what]
 
 
 @pytest.mark.parametrize(
@@ -94,6 +107,9 @@ def test_pieces_that_are_too_short_are_dropped_with_a_note(shortest, lengths):
         ("body_rates", 180 / np.pi, ["body_rate", "expected rad/s,", "degrees a second"]),
         ("command", 65535.0, ["command", r"in \[0, 1\]", "PWM counts"]),
         ("position", 1000.0, ["position", "expected m,", "millimetres"]),
+        ("velocity", 1000.0, ["velocity", "expected m/s,", "millimetres"]),
+        ("battery", 1000.0, ["battery", "expected V,", "millivolts"]),
+        ("command", -1.0, ["command", "actions"]),
     ],
 )
 def test_a_wrong_unit_is_refused_with_the_right_one(group, factor, words):
@@ -107,7 +123,7 @@ def test_a_flight_without_one_finite_number_has_no_pieces():
     empty = np.full((200, 3), np.nan, np.float32)
     kept, notes = checking.pieces(calm(rows=200, position=empty, attitude=empty))
     assert kept == []
-    assert notes == ["calm: 200 rows dropped: not a finite number"]
+    assert notes == ["calm: 200 rows dropped: not a finite number in position_x, position_y, position_z ... (first: row 1)"]
 
 
 def clock(rows=200):
@@ -115,8 +131,8 @@ def clock(rows=200):
 
 
 def test_a_steady_clock_cuts_nothing():
-    parts, notes = checking.at_gaps(calm(rows=200), clock() + 3.0)
-    assert [len(piece) for piece in parts] == [200]
+    kept, notes = checking.pieces(calm(rows=200), clock() + 3.0)
+    assert [len(piece) for piece in kept] == [200]
     assert notes == []
 
 
@@ -124,25 +140,69 @@ def test_a_steady_clock_cuts_nothing():
 def test_missing_rows_and_time_running_backwards_cut_the_flight(jump):
     time = clock()
     time[70:] += jump
-    parts, notes = checking.at_gaps(calm(rows=200), time)
-    assert [len(piece) for piece in parts] == [70, 130]
-    assert same(parts[1], part(calm(rows=200), 70, 200))
-    assert notes == [f"calm: cut at 1 jumps of time (largest {0.01 + jump:.3f} s at t = 0.69 s)"]
+    kept, notes = checking.pieces(calm(rows=200), time)
+    assert [len(piece) for piece in kept] == [70, 130]
+    assert same(kept[1], part(calm(rows=200), 70, 200))
+    assert notes == [f"calm: cut at 1 jumps of time (largest {0.01 + jump:.3f} s at t = 0.69 s, row 71)"]
 
 
 def test_jitter_of_less_than_half_a_period_cuts_nothing():
     jitter = np.random.default_rng(0).uniform(-0.0024, 0.0024, 200)
-    assert len(checking.at_gaps(calm(rows=200), clock() + jitter)[0]) == 1
+    assert len(checking.pieces(calm(rows=200), clock() + jitter)[0]) == 1
 
 
-@pytest.mark.parametrize("time", [np.cumsum(np.tile([0.001, 0.02, 0.1, 0.4], 50)), np.zeros(200)])
+@pytest.mark.parametrize("time", [np.cumsum(np.tile([0.001, 0.02, 0.1, 0.4], 50)), np.zeros(200), clock()[::-1]])
 def test_rows_at_no_steady_rate_are_refused(time):
     with pytest.raises(InputError, match="not equally spaced"):
-        checking.at_gaps(calm(rows=200, period=float(np.median(np.diff(time)))), time)
+        checking.pieces(calm(rows=200, period=float(np.median(np.diff(time)))), time)
+
+
+def test_milliseconds_are_refused():
+    with pytest.raises(InputError, match=r"rows are 10 s apart; expected seconds.*milliseconds"):
+        checking.pieces(calm(rows=200, period=10.0), 1000 * clock())
 
 
 def test_a_row_without_a_time_is_refused_by_its_number():
     time = clock()
     time[41] = np.nan
     with pytest.raises(InputError, match="row 42"):
-        checking.at_gaps(calm(rows=200), time)
+        checking.pieces(calm(rows=200), time)
+
+
+def test_a_log_that_stands_still_loses_those_rows():
+    flight = calm(rows=300)
+    held = np.minimum(np.arange(300), 100) + np.maximum(np.arange(300) - 150, 0)
+    stuck = replace(
+        flight, **{group: getattr(flight, group)[held] for group in ("position", "velocity", "attitude", "body_rates", "command")}
+    )
+    kept, notes = checking.pieces(stuck)
+    assert notes == ["calm: 50 rows dropped: every column stands still (first: row 102)"]
+    assert [len(piece) for piece in kept] == [101, 149]
+
+
+@pytest.mark.parametrize(("group", "words"), [("position", "position jumps"), ("attitude", "attitude jumps")])
+def test_a_jump_of_the_estimate_costs_one_row_and_cuts_there(group, words):
+    flight = calm(rows=300)
+    jumped = getattr(flight, group).copy()
+    jumped[150:, 0] += 0.6
+    kept, notes = checking.pieces(replace(flight, **{group: jumped}))
+    assert len(notes) == 1
+    assert f"1 rows dropped: {words}" in notes[0]
+    assert "row 151" in notes[0]
+    assert [len(piece) for piece in kept] == [150, 149]
+
+
+def test_a_weak_battery_is_told_and_kept():
+    kept, notes = checking.pieces(calm(rows=200, battery=np.full(200, 2.6, np.float32)))
+    assert len(kept[0]) == 200
+    assert notes == ["calm: 200 rows kept with the battery below 2.8 V, where the firmware can no longer make up for it"]
+
+
+@given(cuts=arrays(bool, 40), rows=arrays(bool, 40))
+def test_runs_hold_every_true_row_once_and_no_cut_inside(cuts, rows):
+    runs = checking._runs(rows, cuts)
+    covered = np.zeros(40, int)
+    for start, stop in runs:
+        covered[start:stop] += 1
+        assert not cuts[start + 1 : stop].any()
+    np.testing.assert_array_equal(covered, rows.astype(int))

@@ -1,9 +1,12 @@
 """Our own log format: what is written is read back, and what is not a log is refused in words."""
 
+import io
 import json
 import re
+from pathlib import Path
 
 import numpy as np
+import polars
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -12,6 +15,7 @@ from made_flights import calm
 
 from maidenflight.errors import InputError
 from maidenflight.flights import log
+from maidenflight.flights.reading import read_flights
 
 
 def numbers(rows, columns=None):
@@ -136,3 +140,48 @@ def test_what_is_no_table_is_refused(text):
         log.from_csv(text, "x.csv")
     with pytest.raises(InputError, match=r"x\.csv"):
         log.numbers(text, "x.csv", ["time"])
+
+
+def to_parquet(path, flight, **metadata):
+    """A flight in our columns as Parquet."""
+    text = log.to_csv(flight)
+    polars.read_csv(io.StringIO(text), comment_prefix="#").write_parquet(path, metadata=metadata or None)
+
+
+def test_the_same_columns_are_read_from_parquet(tmp_path):
+    to_parquet(tmp_path / "flight.parquet", calm(simulated="virtual-3"), commands="held", simulated="virtual-3")
+    read = read_flights(tmp_path)
+    assert read.notes == ()
+    (flight,) = read.flights
+    assert (flight.held, flight.simulated) == (True, "virtual-3")
+    np.testing.assert_allclose(flight.body_rates, calm().body_rates, atol=1e-6)
+
+
+def test_parquet_too_must_say_what_a_command_is(tmp_path):
+    to_parquet(tmp_path / "flight.parquet", calm())
+    with pytest.raises(InputError, match=r"metadata lack 'commands: held' or 'commands: sampled'"):
+        read_flights(tmp_path / "flight.parquet")
+
+
+@pytest.mark.parametrize("content", [b"PAR1", b"PAR1" + b"x" * 100 + b"PAR1", b"PAR1" + bytes(range(256)) * 9, b"a,b\n1,2\n", b""])
+def test_parquet_that_is_none_is_refused(tmp_path, content):
+    (tmp_path / "flight.parquet").write_bytes(content)
+    with pytest.raises(InputError, match=r"flight\.parquet: not a"):
+        read_flights(tmp_path / "flight.parquet")
+
+
+def test_a_column_of_dates_in_parquet_is_named(tmp_path):
+    text = log.to_csv(calm())
+    frame = polars.read_csv(io.StringIO(text), comment_prefix="#")
+    when = polars.datetime_range(polars.datetime(2024, 1, 1), polars.datetime(2024, 1, 2), "12m", eager=True)[:120]
+    frame.with_columns(time=when).write_parquet(tmp_path / "flight.parquet", metadata={"commands": "held"})
+    with pytest.raises(InputError, match=r"column time holds Datetime.*not a number"):
+        read_flights(tmp_path / "flight.parquet")
+
+
+def test_the_python_of_the_log_format_page_runs(tmp_path, monkeypatch, capsys):
+    page = (Path(__file__).parents[2] / "docs/flight-log.md").read_text()
+    monkeypatch.chdir(tmp_path)
+    (snippet,) = re.findall(r"^```python\n(.*?)^```", page, re.M | re.S)
+    exec(compile(snippet, "docs/flight-log.md", "exec"), {})
+    assert "2 pieces, 8.0 s\n()\n('logs/damaged.csv: columns are separated by semicolons in line 1" in capsys.readouterr().out

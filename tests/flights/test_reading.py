@@ -5,6 +5,7 @@ import warnings
 from functools import cache
 
 import numpy as np
+import polars
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -43,6 +44,26 @@ def test_one_file_of_either_format_is_read_plain_or_compressed(tmp_path, name, c
     assert same(read.flights[0], read_flights(put(tmp_path / "plain.csv", data)).flights[0])
 
 
+def test_the_authors_columns_are_read_from_parquet_too(tmp_path):
+    plain = put(tmp_path / "plain.csv", theirs())
+    polars.read_csv(plain).write_parquet(tmp_path / "same.parquet")
+    assert same(read_flights(plain).flights[0], read_flights(tmp_path / "same.parquet").flights[0])
+
+
+def test_more_columns_than_needed_are_no_harm(tmp_path):
+    wide = tmp_path / "wide.csv"
+    polars.read_csv(theirs()).with_columns(polars.lit("x").alias("remark")).write_csv(wide)
+    assert len(read_flights(wide)) == 1
+
+
+@pytest.mark.parametrize("step", [0.005, 0.02, 10.0])
+def test_the_authors_columns_at_another_rate_are_refused(tmp_path, step):
+    table = polars.read_csv(theirs(200)).with_columns(time=step * polars.arange(200))
+    table.write_csv(tmp_path / "rate.csv")
+    with pytest.raises(InputError, match=r"rate\.csv: .*(ms apart by column time; expected 10 ms|time runs backwards or leaps 199 times)"):
+        read_flights(tmp_path / "rate.csv")
+
+
 def test_a_folder_is_searched_to_its_depth_in_the_order_of_names(tmp_path):
     put(tmp_path / "b" / "2.csv.gz", gzip.compress(ours(90)))
     put(tmp_path / "b" / "deep" / "er" / "1.csv", ours(100))
@@ -59,7 +80,25 @@ def test_a_folder_is_searched_to_its_depth_in_the_order_of_names(tmp_path):
 def test_other_tables_in_a_folder_are_ignored(tmp_path, table):
     put(tmp_path / "flight.csv", ours())
     put(tmp_path / ("results.csv.gz" if table[:2] == b"\x1f\x8b" else "results.csv"), table)
-    assert [path.name for path in read_flights(tmp_path).paths] == ["flight.csv"]
+    read = read_flights(tmp_path)
+    assert [path.name for path in read.paths] == ["flight.csv"]
+    assert len([said for said in (*read.notes, *read.refused) if "results.csv" in said]) == 1, "but not in silence"
+
+
+OWN_TABLES = {
+    "training.csv": b"update,steps,policy,episode_return\n1,64,1,-3.0\n",
+    "flights.csv": b"flight,policy,reality,trial,duration,end_reason,position_error\n1,1,virtual-1,1,20.0,time,0.1\n",
+    "identification.csv": b"trial,thrust_to_weight,objective\n1,1.8,10.0\n",
+    "validation.csv": b"# maidenflight validation 1: errors\n# record: {}\nmodel,horizon,windows\nx,0.1,3\n",
+}
+
+
+@pytest.mark.parametrize("name", OWN_TABLES)
+def test_our_own_result_tables_are_passed_over_in_silence(tmp_path, name):
+    put(tmp_path / "flight.csv", ours())
+    put(tmp_path / name, OWN_TABLES[name])
+    read = read_flights(tmp_path)
+    assert (len(read), read.notes, read.refused) == (1, (), ())
 
 
 def test_a_log_with_its_columns_in_another_order_is_read_in_a_folder_too(tmp_path):
@@ -82,8 +121,8 @@ def test_notes_of_all_files_are_kept(tmp_path):
 
 
 REFUSED = {
-    "an unknown format": (b"t,x,y\n1,2,3\n", "unknown format.*'t,x,y'.*maidenflight flight 1.*22 columns"),
-    "an empty file": (b"", "unknown format"),
+    "an unknown format": (b"t,x,y\n1,2,3\n", "unknown format.*'t,x,y'.*maidenflight flight 1.*22 columns.*51 columns.*stateEstimate.x"),
+    "an empty file": (b"", "the file is empty"),
     "a truncated gzip": (gzip.compress(ours())[:-200], "cannot be read"),
     "a damaged gzip": (gzip.compress(ours())[:60] + b"\x00" * 40 + gzip.compress(ours())[100:], "cannot be read"),
     "only the start of a gzip": (b"\x1f\x8b", "cannot be read"),
@@ -101,11 +140,20 @@ def test_is_refused_in_words(tmp_path, what):
         read_flights(put(tmp_path / "bad.csv", content))
 
 
-@pytest.mark.parametrize("what", ["a truncated gzip", "a damaged gzip", "only the start of a gzip"])
-def test_a_broken_gzip_in_a_folder_is_refused_not_skipped(tmp_path, what):
+@pytest.mark.parametrize("what", REFUSED)
+def test_what_is_refused_alone_leaves_the_rest_of_its_folder(tmp_path, what):
     put(tmp_path / "good.csv", ours())
-    put(tmp_path / "broken.csv.gz", REFUSED[what][0])
-    with pytest.raises(InputError, match=r"broken\.csv\.gz"):
+    put(tmp_path / "bad.csv", REFUSED[what][0])
+    read = read_flights(tmp_path)
+    assert len(read) == 1
+    assert len([said for said in (*read.refused, *read.notes) if "bad.csv" in said]) == 1
+
+
+@pytest.mark.parametrize("what", ["a truncated gzip", "a damaged gzip", "only the start of a gzip"])
+def test_a_folder_of_nothing_but_damage_is_refused_with_the_reasons(tmp_path, what):
+    for number in range(5):
+        put(tmp_path / f"broken_{number}.csv.gz", REFUSED[what][0])
+    with pytest.raises(InputError, match=r"no usable flight.*broken_0\.csv\.gz.*broken_2.*and 2 more"):
         read_flights(tmp_path)
 
 
@@ -146,13 +194,20 @@ def test_a_file_saved_on_windows_is_read_alike(tmp_path):
     assert same(read_flights(windows).flights[0], read_flights(plain).flights[0])
 
 
-HEADS = [b"", log.MARK.encode() + b"\n", log.MARK.encode() + b"\n# commands: held\n", AUTHORS.encode() + b"\n", b"\x1f\x8b\x08\x00"]
+HEADS = [
+    b"",
+    log.MARK.encode() + b"\n",
+    log.MARK.encode() + b"\n# commands: held\n",
+    AUTHORS.encode() + b"\n",
+    b"\x1f\x8b\x08\x00",
+    b"PAR1",
+]
 
 
 @settings(max_examples=200)
 @given(head=st.sampled_from(HEADS), body=st.binary(max_size=200))
 def test_random_bytes_are_refused_not_crashed_on(tmp_path_factory, head, body):
-    for name in ("fuzz.csv", "fuzz.csv.gz"):
+    for name in ("fuzz.csv", "fuzz.csv.gz", "fuzz.parquet"):
         reads_or_refuses(put(tmp_path_factory.getbasetemp() / "random" / name, head + body))
     reads_or_refuses(tmp_path_factory.getbasetemp() / "random")
 

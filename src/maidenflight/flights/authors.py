@@ -7,8 +7,12 @@ Source: github SvenGronauer/phoenix-drone-simulation c5d6907; signs and scales v
 """
 
 import numpy as np
+from jaxtyping import Float
 
-from maidenflight.flights.log import Flight, numbers
+from maidenflight.errors import InputError
+from maidenflight.flights import tables
+from maidenflight.flights.log import Flight
+from maidenflight.flights.tables import Table
 from maidenflight.simulator import battery
 
 COLUMNS = (
@@ -23,26 +27,61 @@ PERIOD = 0.01
 """Time between two rows [s]."""
 
 
-def from_csv(text: str, name: str) -> list[Flight]:
-    """Reads one file; where time runs backwards another flight begins.
+GAP = 0.1
+"""Step of the rounded time above which rows must be missing [s]; rounding makes steps of up to 63 ms."""
 
-    Args:
-        text: content of the file.
-        name: what errors name.
+
+def from_csv(text: str, name: str) -> list[Flight]:
+    """Reads the flights in the text of one file; see `flights`."""
+    return [flight for flight, _ in flights(tables.from_text(text, name))[0]]
+
+
+def recognises(table: Table) -> bool:
+    """Whether most of the columns are there."""
+    return table.share(COLUMNS) >= 0.6
+
+
+def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], list[str]]:
+    """Reads one file; where time runs backwards or leaps another flight begins.
 
     Returns:
-        The flights in it, unchecked. The set-point is that of the circle, which every flight starts with its clock.
+        The flights in it, unchecked, each with the time of its rows [s]; and a note if there are several. The set-point is that of
+        the circle, which every flight starts with its clock.
 
     Raises:
-        InputError: not the authors' columns.
+        InputError: not the authors' columns, or not 100 Hz.
     """
-    table = numbers(text, name, COLUMNS)
-    starts = [0, *(np.flatnonzero(np.diff(table["time"]) < 0) + 1), len(table["time"])]
-    flights = []
-    for number, (start, stop) in enumerate(zip(starts[:-1], starts[1:], strict=True), 1):
-        part = {column: values[start:stop] for column, values in table.items()}
-        flights.append(_flight(part, name if len(starts) == 2 else f"{name} part {number}"))
-    return flights
+    column = tables.numbers(table, COLUMNS)
+    time = column["time"]
+    with np.errstate(invalid="ignore"):  # infinities
+        step = np.diff(time)
+    starts = [0, *(np.flatnonzero((step < 0) | (step > GAP)) + 1), len(time)]
+    parts = list(zip(starts[:-1], starts[1:], strict=True))
+    _refuse_another_rate(table.name, [time[start:stop] for start, stop in parts])
+    found = []
+    for number, (start, stop) in enumerate(parts, 1):
+        part = {name: values[start:stop] for name, values in column.items()}
+        flight = _flight(part, table.name if len(parts) == 1 else f"{table.name} part {number}")
+        found.append((flight, np.arange(len(flight)) * PERIOD))
+    where = ", ".join(table.place(start) for start, _ in parts[1:4])
+    notes = [f"{table.name}: {len(parts)} flights in one file; time runs backwards or leaps at {where}"] if len(parts) > 1 else []
+    return found, notes
+
+
+def _refuse_another_rate(name: str, times: list[np.ndarray]) -> None:
+    """Time is rounded, so only the whole of a flight tells its rate."""
+    if not np.isfinite(times[0]).any():
+        raise InputError(f"{name}: column time holds no number. It tells flights apart; put seconds there.")
+    longest = max(times, key=len)
+    longest = longest[np.isfinite(longest)]
+    if len(longest) >= 100:
+        step = (longest[-1] - longest[0]) / (len(longest) - 1)
+        if not 0.8 * PERIOD < step < 1.2 * PERIOD:
+            raise InputError(
+                f"{name}: rows are {1000 * step:.3g} ms apart by column time; expected {1000 * PERIOD:g} ms (in seconds, 100 Hz)."
+            )
+    elif len(times) > 3 and len(longest) < sum(map(len, times)) / 10:
+        raise InputError(f"{name}: time runs backwards or leaps {len(times) - 1} times; expected one flight. Are the columns shuffled?")
 
 
 def _flight(table: dict[str, np.ndarray], name: str) -> Flight:

@@ -1,6 +1,5 @@
 """The flight log: what a drone measured and commanded, row by row, and our own file format for it."""
 
-import io
 import json
 import os
 from collections.abc import Mapping, Sequence
@@ -14,8 +13,11 @@ from jaxtyping import Float
 
 from maidenflight import results
 from maidenflight.errors import InputError
+from maidenflight.flights import tables
+from maidenflight.flights.tables import Table
 
-MARK = "# maidenflight flight 1"
+FAMILY = "# maidenflight flight"
+MARK = f"{FAMILY} 1"
 """How a file in our format begins."""
 
 GROUPS: dict[str, tuple[str, ...]] = {
@@ -30,7 +32,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
 }
 """Columns of our format, by the field of `Flight` that they fill."""
 
-_LARGEST = float(np.finfo(np.float32).max)
+_COLUMNS = tuple(column for columns in GROUPS.values() for column in columns)
 
 _LEGEND = (
     "time s; position m and velocity m/s in the world, z up; roll, pitch, yaw rad (ZYX, positive pitch nose down); body_rate rad/s,"
@@ -104,63 +106,54 @@ def write(path: str | os.PathLike[str], flight: Flight, record: Mapping[str, Any
 
 def from_csv(text: str, name: str) -> Flight:
     """Reads a flight in our format as if its rows were equally spaced; see `timed`."""
-    return timed(text, name)[0]
+    return timed(tables.from_text(text, name))[0]
 
 
-def timed(text: str, name: str) -> tuple[Flight, Float[np.ndarray, "N"]]:
+def recognises(table: Table) -> bool:
+    """Whether the first line says so or most of the columns are there."""
+    return table.mark.startswith(FAMILY) or table.share(_COLUMNS) >= 0.6
+
+
+def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], list[str]]:
+    """The flight in a table, unchecked, with the time of its rows [s], and no notes.
+
+    Raises:
+        InputError: see `timed`; or a CSV without our first line.
+    """
+    if table.first_line and not table.mark.startswith(MARK):
+        raise InputError(f"{table.name}: line 1 is not '{MARK}' but {table.mark[:60]!r}. Put it there; see docs/flight-log.md.")
+    return [timed(table)], []
+
+
+def timed(table: Table) -> tuple[Flight, Float[np.ndarray, "N"]]:
     """Reads a flight in our format; the rows are not checked, `checking` does that.
-
-    Args:
-        text: content of the file.
-        name: what errors name.
 
     Returns:
         The flight, and the time of each of its rows [s].
 
     Raises:
-        InputError: a column is missing or is not numeric, or there are no rows.
+        InputError: a column is missing or is not numeric, or it is not said what a command stands for.
     """
-    head = dict(line[2:].split(": ", 1) for line in text.split("\n", 4)[:4] if line.startswith("# ") and ": " in line)
-    if head.get("commands") not in ("held", "sampled"):
-        raise InputError(f"{name}: line 2 is not '# commands: held' or '# commands: sampled'. Add it; see docs/flight-log.md.")
-    table = numbers(text, name, [column for columns in GROUPS.values() for column in columns])
-    simulated = head.get("simulated", "no")
+    if table.head.get("commands") not in ("held", "sampled"):
+        where, sign = ("line 2 is not", "# ") if table.first_line else ("its metadata lack", "")
+        wanted = f"'{sign}commands: held' or '{sign}commands: sampled'"
+        raise InputError(f"{table.name}: {where} {wanted}. Add it; see docs/flight-log.md.")
+    column = tables.numbers(table, _COLUMNS)
+    simulated = table.head.get("simulated", "no")
     flight = Flight(
-        name=name,
-        period=float(np.round(np.median(np.diff(table["time"])), 6)) if len(table["time"]) > 1 else 0.01,
-        held=head["commands"] == "held",
+        name=table.name,
+        period=float(np.round(np.median(np.diff(column["time"])), 6)) if len(column["time"]) > 1 else 0.01,
+        held=table.head["commands"] == "held",
         simulated="" if simulated == "no" else simulated,
-        battery=table["battery"].astype(np.float32),
+        battery=column["battery"].astype(np.float32),
         **{
-            group: np.stack([table[column] for column in GROUPS[group]], axis=-1).astype(np.float32)
+            group: np.stack([column[name] for name in GROUPS[group]], axis=-1).astype(np.float32)
             for group in ("position", "velocity", "attitude", "body_rates", "command", "setpoint")
         },
     )
-    return flight, table["time"]
+    return flight, column["time"]
 
 
 def numbers(text: str, name: str, columns: Sequence[str]) -> dict[str, np.ndarray]:
-    """Reads named columns of a CSV as float64 arrays, empty cells as NaN.
-
-    Raises:
-        InputError: not a table, a column is missing or not numeric, or there are no rows.
-    """
-    try:
-        frame = polars.read_csv(io.StringIO(text), comment_prefix="#", infer_schema_length=None)
-    except (polars.exceptions.PolarsError, ValueError) as error:
-        raise InputError(f"{name}: not a readable CSV table ({str(error).splitlines()[0]}).") from error
-    missing = [column for column in columns if column not in frame.columns]
-    if missing:
-        raise InputError(f"{name}: missing column {', '.join(missing)}; expected {', '.join(columns)}.")
-    if frame.height == 0:
-        raise InputError(f"{name}: no rows. Leave the file out.")
-    table = {}
-    for column in columns:
-        series = frame[column]
-        cast = series.cast(polars.Float64, strict=False)
-        odd = series.filter(cast.is_null() & series.is_not_null())
-        if len(odd) > 0:
-            raise InputError(f"{name}: column {column} holds something that is not a number, such as {str(odd[0])[:40]!r}.")
-        values = cast.fill_null(float("nan")).to_numpy()
-        table[column] = np.where(np.abs(values) > _LARGEST, np.inf, values)
-    return table
+    """Reads named columns of a CSV as float64 arrays; see `tables.numbers`."""
+    return tables.numbers(tables.from_text(text, name), columns)

@@ -1,17 +1,42 @@
-"""Reading flights from a file or a folder, whatever of the known formats they are in."""
+"""Reading flights from a file or a folder, whatever of the known formats they are in.
 
-import gzip
+A folder with damaged logs still gives the sound ones; nothing is passed over without a word but the result tables that maidenflight
+itself writes.
+"""
+
 import os
-import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
 
 from maidenflight.errors import InputError
-from maidenflight.flights import authors, checking, log
+from maidenflight.flights import authors, cflib, checking, log, nanobench, tables
 from maidenflight.flights.log import Flight
+from maidenflight.flights.tables import Table
 
-SUFFIXES = (".csv", ".csv.gz")
+SUFFIXES = (".csv", ".csv.gz", ".parquet")
+
+
+class Format(NamedTuple):
+    """A way of writing flights down; `flights` gives each with the time of its rows [s], and notes."""
+
+    what: str
+    recognises: Callable[[Table], bool]
+    flights: Callable[[Table], tuple[list[tuple[Flight, np.ndarray]], list[str]]]
+
+
+FORMATS = (
+    Format(f"maidenflight's own log ('{log.MARK}', see docs/flight-log.md)", log.recognises, log.flights),
+    Format("the 22 columns of Gronauer et al.", authors.recognises, authors.flights),
+    Format("NanoBench's 51 columns", nanobench.recognises, nanobench.flights),
+    Format("log variables of a Crazyflie ('stateEstimate.x', 'gyro.x', ...)", cflib.recognises, cflib.flights),
+)
+
+_RESULTS = ({"update", "steps", "policy"}, {"flight", "policy", "reality", "trial"}, {"trial", "objective"}, {"model", "horizon"})
+"""Columns by which our own result tables are known."""
 
 
 @dataclass(frozen=True)
@@ -23,6 +48,8 @@ class Flights:
     """What was dropped, and why, one line each."""
     paths: tuple[Path, ...]
     """The files read."""
+    refused: tuple[str, ...] = ()
+    """Files of the folder that could not be used, each with its reason."""
 
     def __len__(self) -> int:
         return len(self.flights)
@@ -40,79 +67,94 @@ def read_flights(path: str | os.PathLike[str], on_file: Callable[[int, int], Non
     """Reads and checks flights.
 
     Args:
-        path: a file, or a folder that is searched with all its folders for `.csv` and `.csv.gz`.
+        path: a file, or a folder that is searched with all its folders for `.csv`, `.csv.gz` and `.parquet`.
         on_file: called with (files read, files found), for a progress bar.
 
     Returns:
-        Gapless pieces of flights in which the drone flies, in the order of the files' names.
+        Gapless pieces of flights in which the drone flies, in the order of the files' names. Of a folder, with the files that were
+        refused and why; and a note for each table that is no flight log.
 
     Raises:
-        InputError: nothing there, an unknown format, or a file with nothing usable in the whole set.
+        InputError: nothing there; a single file that is damaged, contradicts itself or is in an unknown format; or nothing usable
+            in the whole set.
     """
-    paths = _files(Path(path))
+    path = Path(path)
+    paths, refused = _files(path)
+    alone = path.is_file()
     flights: list[Flight] = []
+    others: list[str] = []
     notes: list[str] = []
+    read: list[Path] = []
     for number, file in enumerate(paths, 1):
-        for flight in _read(file, notes):
-            kept, dropped = checking.pieces(flight)
-            flights += kept
-            notes += dropped
+        try:
+            table = tables.read(file, f"{file.parent.name}/{file.name}")
+            kind = next((kind for kind in FORMATS if kind.recognises(table)), None)
+            if kind is not None:
+                kept, dropped = _checked(table, kind)
+                flights += kept
+                notes += dropped
+                read.append(file)
+            elif alone:
+                raise InputError(_unknown(table))
+            elif not any(columns <= set(table.frame.columns) for columns in _RESULTS):
+                others.append(f"{table.name}: not a flight log, passed over (columns {', '.join(table.frame.columns[:4])[:60]} ...)")
+        except InputError as error:
+            if alone:
+                raise
+            refused.append(str(error))
         if on_file is not None:
             on_file(number, len(paths))
     if not flights:
-        reasons = "; ".join(notes[:3])
-        raise InputError(f"{path}: no usable flight in {len(paths)} files ({reasons}). A flight needs 0.5 s in the air.")
-    return Flights(tuple(flights), tuple(notes), tuple(paths))
+        raise InputError(_nothing(path, len(read), [*refused, *notes, *others]))
+    return Flights(tuple(flights), (*others, *notes), tuple(read), tuple(refused))
 
 
-def _files(path: Path) -> list[Path]:
+def _checked(table: Table, kind: Format) -> tuple[list[Flight], list[str]]:
+    found, said = kind.flights(table)
+    notes = [*table.notes, *said]
+    kept: list[Flight] = []
+    for flight, time in found:
+        pieces, dropped = checking.pieces(flight, time)
+        kept += pieces
+        notes += dropped
+    return kept, notes
+
+
+def _unknown(table: Table) -> str:
+    columns = ",".join(table.frame.columns)
+    return f"{table.name}: unknown format; its columns are {columns[:60]!r}. Known are {'; '.join(kind.what for kind in FORMATS)}."
+
+
+def _nothing(path: Path, files: int, reasons: list[str]) -> str:
+    if not reasons:
+        return f"{path}: no flight logs ({', '.join(SUFFIXES)}) in this folder. Record some: maidenflight record -o {path}."
+    more = f"; and {len(reasons) - 3} more" if len(reasons) > 3 else ""
+    return f"{path}: no usable flight in {files} files ({'; '.join(reasons[:3])}{more}). A flight needs 0.5 s in the air."
+
+
+def _files(path: Path) -> tuple[list[Path], list[str]]:
+    """The files that may be logs, and what could not be looked into."""
     if path.is_file():
-        return [path]
+        return [path], []
     if not path.is_dir():
-        raise InputError(f"{path}: no such file or folder. Give a flight log (.csv, .csv.gz) or a folder of them.")
-    found = sorted(file for file in path.rglob("*") if file.name.endswith(SUFFIXES) and file.is_file() and _first_line(file))
-    if not found:
-        raise InputError(f"{path}: no flight logs (.csv, .csv.gz) in this folder. Record some: maidenflight record -o {path}.")
-    return found
+        known = ", ".join(SUFFIXES)
+        raise InputError(f"{path}: no such file or folder. Give a flight log ({known}) or a folder of them.")
+    refused: list[str] = []
+
+    def unreadable(error: OSError) -> None:
+        refused.append(f"{error.filename}: this folder cannot be read ({error.strerror}). Allow reading it.")
+
+    found = []
+    for folder, _, names in os.walk(path, onerror=unreadable):
+        found += [Path(folder) / name for name in names if name.endswith(SUFFIXES)]
+    astray = [file for file in found if file.is_symlink() and not file.exists()]
+    refused += [f"{file}: this link leads nowhere. Mend or remove it." for file in sorted(astray)]
+    files = sorted(file for file in found if file.is_file())
+    if not files and not refused:
+        raise InputError(_nothing(path, 0, []))
+    return files, refused
 
 
 def _open(path: Path) -> str:
-    try:
-        content = path.read_bytes()
-        return (gzip.decompress(content) if content[:2] == b"\x1f\x8b" else content).decode("utf-8").replace("\r\n", "\n")
-    except (OSError, EOFError, zlib.error, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as a flight log ({error}).") from error
-
-
-def _first_line(path: Path) -> bool:
-    """Whether a file looks like a flight log; folders may hold other tables."""
-    try:
-        with gzip.open(path, "rt", encoding="utf-8") if path.suffix == ".gz" else open(path, encoding="utf-8") as file:
-            line = file.readline()
-    except (OSError, EOFError, zlib.error, UnicodeDecodeError):
-        return True  # let reading it say what is wrong
-    return _ours(line.strip()) or _authors(line.strip())
-
-
-def _ours(first: str) -> bool:
-    return first.startswith(log.MARK)
-
-
-def _authors(first: str) -> bool:
-    return set(first.split(",")) == set(authors.COLUMNS)
-
-
-def _read(path: Path, notes: list[str]) -> list[Flight]:
-    text = _open(path)
-    name = f"{path.parent.name}/{path.name}"
-    first = text.split("\n", 1)[0].strip()
-    if _ours(first):
-        parts, cuts = checking.at_gaps(*log.timed(text, name))
-        notes += cuts
-        return parts
-    if _authors(first):
-        return authors.from_csv(text, name)
-    raise InputError(
-        f"{path}: unknown format; its first line is {first[:60]!r}. Known are maidenflight's own log ('{log.MARK}', see"
-        " docs/flight-log.md) and the 22 columns of Gronauer et al."
-    )
+    """Text of a file, decompressed."""
+    return tables.decoded(tables.content(path), str(path))

@@ -1,0 +1,181 @@
+"""Logs of a Crazyflie by its own variables: CSV as cflib's log callbacks or the client's log writer leave it.
+
+Columns are the firmware's log variables with their dots (`stateEstimate.x`, `gyro.z`, `motor.m1`), and one of time; of each signal
+there are several spellings, and the first that is complete is taken. Units and signs are the firmware's: degrees, millimetres in
+`stateEstimateZ`, a pitch that is positive nose up, a `ratePitch` likewise; the gyro is not inverted. Blocks that are logged apart
+but stamped alike are laid together, and a battery that is logged more rarely is held.
+
+Source: Crazyflie firmware 2025.12, src/modules/src/stabilizer.c, stabilizer_types.h, quatcompress.h; docs on log blocks.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import polars
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from maidenflight.errors import InputError
+from maidenflight.flights import compensation, tables
+from maidenflight.flights.log import Flight
+from maidenflight.flights.tables import Table
+
+CLOCKS = ("timestamp", "time", "t")
+"""Names of the column of time, in any case; ms if its steps are 1 or more, else s."""
+
+
+class Spelling(NamedTuple):
+    """One way in which a signal may be logged."""
+
+    columns: tuple[str, ...]
+    si: Callable[[np.ndarray], np.ndarray]
+    """From the columns' values, (N, columns), to SI units and our signs."""
+
+
+def _quaternion(values: np.ndarray) -> np.ndarray:
+    """Roll, pitch, yaw of a quaternion x, y, z, w; NaN where it is none."""
+    sound = np.isfinite(values).all(axis=1) & (np.linalg.norm(values, axis=1) > 0.5)
+    attitude = np.full((len(values), 3), np.nan)
+    attitude[sound] = Rotation.from_quat(values[sound]).as_euler("ZYX")[:, ::-1]
+    return attitude
+
+
+def _compressed(values: np.ndarray) -> np.ndarray:
+    """Roll, pitch, yaw of a 32-bit quaternion: two bits name its largest component, ten each hold sign and size of the others."""
+    code = np.where((values >= 0) & (values < 2**32), values, 0)[:, 0].astype(np.uint64)
+    largest = (code >> np.uint64(30)).astype(int)
+    quaternion = np.zeros((len(code), 4))
+    for component in (3, 2, 1, 0):
+        other = largest != component
+        size = (code & np.uint64(511)).astype(float) / 511 * np.sqrt(0.5)
+        quaternion[:, component] = np.where(other, np.where(code & np.uint64(512), -size, size), 0.0)
+        code = np.where(other, code >> np.uint64(10), code)
+    rest = np.sqrt(np.clip(1 - (quaternion**2).sum(axis=1), 0.0, 1.0))
+    quaternion[np.arange(len(code)), largest] = rest
+    return np.where(np.isfinite(values), _quaternion(quaternion), np.nan)
+
+
+def _columns(pattern: str, *names: str) -> tuple[str, ...]:
+    return tuple(pattern.format(name) for name in names)
+
+
+def _scaled(*factors: float) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda values: values * np.array(factors)
+
+
+_DEGREE, _XYZ, _MOTORS = np.pi / 180, ("x", "y", "z"), ("1", "2", "3", "4")
+SPELLINGS: dict[str, tuple[Spelling, ...]] = {
+    "position": (
+        Spelling(_columns("stateEstimate.{}", *_XYZ), _scaled(1.0)),
+        Spelling(_columns("stateEstimateZ.{}", *_XYZ), _scaled(1e-3)),
+    ),
+    "velocity": (
+        Spelling(_columns("stateEstimate.v{}", *_XYZ), _scaled(1.0)),
+        Spelling(_columns("stateEstimateZ.v{}", *_XYZ), _scaled(1e-3)),
+    ),
+    "attitude": (
+        Spelling(_columns("stateEstimate.q{}", *_XYZ, "w"), _quaternion),
+        Spelling(("stateEstimateZ.quat",), _compressed),
+        Spelling(_columns("stateEstimate.{}", "roll", "pitch", "yaw"), _scaled(_DEGREE, -_DEGREE, _DEGREE)),
+        Spelling(_columns("stabilizer.{}", "roll", "pitch", "yaw"), _scaled(_DEGREE, -_DEGREE, _DEGREE)),
+    ),
+    "body_rates": (
+        Spelling(_columns("gyro.{}", *_XYZ), _scaled(_DEGREE)),
+        Spelling(_columns("stateEstimateZ.rate{}", "Roll", "Pitch", "Yaw"), _scaled(1e-3, -1e-3, 1e-3)),
+    ),
+    "PWM": (Spelling(_columns("motor.m{}", *_MOTORS), _scaled(1.0)), Spelling(_columns("pwm.m{}_pwm", *_MOTORS), _scaled(1.0))),
+    "battery": (Spelling(("pm.vbat",), _scaled(1.0)), Spelling(("pm.vbatMV",), _scaled(1e-3))),
+}
+"""Signals that are needed, by their spellings."""
+SETPOINT = Spelling(_columns("ctrltarget.{}", *_XYZ), _scaled(1.0))
+THRUST = Spelling(("controller.cmd_thrust",), _scaled(1.0))
+
+_KNOWN = {column for ways in SPELLINGS.values() for way in ways for column in way.columns}
+
+
+def recognises(table: Table) -> bool:
+    """Whether three or more columns are log variables of the firmware."""
+    return len(_KNOWN & set(table.frame.columns)) >= 3
+
+
+def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], list[str]]:
+    """The flight in a table, unchecked, with the time of its rows [s], and what was assumed.
+
+    Raises:
+        InputError: a signal is missing, or is never in the same row as the others.
+    """
+    clock = next((name for wanted in CLOCKS for name in table.frame.columns if name.lower() == wanted), None)
+    if clock is None:
+        raise InputError(f"{table.name}: missing the column of time; expected {', '.join(CLOCKS)}, in milliseconds or seconds.")
+    present = set(table.frame.columns)
+    chosen = {signal: next((way for way in ways if present >= set(way.columns)), None) for signal, ways in SPELLINGS.items()}
+    lacking = [
+        f"{signal} ({' or '.join(', '.join(way.columns) for way in SPELLINGS[signal])})" for signal, way in chosen.items() if not way
+    ]
+    if lacking:
+        raise InputError(f"{table.name}: missing {'; '.join(lacking)}. Add them to the log's variables.")
+    optional = [way for way in (SETPOINT, THRUST) if present >= set(way.columns)]
+    needed = [way for way in chosen.values() if way] + optional
+    read = tables.numbers(table, [clock, *(column for way in needed for column in way.columns)])
+    read = _together(read, clock)
+
+    def signal(way: Spelling) -> np.ndarray:
+        return way.si(np.stack([read[column] for column in way.columns], axis=-1))
+
+    values = {name: signal(way) for name, way in chosen.items() if way}
+    volts = _held(values["battery"][:, 0])
+    _refuse_rows_apart(table.name, {name: rows for name, rows in values.items() if name != "battery"})
+    law = compensation.law_of(values["PWM"], volts, signal(THRUST)[:, 0]) if THRUST in optional else None
+    step = np.median(np.diff(read[clock])) if len(volts) > 1 else 10.0
+    time = (read[clock] - read[clock][0]) * (1e-3 if abs(step) >= 1 else 1.0)
+    flight = Flight(
+        name=table.name,
+        period=_period(time),
+        position=values["position"].astype(np.float32),
+        velocity=values["velocity"].astype(np.float32),
+        attitude=values["attitude"].astype(np.float32),
+        body_rates=values["body_rates"].astype(np.float32),
+        command=compensation.thrust_command(values["PWM"], volts, law or compensation.PLUS),
+        battery=volts.astype(np.float32),
+        setpoint=(signal(SETPOINT) if SETPOINT in optional else np.full((len(volts), 3), np.nan)).astype(np.float32),
+        held=False,
+    )
+    return [(flight, time)], [compensation.note(table.name, law)]
+
+
+def _period(time: np.ndarray) -> float:
+    """The step that most rows have, to 0.1 ms [s]; stamps in whole ms are averaged over the steps near their median."""
+    steps = np.diff(time)
+    if len(steps) == 0:
+        return 0.01
+    middle = np.median(steps)
+    return float(np.round(np.mean(steps[np.abs(steps - middle) <= abs(middle) / 2]), 4))
+
+
+def _together(read: dict[str, np.ndarray], clock: str) -> dict[str, np.ndarray]:
+    """Lays rows of one time together, each column's first number in them; blocks of a log come as rows of their own."""
+    if not (np.diff(read[clock]) == 0).any() or not any(np.isnan(values).any() for values in read.values()):
+        return read
+    frame = polars.DataFrame(read).fill_nan(None)
+    rest = [polars.col(column).drop_nulls().first() for column in read if column != clock]
+    merged = frame.group_by(polars.col(clock), maintain_order=True).agg(rest)
+    return {column: merged[column].cast(polars.Float64).fill_null(float("nan")).to_numpy() for column in read}
+
+
+def _held(values: np.ndarray) -> np.ndarray:
+    """Each gap filled by the number before it, the first by the one after."""
+    series = polars.Series(values).fill_nan(None)
+    return series.forward_fill().backward_fill().fill_null(float("nan")).to_numpy()
+
+
+def _refuse_rows_apart(name: str, values: dict[str, np.ndarray]) -> None:
+    finite = {signal: np.asarray(np.isfinite(rows).all(axis=1)) for signal, rows in values.items()}
+    both = np.all(list(finite.values()), axis=0).sum()
+    fewest = min(finite, key=lambda signal: finite[signal].sum())
+    if both < 0.5 * finite[fewest].sum():
+        counts = ", ".join(f"{signal} {rows.sum()}" for signal, rows in finite.items())
+        raise InputError(
+            f"{name}: only {both} of {len(finite[fewest])} rows hold all signals (rows with each: {counts}); blocks were logged apart."
+            " Lay them together by their time first."
+        )

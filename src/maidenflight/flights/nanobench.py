@@ -1,0 +1,150 @@
+"""NanoBench's 51 columns: a Crazyflie 2.1 under motion capture, at 100 Hz, each stream logged by its own clock and laid side by side.
+
+Found on its 26 flights, of which 25 leave the ground:
+- The drone's own streams agree in time, in every file: the estimated attitude follows the gyro by 6 ms (quartiles 5 to 8), roll,
+  pitch and yaw acceleration follow the motors' torque by 44, 40 and 61 ms (correlations 0.41, 0.35, 0.40, all positive).
+- Vicon's clock wanders against them within a flight, by tens of ms, in five files by -200 to +190 ms. Matching its angular rates to
+  the gyro in stretches of 1.5 s follows it. Over 0.2 s the gyro then predicts Vicon's roll and pitch to 0.83 deg instead of 1.02
+  (better in 25 of 25 flights) and the accelerometer, which had no part in it, its vertical velocity to 9.0 mm/s instead of 10.0
+  (better in 22).
+- Vicon's velocity is the change of its position (correlation 1.00, 0 ms); the estimator's is late by 30 to 50 ms (0.80 to 0.94) and
+  its position jumps. So position, velocity and attitude are Vicon's, moved onto the drone's clock; body rates are the gyro's.
+- Signs are ours: Vicon's Euler angles are its quaternion's, rad, nose down positive (the estimator's pitch is the legacy one, -0.94),
+  the gyro is in rad/s. PWM is after battery compensation, by two laws: 21 files that of the 2.1+ propellers, three (B2_circle_fast_rep2,
+  B2_circle_medium_rep3, B3_figure8_medium_rep2) that of the legacy ones. The logged thrust command decides; see `compensation`.
+
+Source: Ullah and Baca 2026, arXiv 2603.09908, github syediu/nanobench-iros2026.
+"""
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from maidenflight.flights import compensation, tables
+from maidenflight.flights.log import Flight
+from maidenflight.flights.tables import Table
+
+VICON = ("px", "py", "pz", "vx", "vy", "vz", "roll", "pitch", "yaw")
+GYRO = ("imu_gyro_x", "imu_gyro_y", "imu_gyro_z")
+MOTORS = ("motor_motor_m1", "motor_motor_m2", "motor_motor_m3", "motor_motor_m4")
+SETPOINT = ("sp_ctrltarget_x", "sp_ctrltarget_y", "sp_ctrltarget_z")
+COLUMNS = ("t", *VICON, *GYRO, *MOTORS, *SETPOINT, "pwr_pm_vbat", "pid_controller_cmd_thrust")
+"""The columns that are used."""
+
+PERIOD = 0.01
+"""Time between two rows [s]."""
+FARTHEST = 25
+"""Rows by which Vicon's clock is looked for on either side."""
+EVERY = 25
+"""Rows between two looks."""
+HALF = 75
+"""Half the rows that a look covers."""
+
+
+def recognises(table: Table) -> bool:
+    """Whether most of the columns are there."""
+    return table.share(COLUMNS) >= 0.6
+
+
+def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], list[str]]:
+    """The flight in a table, unchecked, with the time of its rows [s], and how its commands were read.
+
+    Raises:
+        InputError: a column is missing or not numeric.
+    """
+    column = tables.numbers(table, COLUMNS)
+
+    def columns(*names: str) -> np.ndarray:
+        return np.stack([column[name] for name in names], axis=-1)
+
+    rates, volts, pwm = columns(*GYRO), column["pwr_pm_vbat"], columns(*MOTORS)
+    law = compensation.law_of(pwm, volts, column["pid_controller_cmd_thrust"])
+    vicon = columns(*VICON)
+    vicon[:, 6:] = np.unwrap(vicon[:, 6:], axis=0)
+    rows = np.arange(len(rates))
+    pose = np.stack([np.interp(rows - lag(rates, vicon[:, 6:]), rows, values) for values in vicon.T], axis=1)
+    flight = Flight(
+        name=table.name,
+        period=PERIOD,
+        position=pose[:, :3].astype(np.float32),
+        velocity=pose[:, 3:6].astype(np.float32),
+        attitude=_wrapped(pose[:, 6:]).astype(np.float32),
+        body_rates=rates.astype(np.float32),
+        command=compensation.thrust_command(pwm, volts, law or compensation.PLUS),
+        battery=volts.astype(np.float32),
+        setpoint=columns(*SETPOINT).astype(np.float32),
+        held=False,
+    )
+    return [(flight, column["t"] - column["t"][0])], [compensation.note(table.name, law)]
+
+
+def _wrapped(angle: np.ndarray) -> np.ndarray:
+    return np.remainder(angle + np.pi, 2 * np.pi) - np.pi
+
+
+def lag(rates: Float[np.ndarray, "N 3"], attitude: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, "N"]:
+    """Rows by which the gyro is later than an attitude logged by another clock, for each row.
+
+    Every `EVERY` rows the correlation of roll and pitch rate is taken at all whole lags over `HALF` rows on either side; the path
+    through these that correlates best without leaping is found by dynamic programming, and a parabola refines it.
+
+    Args:
+        rates: body rates [rad/s].
+        attitude: roll, pitch, yaw by the other clock [rad].
+    """
+    rows = np.arange(len(rates))
+    if len(rates) <= 2 * (FARTHEST + HALF):
+        return np.zeros(len(rates))
+    turned = Rotation.from_euler("ZYX", np.nan_to_num(attitude)[:, ::-1])
+    seen = np.pad((turned[:-2].inv() * turned[2:]).as_rotvec() / (2 * PERIOD), ((1, 1), (0, 0)))
+    gyro, seen = (_lively(np.nan_to_num(values[:, :2])) for values in (rates, seen))
+    lags = np.arange(-FARTHEST, FARTHEST + 1)
+    looks = rows[::EVERY]
+    power = _around((gyro**2).sum(axis=1), HALF, looks)
+    seen_power = (seen**2).sum(axis=1)
+    match = np.empty((len(looks), len(lags)))
+    for number, shift in enumerate(lags):
+        moved = np.clip(rows - shift, 0, rows[-1])
+        both = _around(gyro[:, 0] * seen[moved, 0] + gyro[:, 1] * seen[moved, 1], HALF, looks)
+        match[:, number] = both / np.maximum(np.sqrt(power * _around(seen_power[moved], HALF, looks)), 1e-6)
+    path = _steadiest(match)
+    inner = np.clip(path, 1, len(lags) - 2)
+    before, at, after = (match[np.arange(len(looks)), inner + step] for step in (-1, 0, 1))
+    bend = np.minimum(before - 2 * at + after, -1e-6)
+    refined = lags[inner] + np.clip((before - after) / (2 * bend), -0.5, 0.5)
+    return np.interp(rows, looks, refined)
+
+
+def _lively(values: np.ndarray) -> np.ndarray:
+    """What is between 0.07 and 1 s long: neither noise nor drift."""
+    return _smooth(values, 3) - _smooth(values, 50)
+
+
+def _smooth(values: np.ndarray, half: int) -> np.ndarray:
+    rows = np.arange(len(values))
+    return np.stack([_around(column, half, rows) for column in values.T], axis=1) / (2 * half + 1)
+
+
+def _around(values: np.ndarray, half: int, rows: np.ndarray) -> np.ndarray:
+    """Sum over `half` rows on either side of the given ones."""
+    summed = np.concatenate([[0.0], np.cumsum(values)])
+    return summed[np.minimum(rows + half + 1, len(values))] - summed[np.maximum(rows - half, 0)]
+
+
+def _steadiest(match: np.ndarray, price: float = 0.02, farthest: int = 3) -> np.ndarray:
+    """Path of columns through the rows of a matrix with the largest sum, less a price for each column of change."""
+    columns = np.arange(match.shape[1])
+    moves = np.arange(-farthest, farthest + 1)
+    came = columns - moves[:, None]
+    reachable = (came >= 0) & (came < len(columns))
+    came = np.clip(came, 0, len(columns) - 1)
+    total, back = match[0], []
+    for row in match[1:]:
+        options = np.where(reachable, total[came] - price * np.abs(moves)[:, None], -np.inf)
+        choice = options.argmax(axis=0)
+        back.append(came[choice, columns])
+        total = options[choice, columns] + row
+    path = [int(total.argmax())]
+    for step in reversed(back):
+        path.append(int(step[path[-1]]))
+    return np.array(path[::-1])

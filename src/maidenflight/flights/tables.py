@@ -1,0 +1,199 @@
+"""Tables of numbers as they lie in files: CSV, plain or compressed, and Parquet. Damage is named by its line and column."""
+
+import gzip
+import io
+import zlib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import polars
+from jaxtyping import Float
+
+from maidenflight.errors import InputError
+
+_LARGEST = float(np.finfo(np.float32).max)
+_GZIP, _PARQUET, _UTF16 = b"\x1f\x8b", b"PAR1", (b"\xff\xfe", b"\xfe\xff")
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table as read: columns of whatever kind, at least one row."""
+
+    name: str
+    """What errors name."""
+    frame: polars.DataFrame
+    mark: str = ""
+    """First comment line of a CSV."""
+    head: dict[str, str] = field(default_factory=dict)
+    """What comment lines `# key: value`, or the metadata of a Parquet file, say."""
+    first_line: int = 0
+    """Line of the first row; 0 where there are no lines."""
+    notes: tuple[str, ...] = ()
+    """What was left out already."""
+
+    def place(self, row: int) -> str:
+        """Where a row lies, such as `line 17`; rows count from 0."""
+        return f"line {self.first_line + row}" if self.first_line else f"row {row + 1}"
+
+    def share(self, columns: Sequence[str]) -> float:
+        """Share of the named columns that are there."""
+        return len(set(columns) & set(self.frame.columns)) / len(columns)
+
+
+def read(path: Path, name: str) -> Table:
+    """Reads the table in a file, whatever of the known ways it is written in.
+
+    Raises:
+        InputError: the file cannot be read, or holds no table.
+    """
+    raw = content(path)
+    if raw[:4] == _PARQUET:
+        return _from_parquet(raw, name)
+    if path.name.endswith(".parquet"):
+        raise InputError(f"{name}: not a Parquet file (it begins with {raw[:4]!r}). Write it anew, or name it .csv if it is one.")
+    return from_text(decoded(raw, name), name)
+
+
+def content(path: Path) -> bytes:
+    """Bytes of a file, decompressed."""
+    try:
+        raw = path.read_bytes()
+        if raw[:2] == _GZIP:
+            raw = gzip.decompress(raw)
+    except (OSError, EOFError, zlib.error) as error:
+        raise InputError(f"{path}: cannot be read as a flight log ({error}). Copy it again from where it was recorded.") from error
+    if raw[:2] == _GZIP:
+        raise InputError(f"{path}: cannot be read as a flight log (compressed twice). Decompress it once.")
+    return raw
+
+
+def decoded(raw: bytes, name: str) -> str:
+    """Text of a file, lines ended by a line feed."""
+    if raw[:2] in _UTF16:
+        raise InputError(f"{name}: cannot be read as a flight log (UTF-16). Save it as UTF-8.")
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = raw[: error.start].count(b"\n") + 1
+        raise InputError(
+            f"{name}: cannot be read as a flight log (line {line} is not UTF-8 text). Copy it again, or save it as UTF-8."
+        ) from error
+    return text.replace("\r\n", "\n")
+
+
+def from_text(text: str, name: str) -> Table:
+    """Reads a CSV with comma, decimal point, a header line, and comment lines above it.
+
+    A last line that is cut off is left out with a note; it is the mark of a recorder that was switched off.
+
+    Raises:
+        InputError: not such a table, or no rows.
+    """
+    comments, start = [], 0
+    while text.startswith(("#", "\n"), start):
+        stop = text.find("\n", start)
+        stop = len(text) if stop < 0 else stop
+        comments.append(text[start:stop])
+        start = stop + 1
+    body = text[start:].rstrip("\n")
+    line = len(comments) + 1
+    if not body.strip():
+        raise InputError(f"{name}: no rows, the file is empty. Leave it out.")
+    header, _, rows = body.partition("\n")
+    names = _names(header, name, line)
+    if not rows:
+        raise InputError(f"{name}: no rows below the header in line {line}. Leave it out.")
+    rows, _, last = rows.rpartition("\n")
+    notes: tuple[str, ...] = ()
+    if rows and last.count(",") < len(names) - 1:
+        notes = (f"{name}: 1 row dropped: the last line ({line + body.count(chr(10))}) is cut off",)
+        body = body[: -len(last) - 1]
+    try:
+        frame = polars.read_csv(io.StringIO(body), infer_schema_length=None)
+    except (polars.exceptions.PolarsError, ValueError) as error:
+        raise InputError(_why_unreadable(body, name, len(names), line, str(error))) from error
+    if frame.width != len(names):
+        raise InputError(f"{name}: line {line} is no header of {frame.width} columns. Write names separated by commas.")
+    said = (tuple(comment[1:].strip().split(": ", 1)) for comment in comments if ": " in comment)
+    frame.columns = names
+    return Table(name, frame, comments[0] if comments else "", dict(said), line + 1, notes)
+
+
+def _names(header: str, name: str, line: int) -> list[str]:
+    names = [cell.strip().strip('"').strip() for cell in header.split(",")]
+    if "\x00" in header:
+        raise InputError(f"{name}: cannot be read as a flight log (line {line} is binary). Give a CSV or Parquet file.")
+    for sign, word in ((";", "semicolons"), ("\t", "tabs")):
+        if sign in header and header.count(sign) > header.count(","):
+            raise InputError(
+                f"{name}: columns are separated by {word} in line {line}; expected commas, and points in decimals. Convert it."
+            )
+    if len(names) > 2 and all(_is_number(cell) for cell in names):
+        raise InputError(f"{name}: line {line} holds numbers, expected the columns' names. Put back the header line.")
+    twice = sorted({column for column in names if names.count(column) > 1})
+    if twice:
+        raise InputError(f"{name}: column {', '.join(map(repr, twice[:3]))} is there twice in line {line}. Give each its own name.")
+    return names
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _why_unreadable(body: str, name: str, columns: int, line: int, reason: str) -> str:
+    for number, row in enumerate(body.split("\n"), line):
+        if row.count(",") >= columns and '"' not in row:
+            return f"{name}: not a readable CSV table: line {number} has {row.count(',') + 1} cells, the header {columns}. Mend or drop it."
+    return f"{name}: not a readable CSV table ({reason.splitlines()[0] if reason else 'damaged'})."
+
+
+def _from_parquet(raw: bytes, name: str) -> Table:
+    try:
+        frame = polars.read_parquet(io.BytesIO(raw))
+        head = polars.read_parquet_metadata(io.BytesIO(raw))
+    except (polars.exceptions.PolarsError, polars.exceptions.PanicException, ValueError, OSError, OverflowError) as error:
+        raise InputError(f"{name}: not a readable Parquet file ({str(error).splitlines()[0]}). Copy it again.") from error
+    if frame.height == 0:
+        raise InputError(f"{name}: no rows. Leave the file out.")
+    return Table(name, frame, head=head)
+
+
+def numbers(table: Table, columns: Iterable[str]) -> dict[str, Float[np.ndarray, "N"]]:
+    """Named columns as float64 arrays; empty cells are NaN, numbers beyond float32 infinite.
+
+    Raises:
+        InputError: a column is missing or holds something that is not a number.
+    """
+    columns = list(columns)
+    missing = [column for column in columns if column not in table.frame.columns]
+    if missing:
+        raise InputError(f"{table.name}: missing column {', '.join(missing)}; expected {', '.join(columns)}.")
+    return {column: _numeric(table, column) for column in columns}
+
+
+def _numeric(table: Table, column: str) -> np.ndarray:
+    series = table.frame[column]
+    if series.dtype == polars.String:
+        series = _parsed(table, column, series.str.strip_chars())
+    elif not (series.dtype.is_numeric() or series.dtype == polars.Null):
+        kind, cell = series.dtype, str(series[0])[:40]
+        raise InputError(f"{table.name}: column {column} holds {kind} such as {cell!r}, which is not a number. Convert it.")
+    values = series.cast(polars.Float64).to_numpy()
+    return np.where(np.abs(values) > _LARGEST, np.inf, values)
+
+
+def _parsed(table: Table, column: str, cells: polars.Series) -> polars.Series:
+    numbers = cells.cast(polars.Float64, strict=False)
+    odd = numbers.is_null() & cells.is_not_null() & (cells != "")
+    if odd.any():
+        row = int(odd.arg_max() or 0)
+        cell = str(cells[row])[:40]
+        again = " The header stands there again: two logs in one file? Split them." if cell == column else " Mend or drop the line."
+        raise InputError(f"{table.name}: column {column} holds something that is not a number, {cell!r} in {table.place(row)}.{again}")
+    return numbers
