@@ -1,5 +1,6 @@
 """A policy file holds a network to the last bit, and a damaged one does not fly."""
 
+import dataclasses
 import json
 
 import jax
@@ -35,6 +36,12 @@ def test_a_policy_reads_back_bit_by_bit(tmp_path, hidden, history):
         assert new.dtype == np.float32
         np.testing.assert_array_equal(np.asarray(old).view(np.uint32), np.asarray(new).view(np.uint32))
     assert back.layer_sizes == (20 * history, *hidden, 4)
+
+
+@pytest.mark.parametrize(("control", "rate"), [("pwm", 100), ("attitude_rate", 50), ("attitude", 25), ("attitude", 100)])
+def test_a_policy_reads_back_with_its_control_structure_and_rate(control, rate):
+    back = from_json(to_json(dataclasses.replace(noisy(KEY, (3,), 1), control=control, rate=rate)))
+    assert (back.control, back.rate) == (control, rate)
 
 
 def test_extreme_float32_numbers_survive():
@@ -110,7 +117,12 @@ def test_a_damaged_layer_is_refused(field, wrong):
         pytest.param(json.dumps(SMALL)[:-5], "not valid JSON", id="cut"),
         pytest.param("[" * 100_000, "not valid JSON", id="too deep"),
         pytest.param("[]", "not a maidenflight policy", id="another file"),
-        pytest.param(damaged("control", to="attitude"), "control = 'attitude', expected one of pwm", id="control"),
+        pytest.param(
+            damaged("control", to="position_pid"), "control = 'position_pid', expected one of pwm, attitude_rate, attitude", id="control"
+        ),
+        pytest.param(
+            json.dumps(SMALL | {"control": "attitude", "rate": 30}), "rate = 30, expected one that divides the 500 Hz", id="PID rate"
+        ),
         pytest.param(damaged("activation", to="tanh"), "activation = 'tanh', expected 'relu'", id="activation"),
         pytest.param(damaged("rate", to=0), "rate = 0, expected a whole number from 1 to 1000", id="rate"),
         pytest.param(damaged("history", to=2), r"the normaliser has \(20,\) values, expected 40", id="history"),

@@ -16,9 +16,10 @@ from jaxtyping import Array, Float
 from maidenflight import results
 from maidenflight.errors import InputError
 from maidenflight.simulator.environment import ACTION_SIZE, OBSERVATION_SIZE
+from maidenflight.simulator.firmware import ATTITUDE_RATE
 
 FORMAT = "maidenflight policy 1"
-CONTROLS = ("pwm",)
+CONTROLS = ("pwm", "attitude_rate", "attitude")
 """Control structures that a policy can be made for."""
 
 _MEAN = (0.25, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.2, 0.2, 0.2, 0.2)
@@ -142,6 +143,8 @@ def _checked(policy: Policy, content: Mapping[str, Any], where: str) -> Policy:
     for name, value in (("rate", policy.rate), ("history", policy.history)):
         if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= 1000:
             raise InputError(f"{where}: {name} = {value!r}, expected a whole number from 1 to 1000.")
+    if policy.control != "pwm" and ATTITUDE_RATE % policy.rate:
+        raise InputError(f"{where}: rate = {policy.rate}, expected one that divides the {ATTITUDE_RATE} Hz of the firmware's PIDs.")
     if not policy.weights:
         raise InputError(f"{where}: no layers.")
     size = OBSERVATION_SIZE * policy.history

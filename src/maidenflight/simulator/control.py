@@ -75,7 +75,8 @@ def pwm() -> Controller:
 _FULL = 60000.0
 """Counts of u = 1 (authors' code and flights)."""
 _ZERO = np.zeros(3, np.float32)
-_NOTHING = Setpoint(_ZERO, _ZERO, _ZERO, _ZERO, np.float32(0.0), np.zeros(6, np.int32), np.bool_(False))  # type: ignore[arg-type]
+NOTHING = Setpoint(_ZERO, _ZERO, _ZERO, _ZERO, np.float32(0.0), np.zeros(6, np.int32), np.bool_(False))  # type: ignore[arg-type]
+"""A set-point that asks for nothing, to be filled in."""
 
 
 def attitude_rate(firmware: str = "2026.08", action_rate: int = 50) -> Controller:
@@ -142,8 +143,8 @@ def _attitude(firmware: Generation, action_rate: int) -> Controller:
         memory: Memory, action: Float[Array, "4"], measurement: Measurement, setpoint: Float[Array, "3"]
     ) -> tuple[Memory, Float[Array, "4"]]:
         asked = jnp.clip(action, -1.0, 1.0)
-        wanted = _NOTHING._replace(mode=mode, attitude=10.0 * asked[1:], thrust=45000.0 + 10000.0 * asked[0])
-        memory, motors = tick(memory, wanted, _sensed(measurement), firmware, position_due=False)
+        wanted = NOTHING._replace(mode=mode, attitude=10.0 * asked[1:], thrust=45000.0 + 10000.0 * asked[0])
+        memory, motors = tick(memory, wanted, sensed(measurement), firmware, position_due=False)
         return memory, _command(motors)
 
     def level(command: Float[Array, ""]) -> Float[Array, "4"]:
@@ -200,8 +201,8 @@ def _position_pid(firmware: Generation) -> Controller:
     def command(
         memory: CascadeMemory, action: Float[Array, "4"], measurement: Measurement, setpoint: Float[Array, "3"]
     ) -> tuple[CascadeMemory, Float[Array, "4"]]:
-        wanted = _NOTHING._replace(mode=mode, position=setpoint)
-        inner, motors = tick(memory.firmware, wanted, _sensed(measurement), firmware, position_due=memory.step == 0)
+        wanted = NOTHING._replace(mode=mode, position=setpoint)
+        inner, motors = tick(memory.firmware, wanted, sensed(measurement), firmware, position_due=memory.step == 0)
         return CascadeMemory(inner, (memory.step + 1) % every), jnp.clip(motors / _FULL + action, 0.0, 1.0)
 
     def init() -> CascadeMemory:
@@ -213,7 +214,7 @@ def _position_pid(firmware: Generation) -> Controller:
     return Controller("position_pid", init, command, rate=ATTITUDE_RATE, action_rate=POSITION_RATE, level=level)
 
 
-def _sensed(measurement: Measurement) -> State:
+def sensed(measurement: Measurement) -> State:
     """A measurement in the firmware's units."""
     attitude = rotations.to_attitude(measurement.quaternion)
     return State(measurement.position, measurement.velocity, jnp.degrees(attitude), jnp.degrees(measurement.body_rates))

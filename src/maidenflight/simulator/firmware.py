@@ -117,7 +117,8 @@ _INT16 = 32767.0
 _POSITION = _gains((2, 2, 2), (0, 0, 0.5), (0, 0, 0), (5000, 5000, 5000), (1.1, 1.1, 1.1), period=1 / POSITION_RATE)
 _VELOCITY = _gains((25, 25, 25), (1, 1, 15), (0, 0, 0), (5000, 5000, 5000), (22, 22, 32.767), period=1 / POSITION_RATE)
 _ATTITUDE = _gains((6, 6, 6), (3, 3, 1), (0, 0, 0.35), (20, 20, 360), (np.inf, np.inf, np.inf), period=1 / ATTITUDE_RATE)
-_RATE = _gains((250, 250, 120), (500, 500, 16.7), (2.5, 2.5, 0), (33.3, 33.3, 166.7), (_INT16, _INT16, _INT16), period=1 / ATTITUDE_RATE)
+RATE = _gains((250, 250, 120), (500, 500, 16.7), (2.5, 2.5, 0), (33.3, 33.3, 166.7), (_INT16, _INT16, _INT16), period=1 / ATTITUDE_RATE)
+"""Gains of the rate PID."""
 _YAW = _ATTITUDE._replace(**{name: getattr(_ATTITUDE, name)[2] for name in Gains._fields if name != "period"})
 _STEEPEST = 20.0
 """Limit of roll and pitch that the velocity PID asks for [deg]."""
@@ -233,8 +234,8 @@ def attitude_loops(memory: Memory, setpoint: Setpoint, state: State, firmware: G
     wanted = jnp.where(by_rate, setpoint.body_rates, wanted)
     if firmware == "2021.10":
         attitude = _chosen(by_rate, PIDMemory(jnp.zeros(3), jnp.zeros(3)), attitude)
-    rate, torque = pid(memory.rate, wanted, state.body_rates, _RATE, firmware)
-    return memory._replace(attitude=attitude, rate=rate, desired=desired, thrust=thrust, torque=_cut(torque))
+    rate, torque = pid(memory.rate, wanted, state.body_rates, RATE, firmware)
+    return memory._replace(attitude=attitude, rate=rate, desired=desired, thrust=thrust, torque=cut(torque))
 
 
 def mix(thrust: Float[Array, ""], torque: Float[Array, "3"], firmware: Generation) -> Float[Array, "4"]:
@@ -242,9 +243,9 @@ def mix(thrust: Float[Array, ""], torque: Float[Array, "3"], firmware: Generatio
 
     Source: power_distribution_stock.c (2021.10), power_distribution_quadrotor.c (2026.08), X formation.
     """
-    roll, pitch, yaw = _cut(torque[0] / 2), _cut(torque[1] / 2), torque[2]
+    roll, pitch, yaw = cut(torque[0] / 2), cut(torque[1] / 2), torque[2]
     right, left = thrust - roll, thrust + roll
-    motors = _cut(jnp.stack([right - pitch - yaw, right + pitch + yaw, left + pitch - yaw, left - pitch + yaw]))
+    motors = cut(jnp.stack([right - pitch - yaw, right + pitch + yaw, left + pitch - yaw, left - pitch + yaw]))
     if firmware == "2026.08":
         m1, m2, m3, m4 = motors
         motors = motors - jnp.maximum(jnp.maximum(jnp.maximum(m1, m2), jnp.maximum(m3, m4)) - MOST, 0.0)
@@ -343,10 +344,10 @@ def rate_tick(
     memory = _chosen(memory.first, stopped, memory)
     heading = wrap(memory.heading + wanted[2] * (1 / ATTITUDE_RATE))
     turning, turn = pid(memory.yaw, heading, yaw, _YAW, firmware, heading=True)
-    rate, torque = pid(memory.rate, jnp.stack([wanted[0], wanted[1], turn]), body_rates, _RATE, firmware)
+    rate, torque = pid(memory.rate, jnp.stack([wanted[0], wanted[1], turn]), body_rates, RATE, firmware)
     off = thrust == 0.0
     memory = _chosen(off, stopped, RateMemory(turning, rate, heading, stopped.first))
-    return memory, mix(thrust, jnp.where(off, 0.0, _cut(torque)), firmware)
+    return memory, mix(thrust, jnp.where(off, 0.0, cut(torque)), firmware)
 
 
 def _turn(vector: Float[Array, "3"], yaw: Float[Array, ""]) -> Float[Array, "3"]:
@@ -360,7 +361,7 @@ def _with_third(vector: Float[Array, "3"], value: Float[Array, ""]) -> Float[Arr
     return jnp.stack([vector[0], vector[1], value])
 
 
-def _cut(counts: Float[Array, "..."]) -> Float[Array, "..."]:
+def cut(counts: Float[Array, "..."]) -> Float[Array, "..."]:
     """Whole counts, cut off towards zero, with the derivative of the uncut."""
     return counts + lax.stop_gradient(jnp.trunc(counts) - counts)
 

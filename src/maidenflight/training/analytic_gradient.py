@@ -17,7 +17,7 @@ from jax import lax, tree
 from jaxtyping import Array, Bool, Float
 
 from maidenflight.errors import InputError
-from maidenflight.policy import CONTROLS, Policy, untrained
+from maidenflight.policy import Policy, untrained
 from maidenflight.simulator import environment, rotations
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment, Episode
@@ -28,6 +28,9 @@ from maidenflight.training.evaluation import Evaluation, evaluate
 
 LOST = 1.0
 """Distance from the set-point [m] beyond which a drone in training is given up."""
+
+TRAINABLE = ("pwm",)
+"""Control structures that policies can be trained for."""
 
 
 @dataclass(frozen=True)
@@ -192,8 +195,8 @@ def train(
         InputError: policies cannot be made for this control structure, or the drones' time step does not divide its period.
     """
     settings = AnalyticGradient() if settings is None else settings
-    if controller.name not in CONTROLS:
-        raise InputError(f"control structure {controller.name} cannot be trained for; expected one of {', '.join(CONTROLS)}.")
+    if controller.name not in TRAINABLE:
+        raise InputError(f"control structure {controller.name} cannot be trained for; expected one of {', '.join(TRAINABLE)}.")
     simulated = Environment.matching(box.centre, task, controller)
     score = jax.jit(jax.vmap(partial(evaluate, simulated, episodes=settings.episodes), in_axes=(0, None, None)))
     learners = _begin(simulated, settings, box, keys)

@@ -1,0 +1,143 @@
+"""How well a drone's parameters predict the flight times of the authors' policies on the real drone.
+
+`python paper/predict_flights.py --authors ../shared/data/authors --drone drone.toml` flies every published policy in simulation, prints how
+predicted and measured mean flight times agree, control structure by control structure, beside how one real flight agrees with the others of
+its policy, and draws both as SVG.
+"""
+
+import argparse
+import os
+from html import escape
+from pathlib import Path
+
+import jax
+
+if __name__ == "__main__":  # a core is a device
+    jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))
+
+import numpy as np
+import polars
+
+from maidenflight import parameters, results
+from maidenflight.deployment.authors_json import EPSILON, RATES
+from maidenflight.errors import InputError
+from maidenflight.experiments.flight_times import Agreement, agreement, predict_flight_times, summary
+from maidenflight.policy import Policy
+
+COLOURS = {"pwm": "#2679c7", "attitude_rate": "#e2583e", "attitude": "#3a9d5d"}
+SIZE, MARGIN, LONGEST = 420, 50, 20.0
+"""Of the chart, side [px], margin [px] and longest flight [s]."""
+
+
+def published(folder: Path) -> tuple[dict[str, Policy], polars.DataFrame]:
+    """The authors' policies by "control/number", and their flights: name, control, flight_time_s.
+
+    Raises:
+        InputError: the folder lacks `policies.npz` or `flights.csv`.
+    """
+    try:
+        archive, flights = np.load(folder / "policies.npz"), polars.read_csv(folder / "flights.csv")
+    except OSError as error:
+        raise InputError(f"{folder}: not the authors' data ({error}). Give the folder with policies.npz and flights.csv.") from error
+    policies = {}
+    for place, (kind, number) in enumerate(zip(archive["control"].tolist(), archive["policy"].tolist(), strict=True)):
+        weights, biases = (tuple(archive[f"{name}{layer}"][place] for layer in range(3)) for name in "Wb")
+        deviation = archive["observation_std"][place] + np.float32(EPSILON)
+        policies[f"{kind}/{number}"] = Policy(
+            weights, biases, archive["observation_mean"][place], deviation, control=kind, rate=RATES[kind]
+        )
+    name = polars.concat_str("control", polars.col("policy").cast(polars.String), separator="/").alias("name")
+    return policies, flights.select(name, "control", "flight_time_s")
+
+
+def one_against_others(flights: polars.DataFrame) -> Agreement:
+    """How one real flight tells the mean of the other flights of its policy: what noise alone leaves of agreement."""
+    single, others = [], []
+    for (_,), own in flights.group_by("name", maintain_order=True):
+        times = own["flight_time_s"].to_numpy()
+        single += times.tolist()
+        others += ((times.sum() - times) / (len(times) - 1)).tolist()
+    return agreement(np.array(single), np.array(others))
+
+
+def table(compared: polars.DataFrame, flights: polars.DataFrame) -> polars.DataFrame:
+    """Agreement of each control structure and of all, and its noise floor."""
+    rows = []
+    for kind in [*COLOURS, "all"]:
+        chosen, own = (part if kind == "all" else part.filter(polars.col("control") == kind) for part in (compared, flights))
+        found, floor = agreement(chosen["mean"].to_numpy(), chosen["measured"].to_numpy()), one_against_others(own)
+        rows.append(
+            {
+                "control": kind,
+                "policies": found.policies,
+                "predicted [s]": chosen["mean"].mean(),
+                "measured [s]": chosen["measured"].mean(),
+                "Spearman": found.spearman,
+                "Pearson": found.pearson,
+                "error [s]": found.mean_absolute_error,
+                "floor: Spearman": floor.spearman,
+                "floor: Pearson": floor.pearson,
+                "floor: error [s]": floor.mean_absolute_error,
+            }
+        )
+    return polars.DataFrame(rows)
+
+
+def chart(compared: polars.DataFrame) -> str:
+    """Predicted over measured mean flight times as SVG; a bar spans the predictions' 10 % to 90 %."""
+
+    def x(seconds: float) -> float:
+        return MARGIN + seconds / LONGEST * (SIZE - 2 * MARGIN)
+
+    def y(seconds: float) -> float:
+        return SIZE - x(seconds)
+
+    low, high = MARGIN, SIZE - MARGIN
+    parts = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {SIZE} {SIZE}" font-family="sans-serif" font-size="12" fill="#2d3748">',
+        f'<rect width="{SIZE}" height="{SIZE}" fill="white"/>',
+        f'<path d="M{low} {high}L{high} {low}" stroke="#d4dbe4"/>',
+    ]
+    for seconds in range(0, 21, 5):
+        parts.append(f'<text x="{x(seconds):.1f}" y="{high + 18}" text-anchor="middle">{seconds}</text>')
+        parts.append(f'<text x="{low - 8}" y="{y(seconds) + 4:.1f}" text-anchor="end">{seconds}</text>')
+    parts.append(f'<path d="M{low} {low}V{high}H{high}" fill="none" stroke="#2d3748"/>')
+    parts.append(f'<text x="{SIZE / 2}" y="{SIZE - 8}" text-anchor="middle">measured mean flight time [s]</text>')
+    parts.append(f'<text transform="translate(16 {SIZE / 2}) rotate(-90)" text-anchor="middle">predicted mean flight time [s]</text>')
+    for row in compared.iter_rows(named=True):
+        across, colour = x(row["measured"]), COLOURS[row["control"]]
+        bar = f"M{across:.1f} {y(row['quantile_10']):.1f}V{y(row['quantile_90']):.1f}"
+        parts.append(f'<path d="{bar}" stroke="{colour}" stroke-opacity="0.25"/>')
+        parts.append(
+            f'<circle cx="{across:.1f}" cy="{y(row["mean"]):.1f}" r="3.5" fill="{colour}"><title>{escape(row["policy"])}</title></circle>'
+        )
+    for number, (kind, colour) in enumerate(COLOURS.items()):
+        parts.append(f'<circle cx="{low + 90 * number}" cy="24" r="4" fill="{colour}"/>')
+        parts.append(f'<text x="{low + 8 + 90 * number}" y="28">{escape(kind.replace("_", " "))}</text>')
+    return "\n".join([*parts, "</svg>\n"])
+
+
+def main() -> None:
+    """Reads, flies, prints and draws."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--authors", type=Path, required=True, help="folder with policies.npz and flights.csv")
+    parser.add_argument("--drone", default="crazyflie", help="TOML file of a drone, or its name (default: crazyflie)")
+    parser.add_argument("--trials", type=int, default=16, help="flights of each policy (default: 16)")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--chart", type=Path, default=Path("predicted_flights.svg"), help="where to draw (default: %(default)s)")
+    given = parser.parse_args()
+    try:
+        policies, flights = published(given.authors)
+        drone = parameters.read(given.drone)
+        flown = predict_flight_times(list(policies.values()), drone, jax.random.key(given.seed), trials=given.trials, names=list(policies))
+        measured = flights.group_by("name").agg(polars.col("flight_time_s").mean().alias("measured")).rename({"name": "policy"})
+        compared = summary(flown).join(measured, on="policy", maintain_order="left")
+        with polars.Config(tbl_cols=-1, tbl_rows=-1, tbl_width_chars=200, float_precision=2, tbl_hide_column_data_types=True):
+            print(table(compared, flights))
+        results.write(given.chart, chart(compared))
+    except InputError as error:
+        parser.error(str(error))
+
+
+if __name__ == "__main__":
+    main()

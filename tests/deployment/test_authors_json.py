@@ -1,0 +1,127 @@
+"""The authors' policy files are read to the last bit, and a changed one is refused."""
+
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from maidenflight.deployment.authors_json import from_authors_json, read_authors_json
+from maidenflight.errors import InputError
+
+GENERATOR = np.random.default_rng(0)
+SIZES = (40, 6, 5, 4)
+LAYERS = [
+    {
+        "type": "standard",
+        "weights": GENERATOR.normal(size=(outputs, inputs)).astype(np.float32).tolist(),
+        "biases": GENERATOR.normal(size=outputs).astype(np.float32).tolist(),
+    }
+    for inputs, outputs in zip(SIZES[:-1], SIZES[1:], strict=True)
+]
+
+
+def check_sum(layers):
+    """The sum of the outputs for ones that are not scaled."""
+    values = np.ones(40)
+    for number, layer in enumerate(layers):
+        values = np.maximum(values, 0) if number else values
+        values = np.array(layer["weights"]) @ values + np.array(layer["biases"])
+    return str(np.float32(values.sum()))
+
+
+MADE = {
+    "check_sum": check_sum(LAYERS),
+    "scaling_parameters": [GENERATOR.normal(size=40).tolist(), GENERATOR.uniform(0, 1, 40).tolist()],
+    "activation": "relu",
+    **{str(number): layer for number, layer in enumerate(LAYERS)},
+}
+
+
+def changed(*path, to):
+    """The made policy with one entry replaced, or removed where `to` is ``...``."""
+    content = json.loads(json.dumps(MADE))
+    place = content
+    for step in path[:-1]:
+        place = place[step]
+    if to is ...:
+        del place[path[-1]]
+    else:
+        place[path[-1]] = to
+    return json.dumps(content)
+
+
+@pytest.mark.parametrize(("control", "rate"), [("pwm", 100), ("attitude_rate", 50), ("attitude", 25)])
+def test_a_policy_is_read_with_its_scaling_and_the_rate_of_its_control_structure(control, rate):
+    made = from_authors_json(json.dumps(MADE), "here", control)
+    assert (made.control, made.rate, made.history, made.layer_sizes) == (control, rate, 2, SIZES)
+    mean, deviation = np.array(MADE["scaling_parameters"])
+    seen = GENERATOR.normal(size=40)
+    values = (seen - mean) / (deviation + 1e-5)
+    for number, layer in enumerate(LAYERS):
+        values = np.maximum(values, 0) if number else values
+        values = np.array(layer["weights"]) @ values + np.array(layer["biases"])
+    np.testing.assert_allclose(made(jnp.asarray(seen, jnp.float32)), values, rtol=1e-3, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        pytest.param("", "not valid JSON", id="empty"),
+        pytest.param("[" * 100_000, "not valid JSON", id="too deep"),
+        pytest.param("[]", "not one of the authors' policies", id="another file"),
+        pytest.param(changed("check_sum", to=...), "check_sum", id="no check sum"),
+        pytest.param(changed("check_sum", to="nan"), "a weight was changed", id="check sum not a number"),
+        pytest.param(changed("check_sum", to=None), "damaged policy", id="check sum none"),
+        pytest.param(changed("activation", to="tanh"), "activation = 'tanh', expected 'relu'", id="activation"),
+        pytest.param(changed("2", "biases", 3, to=LAYERS[2]["biases"][3] + 1e-3), "a weight was changed", id="changed bias"),
+        pytest.param(changed("2", "weights", 0, 0, to=float("nan")), "a weight was changed", id="nan weight"),
+        pytest.param(changed("1", "type", to="csrproduct"), "expected layers of type 'standard'", id="sparse"),
+        pytest.param(changed("1", to=...), "damaged policy", id="layer lost"),
+        pytest.param(changed("1", "weights", to="text"), "expected lists of numbers", id="text"),
+        pytest.param(changed("1", "biases", to=[1.0]), "damaged policy", id="bias lost"),
+        pytest.param(changed("0", to=LAYERS[1]), "a layer's inputs are not the outputs", id="wrong layer"),
+        pytest.param(changed("scaling_parameters", to=[[0.0] * 40]), "damaged policy", id="no deviation"),
+        pytest.param(changed("scaling_parameters", to=[[0.0] * 20, [1.0] * 20]), "expected", id="scaling of another size"),
+    ],
+)
+def test_what_is_not_such_a_policy_or_was_changed_is_refused(text, message):
+    with pytest.raises(InputError, match=message) as caught:
+        from_authors_json(text, "here", "pwm")
+    assert str(caught.value).startswith("here: ")
+
+
+def test_every_weight_that_counts_in_the_check_sum_is_guarded():
+    """A unit that is silent for ones hides the weights into it and out of it; no other change of 1 % of a deviation passes."""
+    passed = []
+    for number, layer in enumerate(LAYERS):
+        for row, column in np.ndindex(*np.shape(layer["weights"])):
+            text = changed(str(number), "weights", row, column, to=layer["weights"][row][column] + 0.01)
+            wrong = json.loads(text)
+            differs = abs(float(check_sum([wrong[str(place)] for place in range(3)])) - float(MADE["check_sum"])) > 1e-3
+            if differs:
+                with pytest.raises(InputError, match="a weight was changed"):
+                    from_authors_json(text, "here", "pwm")
+            passed.append(not differs)
+    assert np.mean(passed) < 0.7
+
+
+def test_an_unknown_control_structure_or_file_is_refused(tmp_path):
+    with pytest.raises(InputError, match="control = 'position_pid', expected one of pwm, attitude_rate, attitude"):
+        from_authors_json(json.dumps(MADE), "here", "position_pid")
+    with pytest.raises(InputError, match="cannot be read as a policy"):
+        read_authors_json(tmp_path / "none.json", "pwm")
+
+
+@pytest.mark.parametrize(
+    ("name", "control", "number"), [("pwm_024", "pwm", 24), ("attitude_rate_066", "attitude_rate", 66), ("attitude_021", "attitude", 21)]
+)
+def test_published_files_hold_the_networks_that_flew(shared_data, name, control, number):
+    made = read_authors_json(shared_data / "authors/json_models" / f"{name}.json", control)
+    archive = np.load(shared_data / "authors/policies.npz")
+    (place,) = np.flatnonzero((archive["control"] == control) & (archive["policy"] == number))
+    expected = [archive[f"{kind}{layer}"][place] for kind in "Wb" for layer in range(3)]
+    expected += [archive["observation_mean"][place], archive["observation_std"][place] + np.float32(1e-5)]
+    for given, wanted in zip(jax.tree.leaves(made), expected, strict=True):
+        np.testing.assert_array_equal(given, wanted)
