@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import tomlkit
 
@@ -97,6 +98,14 @@ class Parameters:
     torque_offset: Any = _quantity(
         "motors", "k_M2", "N m", (0.0, 1e-3), "constant part of that torque; cancels over four rotors", f"{_PAPER}, eq:motor-torque"
     )
+    rotor_momentum: Any = _quantity(
+        "motors",
+        "J_r Omega",
+        "N m s",
+        (0.0, 1.0),
+        "angular momentum of a rotor at full speed, whose change turns the body; 0 in the paper's model",
+        "Bouabdallah 2007, sec. 2.4",
+    )
     actuator_noise: Any = _quantity(
         "motors",
         "sigma_u",
@@ -122,6 +131,20 @@ class Parameters:
         "Faessler, Franchi and Scaramuzza 2018, eq. 1",
         3,
     )
+    flapping_moment: Any = _quantity(
+        "body",
+        "c_f",
+        "N s",
+        (-1.0, 1.0),
+        "moment against the flight's direction per velocity; 0 in the paper's model",
+        "Hoffmann et al. 2007, eq. 7-10",
+    )
+    rotational_damping: Any = _quantity(
+        "body", "c_w", "N m s", (0.0, 1.0), "torque against roll and pitch rate per rate; 0 in the paper's model", "not found in flights"
+    )
+    torque_bias: Any = _quantity(
+        "body", "b", "N m", (-1.0, 1.0), "constant torque, as of an off-centre battery or unequal motors", "measured from flights", 3
+    )
     gravity: Any = _quantity("body", "g", "m/s2", (0.1, 30.0), "gravitational acceleration", f"{_PAPER}, table:drone-parameters")
     ground_effect: Any = _quantity(
         "body",
@@ -134,6 +157,22 @@ class Parameters:
     position_noise: Any = _quantity("sensors", "sigma_r", "m", (0.0, 1.0), "Gaussian noise of the position", _AUTHORS)
     position_noise_uniform: Any = _quantity("sensors", "b_r", "m", (0.0, 1.0), "half width of its uniform noise", _AUTHORS)
     velocity_noise: Any = _quantity("sensors", "sigma_v", "m/s", (0.0, 1.0), "Gaussian noise of the velocity", _AUTHORS)
+    position_walk: Any = _quantity(
+        "sensors",
+        "w_r",
+        "m/sqrt(s)",
+        (0.0, 1.0),
+        "random walk of the estimated position, as of optical flow; 0 in the paper's model",
+        "measured from flights: 0.075 for a Crazyflie's flow deck",
+    )
+    velocity_walk: Any = _quantity(
+        "sensors",
+        "w_v",
+        "m/s/sqrt(s)",
+        (0.0, 5.0),
+        "random walk of the estimated velocity, forgotten within a second; 0 in the paper's model",
+        "measured from flights: 0.083 for a Crazyflie's flow deck",
+    )
     attitude_noise: Any = _quantity("sensors", "sigma_phi", "rad", (0.0, 1.0), "Gaussian noise of roll, pitch, yaw", f"{_AUTHORS}: 0.1 deg")
     attitude_noise_uniform: Any = _quantity(
         "sensors", "b_phi", "rad", (0.0, 1.0), "half width of its uniform noise", f"{_AUTHORS}: 0.05 deg"
@@ -216,17 +255,23 @@ def crazyflie() -> Parameters:
         latency=0.018,
         torque_to_thrust=5.96e-3,
         torque_offset=1.56e-5,
+        rotor_momentum=0.0,
         actuator_noise=0.019,
         actuator_noise_rate=32.5,
         mass=0.028,
         inertia=(1.33e-5, 1.33e-5, 2.64e-5),
         arm_length=0.0396,
         drag=(0.0, 0.0, 0.0),
+        flapping_moment=0.0,
+        rotational_damping=0.0,
+        torque_bias=(0.0, 0.0, 0.0),
         gravity=9.81,
         ground_effect=3.8e-4,
         position_noise=0.002,
         position_noise_uniform=0.001,
         velocity_noise=0.01,
+        position_walk=0.0,
+        velocity_walk=0.0,
         attitude_noise=math.radians(0.1),
         attitude_noise_uniform=math.radians(0.05),
         gyro_noise=0.051,
@@ -246,22 +291,42 @@ DRONES = {"crazyflie": crazyflie}
 """Named drones, for the command line's `--drone NAME`."""
 
 
+COMPONENTS: dict[str, tuple[str, int | None]] = {
+    **{name: (name, None) for name, quantity in QUANTITIES.items() if quantity.size == 1},
+    **{f"{name}_{axis}": (name, place) for name, quantity in QUANTITIES.items() if quantity.size == 3 for place, axis in enumerate("xyz")},
+}
+"""Every single number of `Parameters` by name, such as `latency` or `inertia_x`: its field, and its place in it if that is a vector."""
+
+
+def component(parameters: Parameters, name: str) -> Any:
+    """One number of a drone, by a name of `COMPONENTS`."""
+    field_name, place = COMPONENTS[name]
+    value = getattr(parameters, field_name)
+    return value if place is None else value[..., place]
+
+
 def replace(parameters: Parameters, /, **changes: Any) -> Parameters:
-    """A copy with some fields changed.
+    """A copy with some fields changed, or single components of them such as `inertia_x`.
 
     Raises:
         InputError: no field has that name.
     """
     for name in changes:
-        if name not in QUANTITIES:
+        if name not in QUANTITIES and name not in COMPONENTS:
             raise InputError(f"unknown parameter {name!r}; known are {', '.join(QUANTITIES)}.")
-    return dataclasses.replace(parameters, **changes)
+    vectors: dict[str, list[Any]] = {}
+    for name in [name for name in changes if name not in QUANTITIES]:
+        field_name, place = COMPONENTS[name]
+        parts = vectors.setdefault(field_name, [getattr(parameters, field_name)[..., axis] for axis in range(3)])
+        parts[place if place is not None else 0] = changes.pop(name)
+    stacked = {name: jnp.stack(jnp.broadcast_arrays(*parts), axis=-1) for name, parts in vectors.items()}
+    return dataclasses.replace(parameters, **changes, **stacked)
 
 
 def noiseless(parameters: Parameters) -> Parameters:
     """The same drone with perfect sensors and motors that do as told."""
-    silent = {name: np.float32(0.0) for name in QUANTITIES if "noise" in name and not name.endswith("rate")}
-    return replace(parameters, **silent, gyro_turn_on_bias=np.float32(0.0), gyro_bias_walk=np.float32(0.0))
+    sizes = [name for name in QUANTITIES if ("noise" in name and not name.endswith("rate")) or name.endswith("_walk")]
+    return replace(parameters, **dict.fromkeys([*sizes, "gyro_turn_on_bias"], np.float32(0.0)))
 
 
 def check(parameters: Parameters, where: str = "parameters") -> Parameters:

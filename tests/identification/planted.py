@@ -39,7 +39,7 @@ def excitation(generator):
 def stabilised(state, parameters):
     """What keeps the drone level, as an addition to the four commands: every axis gets three poles at -5/s, were there no latency."""
     lag, pole = parameters.motor_time_constant, 5.0
-    acceleration = dynamics.angular_acceleration(state, parameters)
+    acceleration = dynamics.angular_acceleration(state, jnp.zeros(4), parameters)
     attitude = rotations.to_attitude(state.quaternion)
     jerk = -3 * pole * acceleration - 3 * pole**2 * state.body_rates - pole**3 * attitude
     full = parameters.mass * parameters.gravity * parameters.thrust_to_weight

@@ -184,7 +184,7 @@ def test_bullets_lever_arms_give_the_papers_torque(pybullet, stronger, axis, wha
     side = drone(rotor_speed=speed, quaternion=(np.sqrt(0.5), 0, 0, np.sqrt(0.5)))
     rates = Bullet().simulate(side, *held(speed, 0.001, 1)).body_rates[0]
     with jax.enable_x64(True):
-        expected = 0.001 * np.asarray(dynamics.angular_acceleration(*jax.tree.map(float64, (side, UNEQUAL))))
+        expected = 0.001 * np.asarray(dynamics.angular_acceleration(*jax.tree.map(float64, (side, np.zeros(4), UNEQUAL))))
     np.testing.assert_allclose(rates, expected, rtol=1e-6, atol=1e-12)
     assert rates[axis] > 1e-3, what
 

@@ -48,7 +48,7 @@ def in_float64(integrator, state, command, parameters, steps):
         return jax.tree.map(np.asarray, fly(integrator, state, float64(command), parameters, steps))
 
 
-OFF = np.zeros(4, np.float32)
+OFF = STILL = np.zeros(4, np.float32)
 
 
 @pytest.mark.parametrize(("integrator", "lateness"), [(dynamics.euler, 0.5), (dynamics.rk4, 0.0)])
@@ -91,7 +91,7 @@ def test_free_rotation_keeps_kinetic_energy_and_angular_momentum():
 def test_only_the_rotors_torque_does_work_the_gyroscopic_one_none(rates, rotor_speed):
     state = drone(body_rates=rates, rotor_speed=rotor_speed)
     rotors = torque(dynamics.rotor_forces(rotor_speed, PAPER), PAPER)
-    power = rates @ np.asarray(PAPER.inertia * angular_acceleration(state, PAPER))
+    power = rates @ np.asarray(PAPER.inertia * angular_acceleration(state, STILL, PAPER))
     rounding = 1e-7 + 8e-12 * float(np.linalg.norm(rates)) ** 3
     np.testing.assert_allclose(power, rates @ np.asarray(rotors), rtol=1e-3, atol=rounding)
 
@@ -131,7 +131,7 @@ def test_a_mirrored_command_gives_a_mirrored_motion(integrator, rotors, axis, at
 def test_the_signs_of_torque_are_the_papers(stronger, axis, what):
     rotor_speed = np.full(4, 0.7, np.float32)
     rotor_speed[list(stronger)] = 0.8
-    found = np.asarray(angular_acceleration(drone(rotor_speed=rotor_speed), PAPER))
+    found = np.asarray(angular_acceleration(drone(rotor_speed=rotor_speed), STILL, PAPER))
     assert found[axis] > 1, what
     np.testing.assert_allclose(np.delete(found, axis), 0, atol=1e-3)
 

@@ -93,17 +93,17 @@ class Bullet:
         return _state(np.split(np.array(flown), _PARTS, axis=-1), np.asarray(rotor_speed))
 
     def _moved(self, rows: Array) -> np.ndarray:
-        """The host's side of a step: rows of 13 numbers of the body, 5 of the motors and 10 constants to rows of 13."""
+        """The host's side of a step: rows of 13 numbers of the body, 7 of the motors and 12 constants to rows of 13."""
         given = np.asarray(rows)
         moved = np.empty((*given.shape[:-1], 13), given.dtype)
         with _LOCK:
             world = _world()
             for place in np.ndindex(given.shape[:-1]):
                 row = given[place]
-                world.set_up(row[18:], self.linear_damping, self.angular_damping)
+                world.set_up(row[20:], self.linear_damping, self.angular_damping)
                 values = row.tolist()
                 world.place(values[:13])
-                world.step(values[13:18])
+                world.step(values[13:20])
                 moved[place] = world.read()
         return moved
 
@@ -118,12 +118,12 @@ class _World:
         self.body = self.bullet.createMultiBody(baseMass=1.0, **self.client)
         self.settings: tuple[Any, ...] = ()
 
-    def set_up(self, constants: Float[np.ndarray, "10"], linear_damping: float, angular_damping: float) -> None:
+    def set_up(self, constants: Float[np.ndarray, "12"], linear_damping: float, angular_damping: float) -> None:
         """Makes the body this drone's; `constants` are those of `_constants`."""
         settings = (constants.tobytes(), linear_damping, angular_damping)
         if settings == self.settings:
             return
-        mass, ix, iy, iz, arm, *drag, gravity, step = constants.tolist()
+        mass, ix, iy, iz, arm, *drag, self.flapping, self.damping, gravity, step = constants.tolist()
         self.places = [(arm / 2**0.5 * x, arm / 2**0.5 * y, 0.0) for x, y in _ROTORS]
         self.drag = [mass * share for share in drag]
         self.bullet.setGravity(0.0, 0.0, -gravity, **self.client)
@@ -139,17 +139,19 @@ class _World:
         self.bullet.resetBaseVelocity(self.body, body[3:6], self.bullet.rotateVector(quaternion, body[10:]), **self.client)
 
     def step(self, push: list[float]) -> None:
-        """One step under the rotors' forces at their places, their reaction torque about body z (see `_motors`), and rotor drag."""
+        """One step under the rotors' forces, the torque that these do not make (see `_motors`), drag, flapping and damping."""
         bullet, frame = self.bullet, self.bullet.LINK_FRAME
-        *forces, reaction = push
+        forces, further = push[:4], push[4:]
         for force, place in zip(forces, self.places, strict=True):
             bullet.applyExternalForce(self.body, -1, (0.0, 0.0, force), place, frame, **self.client)
-        bullet.applyExternalTorque(self.body, -1, (0.0, 0.0, reaction), frame, **self.client)
-        if any(self.drag):
+        bullet.applyExternalTorque(self.body, -1, further, frame, **self.client)
+        if any(self.drag) or self.flapping or self.damping:
             x, y, z, w = bullet.getBasePositionAndOrientation(self.body, **self.client)[1]
-            velocity = bullet.rotateVector((-x, -y, -z, w), bullet.getBaseVelocity(self.body, **self.client)[0])
+            velocity, rates = (bullet.rotateVector((-x, -y, -z, w), one) for one in bullet.getBaseVelocity(self.body, **self.client))
             slowing = [-share * speed for share, speed in zip(self.drag, velocity, strict=True)]
             bullet.applyExternalForce(self.body, -1, slowing, (0.0, 0.0, 0.0), frame, **self.client)
+            pitching = (self.flapping * velocity[1] - self.damping * rates[0], -self.flapping * velocity[0] - self.damping * rates[1], 0.0)
+            bullet.applyExternalTorque(self.body, -1, pitching, frame, **self.client)
         bullet.stepSimulation(**self.client)
 
     def read(self) -> list[float]:
@@ -186,17 +188,21 @@ def _pybullet() -> Any:
 
 def _motors(
     rotor_speed: Float[Array, "4"], command: Float[Array, "4"], parameters: Parameters
-) -> tuple[Float[Array, "4"], Float[Array, "5"]]:
-    """Rotor speeds after a step, as `dynamics.euler` moves them, and their push: four forces [N], reaction torque about z [N m]."""
-    rotor_speed = rotor_speed + parameters.time_step * dynamics.motor_derivative(rotor_speed, command, parameters)
+) -> tuple[Float[Array, "4"], Float[Array, "7"]]:
+    """Rotor speeds after a step, as `dynamics.euler` moves them, and their push: four forces [N], and the torque besides theirs [N m]."""
+    spin_up = dynamics.motor_derivative(rotor_speed, command, parameters)
+    rotor_speed = rotor_speed + parameters.time_step * spin_up
     forces = dynamics.rotor_forces(rotor_speed, parameters)
-    return rotor_speed, jnp.append(forces, dynamics.torque(forces, parameters)[2])
+    # What depends on velocities is left to the world's step.
+    still = State(*(jnp.zeros(size, rotor_speed.dtype) for size in (3, 3, 4, 3, 4)))
+    further = dynamics.further_torque(still, spin_up, parameters)
+    return rotor_speed, jnp.concatenate([forces, further.at[2].add(dynamics.torque(forces, parameters)[2])])
 
 
 @jax.jit
 def _all_motors(
     rotor_speed: Float[Array, "4"], commands: Float[Array, "N 4"], parameters: Parameters
-) -> tuple[Float[Array, "N 4"], Float[Array, "N 5"]]:
+) -> tuple[Float[Array, "N 4"], Float[Array, "N 7"]]:
     """`_motors` over a whole flight; the motors do not depend on how the body moves."""
 
     def one(rotor_speed: Array, command: Array) -> tuple[Array, tuple[Array, Array]]:
@@ -211,7 +217,7 @@ def _state(parts: Any, rotor_speed: Any) -> State:
     return State(position, velocity, quaternion, body_rates, rotor_speed)
 
 
-def _constants(parameters: Parameters) -> Float[Array, "10"]:
-    """What Bullet needs of xi: mass, inertia, arm length, drag, gravity, time step."""
-    names = ("mass", "inertia", "arm_length", "drag", "gravity", "time_step")
+def _constants(parameters: Parameters) -> Float[Array, "12"]:
+    """What Bullet needs of xi: mass, inertia, arm length, drag, flapping, damping, gravity, time step."""
+    names = ("mass", "inertia", "arm_length", "drag", "flapping_moment", "rotational_damping", "gravity", "time_step")
     return jnp.concatenate([jnp.ravel(getattr(parameters, name)) for name in names])

@@ -60,6 +60,30 @@ def torque(forces: Float[Array, "4"], parameters: Parameters) -> Float[Array, "3
     return jnp.stack([lever * (-f1 - f2 + f3 + f4), lever * (-f1 + f2 + f3 - f4), -m1 + m2 - m3 + m4])
 
 
+def further_torque(state: State, spin_up: Float[Array, "4"], parameters: Parameters) -> Float[Array, "3"]:
+    """Torque on the body [N m] that the paper's model lacks; zero in its Crazyflie.
+
+    Four parts: the rotors' pitching moment against the flight's direction, -c_f z x v (flapping blades, and rotors above the centre
+    of mass); damping of roll and pitch rates; the reaction to rotors that spin up, with the signs of their drag torque; and a
+    constant bias (an off-centre battery, unequal motors).
+
+    Args:
+        state: the drone.
+        spin_up: rate of change of the rotor speeds nu [1/s].
+        parameters: uses `flapping_moment`, `rotational_damping`, `rotor_momentum` and `torque_bias`.
+
+    Source: Hoffmann et al. 2007, Quadrotor helicopter flight dynamics and control, eq. 7-10 (flapping); Bouabdallah 2007, sec. 2.4
+    (rotor inertia). Both show in the authors' flights of a Crazyflie.
+    """
+    (vx, vy, vz), (p, q, _), (bias_x, bias_y, bias_z) = state.velocity, state.body_rates, parameters.torque_bias
+    x, y, _ = rotations.axes(state.quaternion)
+    forward, left = x[0] * vx + x[1] * vy + x[2] * vz, y[0] * vx + y[1] * vy + y[2] * vz
+    one, two, three, four = spin_up
+    reaction = parameters.rotor_momentum * (-one + two - three + four)
+    flapping, damping = parameters.flapping_moment, parameters.rotational_damping
+    return jnp.stack([flapping * left - damping * p + bias_x, -flapping * forward - damping * q + bias_y, reaction + bias_z])
+
+
 def linear_acceleration(state: State, parameters: Parameters) -> Float[Array, "3"]:
     """Acceleration of the centre of mass [m/s2], world.
 
@@ -76,14 +100,19 @@ def linear_acceleration(state: State, parameters: Parameters) -> Float[Array, "3
     return jnp.stack([lift[0], lift[1], lift[2] - parameters.gravity])
 
 
-def angular_acceleration(state: State, parameters: Parameters) -> Float[Array, "3"]:
-    """Angular acceleration [rad/s2], body: I domega/dt = eta - omega x (I omega).
+def angular_acceleration(state: State, spin_up: Float[Array, "4"], parameters: Parameters) -> Float[Array, "3"]:
+    """Angular acceleration [rad/s2], body: I domega/dt = eta - omega x (I omega), with eta all torques on the body.
+
+    Args:
+        state: the drone.
+        spin_up: rate of change of the rotor speeds nu [1/s].
+        parameters: the drone's constants.
 
     Source: Gronauer et al. 2022, eq:angular-acceleration.
     """
     (p, q, r), (about_x, about_y, about_z) = state.body_rates, parameters.inertia * state.body_rates
     gyroscopic = jnp.stack([q * about_z - r * about_y, r * about_x - p * about_z, p * about_y - q * about_x])
-    eta = torque(rotor_forces(state.rotor_speed, parameters), parameters)
+    eta = torque(rotor_forces(state.rotor_speed, parameters), parameters) + further_torque(state, spin_up, parameters)
     return (eta - gyroscopic) * (1.0 / parameters.inertia)
 
 
@@ -104,12 +133,13 @@ def motor_derivative(rotor_speed: Float[Array, "4"], command: Float[Array, "4"],
 
 def derivative(state: State, command: Float[Array, "4"], parameters: Parameters) -> State:
     """Time derivative of the whole state, f(x, u) of eq:discrete-system-diff-eq."""
+    spin_up = motor_derivative(state.rotor_speed, command, parameters)
     return State(
         position=state.velocity,
         velocity=linear_acceleration(state, parameters),
         quaternion=rotations.quaternion_derivative(state.quaternion, state.body_rates),
-        body_rates=angular_acceleration(state, parameters),
-        rotor_speed=motor_derivative(state.rotor_speed, command, parameters),
+        body_rates=angular_acceleration(state, spin_up, parameters),
+        rotor_speed=spin_up,
     )
 
 
@@ -119,9 +149,10 @@ def euler(state: State, command: Float[Array, "4"], parameters: Parameters) -> S
     First order, and half a step less late than explicit Euler; PyBullet, the paper's engine, steps the same way.
     """
     dt = parameters.time_step
-    state = state._replace(rotor_speed=state.rotor_speed + dt * motor_derivative(state.rotor_speed, command, parameters))
+    spin_up = motor_derivative(state.rotor_speed, command, parameters)
+    state = state._replace(rotor_speed=state.rotor_speed + dt * spin_up)
     velocity = state.velocity + dt * linear_acceleration(state, parameters)
-    body_rates = state.body_rates + dt * angular_acceleration(state, parameters)
+    body_rates = state.body_rates + dt * angular_acceleration(state, spin_up, parameters)
     turned = state.quaternion + dt * rotations.quaternion_derivative(state.quaternion, body_rates)
     return State(state.position + dt * velocity, velocity, rotations.normalise(turned), body_rates, state.rotor_speed)
 

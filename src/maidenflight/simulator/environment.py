@@ -112,6 +112,8 @@ class Episode(NamedTuple):
     """Body rates behind the gyro's low-pass filter [rad/s]."""
     gyro_bias: Float[Array, "3"]
     estimator: Float[Array, "memory 10"]
+    drift: Float[Array, "6"]
+    """Errors of the estimated position [m] and velocity [m/s]."""
     measurement: Measurement
     """What the sensors say now."""
     history: Float[Array, "H 20"]
@@ -145,8 +147,8 @@ class Noise(NamedTuple):
 
     command: Float[Array, "E K 7"]
     """Standard normal: of the four actuators and of the gyro."""
-    estimate: Float[Array, "E 15"]
-    """Standard normal: of the gyro's bias and of a measurement."""
+    estimate: Float[Array, "E 21"]
+    """Standard normal: of the estimate's drift, of the gyro's bias and of a measurement."""
     uniform: Float[Array, "E 6"]
     """Uniform on [-1, 1]: of a measurement."""
 
@@ -198,6 +200,7 @@ def begin(environment: Environment, state: State, time: Float[Array, ""], parame
         gyro=state.body_rates,
         gyro_bias=bias,
         estimator=estimator,
+        drift=jnp.zeros(6),
         measurement=measurement,
         history=jnp.broadcast_to(instant, (environment.history, OBSERVATION_SIZE)),
         action=action,
@@ -217,7 +220,7 @@ def draw(environment: Environment, key: Array) -> Noise:
     """The random numbers of one step."""
     estimates = environment.estimates_per_action
     commands = environment.commands_per_action // estimates
-    size = commands * 7 + 3 + sensors.NORMALS
+    size = commands * 7 + sensors.DRIFT_NORMALS + 3 + sensors.NORMALS
     normal, uniform = noise.draw(key, estimates * size, estimates * sensors.UNIFORMS)
     normal = normal.reshape(estimates, size)
     return Noise(
@@ -317,18 +320,21 @@ def _estimate(
     environment: Environment, episode: Episode, actions: Float[Array, ""], period: Float[Array, ""], parameters: Parameters, drawn: Noise
 ) -> Episode:
     """Reads the sensors; position, velocity and attitude only where an estimate is due after so many actions."""
-    bias = sensors.walk_bias(episode.gyro_bias, period, parameters, drawn.estimate[:3])
+    walk, turn, normal = jnp.split(drawn.estimate, (sensors.DRIFT_NORMALS, sensors.DRIFT_NORMALS + 3))
+    bias = sensors.walk_bias(episode.gyro_bias, period, parameters, turn)
+    drift = sensors.walk_estimate(episode.drift, period, parameters, walk)
     seen, estimator = episode.state, episode.estimator
     every = max(1, environment.controller.action_rate // environment.estimate_rate)
     if environment.estimator_memory > 0:
         estimator = sensors.remember(estimator, episode.state)
         seen = sensors.delayed(estimator, episode.state, every * period, parameters)
-    fresh = sensors.measure(seen._replace(body_rates=episode.gyro), bias, parameters, drawn.estimate[3:], drawn.uniform)
+    seen = seen._replace(position=seen.position + drift[:3], velocity=seen.velocity + drift[3:], body_rates=episode.gyro)
+    fresh = sensors.measure(seen, bias, parameters, normal, drawn.uniform)
     if every > 1:
         due = actions % every == 0
         old = episode.measurement._replace(body_rates=fresh.body_rates)
         fresh, estimator = tree.map(lambda new, old: jnp.where(due, new, old), (fresh, estimator), (old, episode.estimator))
-    return episode._replace(gyro_bias=bias, estimator=estimator, measurement=fresh)
+    return episode._replace(gyro_bias=bias, estimator=estimator, drift=drift, measurement=fresh)
 
 
 def drive(

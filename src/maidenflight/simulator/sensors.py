@@ -21,6 +21,10 @@ class Measurement(NamedTuple):
 
 NORMALS, UNIFORMS = 12, 6
 """Random numbers of one `measure`."""
+DRIFT_NORMALS = 6
+"""Random numbers of one `walk_estimate`."""
+DRIFT_TIME = 1.0
+"""Time in which an error of the estimated velocity is forgotten [s]; a flight log of seconds cannot tell it from a pure random walk."""
 
 
 def turn_on_bias(parameters: Parameters, normal: Float[Array, "3"]) -> Float[Array, "3"]:
@@ -44,6 +48,29 @@ def walk_bias(bias: Float[Array, "3"], elapsed: Float[Array, ""], parameters: Pa
     kept = jnp.exp(-elapsed / tau)
     spread = parameters.gyro_bias_walk * jnp.sqrt(-tau / 2 * jnp.expm1(-2 * elapsed / tau))
     return kept * bias + spread * normal
+
+
+def walk_estimate(
+    drift: Float[Array, "6"], elapsed: Float[Array, ""], parameters: Parameters, normal: Float[Array, "6"]
+) -> Float[Array, "6"]:
+    """The errors of an estimated position [m] and velocity [m/s] after some time: they walk, and the position integrates the velocity.
+
+    An estimator without a position sensor, such as optical flow's, is wrong by a random walk; a policy that follows it roams. White
+    noise of the size seen from one row of a log to the next averages out within a few rows and hides that.
+
+    Args:
+        drift: errors of position and velocity before.
+        elapsed: time between the two [s].
+        parameters: uses `position_walk` and `velocity_walk`.
+        normal: draws from the standard normal distribution.
+
+    Source: ours; sizes and spectrum from the authors' flights (docs/identification.md).
+    """
+    kept = jnp.exp(-elapsed / DRIFT_TIME)
+    root = jnp.sqrt(elapsed)
+    velocity = kept * drift[3:] + parameters.velocity_walk * root * normal[3:]
+    position = drift[:3] + elapsed * velocity + parameters.position_walk * root * normal[:3]
+    return jnp.concatenate([position, velocity])
 
 
 def low_pass(
