@@ -118,7 +118,7 @@ def test_the_line_from_logs_to_report_in_json(tmp_path: Path, monkeypatch: Any, 
     assert [Path(path).name for path in recorded["flights"]] == ["flight_01.csv", "flight_02.csv"]
     assert recorded["simulated"] is True
 
-    identified = said("identify", logs, "-o", drone, "--trials", 1, "--evaluations", 20)
+    identified = said("identify", logs, "-o", drone, "--trials", 1, "--evaluations", 20, "--method", "bayesian")
     assert set(identified["parameters"]) == {"thrust_to_weight", "motor_time_constant", "latency"}
     for estimate in identified["parameters"].values():
         assert estimate["interval"][0] <= estimate["value"] <= estimate["interval"][1]

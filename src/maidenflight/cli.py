@@ -133,13 +133,25 @@ def _bounds(_: click.Context, __: click.Parameter, given: tuple[str, ...]) -> di
 
 def _flights_content(flights: "Flights") -> dict[str, Any]:
     seconds = round(flights.duration, 2)
-    return {"files": len(flights.paths), "pieces": len(flights), "seconds": seconds, "dropped": flights.notes}
+    return {
+        "files": len(flights.paths),
+        "pieces": len(flights),
+        "seconds": seconds,
+        "dropped": flights.notes,
+        "refused": flights.refused,
+    }
 
 
 def _print_flights(flights: "Flights", windows: int) -> None:
     print(f"{len(flights.paths)} files, {len(flights)} usable pieces of flight, {flights.duration:.0f} s; {windows} windows")
     if flights.notes:
-        print(f"{len(flights.notes)} notes on dropped rows, the first: {flights.notes[0]}")
+        print(f"{len(flights.notes)} notes on what was dropped, the first: {flights.notes[0]}")
+    if flights.refused:
+        print(f"{len(flights.refused)} files refused:", file=sys.stderr)
+        for reason in flights.refused[:3]:
+            print(f"  {reason}", file=sys.stderr)
+        if len(flights.refused) > 3:
+            print(f"  and {len(flights.refused) - 3} more; --json lists them all", file=sys.stderr)
 
 
 @commands.command()
@@ -149,8 +161,9 @@ def _print_flights(flights: "Flights", windows: int) -> None:
 @click.option("--start", default="crazyflie", show_default=True, help="Drone whose other parameters are kept: a name or a TOML file.")
 @click.option("--length", default=30, show_default=True, type=click.IntRange(1, 500), help="T, rows of a window.")
 @click.option("--history", default=100, show_default=True, type=click.IntRange(1, 500), help="Rows before a window that set its motors.")
-@click.option("--evaluations", default=60, show_default=True, type=click.IntRange(11, 2000), help="Of the objective, a trial.")
+@click.option("--evaluations", default=60, show_default=True, type=click.IntRange(11, 2000), help="Most of the objective, a trial.")
 @click.option("--trials", default=3, show_default=True, type=click.IntRange(1, 100), help="Repetitions of the optimiser.")
+@click.option("--method", default="gradient", show_default=True, type=click.Choice(["gradient", "bayesian"]), help="The paper's: bayesian.")
 @click.option("--bounds", multiple=True, callback=_bounds, help="Search bounds, NAME=LOWER,UPPER in SI units; may be repeated.")
 @_seed
 @_as_json
@@ -165,6 +178,7 @@ def identify(
     evaluations: int,
     trials: int,
     bounds: dict[str, tuple[float, float]],
+    method: str,
     seed: int,
     as_json: bool,
     overwrite: bool,
@@ -176,7 +190,7 @@ def identify(
     names = [name.strip() for name in over.split(",") if name.strip()]
     with terminal.progress("identify", None) as move:
         flights, found = workflow.identify_from(
-            logs, seed, output, names, start, length, history, evaluations, trials, bounds,
+            logs, seed, output, names, start, length, history, evaluations, trials, bounds, method,
             on_file=lambda done, of: move(done, of, "reading flights"),
             on_evaluation=lambda done, of: move(done, of, "evaluations"),
         )  # fmt: skip

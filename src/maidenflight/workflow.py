@@ -21,7 +21,7 @@ from maidenflight.experiments.transfer import Transfer, transfer
 from maidenflight.flights import log, recording
 from maidenflight.flights.reading import Flights, read_flights
 from maidenflight.identification.bayesian import PAPER_BOUNDS
-from maidenflight.identification.identify import Identification, identify
+from maidenflight.identification.identify import METHODS, Identification, identify
 from maidenflight.identification.prediction import prediction_error
 from maidenflight.policy import Policy
 from maidenflight.simulator import control, tasks
@@ -74,6 +74,7 @@ def identify_from(
     evaluations: int,
     trials: int,
     bounds: Mapping[str, tuple[float, float]],
+    method: str = METHODS[0],
     on_file: Callable[[int, int], None] | None = None,
     on_evaluation: Callable[[int, int], None] | None = None,
 ) -> tuple[Flights, Identification]:
@@ -90,6 +91,7 @@ def identify_from(
         evaluations=evaluations,
         trials=trials,
         bounds=searched,
+        method=method,
         on_evaluation=on_evaluation,
     )
     settings = {
@@ -97,6 +99,7 @@ def identify_from(
         "over": list(over),
         "length": length,
         "history": history,
+        "method": method,
         "evaluations": evaluations,
         "trials": trials,
         "bounds": {name: list(searched[name]) for name in over},

@@ -41,6 +41,20 @@ def test_the_minimum_of_a_known_function_is_found_in_sixty_evaluations(search):
     assert values.min() < 1.01
 
 
+def test_the_kernel_is_fitted_ever_more_rarely(monkeypatch):
+    asked = []
+
+    def ask(points, values, kernel, fits, generator):
+        asked.append(fits)
+        return generator.random(points.shape[1]), kernel
+
+    monkeypatch.setattr(bayesian, "_ask", ask)
+    bayesian.minimise(bowl, 3, 250, np.random.default_rng(0))
+    assert len(asked) == 240
+    assert sum(asked) < 40
+    assert all(any(asked[start : start + 25]) for start in range(0, 216, 24))
+
+
 def test_every_evaluation_is_reported_in_order(search):
     points, values = search
     assert points.shape == (60, 3)

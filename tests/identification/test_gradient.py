@@ -85,14 +85,14 @@ def test_the_unit_cubes_gradient_is_that_of_central_differences(objective):
 
 
 def test_five_starts_end_at_one_optimum_no_higher_than_the_bayesian_one(objective):
-    """The objectives within 0.3 %, for near an exact fit they rise like a cone; no more than 8 evaluations on all windows."""
+    """The objectives within 0.5 %, for near an exact fit they rise like a cone; no more than 8 evaluations on all windows."""
     runs = [search(objective, seed) for seed in range(5)]
     lowest = np.array([losses.min() for _, losses in runs])
     optima = np.array([points[np.argmin(losses)] for points, losses in runs])
     _, reference = bayesian.minimise(lambda unit: objective(drone(unit)), 3, 60, np.random.default_rng(0))
     print(f"gradient {lowest}, Bayesian {reference.min()}, {[len(losses) for _, losses in runs]} evaluations, {BOX.values(optima)}")
     assert (lowest <= reference.min() * (1 + 1e-5)).all()
-    np.testing.assert_allclose(lowest, lowest.min(), rtol=3e-3)
+    np.testing.assert_allclose(lowest, lowest.min(), rtol=5e-3)
     np.testing.assert_allclose(optima, np.broadcast_to(optima[0], optima.shape), atol=0.01)
     assert max(len(losses) for _, losses in runs) <= 8
 
@@ -104,9 +104,9 @@ def test_the_box_is_never_left_and_an_optimum_outside_is_met_at_its_face(objecti
     assert points[np.argmin(losses)][0] > 0.999
 
 
-def test_identify_follows_gradients_if_told_to(flights):
+def test_identify_follows_gradients_unless_told_otherwise(flights):
     seen = []
-    found = identify(flights, key=jax.random.key(2), method="gradient", trials=2, on_evaluation=lambda *counts: seen.append(counts))
+    found = identify(flights, key=jax.random.key(2), trials=2, on_evaluation=lambda *counts: seen.append(counts))
     for name, truth in zip(NAMES, TRUTH, strict=True):
         assert found.estimates[name].value == pytest.approx(truth, rel=0.05)
         assert np.ptp(found.estimates[name].trials) < 0.02 * truth
@@ -114,5 +114,5 @@ def test_identify_follows_gradients_if_told_to(flights):
 
 
 def test_an_unknown_method_is_refused_in_words(flights):
-    with pytest.raises(InputError, match=r"unknown method 'newton'.*bayesian, gradient"):
+    with pytest.raises(InputError, match=r"unknown method 'newton'.*gradient, bayesian"):
         identify(flights, method="newton")

@@ -10,11 +10,11 @@ import pytest
 
 from maidenflight.errors import InputError
 from maidenflight.flights.reading import read_flights
-from maidenflight.identification.identify import PAPER_BOUNDS, identify
+from maidenflight.identification.identify import METHODS, PAPER_BOUNDS, identify
 from maidenflight.identification.posterior import DESIGN
 from maidenflight.parameters import QUANTITIES, check, crazyflie, noiseless
 
-FEW: dict[str, Any] = {"evaluations": 12, "trials": 1}
+FEW: dict[str, Any] = {"evaluations": 12, "trials": 1, "method": "bayesian"}
 
 
 @pytest.fixture(scope="module")
@@ -24,13 +24,14 @@ def flights():
 
 @pytest.fixture(scope="module")
 def quick(flights):
-    return identify(flights, key=jax.random.key(5), evaluations=14, trials=2)
+    return identify(flights, key=jax.random.key(5), evaluations=14, trials=2, method="bayesian")
 
 
 @pytest.mark.parametrize("planted_xi", [(1.9, 0.06, 0.012), (1.7, 0.03, 0.004), (1.6, 0.11, 0.025)])
-def test_a_planted_drone_is_found_again(planted_xi):
+@pytest.mark.parametrize("method", METHODS)
+def test_a_planted_drone_is_found_again(planted_xi, method):
     """k_F within 1 %, T_m + latency within 3 ms, latency within 4 ms."""
-    found = identify(planted.logs(planted.drone(*planted_xi)))
+    found = identify(planted.logs(planted.drone(*planted_xi)), method=method)
     thrust, lag, delay = (found.estimates[name].value for name in PAPER_BOUNDS)
     print(
         f"planted {planted_xi}: k_F {thrust / planted_xi[0] - 1:+.2%}, T_m + latency {1e3 * (lag + delay - sum(planted_xi[1:])):+.2f} ms,",
@@ -97,8 +98,8 @@ def test_the_optimum_is_the_best_point_of_history(quick):
 
 
 def test_the_same_key_gives_the_same_result_and_another_key_another(flights, quick):
-    again = identify(flights, key=jax.random.key(5), evaluations=14, trials=2)
-    other = identify(flights, key=jax.random.key(6), evaluations=14, trials=2)
+    again = identify(flights, key=jax.random.key(5), evaluations=14, trials=2, method="bayesian")
+    other = identify(flights, key=jax.random.key(6), evaluations=14, trials=2, method="bayesian")
     assert again.to_table() == quick.to_table()
     assert again.history.equals(quick.history)
     assert not other.history.equals(quick.history)

@@ -144,3 +144,15 @@ def test_one_compilation_serves_all_parameters(cut, monkeypatch):
     values = [short(drone) for drone in (crazyflie(), DRONE, planted.drone(2.4, 0.4, 0.0), planted.drone(1.5, 0.01, 0.05))]
     assert len(set(values)) == 4
     assert len(traces) == 1
+
+
+@pytest.mark.parametrize("cores", [1, 2, 3, 64])
+def test_what_is_computed_does_not_depend_on_the_number_of_cores(monkeypatch, cores):
+    """To the last bit: 600 windows in three chunks, of all and of every second."""
+    measured, at = Objective(some(windows(planted.logs(DRONE), planted.LENGTH), 600), 0.01), replace(DRONE, thrust_to_weight=1.8)
+    alone = {}
+    for used in (1, cores):
+        monkeypatch.setattr(module.os, "sched_getaffinity", lambda _, used=used: set(range(used)), raising=False)
+        alone[used] = measured.per_window(at), *measured.normal_equations(at, ("latency",)), *measured.normal_equations(at, ("latency",), 2)
+    for one, other in zip(alone[1], alone[cores], strict=True):
+        np.testing.assert_array_equal(one, other)

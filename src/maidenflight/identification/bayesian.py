@@ -14,7 +14,8 @@ from jaxtyping import Float
 from scipy.stats import norm, qmc
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process import GaussianProcessRegressor
-from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
+from sklearn.gaussian_process.kernels import ConstantKernel, Kernel, Matern, WhiteKernel
+from threadpoolctl import threadpool_limits
 
 PAPER_BOUNDS: dict[str, tuple[float, float]] = {
     "thrust_to_weight": (1.5, 2.5),
@@ -28,6 +29,9 @@ LOGARITHMIC = ("motor_time_constant", "motor_slowdown")
 
 _FIRST = 10
 """Evaluations spread evenly before the process is asked."""
+_GROWTH = 1.1
+"""The kernel is fitted anew when there are so many times more evaluations. Its length scales settle early, and each fit costs more
+than an evaluation."""
 
 
 @dataclass(frozen=True)
@@ -94,17 +98,11 @@ def minimise(
         values.append(objective(point))
         if on_evaluation is not None:
             on_evaluation()
-    kernel = None
+    kernel, fitted_to = _kernel(dimensions), 0
     while len(values) < evaluations:
-        logs = np.log(np.maximum(values, 1e-12))
-        scaled = (logs - logs.mean()) / (logs.std() + 1e-12)
-        # The length scales settle early; fitting them anew each time would cost more than the evaluations.
-        process = _fitted(points, scaled, kernel if len(values) % 5 and len(values) > 2 * _FIRST else None)
-        kernel = process.kernel_
-        candidates = _candidates(points[int(np.argmin(values))], dimensions, generator)
-        mean, deviation = process.predict(candidates, return_std=True)
-        acquisition = ACQUISITIONS[generator.integers(len(ACQUISITIONS))]
-        chosen = candidates[int(np.argmax(acquisition(mean, np.maximum(deviation, 1e-9), float(scaled.min()))))]
+        fits = len(values) >= _GROWTH * fitted_to
+        fitted_to = len(values) if fits else fitted_to
+        chosen, kernel = _ask(points, np.array(values), kernel, fits, generator)
         points = np.concatenate([points, chosen[None]])
         values.append(objective(chosen))
         if on_evaluation is not None:
@@ -112,14 +110,28 @@ def minimise(
     return points, np.array(values)
 
 
-def _fitted(points: np.ndarray, values: np.ndarray, kernel: object | None) -> GaussianProcessRegressor:
-    """A Gaussian process; its kernel is fitted unless one is given."""
-    fresh = ConstantKernel(4.0, (1e-2, 1e3)) * Matern([0.5] * points.shape[1], (0.02, 20.0), nu=2.5) + WhiteKernel(1e-4, (1e-8, 1e-1))
-    optimiser: Any = None if kernel else "fmin_l_bfgs_b"
-    process = GaussianProcessRegressor(kernel or fresh, optimizer=optimiser, random_state=0)
-    with warnings.catch_warnings():
+def _kernel(dimensions: int) -> Kernel:
+    """Where fitting the kernel starts."""
+    scales: Any = [0.5] * dimensions
+    return ConstantKernel(4.0, (1e-2, 1e3)) * Matern(scales, (0.02, 20.0), nu=2.5) + WhiteKernel(1e-4, (1e-8, 1e-1))
+
+
+def _ask(points: np.ndarray, values: np.ndarray, kernel: Kernel, fits: bool, generator: np.random.Generator) -> tuple[np.ndarray, Kernel]:
+    """The point to evaluate next, and the kernel, which is fitted from the given one on if `fits`."""
+    logs = np.log(np.maximum(values, 1e-12))
+    scaled = (logs - logs.mean()) / (logs.std() + 1e-12)
+    optimiser: Any = "fmin_l_bfgs_b" if fits else None
+    process = GaussianProcessRegressor(kernel, optimizer=optimiser, random_state=0)
+    # On matrices this small several threads only wait for each other, on a busy machine thirty times as long as one computes.
+    with warnings.catch_warnings(), threadpool_limits(1, user_api="blas"):
         warnings.simplefilter("ignore", ConvergenceWarning)
-        return process.fit(points, values)
+        process.fit(points, scaled)
+        candidates = _candidates(points[int(np.argmin(values))], points.shape[1], generator)
+        mean, deviation = process.predict(candidates, return_std=True)
+    acquisition = ACQUISITIONS[generator.integers(len(ACQUISITIONS))]
+    best = int(np.argmax(acquisition(mean, np.maximum(deviation, 1e-9), float(scaled.min()))))
+    fitted: Any = process.kernel_
+    return candidates[best], fitted
 
 
 def _candidates(best: np.ndarray, dimensions: int, generator: np.random.Generator) -> np.ndarray:

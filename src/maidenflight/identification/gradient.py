@@ -15,7 +15,7 @@ from scipy.optimize import lsq_linear
 from maidenflight.identification.bayesian import Box
 from maidenflight.identification.objective import NormalEquations
 
-PILOT = 512
+PILOT = 256
 """Windows of which the way from a random start to the optimum's neighbourhood is found; neighbouring windows overlap and say the same."""
 _PILOT_STEPS = 20
 """Most steps on those windows."""
@@ -77,7 +77,8 @@ def minimise(
         if on_evaluation is not None:
             on_evaluation()
 
-    here, damping = equations(point, False), 0.0
+    # What the steps on a few windows taught of the curvature holds for all; starting with that saves one evaluation or two.
+    here, damping = equations(point, False)._replace(curvature=here.curvature), 0.0
     record(point, here.loss)
     while len(losses) < evaluations:
         there = _step(here, point, damping)

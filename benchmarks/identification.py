@@ -1,0 +1,225 @@
+"""Measures how fast maidenflight identifies a drone from as much flight as the paper had, and writes a part of docs/benchmarks.md.
+
+The flights are simulated, so that anybody can run it; the authors' real ones are read too where they are given.
+"""
+
+import os
+import re
+import statistics
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+import jax
+import numpy as np
+
+from maidenflight.flights import recording
+from maidenflight.flights.reading import read_flights
+from maidenflight.flights.windows import Windows, windows
+from maidenflight.identification import bayesian, gradient
+from maidenflight.identification.bayesian import PAPER_BOUNDS, Box
+from maidenflight.identification.identify import identify
+from maidenflight.identification.objective import Objective
+from maidenflight.parameters import Parameters, crazyflie, replace
+from maidenflight.simulator.virtual_drone import VirtualDrone
+
+PAGE = Path(__file__).parent.parent / "docs" / "benchmarks.md"
+WINDOWS = 37_673
+"""Windows of 50 rows that the paper had (sec. Simulation Optimization)."""
+FLIGHTS, DURATION, SEED = 121, 32.0, 0
+"""Flights recorded and how long each is [s]: about an hour, which is enough for as many windows."""
+TRUTH = {"thrust_to_weight": 1.72, "motor_time_constant": 0.09, "latency": 0.015}
+"""xi of the simulated drone, as a Crazyflie's."""
+AUTHORS = 570.0
+"""Seconds that one evaluation takes the authors' code on one core: measured on fewer windows and scaled to 37,673 of 50 rows."""
+BARS = {"evaluation": 0.5, "bayesian": 240.0, "identify": 60.0}
+"""Most seconds: an evaluation on windows of 50 rows; 250 evaluations of Bayesian optimisation; `identify` from the files on."""
+BOX = Box(tuple(PAPER_BOUNDS), *(tuple(ends) for ends in zip(*PAPER_BOUNDS.values(), strict=True)))
+
+
+@dataclass(frozen=True)
+class Search:
+    """An optimiser's work."""
+
+    seconds: float
+    inside: float
+    """Of these inside the objective [s]."""
+    evaluations: int
+    """On all windows, with derivatives or without."""
+    cost: float
+    """In evaluations without derivatives."""
+    lowest: float
+    """Objective reached."""
+
+
+def drone(unit: np.ndarray) -> Parameters:
+    values = BOX.values(unit)
+    return replace(crazyflie(), **{name: np.float32(value) for name, value in zip(BOX.names, values, strict=True)})
+
+
+def cached_windows(folder: Path, length: int, flights: int) -> Windows:
+    """Windows of flights of the simulated drone, recorded once and kept in a folder."""
+    path = folder / f"windows-{flights}-{length}.npz"
+    if not path.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        reality = VirtualDrone("planted", replace(crazyflie(), time_step=0.001, **TRUTH))
+        cut = windows(recording.record(reality, jax.random.key(SEED), flights, DURATION), length)
+        np.savez(path, **{name: array[:WINDOWS] for name, array in cut._asdict().items()})
+    with np.load(path) as kept:
+        return Windows(**{name: kept[name] for name in Windows._fields})
+
+
+def timed(computations: Sequence[Callable[[np.ndarray], object]], repeats: int) -> np.ndarray:
+    """Seconds of computations, a row for each of some points, after one that compiles; in turn, so that what else runs falls on all."""
+    generator = np.random.default_rng(SEED)
+    taken = np.empty((repeats + 1, len(computations)))
+    for row, point in zip(taken, generator.random((repeats + 1, 3)), strict=True):
+        for place, compute in enumerate(computations):
+            began = time.perf_counter()
+            compute(point)
+            row[place] = time.perf_counter() - began
+    return taken[1:]
+
+
+class Clock:
+    """Counts and times the calls of an objective."""
+
+    def __init__(self, objective: Objective) -> None:
+        self.objective, self.inside, self.plain, self.with_derivatives = objective, 0.0, 0, 0.0
+
+    def loss(self, unit: np.ndarray) -> float:
+        """Of all windows."""
+        began = time.perf_counter()
+        loss = self.objective(drone(unit))
+        self.inside += time.perf_counter() - began
+        self.plain += 1
+        return loss
+
+    def equations(self, unit: np.ndarray, few: bool) -> gradient.NormalEquations:
+        """The same with derivatives, if `few` of a few windows."""
+        every = max(1, self.objective.size // gradient.PILOT) if few else 1
+        began = time.perf_counter()
+        found = self.objective.normal_equations(drone(unit), BOX.names, every)
+        self.inside += time.perf_counter() - began
+        self.with_derivatives += 1 / every
+        return gradient.in_unit_cube(found, BOX, unit)
+
+
+def bayesian_search(objective: Objective, evaluations: int, seed: int) -> Search:
+    clock, began = Clock(objective), time.perf_counter()
+    _, losses = bayesian.minimise(clock.loss, 3, evaluations, np.random.default_rng(seed))
+    return Search(time.perf_counter() - began, clock.inside, len(losses), len(losses), float(losses.min()))
+
+
+def gradient_search(objective: Objective, seed: int, derivatives: float) -> Search:
+    """One start; `derivatives` is what derivatives on all windows cost, in evaluations."""
+    clock, began = Clock(objective), time.perf_counter()
+    _, losses = gradient.minimise(clock.loss, clock.equations, 3, 60, np.random.default_rng(seed))
+    cost = clock.plain + derivatives * clock.with_derivatives
+    return Search(time.perf_counter() - began, clock.inside, len(losses), cost, float(losses.min()))
+
+
+def judged(seconds: float, bar: str) -> str:
+    return f"at most {BARS[bar]:g} s | {'yes' if seconds <= BARS[bar] else '**no**'}"
+
+
+def measure_evaluations(objectives: dict[int, Objective], repeats: int) -> tuple[list[str], float, float]:
+    """Rows of the table, the seconds of an evaluation on the longest windows, and how many of them derivatives cost."""
+    rows, plain, ratio = [], 0.0, 0.0
+    for length, objective in objectives.items():
+
+        def loss(unit: np.ndarray, objective: Objective = objective) -> float:
+            return objective(drone(unit))
+
+        def slopes(unit: np.ndarray, objective: Objective = objective) -> object:
+            return objective.normal_equations(drone(unit), BOX.names)
+
+        taken = timed([loss, slopes], repeats)
+        plain, ratio = float(np.median(taken[:, 0])), float(np.median(taken[:, 1] / taken[:, 0]))
+        bar = judged(plain, "evaluation") if length == max(objectives) else "- | -"
+        what = f"{objective.size:,} windows of {length} rows"
+        rows.append(f"| one evaluation, {what} | {plain:.3f} s (fastest {taken[:, 0].min():.3f} s) | {bar} |")
+        rows.append(f"| the same with derivatives for three parameters | {np.median(taken[:, 1]):.2f} s, {ratio:.1f} evaluations | - | - |")
+    return rows, plain, ratio
+
+
+def measure_searches(objective: Objective, evaluations: int, starts: int, ratio: float) -> tuple[list[str], str]:
+    """Rows of the table for both optimisers, and a sentence that compares them."""
+    theirs = bayesian_search(objective, evaluations, SEED)
+    ours = [gradient_search(objective, seed, ratio) for seed in range(starts)]
+    seconds, cost = (statistics.median(getattr(search, what) for search in ours) for what in ("seconds", "cost"))
+    above = max(search.lowest for search in ours) / theirs.lowest - 1
+    bar = judged(theirs.seconds, "bayesian") if evaluations == 250 else "- | -"
+    own = f"{theirs.seconds:.0f} s, of these {theirs.seconds - theirs.inside:.1f} s the optimiser's own"
+    rows = [
+        f"| {evaluations} evaluations of Bayesian optimisation | {own} | {bar} |",
+        f"| gradients, median of {starts} starts | {seconds:.1f} s, {cost:.1f} evaluations' worth | - | - |",
+    ]
+    worst = max(search.cost for search in ours)
+    told = f"{100 * abs(above):.4f} % {'above' if above > 0 else 'below'}"
+    said = (
+        f"The gradient method's {starts} random starts cost at most {worst:.1f} evaluations each, derivatives counted at their measured"
+        f" cost. The worst of them ends at an objective {told} the one that {evaluations} Bayesian evaluations reach."
+    )
+    return rows, said
+
+
+def measure_authors(folder: Path | None) -> str:
+    """A row of the table: `identify` from real files on."""
+    what = "`identify` on the authors' 108 PWM flights, reading and intervals included"
+    if folder is None or not folder.is_dir():
+        return f"| {what} | not measured: give their folder with --authors | - | - |"
+    began = time.perf_counter()
+    found = identify(read_flights(folder))
+    seconds = time.perf_counter() - began
+    values = ", ".join(f"{estimate.value:.4g}" for estimate in found.estimates.values())
+    return f"| {what} | {seconds:.1f} s ({found.windows:,} windows; {values}) | {judged(seconds, 'identify')} |"
+
+
+def machine() -> str:
+    model = re.search(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text())
+    return f"{os.cpu_count()} cores of {model[1] if model else 'an unknown CPU'}; load before the run {os.getloadavg()[0]:.1f}."
+
+
+def write(page: Path, parts: dict[str, str]) -> None:
+    """Puts each part between its markers of the page."""
+    text = page.read_text()
+    for name, part in parts.items():
+        before, marker, rest = text.partition(f"<!-- {name} -->\n")
+        if not marker:
+            raise click.ClickException(f"{page} has no line <!-- {name} -->.")
+        text = before + marker + part + rest[rest.index("\n<!-- end -->") :]
+    page.write_text(text)
+
+
+@click.command()
+@click.option("--quick", is_flag=True, help="Little flight and few evaluations; for a look, not for the page.")
+@click.option("--authors", type=click.Path(path_type=Path), help="Folder of the authors' real PWM flights.")
+@click.option("--cache", type=click.Path(path_type=Path), default=Path(tempfile.gettempdir()) / "maidenflight-benchmark", show_default=True)
+@click.option("--output", type=click.Path(path_type=Path, exists=True), default=PAGE, show_default=True)
+def main(quick: bool, authors: Path | None, cache: Path, output: Path) -> None:
+    """Measures identification and writes its tables into the page OUTPUT."""
+    where, repeats, flights = machine(), 3 if quick else 9, 4 if quick else FLIGHTS
+    lengths = (10, 30, 50)
+    objectives = {length: Objective(cached_windows(cache, length, flights), 0.01) for length in lengths}
+    rows, seconds, ratio = measure_evaluations(objectives, repeats)
+    click.echo("\n".join(rows))
+    searches, said = measure_searches(objectives[max(lengths)], 20 if quick else 250, 2 if quick else 5, ratio)
+    click.echo("\n".join(searches))
+    table = ["| what | time | bar | reached |", "|---|---|---|---|", *rows, *searches, measure_authors(authors)]
+    compared = (
+        f"One evaluation takes the authors' code about {AUTHORS:.0f} s on one core, by PyBullet, measured on fewer windows and scaled to"
+        f" {WINDOWS:,} of 50 rows: {AUTHORS / seconds:,.0f} times as long as here on all cores."
+    )
+    if quick:
+        click.echo("\n".join([*table, "", said]))
+        return
+    write(output, {"identification-machine": where, "identification": "\n".join(table), "identification-compared": f"{said}\n{compared}"})
+    click.echo("\n".join([*table, "", said, compared]))
+
+
+if __name__ == "__main__":
+    main()
