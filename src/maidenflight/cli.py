@@ -1,5 +1,6 @@
 """The command line: parsing only. Nothing heavy is imported before a command runs."""
 
+import dataclasses
 import json
 import sys
 from collections.abc import Callable
@@ -157,13 +158,25 @@ def _print_flights(flights: "Flights", windows: int) -> None:
 @commands.command()
 @click.argument("logs", type=click.Path(path_type=Path))
 @_output("drone.toml", "TOML file for the identified drone; identification.csv goes beside it.")
-@click.option("--over", default="thrust_to_weight,motor_time_constant,latency", show_default=True, help="Parameters to identify.")
+@click.option(
+    "--over",
+    default="thrust_to_weight,motor_time_constant,latency",
+    show_default=True,
+    help="Parameters to identify, such as inertia_x; auto: those that predict flights held out better.",
+)
+@click.option(
+    "--objective",
+    default="likelihood",
+    show_default=True,
+    type=click.Choice(["likelihood", "replay"]),
+    help="likelihood: one row ahead, right for flights under feedback. replay: the paper's, many rows open loop.",
+)
 @click.option("--start", default="crazyflie", show_default=True, help="Drone whose other parameters are kept: a name or a TOML file.")
-@click.option("--length", default=30, show_default=True, type=click.IntRange(1, 500), help="T, rows of a window.")
+@click.option("--length", default=30, show_default=True, type=click.IntRange(1, 500), help="T, rows of a replayed window.")
 @click.option("--history", default=100, show_default=True, type=click.IntRange(1, 500), help="Rows before a window that set its motors.")
 @click.option("--evaluations", default=60, show_default=True, type=click.IntRange(11, 2000), help="Most of the objective, a trial.")
 @click.option("--trials", default=3, show_default=True, type=click.IntRange(1, 100), help="Repetitions of the optimiser.")
-@click.option("--method", default="gradient", show_default=True, type=click.Choice(["gradient", "bayesian"]), help="The paper's: bayesian.")
+@click.option("--method", default="gradient", show_default=True, type=click.Choice(["gradient", "bayesian"]), help="Of a replay.")
 @click.option("--bounds", multiple=True, callback=_bounds, help="Search bounds, NAME=LOWER,UPPER in SI units; may be repeated.")
 @_seed
 @_as_json
@@ -172,6 +185,7 @@ def identify(
     logs: Path,
     output: Path,
     over: str,
+    objective: str,
     start: str,
     length: int,
     history: int,
@@ -187,13 +201,25 @@ def identify(
     _must_be_new(output, overwrite)
     from maidenflight import workflow
 
-    names = [name.strip() for name in over.split(",") if name.strip()]
+    names = over if over == "auto" else [name.strip() for name in over.split(",") if name.strip()]
     with terminal.progress("identify", None) as move:
         flights, found = workflow.identify_from(
-            logs, seed, output, names, start, length, history, evaluations, trials, bounds, method,
+            logs,
+            seed,
+            output,
+            names,
+            start,
+            objective=objective,
+            length=length,
+            history=history,
+            evaluations=evaluations,
+            trials=trials,
+            bounds=bounds,
+            method=method,
             on_file=lambda done, of: move(done, of, "reading flights"),
             on_evaluation=lambda done, of: move(done, of, "evaluations"),
-        )  # fmt: skip
+            on_step=lambda step: move(0, None, f"{step.group} {'kept' if step.kept else 'not kept'}: {step.gain:+.4f} nats a row"),
+        )
     for note in found.notes:
         print(f"note: {note}", file=sys.stderr)
     content = {
@@ -203,9 +229,14 @@ def identify(
                 "interval": list(estimate.interval),
                 "trial_mean": estimate.trial_mean,
                 "trial_deviation": estimate.trial_deviation,
+                "spread": estimate.spread,
+                "valley": estimate.valley,
             }
             for name, estimate in found.estimates.items()
         },
+        "noise": found.noise,
+        "bought": [dataclasses.asdict(step) for step in found.bought],
+        "kind": found.kind,
         "objective": found.objective,
         "windows": found.windows,
         "evaluations": found.evaluations,
@@ -217,6 +248,7 @@ def identify(
 
     def text() -> None:
         _print_flights(flights, found.windows)
+        terminal.bought(found)
         terminal.estimates(found)
         print(f"objective {found.objective:.4g} after {found.evaluations} evaluations in {found.seconds:.1f} s; written to {output}")
 
@@ -265,9 +297,22 @@ def validate(drone_: str, logs: Path, output: Path, horizons: list[float], seed:
     def text() -> None:
         _print_flights(flights, errors["windows"][0])
         terminal.predictions(errors, simulated=any(flight.simulated for flight in flights))
-        print(f"written to {output} in SI units, with 95 % intervals over {errors['stretches'][0]} stretches of flight")
+        print(f"written to {output} in SI units, with 95 % intervals over {errors['stretches'][0]} stretches of flight;")
+        print(f"some windows row by row, for pictures, to {output.with_name(f'{output.stem}_windows.csv')}")
 
     _emit(as_json, content, text)
+
+
+def _randomization(_: click.Context, __: click.Parameter, given: str) -> float | str:
+    if given == "posterior":
+        return given
+    try:
+        width = float(given)
+    except ValueError:
+        width = -1.0
+    if not 0.0 <= width <= 0.9:
+        raise click.BadParameter(f"{given!r}; expected a number from 0 to 0.9, or posterior.")
+    return width
 
 
 @commands.command()
@@ -277,7 +322,13 @@ def validate(drone_: str, logs: Path, output: Path, horizons: list[float], seed:
 @click.option("--task", default="circle", show_default=True, type=click.Choice(["circle"]), help="Task.")
 @click.option("--policies", "count", default=3, show_default=True, type=click.IntRange(1, 64), help="How many, each from its own seed.")
 @click.option("--updates", default=1500, show_default=True, type=click.IntRange(1, 10**6), help="Gradient steps.")
-@click.option("--randomize", default=0.10, show_default=True, type=click.FloatRange(0.0, 0.9), help="Half width of the parameters' box.")
+@click.option(
+    "--randomize",
+    default="0.1",
+    show_default=True,
+    callback=_randomization,
+    help="Half width of the parameters' box, or posterior: the drones that the identified flights leave possible.",
+)
 @_seed
 @_as_json
 @_overwrite
@@ -288,7 +339,7 @@ def train(
     task: str,
     count: int,
     updates: int,
-    randomize: float,
+    randomize: float | str,
     seed: int,
     as_json: bool,
     overwrite: bool,

@@ -12,6 +12,7 @@ import polars
 from maidenflight import results, workflow
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.identification.identify import Identification
+from maidenflight.identification.selection import FIRST
 from maidenflight.parameters import Parameters
 from maidenflight.reporting.page import report
 from maidenflight.training.analytic_gradient import AnalyticGradient, Progress
@@ -87,13 +88,10 @@ def demo(folder: Path, seed: int, plan: Plan, listener: Listener) -> Demo:
             recorded,
             seed,
             folder / "drone.toml",
-            ("thrust_to_weight", "motor_time_constant", "latency"),
+            FIRST,
             "crazyflie",
-            length=30,
-            history=100,
             evaluations=plan.evaluations,
             trials=plan.trials,
-            bounds={},
             on_evaluation=listener.evaluation,
         ),
     )

@@ -50,17 +50,39 @@ def table(title: str, columns: list[str], rows: list[list[str]], numbers_from: i
 
 
 def estimates(found: "Identification", truth: dict[str, str] | None = None) -> None:
-    """Prints identified parameters, beside the truth where it is known, else beside the optimiser's trials."""
-    from maidenflight.parameters import QUANTITIES
+    """Prints identified parameters, beside the truth where it is known."""
+    from maidenflight.parameters import COMPONENTS, QUANTITIES
 
+    replayed = found.kind == "replay"
     rows = []
     for name, estimate in found.estimates.items():
-        unit = QUANTITIES[name].unit
+        unit = QUANTITIES[COMPONENTS[name][0]].unit
         scale, shown = (1e3, "ms") if unit == "s" else (1.0, "" if unit == "-" else unit)
-        value, low, high, mean = (f"{number * scale:.4g}" for number in (estimate.value, *estimate.interval, estimate.trial_mean))
-        last = truth.get(name, "") if truth is not None else f"{mean} +- {estimate.trial_deviation * scale:.2g}"
-        rows.append([name, f"{value} {shown}".strip(), f"{low} .. {high}", last])
-    table("Identified parameters", ["parameter", "value", "95 % interval", "truth" if truth is not None else "optimiser's trials"], rows)
+
+        def told(number: float, scale: float = scale) -> str:
+            return f"{number * scale:.4g}"
+
+        row = [
+            name,
+            f"{told(estimate.value)} {shown}".strip(),
+            f"{told(estimate.interval[0])} .. {told(estimate.interval[1])}",
+            f"{estimate.spread * scale:.2g}",
+        ]
+        if replayed:
+            row.append("" if estimate.valley is None else f"{told(estimate.valley[0])} .. {told(estimate.valley[1])}")
+        row.append(truth.get(name, "") if truth is not None else f"{estimate.trial_deviation * scale:.2g}")
+        rows.append(row)
+    last = "truth" if truth is not None else "between trials"
+    heads = ["parameter", "value", "95 % interval", "between stretches", *(["1 % valley"] if replayed else []), last]
+    table("Identified parameters", heads, rows)
+
+
+def bought(found: "Identification") -> None:
+    """Prints what each group of parameters bought, where the flights chose them."""
+    if not found.bought:
+        return
+    rows = [[step.group, f"{step.gain:+.4f} +- {step.error:.4f}", "kept" if step.kept else "not kept"] for step in found.bought]
+    table("What adding parameters bought on flights held out", ["parameters", "log likelihood a row [nats]", ""], rows)
 
 
 def predictions(errors: "DataFrame", simulated: bool) -> None:

@@ -20,13 +20,14 @@ from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import Transfer, transfer
 from maidenflight.flights import log, recording
 from maidenflight.flights.reading import Flights, read_flights
-from maidenflight.identification.bayesian import PAPER_BOUNDS
-from maidenflight.identification.identify import METHODS, Identification, identify
-from maidenflight.identification.prediction import prediction_error
+from maidenflight.flights.windows import HISTORY
+from maidenflight.identification.identify import METHODS, OBJECTIVES, Identification, identify, posterior_ensemble
+from maidenflight.identification.prediction import predicted_windows, prediction_error
+from maidenflight.identification.selection import Step
 from maidenflight.policy import Policy
 from maidenflight.simulator import control, tasks
 from maidenflight.simulator.bullet import DAMPING, Bullet
-from maidenflight.simulator.randomization import relative_box
+from maidenflight.simulator.randomization import Ensemble, relative_box
 from maidenflight.simulator.virtual_drone import VirtualDrone, virtual_drone
 from maidenflight.training.analytic_gradient import AnalyticGradient, Progress, train
 
@@ -67,45 +68,51 @@ def identify_from(
     logs: StrPath,
     seed: int,
     output: StrPath,
-    over: Sequence[str],
+    over: Sequence[str] | str,
     start: str,
-    length: int,
-    history: int,
-    evaluations: int,
-    trials: int,
-    bounds: Mapping[str, tuple[float, float]],
+    *,
+    objective: str = OBJECTIVES[0],
+    length: int = 30,
+    history: int = HISTORY,
+    evaluations: int = 60,
+    trials: int = 3,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
     method: str = METHODS[0],
     on_file: Callable[[int, int], None] | None = None,
     on_evaluation: Callable[[int, int], None] | None = None,
+    on_step: Callable[[Step], None] | None = None,
 ) -> tuple[Flights, Identification]:
     """Identifies a drone from logs; writes `output` (TOML) and, beside it, `identification.csv` with every evaluation."""
-    searched = {**PAPER_BOUNDS, **bounds}
     flights = read_flights(logs, on_file)
     found = identify(
         flights,
         over,
         jax.random.key(seed),
+        objective=objective,
         start=parameters.read(start),
         length=length,
         history=history,
         evaluations=evaluations,
         trials=trials,
-        bounds=searched,
+        bounds=bounds,
         method=method,
         on_evaluation=on_evaluation,
+        on_step=on_step,
     )
-    settings = {
+    settings: dict[str, Any] = {
         "start": Path(start).name,
-        "over": list(over),
-        "length": length,
+        "over": over if isinstance(over, str) else list(over),
+        "objective": objective,
         "history": history,
-        "method": method,
         "evaluations": evaluations,
         "trials": trials,
-        "bounds": {name: list(searched[name]) for name in over},
+        "bounds": {name: list(pair) for name, pair in (bounds or {}).items()},
     }
+    if objective == "replay":
+        settings |= {"length": length, "method": method}
     made = results.record(seed=seed, inputs=flights.paths, settings=settings)
-    parameters.write(output, found.parameters, {"identification": found.to_table(), "record": made})
+    tables = {"identification": found.to_table(), "posterior": found.posterior_table(), "record": made}
+    parameters.write(output, found.parameters, tables)
     results.write(Path(output).with_name("identification.csv"), found.history.write_csv(float_precision=9))
     return flights, found
 
@@ -114,6 +121,10 @@ _VALIDATION = (
     "# maidenflight validation 1: open-loop prediction errors, root mean squares over windows; horizon s, position m, velocity m/s,"
     " attitude rad, body_rates rad/s; _low and _high end the 95 % interval over stretches of flight"
 )
+_WINDOWS = (
+    "# maidenflight windows 1: a few windows, as logged and as each model predicts them open loop from their first row; start s in the"
+    " flight, time s, position m, velocity m/s, roll pitch yaw rad, body_rate rad/s"
+)
 
 
 def validate_with(
@@ -121,16 +132,21 @@ def validate_with(
 ) -> tuple[Flights, polars.DataFrame, list[str]]:
     """Predicts flights with a drone and with the paper's Crazyflie; writes the errors to `output` as CSV.
 
+    Beside it, as `NAME_windows.csv`, it writes a few windows row by row.
+
     Returns:
         The flights, the errors as `prediction_error` gives them, and notes for the user.
     """
     models = {Path(drone).name: parameters.read(drone), "paper's crazyflie": parameters.crazyflie()}
     flights = read_flights(logs, on_file)
     table = prediction_error(flights, models, horizons, key=jax.random.key(seed))
+    drawn = predicted_windows(flights, models, max(horizons), key=jax.random.key(seed))
     inputs = [drone] if Path(drone).is_file() else []
     settings = {"drone": Path(drone).name, "horizons": list(horizons)}
     made = results.record(seed=seed, inputs=[*inputs, *flights.paths], settings=settings)
     results.write(output, f"{_VALIDATION}\n# record: {json.dumps(made)}\n{table.write_csv(float_precision=9)}")
+    beside = Path(output).with_name(f"{Path(output).stem}_windows.csv")
+    results.write(beside, f"{_WINDOWS}\n# record: {json.dumps(made)}\n{drawn.write_csv(float_precision=6)}")
     return flights, table, _not_held_out(drone, flights) if inputs else []
 
 
@@ -144,17 +160,30 @@ def _not_held_out(drone: StrPath, flights: Flights) -> list[str]:
     return [f"{Path(drone).name} was identified from {seen} of these {len(flights.paths)} files; how well it predicts those is no test."]
 
 
+POSTERIOR = "posterior"
+"""Randomize over the drones that the flights of an identified drone leave possible."""
+
+
+def _posterior(drone: StrPath) -> Ensemble:
+    point = parameters.read(drone)
+    table = tomllib.loads(Path(drone).read_text(encoding="utf-8")).get("posterior", {}) if Path(drone).is_file() else {}
+    return posterior_ensemble(point, table, str(drone))
+
+
 def train_for(
     drone: StrPath,
     seed: int,
     folder: StrPath,
     count: int,
     settings: AnalyticGradient,
-    randomization: float,
+    randomization: float | str,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> tuple[Policy, ...]:
-    """Trains PWM policies for the circle around a drone; writes one JSON a policy and `training.csv` with their scores."""
-    box = relative_box(parameters.read(drone), randomization)
+    """Trains PWM policies for the circle around a drone; writes one JSON a policy and `training.csv` with their scores.
+
+    `randomization` is the half width of a box about the drone, or `POSTERIOR`: the drones that its flights leave possible.
+    """
+    box = _posterior(drone) if randomization == POSTERIOR else relative_box(parameters.read(drone), float(randomization))
     rows: list[dict[str, Any]] = []
 
     def note(progress: Progress) -> None:

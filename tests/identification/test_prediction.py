@@ -9,7 +9,7 @@ from maidenflight.errors import InputError
 from maidenflight.flights.windows import windows
 from maidenflight.identification import objective, prediction
 from maidenflight.identification.objective import simulate
-from maidenflight.identification.prediction import NOTHING_CHANGES, QUANTITIES, prediction_error
+from maidenflight.identification.prediction import LOGGED, NOTHING_CHANGES, QUANTITIES, predicted_windows, prediction_error
 from maidenflight.parameters import replace
 
 TRUE = planted.drone(1.8, 0.07, 0.012)
@@ -133,7 +133,7 @@ def test_other_input_that_makes_no_sense_is_refused(flights):
     with pytest.raises(InputError, match="rename"):
         prediction_error(flights, {NOTHING_CHANGES: TRUE})
     with pytest.raises(InputError, match="quick: its simulation diverges"):
-        prediction_error(flights, {"true": TRUE, "quick": replace(TRUE, motor_time_constant=np.float32(0.001))})
+        prediction_error(flights, {"true": TRUE, "quick": replace(TRUE, drag=np.full(3, 1e4, np.float32))})
     with pytest.raises(InputError, match="different rates"):
         prediction_error([flights[0], dataclasses.replace(flights[1], period=0.02)], {})
 
@@ -145,3 +145,35 @@ def test_chunks_are_filled_and_cut(flights):
     assert said.shape == (len(cut.block), 5, 12)
     few = jax.tree.map(lambda array: array[-3:], cut)
     np.testing.assert_allclose(said[-3:], prediction.predict(few, TRUE, 0.01), atol=1e-6)
+
+
+def test_windows_to_look_at_are_the_logs_and_the_models_own(flights):
+    table = predicted_windows(flights, {"true": TRUE, "wrong": WRONG}, 0.25, 4, key=jax.random.key(3))
+    assert table["model"].unique(maintain_order=True).to_list() == [LOGGED, "true", "wrong"]
+    assert table["flight"].n_unique() == 4, "each from another flight"
+    assert table.height == 4 * 3 * 26
+    for (_, model), rows in table.group_by("window", "model"):
+        flight = next(flight for flight in flights if flight.name == rows["flight"][0])
+        first = round(rows["start"][0] / flight.period)
+        logged = np.concatenate([flight.position, flight.velocity, flight.attitude, flight.body_rates], axis=1)[first : first + 26]
+        told = rows.select("position_x", "position_y", "position_z", "roll", "pitch", "yaw").to_numpy()
+        far = np.abs(told - logged[:, [0, 1, 2, 6, 7, 8]])
+        assert far[0].max() < 1e-6
+        assert (far.max() < 2e-3) == (model != "wrong")
+
+
+def test_windows_to_look_at_follow_from_the_key_and_come_from_all_flights_again(flights):
+    one, same, other = (predicted_windows(flights[:2], {}, 0.25, 5, key=jax.random.key(seed)) for seed in (1, 1, 2))
+    assert one.equals(same)
+    assert not one.equals(other)
+    assert one.select("flight", "start").n_unique() == 5
+    assert one["flight"].n_unique() == 2
+
+
+def test_windows_to_look_at_that_cannot_be_are_refused(flights):
+    with pytest.raises(InputError, match="rename it"):
+        predicted_windows(flights, {LOGGED: TRUE})
+    with pytest.raises(InputError, match="at least one"):
+        predicted_windows([], {})
+    with pytest.raises(InputError, match="long enough"):
+        predicted_windows(flights, {}, 60.0)

@@ -61,13 +61,18 @@ def run(tmp_path):
     }
     truth = parameters.replace(drone, motor_slowdown=1.5, estimator_delay=0.004)
     parameters.write(folder / "reality.toml", truth, {"record": RECORD})
-    parameters.write(folder / "drone.toml", drone, {"identification": {"objective": 1.0, **estimate}, "record": RECORD})
+    posterior = {"names": list(NAMES), "draws": [[1.72 + i / 1000, 0.088 - i / 1e4, 0.018] for i in range(9)]}
+    parameters.write(
+        folder / "drone.toml", drone, {"identification": {"objective": 1.0, **estimate}, "posterior": posterior, "record": RECORD}
+    )
     log.write(folder / "recorded" / "flight_01.csv", circling(3.0), RECORD)
     grid = [
         {"trial": 1, "thrust_to_weight": 1.7, "motor_time_constant": 0.08 + i / 1000, "latency": 0.018, "objective": 5.0 + i}
         for i in range(9)
     ]
     polars.DataFrame(grid).write_csv(folder / "identification.csv")
+    for name, table in (("validation", errors()), ("validation_windows", windows())):
+        (folder / f"{name}.csv").write_text(f"# {name}\n# record: {json.dumps(RECORD)}\n{table.write_csv()}")
     (folder / "policies").mkdir()
     (folder / "policies" / "policy_1.json").write_text(json.dumps({"record": RECORD}))
     steps = {"update": [1, 2], "steps": [1000000, 2000000], "policy": [1, 1], "episode_return": [-9.0, -5.0], "survival": [0.5, 1.0]}
@@ -80,6 +85,23 @@ def run(tmp_path):
     return folder
 
 
+def errors() -> polars.DataFrame:
+    """Errors of two models at two horizons."""
+    rows = []
+    for size, model in ((1.0, "drone.toml"), (2.0, "nothing changes")):
+        for horizon in (0.1, 0.5):
+            each = dict.fromkeys(("position", "velocity", "attitude", "body_rates"), size * horizon)
+            ends = {f"{column}{end}": size * horizon for column in each for end in ("_low", "_high")}
+            rows.append({"model": model, "horizon": horizon, **each, **ends})
+    return polars.DataFrame(rows)
+
+
+def windows() -> polars.DataFrame:
+    """A window, logged and predicted."""
+    columns = dict.fromkeys(("position_z", "roll", "pitch", "body_rate_x", "body_rate_y"), [1.0, 1.1, 1.2] * 2)
+    return polars.DataFrame({"window": [1] * 6, "model": ["logged"] * 3 + ["drone.toml"] * 3, "time": [0.0, 0.1, 0.2] * 2, **columns})
+
+
 def page(source, tmp_path) -> str:
     """The page without Plotly's code."""
     content = report(source, tmp_path / "page.html").read_text()
@@ -89,6 +111,8 @@ def page(source, tmp_path) -> str:
 PARTS = {
     "drone.toml": 'class="estimates"',
     "identification.csv": 'id="valley"',
+    "validation.csv": 'id="horizons"',
+    "validation_windows.csv": 'id="windows"',
     "policies/training.csv": 'id="survival"',
     "transfer": "id=viewer",
     "demo.json": "Time of each stage",
@@ -112,6 +136,14 @@ def test_a_missing_part_is_left_out_and_the_rest_stays(run, tmp_path, missing):
     (shutil.rmtree if (run / missing).is_dir() else lambda path: path.unlink())(run / missing)
     content = page(run, tmp_path)
     assert {name for name, mark in PARTS.items() if mark not in content} == {missing}
+
+
+def test_a_drone_without_draws_has_no_corner_plot(run, tmp_path):
+    assert 'id="corner"' in page(run, tmp_path)
+    drone = run / "drone.toml"
+    drone.write_text(re.sub(r"\[posterior\]\n.*?(?=\n\[)", "", drone.read_text(), flags=re.DOTALL))
+    assert "posterior" not in drone.read_text()
+    assert 'id="corner"' not in page(run, tmp_path)
 
 
 def test_test_flights_alone_make_a_page(tmp_path):
@@ -161,12 +193,32 @@ def test_a_folder_without_a_run_is_refused(tmp_path):
         ("transfer/flight_04.csv", log.to_csv(circling(1.0)), "4 flight logs, but flights.csv has 3 rows"),
         ("recorded/flight_02.csv", "time\n0\n", "not a flight log"),
         ("demo.json", "{", "not valid JSON"),
+        ("validation.csv", "model,horizon\nmine,0.1\n", "missing column position"),
+        ("validation_windows.csv", "# record: {\nwindow\n1\n", "holds no valid JSON"),
         ("policies/training.csv", "steps,policy,episode_return,survival,position_error\n1,1,high,1,1\n", "expected numbers"),
     ],
 )
 def test_a_broken_file_is_named(run, tmp_path, name, content, message):
     (run / name).write_text(content)
     with pytest.raises(InputError, match=message):
+        report(run, tmp_path / "page.html")
+
+
+def test_a_likelihood_has_a_posterior_but_no_valley(run, tmp_path):
+    drone = run / "drone.toml"
+    drone.write_text(drone.read_text().replace("[identification]\n", '[identification]\nkind = "likelihood"\n'))
+    content = page(run, tmp_path)
+    assert 'id="corner"' in content
+    assert 'id="valley"' not in content
+
+
+@pytest.mark.parametrize("wrong", ['names = ["speed"]', 'names = ["mass", "latency"]', "names = 3"])
+def test_a_broken_posterior_is_named(run, tmp_path, wrong):
+    drone = run / "drone.toml"
+    drone.write_text(
+        re.sub(r"\[posterior\]\n.*?(?=\n\[)", f"[posterior]\n{wrong}\ndraws = [[1.0], [1.1]]\n", drone.read_text(), flags=re.DOTALL)
+    )
+    with pytest.raises(InputError, match=r"\[posterior\] needs names"):
         report(run, tmp_path / "page.html")
 
 

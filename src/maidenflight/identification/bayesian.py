@@ -45,7 +45,7 @@ class Box:
     def _ends(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         logarithmic = np.array([name in LOGARITHMIC for name in self.names])
         low, high = np.array(self.lower), np.array(self.upper)
-        with np.errstate(divide="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(logarithmic, np.log(low), low), np.where(logarithmic, np.log(high), high), logarithmic
 
     def values(self, unit: Float[np.ndarray, "... d"]) -> Float[np.ndarray, "... d"]:

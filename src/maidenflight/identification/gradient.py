@@ -21,7 +21,7 @@ _PILOT_STEPS = 20
 """Most steps on those windows."""
 _SMALL = 3e-3
 """Step, as a share of the box, that is the last on all windows; on a few, three times as much."""
-_INSIDE = 1e-4
+INSIDE = 1e-4
 """Distance that is kept from the box's faces: on a face, as where there is no latency at all, a slope can be one-sided."""
 
 
@@ -55,15 +55,15 @@ def minimise(
 
     Source: Marquardt 1963, An algorithm for least-squares estimation of nonlinear parameters; the blend is ours.
     """
-    point = np.clip(generator.random(dimensions), _INSIDE, 1 - _INSIDE)
+    point = np.clip(generator.random(dimensions), INSIDE, 1 - INSIDE)
     damping = 1.0
     here = equations(point, True)
     for _ in range(_PILOT_STEPS):
-        there = _step(here, point, damping)
+        there = step(here, point, damping)
         small = bool(np.abs(there - point).max() < 3 * _SMALL)
         ahead = equations(there, True)
         if ahead.loss < here.loss:
-            point, here, damping = there, _corrected(ahead, here, there - point), damping / 4
+            point, here, damping = there, corrected(ahead, here, there - point), damping / 4
         else:
             damping = max(4 * damping, 0.5)
         if small:
@@ -81,20 +81,20 @@ def minimise(
     here, damping = equations(point, False)._replace(curvature=here.curvature), 0.0
     record(point, here.loss)
     while len(losses) < evaluations:
-        there = _step(here, point, damping)
+        there = step(here, point, damping)
         if np.abs(there - point).max() < _SMALL or len(losses) == evaluations - 1:
             record(there, objective(there))
             break
         ahead = equations(there, False)
         record(there, ahead.loss)
         if ahead.loss < here.loss:
-            point, here, damping = there, _corrected(ahead, here, there - point), damping / 4
+            point, here, damping = there, corrected(ahead, here, there - point), damping / 4
         else:
             damping = max(4 * damping, 0.5)
     return np.array(points), np.array(losses)
 
 
-def _corrected(ahead: NormalEquations, here: NormalEquations, shift: Float[np.ndarray, "d"]) -> NormalEquations:
+def corrected(ahead: NormalEquations, here: NormalEquations, shift: Float[np.ndarray, "d"]) -> NormalEquations:
     """Curvature that explains how the gradient changed over the last step: the update of Broyden, Fletcher, Goldfarb and Shanno."""
     change = ahead.gradient - here.gradient
     along, explained = ahead.curvature @ shift, float(shift @ change)
@@ -104,7 +104,7 @@ def _corrected(ahead: NormalEquations, here: NormalEquations, shift: Float[np.nd
     return ahead._replace(curvature=ahead.curvature + update)
 
 
-def _step(equations: NormalEquations, point: Float[np.ndarray, "d"], damping: float) -> Float[np.ndarray, "d"]:
+def step(equations: NormalEquations, point: Float[np.ndarray, "d"], damping: float) -> Float[np.ndarray, "d"]:
     """The point of the box at which the damped quadratic model is lowest."""
     blend = min(damping, 1.0)
     matrix = (1 - blend) * equations.curvature + blend * max(damping, 1.0) * equations.majorant
@@ -112,6 +112,6 @@ def _step(equations: NormalEquations, point: Float[np.ndarray, "d"], damping: fl
     matrix = matrix + np.diag(1e-6 * np.diag(equations.majorant) + 1e-9)
     values, vectors = np.linalg.eigh(matrix)
     root = np.sqrt(np.maximum(values, 1e-9 * values.max()))
-    bounds = (_INSIDE - point - 1e-12, 1 - _INSIDE - point + 1e-12)
+    bounds = (INSIDE - point - 1e-12, 1 - INSIDE - point + 1e-12)
     shift = lsq_linear(root[:, None] * vectors.T, -(vectors.T @ equations.gradient) / root, bounds=bounds, method="bvls").x
-    return np.clip(point + shift, _INSIDE, 1 - _INSIDE)
+    return np.clip(point + shift, INSIDE, 1 - INSIDE)

@@ -1,5 +1,10 @@
-"""Finding xi from flights: point, interval and the valley between are three answers to one question."""
+"""Finding xi from flights: point, interval and the valley between are three answers to one question.
 
+There are two objectives. `likelihood` looks one row ahead and models what it cannot foresee; feedback does not bias it, and it finds the
+noise too. `replay` is the paper's: it looks many rows ahead open loop.
+"""
+
+import dataclasses
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,14 +18,21 @@ from jaxtyping import Array
 from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
 from maidenflight.flights.windows import BLOCK, HISTORY, windows
-from maidenflight.identification import bayesian, gradient, posterior
+from maidenflight.identification import bayesian, gradient, likelihood, one_step, posterior
 from maidenflight.identification.bayesian import PAPER_BOUNDS, Box
 from maidenflight.identification.objective import DISCOUNT, NormalEquations, Objective
-from maidenflight.parameters import QUANTITIES, Parameters, check, crazyflie, replace
-from maidenflight.simulator.randomization import Ensemble
+from maidenflight.identification.selection import FIRST, Step
+from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, Quantity, check, crazyflie, replace
+from maidenflight.simulator.randomization import Ensemble, ensemble
 
+OBJECTIVES = ("likelihood", "replay")
+"""What makes one drone better than another; the paper's is `replay`."""
+AUTO = "auto"
+"""Instead of parameters' names: let the flights choose them."""
 METHODS = ("gradient", "bayesian")
 """Optimisers of the objective. The first is the default: it finds the same optimum in a tenth of the time or less."""
+SAVED = 200
+"""Drones of the posterior that a TOML file holds."""
 _FEWEST_BLOCKS = 6
 """Stretches of flight below which redrawing them says little."""
 
@@ -31,9 +43,13 @@ class Estimate:
 
     value: float
     interval: tuple[float, float]
-    """95 % bootstrap interval over stretches of flight."""
+    """95 % interval, from how stretches of flight differ."""
     trials: tuple[float, ...]
     """Best value of each trial of the optimiser; their spread tells of the optimiser, not of the parameter."""
+    spread: float
+    """Standard deviation between stretches of flight: how much the drone itself, or what the model lacks, varies."""
+    valley: tuple[float, float] | None
+    """How far the parameter can go, the others following, until the objective is 1 % above its best; only where that is the paper's."""
 
     @property
     def trial_mean(self) -> float:
@@ -53,8 +69,10 @@ class Identification:
     parameters: Parameters
     """The start, with the identified values in place."""
     estimates: Mapping[str, Estimate]
+    kind: str
+    """Which of `OBJECTIVES` was optimised."""
     objective: float
-    """Mean loss of a window at the optimum."""
+    """`replay`: mean loss of a window at the optimum. `likelihood`: minus the log likelihood of a row [nats]."""
     start_objective: float
     """The same at the start."""
     windows: int
@@ -63,13 +81,17 @@ class Identification:
     history: polars.DataFrame
     """One row an evaluation: trial (0: the bootstrap's), values, objective."""
     draws: Mapping[str, np.ndarray]
-    """Optima of the redrawn data, by parameter; an entry of each belongs together."""
+    """Drones that the flights leave possible, by parameter; an entry of each belongs together."""
+    bought: tuple[Step, ...]
+    """What each group of parameters bought, where the flights chose them."""
+    noise: Mapping[str, float]
+    """Noise found in the flights, as fields of `parameters`; empty where it was not sought."""
     notes: tuple[str, ...]
     """What the user should know of the result."""
 
     @property
     def ensemble(self) -> Ensemble:
-        """The drones that the redrawn data speak for, to randomize over as the flights are unsure."""
+        """The drones that the flights leave possible, to randomize over as the flights are unsure."""
         count = len(next(iter(self.draws.values())))
         stacked = jax.tree.map(lambda leaf: np.broadcast_to(leaf, (count, *np.shape(leaf))), self.parameters)
         return Ensemble(replace(stacked, **{name: values.astype(np.float32) for name, values in self.draws.items()}))
@@ -77,51 +99,95 @@ class Identification:
     def to_table(self) -> dict[str, Any]:
         """The `[identification]` table of a drone's TOML file: nothing in it depends on how long the work took."""
         table: dict[str, Any] = {
+            "kind": self.kind,
             "objective": round(self.objective, 6),
             "windows": self.windows,
             "evaluations": self.evaluations,
         }
         for name, estimate in self.estimates.items():
             table[name] = {
-                "value": round(estimate.value, 9),
-                "interval": [round(side, 9) for side in estimate.interval],
-                "trial_mean": round(estimate.trial_mean, 9),
-                "trial_deviation": round(estimate.trial_deviation, 9),
+                "value": _short(estimate.value),
+                "interval": [_short(side) for side in estimate.interval],
+                "trial_mean": _short(estimate.trial_mean),
+                "trial_deviation": _short(estimate.trial_deviation),
+                "spread": _short(estimate.spread),
             }
+            if estimate.valley is not None:
+                table[name]["valley"] = [_short(side) for side in estimate.valley]
+        if self.bought:
+            table["bought"] = [{**dataclasses.asdict(step), "gain": _short(step.gain), "error": _short(step.error)} for step in self.bought]
         return table
+
+    def posterior_table(self) -> dict[str, Any]:
+        """The `[posterior]` table of a drone's TOML file: `names`, and `draws` of their values, SI units."""
+        stacked = np.stack(list(self.draws.values()), axis=1)
+        return {"names": list(self.draws), "draws": [[_short(value) for value in row] for row in stacked[:SAVED]]}
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.6g}")
+
+
+def posterior_ensemble(drone: Parameters, table: Mapping[str, Any], where: str) -> Ensemble:
+    """Drones from a TOML file's `[posterior]` table.
+
+    Args:
+        drone: the drone of the file.
+        table: as `Identification.posterior_table` made it.
+        where: what errors name.
+
+    Raises:
+        InputError: the table is missing or makes no sense, or a drone in it is outside its physical range.
+    """
+    names, draws = table.get("names"), table.get("draws")
+    try:
+        values = np.array(draws, np.float32)
+    except (TypeError, ValueError):
+        values = np.empty((0, 0), np.float32)
+    known = names if isinstance(names, list) and set(names) <= set(COMPONENTS) else []
+    if values.ndim != 2 or not known or values.shape[1] != len(known) or len(values) == 0:
+        raise InputError(f"{where}: no usable [posterior] table (names, draws). Make the file with: maidenflight identify LOGS -o {where}.")
+    drones = [
+        check(replace(drone, **dict(zip(known, row, strict=True))), f"{where} [posterior] draw {i}") for i, row in enumerate(values, 1)
+    ]
+    return ensemble(drones)
 
 
 def identify(
     flights: Iterable[Flight],
-    over: Sequence[str] = ("thrust_to_weight", "motor_time_constant", "latency"),
+    over: Sequence[str] | str = FIRST,
     key: Array | None = None,
     *,
+    objective: str = OBJECTIVES[0],
     start: Parameters | None = None,
     length: int = 30,
     history: int = HISTORY,
     evaluations: int = 60,
     trials: int = 3,
-    bounds: Mapping[str, tuple[float, float]] = PAPER_BOUNDS,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
     discount: float = DISCOUNT,
     method: str = METHODS[0],
     on_evaluation: Callable[[int, int], None] | None = None,
+    on_step: Callable[[Step], None] | None = None,
 ) -> Identification:
-    """Identifies parameters from flights by optimisation of the paper's objective.
+    """Identifies parameters from flights.
 
     Args:
         flights: checked flights of one rate.
-        over: fields of `Parameters` to identify.
+        over: names of `parameters.COMPONENTS` to identify, or `AUTO`: those that predict flights held out better (likelihood only).
         key: random key; `jax.random.key(0)` unless given.
+        objective: `likelihood` or `replay`, the paper's.
         start: the drone whose other parameters are kept; the paper's Crazyflie unless given.
-        length: T, rows of a window.
+        length: T, rows of a window that is replayed.
         history: rows of commands before a window, from which its motors' speed is inferred.
         evaluations: most evaluations of the objective, a trial. Bayesian optimisation spends them all, the paper 250; the gradient
             method stops by itself after two to six.
         trials: repetitions of the optimiser, each from a start of its own.
-        bounds: search bounds by name, SI units.
-        discount: delta.
-        method: "gradient", which follows derivatives through the simulator, or "bayesian", as the paper did.
+        bounds: search bounds by name, SI units; the paper's for `replay` and physical ones for `likelihood` unless given.
+        discount: delta of the replay.
+        method: of the replay: "gradient", which follows derivatives through the simulator, or "bayesian", as the paper did.
         on_evaluation: called with (evaluations done, evaluations planned).
+        on_step: called with what each group of parameters bought.
 
     Returns:
         The best point found in any trial, its interval, and how it was found. Cost grows linearly with the windows.
@@ -132,13 +198,91 @@ def identify(
     began = time.perf_counter()
     flights = list(flights)
     start = crazyflie() if start is None else start
-    box = _box(over, bounds)
+    if objective not in OBJECTIVES:
+        raise InputError(f"unknown objective {objective!r} of identification; known are {', '.join(OBJECTIVES)}.")
     if method not in METHODS:
         raise InputError(f"unknown method {method!r} of identification; known are {', '.join(METHODS)}.")
-    cut = windows(flights, length, history=history)
-    objective = Objective(cut, flights[0].period, discount)
+    if over == AUTO and objective == "replay":
+        raise InputError(
+            "parameters are chosen by likelihood only: a replay rewards whatever damps. Use objective likelihood, or name them."
+        )
+    if over != AUTO and isinstance(over, str):
+        over = [over]
     seed = jax.random.bits(jax.random.key(0) if key is None else key, (2,))
     generator = np.random.default_rng(np.asarray(seed).tolist())
+    if objective == "likelihood":
+        found = _by_likelihood(flights, over, start, history, evaluations, trials, bounds or {}, generator, on_evaluation, on_step)
+    else:
+        found = _by_replay(
+            flights, over, start, length, history, evaluations, trials, bounds or {}, discount, method, generator, on_evaluation
+        )
+    return dataclasses.replace(found, seconds=time.perf_counter() - began)
+
+
+def _by_likelihood(
+    flights: Sequence[Flight],
+    over: Sequence[str],
+    start: Parameters,
+    history: int,
+    evaluations: int,
+    trials: int,
+    bounds: Mapping[str, tuple[float, float]],
+    generator: np.random.Generator,
+    on_evaluation: Callable[[int, int], None] | None,
+    on_step: Callable[[Step], None] | None,
+) -> Identification:
+    searched = {**likelihood.bounds(start), **bounds}
+    names = () if over == AUTO else _box(over, searched).names
+    done = 0
+
+    def count() -> None:
+        nonlocal done
+        done += 1
+        if on_evaluation is not None:
+            on_evaluation(done, trials * evaluations)
+
+    if not flights:
+        raise InputError("no flights to identify from; give at least one.")
+    found = likelihood.maximise(
+        flights, lambda some: _box(some, searched), names, start, history, evaluations, trials, generator, count, on_step
+    )
+    box, low_high = found.box, np.quantile(found.draws, [(1 - posterior.LEVEL) / 2, (1 + posterior.LEVEL) / 2], axis=0)
+    optima = np.array([points[int(np.argmin(values))] for points, values in found.runs])
+    values = np.concatenate([values for _, values in found.runs])
+    return Identification(
+        parameters=check(found.drone, "identified parameters"),
+        estimates=_estimates(box, found.optimum, optima, (low_high[0], low_high[1]), found.spread, None),
+        kind="likelihood",
+        objective=float(values.min()),
+        start_objective=float(found.runs[0][1][0]),
+        windows=found.rows // (one_step.LENGTH - one_step.ORDER),
+        evaluations=len(values),
+        seconds=0.0,
+        history=_history(box, found.runs, None),
+        draws=dict(zip(box.names, box.values(found.draws).T, strict=True)),
+        bought=found.bought,
+        noise=found.noise,
+        notes=tuple(_notes(box, found.optimum, found.stretches)),
+    )
+
+
+def _by_replay(
+    flights: Sequence[Flight],
+    over: Sequence[str],
+    start: Parameters,
+    length: int,
+    history: int,
+    evaluations: int,
+    trials: int,
+    bounds: Mapping[str, tuple[float, float]],
+    discount: float,
+    method: str,
+    generator: np.random.Generator,
+    on_evaluation: Callable[[int, int], None] | None,
+) -> Identification:
+    box = _box(over, {**PAPER_BOUNDS, **bounds})
+    cut = windows(flights, length, history=history)
+    objective = Objective(cut, flights[0].period, discount)
     planned = trials * evaluations + 3 * posterior.DESIGN
     done = 0
 
@@ -184,49 +328,86 @@ def identify(
     found = check(at(optimum), "identified parameters")
     return Identification(
         parameters=found,
-        estimates=_estimates(box, optimum, optima, drawn),
+        estimates=_estimates(box, optimum, optima, drawn.interval(), _spread(box, drawn), _valley(box, optimum, objective, found)),
+        kind="replay",
         objective=float(losses.min()),
         start_objective=objective(start),
         windows=objective.size,
         evaluations=len(losses),
-        seconds=time.perf_counter() - began,
+        seconds=0.0,
         history=_history(box, runs, drawn),
         draws=dict(zip(box.names, box.values(drawn.optima).T, strict=True)),
+        bought=(),
+        noise={},
         notes=tuple(_notes(box, optimum, objective.blocks)),
     )
 
 
+def _quantity(name: str) -> Quantity:
+    return QUANTITIES[COMPONENTS[name][0]]
+
+
 def _box(over: Sequence[str], bounds: Mapping[str, tuple[float, float]]) -> Box:
     for name in over:
-        if name not in QUANTITIES:
-            raise InputError(f"unknown parameter {name!r} to identify; known are {', '.join(QUANTITIES)}.")
+        if name not in COMPONENTS:
+            raise InputError(f"unknown parameter {name!r} to identify; known are {', '.join(COMPONENTS)}.")
         if name not in bounds:
             raise InputError(f"no search bounds for {name}; give them, as in --bounds {name}=LOWER,UPPER.")
         low, high = bounds[name]
-        if not (QUANTITIES[name].lower <= low < high <= QUANTITIES[name].upper) or QUANTITIES[name].size != 1:
+        quantity = _quantity(name)
+        if not quantity.lower <= low < high <= quantity.upper:
             raise InputError(
-                f"bounds of {name} = [{low:g}, {high:g}]; expected a rising pair within [{QUANTITIES[name].lower:g},"
-                f" {QUANTITIES[name].upper:g}] {QUANTITIES[name].unit} of a single number."
+                f"bounds of {name} = [{low:g}, {high:g}]; expected a rising pair within [{quantity.lower:g}, {quantity.upper:g}]"
+                f" {quantity.unit}."
             )
     if not over or len(set(over)) != len(over):
         raise InputError("name each parameter to identify once, and at least one.")
     return Box(tuple(over), tuple(bounds[name][0] for name in over), tuple(bounds[name][1] for name in over))
 
 
-def _estimates(box: Box, optimum: np.ndarray, optima: np.ndarray, drawn: posterior.Bootstrap) -> dict[str, Estimate]:
-    low, high = drawn.interval()
+def _estimates(
+    box: Box,
+    optimum: np.ndarray,
+    optima: np.ndarray,
+    interval: tuple[np.ndarray, np.ndarray],
+    spread: np.ndarray,
+    valley: tuple[np.ndarray, np.ndarray] | None,
+) -> dict[str, Estimate]:
+    low, high = interval
     value, low, high = (box.values(unit) for unit in (optimum, np.minimum(low, optimum), np.maximum(high, optimum)))
     trials = box.values(optima)
     return {
-        name: Estimate(float(value[i]), (float(low[i]), float(high[i])), tuple(map(float, trials[:, i])))
+        name: Estimate(
+            value=float(value[i]),
+            interval=(float(low[i]), float(high[i])),
+            trials=tuple(map(float, trials[:, i])),
+            spread=float(spread[i]),
+            valley=None if valley is None else (float(valley[0][i]), float(valley[1][i])),
+        )
         for i, name in enumerate(box.names)
     }
 
 
-def _history(box: Box, runs: list[tuple[np.ndarray, np.ndarray]], drawn: posterior.Bootstrap) -> polars.DataFrame:
+def _spread(box: Box, drawn: posterior.Bootstrap) -> np.ndarray:
+    """Standard deviation between the optima of single stretches, from their quartiles, which outliers do not move."""
+    quartiles = np.quantile(box.values(drawn.stretches), [0.25, 0.75], axis=0)
+    return (quartiles[1] - quartiles[0]) / 1.349
+
+
+def _valley(box: Box, optimum: np.ndarray, objective: Objective, drone: Parameters) -> tuple[np.ndarray, np.ndarray]:
+    """How far each parameter can go in a quadratic model of the objective until that is 1 % above its best."""
+    equations = gradient.in_unit_cube(objective.normal_equations(drone, box.names), box, optimum)
+    values, vectors = np.linalg.eigh(equations.curvature)
+    inverse = (vectors / np.maximum(values, 1e-6 * values.max())) @ vectors.T
+    reach = np.sqrt(2 * 0.01 * equations.loss * np.diag(inverse))
+    return box.values(np.clip(optimum - reach, 0.0, 1.0)), box.values(np.clip(optimum + reach, 0.0, 1.0))
+
+
+def _history(box: Box, runs: list[tuple[np.ndarray, np.ndarray]], drawn: posterior.Bootstrap | None) -> polars.DataFrame:
     parts = []
-    for trial, (points, losses) in enumerate([*runs, (drawn.points, drawn.losses)], 1):
-        columns = dict(zip(box.names, box.values(points).T, strict=True))
+    everything = list(runs) if drawn is None else [*runs, (drawn.points, drawn.losses)]
+    for trial, (points, losses) in enumerate(everything, 1):
+        columns: dict[str, np.ndarray] = dict(zip(box.names, box.values(points).T, strict=True))
         number = 0 if trial > len(runs) else trial
         parts.append(polars.DataFrame({"trial": np.full(len(losses), number), **columns, "objective": losses}))
     return polars.concat(parts)
@@ -241,5 +422,5 @@ def _notes(box: Box, optimum: np.ndarray, blocks: int) -> list[str]:
     for name, place, low, high in zip(box.names, optimum, box.lower, box.upper, strict=True):
         if place < 0.01 or place > 0.99:
             side = low if place < 0.5 else high
-            notes.append(f"{name} lies at its search bound {side:g} {QUANTITIES[name].unit}; widen it: --bounds {name}=LOWER,UPPER.")
+            notes.append(f"{name} lies at its search bound {side:g} {_quantity(name).unit}; widen it: --bounds {name}=LOWER,UPPER.")
     return notes

@@ -54,7 +54,7 @@ def simulate(window: Windows, parameters: Parameters, steps: int) -> Float[Array
     def advance(memory: tuple[State, Array], command: Array) -> tuple[tuple[State, Array], Array]:
         state, line = memory
         line = latency.push(line, command)
-        state = environment.drive(dynamics.euler, state, line, steps, parameters)
+        state = environment.drive(dynamics.midpoint, state, line, steps, parameters)
         row = jnp.concatenate([state.position, state.velocity, rotations.to_attitude(state.quaternion), state.body_rates])
         return (state, line), row
 
@@ -73,7 +73,7 @@ def under_way(
         line, speed = memory
         line = latency.push(line, command)
         for delayed in latency.delayed(line, parameters, steps):
-            speed = speed + parameters.time_step * dynamics.motor_derivative(speed, delayed, parameters)
+            speed = speed + parameters.time_step * dynamics.spin_up(speed, delayed, parameters)
         return (line, speed), None
 
     line = jnp.broadcast_to(speed_commands[0], (slots, 4))

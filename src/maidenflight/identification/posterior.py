@@ -24,6 +24,8 @@ class Bootstrap(NamedTuple):
     """Optima of redrawn data, in the unit cube of the search."""
 
     optima: Float[np.ndarray, "resamples d"]
+    stretches: Float[np.ndarray, "B d"]
+    """Optima of each stretch of flight by itself, within the last neighbourhood."""
     points: Float[np.ndarray, "n d"]
     """Points evaluated on the way."""
     losses: Float[np.ndarray, "n"]
@@ -35,7 +37,7 @@ class Bootstrap(NamedTuple):
         return np.quantile(self.optima, tail, axis=0), np.quantile(self.optima, 1 - tail, axis=0)
 
 
-def _basis(points: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "n k"]:
+def basis(points: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "n k"]:
     """Monomials up to the second degree."""
     dimensions = points.shape[1]
     squares = [points[:, i] * points[:, j] for i in range(dimensions) for j in range(i, dimensions)]
@@ -64,7 +66,7 @@ def bootstrap(
     """
     dimensions = len(best)
     points, losses = np.empty((0, dimensions)), np.empty(0)
-    optima = np.empty((0, dimensions))
+    optima = stretches = np.empty((0, dimensions))
     for _ in range(3):
         low, high = np.maximum(best - radius, limits[0]), np.minimum(best + radius, limits[1])
         design = qmc.scale(qmc.Sobol(dimensions, rng=generator).random(DESIGN), low, high)
@@ -75,15 +77,51 @@ def bootstrap(
                 on_evaluation()
         matrix = np.array(per_block)
         centred = (design - best) / radius
-        coefficients = np.linalg.lstsq(_basis(centred), matrix, rcond=None)[0]
+        coefficients = np.linalg.lstsq(basis(centred), matrix, rcond=None)[0]
         draws = generator.multinomial(len(windows_per_block), np.full(len(windows_per_block), 1 / len(windows_per_block)), RESAMPLES)
         trial = generator.uniform(low, high, (8192, dimensions))
         # A resample's surrogate; the number of windows in it scales the whole and moves no optimum.
-        surrogate = _basis((trial - best) / radius) @ (coefficients @ draws.T)
+        surrogate = basis((trial - best) / radius) @ (coefficients @ draws.T)
         optima = trial[np.argmin(surrogate, axis=0)]
+        stretches = trial[np.argmin(basis((trial - best) / radius) @ coefficients, axis=0)]
         points = np.concatenate([points, design])
         losses = np.concatenate([losses, matrix.sum(axis=1) / windows_per_block.sum()])
         best = points[int(np.argmin(losses))]
         spread = np.quantile(np.abs(optima - best), LEVEL, axis=0)
         radius = np.maximum(np.minimum(2.0 * spread, 2.0 * radius), radius / 4)
-    return Bootstrap(optima, points, losses)
+    return Bootstrap(optima, stretches, points, losses)
+
+
+def sandwich(scores: Float[np.ndarray, "B d"], curvature: Float[np.ndarray, "d d"]) -> Float[np.ndarray, "d d"]:
+    """Covariance of maximum-likelihood estimates when stretches of flight are independent and rows are not: H^-1 (sum s s^T) H^-1.
+
+    Where the model is right this is Laplace's H^-1; where it is not, as for every real drone, it stays right and H^-1 is too small.
+
+    Args:
+        scores: gradient of minus the log likelihood that each of B stretches adds.
+        curvature: H, its second derivative.
+
+    Source: White 1982, Maximum likelihood estimation of misspecified models, theorem 3.2.
+    """
+    scale = np.sqrt(np.maximum(np.diag(curvature), 1e-30))
+    inverse = np.linalg.inv(curvature / np.outer(scale, scale) + 1e-9 * np.eye(len(scale))) / np.outer(scale, scale)
+    return inverse @ (scores.T @ scores) @ inverse * len(scores) / max(len(scores) - scores.shape[1], 1)
+
+
+def spread(scores: Float[np.ndarray, "B d"], curvatures: Float[np.ndarray, "B d d"]) -> Float[np.ndarray, "d"]:
+    """Standard deviation of the parameters between stretches of flight, beyond what noise within a stretch explains.
+
+    A stretch whose parameters differ from the mean by x has a score of variance H + H x x^T H, in nats; the rest is the method of
+    moments.
+
+    Args:
+        scores: gradient of minus the log likelihood of each of B stretches.
+        curvatures: its second derivative.
+
+    Source: DerSimonian and Laird 1986, Meta-analysis in clinical trials (random effects by moments).
+    """
+    mean = curvatures.mean(axis=0)
+    scale = np.sqrt(np.maximum(np.diag(mean), 1e-30))
+    inverse = np.linalg.inv(mean / np.outer(scale, scale) + 1e-9 * np.eye(len(scale))) / np.outer(scale, scale)
+    between = inverse @ (scores.T @ scores / len(scores) - mean) @ inverse
+    return np.sqrt(np.maximum(np.diag(between), 0.0))

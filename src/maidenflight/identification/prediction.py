@@ -16,8 +16,8 @@ from jaxtyping import Array, Float, Int
 from scipy.spatial.transform import Rotation
 
 from maidenflight.errors import InputError
-from maidenflight.flights.log import Flight
-from maidenflight.flights.windows import HISTORY, Windows, windows
+from maidenflight.flights.log import GROUPS, Flight
+from maidenflight.flights.windows import EVERY, HISTORY, SHORTEST_HISTORY, Windows, windows
 from maidenflight.identification.objective import PHYSICS_STEP, in_chunks, physics_steps, simulate
 from maidenflight.identification.posterior import LEVEL, RESAMPLES
 from maidenflight.parameters import Parameters, replace
@@ -26,8 +26,11 @@ HORIZONS = (0.1, 0.25, 0.5)
 """How far ahead errors are told unless asked otherwise [s]."""
 NOTHING_CHANGES = "nothing changes"
 """Name of the prediction that position, velocity, attitude and body rates all stay as they are at the window's start."""
+LOGGED = "logged"
+"""Name of what was measured, among what models predict."""
 QUANTITIES = {"position": "m", "velocity": "m/s", "attitude": "rad", "body_rates": "rad/s"}
 """Columns of errors and their units."""
+_SIGNALS = [column for group in ("position", "velocity", "attitude", "body_rates") for column in GROUPS[group]]
 _STEP = f"physics steps of {PHYSICS_STEP * 1e3:g} ms"
 
 
@@ -88,6 +91,67 @@ def prediction_error(
                 entry |= {column: float(value[here]), f"{column}_low": float(low[here]), f"{column}_high": float(high[here])}
             table.append(entry)
     return polars.DataFrame(table)
+
+
+def predicted_windows(
+    flights: Iterable[Flight],
+    models: Mapping[str, Parameters],
+    horizon: float = HORIZONS[-1],
+    count: int = 4,
+    history: int = HISTORY,
+    key: Array | None = None,
+) -> polars.DataFrame:
+    """Predicts a few windows row by row, to look at; drawn at random, each from another flight as long as there are any.
+
+    Args:
+        flights: checked flights of one rate, held out.
+        models: drones by name.
+        horizon: length of a window [s].
+        count: how many windows.
+        history: rows of commands before a window, from which its motors' speed is inferred.
+        key: random key of the choice; `jax.random.key(0)` unless given.
+
+    Returns:
+        A row for each window, model (first `LOGGED`, what was measured) and row of the log from the window's start on: `window`, its
+        `flight` and its `start` in it [s], `model`, `time` since the start [s] and, in SI units, position, velocity, roll, pitch, yaw
+        and body rates as in a flight log.
+
+    Raises:
+        InputError: a horizon that makes no sense, a model that is called `LOGGED`, or no flight that is long enough.
+    """
+    flights = list(flights)
+    if not flights or count < 1:
+        raise InputError(f"{count} windows of {len(flights)} flights to predict; give at least one of each.")
+    if LOGGED in models:
+        raise InputError(f"a model is called {LOGGED!r}, the name of what models are compared with; rename it.")
+    period = flights[0].period
+    length = int(_rows([horizon], period)[0])
+    long = [flight for flight in flights if len(flight) > SHORTEST_HISTORY + length] or flights
+    generator = np.random.default_rng(np.asarray(jax.random.bits(jax.random.key(0) if key is None else key, (2,))).tolist())
+    repeats = np.bincount(np.resize(generator.permutation(len(long)), count), minlength=len(long))
+    parts, places = [], []
+    for number in np.flatnonzero(repeats):
+        cut = windows([long[number]], length, history=history)
+        rows = np.sort(generator.choice(len(cut.block), min(repeats[number], len(cut.block)), replace=False))
+        parts.append(jax.tree.map(lambda each, rows=rows: each[rows], cut))
+        places += [(long[number].name, SHORTEST_HISTORY + EVERY * int(row)) for row in rows]
+    cut = jax.tree.map(lambda *pieces: np.concatenate(pieces), *parts)
+    start = np.concatenate([cut.position, cut.velocity, _attitude(cut.quaternion), cut.body_rates], axis=1)[:, None]
+    ahead = {LOGGED: cut.measured, **{name: predict(cut, drone, period) for name, drone in models.items()}}
+    joined = {name: np.concatenate([start, rows], axis=1) for name, rows in ahead.items()}
+    return _window_rows(places, period, joined)
+
+
+def _window_rows(places: list[tuple[str, int]], period: float, rows: Mapping[str, Float[np.ndarray, "W T 12"]]) -> polars.DataFrame:
+    """A table of the rows of windows, each at the `n`-th row of the flight of some name."""
+    parts = []
+    for number, (flight, first) in enumerate(places):
+        for model, values in rows.items():
+            time = {"time": np.round(np.arange(values.shape[1]) * period, 6)}
+            signals = dict(zip(_SIGNALS, values[number].astype(np.float64).T, strict=True))
+            said = {"window": number + 1, "flight": flight, "start": round(first * period, 6), "model": model}
+            parts.append(polars.DataFrame({**{name: [value] * values.shape[1] for name, value in said.items()}, **time, **signals}))
+    return polars.concat(parts)
 
 
 def predict(cut: Windows, parameters: Parameters, period: float) -> Float[np.ndarray, "W T 12"]:

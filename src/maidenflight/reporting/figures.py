@@ -10,15 +10,12 @@ from typing import Any
 import numpy as np
 import polars
 
-from maidenflight.parameters import crazyflie
 from maidenflight.reporting.run import Run
 
 Figure = dict[str, Any]
 
 FEW = 12
 """Up to this many rows of flight times are shown one by one."""
-CLIP = 10.0
-"""Objectives further than this above the best share one colour [%]."""
 _MARKS = {
     "time limit": ("circle", "var(--blue)"),
     "position error": ("x", "var(--orange)"),
@@ -67,108 +64,6 @@ def _figure(traces: list[Figure], x: Figure, y: Figure, height: int, **more: Any
 
 def _rounded(values: Any, decimals: int) -> list[float | None]:
     return [round(float(value), decimals) if np.isfinite(value) else None for value in np.asarray(values, np.float64)]
-
-
-def valley(run: Run) -> Figure | None:
-    """All evaluations of the objective over T_m and latency, coloured by how far they are above the best."""
-    names = ("motor_time_constant", "latency")
-    if run.search is None or not set(names) <= set(run.search.columns):
-        return None
-    rows = run.search.filter(polars.col("objective").is_finite()).sort("objective", descending=True)
-    if rows.height == 0:
-        return None
-    lag, delay = (rows[name].to_numpy() * 1000 for name in names)
-    above = (rows["objective"].to_numpy() / rows["objective"].min() - 1) * 100
-    best = tuple(run.estimates[name].value * 1000 for name in names) if set(names) <= set(run.estimates) else (lag[-1], delay[-1])
-    truth = _truth(run)
-    paper = crazyflie()
-    known = (float(paper.motor_time_constant) * 1000, float(paper.latency) * 1000)
-    marked = [best, known, *((corner[0], corner[1]) for corner in truth)]
-    near = above < CLIP
-    x = _range([*lag[near], *(mark[0] for mark in marked)])
-    y = _range([*delay[near], *(mark[1] for mark in marked)])
-    total = sum(best)
-    traces = [
-        {
-            "name": "evaluation",
-            "mode": "markers",
-            "showlegend": False,
-            "x": _rounded(lag, 2),
-            "y": _rounded(delay, 2),
-            "customdata": _rounded(above, 2),
-            "marker": {
-                "size": 7,
-                "color": _rounded(np.minimum(above, CLIP), 2),
-                "cmin": 0,
-                "cmax": CLIP,
-                "colorscale": [[0, "var(--low)"], [0.5, "var(--middle)"], [1, "var(--high)"]],
-                "line": {"width": 0.5, "color": "var(--line)"},
-                "colorbar": {
-                    "title": {"text": "objective above the best [%]", "side": "right", "font": {"size": 13}},
-                    "thickness": 10,
-                    "outlinewidth": 0,
-                    "tickvals": [0, 2.5, 5, 7.5, 10],
-                    "ticktext": ["0", "2.5", "5", "7.5", "≥ 10"],
-                },
-            },
-            "hovertemplate": "T<sub>m</sub> %{x:.1f} ms, Δ %{y:.1f} ms<br>%{customdata:.1f} % above the best<extra></extra>",
-        },
-        {
-            "name": f"T<sub>m</sub> + Δ = {total:.1f} ms",
-            "mode": "lines",
-            "x": [round(total - side, 3) for side in y],
-            "y": [round(side, 3) for side in y],
-            "line": {"color": "var(--soft)", "width": 1.5, "dash": "dash"},
-            "hoverinfo": "skip",
-            "showlegend": True,
-        },
-    ]
-    if truth:
-        traces.append(_box(truth))
-    traces.append(_mark("the paper's drone", known, "diamond-open", "var(--purple)"))
-    traces.append(_mark("identified", best, "cross-thin", "var(--orange)"))
-    legend = {"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom", "bgcolor": "rgba(0,0,0,0)"}
-    axes = _axis("motor time constant T<sub>m</sub> [ms]", range=x), _axis("latency Δ [ms]", range=y)
-    return _figure(traces, *axes, 440, showlegend=True, legend=legend, margin={"l": 48, "r": 8, "t": 40, "b": 44})
-
-
-def _range(values: list[Any]) -> list[float]:
-    low, high = min(values), max(values)
-    margin = 0.06 * (high - low) or 1.0
-    return [round(float(low - margin), 3), round(float(high + margin), 3)]
-
-
-def _truth(run: Run) -> tuple[tuple[float, float], ...]:
-    """Corners of what the truth spans: T_m speeding up to slowing down, latency of commands to that with the sensors' [ms]."""
-    if run.reality is None:
-        return ()
-    lag, delay = float(run.reality.motor_time_constant) * 1000, float(run.reality.latency) * 1000
-    slow, late = lag * float(run.reality.motor_slowdown), delay + float(run.reality.estimator_delay + run.reality.gyro_lag) * 1000
-    return ((lag, delay), (slow, delay), (slow, late), (lag, late))
-
-
-def _box(corners: tuple[tuple[float, float], ...]) -> Figure:
-    closed = [*corners, corners[0]]
-    return {
-        "name": "truth",
-        "mode": "lines+markers",
-        "x": [round(corner[0], 3) for corner in closed],
-        "y": [round(corner[1], 3) for corner in closed],
-        "line": {"color": "var(--green)", "width": 2},
-        "marker": {"size": 4, "color": "var(--green)"},
-        "hovertemplate": "truth: T<sub>m</sub> %{x:.1f} ms, Δ %{y:.1f} ms<extra></extra>",
-    }
-
-
-def _mark(name: str, place: tuple[float, ...], shape: str, colour: str) -> Figure:
-    return {
-        "name": name,
-        "mode": "markers",
-        "x": [round(float(place[0]), 3)],
-        "y": [round(float(place[1]), 3)],
-        "marker": {"symbol": shape, "size": 13, "color": colour, "line": {"width": 3 if "thin" in shape else 2, "color": colour}},
-        "hovertemplate": f"{name}: T<sub>m</sub> %{{x:.1f}} ms, Δ %{{y:.1f}} ms<extra></extra>",
-    }
 
 
 def learning(run: Run) -> dict[str, Figure]:

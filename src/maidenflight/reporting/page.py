@@ -4,6 +4,7 @@ The page's frame, style and scripts are the files beside this module; Plotly, fo
 """
 
 import os
+from collections.abc import Callable
 from html import escape
 from importlib import resources
 from pathlib import Path
@@ -12,11 +13,13 @@ from typing import Any
 
 import numpy as np
 import plotly.offline
+import polars
 
 from maidenflight import __version__, results
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.parameters import crazyflie
 from maidenflight.reporting import figures, parts, text
+from maidenflight.reporting import identification_figures as pictures
 from maidenflight.reporting import run as runs
 from maidenflight.reporting.run import Run
 
@@ -45,7 +48,8 @@ def to_html(run: Run) -> str:
     """The page."""
     drawn = _figures(run)
     sections = [
-        ("parameters", "Parameters", _parameters(run, "valley" in drawn)),
+        ("parameters", "Parameters", _parameters(run)),
+        ("prediction", "Prediction", _prediction(run)),
         ("training", "Training", _training(run)),
         ("flights", "Test flights", _flights(run)),
         ("reproduce", "Reproduce", parts.seconds(run) + parts.records(run)),
@@ -60,7 +64,7 @@ def to_html(run: Run) -> str:
         links="".join(f'<a href="#{name}">{title}</a>' for name, title, _ in sections),
         sections="\n".join(f'<section id="{name}"><h2>{title}</h2>{content}</section>' for name, title, content in sections),
         version=__version__,
-        style=_file("style.css"),
+        style=_file("colours.css") + _file("style.css"),
         content="".join(text.embed(name, content) for name, content in (("charts", drawn), ("logs", shown)) if content),
         plotly=f"<script>{plotly.offline.get_plotlyjs()}</script>" if drawn else "",
         scripts="\n".join(f"<script>{_file(name)}</script>" for name in _scripts(bool(shown))),
@@ -76,7 +80,7 @@ def _scripts(viewer: bool) -> list[str]:
 
 
 def _figures(run: Run) -> dict[str, Any]:
-    drawn = {"valley": figures.valley(run), "durations": figures.durations(run), **figures.learning(run)}
+    drawn = {"durations": figures.durations(run), **figures.learning(run)}
     return {name: figure for name, figure in drawn.items() if figure is not None}
 
 
@@ -85,22 +89,61 @@ def _chart(name: str, label: str, caption: str = "") -> str:
     return f'<figure><div class=chart id="{name}" role=img aria-label="{label}"></div>{below}</figure>'
 
 
-def _parameters(run: Run, valley: bool) -> str:
-    chart = ""
-    if run.search is not None and valley:
-        truth = (
-            " The green box is the truth, which has two time constants, for motors speeding up and slowing down, and two delays, that of"
-            " the commands and that with the estimator's and the gyro's added."
-            if run.reality is not None
-            else ""
+def _picture(name: str, draw: Callable[[float], str], caption: str) -> str:
+    """A picture twice: as wide as the page, and as wide as a phone, which shows the one that fits."""
+    both = "".join(f"<div class={kind}>{draw(width)}</div>" for kind, width in (("wide", pictures.WIDE), ("narrow", pictures.NARROW)))
+    return f'<figure class=drawn id="{name}">{both}<figcaption>{caption}</figcaption></figure>'
+
+
+def _parameters(run: Run) -> str:
+    return parts.estimates(run) + _valley(run) + _corner(run) + parts.constants(run)
+
+
+def _valley(run: Run) -> str:
+    names = ("motor_time_constant", "latency")
+    # A likelihood has no zero, so that 1 % of it means nothing; there the posterior tells what the flights leave open.
+    if run.search is None or run.objective != "replay" or not set(names) <= set(run.search.columns):
+        return ""
+    search, truth = run.search.filter(polars.col("objective").is_finite()), runs.truth(run)
+    if search.filter(polars.col("objective") > 0).height < max(search.height, 1):
+        return ""
+    told = (
+        " The green box is the truth, which has two time constants, for motors speeding up and slowing down, and two delays, that of"
+        " the commands and that with the estimator's and the gyro's added."
+        if truth
+        else ""
+    )
+    caption = (
+        f"Each dot is one of {search.height} evaluations; those far from the valley lie outside the picture. Along the dashed line"
+        f" the sum of both delays is constant: were only the sum visible in flight, the valley would follow it.{told}"
+    )
+    return _picture("valley", lambda width: pictures.valley(search, run.estimates, truth, width), caption)
+
+
+def _corner(run: Run) -> str:
+    if not run.posterior:
+        return ""
+    best = {name: estimate.value for name, estimate in run.estimates.items()}
+    caption = (
+        "Each dot is a drone that the flights speak for. A narrow cloud that leans is a combination that they fix, though neither"
+        " parameter alone."
+    )
+    return _picture("corner", lambda width: pictures.corner(run.posterior, best, width), caption)
+
+
+def _prediction(run: Run) -> str:
+    errors, windows = run.validation, run.windows
+    shown = ""
+    if errors is not None:
+        caption = (
+            "Root mean squares over windows of flights, each predicted from its measured start and the recorded commands alone; bands:"
+            " 95 % intervals over stretches of flight. A line above the dotted one does worse than predicting that nothing changes."
         )
-        chart = "<h3>The valley of the objective</h3>" + _chart(
-            "valley",
-            "All evaluations of the objective over motor time constant and latency",
-            f"Each dot is one of {run.search.height} evaluations; those far from the valley lie outside the picture. Along the dashed line"
-            f" the sum of both delays is constant: were only the sum visible in flight, the valley would follow it.{truth}",
-        )
-    return parts.estimates(run) + chart + parts.constants(run)
+        shown += _picture("horizons", lambda width: pictures.horizons(errors, width), caption)
+    if windows is not None:
+        caption = "Windows drawn at random. Every model starts from the same measured row and then sees the recorded commands alone."
+        shown += _picture("windows", lambda width: pictures.windows(windows, width), caption)
+    return shown
 
 
 def _training(run: Run) -> str:

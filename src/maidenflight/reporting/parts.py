@@ -10,7 +10,7 @@ import numpy as np
 import polars
 
 from maidenflight.experiments.transfer import LONGEST
-from maidenflight.parameters import QUANTITIES, Parameters, crazyflie
+from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, component, crazyflie
 from maidenflight.reporting import text
 from maidenflight.reporting.run import Run, viewable
 
@@ -103,34 +103,41 @@ def key_figures(run: Run) -> str:
     return f'<ul class="figures">{entries}</ul>' if shown else ""
 
 
+def _scale(run: Run, name: str) -> tuple[float, str]:
+    """Factor and unit of an identified parameter, with a power of ten where its number would be all zeros."""
+    return text.scale(name, [run.estimates[name].value])
+
+
 def _estimate(run: Run, name: str) -> tuple[str, str, str]:
     """Value and interval with as many decimals as the interval justifies."""
-    found, scale = run.estimates[name], text.factor(name)
+    found, (scale, _) = run.estimates[name], _scale(run, name)
     low, high = (side * scale for side in found.interval)
     digits = text.places(high - low)
     return f"{found.value * scale:.{digits}f}", f"{low:.{digits}f}", f"{high:.{digits}f}"
 
 
-def _shown(drone: Parameters, name: str) -> str:
-    values = np.atleast_1d(getattr(drone, name)) * text.factor(name)
+def _shown(drone: Parameters, name: str, scale: float | None = None) -> str:
+    given = component(drone, name) if name in COMPONENTS else getattr(drone, name)
+    values = np.atleast_1d(given) * (text.factor(name) if scale is None else scale)
     return ", ".join(text.number(value) for value in values)
 
 
-def _truth(reality: Parameters, name: str) -> str:
+def _truth(reality: Parameters, name: str, scale: float) -> str:
     """The truth with its meaning where the simulation has two values for what the model has one for."""
     ends = {
         "motor_time_constant": (reality.motor_time_constant, reality.motor_time_constant * reality.motor_slowdown),
         "latency": (reality.latency, reality.latency + reality.estimator_delay + reality.gyro_lag),
     }
     if name not in ends or np.isclose(*ends[name]):
-        return _shown(reality, name)
+        return _shown(reality, name, scale)
     parts = zip(ends[name], _RANGES[name], strict=True)
     return " .. ".join(f"{float(end) * text.factor(name):.1f} <small>({word})</small>" for end, word in parts)
 
 
-def _row(name: str, cells: Iterable[str]) -> str:
-    unit = f" [{text.unit(name)}]" if text.unit(name) else ""
-    head = f"<th scope=row>{text.symbol(name)}{unit}<small> {escape(QUANTITIES[name].meaning)}</small></th>"
+def _row(name: str, cells: Iterable[str], unit: str | None = None) -> str:
+    told = text.unit(name) if unit is None else unit
+    unit = f" [{told}]" if told else ""
+    head = f"<th scope=row>{text.symbol(name)}{unit}<small> {escape(text.quantity(name).meaning)}</small></th>"
     return f"<tr>{head}{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>"
 
 
@@ -147,8 +154,9 @@ def estimates(run: Run) -> str:
     rows, paper = [], crazyflie()
     for name in run.estimates:
         value, low, high = _estimate(run, name)
-        truth = [_truth(run.reality, name)] if run.reality is not None else []
-        rows.append(_row(name, [f"<b>{value}</b>", f"{low} .. {high}", *truth, _shown(paper, name)]))
+        scale, unit = _scale(run, name)
+        truth = [_truth(run.reality, name, scale)] if run.reality is not None else []
+        rows.append(_row(name, [f"<b>{value}</b>", f"{low} .. {high}", *truth, _shown(paper, name, scale)], unit))
     told = (
         " The truth may lie outside it where the virtual drone has effects that the model lacks, such as a sagging battery, drag or"
         " motors that slow down more slowly than they speed up."
@@ -157,7 +165,7 @@ def estimates(run: Run) -> str:
     )
     return (
         _table(heads, rows, "estimates")
-        + "<p class=note>The interval is a bootstrap over stretches of flight: it shows how much the result depends on the flights"
+        + "<p class=note>The interval comes from how stretches of flight differ: it shows how much the result depends on the flights"
         f" recorded, not how well the model fits.{told} Paper: Gronauer et al. 2022, a real Crazyflie 2.1, another drone than this.</p>"
     )
 

@@ -20,7 +20,8 @@ from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.flights import log
 from maidenflight.flights.log import Flight
-from maidenflight.parameters import QUANTITIES, Parameters
+from maidenflight.identification import prediction
+from maidenflight.parameters import COMPONENTS, Parameters
 
 FLIGHT_COLUMNS: dict[str, Any] = {
     "flight": polars.Int64,
@@ -34,6 +35,18 @@ FLIGHT_COLUMNS: dict[str, Any] = {
 """Columns of `flights.csv` and their kinds."""
 TRAINING_COLUMNS: dict[str, Any] = dict.fromkeys(("steps", "policy", "episode_return", "survival", "position_error"), polars.Float64)
 """Columns of `training.csv` and their kinds."""
+ERROR_COLUMNS: dict[str, Any] = {
+    "model": polars.String,
+    "horizon": polars.Float64,
+    **dict.fromkeys((f"{name}{end}" for name in prediction.QUANTITIES for end in ("", "_low", "_high")), polars.Float64),
+}
+"""Columns of `validation.csv` and their kinds."""
+WINDOW_COLUMNS: dict[str, Any] = {
+    "window": polars.Int64,
+    "model": polars.String,
+    **dict.fromkeys(("time", "roll", "pitch", "body_rate_x", "body_rate_y", "position_z"), polars.Float64),
+}
+"""Columns of `validation_windows.csv` that are drawn, and their kinds."""
 MOST = 30
 """Flights that the viewer holds; more would make the page heavy."""
 
@@ -56,8 +69,16 @@ class Run:
     recorded: tuple[Flight, ...] = ()
     drone: Parameters | None = None
     estimates: Mapping[str, Estimate] = field(default_factory=dict)
+    objective: str = "replay"
+    """Which objective the identification searched, `replay` or `likelihood`."""
     search: polars.DataFrame | None = None
-    """One row an evaluation of the identification's objective."""
+    """One row an evaluation of it."""
+    posterior: Mapping[str, np.ndarray] = field(default_factory=dict)
+    """Draws of the identified parameters, SI units; an entry of each belongs together."""
+    validation: polars.DataFrame | None = None
+    """Errors of open-loop predictions; see `prediction_error`."""
+    windows: polars.DataFrame | None = None
+    """Some windows, logged and predicted; see `predicted_windows`."""
     policies: int = 0
     training: polars.DataFrame | None = None
     """One row an evaluation of a policy in training."""
@@ -73,7 +94,7 @@ class Run:
     @property
     def known(self) -> bool:
         """Whether there is anything to show."""
-        tables = (self.reality, self.drone, self.search, self.training, self.table)
+        tables = (self.reality, self.drone, self.search, self.validation, self.windows, self.training, self.table)
         return any(part is not None for part in tables) or bool(self.recorded or self.policies)
 
 
@@ -108,7 +129,11 @@ def read(folder: Path) -> Run:
         recorded=recorded,
         drone=drone,
         estimates=_estimates(folder / "drone.toml") if drone is not None else {},
+        objective=_objective(folder / "drone.toml") if drone is not None else "replay",
         search=_table(folder / "identification.csv", {"objective": polars.Float64}),
+        posterior=_posterior(folder / "drone.toml") if drone is not None else {},
+        validation=_table(folder / "validation.csv", ERROR_COLUMNS, records),
+        windows=_table(folder / "validation_windows.csv", WINDOW_COLUMNS, records),
         policies=len(policies),
         training=_table(folder / "policies" / "training.csv", TRAINING_COLUMNS),
         table=table,
@@ -118,8 +143,8 @@ def read(folder: Path) -> Run:
     )
     if not found.known:
         raise InputError(
-            f"{folder}: nothing of a run in this folder; expected reality.toml, recorded/, drone.toml, identification.csv, policies/,"
-            " transfer/ or flights.csv."
+            f"{folder}: nothing of a run in this folder; expected reality.toml, recorded/, drone.toml, identification.csv, validation.csv,"
+            " policies/, transfer/ or flights.csv."
         )
     return found
 
@@ -148,8 +173,17 @@ def _json(path: Path) -> dict[str, Any]:
 
 def _keep(records: dict[str, Mapping[str, Any]], path: Path, record: Any) -> None:
     if isinstance(record, dict) and record:
-        name = path.name if path.suffix == ".toml" else f"{path.parent.name}/{path.name}"
+        name = path.name if path.suffix == ".toml" else "/".join(filter(None, (path.parent.name, path.name)))
         records[name] = record
+
+
+def _keep_line(records: dict[str, Mapping[str, Any]], path: Path, text: str) -> None:
+    """Keeps the record in a line of its own at a file's start."""
+    line = next((line for line in text.split("\n", 4)[:4] if line.startswith("# record: ")), "# record: {}")
+    try:
+        _keep(records, path, json.loads(line.removeprefix("# record: ")))
+    except json.JSONDecodeError:
+        raise InputError(f"{path}: the line '# record:' holds no valid JSON. Write '# record: {{}}' there.") from None
 
 
 def _drone(path: Path, records: dict[str, Mapping[str, Any]]) -> Parameters | None:
@@ -165,12 +199,31 @@ def _estimates(path: Path) -> dict[str, Estimate]:
     content = tomllib.loads(_text(path)).get("identification", {})
     found = {}
     for name, entry in content.items():
-        if name in QUANTITIES and isinstance(entry, dict):
+        if name in COMPONENTS and isinstance(entry, dict):
             numbers = [entry.get("value"), *entry.get("interval", [])]
             if len(numbers) != 3 or not all(isinstance(number, float | int) and math.isfinite(number) for number in numbers):
                 raise InputError(f"{path}: [identification.{name}] needs value = a number and interval = [lower, upper]. Identify again.")
             found[name] = Estimate(float(numbers[0]), (float(numbers[1]), float(numbers[2])))
     return found
+
+
+def _objective(path: Path) -> str:
+    return str(tomllib.loads(_text(path)).get("identification", {}).get("kind", "replay"))
+
+
+def _posterior(path: Path) -> dict[str, np.ndarray]:
+    content = tomllib.loads(_text(path)).get("posterior")
+    if content is None:
+        return {}
+    try:
+        names = [name for name in content["names"] if name in COMPONENTS]
+        draws = np.array(content["draws"], np.float64)
+        sound = len(names) == len(content["names"]) > 0 and draws.shape == (max(len(draws), 1), len(names)) and np.isfinite(draws).all()
+    except (KeyError, TypeError, ValueError):
+        names, draws, sound = [], np.empty(0), False
+    if not sound:
+        raise InputError(f"{path}: [posterior] needs names = parameters and draws = [[a number for each of them], ...]. Identify again.")
+    return {name: draws[:, place] for place, name in enumerate(names)}
 
 
 def _logs(folder: Path, records: dict[str, Mapping[str, Any]]) -> tuple[Flight, ...]:
@@ -180,21 +233,20 @@ def _logs(folder: Path, records: dict[str, Mapping[str, Any]]) -> tuple[Flight, 
         if not text.startswith(log.MARK):
             raise InputError(f"{path}: not a flight log of maidenflight; its first line should begin with '{log.MARK}'.")
         flights.append(log.from_csv(text, f"{folder.name}/{path.name}"))
-        line = next((line for line in text.split("\n", 4)[:4] if line.startswith("# record: ")), "# record: {}")
-        try:
-            _keep(records, path, json.loads(line.removeprefix("# record: ")))
-        except json.JSONDecodeError:
-            raise InputError(f"{path}: the line '# record:' holds no valid JSON. Write '# record: {{}}' there.") from None
+        _keep_line(records, path, text)
     return tuple(flights)
 
 
-def _table(path: Path, columns: Mapping[str, Any]) -> polars.DataFrame | None:
+def _table(path: Path, columns: Mapping[str, Any], records: dict[str, Mapping[str, Any]] | None = None) -> polars.DataFrame | None:
+    """Reads a table, and the record in its second line into `records`, where it has one."""
     if not path.exists():
         return None
     try:
-        frame = polars.read_csv(path, infer_schema_length=None)
+        frame = polars.read_csv(path, infer_schema_length=None, comment_prefix="#")
     except (polars.exceptions.PolarsError, OSError, ValueError) as error:
         raise InputError(f"{path}: not a readable CSV table ({str(error).splitlines()[0]}).") from error
+    if records is not None:
+        _keep_line(records, Path(path.name), _text(path))
     return _columns(frame, columns, str(path))
 
 
@@ -209,6 +261,15 @@ def _columns(frame: polars.DataFrame, columns: Mapping[str, Any], where: str) ->
         return frame.with_columns(**(numbers | floats))
     except polars.exceptions.PolarsError as error:
         raise InputError(f"{where}: {str(error).splitlines()[0]}; expected numbers in the columns of numbers.") from error
+
+
+def truth(run: Run) -> tuple[tuple[float, float], ...]:
+    """Corners of what is true of a virtual drone: T_m speeding up to slowing down, latency of commands to that with the sensors' [s]."""
+    if run.reality is None:
+        return ()
+    lag, delay = float(run.reality.motor_time_constant), float(run.reality.latency)
+    slow, late = lag * float(run.reality.motor_slowdown), delay + float(run.reality.estimator_delay + run.reality.gyro_lag)
+    return ((lag, delay), (slow, delay), (slow, late), (lag, late))
 
 
 def usable(flight: Flight) -> slice:

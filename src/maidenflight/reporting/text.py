@@ -9,31 +9,52 @@ import math
 import re
 from typing import Any
 
-from maidenflight.parameters import QUANTITIES
+import numpy as np
+
+from maidenflight.parameters import COMPONENTS, QUANTITIES, Quantity
 
 NOTHING = "\N{EN DASH}"
 """Stands for a number that is not known."""
 
-_GREEK = {"Delta": "Δ", "sigma": "\N{GREEK SMALL LETTER SIGMA}", "theta": "θ", "tau": "τ", "phi": "φ", "omega": "ω"}
+_GREEK = {"Delta": "Δ", "sigma": "\N{GREEK SMALL LETTER SIGMA}", "theta": "θ", "tau": "τ", "phi": "φ", "omega": "ω", "Omega": "Ω"}
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def symbol(name: str) -> str:
-    """A parameter's symbol as HTML: `T_m` becomes T with a subscript."""
+    """A parameter's symbol as HTML: `T_m` becomes T with a subscript, and `inertia_x` I with an x."""
     letters = "|".join(_GREEK)
-    shown = re.sub(rf"(?<![a-z])({letters})(?![a-z])", lambda found: _GREEK[found[0]], QUANTITIES[name].symbol)
+    field, place = COMPONENTS.get(name, (name, None))
+    given = QUANTITIES[field].symbol + ("" if place is None else f"_{'xyz'[place]}")
+    shown = re.sub(rf"(?<![a-z])({letters})(?![a-z])", lambda found: _GREEK[found[0]], given)
     return re.sub(r"_(\w+)", r"<sub>\1</sub>", html.escape(shown))
+
+
+def quantity(name: str) -> Quantity:
+    """What is known of a parameter, or of the field that a component such as `inertia_x` is part of."""
+    return QUANTITIES[COMPONENTS.get(name, (name, None))[0]]
+
+
+def scale(name: str, values: Any) -> tuple[float, str]:
+    """The factor that makes values of a parameter numbers without many zeros, and the unit with its power of ten, plain text."""
+    if factor(name) != 1.0:
+        return factor(name), unit(name)
+    largest = float(np.max(np.abs(values), initial=0.0))
+    power = 3 * math.floor(math.log10(largest) / 3) if largest > 0 and not 0.05 <= largest < 1e4 else 0
+    shown = "10" + str(power).translate(_RAISED) if power else ""
+    return 10.0**-power, f"{shown} {unit(name)}".strip()
 
 
 def factor(name: str) -> float:
     """Shown value per SI value: 1000 for short times, shown in ms."""
-    return 1000.0 if QUANTITIES[name].unit == "s" and QUANTITIES[name].upper <= 1.0 else 1.0
+    known = quantity(name)
+    return 1000.0 if known.unit == "s" and known.upper <= 1.0 else 1.0
 
 
 def unit(name: str) -> str:
     """The unit in which a parameter is shown; empty for a pure number."""
     if factor(name) != 1.0:
         return "ms"
-    shown = QUANTITIES[name].unit.replace("sqrt(Hz)", "√Hz")
+    shown = quantity(name).unit.replace("sqrt(Hz)", "√Hz")
     return "" if shown == "-" else re.sub(r"(?<=[a-z])2", "²", shown)
 
 

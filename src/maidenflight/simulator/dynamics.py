@@ -1,4 +1,4 @@
-"""The rigid body and its four motors: one derivative and two integrators.
+"""The rigid body and its four motors: one derivative and three integrators.
 
 A `State` is one drone's. Rotors 1 to 4 are front right, back right, back left, front left; 1 and 3 turn counter-clockwise.
 Inside this module a *command* is a rotor speed command sqrt(u), already delayed, noisy and averaged over the step.
@@ -127,8 +127,20 @@ def motor_derivative(rotor_speed: Float[Array, "4"], command: Float[Array, "4"],
     Source: Gronauer et al. 2022, eq:motor-dynamics.
     """
     change = command - rotor_speed
+    return change * _rate(change, parameters)
+
+
+def _rate(change: Float[Array, "4"], parameters: Parameters) -> Float[Array, "4"]:
+    """1 / T_m, or 1 / (T_m motor_slowdown) for a motor that slows down [1/s]."""
     slower = parameters.motor_time_constant * parameters.motor_slowdown
-    return change * jnp.where(change < 0, 1.0 / slower, 1.0 / parameters.motor_time_constant)
+    return jnp.where(change < 0, 1.0 / slower, 1.0 / parameters.motor_time_constant)
+
+
+def spin_up(rotor_speed: Float[Array, "4"], command: Float[Array, "4"], parameters: Parameters) -> Float[Array, "4"]:
+    """Mean rate of change of the rotor speeds over a step with a held command [1/s], by the trapezoidal rule: stable at any step."""
+    change = command - rotor_speed
+    rate = _rate(change, parameters)
+    return change * rate / (1.0 + 0.5 * parameters.time_step * rate)
 
 
 def derivative(state: State, command: Float[Array, "4"], parameters: Parameters) -> State:
@@ -155,6 +167,24 @@ def euler(state: State, command: Float[Array, "4"], parameters: Parameters) -> S
     body_rates = state.body_rates + dt * angular_acceleration(state, spin_up, parameters)
     turned = state.quaternion + dt * rotations.quaternion_derivative(state.quaternion, body_rates)
     return State(state.position + dt * velocity, velocity, rotations.normalise(turned), body_rates, state.rotor_speed)
+
+
+def midpoint(state: State, command: Float[Array, "4"], parameters: Parameters) -> State:
+    """One step whose forces are those of the middle: motors by the trapezoidal rule, then velocities, then positions.
+
+    Second order in all that is fast, at the cost of `euler`, which applies the forces of a step's end and so is half a step early in
+    every integration: at 5 ms steps about 5 ms of the way from command to attitude, as much as a Crazyflie's whole latency.
+    """
+    dt = parameters.time_step
+    change = spin_up(state.rotor_speed, command, parameters)
+    middle = state._replace(rotor_speed=state.rotor_speed + 0.5 * dt * change)
+    turning = dt * angular_acceleration(middle, change, parameters)
+    rates = state.body_rates + 0.5 * turning
+    half_turned = state.quaternion + 0.5 * dt * rotations.quaternion_derivative(state.quaternion, rates)
+    pulled = dt * linear_acceleration(middle._replace(quaternion=half_turned), parameters)
+    turned = rotations.normalise(state.quaternion + dt * rotations.quaternion_derivative(state.quaternion, rates))
+    position = state.position + dt * (state.velocity + 0.5 * pulled)
+    return State(position, state.velocity + pulled, turned, state.body_rates + turning, state.rotor_speed + dt * change)
 
 
 def rk4(state: State, command: Float[Array, "4"], parameters: Parameters) -> State:

@@ -33,7 +33,7 @@ class Environment:
 
     task: Task = field(default_factory=tasks.circle)
     controller: Controller = field(default_factory=control.pwm)
-    integrator: Integrator = dynamics.euler
+    integrator: Integrator = dynamics.midpoint
     steps_per_command: int = 2
     """Physics steps a command: the command period is `steps_per_command` x `time_step`, 10 ms by default."""
     history: int = 2
@@ -349,7 +349,7 @@ def drive(
     """Integrates the physics over one command period.
 
     Args:
-        integrator: `dynamics.euler` or `dynamics.rk4`.
+        integrator: `dynamics.midpoint`, `dynamics.euler` or `dynamics.rk4`.
         state: the drone when the newest command is given.
         line: rotor speed commands, newest first.
         steps: physics steps in the period.

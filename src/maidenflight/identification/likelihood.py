@@ -1,0 +1,206 @@
+"""Identification by maximum likelihood of one-step errors: parameters that flights under feedback do not bias, and the noise beside."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from dataclasses import replace as change
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from maidenflight.flights.log import GROUPS, Flight
+from maidenflight.flights.windows import windows
+from maidenflight.identification import gradient, one_step, posterior, selection
+from maidenflight.identification.bayesian import Box
+from maidenflight.identification.noise import noise
+from maidenflight.identification.objective import NormalEquations
+from maidenflight.identification.one_step import OneStep
+from maidenflight.identification.selection import Step
+from maidenflight.parameters import Parameters, component, replace
+
+_PILOT = 256
+"""Windows on which a random start comes near the optimum."""
+_PHYSICS_STEP = 0.002
+"""Nominal physics step [s]. At 5 ms a command that arrives within a step is seen so coarsely that the lag comes out 1 ms short."""
+_CLOSE = 0.02
+"""Gain of log likelihood of all flights [nats] below which a step is the last: a fifth of a standard error moves it by as much."""
+_STIFFEST = 1e6
+"""Damping at which no step helps any more."""
+
+
+@dataclass(frozen=True)
+class Likely:
+    """What maximum likelihood found."""
+
+    drone: Parameters
+    """The start, with the most likely values and the noise of the flights in place."""
+    box: Box
+    """The search box of the parameters that were identified."""
+    optimum: Float[np.ndarray, "d"]
+    """In the box's unit cube, as are the next two."""
+    runs: list[tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n"]]]
+    """Points evaluated and their values, of each trial."""
+    draws: Float[np.ndarray, "N d"]
+    """Drones as likely as the flights leave them (Laplace's approximation with the sandwich covariance)."""
+    spread: Float[np.ndarray, "d"]
+    """Standard deviation between stretches of flight, beyond what their noise explains; in the parameters' units."""
+    bought: tuple[Step, ...]
+    """What each group of parameters bought, where the flights chose them."""
+    noise: Mapping[str, float]
+    """Noise fields of `drone`."""
+    stretches: int
+    rows: int
+
+
+class _Fit(NamedTuple):
+    drone: Parameters
+    box: Box
+    optimum: Float[np.ndarray, "d"]
+    run: tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n"]]
+
+
+def bounds(start: Parameters) -> dict[str, tuple[float, float]]:
+    """Physical search bounds about a drone, by component; torques in units of its weight times its arm."""
+    torque = float(start.mass * start.gravity * start.arm_length)
+    around = {name: float(component(start, name)) for name in ("inertia_x", "inertia_y", "inertia_z")}
+    return {
+        "thrust_to_weight": (1.01, 8.0),
+        "motor_time_constant": (0.003, 0.5),
+        "latency": (0.0, 0.05),
+        "motor_slowdown": (0.2, 5.0),
+        "torque_to_thrust": (0.0, 0.1),
+        "rotor_momentum": (0.0, 0.1 * torque),
+        "flapping_moment": (-0.1 * torque, 0.2 * torque),
+        "rotational_damping": (0.0, 0.05 * torque),
+        "thrust_linear": (0.0, 1.0),
+        **{f"torque_bias_{axis}": (-0.2 * torque, 0.2 * torque) for axis in "xyz"},
+        **{f"drag_{axis}": (0.0, 3.0) for axis in "xyz"},
+        **{name: (0.3 * value, 3.0 * value) for name, value in around.items()},
+    }
+
+
+def maximise(
+    flights: Sequence[Flight],
+    box: Callable[[Sequence[str]], Box],
+    over: Sequence[str],
+    start: Parameters,
+    history: int,
+    evaluations: int,
+    trials: int,
+    generator: np.random.Generator,
+    on_evaluation: Callable[[], None] | None = None,
+    on_step: Callable[[Step], None] | None = None,
+) -> Likely:
+    """Finds the drone and the noise under which what the flights show is most likely.
+
+    Args:
+        flights: checked flights of one rate.
+        box: parameters' names to their search box.
+        over: the parameters; none to let the flights choose.
+        start: where the first trial begins, and what is kept of the other parameters.
+        history: rows of commands before a window, from which its motors' speed is inferred.
+        evaluations: most evaluations of a trial.
+        trials: the first begins at the start, the others at random.
+        generator: random numbers.
+        on_evaluation: called after each evaluation on all windows.
+        on_step: called with what each group of parameters bought.
+
+    Raises:
+        InputError: too little flight.
+    """
+    period = flights[0].period
+    steps = max(1, round(period / _PHYSICS_STEP))
+
+    def of(some: Sequence[Flight], thinned: bool = False) -> OneStep:
+        cut = windows(some, one_step.LENGTH, every=one_step.LENGTH, history=history)
+        every = max(1, len(cut.block) // _PILOT) if thinned else 1
+        return OneStep(type(cut)(*(array[::every] for array in cut)), period, steps)
+
+    def fit(objective: OneStep, names: Sequence[str], first: Parameters, pilot: OneStep | None = None) -> _Fit:
+        searched = box(names)
+
+        def at(unit: np.ndarray) -> Parameters:
+            values = zip(searched.names, searched.values(unit), strict=True)
+            return replace(first, **{name: np.float32(value) for name, value in values})
+
+        def climb(target: OneStep, point: np.ndarray, heard: Callable[[], None] | None) -> tuple[np.ndarray, np.ndarray]:
+            def equations(unit: np.ndarray) -> NormalEquations:
+                if heard is not None:
+                    heard()
+                return gradient.in_unit_cube(target.normal_equations(at(unit), searched.names), searched, unit)
+
+            return _climb(equations, point, evaluations, _CLOSE / target.rows)
+
+        if pilot is None:
+            point = searched.unit(np.array([float(component(first, name)) for name in searched.names]))
+        else:
+            points, values = climb(pilot, generator.random(len(searched.names)), None)
+            point = points[int(np.argmin(values))]
+        run = climb(objective, np.clip(point, gradient.INSIDE, 1 - gradient.INSIDE), on_evaluation)
+        best = run[0][int(np.argmin(run[1]))]
+        return _Fit(at(best), searched, best, run)
+
+    everything, pilot = of(flights), of(flights, thinned=True)
+    bought: list[Step] = []
+    if not over:
+        training, held_out = (of(part) for part in _split(flights))
+        over, bought = selection.choose(training, held_out, lambda names, first: fit(training, names, first).drone, start, on_step=on_step)
+    found = [fit(everything, over, start), *(fit(everything, over, start, pilot) for _ in range(trials - 1))]
+    drone, searched, optimum, _ = min(found, key=lambda one: one.run[1].min())
+    _, scores, curvatures = everything.derivatives(drone, searched.names)
+    slope = searched.slope(optimum)
+    covariance = posterior.sandwich(scores * slope, curvatures.sum(axis=0) * np.outer(slope, slope))
+    draws = np.clip(generator.multivariate_normal(optimum, covariance, posterior.RESAMPLES, method="eigh"), 0.0, 1.0)
+    levels = noise(everything.mean_products(drone), drone, period)
+    return Likely(
+        drone=replace(drone, **{name: np.float32(value) for name, value in levels.items()}),
+        box=searched,
+        optimum=optimum,
+        runs=[one.run for one in found],
+        draws=draws,
+        spread=posterior.spread(scores * everything.rows, curvatures * everything.rows),
+        bought=tuple(bought),
+        noise=levels,
+        stretches=everything.blocks,
+        rows=int(everything.rows),
+    )
+
+
+def _split(flights: Sequence[Flight]) -> tuple[list[Flight], list[Flight]]:
+    """Flights to fit and, every third of them, to judge by; the longest is cut in three where there are fewer than three."""
+    long_enough = [flight for flight in flights if len(flight) > one_step.LENGTH + 31]
+    if len(long_enough) < selection.HELD_OUT:
+        pieces = []
+        for flight in flights:
+            ends = [len(flight) * part // 3 for part in range(4)]
+            for first, end in zip(ends[:-1], ends[1:], strict=True):
+                rows = {group: getattr(flight, group)[first:end] for group in GROUPS if group != "time"}
+                pieces.append(change(flight, **rows))
+        long_enough = pieces
+    judged = long_enough[selection.HELD_OUT - 1 :: selection.HELD_OUT]
+    fitted = [flight for number, flight in enumerate(long_enough) if number % selection.HELD_OUT != selection.HELD_OUT - 1]
+    return fitted, judged
+
+
+def _climb(
+    equations: Callable[[Float[np.ndarray, "d"]], NormalEquations], point: Float[np.ndarray, "d"], evaluations: int, close: float
+) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n"]]:
+    """Damped Gauss-Newton steps in the unit cube until one gains less than `close`; how the gradient changes corrects the curvature.
+
+    Source: Marquardt 1963, An algorithm for least-squares estimation of nonlinear parameters.
+    """
+    here, damping = equations(point), 0.0
+    points, values = [point], [here.loss]
+    while len(points) < evaluations and damping < _STIFFEST:
+        there = gradient.step(here, point, damping)
+        ahead = equations(there)
+        points.append(there)
+        values.append(ahead.loss)
+        gain = here.loss - ahead.loss
+        if gain > 0:
+            point, here, damping = there, gradient.corrected(ahead, here, there - point), damping / 8
+            if gain < close:
+                break
+        else:
+            damping = max(4 * damping, 2.0)
+    return np.array(points), np.array(values)

@@ -1,0 +1,219 @@
+"""One-step prediction errors and their likelihood: an objective that feedback does not deceive.
+
+Logged commands react to what the drone did. A replay over many rows does not see the disturbances that they react to, so it takes
+the reaction for a cause and favours every model that damps: more inertia, more drag, more latency. One row ahead from measured
+states there is hardly time for that, and what is left, errors that last from one row to the next, is described by a noise model:
+each velocity's and each body rate's error is an autoregression on its own past. Given the model, what remains is new at each row and
+does not depend on past commands, so maximum likelihood is consistent for flights under feedback.
+
+Source: Ljung 1999, System identification: theory for the user, ch. 7 and 13.4 (prediction errors, closed loop).
+"""
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Float
+
+from maidenflight.flights.windows import Windows
+from maidenflight.identification.objective import NormalEquations, in_chunks, on_all_cores, under_way, wrapped
+from maidenflight.parameters import Parameters, replace
+from maidenflight.simulator import dynamics, environment, latency, rotations
+from maidenflight.simulator.dynamics import State
+
+LENGTH = 100
+"""Rows of a window; its first rows only start the noise model, so that windows that are short waste much."""
+ORDER = 16
+"""Rows of the past in an error's autoregression. Half as many cannot tell slow disturbances from a lag: on simulated flights it then comes
+out up to 2 ms off, and intervals are too narrow to hold the truth."""
+COLUMNS = (3, 4, 5, 9, 10, 11)
+"""Where velocity and body rates stand in a row. Position and attitude follow from them, and say nothing more of the drone."""
+
+
+class NoiseModel(NamedTuple):
+    """What one-step errors are: an autoregression of P rows for each of the six columns."""
+
+    coefficients: Float[np.ndarray, "6 P"]
+    """Weight of the error 1 ... P rows ago."""
+    deviation: Float[np.ndarray, "6"]
+    """Standard deviation of what is new in each row [m/s, rad/s]."""
+
+
+def errors(window: Windows, parameters: Parameters, steps: int) -> Float[Array, "T 12"]:
+    """Measured minus predicted: position, velocity, attitude, body rates, each row predicted from the measured one before it.
+
+    Args:
+        window: one of `Windows` (no leading axis).
+        parameters: the drone; its `time_step` times `steps` is the period of the rows.
+        steps: physics steps a row.
+    """
+    line, speed, commands = under_way(window, parameters, steps)
+    measured = jnp.asarray(window.measured)
+    first = jnp.concatenate([window.position, window.velocity, rotations.to_attitude(jnp.asarray(window.quaternion)), window.body_rates])
+    before = jnp.concatenate([first[None], measured[:-1]])
+
+    def advance(memory: tuple[Array, Array], row: tuple[Array, Array]) -> tuple[tuple[Array, Array], Array]:
+        (line, speed), (command, row_before) = memory, row
+        line = latency.push(line, command)
+        start = State(row_before[:3], row_before[3:6], rotations.from_attitude(row_before[6:9]), row_before[9:], speed)
+        state = environment.drive(dynamics.midpoint, start, line, steps, parameters)
+        ahead = jnp.concatenate([state.position, state.velocity, rotations.to_attitude(state.quaternion), state.body_rates])
+        return (line, state.rotor_speed), ahead
+
+    return wrapped(measured - lax.scan(advance, (line, speed), (commands, before))[1])
+
+
+class OneStep:
+    """Minus the mean log likelihood of a row, with the noise model that fits best; compiled once for all parameters.
+
+    Cost grows linearly with rows and, for derivatives, with the number of parameters.
+    """
+
+    def __init__(self, windows: Windows, period: float, steps: int):
+        """Prepares the windows.
+
+        Args:
+            windows: W windows that do not overlap.
+            period: time between their rows [s].
+            steps: physics steps a row.
+        """
+        self._windows = in_chunks(windows)
+        self._block = windows.block
+        self.blocks = int(windows.block.max()) + 1
+        self.rows_per_block = np.bincount(windows.block, minlength=self.blocks) * float(windows.measured.shape[1] - ORDER)
+        self.rows = float(self.rows_per_block.sum())
+        self.steps, self._time_step = steps, np.float32(period / steps)
+
+    def _drone(self, parameters: Parameters) -> Parameters:
+        return jax.tree.map(jnp.asarray, replace(parameters, time_step=self._time_step))
+
+    def _by_block(self, per_window: np.ndarray) -> np.ndarray:
+        """Sums of what each window adds, by stretch of flight."""
+        rows = per_window.reshape(-1, *per_window.shape[2:])[: len(self._block)].astype(np.float64)
+        sums = np.zeros((self.blocks, *rows.shape[1:]))
+        np.add.at(sums, self._block, rows)
+        return sums
+
+    def products(self, parameters: Parameters) -> Float[np.ndarray, "B 12 P+1 P+1"]:
+        """Products of an error with itself 0 ... P rows before, summed over each stretch of flight; all twelve columns."""
+        drone = self._drone(parameters)
+        found = on_all_cores(lambda first, end: (_products(self._windows, drone, first, end, self.steps),), len(self._windows.block))
+        return self._by_block(found[0])
+
+    def mean_products(self, parameters: Parameters) -> Float[np.ndarray, "12 P+1 P+1"]:
+        """Their mean over the rows."""
+        return self.products(parameters).sum(axis=0) / self.rows
+
+    def noise_model(self, parameters: Parameters) -> NoiseModel:
+        """The noise model that fits best (least squares)."""
+        return noise_model(self.mean_products(parameters)[np.array(COLUMNS)])
+
+    def __call__(self, parameters: Parameters) -> float:
+        """Minus the mean log likelihood of a row."""
+        return float(_minus_log_likelihood(self.noise_model(parameters).deviation, np.ones(6)))
+
+    def per_block(self, parameters: Parameters, noise: NoiseModel) -> Float[np.ndarray, "B"]:
+        """Minus the log likelihood of each stretch of flight under a noise model found elsewhere, as for flights held out."""
+        products = self.products(parameters)[:, np.array(COLUMNS)]
+        weights = np.concatenate([np.ones((6, 1)), -noise.coefficients], axis=1)
+        new = np.einsum("ci,bcij,cj->bc", weights, products, weights) / noise.deviation[None] ** 2
+        rows = self.rows_per_block
+        return rows * _minus_log_likelihood(noise.deviation, new / np.maximum(rows[:, None], 1.0))
+
+    def normal_equations(self, parameters: Parameters, names: Sequence[str]) -> NormalEquations:
+        """Value, gradient and curvature (Gauss-Newton) per unit of each of d parameters, the noise model kept.
+
+        Args:
+            parameters: where.
+            names: d names of `parameters.COMPONENTS`.
+        """
+        value, scores, curvatures = self.derivatives(parameters, names)
+        return NormalEquations(value, scores.sum(axis=0), curvatures.sum(axis=0), curvatures.sum(axis=0))
+
+    def derivatives(
+        self, parameters: Parameters, names: Sequence[str]
+    ) -> tuple[float, Float[np.ndarray, "B d"], Float[np.ndarray, "B d d"]]:
+        """Value, and what each stretch of flight adds to its gradient and curvature; see `normal_equations`."""
+        noise, drone = self.noise_model(parameters), self._drone(parameters)
+        d = len(names)
+        # Directions in fours, so that one program serves several numbers of parameters; those without a name are zero.
+        nothing = jax.tree.map(jnp.zeros_like, drone)
+        rows = [replace(nothing, **{name: jnp.ones(())}) for name in names] + [nothing] * (-d % 4)
+        directions = jax.tree.map(lambda *leaves: jnp.stack(leaves), *rows)
+        given = jnp.asarray(noise.coefficients, jnp.float32), jnp.asarray(noise.deviation, jnp.float32)
+
+        def compute(first: int, end: int) -> tuple[Array, ...]:
+            return _derivatives(self._windows, drone, directions, *given, first, end, self.steps)
+
+        scores, curvatures = (self._by_block(part) / self.rows for part in on_all_cores(compute, len(self._windows.block)))
+        return float(_minus_log_likelihood(noise.deviation, np.ones(6))), scores[:, :d], curvatures[:, :d, :d]
+
+
+def noise_model(products: Float[np.ndarray, "C P+1 P+1"]) -> NoiseModel:
+    """Least-squares autoregression from the products of errors with their past."""
+    past, now = products[:, 1:, 1:], products[:, 1:, 0]
+    ridge = 1e-9 * np.trace(past, axis1=1, axis2=2)[:, None, None] * np.eye(past.shape[1])
+    coefficients = np.linalg.solve(past + ridge, now[..., None])[..., 0]
+    variance = products[:, 0, 0] - np.sum(coefficients * now, axis=1)
+    return NoiseModel(coefficients, np.sqrt(np.maximum(variance, 1e-16)))
+
+
+def _minus_log_likelihood(deviation: Float[np.ndarray, "6"], ratio: Float[np.ndarray, "... 6"]) -> Any:
+    """Of a row whose mean squared new errors are `ratio` times the noise model's variances."""
+    return np.sum(np.log(deviation)) + 3 * np.log(2 * np.pi) + 0.5 * np.sum(ratio, axis=-1)
+
+
+@partial(jax.jit, static_argnums=4)
+def _products(
+    windows: Windows, parameters: Parameters, first: Array | int, end: Array | int, steps: int
+) -> Float[Array, "chunks 256 12 P+1 P+1"]:
+    """Products of the errors in each window of some chunks, and zeros for the others."""
+
+    def one(window: Windows) -> Float[Array, "12 P+1 P+1"]:
+        wrong = errors(window, parameters, steps)
+        late = jnp.stack([wrong[ORDER - lag : wrong.shape[0] - lag] for lag in range(ORDER + 1)], axis=-1)
+        return jnp.einsum("tci,tcj->cij", late, late)
+
+    def fill(number: Array, products: Array) -> Array:
+        return products.at[number].set(jax.vmap(one)(jax.tree.map(lambda array: array[number], windows)))
+
+    return lax.fori_loop(first, end, fill, jnp.zeros((*windows.block.shape, 12, ORDER + 1, ORDER + 1)))
+
+
+@partial(jax.jit, static_argnums=7)
+def _derivatives(
+    windows: Windows,
+    parameters: Parameters,
+    directions: Parameters,
+    coefficients: Array,
+    deviation: Array,
+    first: Array | int,
+    end: Array | int,
+    steps: int,
+) -> tuple[Float[Array, "chunks 256 d"], Float[Array, "chunks 256 d d"]]:
+    """Gradient and curvature of half the sum of squares of what is new in each window of some chunks, zeros for the others."""
+
+    def one(window: Windows) -> tuple[Float[Array, "d"], Float[Array, "d d"]]:
+        def new(drone: Parameters) -> Float[Array, "6T"]:
+            wrong = errors(window, drone, steps)[:, np.array(COLUMNS)]
+            left = wrong[ORDER:]
+            for lag in range(1, ORDER + 1):
+                left = left - coefficients[:, lag - 1] * wrong[ORDER - lag : wrong.shape[0] - lag]
+            return (left / deviation).reshape(-1)
+
+        left, along = jax.linearize(new, parameters)
+        slopes = jax.vmap(along)(directions)
+        slopes = jnp.where(jnp.isfinite(slopes), slopes, 0.0)
+        return slopes @ left, slopes @ slopes.T
+
+    def fill(number: Array, sums: tuple[Array, Array]) -> tuple[Array, Array]:
+        chunk = jax.tree.map(lambda array: array[number], windows)
+        return jax.tree.map(lambda rows, part: rows.at[number].set(part), sums, jax.vmap(one)(chunk))
+
+    d = directions.mass.shape[0]
+    shape = windows.block.shape
+    return lax.fori_loop(first, end, fill, (jnp.zeros((*shape, d)), jnp.zeros((*shape, d, d))))

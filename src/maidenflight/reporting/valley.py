@@ -1,0 +1,133 @@
+"""The picture of the objective's valley: where identification looked, and how well two delays are told apart."""
+
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+import numpy as np
+import polars
+from jaxtyping import Float
+
+from maidenflight.errors import InputError
+from maidenflight.identification import surrogate
+from maidenflight.identification.posterior import LEVEL
+from maidenflight.parameters import crazyflie
+from maidenflight.reporting import svg
+from maidenflight.reporting.svg import Panel
+
+LEVELS = (0.3, 1.0, 3.0)
+"""Contours of the valley, above the optimum [%]."""
+EDGE = 1.0
+"""The contour that is the valley's edge [%]."""
+_DELAYS = ("motor_time_constant", "latency")
+
+
+class Estimated(Protocol):
+    """An identified parameter, SI units."""
+
+    @property
+    def value(self) -> float:
+        """Where the objective is lowest."""
+        ...
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 %."""
+        ...
+
+
+def valley(
+    search: polars.DataFrame,
+    estimates: Mapping[str, Estimated] | None = None,
+    truth: Sequence[tuple[float, float]] = (),
+    width: float = 720,
+) -> str:
+    """The objective over motor time constant and latency, with all other parameters at their best.
+
+    Dots are evaluations, each with the other parameters that it happens to have. Contours are those of a quadratic fitted to the
+    evaluations near the best and minimised over the other parameters. Where none fits there are no contours, and the note says so.
+
+    Args:
+        search: a row an evaluation: values of the parameters [SI] and `objective`, as in identification.csv and
+            `Identification.history` of a replay.
+        estimates: optimum and interval by parameter; the best evaluation, without an interval, unless given.
+        truth: what is true of a virtual drone: corners of a box, motor time constant and latency [s].
+        width: of the picture [px].
+
+    Raises:
+        InputError: no finite objective, one that is not above zero, or no column of one of the two parameters.
+    """
+    missing = [name for name in (*_DELAYS, "objective") if name not in search.columns]
+    rows = search.clear() if missing else search.filter(polars.col("objective").is_finite()).sort("objective", descending=True)
+    if rows.height == 0:
+        raise InputError(f"no valley to draw: {f'no column {missing[0]}' if missing else 'no evaluation has a finite objective'}.")
+    if rows["objective"][-1] <= 0:
+        raise InputError("no valley to draw: objectives below zero, of which a share means nothing. Are they likelihoods? Draw `corner`.")
+    names = [name for name in rows.columns if name not in ("trial", "objective")]
+    above = (rows["objective"].to_numpy() / rows["objective"].min() - 1) * 100
+    points = rows.select(_DELAYS).to_numpy() * 1e3
+    known = estimates if estimates is not None and set(_DELAYS) <= set(estimates) else {}
+    best = np.array([known[name].value * 1e3 for name in _DELAYS]) if known else points[-1]
+    paper = np.array([1e3 * float(getattr(crazyflie(), name)) for name in _DELAYS])
+    box = 1e3 * np.reshape(np.array([*truth, *truth[:1]], np.float64), (-1, 2))
+    fitted = surrogate.valley(rows.select(names).to_numpy(), rows["objective"].to_numpy(), [names.index(name) for name in _DELAYS])
+    contours = {level: 1e3 * fitted.contour(best / 1e3, level) for level in LEVELS} if fitted else {}
+    seen = np.concatenate([points[above <= LEVELS[-1]], [best, paper], box, *contours.values()])
+
+    legend, tall = svg.legend(svg.TITLE, width, _legend(float(best.sum()), bool(known), bool(contours), bool(truth)))
+    ranges = (svg.margin(seen[:, side], floor=0.0) for side in range(2))
+    panel = Panel(48, svg.TITLE + tall + 8, width - 56, max(0.42 * width, 270), *ranges)
+    content = [svg.evaluations(panel, points[chosen], colour) for colour, chosen in _classes(above).items()]
+    content.append(svg.line(panel, best.sum() - np.array(panel.y), panel.y, "thin dashed", "soft"))
+    content += [_contour(panel, level, curve) for level, curve in contours.items()]
+    content.append(svg.line(panel, box[:, 0], box[:, 1], "", "green"))
+    content.append(svg.diamond(*panel.at(*paper), "purple"))
+    if known:
+        sides = [1e3 * np.array(known[name].interval) for name in _DELAYS]
+        content.append(svg.line(panel, sides[0], [best[1]] * 2, "", "orange") + svg.line(panel, [best[0]] * 2, sides[1], "", "orange"))
+    content.append(svg.cross(*panel.at(*best), "orange"))
+    note, deep = svg.paragraph(0, panel.top + panel.height + 46, width, _fit_told(fitted, len(names) - 2))
+    axes = svg.axes(panel, f"motor time constant {svg.symbol(_DELAYS[0])} [ms]", f"latency {svg.symbol(_DELAYS[1])} [ms]")
+    parts = [legend, axes[0], svg.framed(panel, [axes[1], *content], "valley"), note]
+    return svg.picture(width, panel.top + panel.height + 50 + deep, "The valley of the objective", parts)
+
+
+def _classes(above: Float[np.ndarray, "n"]) -> dict[str, np.ndarray]:
+    """Evaluations by the colour that tells how far they are above the best."""
+    return {"high": above > 10, "middle": (above > EDGE) & (above <= 10), "low": above <= EDGE}
+
+
+def _legend(total: float, known: bool, contours: bool, truth: bool) -> list[tuple[str, str]]:
+    dots = {"low": f"within {EDGE:g} % of the best", "middle": "within 10 %", "high": "worse"}
+    spot = Panel(0, 0, 24, 12, (0, 2), (0, 2))
+    entries = [(svg.evaluations(spot, np.ones((1, 2)), colour), name) for colour, name in dots.items()]
+    if contours:
+        others = " and ".join(f"{level:g} %" for level in LEVELS if level != EDGE)
+        entries.append((svg.stroke("M0 6H24", "line", "blue"), f"{EDGE:g} % above the optimum, fitted"))
+        entries.append((svg.stroke("M0 6H24", "thin", "blue"), others))
+    entries += [(svg.stroke("M0 6H24", "line", "green"), "truth")] if truth else []
+    entries.append((svg.diamond(12, 6, "purple"), "paper's drone"))
+    entries.append((svg.cross(12, 6, "orange"), f"identified, {100 * LEVEL:.0f} % interval" if known else "best evaluation"))
+    return [
+        *entries,
+        (svg.stroke("M0 6H24", "thin dashed", "soft"), f"{svg.symbol(_DELAYS[0])} + {svg.symbol(_DELAYS[1])} = {total:.1f} ms"),
+    ]
+
+
+def _contour(panel: Panel, level: float, curve: Float[np.ndarray, "n 2"]) -> str:
+    """A closed curve; only the valley's edge has its name beside it, for the others lie too close on a phone."""
+    closed = np.concatenate([curve, curve[:1]])
+    if level != EDGE:
+        return svg.line(panel, closed[:, 0], closed[:, 1], "thin", "blue")
+    across, down = panel.at(*curve[np.argmin(curve[:, 0])])
+    return svg.line(panel, closed[:, 0], closed[:, 1], "", "blue") + svg.text(across - 4, down + 4, f"{level:g} %", "small halo", "end")
+
+
+def _fit_told(fitted: surrogate.Valley | None, others: int) -> str:
+    if fitted is None:
+        return "No contours: too few evaluations near the best, or no quadratic fits them."
+    best = f", minimised over the other {'parameter' if others == 1 else f'{others} parameters'}" if others else ""
+    told = (
+        f"Contours: a quadratic{best}, fitted to the {fitted.evaluations} evaluations within {fitted.reach:g} % of the best, which it"
+        f" misses by {fitted.error:.2g} % (rms). Each dot has its own values of the other parameters, so one inside a contour can be worse."
+    )
+    return told.replace(" %", "\N{NO-BREAK SPACE}%")
