@@ -173,7 +173,7 @@ def measure_authors(folder: Path | None) -> str:
     if folder is None or not folder.is_dir():
         return f"| {what} | not measured: give their folder with --authors | - | - |"
     began = time.perf_counter()
-    found = identify(read_flights(folder))
+    found = identify(read_flights(folder), objective="replay")
     seconds = time.perf_counter() - began
     values = ", ".join(f"{estimate.value:.4g}" for estimate in found.estimates.values())
     return f"| {what} | {seconds:.1f} s ({found.windows:,} windows; {values}) | {judged(seconds, 'identify')} |"

@@ -91,7 +91,9 @@ def entries(name: str, flights: Sequence[Flight], plan: argparse.Namespace, trut
         for method in reversed(METHODS):
             evaluations = plan.evaluations if method == "bayesian" else 60
             key = jax.random.key(plan.seed)
-            found = identify(flights, key=key, length=length, evaluations=evaluations, trials=plan.trials, method=method)
+            found = identify(
+                flights, key=key, objective="replay", length=length, evaluations=evaluations, trials=plan.trials, method=method
+            )
             print(f"{name}, T = {length}, {method}: {found.windows} windows, {found.seconds:.1f} s", file=sys.stderr)
             yield Entry(name, method, length, found, at_paper, truth)
 

@@ -2,6 +2,7 @@ import json
 import subprocess
 import sys
 import time
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -71,6 +72,8 @@ def test_help_starts_within_a_fifth_of_a_second_of_python_itself() -> None:
         (["validate", "crazyflie", "{tmp}/empty", "-o", "{tmp}/v.csv", "--horizons", "soon"], "expected seconds"),
         (["train", "--drone", "{tmp}/no.toml", "-o", "{tmp}/p"], "no such drone"),
         (["train", "--drone", "{tmp}/bad.toml", "-o", "{tmp}/p"], "missing"),
+        (["train", "--drone", "crazyflie", "-o", "{tmp}/p", "--randomize", "posterior"], "crazyflie: no usable [posterior] table"),
+        (["train", "-o", "{tmp}/p", "--randomize", "much"], "posterior"),
         (["transfer", "{tmp}/empty", "-o", "{tmp}/t"], "no policies"),
         (["transfer", "{tmp}/odd.csv", "-o", "{tmp}/t"], "not valid JSON"),
         (["transfer", "{tmp}/odd.csv", "--reality", "virtual:x", "-o", "{tmp}/t"], "virtual:SEED"),
@@ -118,7 +121,8 @@ def test_the_line_from_logs_to_report_in_json(tmp_path: Path, monkeypatch: Any, 
     assert [Path(path).name for path in recorded["flights"]] == ["flight_01.csv", "flight_02.csv"]
     assert recorded["simulated"] is True
 
-    identified = said("identify", logs, "-o", drone, "--trials", 1, "--evaluations", 20, "--method", "bayesian")
+    paper = ("--objective", "replay", "--method", "bayesian")
+    identified = said("identify", logs, "-o", drone, "--trials", 1, "--evaluations", 20, *paper)
     assert set(identified["parameters"]) == {"thrust_to_weight", "motor_time_constant", "latency"}
     for estimate in identified["parameters"].values():
         assert estimate["interval"][0] <= estimate["value"] <= estimate["interval"][1]
@@ -144,6 +148,31 @@ def test_the_line_from_logs_to_report_in_json(tmp_path: Path, monkeypatch: Any, 
     page = Path(said("report", tmp_path)["report"])
     assert page == tmp_path / "report.html"
     assert "simulated" in page.read_text()
+
+
+def test_policies_are_trained_over_what_flights_leave_possible(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+    logs, drone, policies = tmp_path / "recorded", tmp_path / "drone.toml", tmp_path / "policies"
+    assert run(monkeypatch, capsys, "record", "-o", logs, "--reality", "virtual:3", "--flights", 2, "--duration", 4)[0] == 0
+
+    code, _, err = run(monkeypatch, capsys, "identify", logs, "-o", drone, "--over", "auto", "--objective", "replay")
+    assert code == 2
+    assert "chosen by likelihood only" in err
+    assert not drone.exists()
+
+    code, out, err = run(
+        monkeypatch, capsys, "identify", logs, "-o", drone, "--over", "thrust_to_weight,inertia_x", "--trials", 1, "--json"
+    )
+    assert code == 0, err
+    assert set(json.loads(out)["parameters"]) == {"thrust_to_weight", "inertia_x"}
+    written = tomllib.loads(drone.read_text())
+    assert written["identification"]["kind"] == written["record"]["settings"]["objective"] == "likelihood"
+    assert written["posterior"]["names"] == ["thrust_to_weight", "inertia_x"]
+
+    trained = ("train", "--drone", drone, "-o", policies, "--policies", 1, "--updates", 2, "--randomize", "posterior", "--json")
+    code, out, err = run(monkeypatch, capsys, *trained)
+    assert code == 0, err
+    made = json.loads((policies / "policy_1.json").read_text())["record"]["settings"]
+    assert made["randomization"] == "posterior"
 
 
 def test_a_drone_is_validated(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:

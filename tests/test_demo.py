@@ -64,4 +64,4 @@ def test_results_name_no_place_and_no_time(runs: tuple[Demo, Demo]) -> None:
 def test_the_truth_stays_hidden_from_the_identified_drone(runs: tuple[Demo, Demo]) -> None:
     text = (runs[0].folder / "drone.toml").read_text()
     assert "battery_resistance = 0.0 " in text
-    assert "motor_slowdown = 1.0 " in text
+    assert "estimator_delay = 0.0 " in text

@@ -20,7 +20,7 @@ ROOT = Path(__file__).parent.parent
 QUICK = mf.AnalyticGradient(updates=2, evaluations=1, drones=4, horizon=4, episodes=4)
 LESS_WORK = {
     "record": ["--flights", "2", "--duration", "4"],
-    "identify": ["--trials", "1", "--evaluations", "15"],
+    "identify": ["--trials", "1", "--evaluations", "15", "--over", "thrust_to_weight,latency"],
     "train": ["--policies", "2", "--updates", "2"],
     "transfer": ["--trials", "1", "--duration", "0.5"],
 }
@@ -39,7 +39,7 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_python_of_the_readme_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for number, flight in enumerate(mf.record(mf.virtual_drone(7), jax.random.key(0), flights=2, duration=4.0)):
         log.write(f"run/recorded/flight_{number}.csv", flight)
-    monkeypatch.setattr(mf, "identify", partial(mf.identify, evaluations=15, trials=1), raising=False)
+    monkeypatch.setattr(mf, "identify", partial(mf.identify, over=["thrust_to_weight", "latency"], evaluations=15, trials=1), raising=False)
     monkeypatch.setattr(mf, "train", partial(mf.train, settings=QUICK), raising=False)
     monkeypatch.setattr(mf, "transfer", partial(mf.transfer, duration=0.5), raising=False)
     (snippet,) = blocks("README.md", "python")
@@ -98,3 +98,15 @@ def test_all_public_names_resolve() -> None:
     with pytest.raises(AttributeError):
         _ = mf.nonsense  # type: ignore[attr-defined]
     assert np.isfinite(float(parameters.crazyflie().mass))
+
+
+def test_the_python_of_the_identification_page_runs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    for number, flight in enumerate(mf.record(mf.virtual_drone(7), jax.random.key(0), flights=2, duration=4.0)):
+        log.write(f"run/recorded/flight_{number}.csv", flight)
+    monkeypatch.setattr(mf, "identify", partial(mf.identify, over=["thrust_to_weight", "latency"], evaluations=15, trials=1), raising=False)
+    (snippet,) = blocks("docs/identification.md", "python")
+    names: dict[str, Any] = {}
+    exec(compile(snippet, "docs/identification.md", "exec"), names)
+    assert "thrust_to_weight" in capsys.readouterr().out
+    assert names["paper"].kind == "replay"
+    assert len(names["drones"].drones.mass) > 100

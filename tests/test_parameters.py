@@ -10,7 +10,21 @@ import pytest
 from hypothesis import given
 
 from maidenflight.errors import InputError
-from maidenflight.parameters import DRONES, QUANTITIES, Parameters, check, crazyflie, from_toml, noiseless, read, replace, to_toml, write
+from maidenflight.parameters import (
+    COMPONENTS,
+    DRONES,
+    QUANTITIES,
+    Parameters,
+    check,
+    component,
+    crazyflie,
+    from_toml,
+    noiseless,
+    read,
+    replace,
+    to_toml,
+    write,
+)
 
 GOOD = to_toml(crazyflie(), "crazyflie")
 FIELDS = list(QUANTITIES)
@@ -182,3 +196,55 @@ def test_noiseless_silences_the_noise_and_nothing_else():
     sensors = {"position_noise", "position_noise_uniform", "velocity_noise", "attitude_noise", "attitude_noise_uniform", "gyro_noise"}
     assert changed == sensors | {"actuator_noise", "gyro_turn_on_bias", "gyro_bias_walk"}
     assert all(getattr(quiet, name) == 0 for name in changed)
+
+
+def test_a_noiseless_drone_does_not_walk():
+    quiet = noiseless(replace(crazyflie(), position_walk=0.1, velocity_walk=0.2))
+    assert quiet.position_walk == quiet.velocity_walk == 0
+
+
+def test_every_single_number_of_a_drone_is_a_component_once():
+    singles = [name for name in FIELDS if QUANTITIES[name].size == 1]
+    vectors = [f"{name}_{axis}" for name in FIELDS if QUANTITIES[name].size == 3 for axis in "xyz"]
+    assert list(COMPONENTS) == singles + vectors
+    assert len(COMPONENTS) == sum(leaf.size for leaf in jax.tree.leaves(crazyflie()))
+    assert len(set(COMPONENTS.values())) == len(COMPONENTS)
+
+
+@given(drones(), drones())
+def test_components_put_one_by_one_make_the_drone_they_were_read_from(drone, other):
+    """Each component by hand from its field, and all of them back into another drone."""
+    for name in COMPONENTS:
+        field, axis = (name[:-2], "xyz".index(name[-1])) if name[:-2] in QUANTITIES else (name, None)
+        value = np.asarray(getattr(drone, field))
+        assert component(drone, name) == (value if axis is None else value[axis])
+    rebuilt = replace(other, **{name: component(drone, name) for name in COMPONENTS})
+    jax.tree.map(np.testing.assert_array_equal, rebuilt, drone)
+
+
+def test_a_component_is_replaced_and_its_neighbours_are_kept():
+    drone = replace(crazyflie(), inertia_x=2e-5, mass=0.03, torque_bias_z=1e-6)
+    np.testing.assert_array_equal(drone.inertia, np.array([2e-5, 1.33e-5, 2.64e-5], np.float32))
+    np.testing.assert_array_equal(drone.torque_bias, np.array([0, 0, 1e-6], np.float32))
+    assert drone.mass == np.float32(0.03)
+    check(drone)
+
+
+def test_a_component_is_replaced_in_each_drone_of_a_batch():
+    batch = jax.tree.map(lambda leaf: np.stack([leaf] * 4), crazyflie())
+    values = np.linspace(1e-5, 2e-5, 4, dtype=np.float32)
+    for drones in (replace(batch, inertia_x=values), replace(replace(batch, inertia_x=np.float32(1e-5)), inertia_x=values)):
+        assert drones.inertia.shape == (4, 3)
+        np.testing.assert_array_equal(component(drones, "inertia_x"), values)
+        np.testing.assert_array_equal(drones.inertia[:, 1:], batch.inertia[:, 1:])
+
+
+def test_a_traced_component_is_differentiated_through():
+    """d(2 x + 3 y) of inertia by hand, compiled."""
+
+    def weighted(value):
+        return replace(crazyflie(), inertia_x=value).inertia @ np.array([2, 3, 0], np.float32)
+
+    value, slope = jax.jit(jax.value_and_grad(weighted))(np.float32(2e-5))
+    assert value == pytest.approx(2 * 2e-5 + 3 * 1.33e-5, rel=1e-6)
+    assert slope == 2

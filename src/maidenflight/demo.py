@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,8 +11,7 @@ import polars
 
 from maidenflight import results, workflow
 from maidenflight.experiments.transfer import Transfer
-from maidenflight.identification.identify import Identification
-from maidenflight.identification.selection import FIRST
+from maidenflight.identification.identify import AUTO, Identification
 from maidenflight.parameters import Parameters
 from maidenflight.reporting.page import report
 from maidenflight.training.analytic_gradient import AnalyticGradient, Progress
@@ -26,9 +25,11 @@ class Plan:
     """Flights recorded."""
     duration: float = 30.0
     """Of each of them [s]."""
+    over: str | Sequence[str] = AUTO
+    """Parameters to identify; `AUTO`: the flights choose them."""
     evaluations: int = 60
-    """Evaluations of the objective, a trial."""
-    trials: int = 3
+    """Most evaluations of the likelihood, a trial."""
+    trials: int = 1
     """Trials of the optimiser."""
     policies: int = 3
     """Policies trained."""
@@ -88,7 +89,7 @@ def demo(folder: Path, seed: int, plan: Plan, listener: Listener) -> Demo:
             recorded,
             seed,
             folder / "drone.toml",
-            FIRST,
+            plan.over,
             "crazyflie",
             evaluations=plan.evaluations,
             trials=plan.trials,

@@ -26,7 +26,7 @@ def progress(title: str, total: int | None) -> Iterator[Callable[[int, int | Non
         task = bar.add_task(title, total=total, remark="")
 
         def move(done: int, of: int | None, remark: str) -> None:
-            if of is None:
+            if of is None and bar.tasks[0].total is not None:
                 bar.reset(task, total=None)
             bar.update(task, completed=done, total=of, remark=remark)
 
@@ -122,15 +122,17 @@ def flights(flown: "Transfer") -> None:
 
 
 def truth(result: "Demo") -> dict[str, str]:
-    """What the demo's virtual drone really has, in words: two lags and two delays stand against one each in the model."""
+    """What the demo's virtual drone really has, in words: the model has one delay where the drone has two."""
+    from maidenflight.parameters import component
+
     hidden = result.truth
-    up, slower = float(hidden.motor_time_constant) * 1e3, float(hidden.motor_slowdown)
     latency, late = float(hidden.latency) * 1e3, float(hidden.estimator_delay + hidden.gyro_lag) * 1e3
-    return {
-        "thrust_to_weight": f"{float(hidden.thrust_to_weight):.4g}",
-        "motor_time_constant": f"{up:.3g} ms up, {up * slower:.3g} ms down",
-        "latency": f"{latency:.2g} ms + {late:.2g} ms sensors",
-    }
+    plain = {name: f"{float(component(hidden, name)):.4g}" for name in result.identification.estimates}
+    if "motor_time_constant" in plain:
+        plain["motor_time_constant"] = f"{float(hidden.motor_time_constant) * 1e3:.4g}"
+    if "latency" in plain:
+        plain["latency"] = f"{latency:.2g} + {late:.2g} sensors"
+    return plain
 
 
 def summary(result: "Demo") -> None:

@@ -68,7 +68,7 @@ def identify_from(
     logs: StrPath,
     seed: int,
     output: StrPath,
-    over: Sequence[str] | str,
+    over: Sequence[str] | str | None,
     start: str,
     *,
     objective: str = OBJECTIVES[0],
@@ -101,7 +101,7 @@ def identify_from(
     )
     settings: dict[str, Any] = {
         "start": Path(start).name,
-        "over": over if isinstance(over, str) else list(over),
+        "over": over if isinstance(over, str) else list(over or found.estimates),
         "objective": objective,
         "history": history,
         "evaluations": evaluations,

@@ -4,6 +4,7 @@ Each flight starts in hover. Feedback of the true state keeps the drone level, a
 excited by pulses + - - + of random sign, 50 ms each.
 """
 
+import dataclasses
 from functools import partial
 
 import jax
@@ -50,24 +51,26 @@ def stabilised(state, parameters):
 
 
 @partial(jax.jit, static_argnums=0)
-def _fly(world, parameters, additions):
+def _fly(world, parameters, additions, keys):
     state = dynamics.at_hover(world.task.reference(jnp.zeros(())), parameters)
     first = environment.begin(world, state, jnp.zeros(()), parameters, jax.random.key(0))
 
-    def one(episode, addition):
+    def one(episode, row):
+        addition, key = row
         command = dynamics.hover_command(parameters) + addition + stabilised(episode.state, parameters)
-        after, _ = environment.step(world, episode, 2.0 * command - 1.0, parameters, jax.random.key(0))
+        after, _ = environment.step(world, episode, 2.0 * command - 1.0, parameters, key)
         return after, (episode.state, after.actuators.ratio)
 
-    return jax.lax.scan(one, first, additions)[1]
+    return jax.lax.scan(one, first, (additions, keys))[1]
 
 
 def logs(parameters, count=FLIGHTS, seed=0):
-    """Flights whose rows are the exact states and whose commands are exact and held."""
+    """Flights whose rows are the exact states and whose commands are exact and held; the motors are as noisy as the drone's."""
     generator = np.random.default_rng(seed)
     flights = []
     for number in range(count):
-        states, command = _fly(WORLD, parameters, jnp.asarray(excitation(generator)))
+        keys = jax.random.split(jax.random.key(1000 * seed + number), ROWS)
+        states, command = _fly(WORLD, parameters, jnp.asarray(excitation(generator)), keys)
         flights.append(
             Flight(
                 name=f"planted {number}",
@@ -83,3 +86,16 @@ def logs(parameters, count=FLIGHTS, seed=0):
             )
         )
     return flights
+
+
+def with_noise(flights, seed=0, velocity=0.01, rates=0.05):
+    """The same flights with white noise on what was measured of velocity and body rates."""
+    generator = np.random.default_rng(seed)
+
+    def noisy(exact, size):
+        return exact + generator.normal(0, size, exact.shape).astype(np.float32)
+
+    return [
+        dataclasses.replace(flight, velocity=noisy(flight.velocity, velocity), body_rates=noisy(flight.body_rates, rates))
+        for flight in flights
+    ]

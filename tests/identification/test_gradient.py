@@ -106,7 +106,7 @@ def test_the_box_is_never_left_and_an_optimum_outside_is_met_at_its_face(objecti
 
 def test_identify_follows_gradients_unless_told_otherwise(flights):
     seen = []
-    found = identify(flights, key=jax.random.key(2), trials=2, on_evaluation=lambda *counts: seen.append(counts))
+    found = identify(flights, key=jax.random.key(2), objective="replay", trials=2, on_evaluation=lambda *counts: seen.append(counts))
     for name, truth in zip(NAMES, TRUTH, strict=True):
         assert found.estimates[name].value == pytest.approx(truth, rel=0.05)
         assert np.ptp(found.estimates[name].trials) < 0.02 * truth
@@ -115,4 +115,4 @@ def test_identify_follows_gradients_unless_told_otherwise(flights):
 
 def test_an_unknown_method_is_refused_in_words(flights):
     with pytest.raises(InputError, match=r"unknown method 'newton'.*gradient, bayesian"):
-        identify(flights, method="newton")
+        identify(flights, objective="replay", method="newton")

@@ -1,6 +1,7 @@
 """Identification: what was planted is found again, on the model's own flights; on real ones the answer is the study's."""
 
 import itertools
+import tomllib
 from typing import Any
 
 import jax
@@ -10,11 +11,13 @@ import pytest
 
 from maidenflight.errors import InputError
 from maidenflight.flights.reading import read_flights
-from maidenflight.identification.identify import METHODS, PAPER_BOUNDS, identify
+from maidenflight.identification import likelihood
+from maidenflight.identification.identify import AUTO, METHODS, PAPER_BOUNDS, SAVED, identify, posterior_ensemble
 from maidenflight.identification.posterior import DESIGN
-from maidenflight.parameters import QUANTITIES, check, crazyflie, noiseless
+from maidenflight.identification.selection import FIRST
+from maidenflight.parameters import QUANTITIES, check, crazyflie, noiseless, read, write
 
-FEW: dict[str, Any] = {"evaluations": 12, "trials": 1, "method": "bayesian"}
+FEW: dict[str, Any] = {"evaluations": 12, "trials": 1, "method": "bayesian", "objective": "replay"}
 
 
 @pytest.fixture(scope="module")
@@ -24,14 +27,14 @@ def flights():
 
 @pytest.fixture(scope="module")
 def quick(flights):
-    return identify(flights, key=jax.random.key(5), evaluations=14, trials=2, method="bayesian")
+    return identify(flights, key=jax.random.key(5), evaluations=14, trials=2, method="bayesian", objective="replay")
 
 
 @pytest.mark.parametrize("planted_xi", [(1.9, 0.06, 0.012), (1.7, 0.03, 0.004), (1.6, 0.11, 0.025)])
 @pytest.mark.parametrize("method", METHODS)
 def test_a_planted_drone_is_found_again(planted_xi, method):
     """k_F within 1 %, T_m + latency within 3 ms, latency within 4 ms."""
-    found = identify(planted.logs(planted.drone(*planted_xi)), method=method)
+    found = identify(planted.logs(planted.drone(*planted_xi)), objective="replay", method=method)
     thrust, lag, delay = (found.estimates[name].value for name in PAPER_BOUNDS)
     print(
         f"planted {planted_xi}: k_F {thrust / planted_xi[0] - 1:+.2%}, T_m + latency {1e3 * (lag + delay - sum(planted_xi[1:])):+.2f} ms,",
@@ -98,8 +101,8 @@ def test_the_optimum_is_the_best_point_of_history(quick):
 
 
 def test_the_same_key_gives_the_same_result_and_another_key_another(flights, quick):
-    again = identify(flights, key=jax.random.key(5), evaluations=14, trials=2, method="bayesian")
-    other = identify(flights, key=jax.random.key(6), evaluations=14, trials=2, method="bayesian")
+    again = identify(flights, key=jax.random.key(5), evaluations=14, trials=2, method="bayesian", objective="replay")
+    other = identify(flights, key=jax.random.key(6), evaluations=14, trials=2, method="bayesian", objective="replay")
     assert again.to_table() == quick.to_table()
     assert again.history.equals(quick.history)
     assert not other.history.equals(quick.history)
@@ -107,8 +110,8 @@ def test_the_same_key_gives_the_same_result_and_another_key_another(flights, qui
 
 def test_the_table_for_the_file_holds_no_time_of_day(quick):
     table = quick.to_table()
-    assert set(table) == {"objective", "windows", "evaluations", *PAPER_BOUNDS}
-    assert set(table["latency"]) == {"value", "interval", "trial_mean", "trial_deviation"}
+    assert set(table) == {"kind", "objective", "windows", "evaluations", *PAPER_BOUNDS}
+    assert set(table["latency"]) == {"value", "interval", "trial_mean", "trial_deviation", "spread", "valley"}
 
 
 def test_progress_is_counted_to_the_plan(flights):
@@ -120,7 +123,7 @@ def test_progress_is_counted_to_the_plan(flights):
 
 @pytest.mark.parametrize(("bounds", "side"), [((1.5, 1.75), "1.75"), ((2.1, 2.5), "2.1")])
 def test_an_optimum_at_a_search_bound_gives_a_note(flights, bounds, side):
-    found = identify(flights, bounds={**PAPER_BOUNDS, "thrust_to_weight": bounds}, evaluations=40, trials=1)
+    found = identify(flights, bounds={**PAPER_BOUNDS, "thrust_to_weight": bounds}, evaluations=40, trials=1, objective="replay")
     assert any(note.startswith(f"thrust_to_weight lies at its search bound {side}") for note in found.notes)
 
 
@@ -137,19 +140,19 @@ def test_an_optimum_inside_its_bounds_gives_no_note(quick):
         (["latency"], {"latency": (0.01, 0.01)}, "expected a rising pair"),
         (["latency"], {"latency": (0.0, 0.06)}, r"within \[0, 0\.05\] s"),
         (["latency"], {"latency": (float("nan"), 0.05)}, "expected a rising pair"),
-        (["inertia"], {"inertia": (1e-6, 1e-4)}, "single number"),
+        (["inertia"], {"inertia": (1e-6, 1e-4)}, "unknown parameter 'inertia'.*inertia_x"),
         (["latency", "latency"], {}, "once"),
         ([], {}, "at least one"),
     ],
 )
 def test_what_cannot_be_searched_is_refused_in_words(flights, over, bounds, words):
     with pytest.raises(InputError, match=words):
-        identify(flights, over, bounds={**PAPER_BOUNDS, **bounds})
+        identify(flights, over, objective="replay", bounds={**PAPER_BOUNDS, **bounds})
 
 
 def test_too_little_flight_is_refused():
     with pytest.raises(InputError, match="no flight is long enough"):
-        identify([])
+        identify([], objective="replay")
 
 
 def test_a_single_stretch_of_flight_has_no_interval_to_be_sure_of(flights):
@@ -164,7 +167,7 @@ def test_a_third_of_the_real_pwm_flights_gives_the_studys_drone(shared_data):
     assert len(folders) == 12
     # Policies that crash within half a second leave a folder without a usable flight.
     flights = itertools.chain.from_iterable(usable(folder) for folder in folders)
-    found = identify(flights, evaluations=25, trials=2)
+    found = identify(flights, objective="replay", evaluations=25, trials=2)
     thrust, lag, delay = (found.estimates[name].value for name in PAPER_BOUNDS)
     print(f"real: k_F {thrust:.3f}, T_m {1e3 * lag:.1f} ms, latency {1e3 * delay:.1f} ms, {found.windows} windows, {found.seconds:.1f} s")
     assert 1.45 < thrust < 1.60
@@ -176,3 +179,110 @@ def usable(folder):
         return read_flights(folder).flights
     except InputError:
         return ()
+
+
+@pytest.fixture(scope="module")
+def noisy(flights):
+    return planted.with_noise(flights, seed=3)
+
+
+@pytest.fixture(scope="module")
+def likely(noisy):
+    return identify(noisy, FIRST, key=jax.random.key(5), trials=1)
+
+
+def test_likelihood_is_the_objective_unless_told_otherwise(likely, quick):
+    assert (likely.kind, quick.kind) == ("likelihood", "replay")
+    assert likely.to_table()["kind"] == "likelihood"
+    assert likely.noise
+    assert not quick.noise
+
+
+def test_a_most_likely_value_lies_in_its_interval_and_its_draws_within_bounds(likely, noisy):
+    searched = likelihood.bounds(crazyflie())
+    for name, estimate in likely.estimates.items():
+        low, high = estimate.interval
+        assert low <= estimate.value <= high
+        assert getattr(likely.parameters, name) == np.float32(estimate.value)
+        draws = likely.draws[name]
+        assert searched[name][0] <= draws.min() < draws.max() <= searched[name][1]
+        assert len(np.unique(draws)) > 100
+        assert estimate.valley is None
+    check(likely.parameters)
+    assert likely.windows == len(noisy), "two seconds have room for one"
+    assert likely.history["objective"].min() == likely.objective < likely.start_objective
+    assert len(likely.history) == likely.evaluations
+
+
+def test_a_parameter_at_a_bound_keeps_its_draws_within_it(noisy):
+    found = identify(noisy, ["thrust_to_weight"], trials=1, bounds={"thrust_to_weight": (1.5, 1.8)})
+    assert found.draws["thrust_to_weight"].max() <= 1.8
+    assert any(note.startswith("thrust_to_weight lies at its search bound 1.8") for note in found.notes)
+
+
+def test_the_same_key_gives_the_same_likelihood_and_another_key_other_draws(noisy, likely):
+    again = identify(noisy, FIRST, key=jax.random.key(5), trials=1)
+    other = identify(noisy, FIRST, key=jax.random.key(6), trials=1)
+    assert again.to_table() == likely.to_table()
+    assert again.posterior_table() == likely.posterior_table()
+    assert other.posterior_table() != likely.posterior_table()
+    assert other.objective == likely.objective, "the first trial begins at the start, whatever the key"
+
+
+def test_a_posterior_comes_back_from_its_file_as_drones_to_train_on(likely, tmp_path):
+    path = write(tmp_path / "mine.toml", likely.parameters, {"posterior": likely.posterior_table()})
+    table = tomllib.loads(path.read_text())["posterior"]
+    assert table["names"] == list(likely.draws)
+    back = posterior_ensemble(read(path), table, str(path))
+    for name, draws in likely.draws.items():
+        np.testing.assert_allclose(getattr(back.drones, name), draws[:SAVED], rtol=1e-5)
+    np.testing.assert_array_equal(back.drones.inertia, np.tile(likely.parameters.inertia, (SAVED, 1)))
+    drawn = jax.vmap(back.draw)(jax.random.split(jax.random.key(0), 500))
+    rows = np.stack([getattr(drawn, name) for name in likely.draws], axis=1)
+    saved = np.stack([getattr(back.drones, name) for name in likely.draws], axis=1)
+    assert (rows[:, None] == saved[None]).all(axis=2).any(axis=1).all(), "whole drones, values that belong together"
+    assert len(np.unique(rows, axis=0)) > SAVED / 2
+
+
+def test_a_posterior_over_a_component_moves_that_component_alone():
+    drones = posterior_ensemble(crazyflie(), {"names": ["inertia_x", "latency"], "draws": [[1e-5, 0.01], [2e-5, 0.02]]}, "mine.toml").drones
+    expected = np.array([[1e-5, 1.33e-5, 2.64e-5], [2e-5, 1.33e-5, 2.64e-5]], np.float32)
+    np.testing.assert_array_equal(drones.inertia, expected)
+    np.testing.assert_array_equal(drones.latency, np.array([0.01, 0.02], np.float32))
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ({}, r"no usable \[posterior\] table"),
+        (3, "no usable"),
+        ({"names": ["latency"]}, "no usable"),
+        ({"draws": [[0.01]]}, "no usable"),
+        ({"names": [], "draws": []}, "no usable"),
+        ({"names": ["latency"], "draws": []}, "no usable"),
+        ({"names": ["latency"], "draws": [0.01, 0.02]}, "no usable"),
+        ({"names": ["latency"], "draws": [[0.01, 0.02]]}, "no usable"),
+        ({"names": ["latency"], "draws": [[0.01], [0.01, 0.02]]}, "no usable"),
+        ({"names": ["latency"], "draws": [["much"]]}, "no usable"),
+        ({"names": "latency", "draws": [[0.01]]}, "no usable"),
+        ({"names": [["latency"]], "draws": [[0.01]]}, "no usable"),
+        ({"names": ["k_F"], "draws": [[1.9]]}, "no usable"),
+        ({"names": ["latency", "latency"], "draws": [[0.01, 0.02]]}, "no usable"),
+        ({"names": ["latency"], "draws": [[0.01], [0.06]]}, "draw 2: latency = 0.06 s is outside"),
+        ({"names": ["latency"], "draws": [[float("nan")]]}, "draw 1: latency = nan s is outside"),
+    ],
+)
+def test_a_posterior_that_makes_no_sense_is_refused_in_words(table, words):
+    with pytest.raises(InputError, match=words) as caught:
+        posterior_ensemble(crazyflie(), table, "mine.toml")
+    assert str(caught.value).startswith("mine.toml")
+
+
+def test_parameters_are_chosen_by_likelihood_only(flights):
+    with pytest.raises(InputError, match="chosen by likelihood only"):
+        identify(flights, AUTO, objective="replay")
+
+
+def test_an_unknown_objective_is_refused_with_the_known_ones(flights):
+    with pytest.raises(InputError, match=r"unknown objective 'least squares'.*likelihood, replay"):
+        identify(flights, objective="least squares")

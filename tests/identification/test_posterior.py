@@ -74,3 +74,61 @@ def test_every_evaluation_is_kept_with_its_mean_loss():
 def test_the_same_generator_redraws_the_same_data():
     one, two = redrawn(0.1, 20, seed=4)[1], redrawn(0.1, 20, seed=4)[1]
     np.testing.assert_array_equal(one.optima, two.optima)
+
+
+STEEP = np.array([[4e6, 30.0, -200.0], [30.0, 2e-3, 0.001], [-200.0, 0.001, 0.05]])
+"""A curvature of parameters in units far apart, such as a torque and a time."""
+
+
+def drawn_scores(generator, covariance, count):
+    return generator.normal(size=(count, len(covariance))) @ np.linalg.cholesky(covariance).T
+
+
+def relative(covariance, expected):
+    """A covariance in units of the expected one, which then is the identity."""
+    root = np.linalg.inv(np.linalg.cholesky(expected))
+    return root @ covariance @ root.T
+
+
+def test_the_sandwich_of_a_right_model_is_the_inverse_of_the_curvature():
+    """Scores of covariance H in all, as Fisher's identity has it."""
+    found = posterior.sandwich(drawn_scores(np.random.default_rng(0), STEEP / 40_000, 40_000), STEEP)
+    np.testing.assert_allclose(relative(found, np.linalg.inv(STEEP)), np.eye(3), atol=0.04)
+
+
+@pytest.mark.parametrize("rows", [2, 5])
+def test_the_sandwich_grows_as_rows_of_a_stretch_say_the_same(rows):
+    """Where so many rows are one and the same the data are so many times fewer."""
+    alone = drawn_scores(np.random.default_rng(1), STEEP / 40_000, 40_000 // rows)
+    found = posterior.sandwich(rows * alone, STEEP)
+    np.testing.assert_allclose(relative(found, np.linalg.inv(STEEP)), rows * np.eye(3), atol=0.05 * rows)
+
+
+def test_the_sandwich_of_a_mean_is_its_textbook_variance():
+    """Numbers of unit variance under a model that takes their deviation for half of it: the sample's own s^2 / n comes out."""
+    numbers = np.random.default_rng(2).normal(3.0, 1.0, 50)
+    scores, curvature = (numbers.mean() - numbers)[:, None] / 0.5**2, np.array([[50 / 0.5**2]])
+    np.testing.assert_allclose(posterior.sandwich(scores, curvature), [[numbers.var(ddof=1) / 50]], rtol=1e-6)
+
+
+def stretches(generator, spread, count=600, noise=1.0):
+    """Scores and curvatures of stretches whose parameters differ by so much, some stretches longer than others."""
+    curvatures = STEEP * generator.uniform(0.9, 1.1, (count, 1, 1))
+    apart = np.asarray(spread) * generator.normal(size=(count, 3))
+    own = noise * np.einsum("bij,bj->bi", np.linalg.cholesky(curvatures), generator.normal(size=(count, 3)))
+    return np.einsum("bij,bj->bi", curvatures, apart) + own, curvatures
+
+
+@pytest.mark.parametrize("size", [2.0, 5.0])
+def test_how_much_stretches_differ_is_recovered_beyond_their_noise(size):
+    own = np.sqrt(np.diag(np.linalg.inv(STEEP)))
+    found = posterior.spread(*stretches(np.random.default_rng(3), size * own))
+    np.testing.assert_allclose(found, size * own, rtol=0.2)
+
+
+def test_stretches_that_differ_by_their_noise_alone_have_no_spread():
+    own = np.sqrt(np.diag(np.linalg.inv(STEEP)))
+    found = posterior.spread(*stretches(np.random.default_rng(4), np.zeros(3)))
+    assert (found < 0.4 * own).all()
+    quiet = posterior.spread(*stretches(np.random.default_rng(5), np.zeros(3), noise=0.5))
+    np.testing.assert_array_equal(quiet, 0.0)

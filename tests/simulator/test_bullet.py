@@ -106,6 +106,33 @@ def test_bullet_tends_to_our_equations_at_first_order_and_meets_them_at_a_tenth_
     assert errors[10000][1] < 0.2
 
 
+FURTHER = replace(UNEQUAL, flapping_moment=1e-4, rotational_damping=2e-5, rotor_momentum=3e-5, torque_bias=(2e-5, -3e-5, 1e-5))
+
+
+@pytest.mark.parametrize(
+    "alone",
+    [
+        {"flapping_moment": 1e-4},
+        {"rotational_damping": 2e-5},
+        {"rotor_momentum": 3e-5},
+        {"torque_bias": (2e-5, -3e-5, 1e-5)},
+        {name: getattr(FURTHER, name) for name in ("flapping_moment", "rotational_damping", "rotor_momentum", "torque_bias")},
+    ],
+    ids=["flapping", "damping", "rotor momentum", "bias", "all"],
+)
+def test_bullet_feels_the_torques_that_the_papers_model_lacks_as_our_equations_do(pybullet, truth, alone):
+    def flown(fly, steps):
+        commands, parameters = thrown(steps)
+        return fly(THROWN, commands, replace(parameters, **alone))
+
+    expected = flown(partial(ours, dynamics.rk4), 2000)
+    assert apart(expected, truth)[1] > 3, "it matters"
+    errors = [apart(flown(Bullet().simulate, steps), expected) for steps in (1000, 2000)]
+    np.testing.assert_allclose(errors[0] / errors[1], 2, atol=0.1)
+    assert errors[1][0] < 0.01
+    assert errors[1][1] < 1
+
+
 def test_bullet_extrapolated_to_no_step_at_all_is_rk4(pybullet, truth):
     one, half = (Bullet().simulate(THROWN, *thrown(steps)).position[steps // 250 - 1 :: steps // 250] for steps in (1000, 2000))
     assert np.linalg.norm(2 * half - one - truth.position[39::40], axis=1).max() < 1e-4

@@ -10,6 +10,7 @@ import pytest
 from arrays import float32, float64
 from hypothesis import given
 from jax import lax
+from scipy.spatial.transform import Rotation
 
 from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, replace
@@ -18,10 +19,14 @@ from maidenflight.simulator.dynamics import State
 from maidenflight.simulator.environment import Environment
 
 PAPER = crazyflie()
-INTEGRATORS = [dynamics.euler, dynamics.rk4]
+INTEGRATORS = [dynamics.euler, dynamics.midpoint, dynamics.rk4]
+FURTHER = replace(PAPER, flapping_moment=1e-4, rotational_damping=2e-5, rotor_momentum=3e-5, torque_bias=(2e-5, -3e-5, 1e-5))
+"""A drone with all that turns it and is not in the paper's model, several times as strong as in a Crazyflie."""
 angular_acceleration = jax.jit(dynamics.angular_acceleration)
 linear_acceleration = jax.jit(dynamics.linear_acceleration)
 torque = jax.jit(dynamics.torque)
+further_torque = jax.jit(dynamics.further_torque)
+spin_up = jax.jit(dynamics.spin_up)
 from_attitude = jax.jit(rotations.from_attitude)
 
 vectors = st.tuples(*[st.floats(-10, 10, width=16)] * 3).map(float32)
@@ -51,9 +56,9 @@ def in_float64(integrator, state, command, parameters, steps):
 OFF = STILL = np.zeros(4, np.float32)
 
 
-@pytest.mark.parametrize(("integrator", "lateness"), [(dynamics.euler, 0.5), (dynamics.rk4, 0.0)])
+@pytest.mark.parametrize(("integrator", "lateness"), [(dynamics.euler, 0.5), (dynamics.midpoint, 0.0), (dynamics.rk4, 0.0)])
 def test_a_drone_with_its_motors_off_falls_on_a_parabola(integrator, lateness):
-    """RK4 is exact; semi-implicit Euler falls half a step's speed deeper, g t dt / 2."""
+    """RK4 and the midpoint are exact; semi-implicit Euler falls half a step's speed deeper, g t dt / 2."""
     state = fly(integrator, drone(velocity=(1, -2, 3)), OFF, PAPER, 200)
     np.testing.assert_allclose(state.velocity, [1, -2, 3 - 9.81], atol=1e-4)
     np.testing.assert_allclose(state.position, [1, -2, 1 + 3 - 9.81 / 2 - lateness * 9.81 * 0.005], atol=1e-4)
@@ -112,10 +117,11 @@ def test_a_mirrored_command_gives_a_mirrored_motion(integrator, rotors, axis, at
             mirror * state.position, mirror * state.velocity, quaternion, turn * state.body_rates, state.rotor_speed[np.array(rotors)]
         )
 
-    parameters = replace(PAPER, drag=(0.3, 0.2, 0.1), motor_slowdown=1.5)
+    parameters = replace(FURTHER, drag=(0.3, 0.2, 0.1), motor_slowdown=1.5)
+    turned_bias = replace(parameters, torque_bias=turn * parameters.torque_bias)
     start = State(*map(jnp.asarray, drone((0.1, 0.2, 1), velocity, attitude, rates, rotor_speed)))
     expected = mirrored(fly(integrator, start, command, parameters, 20))
-    found = fly(integrator, mirrored(start), command[rotors], parameters, 20)
+    found = fly(integrator, mirrored(start), command[rotors], turned_bias, 20)
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-3)
 
@@ -149,20 +155,136 @@ def test_the_constant_part_of_the_rotor_torque_has_no_effect(rotor_speed):
     np.testing.assert_allclose(much, without, atol=1e-9)
 
 
-@pytest.mark.parametrize("integrator", INTEGRATORS)
-def test_the_order_of_convergence(integrator):
+UNDER_WAY = drone((0, 0, 1), (0.5, -0.3, 0.2), (0.2, -0.1, 0.4), (1, -2, 0.5), (0.7, 0.75, 0.8, 0.72))
+TRIM = float32([0.74, 0.76, 0.75, 0.755])
+
+
+def flown(integrator, parameters, steps):
+    """Where 0.4 s of flight end, in float64: position, velocity, quaternion, body rates and rotor speeds in one row."""
+    return np.concatenate(in_float64(integrator, UNDER_WAY, TRIM, replace(parameters, time_step=np.asarray(0.4 / steps)), steps))
+
+
+def orders(integrator, parameters):
+    truth = flown(dynamics.rk4, parameters, 1600)
+    errors = [np.linalg.norm(flown(integrator, parameters, steps) - truth) for steps in (40, 80, 160)]
+    return np.log2(np.divide(errors[:-1], errors[1:]))
+
+
+@pytest.mark.parametrize(("integrator", "order"), [(dynamics.euler, 1), (dynamics.rk4, 4)])
+def test_the_order_of_convergence(integrator, order):
     """Halving the step halves the error of Euler's method and divides that of RK4 by sixteen."""
-    start = drone((0, 0, 1), (0.5, -0.3, 0.2), (0.2, -0.1, 0.4), (1, -2, 0.5), (0.7, 0.75, 0.8, 0.72))
-    command, parameters = float32([0.74, 0.76, 0.75, 0.755]), replace(PAPER, drag=(0.3, 0.3, 0.1))
+    np.testing.assert_allclose(orders(integrator, replace(PAPER, drag=(0.3, 0.3, 0.1))), order, atol=0.1)
+    np.testing.assert_allclose(orders(integrator, replace(FURTHER, drag=(0.3, 0.3, 0.1))), order, atol=0.15)
 
-    def flown(integrator, steps):
-        end = in_float64(integrator, start, command, replace(parameters, time_step=np.asarray(0.4 / steps)), steps)
-        return np.concatenate(end)
 
-    truth = flown(dynamics.rk4, 1600)
-    errors = [np.linalg.norm(flown(integrator, steps) - truth) for steps in (40, 80, 160)]
-    orders = np.log2(np.divide(errors[:-1], errors[1:]))
-    np.testing.assert_allclose(orders, 1 if integrator is dynamics.euler else 4, atol=0.1)
+def test_the_midpoint_is_of_second_order_from_command_to_position():
+    """A quarter of the error by half the step, where nothing but rotors and weight acts: a round body has no gyroscopic torque."""
+    round_body = replace(PAPER, inertia=(1.33e-5, 1.33e-5, 1.33e-5), rotor_momentum=3e-5, torque_bias=(2e-5, -3e-5, 1e-5))
+    np.testing.assert_allclose(orders(dynamics.midpoint, round_body), 2, atol=0.1)
+    np.testing.assert_allclose(orders(dynamics.euler, round_body), 1, atol=0.1)
+
+
+@pytest.mark.parametrize("parameters", [PAPER, replace(FURTHER, drag=(0.3, 0.3, 0.1), motor_slowdown=1.5)], ids=["paper", "further"])
+def test_the_midpoint_at_the_papers_step_is_several_times_closer_than_euler(parameters):
+    """What is slow (gyroscopic torque, drag, flapping) it takes from a step's start; that costs little."""
+    truth = flown(dynamics.rk4, parameters, 400)
+    euler, midpoint = (np.abs(flown(integrator, parameters, 80) - truth) for integrator in (dynamics.euler, dynamics.midpoint))
+    assert np.linalg.norm(euler) > 4 * np.linalg.norm(midpoint)
+    assert np.linalg.norm(midpoint[:3]) < 2e-3
+
+
+@given(speeds, speeds, st.floats(0.001, 1), st.floats(0.125, 8), st.floats(1e-5, 0.02))
+def test_the_trapezoidal_motor_never_moves_away_from_its_command(rotor_speed, command, lag, slowdown, step):
+    """By hand, (1 - x / 2) / (1 + x / 2) of the distance is left, x = dt / T: less than all of it however long the step."""
+    parameters = replace(PAPER, motor_time_constant=lag, motor_slowdown=slowdown, time_step=step)
+    after = rotor_speed + step * float64(spin_up(rotor_speed, command, parameters))
+    steps = step / np.where(command < rotor_speed, lag * slowdown, lag)
+    left = (1 - steps / 2) / (1 + steps / 2) * (rotor_speed - command)
+    np.testing.assert_allclose(after - command, left, atol=2e-6)
+    assert (np.abs(after - command) <= np.abs(rotor_speed - command) + 2e-6).all()
+
+
+@pytest.mark.parametrize("lag", [0.001, 0.0025, 0.01])
+def test_at_long_steps_the_midpoints_motor_settles_where_eulers_diverges(lag):
+    coarse, command = replace(PAPER, motor_time_constant=lag, time_step=0.02), np.full(4, 0.8, np.float32)
+    settled = fly(dynamics.midpoint, drone(rotor_speed=(0.7,) * 4), command, coarse, 100).rotor_speed
+    np.testing.assert_allclose(settled, 0.8, atol=1e-4)
+    if lag < 0.01:
+        assert np.abs(fly(dynamics.euler, drone(rotor_speed=(0.7,) * 4), command, coarse, 20).rotor_speed).max() > 10
+
+
+@given(attitudes, vectors, vectors, st.tuples(*[st.floats(-10, 10, width=16)] * 4).map(float32))
+def test_the_papers_crazyflie_has_no_further_torque(attitude, velocity, rates, change):
+    state = drone(velocity=velocity, attitude=attitude, body_rates=rates)
+    np.testing.assert_array_equal(further_torque(state, change, PAPER), 0.0)
+
+
+@given(attitudes, vectors, vectors)
+def test_flapping_torque_is_the_moment_against_the_flights_direction(attitude, velocity, rates):
+    """-c_f z x v by hand, v in the body's axes: it neither turns about z nor about the direction of flight."""
+    state = drone(velocity=velocity, attitude=attitude, body_rates=rates)
+    in_body = Rotation.from_quat(np.asarray(state.quaternion)).inv().apply(velocity)
+    found = float64(further_torque(state, STILL, replace(PAPER, flapping_moment=1e-4)))
+    np.testing.assert_allclose(found, -1e-4 * np.cross([0, 0, 1], in_body), atol=1e-8)
+
+
+@pytest.mark.parametrize(("velocity", "axis"), [((2, 0, 0), 0), ((0, 2, 0), 1), ((-2, 0, 0), 0)])
+def test_flapping_lifts_the_side_that_flies_ahead(velocity, axis):
+    """Forward flight pitches the nose up, which is a negative torque about y."""
+    parameters = replace(PAPER, flapping_moment=1e-4, gravity=9.81)
+    hover = dynamics.at_hover(jnp.array([0.0, 0.0, 1.0]), parameters)
+    moving = hover._replace(velocity=float32(velocity))
+    if velocity[0] > 0:
+        assert further_torque(moving, STILL, parameters)[1] == pytest.approx(-2e-4)
+    for integrator in INTEGRATORS:
+        end = fly(integrator, moving, hover.rotor_speed, parameters, 10)
+        ahead = Rotation.from_quat(np.asarray(end.quaternion)).apply(np.sign(velocity))
+        assert ahead[2] > 0.005
+
+
+def test_a_rotor_that_spins_up_turns_the_body_as_its_drag_does():
+    parameters = replace(PAPER, rotor_momentum=3e-5)
+    for rotor in range(4):
+        alone = np.eye(4, dtype=np.float32)[rotor]
+        reaction, drag = further_torque(drone(), 5.0 * alone, parameters), torque(alone, PAPER)
+        np.testing.assert_allclose(reaction, [0, 0, 3e-5 * 5.0 * np.sign(drag[2])], atol=1e-10)
+        np.testing.assert_allclose(further_torque(drone(), -5.0 * alone, parameters), -np.asarray(reaction), atol=1e-10)
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+@given(command=speeds, rotor_speed=speeds)
+def test_without_air_drag_rotors_and_body_keep_their_angular_momentum(integrator, command, rotor_speed):
+    """About z, of a drone whose rotors have no other torque: I_z r + J_r Omega (nu_1 - nu_2 + nu_3 - nu_4); 1 and 3 turn as r counts."""
+    parameters = replace(PAPER, torque_to_thrust=0.0, rotor_momentum=3e-5, arm_length=0.0, motor_slowdown=1.5)
+    start = drone(rotor_speed=rotor_speed, body_rates=(0, 0, 3))
+    end = fly(integrator, start, command, parameters, 20)
+
+    def momentum(state):
+        return 2.64e-5 * float(state.body_rates[2]) + 3e-5 * float64(state.rotor_speed) @ [1, -1, 1, -1]
+
+    assert momentum(end) == pytest.approx(momentum(start), abs=1e-9)
+    np.testing.assert_allclose(end.body_rates[:2], 0, atol=1e-6)
+
+
+@given(attitudes, vectors, vectors)
+def test_damping_opposes_roll_and_pitch_rate_only(attitude, velocity, rates):
+    state = drone(velocity=velocity, attitude=attitude, body_rates=rates)
+    found = further_torque(state, STILL, replace(PAPER, rotational_damping=2e-5))
+    np.testing.assert_allclose(found, -2e-5 * rates * [1, 1, 0], rtol=1e-5, atol=1e-12)
+
+
+@given(attitudes, vectors, vectors, st.tuples(*[st.floats(-10, 10, width=16)] * 4).map(float32))
+def test_a_torque_bias_is_the_same_in_every_state_of_flight(attitude, velocity, rates, change):
+    state = drone(velocity=velocity, attitude=attitude, body_rates=rates)
+    found = further_torque(state, change, replace(PAPER, torque_bias=(2e-5, -3e-5, 1e-5)))
+    np.testing.assert_allclose(found, [2e-5, -3e-5, 1e-5], rtol=1e-6)
+
+
+def test_a_torque_bias_alone_spins_the_body_up_by_its_share_of_inertia():
+    """A tenth of a second of roll by b t / I."""
+    parameters = replace(PAPER, torque_bias=(2e-5, 0.0, 0.0))
+    end = fly(dynamics.midpoint, drone(), OFF, parameters, 20)
+    np.testing.assert_allclose(end.body_rates, [0.1 * 2e-5 / 1.33e-5, 0, 0], rtol=1e-4, atol=1e-7)
 
 
 @pytest.mark.parametrize("steps", [1, 7, 18, 60])

@@ -1,5 +1,7 @@
 """What the sensors add to the truth: noise of a given strength, a bias that walks and an estimate of a given age."""
 
+from functools import partial
+
 import hypothesis.strategies as st
 import jax
 import jax.numpy as jnp
@@ -7,6 +9,7 @@ import numpy as np
 import pytest
 from arrays import float32, float64
 from hypothesis import given
+from jax import lax
 from scipy.spatial.transform import Rotation
 
 from maidenflight.parameters import crazyflie, noiseless, replace
@@ -154,3 +157,60 @@ def test_without_a_lag_the_gyro_filter_is_none_and_its_slope_is_finite():
     np.testing.assert_allclose(low_pass(jnp.full(3, 9.0), jnp.zeros(3), after, float32(0.002), PAPER), after, rtol=1e-6)
     slope = jax.grad(lambda lag: low_pass(after, jnp.zeros(3), after, float32(0.002), replace(PAPER, gyro_lag=lag)).sum())(float32(0.0))
     assert np.isfinite(slope)
+
+
+@partial(jax.jit, static_argnums=1)
+def drifted(parameters, steps, elapsed, key):
+    """Errors of many estimates after each of some steps from none, steps x samples x 6."""
+    many = jax.vmap(sensors.walk_estimate, (0, None, None, 0))
+
+    def one(drift, key):
+        drift = many(drift, elapsed, parameters, jax.random.normal(key, (SAMPLES, sensors.DRIFT_NORMALS)))
+        return drift, drift
+
+    return lax.scan(one, jnp.zeros((SAMPLES, sensors.DRIFT_NORMALS)), jax.random.split(key, steps))[1]
+
+
+WALKS = replace(PAPER, position_walk=0.08, velocity_walk=0.0), replace(PAPER, position_walk=0.0, velocity_walk=0.3)
+
+
+def test_a_walking_positions_variance_grows_with_time():
+    """w_r^2 t, and no memory in its steps: the variance of later minus earlier is that of the time between."""
+    walked = float64(drifted(WALKS[0], 50, float32(0.02), jax.random.key(3)))
+    times = 0.02 * np.arange(1, 51)
+    np.testing.assert_allclose(walked[..., :3].var(axis=1), 0.08**2 * np.tile(times[:, None], 3), rtol=0.05)
+    np.testing.assert_allclose((walked[49, :, :3] - walked[24, :, :3]).var(axis=0), 0.08**2 * 0.5, rtol=0.05)
+    np.testing.assert_allclose(walked[49, :, :3].mean(axis=0), 0, atol=4 * 0.08 / np.sqrt(SAMPLES))
+    np.testing.assert_array_equal(walked[..., 3:], 0.0)
+
+
+def test_a_velocitys_error_is_forgotten_within_its_time():
+    """An Ornstein-Uhlenbeck process: variance w_v^2 tau / 2 (1 - exp(-2 t / tau)), correlation exp(-t / tau)."""
+    tau = sensors.DRIFT_TIME
+    walked = float64(drifted(WALKS[1], 150, float32(0.02), jax.random.key(4)))[..., 3:]
+    for row in (9, 49, 149):
+        expected = 0.3**2 * tau / 2 * (1 - np.exp(-2 * 0.02 * (row + 1) / tau))
+        np.testing.assert_allclose(walked[row].var(axis=0), expected, rtol=0.05)
+    for apart in (10, 50):
+        kept = np.mean(walked[149] * walked[149 - apart], axis=0) / np.mean(walked[149 - apart] ** 2, axis=0)
+        np.testing.assert_allclose(kept, np.exp(-0.02 * apart / tau), atol=0.03)
+
+
+def test_the_positions_error_integrates_the_velocitys():
+    walked = float64(drifted(WALKS[1], 50, float32(0.02), jax.random.key(5)))
+    np.testing.assert_allclose(walked[..., :3], 0.02 * np.cumsum(walked[..., 3:], axis=0), atol=1e-6)
+    assert walked[49, :, :3].std() > 0.1
+
+
+@pytest.mark.parametrize("parameters", WALKS, ids=["position", "velocity"])
+def test_an_estimate_walks_as_far_however_often_it_is_drawn(parameters):
+    """Half a second in steps of 20 ms or of 10 ms: the same variances, and the same covariance of position and velocity."""
+    coarse = float64(drifted(parameters, 25, float32(0.02), jax.random.key(6)))[-1]
+    fine = float64(drifted(parameters, 50, float32(0.01), jax.random.key(7)))[-1]
+    one, other = (sum(np.cov(some[:, [axis, axis + 3]].T) for axis in range(3)) / 3 for some in (coarse, fine))
+    np.testing.assert_allclose(one, other, rtol=0.06, atol=1e-9)
+
+
+def test_a_noiseless_drones_estimate_does_not_walk():
+    quiet = noiseless(replace(PAPER, position_walk=0.08, velocity_walk=0.3))
+    np.testing.assert_array_equal(drifted(quiet, 5, float32(0.02), jax.random.key(8)), 0.0)

@@ -139,13 +139,13 @@ def posterior_ensemble(drone: Parameters, table: Mapping[str, Any], where: str) 
     Raises:
         InputError: the table is missing or makes no sense, or a drone in it is outside its physical range.
     """
-    names, draws = table.get("names"), table.get("draws")
+    names, draws = (table.get("names"), table.get("draws")) if isinstance(table, Mapping) else (None, None)
     try:
         values = np.array(draws, np.float32)
     except (TypeError, ValueError):
         values = np.empty((0, 0), np.float32)
-    known = names if isinstance(names, list) and set(names) <= set(COMPONENTS) else []
-    if values.ndim != 2 or not known or values.shape[1] != len(known) or len(values) == 0:
+    known = names if isinstance(names, list) and all(isinstance(name, str) and name in COMPONENTS for name in names) else []
+    if values.ndim != 2 or not known or values.shape[1] != len(set(known)) or len(values) == 0:
         raise InputError(f"{where}: no usable [posterior] table (names, draws). Make the file with: maidenflight identify LOGS -o {where}.")
     drones = [
         check(replace(drone, **dict(zip(known, row, strict=True))), f"{where} [posterior] draw {i}") for i, row in enumerate(values, 1)
@@ -155,7 +155,7 @@ def posterior_ensemble(drone: Parameters, table: Mapping[str, Any], where: str) 
 
 def identify(
     flights: Iterable[Flight],
-    over: Sequence[str] | str = FIRST,
+    over: Sequence[str] | str | None = None,
     key: Array | None = None,
     *,
     objective: str = OBJECTIVES[0],
@@ -175,6 +175,7 @@ def identify(
     Args:
         flights: checked flights of one rate.
         over: names of `parameters.COMPONENTS` to identify, or `AUTO`: those that predict flights held out better (likelihood only).
+            `AUTO` unless given; for a replay the paper's three.
         key: random key; `jax.random.key(0)` unless given.
         objective: `likelihood` or `replay`, the paper's.
         start: the drone whose other parameters are kept; the paper's Crazyflie unless given.
@@ -186,7 +187,7 @@ def identify(
         bounds: search bounds by name, SI units; the paper's for `replay` and physical ones for `likelihood` unless given.
         discount: delta of the replay.
         method: of the replay: "gradient", which follows derivatives through the simulator, or "bayesian", as the paper did.
-        on_evaluation: called with (evaluations done, evaluations planned).
+        on_evaluation: called with (evaluations done, evaluations planned); 0 planned where that is not known, as for a likelihood.
         on_step: called with what each group of parameters bought.
 
     Returns:
@@ -202,6 +203,8 @@ def identify(
         raise InputError(f"unknown objective {objective!r} of identification; known are {', '.join(OBJECTIVES)}.")
     if method not in METHODS:
         raise InputError(f"unknown method {method!r} of identification; known are {', '.join(METHODS)}.")
+    if over is None:
+        over = AUTO if objective == "likelihood" else FIRST
     if over == AUTO and objective == "replay":
         raise InputError(
             "parameters are chosen by likelihood only: a replay rewards whatever damps. Use objective likelihood, or name them."
@@ -239,7 +242,7 @@ def _by_likelihood(
         nonlocal done
         done += 1
         if on_evaluation is not None:
-            on_evaluation(done, trials * evaluations)
+            on_evaluation(done, 0)
 
     if not flights:
         raise InputError("no flights to identify from; give at least one.")
@@ -254,7 +257,7 @@ def _by_likelihood(
         estimates=_estimates(box, found.optimum, optima, (low_high[0], low_high[1]), found.spread, None),
         kind="likelihood",
         objective=float(values.min()),
-        start_objective=float(found.runs[0][1][0]),
+        start_objective=found.start_value,
         windows=found.rows // (one_step.LENGTH - one_step.ORDER),
         evaluations=len(values),
         seconds=0.0,
@@ -283,7 +286,7 @@ def _by_replay(
     box = _box(over, {**PAPER_BOUNDS, **bounds})
     cut = windows(flights, length, history=history)
     objective = Objective(cut, flights[0].period, discount)
-    planned = trials * evaluations + 3 * posterior.DESIGN
+    planned = trials * evaluations + 3 * posterior.design_points(len(box.names))
     done = 0
 
     def count() -> None:
@@ -420,7 +423,8 @@ def _notes(box: Box, optimum: np.ndarray, blocks: int) -> list[str]:
             f"each interval rests on {blocks} stretches of flight and is too narrow; record at least {_FEWEST_BLOCKS * BLOCK:.0f} s."
         )
     for name, place, low, high in zip(box.names, optimum, box.lower, box.upper, strict=True):
-        if place < 0.01 or place > 0.99:
-            side = low if place < 0.5 else high
+        side = low if place < 0.5 else high
+        physical = side in (_quantity(name).lower, _quantity(name).upper)
+        if (place < 0.01 or place > 0.99) and not physical:
             notes.append(f"{name} lies at its search bound {side:g} {_quantity(name).unit}; widen it: --bounds {name}=LOWER,UPPER.")
     return notes

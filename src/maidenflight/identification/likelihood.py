@@ -20,8 +20,9 @@ from maidenflight.parameters import Parameters, component, replace
 
 _PILOT = 256
 """Windows on which a random start comes near the optimum."""
-_PHYSICS_STEP = 0.002
-"""Nominal physics step [s]. At 5 ms a command that arrives within a step is seen so coarsely that the lag comes out 1 ms short."""
+_COARSE, _FINE = 0.002, 0.001
+"""Nominal physics steps [s] on the way and at the end. At 5 ms a command that arrives within a step is seen so coarsely that the lag comes
+out 1 ms short; at 2 ms the latency is still 0.1 ms off, which is as much as two minutes of flight leave open."""
 _CLOSE = 0.02
 """Gain of log likelihood of all flights [nats] below which a step is the last: a fifth of a standard error moves it by as much."""
 _STIFFEST = 1e6
@@ -50,6 +51,8 @@ class Likely:
     """Noise fields of `drone`."""
     stretches: int
     rows: int
+    start_value: float
+    """Minus the mean log likelihood of a row at the start."""
 
 
 class _Fit(NamedTuple):
@@ -109,43 +112,45 @@ def maximise(
         InputError: too little flight.
     """
     period = flights[0].period
-    steps = max(1, round(period / _PHYSICS_STEP))
 
-    def of(some: Sequence[Flight], thinned: bool = False) -> OneStep:
+    def of(some: Sequence[Flight], step: float = _COARSE, every: int = 1) -> OneStep:
         cut = windows(some, one_step.LENGTH, every=one_step.LENGTH, history=history)
-        every = max(1, len(cut.block) // _PILOT) if thinned else 1
-        return OneStep(type(cut)(*(array[::every] for array in cut)), period, steps)
+        return OneStep(type(cut)(*(array[::every] for array in cut)), period, max(1, round(period / step)))
 
-    def fit(objective: OneStep, names: Sequence[str], first: Parameters, pilot: OneStep | None = None) -> _Fit:
+    def fit(objectives: Sequence[OneStep], names: Sequence[str], first: Parameters, at_random: bool = False) -> _Fit:
+        """Climbs on one objective after another."""
         searched = box(names)
 
         def at(unit: np.ndarray) -> Parameters:
             values = zip(searched.names, searched.values(unit), strict=True)
             return replace(first, **{name: np.float32(value) for name, value in values})
 
-        def climb(target: OneStep, point: np.ndarray, heard: Callable[[], None] | None) -> tuple[np.ndarray, np.ndarray]:
+        def climb(target: OneStep, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             def equations(unit: np.ndarray) -> NormalEquations:
-                if heard is not None:
-                    heard()
+                if on_evaluation is not None:
+                    on_evaluation()
                 return gradient.in_unit_cube(target.normal_equations(at(unit), searched.names), searched, unit)
 
             return _climb(equations, point, evaluations, _CLOSE / target.rows)
 
-        if pilot is None:
-            point = searched.unit(np.array([float(component(first, name)) for name in searched.names]))
-        else:
-            points, values = climb(pilot, generator.random(len(searched.names)), None)
+        point = searched.unit(np.array([float(component(first, name)) for name in searched.names]))
+        point = generator.random(len(point)) if at_random else np.clip(point, gradient.INSIDE, 1 - gradient.INSIDE)
+        points, values = np.empty((0, len(point))), np.empty(0)
+        for target in objectives:
+            points, values = climb(target, point)
             point = points[int(np.argmin(values))]
-        run = climb(objective, np.clip(point, gradient.INSIDE, 1 - gradient.INSIDE), on_evaluation)
-        best = run[0][int(np.argmin(run[1]))]
-        return _Fit(at(best), searched, best, run)
+        return _Fit(at(point), searched, point, (points, values))
 
-    everything, pilot = of(flights), of(flights, thinned=True)
-    bought: list[Step] = []
+    coarse, everything = of(flights), of(flights, _FINE)
+    first, bought = start, []
     if not over:
         training, held_out = (of(part) for part in _split(flights))
-        over, bought = selection.choose(training, held_out, lambda names, first: fit(training, names, first).drone, start, on_step=on_step)
-    found = [fit(everything, over, start), *(fit(everything, over, start, pilot) for _ in range(trials - 1))]
+        chosen = selection.choose(training, held_out, lambda names, first: fit([training], names, first).drone, start, on_step=on_step)
+        over, first, bought = chosen
+    found = [fit([coarse, everything], over, first)]
+    if trials > 1:
+        pilot = of(flights, every=max(1, coarse.size // _PILOT))
+        found += [fit([pilot, coarse, everything], over, start, at_random=True) for _ in range(trials - 1)]
     drone, searched, optimum, _ = min(found, key=lambda one: one.run[1].min())
     _, scores, curvatures = everything.derivatives(drone, searched.names)
     slope = searched.slope(optimum)
@@ -163,6 +168,7 @@ def maximise(
         noise=levels,
         stretches=everything.blocks,
         rows=int(everything.rows),
+        start_value=everything(start),
     )
 
 

@@ -18,9 +18,9 @@ _POSITION, _VELOCITY, _ATTITUDE, _TURN = slice(0, 2), slice(3, 5), slice(6, 9), 
 def noise(products: Float[np.ndarray, "12 P+1 P+1"], parameters: Parameters, period: float) -> dict[str, float]:
     """Noise that makes a simulated drone's one-step errors alike.
 
-    Position and velocity walk as far as their errors add up over `ROWS` rows. Of the body rates' errors, the part that is gone after
-    one row is the gyro's; the rest is what the actuators' noise must make, with the correlation that it has. The estimated attitude's
-    error is what its autoregression cannot foresee.
+    Position and velocity walk as far as their errors add up over `ROWS` rows; what cancels is their white noise. Of the body rates'
+    errors, the part that is gone after one row is the gyro's; the rest is what the actuators' noise must make, with the correlation
+    that it has. The estimated attitude's error is what its autoregression cannot foresee.
 
     Args:
         products: mean products of one-step errors with their past, in the columns of `one_step.errors` (m, m/s, rad, rad/s).
@@ -33,12 +33,15 @@ def noise(products: Float[np.ndarray, "12 P+1 P+1"], parameters: Parameters, per
     products = products[:, : ROWS + 1, : ROWS + 1]
     order = products.shape[1] - 1
     covariance = np.stack([np.mean(np.diagonal(products, lag, 1, 2), axis=1) for lag in range(order + 1)], axis=1)
-    # The variance of a sum over P + 1 rows, by row; lags count less the fewer pairs of rows have them (Newey and West 1987).
+    # The variance of a sum over P + 1 rows, by row; lags count less the fewer pairs of rows have them (Newey and West 1987). White
+    # noise of a measurement adds twice its variance to one row, but hardly to the sum, in which it cancels.
     fewer = 1 - np.arange(1, order + 1) / (order + 1)
     summed = covariance[:, 0] + 2 * covariance[:, 1:] @ fewer
+    white = np.maximum(covariance[:, 0] - summed, 0.0) / 2 * (order + 1) / order
+    walked = np.maximum(summed - 2 * white / (order + 1), 0.0) / period
 
-    def walk(columns: slice) -> float:
-        return float(np.sqrt(np.mean(np.maximum(summed[columns], 0.0)) / period))
+    def size(variances: np.ndarray, columns: slice) -> float:
+        return float(np.sqrt(np.mean(variances[columns])))
 
     past, now = products[_ATTITUDE, 1:, 1:], products[_ATTITUDE, 1:, 0]
     foreseen = np.sum(now * np.linalg.solve(past + 1e-15 * np.eye(order), now[..., None])[..., 0], axis=1)
@@ -55,11 +58,11 @@ def noise(products: Float[np.ndarray, "12 P+1 P+1"], parameters: Parameters, per
     per_thrust = 2 * float(parameters.arm_length) / np.sqrt(2) * full / np.asarray(parameters.inertia, float)[:2]
     thrust = np.sqrt(disturbance) / period / per_thrust
     return {
-        "position_walk": walk(_POSITION),
-        "position_noise": 0.0,
+        "position_walk": size(walked, _POSITION),
+        "position_noise": size(white, _POSITION),
         "position_noise_uniform": 0.0,
-        "velocity_walk": walk(_VELOCITY),
-        "velocity_noise": 0.0,
+        "velocity_walk": size(walked, _VELOCITY),
+        "velocity_noise": size(white, _VELOCITY),
         "attitude_noise": float(np.sqrt(np.mean(attitude**2))),
         "attitude_noise_uniform": 0.0,
         "gyro_noise": float(np.sqrt(np.mean(gyro))),

@@ -17,7 +17,7 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from maidenflight.flights.windows import Windows
-from maidenflight.parameters import Parameters, replace
+from maidenflight.parameters import Parameters, component, replace
 from maidenflight.simulator import actuators, dynamics, environment, latency, rotations
 from maidenflight.simulator.dynamics import State
 
@@ -107,12 +107,12 @@ def _discounts(length: int, discount: float | Array) -> Float[Array, "T"]:
     return discount ** jnp.arange(1, length + 1, dtype=jnp.float32)
 
 
-def in_chunks(windows: Windows) -> Windows:
-    """Windows by chunks of 256, on the device; the last chunk is filled up with windows that stand for nothing new."""
+def in_chunks(windows: Windows, size: int = _CHUNK) -> Windows:
+    """Windows by chunks of some size, on the device; the last chunk is filled up with windows that stand for nothing new."""
     count = len(windows.block)
-    chunks = -(-count // _CHUNK)
-    order = np.resize(np.arange(count), chunks * _CHUNK)
-    return jax.tree.map(lambda array: jnp.asarray(array[order]).reshape(chunks, _CHUNK, *array.shape[1:]), windows)
+    chunks = -(-count // size)
+    order = np.resize(np.arange(count), chunks * size)
+    return jax.tree.map(lambda array: jnp.asarray(array[order]).reshape(chunks, size, *array.shape[1:]), windows)
 
 
 def physics_steps(period: float) -> tuple[int, np.float32]:
@@ -199,7 +199,7 @@ class Objective:
 
         Args:
             parameters: where.
-            names: d fields of `Parameters`, single numbers.
+            names: d names of `parameters.COMPONENTS`.
             every: 1 for all windows, n for each n-th, at an n-th of the cost.
 
         Source: Holland and Welsch 1977, Robust regression using iteratively reweighted least-squares.
@@ -249,7 +249,7 @@ def _normal_equations(
     names: tuple[str, ...],
 ) -> tuple[Float[Array, "chunks"], Float[Array, "chunks d"], Float[Array, "chunks d d"], Float[Array, "chunks d d"]]:
     """`NormalEquations` summed over each of some chunks of each `every`-th of the first `count` windows, zeros for the others."""
-    values = jnp.stack([jnp.asarray(getattr(parameters, name), jnp.float32) for name in names])
+    values = jnp.stack([jnp.asarray(component(parameters, name), jnp.float32) for name in names])
     d = len(names)
 
     def one(window: Windows) -> tuple[Array, ...]:

@@ -30,6 +30,8 @@ LENGTH = 100
 ORDER = 16
 """Rows of the past in an error's autoregression. Half as many cannot tell slow disturbances from a lag: on simulated flights it then comes
 out up to 2 ms off, and intervals are too narrow to hold the truth."""
+CHUNK = 64
+"""Windows differentiated side by side; with up to sixteen directions their state still fits a core's cache."""
 COLUMNS = (3, 4, 5, 9, 10, 11)
 """Where velocity and body rates stand in a row. Position and attitude follow from them, and say nothing more of the drone."""
 
@@ -81,8 +83,9 @@ class OneStep:
             period: time between their rows [s].
             steps: physics steps a row.
         """
-        self._windows = in_chunks(windows)
+        self._windows = in_chunks(windows, CHUNK)
         self._block = windows.block
+        self.size = len(windows.block)
         self.blocks = int(windows.block.max()) + 1
         self.rows_per_block = np.bincount(windows.block, minlength=self.blocks) * float(windows.measured.shape[1] - ORDER)
         self.rows = float(self.rows_per_block.sum())
@@ -140,9 +143,9 @@ class OneStep:
         """Value, and what each stretch of flight adds to its gradient and curvature; see `normal_equations`."""
         noise, drone = self.noise_model(parameters), self._drone(parameters)
         d = len(names)
-        # Directions in fours, so that one program serves several numbers of parameters; those without a name are zero.
+        # Directions in eights, so that two programs serve all numbers of parameters; those without a name are zero.
         nothing = jax.tree.map(jnp.zeros_like, drone)
-        rows = [replace(nothing, **{name: jnp.ones(())}) for name in names] + [nothing] * (-d % 4)
+        rows = [replace(nothing, **{name: jnp.ones(())}) for name in names] + [nothing] * (-d % 8)
         directions = jax.tree.map(lambda *leaves: jnp.stack(leaves), *rows)
         given = jnp.asarray(noise.coefficients, jnp.float32), jnp.asarray(noise.deviation, jnp.float32)
 
@@ -170,7 +173,7 @@ def _minus_log_likelihood(deviation: Float[np.ndarray, "6"], ratio: Float[np.nda
 @partial(jax.jit, static_argnums=4)
 def _products(
     windows: Windows, parameters: Parameters, first: Array | int, end: Array | int, steps: int
-) -> Float[Array, "chunks 256 12 P+1 P+1"]:
+) -> Float[Array, "chunks 64 12 P+1 P+1"]:
     """Products of the errors in each window of some chunks, and zeros for the others."""
 
     def one(window: Windows) -> Float[Array, "12 P+1 P+1"]:
@@ -194,7 +197,7 @@ def _derivatives(
     first: Array | int,
     end: Array | int,
     steps: int,
-) -> tuple[Float[Array, "chunks 256 d"], Float[Array, "chunks 256 d d"]]:
+) -> tuple[Float[Array, "chunks 64 d"], Float[Array, "chunks 64 d d"]]:
     """Gradient and curvature of half the sum of squares of what is new in each window of some chunks, zeros for the others."""
 
     def one(window: Windows) -> tuple[Float[Array, "d"], Float[Array, "d d"]]:
@@ -202,11 +205,10 @@ def _derivatives(
             wrong = errors(window, drone, steps)[:, np.array(COLUMNS)]
             left = wrong[ORDER:]
             for lag in range(1, ORDER + 1):
-                left = left - coefficients[:, lag - 1] * wrong[ORDER - lag : wrong.shape[0] - lag]
-            return (left / deviation).reshape(-1)
+                left = left - coefficients[None, :, lag - 1] * wrong[ORDER - lag : wrong.shape[0] - lag]
+            return (left / deviation[None]).reshape(-1)
 
-        left, along = jax.linearize(new, parameters)
-        slopes = jax.vmap(along)(directions)
+        left, slopes = jax.vmap(lambda along: jax.jvp(new, (parameters,), (along,)), out_axes=(None, 0))(directions)
         slopes = jnp.where(jnp.isfinite(slopes), slopes, 0.0)
         return slopes @ left, slopes @ slopes.T
 

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from scipy.stats import qmc
 
 DESIGN = 64
-"""Points at which the losses around an optimum are evaluated."""
+"""Points at which the losses around an optimum are evaluated, at least."""
 RESAMPLES = 500
 """Redrawn data sets."""
 LEVEL = 0.95
@@ -44,6 +44,11 @@ def basis(points: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "n k"]:
     return np.stack([np.ones(len(points)), *points.T, *squares], axis=1)
 
 
+def design_points(dimensions: int) -> int:
+    """Points of a design in so many dimensions: a power of two, and at least twice the coefficients of a quadratic."""
+    return max(DESIGN, 1 << ((dimensions + 1) * (dimensions + 2) - 1).bit_length())
+
+
 def bootstrap(
     block_losses: Callable[[Float[np.ndarray, "d"]], Float[np.ndarray, "B"]],
     windows_per_block: Float[np.ndarray, "B"],
@@ -69,7 +74,7 @@ def bootstrap(
     optima = stretches = np.empty((0, dimensions))
     for _ in range(3):
         low, high = np.maximum(best - radius, limits[0]), np.minimum(best + radius, limits[1])
-        design = qmc.scale(qmc.Sobol(dimensions, rng=generator).random(DESIGN), low, high)
+        design = qmc.scale(qmc.Sobol(dimensions, rng=generator).random(design_points(dimensions)), low, high)
         per_block = []
         for point in design:
             per_block.append(block_losses(point))

@@ -51,7 +51,7 @@ def choose(
     start: Parameters,
     groups: Mapping[str, Sequence[str]] = GROUPS,
     on_step: Callable[[Step], None] | None = None,
-) -> tuple[tuple[str, ...], list[Step]]:
+) -> tuple[tuple[str, ...], Parameters, list[Step]]:
     """Adds the group that promises most, fits anew, and keeps it if held-out flights gain; until each is kept or has failed.
 
     What a group promises is the gain of the quadratic model of the likelihood around the fit without it, so that adding a group costs
@@ -66,7 +66,7 @@ def choose(
         on_step: called with what each group bought.
 
     Returns:
-        Names of the parameters chosen, and what each group bought, in the order of trying.
+        Names of the parameters chosen, the training flights' best drone, and what each group bought, in the order of trying.
 
     Source: Rao 1948 (score test); forward selection judged by held-out likelihood.
     """
@@ -87,7 +87,7 @@ def choose(
             on_step(steps[-1])
         if steps[-1].kept:
             names, drone, value = wider, ahead, value_ahead
-    return names, steps
+    return names, drone, steps
 
 
 def _promise(

@@ -1,0 +1,135 @@
+"""Maximum likelihood finds a planted drone and its noise from flights under feedback, whose motors and sensors are noisy."""
+
+from typing import Any
+
+import jax
+import numpy as np
+import planted
+import pytest
+from scipy.optimize import least_squares
+
+from maidenflight.errors import InputError
+from maidenflight.identification import likelihood, one_step
+from maidenflight.identification.identify import identify
+from maidenflight.identification.objective import NormalEquations
+from maidenflight.identification.selection import FIRST, GROUPS
+from maidenflight.parameters import QUANTITIES, component, crazyflie, replace
+
+TRUTH = {"thrust_to_weight": 1.85, "motor_time_constant": 0.06, "latency": 0.009}
+
+
+@pytest.fixture(scope="module")
+def flights():
+    return planted.with_noise(planted.logs(replace(planted.drone(**TRUTH), actuator_noise=0.019), 32), seed=2)
+
+
+@pytest.fixture(scope="module")
+def found(flights):
+    return identify(flights, FIRST, jax.random.key(1), objective="likelihood", trials=2)
+
+
+def test_a_planted_drone_is_found_again_from_noisy_flights_under_feedback(found):
+    """k_F within 1 %, T_m + latency within 3 ms, latency within 2 ms, from a start that is 7 %, 37 ms and 9 ms off."""
+    thrust, lag, delay = (found.estimates[name].value for name in FIRST)
+    assert thrust == pytest.approx(TRUTH["thrust_to_weight"], rel=0.01)
+    assert lag + delay == pytest.approx(TRUTH["motor_time_constant"] + TRUTH["latency"], abs=0.003)
+    assert delay == pytest.approx(TRUTH["latency"], abs=0.002)
+    assert found.objective < found.start_objective - 0.1
+
+
+def test_a_random_start_ends_where_the_first_does(found):
+    for estimate in found.estimates.values():
+        width = np.subtract(*estimate.interval[::-1])
+        assert abs(estimate.trials[0] - estimate.trials[1]) < 0.1 * width
+
+
+def test_the_truth_is_as_far_as_the_drawn_drones_say(found):
+    """Within three standard deviations of them, and these are a few percent."""
+    for name, truth in TRUTH.items():
+        draws, estimate = found.draws[name], found.estimates[name]
+        assert abs(estimate.value - truth) < 3 * draws.std()
+        assert draws.mean() == pytest.approx(estimate.value, abs=0.2 * draws.std())
+        assert np.subtract(*estimate.interval[::-1]) / 2 == pytest.approx(1.96 * draws.std(), rel=0.15)
+        assert draws.std() < 0.1 * truth
+
+
+def test_lag_and_latency_trade_against_one_another_among_the_drawn_drones(found):
+    """What a longer lag delays a shorter latency makes up for: their sum is known better than that of independent draws."""
+    lag, delay = found.draws["motor_time_constant"], found.draws["latency"]
+    assert np.corrcoef(lag, delay)[0, 1] < -0.3
+
+
+def test_the_noise_of_the_sensors_is_found_beside_and_the_drone_flies_with_it(found):
+    """Planted are 0.05 rad/s of the gyro and 0.01 m/s of the velocity, and a position without error."""
+    assert found.noise["gyro_noise"] == pytest.approx(0.05, rel=0.1)
+    assert found.noise["velocity_noise"] == pytest.approx(0.01, rel=0.15)
+    assert found.noise["position_noise"] < 2e-4
+    for name, value in found.noise.items():
+        assert getattr(found.parameters, name) == np.float32(value)
+
+
+def test_bounds_are_physical_and_hold_the_drone_and_all_that_may_be_chosen():
+    heavy = replace(crazyflie(), mass=0.9, arm_length=0.2, inertia=(5e-3, 6e-3, 9e-3))
+    for drone in (crazyflie(), heavy):
+        bounds = likelihood.bounds(drone)
+        assert {*FIRST, *(name for group in GROUPS.values() for name in group)} <= set(bounds)
+        for name, (low, high) in bounds.items():
+            quantity = QUANTITIES[name if name in QUANTITIES else name[:-2]]
+            assert quantity.lower <= low < high <= quantity.upper, name
+            assert low <= float(component(drone, name)) <= high, name
+    wider = np.divide(*(np.ptp(likelihood.bounds(drone)["torque_bias_x"]) for drone in (heavy, crazyflie())))
+    assert wider == pytest.approx(0.9 * 0.2 / (0.028 * 0.0396)), "torques grow with weight times arm"
+
+
+def bent(unit):
+    """Residuals of a curved valley in the unit cube, and their Jacobian: Rosenbrock's, its lowest point at (0.6, 0.4)."""
+    x, y = 2.5 * (np.asarray(unit) - [0.2, 0.4 - 1 / 2.5])
+    return np.array([10 * (y - x**2), 1 - x]), 2.5 * np.array([[-20 * x, 10], [-1, 0]])
+
+
+def test_the_climb_ends_where_scipys_least_squares_does():
+    seen = []
+
+    def equations(unit):
+        seen.append(unit)
+        residuals, jacobian = bent(unit)
+        curvature = jacobian.T @ jacobian
+        return NormalEquations(0.5 * float(residuals @ residuals), jacobian.T @ residuals, curvature, curvature)
+
+    points, values = likelihood._climb(equations, np.array([0.15, 0.7]), 200, 1e-9)
+    expected = least_squares(lambda unit: bent(unit)[0], [0.15, 0.7], bounds=(0, 1), xtol=1e-12)
+    np.testing.assert_allclose(points[np.argmin(values)], expected.x, atol=1e-3)
+    np.testing.assert_allclose(expected.x, [0.6, 0.4], atol=1e-6)
+    np.testing.assert_array_equal(points, seen)
+    assert values[-1] < 1e-7
+
+
+def test_the_climb_stops_after_as_many_evaluations_as_it_may_make():
+    def equations(unit):
+        residuals, jacobian = bent(unit)
+        return NormalEquations(0.5 * float(residuals @ residuals), jacobian.T @ residuals, jacobian.T @ jacobian, jacobian.T @ jacobian)
+
+    assert len(likelihood._climb(equations, np.array([0.15, 0.7]), 3, 1e-9)[1]) == 3
+    assert len(likelihood._climb(equations, np.array([0.15, 0.7]), 1, 1e-9)[1]) == 1
+
+
+def test_every_third_flight_judges_those_that_fit(flights):
+    fitted, judged = likelihood._split(flights)
+    assert [flight.name for flight in judged] == [f"planted {number}" for number in range(2, 32, 3)]
+    assert sorted(flight.name for flight in fitted + judged) == sorted(flight.name for flight in flights)
+
+
+def test_of_a_single_flight_the_last_third_judges(flights):
+    fitted, judged = likelihood._split(flights[:1])
+    rows = np.concatenate([part.velocity for part in fitted + judged])
+    np.testing.assert_array_equal(rows, flights[0].velocity)
+    assert [len(part) for part in fitted + judged] == [66, 67, 67]
+    assert len(judged) == 1
+
+
+def test_flights_shorter_than_a_window_are_refused_in_words(flights):
+    few: Any = likelihood._split(flights[:1])[0]
+    with pytest.raises(InputError, match=f"no flight is long enough for a window of {one_step.LENGTH} rows"):
+        identify(few, FIRST)
+    with pytest.raises(InputError, match="no flights"):
+        identify([], FIRST)

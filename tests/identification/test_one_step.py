@@ -1,0 +1,189 @@
+"""One-step errors and their likelihood, against free fall by hand, regressions by NumPy and differences of the value."""
+
+from functools import partial
+from typing import Any
+
+import jax
+import numpy as np
+import planted
+import pytest
+from scipy.spatial.transform import Rotation
+from scipy.stats import norm
+
+from maidenflight.flights.windows import Windows, windows
+from maidenflight.identification import objective as cores
+from maidenflight.identification import one_step
+from maidenflight.identification.one_step import COLUMNS, LENGTH, ORDER, OneStep, noise_model
+from maidenflight.parameters import crazyflie, noiseless, replace
+
+TRUTH = planted.drone(1.9, 0.06, 0.012)
+NAMES = ("thrust_to_weight", "motor_time_constant", "latency", "inertia_x")
+STEPS = 2
+"""Physics steps a row, as many as the planted flights have."""
+many_errors = jax.jit(jax.vmap(partial(one_step.errors, steps=STEPS), (0, None)))
+
+
+def cut(flights):
+    return windows(flights, LENGTH, every=LENGTH)
+
+
+@pytest.fixture(scope="module")
+def flights():
+    return planted.logs(TRUTH)
+
+
+@pytest.fixture(scope="module")
+def exact(flights):
+    return OneStep(cut(flights), 0.01, STEPS)
+
+
+@pytest.fixture(scope="module")
+def noisy_windows(flights):
+    return cut(planted.with_noise(flights, seed=1))
+
+
+@pytest.fixture(scope="module")
+def noisy(noisy_windows):
+    return OneStep(noisy_windows, 0.01, STEPS)
+
+
+def test_the_errors_of_a_noiseless_flight_vanish_at_the_truth_and_grow_away_from_it(flights):
+    some = cut(flights)
+
+    def size(**changes):
+        found = np.asarray(many_errors(some, replace(TRUTH, **changes)))
+        assert found.shape == (planted.FLIGHTS, LENGTH, 12)
+        return np.sqrt(np.mean(found**2, axis=(0, 1)))[np.array(COLUMNS)]
+
+    assert (size() < [5e-6] * 3 + [1e-4] * 3).all(), "m/s, rad/s"
+    for name, near, far in (
+        ("thrust_to_weight", 1.91, 1.95),
+        ("motor_time_constant", 0.062, 0.07),
+        ("latency", 0.0125, 0.015),
+        ("inertia_x", 1.35e-5, 1.5e-5),
+    ):
+        assert size(**{name: far}).max() > 2 * size(**{name: near}).max() > 10 * size().max(), name
+
+
+def test_the_errors_of_a_fall_are_what_is_left_by_hand():
+    """With its rotors at rest and a round body a row is foreseen by a parabola and a turn at a constant rate, whatever it was before."""
+    generator = np.random.default_rng(3)
+    rows = np.cumsum(generator.normal(0, 0.02, (LENGTH + 1, 12)), axis=0).astype(np.float32)
+    start, measured = rows[0], rows[1:]
+    falling = Windows(
+        position=start[:3],
+        velocity=start[3:6],
+        quaternion=Rotation.from_euler("ZYX", start[8:5:-1]).as_quat().astype(np.float32),
+        body_rates=start[9:],
+        command=np.zeros((200, 4), np.float32),
+        measured=measured,
+        block=np.array(0),
+    )
+    drone = replace(noiseless(crazyflie()), inertia=(1e-5, 1e-5, 1e-5))
+    found = np.asarray(jax.jit(partial(one_step.errors, steps=STEPS))(falling, drone))
+    before, weight = rows[:-1].astype(float), np.array([0, 0, -9.81])
+    np.testing.assert_allclose(found[:, :3], measured[:, :3] - before[:, :3] - 0.01 * before[:, 3:6] - 0.01**2 / 2 * weight, atol=2e-6)
+    np.testing.assert_allclose(found[:, 3:6], measured[:, 3:6] - before[:, 3:6] - 0.01 * weight, atol=2e-6)
+    ahead = Rotation.from_euler("ZYX", before[:, 8:5:-1]) * Rotation.from_rotvec(0.01 * before[:, 9:])
+    np.testing.assert_allclose(found[:, 6:9], measured[:, 6:9] - ahead.as_euler("ZYX")[:, ::-1], atol=2e-6)
+    np.testing.assert_allclose(found[:, 9:], measured[:, 9:] - before[:, 9:], atol=2e-6)
+
+
+def autoregression(generator, weights, deviation, rows):
+    """A column of numbers that hang on those before."""
+    found = np.zeros(rows)
+    fresh = deviation * generator.normal(size=rows)
+    for row in range(len(weights), rows):
+        found[row] = fresh[row] + sum(weight * found[row - lag] for lag, weight in enumerate(weights, 1))
+    return found
+
+
+def test_an_autoregressions_weights_and_deviation_are_recovered():
+    generator, rows = np.random.default_rng(0), 40_000
+    planted_weights = [(), (0.8,), (-0.5,), (0.5, 0.3), (1.2, -0.4, 0.1), (0.2, 0.0, 0.0, 0.0, 0.0, 0.4)]
+    deviations = [0.1, 0.02, 3.0, 1e-3, 0.5, 0.2]
+    columns = [autoregression(generator, *each, rows) for each in zip(planted_weights, deviations, strict=True)]
+    late = np.array([[column[ORDER - lag : rows - lag] for lag in range(ORDER + 1)] for column in columns])
+    found = noise_model(np.einsum("cit,cjt->cij", late, late) / (rows - ORDER))
+    for weights, row in zip(planted_weights, found.coefficients, strict=True):
+        np.testing.assert_allclose(row, np.pad(weights, (0, ORDER - len(weights))), atol=0.025)
+    np.testing.assert_allclose(found.deviation, deviations, rtol=0.015)
+
+
+def regressions(wrong):
+    """Each column's least-squares autoregression over all windows, its new errors: windows x rows x 6."""
+    weights, new = [], []
+    for column in COLUMNS:
+        series = wrong[..., column].astype(float)
+        past = np.stack([series[:, ORDER - lag : LENGTH - lag] for lag in range(1, ORDER + 1)], axis=-1)
+        now = series[:, ORDER:]
+        weights.append(np.linalg.lstsq(past.reshape(-1, ORDER), now.reshape(-1), rcond=None)[0])
+        new.append(now - past @ weights[-1])
+    return np.array(weights), np.stack(new, axis=-1)
+
+
+def test_the_value_is_the_gaussian_log_likelihood_of_what_is_new(noisy, noisy_windows):
+    weights, new = regressions(np.asarray(many_errors(noisy_windows, TRUTH)))
+    deviation = np.sqrt(np.mean(new**2, axis=(0, 1)))
+    rows = new.shape[0] * new.shape[1]
+    expected = -norm.logpdf(new, scale=deviation).sum() / rows
+    found = noisy.noise_model(TRUTH)
+    np.testing.assert_allclose(found.coefficients, weights, atol=2e-3)
+    np.testing.assert_allclose(found.deviation, deviation, rtol=1e-4)
+    assert noisy(TRUTH) == pytest.approx(expected, abs=1e-3)
+    assert noisy.rows == rows
+
+
+def test_a_stretch_is_judged_by_a_noise_model_found_elsewhere(noisy, noisy_windows, exact):
+    """The Gaussian log likelihood of each stretch, by hand, under weights and deviations that do not fit it."""
+    model = noisy.noise_model(replace(TRUTH, thrust_to_weight=1.8))._replace(deviation=np.array([0.02, 0.03, 0.02, 0.1, 0.2, 0.1]))
+    wrong = np.asarray(many_errors(noisy_windows, TRUTH))[..., np.array(COLUMNS)].astype(float)
+    new = wrong[:, ORDER:] - sum(model.coefficients[:, lag - 1] * wrong[:, ORDER - lag : LENGTH - lag] for lag in range(1, ORDER + 1))
+    expected = -norm.logpdf(new, scale=model.deviation).sum(axis=(1, 2))
+    np.testing.assert_allclose(noisy.per_block(TRUTH, model), expected, rtol=1e-4)
+
+
+def test_each_stretchs_gradient_is_the_slope_of_its_value_at_a_fixed_noise_model(noisy):
+    at = replace(TRUTH, thrust_to_weight=1.88, latency=0.0113, inertia_x=1.36e-5)
+    model = noisy.noise_model(at)
+    value, scores, curvatures = noisy.derivatives(at, NAMES)
+    assert value == noisy(at)
+    assert scores.shape == (planted.FLIGHTS, 4)
+    for place, (name, apart) in enumerate(zip(NAMES, (0.02, 0.002, 5e-4, 3e-7), strict=True)):
+        middle = float(np.asarray(at.inertia[0] if name == "inertia_x" else getattr(at, name)))
+        above, below = (noisy.per_block(replace(at, **{name: np.float32(middle + side * apart)}), model) for side in (1, -1))
+        scale = np.abs(scores[:, place]).max()
+        np.testing.assert_allclose(scores[:, place], (above - below) / (2 * apart) / noisy.rows, atol=0.04 * scale, err_msg=name)
+    equations = noisy.normal_equations(at, NAMES)
+    np.testing.assert_allclose(equations.gradient, scores.sum(axis=0), rtol=1e-12)
+    np.testing.assert_allclose(equations.curvature, curvatures.sum(axis=0), rtol=1e-12)
+
+
+def test_curvature_is_how_the_value_bends_where_a_flight_fits_without_error(exact, noisy, monkeypatch):
+    """Each stretch's second difference by hand; the exact flights under the noise model of the noisy ones, whose errors vanish."""
+    model = noisy.noise_model(TRUTH)
+    monkeypatch.setattr(exact, "noise_model", lambda _: model)
+    _, scores, curvatures = exact.derivatives(TRUTH, NAMES)
+    apart: Any = dict(zip(NAMES, (0.02, 0.002, 1e-3, 3e-7), strict=True))
+    middle = {"thrust_to_weight": 1.9, "motor_time_constant": 0.06, "latency": 0.012, "inertia_x": 1.33e-5}
+    here = exact.per_block(TRUTH, model)
+    for place, name in enumerate(NAMES):
+        above, below = (exact.per_block(replace(TRUTH, **{name: middle[name] + side * apart[name]}), model) for side in (1, -1))
+        bent = (above - 2 * here + below) / apart[name] ** 2 / exact.rows
+        np.testing.assert_allclose(curvatures[:, place, place], bent, rtol=0.1, atol=0.02 * bent.max(), err_msg=name)
+    assert np.abs(scores.sum(axis=0) * list(apart.values())).max() < 1e-3
+
+
+def test_neither_cores_nor_chunks_change_what_comes_out(noisy_windows, noisy, monkeypatch):
+    """Twenty copies of the flights fill two chunks; each copy has the products that the flights have alone."""
+    copies = [np.tile(array, (20, *[1] * (array.ndim - 1))) for array in noisy_windows]
+    long = Windows(*copies)._replace(block=np.arange(20 * planted.FLIGHTS))
+    together = OneStep(long, 0.01, STEPS)
+    found = []
+    for count in (1, 2):
+        monkeypatch.setattr(cores.os, "sched_getaffinity", lambda _, count=count: set(range(count)))
+        found.append(together.products(TRUTH))
+    np.testing.assert_array_equal(*found)
+    alone = noisy.products(TRUTH)
+    for copy in found[0].reshape(20, *alone.shape):
+        np.testing.assert_allclose(copy, alone, rtol=1e-5, atol=1e-6 * np.abs(alone).max())
