@@ -12,7 +12,7 @@ from maidenflight.flights.log import GROUPS, Flight
 from maidenflight.flights.windows import windows
 from maidenflight.identification import gradient, one_step, posterior, selection
 from maidenflight.identification.bayesian import Box
-from maidenflight.identification.noise import noise
+from maidenflight.identification.noise_levels import noise_levels
 from maidenflight.identification.objective import NormalEquations
 from maidenflight.identification.one_step import OneStep
 from maidenflight.identification.selection import Step
@@ -156,7 +156,7 @@ def maximise(
     slope = searched.slope(optimum)
     covariance = posterior.sandwich(scores * slope, curvatures.sum(axis=0) * np.outer(slope, slope))
     draws = np.clip(generator.multivariate_normal(optimum, covariance, posterior.RESAMPLES, method="eigh"), 0.0, 1.0)
-    levels = noise(everything.mean_products(drone), drone, period)
+    levels = noise_levels(everything.mean_products(drone), drone, period)
     return Likely(
         drone=replace(drone, **{name: np.float32(value) for name, value in levels.items()}),
         box=searched,

@@ -15,7 +15,7 @@ _POSITION, _VELOCITY, _ATTITUDE, _TURN = slice(0, 2), slice(3, 5), slice(6, 9), 
 """Columns of which each size is taken: horizontal position and velocity, attitude, roll and pitch rate."""
 
 
-def noise(products: Float[np.ndarray, "12 P+1 P+1"], parameters: Parameters, period: float) -> dict[str, float]:
+def noise_levels(products: Float[np.ndarray, "12 P+1 P+1"], parameters: Parameters, period: float) -> dict[str, float]:
     """Noise that makes a simulated drone's one-step errors alike.
 
     Position and velocity walk as far as their errors add up over `ROWS` rows; what cancels is their white noise. Of the body rates'

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from maidenflight.identification.noise import noise
+from maidenflight.identification.noise_levels import noise_levels
 from maidenflight.identification.one_step import ORDER
 from maidenflight.parameters import QUANTITIES, check, crazyflie, replace
 
@@ -39,7 +39,7 @@ def found(drone=PAPER, **columns):
     errors = 1e-6 * generator.normal(size=(ROWS, 12))
     for name, values in columns.items():
         errors[:, {"position": POSITION, "velocity": VELOCITY, "turn": TURN}[name]] += values
-    return noise(products(errors), drone, PERIOD)
+    return noise_levels(products(errors), drone, PERIOD)
 
 
 @pytest.fixture(scope="module")
