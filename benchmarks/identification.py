@@ -15,6 +15,7 @@ from pathlib import Path
 import click
 import jax
 import numpy as np
+from page import write
 
 from maidenflight.flights import recording
 from maidenflight.flights.reading import read_flights
@@ -182,17 +183,6 @@ def measure_authors(folder: Path | None) -> str:
 def machine() -> str:
     model = re.search(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text())
     return f"{os.cpu_count()} cores of {model[1] if model else 'an unknown CPU'}; load before the run {os.getloadavg()[0]:.1f}."
-
-
-def write(page: Path, parts: dict[str, str]) -> None:
-    """Puts each part between its markers of the page."""
-    text = page.read_text()
-    for name, part in parts.items():
-        before, marker, rest = text.partition(f"<!-- {name} -->\n")
-        if not marker:
-            raise click.ClickException(f"{page} has no line <!-- {name} -->.")
-        text = before + marker + part + rest[rest.index("\n<!-- end -->") :]
-    page.write_text(text)
 
 
 @click.command()

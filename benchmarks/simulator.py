@@ -20,6 +20,7 @@ from typing import Any
 import chart
 import click
 from maidenflight_speed import LAYOUTS
+from page import write
 
 FOLDER = Path(__file__).parent
 VERSION = "0.4.0"
@@ -249,17 +250,6 @@ def details(found: Found) -> str:
         f"- {SERIES[series]}: " + "; ".join(f"{name} at {where}" for name, where in sides.items()) + "."
         for series, sides in found.details.items()
     )
-
-
-def write(page: Path, parts: dict[str, str]) -> None:
-    """Puts each part between its markers of the page."""
-    text = page.read_text()
-    for name, part in parts.items():
-        before, marker, rest = text.partition(f"<!-- {name} -->\n")
-        if not marker:
-            raise click.ClickException(f"{page} has no line <!-- {name} -->.")
-        text = before + marker + part + rest[rest.index("\n<!-- end -->") :]
-    page.write_text(text)
 
 
 @click.command()

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from damaged_json import damaged
 from maidenflight import policy
 from maidenflight.errors import InputError
 from maidenflight.policy import Policy, from_json, read, to_json, untrained, write
@@ -81,33 +82,20 @@ def test_different_keys_make_different_policies():
     np.testing.assert_array_equal(first.weights[0], untrained(KEY).weights[0])
 
 
-def damaged(*path, to):
-    """The small policy with one entry replaced, or removed where `to` is ``...``."""
-    content = json.loads(json.dumps(SMALL))
-    place = content
-    for step in path[:-1]:
-        place = place[step]
-    if to is ...:
-        del place[path[-1]]
-    else:
-        place[path[-1]] = to
-    return json.dumps(content)
-
-
 @pytest.mark.parametrize(
     "field", ["format", "control", "rate", "history", "activation", "observation_mean", "observation_deviation", "layers"]
 )
 @pytest.mark.parametrize("wrong", [..., None, "text", [], {}, -1, 3.5, True])
 def test_a_damaged_field_is_refused(field, wrong):
     with pytest.raises(InputError, match=r"^here: "):
-        from_json(damaged(field, to=wrong), "here")
+        from_json(damaged(SMALL, field, to=wrong), "here")
 
 
 @pytest.mark.parametrize("field", ["weights", "biases"])
 @pytest.mark.parametrize("wrong", [..., None, "text", [], {}, 1.0, [1.0, [2.0]], [[[1.0]]], [1.0, 2.0], [[1.0, 2.0]]])
 def test_a_damaged_layer_is_refused(field, wrong):
     with pytest.raises(InputError, match=r"^here: "):
-        from_json(damaged("layers", 0, field, to=wrong), "here")
+        from_json(damaged(SMALL, "layers", 0, field, to=wrong), "here")
 
 
 @pytest.mark.parametrize(
@@ -118,39 +106,41 @@ def test_a_damaged_layer_is_refused(field, wrong):
         pytest.param("[" * 100_000, "not valid JSON", id="too deep"),
         pytest.param("[]", "not a maidenflight policy", id="another file"),
         pytest.param(
-            damaged("control", to="position_pid"), "control = 'position_pid', expected one of pwm, attitude_rate, attitude", id="control"
+            damaged(SMALL, "control", to="position_pid"),
+            "control = 'position_pid', expected one of pwm, attitude_rate, attitude",
+            id="control",
         ),
         pytest.param(
             json.dumps(SMALL | {"control": "attitude", "rate": 30}), "rate = 30, expected one that divides the 500 Hz", id="PID rate"
         ),
-        pytest.param(damaged("activation", to="tanh"), "activation = 'tanh', expected 'relu'", id="activation"),
-        pytest.param(damaged("rate", to=0), "rate = 0, expected a whole number from 1 to 1000", id="rate"),
-        pytest.param(damaged("history", to=2), r"the normaliser has \(20,\) values, expected 40", id="history"),
-        pytest.param(damaged("layers", to=[]), "no layers", id="no layers"),
-        pytest.param(damaged("layers", to=SMALL["layers"][:1]), "3 outputs, expected 4", id="layer lost"),
-        pytest.param(damaged("layers", to=SMALL["layers"][::-1]), r"layer 1 has weights \(4, 3\)", id="layers turned"),
-        pytest.param(damaged("layers", 0, "weights", 2, 5, to=float("nan")), "not a finite number", id="nan weight"),
-        pytest.param(damaged("layers", 1, "biases", 0, to=float("inf")), "not a finite number", id="infinite bias"),
-        pytest.param(damaged("observation_mean", 0, to=float("nan")), "not a finite number", id="nan mean"),
-        pytest.param(damaged("observation_deviation", 3, to=0.0), "deviation is not positive", id="zero deviation"),
-        pytest.param(damaged("observation_deviation", 3, to=-1.0), "deviation is not positive", id="negative deviation"),
+        pytest.param(damaged(SMALL, "activation", to="tanh"), "activation = 'tanh', expected 'relu'", id="activation"),
+        pytest.param(damaged(SMALL, "rate", to=0), "rate = 0, expected a whole number from 1 to 1000", id="rate"),
+        pytest.param(damaged(SMALL, "history", to=2), r"the normaliser has \(20,\) values, expected 40", id="history"),
+        pytest.param(damaged(SMALL, "layers", to=[]), "no layers", id="no layers"),
+        pytest.param(damaged(SMALL, "layers", to=SMALL["layers"][:1]), "3 outputs, expected 4", id="layer lost"),
+        pytest.param(damaged(SMALL, "layers", to=SMALL["layers"][::-1]), r"layer 1 has weights \(4, 3\)", id="layers turned"),
+        pytest.param(damaged(SMALL, "layers", 0, "weights", 2, 5, to=float("nan")), "not a finite number", id="nan weight"),
+        pytest.param(damaged(SMALL, "layers", 1, "biases", 0, to=float("inf")), "not a finite number", id="infinite bias"),
+        pytest.param(damaged(SMALL, "observation_mean", 0, to=float("nan")), "not a finite number", id="nan mean"),
+        pytest.param(damaged(SMALL, "observation_deviation", 3, to=0.0), "deviation is not positive", id="zero deviation"),
+        pytest.param(damaged(SMALL, "observation_deviation", 3, to=-1.0), "deviation is not positive", id="negative deviation"),
         pytest.param(
-            damaged("layers", 0, "weights", 0, 0, to=1e39),
+            damaged(SMALL, "layers", 0, "weights", 0, 0, to=1e39),
             "here: ",
             id="more than float32 holds",
         ),
-        pytest.param(damaged("layers", 0, "weights", 0, 0, to=10**400), "here: ", id="more than float64 holds"),
+        pytest.param(damaged(SMALL, "layers", 0, "weights", 0, 0, to=10**400), "here: ", id="more than float64 holds"),
         pytest.param(
             json.dumps(SMALL).replace('"rate": 100', '"rate": 1' + "0" * 5000),
             "here: ",
             id="more digits than Python reads",
         ),
         pytest.param(
-            damaged("layers", 0, "weights", 0, 0, to="0.5"),
+            damaged(SMALL, "layers", 0, "weights", 0, 0, to="0.5"),
             "here: ",
             id="text for a number",
         ),
-        pytest.param(damaged("layers", 0, "weights", 0, 0, to=None), "here: ", id="no number"),
+        pytest.param(damaged(SMALL, "layers", 0, "weights", 0, 0, to=None), "here: ", id="no number"),
     ],
 )
 def test_a_wrong_policy_file_is_refused_with_its_cause(text, message):

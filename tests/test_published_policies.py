@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from maidenflight.flights import authors, log, reading
+from maidenflight.flights import authors, tables
 from maidenflight.policy import Policy
 from maidenflight.simulator import battery, environment, rotations
 from maidenflight.simulator.sensors import Measurement
@@ -56,8 +56,8 @@ def test_published_policies_give_their_logged_outputs(control: str) -> None:
     to_quaternion = jax.jit(jax.vmap(rotations.from_attitude))
     errors = []
     for path in sorted((AUTHORS / "flights" / control).rglob("*.csv.gz")):
-        flight = authors.from_csv(reading._open(path), path.name)[0]
-        table = log.numbers(reading._open(path), path.name, authors.COLUMNS)
+        flight = authors.flights(tables.read(path, path.name))[0][0][0]
+        table = tables.numbers(tables.read(path, path.name), authors.COLUMNS)
         logged = np.stack([table[f"n{motor}"] for motor in range(4)], axis=1).astype(np.float32)
         count = len(logged)
 
@@ -82,7 +82,7 @@ def test_the_motor_ratio_of_real_flights_follows_the_networks_command() -> None:
     """Within one 8-bit step wherever the battery could give it; exactly but for what logging as float16 rounds (96.97 % measured)."""
     exact, near, free = [], [], []
     for path in sorted((AUTHORS / "flights/pwm").rglob("*.csv.gz")):
-        table = log.numbers(reading._open(path), path.name, authors.COLUMNS)
+        table = tables.numbers(tables.read(path, path.name), authors.COLUMNS)
         command = (np.clip(np.stack([table[f"n{motor}"] for motor in range(4)], axis=1), -1, 1) + 1) / 2
         logged = np.stack([table[f"mot{motor}"] for motor in range(4)], axis=1) / 256
         expected = battery.motor_ratio(command, table["bat"][:, None]) * 256

@@ -174,8 +174,16 @@ def read(path: str | os.PathLike[str]) -> Policy:
     Raises:
         InputError: no such file, or not a valid policy.
     """
+    return from_json(text_of(path), str(path))
+
+
+def text_of(path: str | os.PathLike[str]) -> str:
+    """Text of a policy file, of whatever format.
+
+    Raises:
+        InputError: it cannot be read.
+    """
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        return Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read as a policy ({error}).") from error
-    return from_json(text, str(path))

@@ -152,8 +152,7 @@ def validate_with(
 
 def _not_held_out(drone: StrPath, flights: Flights) -> list[str]:
     """Says so if a drone was identified from some of the flights, going by the record in its file."""
-    record = tomllib.loads(Path(drone).read_text(encoding="utf-8")).get("record", {})
-    used = {str(entry).rpartition("sha256:")[2] for entry in record.get("inputs", [])}
+    used = {str(entry).rpartition("sha256:")[2] for entry in _table(drone, "record").get("inputs", [])}
     seen = sum(results.digest(path) in used for path in flights.paths)
     if seen == 0:
         return []
@@ -165,9 +164,12 @@ POSTERIOR = "posterior"
 
 
 def _posterior(drone: StrPath) -> Ensemble:
-    point = parameters.read(drone)
-    table = tomllib.loads(Path(drone).read_text(encoding="utf-8")).get("posterior", {}) if Path(drone).is_file() else {}
-    return posterior_ensemble(point, table, str(drone))
+    return posterior_ensemble(parameters.read(drone), _table(drone, "posterior"), str(drone))
+
+
+def _table(drone: StrPath, title: str) -> dict[str, Any]:
+    """A further table of a drone's TOML file; empty where it has none, or the drone is a named one."""
+    return tomllib.loads(Path(drone).read_text(encoding="utf-8")).get(title, {}) if Path(drone).is_file() else {}
 
 
 def train_for(

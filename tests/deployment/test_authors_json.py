@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from damaged_json import damaged
 from maidenflight.deployment.authors_json import from_authors_json, read_authors_json
 from maidenflight.errors import InputError
 
@@ -39,19 +40,6 @@ MADE = {
 }
 
 
-def changed(*path, to):
-    """The made policy with one entry replaced, or removed where `to` is ``...``."""
-    content = json.loads(json.dumps(MADE))
-    place = content
-    for step in path[:-1]:
-        place = place[step]
-    if to is ...:
-        del place[path[-1]]
-    else:
-        place[path[-1]] = to
-    return json.dumps(content)
-
-
 @pytest.mark.parametrize(("control", "rate"), [("pwm", 100), ("attitude_rate", 50), ("attitude", 25)])
 def test_a_policy_is_read_with_its_scaling_and_the_rate_of_its_control_structure(control, rate):
     made = from_authors_json(json.dumps(MADE), "here", control)
@@ -71,19 +59,19 @@ def test_a_policy_is_read_with_its_scaling_and_the_rate_of_its_control_structure
         pytest.param("", "not valid JSON", id="empty"),
         pytest.param("[" * 100_000, "not valid JSON", id="too deep"),
         pytest.param("[]", "not one of the authors' policies", id="another file"),
-        pytest.param(changed("check_sum", to=...), "check_sum", id="no check sum"),
-        pytest.param(changed("check_sum", to="nan"), "a weight was changed", id="check sum not a number"),
-        pytest.param(changed("check_sum", to=None), "damaged policy", id="check sum none"),
-        pytest.param(changed("activation", to="tanh"), "activation = 'tanh', expected 'relu'", id="activation"),
-        pytest.param(changed("2", "biases", 3, to=LAYERS[2]["biases"][3] + 1e-3), "a weight was changed", id="changed bias"),
-        pytest.param(changed("2", "weights", 0, 0, to=float("nan")), "a weight was changed", id="nan weight"),
-        pytest.param(changed("1", "type", to="csrproduct"), "expected layers of type 'standard'", id="sparse"),
-        pytest.param(changed("1", to=...), "damaged policy", id="layer lost"),
-        pytest.param(changed("1", "weights", to="text"), "expected lists of numbers", id="text"),
-        pytest.param(changed("1", "biases", to=[1.0]), "damaged policy", id="bias lost"),
-        pytest.param(changed("0", to=LAYERS[1]), "a layer's inputs are not the outputs", id="wrong layer"),
-        pytest.param(changed("scaling_parameters", to=[[0.0] * 40]), "damaged policy", id="no deviation"),
-        pytest.param(changed("scaling_parameters", to=[[0.0] * 20, [1.0] * 20]), "expected", id="scaling of another size"),
+        pytest.param(damaged(MADE, "check_sum", to=...), "check_sum", id="no check sum"),
+        pytest.param(damaged(MADE, "check_sum", to="nan"), "a weight was changed", id="check sum not a number"),
+        pytest.param(damaged(MADE, "check_sum", to=None), "damaged policy", id="check sum none"),
+        pytest.param(damaged(MADE, "activation", to="tanh"), "activation = 'tanh', expected 'relu'", id="activation"),
+        pytest.param(damaged(MADE, "2", "biases", 3, to=LAYERS[2]["biases"][3] + 1e-3), "a weight was changed", id="changed bias"),
+        pytest.param(damaged(MADE, "2", "weights", 0, 0, to=float("nan")), "a weight was changed", id="nan weight"),
+        pytest.param(damaged(MADE, "1", "type", to="csrproduct"), "expected layers of type 'standard'", id="sparse"),
+        pytest.param(damaged(MADE, "1", to=...), "damaged policy", id="layer lost"),
+        pytest.param(damaged(MADE, "1", "weights", to="text"), "expected lists of numbers", id="text"),
+        pytest.param(damaged(MADE, "1", "biases", to=[1.0]), "damaged policy", id="bias lost"),
+        pytest.param(damaged(MADE, "0", to=LAYERS[1]), "a layer's inputs are not the outputs", id="wrong layer"),
+        pytest.param(damaged(MADE, "scaling_parameters", to=[[0.0] * 40]), "damaged policy", id="no deviation"),
+        pytest.param(damaged(MADE, "scaling_parameters", to=[[0.0] * 20, [1.0] * 20]), "expected", id="scaling of another size"),
     ],
 )
 def test_what_is_not_such_a_policy_or_was_changed_is_refused(text, message):
@@ -97,7 +85,7 @@ def test_every_weight_that_counts_in_the_check_sum_is_guarded():
     passed = []
     for number, layer in enumerate(LAYERS):
         for row, column in np.ndindex(*np.shape(layer["weights"])):
-            text = changed(str(number), "weights", row, column, to=layer["weights"][row][column] + 0.01)
+            text = damaged(MADE, str(number), "weights", row, column, to=layer["weights"][row][column] + 0.01)
             wrong = json.loads(text)
             differs = abs(float(check_sum([wrong[str(place)] for place in range(3)])) - float(MADE["check_sum"])) > 1e-3
             if differs:

@@ -14,7 +14,7 @@ from hypothesis.extra.numpy import arrays
 from made_flights import calm
 
 from maidenflight.errors import InputError
-from maidenflight.flights import log
+from maidenflight.flights import log, tables
 from maidenflight.flights.reading import read_flights
 
 
@@ -139,7 +139,7 @@ def test_what_is_no_table_is_refused(text):
     with pytest.raises(InputError, match=r"x\.csv"):
         log.from_csv(text, "x.csv")
     with pytest.raises(InputError, match=r"x\.csv"):
-        log.numbers(text, "x.csv", ["time"])
+        tables.numbers(tables.from_text(text, "x.csv"), ["time"])
 
 
 def to_parquet(path, flight, **metadata):

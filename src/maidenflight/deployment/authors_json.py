@@ -10,14 +10,13 @@ import json
 import math
 import os
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
 from maidenflight.errors import InputError
-from maidenflight.policy import CONTROLS, Policy, from_json, to_json
+from maidenflight.policy import CONTROLS, Policy, from_json, text_of, to_json
 from maidenflight.simulator.environment import OBSERVATION_SIZE
 
 EPSILON = 1e-5
@@ -77,11 +76,7 @@ def read_authors_json(path: str | os.PathLike[str], control: str) -> Policy:
     Raises:
         InputError: no such file, or not such a policy.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as a policy ({error}).") from error
-    return from_authors_json(text, str(path), control)
+    return from_authors_json(text_of(path), str(path), control)
 
 
 def _numbers(nested: Any) -> np.ndarray:

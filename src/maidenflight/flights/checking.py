@@ -4,8 +4,6 @@ A flight is cut into gapless pieces of rows in which the drone really flies; the
 What is wrong with a flight as a whole, a unit, a sign or the order of columns, is refused: dropping rows would hide it.
 """
 
-from dataclasses import replace
-
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -57,7 +55,7 @@ def pieces(flight: Flight, time: Float[np.ndarray, "N"] | None = None, shortest:
     short: list[int] = []
     for start, stop in _runs(usable, cuts):
         if stop - start >= shortest:
-            kept.append(_rows(flight, start, stop))
+            kept.append(flight.part(start, stop))
         else:
             short.append(stop - start)
     if short:
@@ -126,10 +124,6 @@ def _runs(rows: Bool[np.ndarray, "N"], cuts: Bool[np.ndarray, "N"]) -> list[tupl
     ends = ~after | np.concatenate([cuts[1:], [False]])
     starts = np.flatnonzero(rows & (~before | cuts))
     return list(zip(starts.tolist(), (np.flatnonzero(rows & ends) + 1).tolist(), strict=True))
-
-
-def _rows(flight: Flight, start: int, stop: int) -> Flight:
-    return replace(flight, **{group: getattr(flight, group)[start:stop] for group in GROUPS if group != "time"})
 
 
 def _cuts(flight: Flight, time: Float[np.ndarray, "N"]) -> tuple[Bool[np.ndarray, "N"], list[str]]:

@@ -2,8 +2,8 @@
 
 import json
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +67,10 @@ class Flight:
 
     def __len__(self) -> int:
         return len(self.position)
+
+    def part(self, start: int, stop: int) -> "Flight":
+        """The rows from `start` to before `stop`."""
+        return replace(self, **{group: getattr(self, group)[start:stop] for group in GROUPS if group != "time"})
 
     @property
     def duration(self) -> float:
@@ -152,8 +156,3 @@ def timed(table: Table) -> tuple[Flight, Float[np.ndarray, "N"]]:
         },
     )
     return flight, column["time"]
-
-
-def numbers(text: str, name: str, columns: Sequence[str]) -> dict[str, np.ndarray]:
-    """Reads named columns of a CSV as float64 arrays; see `tables.numbers`."""
-    return tables.numbers(tables.from_text(text, name), columns)

@@ -153,8 +153,3 @@ def _files(path: Path) -> tuple[list[Path], list[str]]:
     if not files and not refused:
         raise InputError(_nothing(path, 0, []))
     return files, refused
-
-
-def _open(path: Path) -> str:
-    """Text of a file, decompressed."""
-    return tables.decoded(tables.content(path), str(path))

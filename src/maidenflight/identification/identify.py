@@ -249,12 +249,12 @@ def _by_likelihood(
     found = likelihood.maximise(
         flights, lambda some: _box(some, searched), names, start, history, evaluations, trials, generator, count, on_step
     )
-    box, low_high = found.box, np.quantile(found.draws, [(1 - posterior.LEVEL) / 2, (1 + posterior.LEVEL) / 2], axis=0)
+    box = found.box
     optima = np.array([points[int(np.argmin(values))] for points, values in found.runs])
     values = np.concatenate([values for _, values in found.runs])
     return Identification(
         parameters=check(found.drone, "identified parameters"),
-        estimates=_estimates(box, found.optimum, optima, (low_high[0], low_high[1]), found.spread, None),
+        estimates=_estimates(box, found.optimum, optima, posterior.interval(found.draws), found.spread, None),
         kind="likelihood",
         objective=float(values.min()),
         start_objective=found.start_value,

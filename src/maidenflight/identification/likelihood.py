@@ -2,14 +2,13 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from dataclasses import replace as change
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from maidenflight.flights.log import GROUPS, Flight
-from maidenflight.flights.windows import windows
+from maidenflight.flights.log import Flight
+from maidenflight.flights.windows import SHORTEST_HISTORY, windows
 from maidenflight.identification import gradient, one_step, posterior, selection
 from maidenflight.identification.bayesian import Box
 from maidenflight.identification.noise_levels import noise_levels
@@ -174,14 +173,13 @@ def maximise(
 
 def _split(flights: Sequence[Flight]) -> tuple[list[Flight], list[Flight]]:
     """Flights to fit and, every third of them, to judge by; the longest is cut in three where there are fewer than three."""
-    long_enough = [flight for flight in flights if len(flight) > one_step.LENGTH + 31]
+    long_enough = [flight for flight in flights if len(flight) > one_step.LENGTH + SHORTEST_HISTORY + 1]
     if len(long_enough) < selection.HELD_OUT:
         pieces = []
         for flight in flights:
             ends = [len(flight) * part // 3 for part in range(4)]
             for first, end in zip(ends[:-1], ends[1:], strict=True):
-                rows = {group: getattr(flight, group)[first:end] for group in GROUPS if group != "time"}
-                pieces.append(change(flight, **rows))
+                pieces.append(flight.part(first, end))
         long_enough = pieces
     judged = long_enough[selection.HELD_OUT - 1 :: selection.HELD_OUT]
     fitted = [flight for number, flight in enumerate(long_enough) if number % selection.HELD_OUT != selection.HELD_OUT - 1]

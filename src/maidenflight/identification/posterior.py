@@ -33,8 +33,13 @@ class Bootstrap(NamedTuple):
 
     def interval(self) -> tuple[Float[np.ndarray, "d"], Float[np.ndarray, "d"]]:
         """Central interval of the optima, in each dimension."""
-        tail = (1 - LEVEL) / 2
-        return np.quantile(self.optima, tail, axis=0), np.quantile(self.optima, 1 - tail, axis=0)
+        return interval(self.optima)
+
+
+def interval(draws: Float[np.ndarray, "N ..."]) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
+    """Central interval that holds `LEVEL` of the draws, number by number."""
+    tail = (1 - LEVEL) / 2
+    return np.quantile(draws, tail, axis=0), np.quantile(draws, 1 - tail, axis=0)
 
 
 def basis(points: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "n k"]:
@@ -108,8 +113,7 @@ def sandwich(scores: Float[np.ndarray, "B d"], curvature: Float[np.ndarray, "d d
 
     Source: White 1982, Maximum likelihood estimation of misspecified models, theorem 3.2.
     """
-    scale = np.sqrt(np.maximum(np.diag(curvature), 1e-30))
-    inverse = np.linalg.inv(curvature / np.outer(scale, scale) + 1e-9 * np.eye(len(scale))) / np.outer(scale, scale)
+    inverse = _inverse(curvature)
     return inverse @ (scores.T @ scores) @ inverse * len(scores) / max(len(scores) - scores.shape[1], 1)
 
 
@@ -126,7 +130,12 @@ def spread(scores: Float[np.ndarray, "B d"], curvatures: Float[np.ndarray, "B d 
     Source: DerSimonian and Laird 1986, Meta-analysis in clinical trials (random effects by moments).
     """
     mean = curvatures.mean(axis=0)
-    scale = np.sqrt(np.maximum(np.diag(mean), 1e-30))
-    inverse = np.linalg.inv(mean / np.outer(scale, scale) + 1e-9 * np.eye(len(scale))) / np.outer(scale, scale)
+    inverse = _inverse(mean)
     between = inverse @ (scores.T @ scores / len(scores) - mean) @ inverse
     return np.sqrt(np.maximum(np.diag(between), 0.0))
+
+
+def _inverse(curvature: Float[np.ndarray, "d d"]) -> Float[np.ndarray, "d d"]:
+    """Inverse by way of unit diagonals, since the parameters' units differ by decades."""
+    scale = np.sqrt(np.maximum(np.diag(curvature), 1e-30))
+    return np.linalg.inv(curvature / np.outer(scale, scale) + 1e-9 * np.eye(len(scale))) / np.outer(scale, scale)

@@ -19,7 +19,7 @@ from maidenflight.errors import InputError
 from maidenflight.flights.log import GROUPS, Flight
 from maidenflight.flights.windows import EVERY, HISTORY, SHORTEST_HISTORY, Windows, windows
 from maidenflight.identification.objective import PHYSICS_STEP, in_chunks, physics_steps, simulate
-from maidenflight.identification.posterior import LEVEL, RESAMPLES
+from maidenflight.identification.posterior import RESAMPLES, interval
 from maidenflight.parameters import Parameters, replace
 
 HORIZONS = (0.1, 0.25, 0.5)
@@ -212,5 +212,4 @@ def _interval(
     generator = np.random.default_rng(np.asarray(jax.random.bits(key, (2,))).tolist())
     draws = generator.multinomial(len(counts), np.full(len(counts), 1 / len(counts)), RESAMPLES).astype(np.float64)
     redrawn = np.sqrt(np.tensordot(draws, sums, 1) / (draws @ counts)[:, None, None, None])
-    tail = (1 - LEVEL) / 2
-    return np.quantile(redrawn, tail, axis=0), np.quantile(redrawn, 1 - tail, axis=0)
+    return interval(redrawn)
