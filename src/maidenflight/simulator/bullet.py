@@ -196,7 +196,8 @@ def _motors(
     # What depends on velocities is left to the world's step.
     still = State(*(jnp.zeros(size, rotor_speed.dtype) for size in (3, 3, 4, 3, 4)))
     further = dynamics.further_torque(still, spin_up, parameters)
-    return rotor_speed, jnp.concatenate([forces, further.at[2].add(dynamics.torque(forces, parameters)[2])])
+    *about_x_and_y, yaw = further
+    return rotor_speed, jnp.stack([*forces, *about_x_and_y, yaw + dynamics.torque(forces, parameters)[2]])
 
 
 @jax.jit
