@@ -174,7 +174,7 @@ def _print_flights(flights: "Flights", windows: int) -> None:
 @click.option("--length", default=30, show_default=True, type=click.IntRange(1, 500), help="T, rows of a replayed window.")
 @click.option("--history", default=100, show_default=True, type=click.IntRange(1, 500), help="Rows before a window that set its motors.")
 @click.option("--evaluations", default=60, show_default=True, type=click.IntRange(11, 2000), help="Most of the objective, a trial.")
-@click.option("--trials", default=3, show_default=True, type=click.IntRange(1, 100), help="Repetitions of the optimiser.")
+@click.option("--trials", default=2, show_default=True, type=click.IntRange(1, 100), help="Repetitions of the optimiser.")
 @click.option("--method", default="gradient", show_default=True, type=click.Choice(["gradient", "bayesian"]), help="Of a replay.")
 @click.option("--bounds", multiple=True, callback=_bounds, help="Search bounds, NAME=LOWER,UPPER in SI units; may be repeated.")
 @_seed

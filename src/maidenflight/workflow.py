@@ -75,7 +75,7 @@ def identify_from(
     length: int = 30,
     history: int = HISTORY,
     evaluations: int = 60,
-    trials: int = 3,
+    trials: int = 2,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     method: str = METHODS[0],
     on_file: Callable[[int, int], None] | None = None,

@@ -65,6 +65,16 @@ def test_the_errors_of_a_noiseless_flight_vanish_at_the_truth_and_grow_away_from
         assert size(**{name: far}).max() > 2 * size(**{name: near}).max() > 10 * size().max(), name
 
 
+@pytest.mark.parametrize("steps", [2, 5, 10])
+def test_latencies_of_several_rows_are_told_apart_however_fine_the_steps(steps, flights):
+    """A delay line that is sized by the steps and not by the rows forgets what is 45 ms old."""
+    some = Windows(*(array[0] for array in cut(flights)))
+    errors = jax.jit(partial(one_step.errors, steps=steps))
+    found = [np.asarray(errors(some, replace(TRUTH, latency=delay, time_step=0.01 / steps))) for delay in (0.030, 0.038, 0.046)]
+    turned = [np.abs(late[:, 9:11] - later[:, 9:11]).max() for late, later in zip(found[:-1], found[1:], strict=True)]
+    assert min(turned) > 0.02, "rad/s"
+
+
 def test_the_errors_of_a_fall_are_what_is_left_by_hand():
     """With its rotors at rest and a round body a row is foreseen by a parabola and a turn at a constant rate, whatever it was before."""
     generator = np.random.default_rng(3)
@@ -143,35 +153,41 @@ def test_a_stretch_is_judged_by_a_noise_model_found_elsewhere(noisy, noisy_windo
     np.testing.assert_allclose(noisy.per_block(TRUTH, model), expected, rtol=1e-4)
 
 
-def test_each_stretchs_gradient_is_the_slope_of_its_value_at_a_fixed_noise_model(noisy):
-    at = replace(TRUTH, thrust_to_weight=1.88, latency=0.0113, inertia_x=1.36e-5)
-    model = noisy.noise_model(at)
-    value, scores, curvatures = noisy.derivatives(at, NAMES)
-    assert value == noisy(at)
-    assert scores.shape == (planted.FLIGHTS, 4)
-    for place, (name, apart) in enumerate(zip(NAMES, (0.02, 0.002, 5e-4, 3e-7), strict=True)):
-        middle = float(np.asarray(at.inertia[0] if name == "inertia_x" else getattr(at, name)))
-        above, below = (noisy.per_block(replace(at, **{name: np.float32(middle + side * apart)}), model) for side in (1, -1))
-        scale = np.abs(scores[:, place]).max()
-        np.testing.assert_allclose(scores[:, place], (above - below) / (2 * apart) / noisy.rows, atol=0.04 * scale, err_msg=name)
-    equations = noisy.normal_equations(at, NAMES)
-    np.testing.assert_allclose(equations.gradient, scores.sum(axis=0), rtol=1e-12)
-    np.testing.assert_allclose(equations.curvature, curvatures.sum(axis=0), rtol=1e-12)
+NEAR: Any = dict(zip(NAMES, (0.003, 5e-4, 1.5e-4, 1e-7), strict=True))
+"""Steps for differences at the truth."""
 
 
-def test_curvature_is_how_the_value_bends_where_a_flight_fits_without_error(exact, noisy, monkeypatch):
-    """Each stretch's second difference by hand; the exact flights under the noise model of the noisy ones, whose errors vanish."""
-    model = noisy.noise_model(TRUTH)
-    monkeypatch.setattr(exact, "noise_model", lambda _: model)
-    _, scores, curvatures = exact.derivatives(TRUTH, NAMES)
-    apart: Any = dict(zip(NAMES, (0.02, 0.002, 1e-3, 3e-7), strict=True))
-    middle = {"thrust_to_weight": 1.9, "motor_time_constant": 0.06, "latency": 0.012, "inertia_x": 1.33e-5}
-    here = exact.per_block(TRUTH, model)
+def beside(name, side):
+    middle = TRUTH.inertia[0] if name == "inertia_x" else getattr(TRUTH, name)
+    return replace(TRUTH, **{name: np.float32(middle + side * NEAR[name])})
+
+
+@pytest.fixture(scope="module")
+def long():
+    """Enough flight for what is uncorrelated to be so."""
+    return OneStep(cut(planted.with_noise(planted.logs(TRUTH, count=64), seed=1)), 0.01, STEPS)
+
+
+def test_gradient_and_curvature_are_differences_of_the_value_whose_noise_model_is_fitted_anew(long):
+    equations = long.normal_equations(TRUTH, NAMES)
+    assert equations.loss == long(TRUTH)
     for place, name in enumerate(NAMES):
-        above, below = (exact.per_block(replace(TRUTH, **{name: middle[name] + side * apart[name]}), model) for side in (1, -1))
-        bent = (above - 2 * here + below) / apart[name] ** 2 / exact.rows
-        np.testing.assert_allclose(curvatures[:, place, place], bent, rtol=0.1, atol=0.02 * bent.max(), err_msg=name)
-    assert np.abs(scores.sum(axis=0) * list(apart.values())).max() < 1e-3
+        above, below = (long(beside(name, side)) for side in (1, -1))
+        bent = above + below - 2 * equations.loss
+        assert NEAR[name] * equations.gradient[place] == pytest.approx((above - below) / 2, abs=0.02 * bent), name
+        assert NEAR[name] ** 2 * equations.curvature[place, place] == pytest.approx(bent, rel=0.12), name
+
+
+def test_each_stretchs_gradient_is_the_slope_of_its_value_when_all_stretches_fit_the_autoregression_anew(long):
+    model = long.noise_model(TRUTH)
+    _, scores, curvatures = long.derivatives(TRUTH, NAMES)
+    assert scores.shape == (64, 4)
+    assert curvatures.shape == (64, 4, 4)
+    for place, name in enumerate(NAMES):
+        drones = beside(name, 1), beside(name, -1)
+        above, below = (long.per_block(drone, model._replace(coefficients=long.noise_model(drone).coefficients)) for drone in drones)
+        slopes = (above - below) / (2 * NEAR[name]) / long.rows
+        np.testing.assert_allclose(scores[:, place], slopes, atol=0.15 * np.abs(slopes).max(), err_msg=name)
 
 
 def test_neither_cores_nor_chunks_change_what_comes_out(noisy_windows, noisy, monkeypatch):

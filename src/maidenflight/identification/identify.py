@@ -163,7 +163,7 @@ def identify(
     length: int = 30,
     history: int = HISTORY,
     evaluations: int = 60,
-    trials: int = 3,
+    trials: int = 2,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     discount: float = DISCOUNT,
     method: str = METHODS[0],
@@ -183,7 +183,7 @@ def identify(
         history: rows of commands before a window, from which its motors' speed is inferred.
         evaluations: most evaluations of the objective, a trial. Bayesian optimisation spends them all, the paper 250; the gradient
             method stops by itself after two to six.
-        trials: repetitions of the optimiser, each from a start of its own.
+        trials: repetitions of the optimiser, each from a start of its own; the paper made three.
         bounds: search bounds by name, SI units; the paper's for `replay` and physical ones for `likelihood` unless given.
         discount: delta of the replay.
         method: of the replay: "gradient", which follows derivatives through the simulator, or "bayesian", as the paper did.
@@ -251,15 +251,14 @@ def _by_likelihood(
     )
     box = found.box
     optima = np.array([points[int(np.argmin(values))] for points, values in found.runs])
-    values = np.concatenate([values for _, values in found.runs])
     return Identification(
         parameters=check(found.drone, "identified parameters"),
         estimates=_estimates(box, found.optimum, optima, posterior.interval(found.draws), found.spread, None),
         kind="likelihood",
-        objective=float(values.min()),
+        objective=found.value,
         start_objective=found.start_value,
         windows=found.rows // (one_step.LENGTH - one_step.ORDER),
-        evaluations=len(values),
+        evaluations=sum(len(values) for _, values in found.runs),
         seconds=0.0,
         history=_history(box, found.runs, None),
         draws=dict(zip(box.names, box.values(found.draws).T, strict=True)),

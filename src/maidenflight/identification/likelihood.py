@@ -17,15 +17,13 @@ from maidenflight.identification.one_step import OneStep
 from maidenflight.identification.selection import Step
 from maidenflight.parameters import Parameters, component, replace
 
-_PILOT = 256
-"""Windows on which a random start comes near the optimum."""
+_PILOT = 128
+"""Windows on which a far start comes near the optimum."""
 _COARSE, _FINE = 0.002, 0.001
 """Nominal physics steps [s] on the way and at the end. At 5 ms a command that arrives within a step is seen so coarsely that the lag comes
 out 1 ms short; at 2 ms the latency is still 0.1 ms off, which is as much as two minutes of flight leave open."""
 _CLOSE = 0.02
 """Gain of log likelihood of all flights [nats] below which a step is the last: a fifth of a standard error moves it by as much."""
-_STIFFEST = 1e6
-"""Damping at which no step helps any more."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +37,9 @@ class Likely:
     optimum: Float[np.ndarray, "d"]
     """In the box's unit cube, as are the next two."""
     runs: list[tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n"]]]
-    """Points evaluated and their values, of each trial."""
+    """Points evaluated on all windows and their values, of each trial; finely only in the best, which ends at the optimum."""
+    value: float
+    """Minus the mean log likelihood of a row at the optimum."""
     draws: Float[np.ndarray, "N d"]
     """Drones as likely as the flights leave them (Laplace's approximation with the sandwich covariance)."""
     spread: Float[np.ndarray, "d"]
@@ -116,8 +116,8 @@ def maximise(
         cut = windows(some, one_step.LENGTH, every=one_step.LENGTH, history=history)
         return OneStep(type(cut)(*(array[::every] for array in cut)), period, max(1, round(period / step)))
 
-    def fit(objectives: Sequence[OneStep], names: Sequence[str], first: Parameters, at_random: bool = False) -> _Fit:
-        """Climbs on one objective after another."""
+    def fit(objectives: Sequence[OneStep], names: Sequence[str], first: Parameters, at_random: bool = False, close: float = 0.0) -> _Fit:
+        """Climbs on one objective after another, on each until a step gains less than `_CLOSE`, or than `close` a row."""
         searched = box(names)
 
         def at(unit: np.ndarray) -> Parameters:
@@ -130,7 +130,7 @@ def maximise(
                     on_evaluation()
                 return gradient.in_unit_cube(target.normal_equations(at(unit), searched.names), searched, unit)
 
-            return _climb(equations, point, evaluations, _CLOSE / target.rows)
+            return _climb(equations, point, evaluations, max(close, _CLOSE / target.rows))
 
         point = searched.unit(np.array([float(component(first, name)) for name in searched.names]))
         point = generator.random(len(point)) if at_random else np.clip(point, gradient.INSIDE, 1 - gradient.INSIDE)
@@ -141,16 +141,21 @@ def maximise(
         return _Fit(at(point), searched, point, (points, values))
 
     coarse, everything = of(flights), of(flights, _FINE)
+    pilot = of(flights, every=max(1, coarse.size // _PILOT))
     first, bought = start, []
     if not over:
         training, held_out = (of(part) for part in _split(flights))
-        chosen = selection.choose(training, held_out, lambda names, first: fit([training], names, first).drone, start, on_step=on_step)
-        over, first, bought = chosen
-    found = [fit([coarse, everything], over, first)]
-    if trials > 1:
-        pilot = of(flights, every=max(1, coarse.size // _PILOT))
-        found += [fit([pilot, coarse, everything], over, start, at_random=True) for _ in range(trials - 1)]
-    drone, searched, optimum, _ = min(found, key=lambda one: one.run[1].min())
+
+        def roughly(names: Sequence[str], first: Parameters) -> Parameters:
+            return fit([training], names, first, close=selection.ROUGH).drone
+
+        near = fit([pilot], selection.FIRST, start, close=selection.ROUGH).drone
+        over, first, bought = selection.choose(training, held_out, roughly, near, on_step=on_step)
+    found = [fit([coarse], over, first)]
+    found += [fit([pilot, coarse], over, start, at_random=True) for _ in range(trials - 1)]
+    best = int(np.argmin([one.run[1].min() for one in found]))
+    found[best] = fit([everything], over, found[best].drone)
+    drone, searched, optimum, (_, values) = found[best]
     _, scores, curvatures = everything.derivatives(drone, searched.names)
     slope = searched.slope(optimum)
     covariance = posterior.sandwich(scores * slope, curvatures.sum(axis=0) * np.outer(slope, slope))
@@ -161,6 +166,7 @@ def maximise(
         box=searched,
         optimum=optimum,
         runs=[one.run for one in found],
+        value=float(values.min()),
         draws=draws,
         spread=posterior.spread(scores * everything.rows, curvatures * everything.rows),
         bought=tuple(bought),
@@ -189,13 +195,15 @@ def _split(flights: Sequence[Flight]) -> tuple[list[Flight], list[Flight]]:
 def _climb(
     equations: Callable[[Float[np.ndarray, "d"]], NormalEquations], point: Float[np.ndarray, "d"], evaluations: int, close: float
 ) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n"]]:
-    """Damped Gauss-Newton steps in the unit cube until one gains less than `close`; how the gradient changes corrects the curvature.
+    """Damped Gauss-Newton steps in the unit cube until one gains less than `close`, or fails and its slope promised less than that.
+
+    How the gradient changes corrects the curvature.
 
     Source: Marquardt 1963, An algorithm for least-squares estimation of nonlinear parameters.
     """
     here, damping = equations(point), 0.0
     points, values = [point], [here.loss]
-    while len(points) < evaluations and damping < _STIFFEST:
+    while len(points) < evaluations:
         there = gradient.step(here, point, damping)
         ahead = equations(there)
         points.append(there)
@@ -205,6 +213,8 @@ def _climb(
             point, here, damping = there, gradient.corrected(ahead, here, there - point), damping / 8
             if gain < close:
                 break
+        elif here.gradient @ (point - there) < close:
+            break
         else:
             damping = max(4 * damping, 2.0)
     return np.array(points), np.array(values)

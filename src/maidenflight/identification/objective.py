@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from maidenflight.flights.windows import Windows
 from maidenflight.parameters import Parameters, component, replace
@@ -48,37 +48,35 @@ def simulate(window: Windows, parameters: Parameters, steps: int) -> Float[Array
         Position, velocity, attitude and body rates in the T rows after the start.
     """
     position, velocity, quaternion, body_rates, _ = map(jnp.asarray, window[:5])
-    line, speed, commands = under_way(window, parameters, steps)
-    start = State(position, velocity, quaternion, body_rates, speed)
+    line, places, speed = under_way(window, parameters, steps)
 
-    def advance(memory: tuple[State, Array], command: Array) -> tuple[tuple[State, Array], Array]:
-        state, line = memory
-        line = latency.push(line, command)
-        state = environment.drive(dynamics.midpoint, state, line, steps, parameters)
-        row = jnp.concatenate([state.position, state.velocity, rotations.to_attitude(state.quaternion), state.body_rates])
-        return (state, line), row
+    def advance(state: State, newest: Array) -> tuple[State, Array]:
+        state = environment.drive(dynamics.midpoint, state, line, steps, parameters, newest=newest)
+        return state, jnp.concatenate([state.position, state.velocity, rotations.to_attitude(state.quaternion), state.body_rates])
 
-    return lax.scan(advance, (start, line), commands)[1]
+    return lax.scan(advance, State(position, velocity, quaternion, body_rates, speed), places)[1]
 
 
 def under_way(
     window: Windows, parameters: Parameters, steps: int
-) -> tuple[Float[Array, "slots 4"], Float[Array, "4"], Float[Array, "T 4"]]:
-    """Delay line and rotor speeds that the commands before a window's start imply, and the rotor speed commands from there on."""
-    speed_commands = actuators.rotor_speed_command(jnp.asarray(window.command))
-    before = window.command.shape[0] - window.measured.shape[0]
-    slots = latency.slots(steps * PHYSICS_STEP)
+) -> tuple[Float[Array, "history+T 4"], Int[Array, "T"], Float[Array, "4"]]:
+    """What the recorded commands before a window's start imply.
 
-    def spin(memory: tuple[Array, Array], command: Array) -> tuple[tuple[Array, Array], None]:
-        line, speed = memory
-        line = latency.push(line, command)
-        for delayed in latency.delayed(line, parameters, steps):
+    Returns:
+        All rotor speed commands as one delay line, newest first; the place in it of each row's newest command; and the rotor speeds at
+        the start.
+    """
+    line = actuators.rotor_speed_command(jnp.asarray(window.command))[::-1]
+    rows = window.measured.shape[0]
+
+    def spin(speed: Array, newest: Array) -> tuple[Array, None]:
+        for delayed in latency.delayed(line, parameters, steps, newest):
             speed = speed + parameters.time_step * dynamics.spin_up(speed, delayed, parameters)
-        return (line, speed), None
+        return speed, None
 
-    line = jnp.broadcast_to(speed_commands[0], (slots, 4))
-    (line, speed), _ = lax.scan(spin, (line, speed_commands[0]), speed_commands[:before])
-    return line, speed, speed_commands[before:]
+    places = jnp.arange(line.shape[0])[::-1]
+    speed, _ = lax.scan(spin, line[-1], places[:-rows])
+    return line, places[-rows:], speed
 
 
 def window_loss(
@@ -127,18 +125,18 @@ def on_all_cores(compute: Callable[[int, int], tuple[Array, ...]], chunks: int) 
     Every number belongs to one chunk, so that what comes out does not depend on how many cores there are.
 
     Args:
-        compute: (first chunk, end) to arrays with a row for each chunk, filled in from the first chunk to the end.
+        compute: (first chunk, end) to arrays with a row for each chunk from the first to the end.
         chunks: how many there are.
 
     Returns:
-        The arrays, filled in for all chunks.
+        The arrays for all chunks.
     """
     known = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     cores = min(known, chunks) if jax.default_backend() == "cpu" else 1
     ends = [chunks * core // cores for core in range(cores + 1)]
     with ThreadPoolExecutor(cores) as pool:
         # The copies to NumPy wait for the results, and let go of Python's lock meanwhile.
-        parts = list(pool.map(lambda first, end: [np.asarray(part)[first:end] for part in compute(first, end)], ends[:-1], ends[1:]))
+        parts = list(pool.map(lambda first, end: [np.asarray(part) for part in compute(first, end)], ends[:-1], ends[1:]))
     return [np.concatenate(pieces) for pieces in zip(*parts, strict=True)]
 
 
@@ -182,7 +180,7 @@ class Objective:
         parameters = jax.tree.map(jnp.asarray, replace(parameters, time_step=self._time_step))
 
         def losses(first: int, end: int) -> tuple[Array]:
-            return (_losses(self._windows, parameters, *self._settings, first, end, self.steps),)
+            return (_losses(self._windows, parameters, *self._settings, first, end, self.steps)[first:end],)
 
         return on_all_cores(losses, len(self._windows.block))[0].reshape(-1)[: self.size]
 
@@ -208,7 +206,8 @@ class Objective:
 
         def sums(first: int, end: int) -> tuple[Array, ...]:
             share = (self.size, every, first, end)
-            return _normal_equations(self._windows, parameters, *self._settings, *share, self.steps, tuple(names))
+            found = _normal_equations(self._windows, parameters, *self._settings, *share, self.steps, tuple(names))
+            return tuple(part[first:end] for part in found)
 
         used = -(-self.size // every)
         loss, *derivatives = (part.sum(axis=0, dtype=np.float64) / used for part in on_all_cores(sums, -(-used // _CHUNK)))

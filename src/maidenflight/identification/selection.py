@@ -30,6 +30,8 @@ SURE = 2.0
 """Gain on held-out stretches over its standard error from which a group is believed."""
 WORTH = 1e-3
 """Gain of log likelihood a row below which a group is not worth its place."""
+ROUGH = WORTH / 50
+"""Gain of log likelihood a row below which a fit need not be improved to tell what a group is worth."""
 
 
 @dataclass(frozen=True)
