@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from maidenflight.simulator.tasks import tracking as tracking
     from maidenflight.simulator.virtual_drone import virtual_drone as virtual_drone
     from maidenflight.training.analytic_gradient import AnalyticGradient as AnalyticGradient
-    from maidenflight.training.analytic_gradient import train as train
+    from maidenflight.training.train import train as train
 
 # Each public name lives in one module, which is imported when the name is first used: `import maidenflight` costs no JAX.
 _PUBLIC = {
@@ -54,7 +54,7 @@ _PUBLIC = {
     "step": "simulator.environment",
     "take_off": "simulator.tasks",
     "tracking": "simulator.tasks",
-    "train": "training.analytic_gradient",
+    "train": "training.train",
     "transfer": "experiments.transfer",
     "virtual_drone": "simulator.virtual_drone",
 }

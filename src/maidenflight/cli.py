@@ -2,8 +2,12 @@
 
 import dataclasses
 import json
+import os
+import shlex
 import sys
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +19,7 @@ from maidenflight.errors import InputError
 if TYPE_CHECKING:
     from maidenflight.demo import Demo
     from maidenflight.flights.reading import Flights
-    from maidenflight.training.analytic_gradient import Progress
+    from maidenflight.training.train import Progress
 
 _CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 _REALITIES = "virtual:SEED, pybullet:SEED (the same drone in PyBullet) or a drone's TOML file"
@@ -62,11 +66,36 @@ def _output(default: str, what: str) -> Callable[[Callable[..., Any]], Callable[
     return click.option("-o", "--output", default=default, show_default=True, type=click.Path(path_type=Path), help=what)
 
 
-def _must_be_new(path: Path, overwrite: bool) -> None:
+def _must_be_new(path: Path, overwrite: bool, or_else: str = "") -> None:
     """Refuses to write into a folder that holds something, or over a file."""
     taken = any(path.iterdir()) if path.is_dir() else path.exists()
     if taken and not overwrite:
-        raise InputError(f"{path}: already there. Choose another place with -o, or allow it with --overwrite.")
+        ways = ["Choose another place with -o", *([or_else] if or_else else []), "or allow it with --overwrite"]
+        raise InputError(f"{path}: already there. {', '.join(ways)}.")
+
+
+@contextmanager
+def _resumable(checkpoint: Path) -> Iterator[None]:
+    """Says how to go on where work is interrupted that a checkpoint holds."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if not checkpoint.exists():
+            raise
+        again = shlex.join(
+            ["maidenflight", *(argument for argument in sys.argv[1:] if argument not in ("--resume", "--overwrite")), "--resume"]
+        )
+        print(f"maidenflight: interrupted; {checkpoint} holds what was reached. Go on with: {again}", file=sys.stderr)
+        sys.exit(130)
+
+
+def _lay_on_all_cores() -> None:
+    """Makes JAX see each core as a device, over which training lays its drones; XLA uses one core for arrays this small."""
+    import jax
+
+    # Where JAX runs already, as in a notebook, its devices stay what they are.
+    with suppress(RuntimeError):
+        jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
 
 
 def _emit(as_json: bool, content: dict[str, Any], text: Callable[[], None]) -> None:
@@ -317,10 +346,14 @@ def _randomization(_: click.Context, __: click.Parameter, given: str) -> float |
 @commands.command()
 @click.option("--drone", "drone_", default="drone.toml", show_default=True, help="Drone to train for: a TOML file or a name.")
 @_output("policies", "Folder for the policies.")
-@click.option("--control", default="pwm", show_default=True, type=click.Choice(["pwm"]), help="Control structure.")
-@click.option("--task", default="circle", show_default=True, type=click.Choice(["circle"]), help="Task.")
+@click.option(
+    "--control", default="pwm", show_default=True, type=click.Choice(["pwm", "attitude_rate", "attitude"]), help="Control structure."
+)
+@click.option(
+    "--task", default="circle", show_default=True, type=click.Choice(["circle", "figure_eight", "hover", "take_off"]), help="Task."
+)
 @click.option("--policies", "count", default=3, show_default=True, type=click.IntRange(1, 64), help="How many, each from its own seed.")
-@click.option("--updates", default=1500, show_default=True, type=click.IntRange(1, 10**6), help="Gradient steps.")
+@click.option("--updates", type=click.IntRange(1, 10**6), help="Gradient steps; as many as the control structure needs unless given.")
 @click.option(
     "--randomize",
     default="0.1",
@@ -328,6 +361,7 @@ def _randomization(_: click.Context, __: click.Parameter, given: str) -> float |
     callback=_randomization,
     help="Half width of the parameters' box, or posterior: the drones that the identified flights leave possible.",
 )
+@click.option("--resume", is_flag=True, help="Go on with training that was interrupted in the folder, with the same result.")
 @_seed
 @_as_json
 @_overwrite
@@ -337,28 +371,38 @@ def train(
     control: str,
     task: str,
     count: int,
-    updates: int,
+    updates: int | None,
     randomize: float | str,
+    resume: bool,
     seed: int,
     as_json: bool,
     overwrite: bool,
 ) -> None:
-    """Train policies around a drone by analytic gradients through the simulator."""
-    _must_be_new(output, overwrite)
-    from maidenflight import workflow
-    from maidenflight.training.analytic_gradient import AnalyticGradient
+    """Train policies around a drone by analytic gradients through the simulator.
 
-    settings = AnalyticGradient(updates=updates, evaluations=min(15, updates))
-    scores: list[dict[str, Any]] = []
-    with terminal.progress("train", updates) as move:
+    Interrupted, by Ctrl-C or anything else, it loses at most what it learned since the last score: give the same command with --resume.
+    """
+    _must_be_new(output, overwrite or resume, "go on with what was interrupted there by --resume")
+    _lay_on_all_cores()
+    from maidenflight import workflow
+
+    settings = workflow.SETTINGS[control]
+    settings = settings if updates is None else dataclasses.replace(settings, updates=updates)
+    heard: list[Progress] = []
+    began = time.perf_counter()
+    with terminal.progress("train", settings.updates) as move, _resumable(output / workflow.CHECKPOINT):
 
         def hear(progress: "Progress") -> None:
-            move(progress.update, updates, terminal.scores(progress))
-            scores[:] = [
-                {name: round(float(value[number]), 6) for name, value in progress.score._asdict().items()} for number in range(count)
-            ]
+            nonlocal began
+            # The first score comes after compiling, and those of a resumed training come at once.
+            rate = (progress.steps - heard[0].steps) / (time.perf_counter() - began) if heard else None
+            began = began if heard else time.perf_counter()
+            heard.append(progress)
+            move(progress.update, settings.updates, terminal.scores(progress, rate))
 
-        workflow.train_for(drone_, seed, output, count, settings, randomize, hear)
+        workflow.train_for(drone_, seed, output, count, settings, randomize, hear, control, task, resume)
+    best = [max((progress.score for progress in heard), key=lambda score: float(score.episode_return[number])) for number in range(count)]
+    scores = [{name: round(float(value[number]), 6) for name, value in score._asdict().items()} for number, score in enumerate(best)]
     content = {"policies": [str(output / f"policy_{number}.json") for number in range(1, count + 1)], "scores": scores}
 
     def text() -> None:
@@ -366,7 +410,7 @@ def train(
             [f"policy_{number}", f"{score['episode_return']:.1f}", f"{score['survival']:.1%}", f"{score['position_error'] * 100:.1f} cm"]
             for number, score in enumerate(scores, 1)
         ]
-        terminal.table("Trained policies, at the end", ["policy", "return", "survival", "position error"], rows)
+        terminal.table("Trained policies", ["policy", "return", "survival", "position error"], rows)
         print(f"written to {output}/")
 
     _emit(as_json, content, text)
@@ -447,6 +491,7 @@ def demo(output: Path | None, seed: int, as_json: bool, overwrite: bool) -> None
         output = next(path for number in range(1, 10**6) if not (path := Path("run" if number == 1 else f"run-{number}")).exists())
     else:
         _must_be_new(output, overwrite)
+    _lay_on_all_cores()
     from maidenflight.demo import Listener, Plan
     from maidenflight.demo import demo as run
 

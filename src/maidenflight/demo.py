@@ -14,7 +14,8 @@ from maidenflight.experiments.transfer import Transfer
 from maidenflight.identification.identify import AUTO, Identification
 from maidenflight.parameters import Parameters
 from maidenflight.reporting.page import report
-from maidenflight.training.analytic_gradient import AnalyticGradient, Progress
+from maidenflight.training.analytic_gradient import AnalyticGradient
+from maidenflight.training.train import Progress
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 
 from maidenflight import results
 from maidenflight.errors import InputError
+from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import ACTION_SIZE, OBSERVATION_SIZE
 from maidenflight.simulator.firmware import ATTITUDE_RATE
 
@@ -58,10 +59,16 @@ class Policy:
         return (self.weights[0].shape[-1], *(weight.shape[-2] for weight in self.weights))
 
 
-def untrained(key: Array, hidden: tuple[int, ...] = (50, 50), history: int = 2) -> Policy:
+def untrained(key: Array, hidden: tuple[int, ...] = (50, 50), history: int = 2, controller: Controller | None = None) -> Policy:
     """A policy with Kaiming-uniform weights and zero biases; its last layer is small, so that it starts near a constant.
 
     Observations are scaled by fixed, round numbers of the circle task's size; training changes only the network.
+
+    Args:
+        key: random key.
+        hidden: sizes of the hidden layers.
+        history: H, observed instants in the input.
+        controller: control structure that it acts on; PWM at 100 Hz unless given.
 
     Source: Gronauer et al. 2022, sec. Zero-Shot Experiments (layer sizes and initial weights).
     """
@@ -72,7 +79,8 @@ def untrained(key: Array, hidden: tuple[int, ...] = (50, 50), history: int = 2) 
         weights.append(jax.random.uniform(key_, (outputs, inputs), minval=-bound, maxval=bound))
     biases = tuple(jnp.zeros(outputs) for outputs in sizes[1:])
     mean = jnp.tile(jnp.array(_MEAN), history)
-    return Policy(tuple(weights), biases, mean, jnp.tile(jnp.array(_DEVIATION), history), history=history)
+    acting = {} if controller is None else {"control": controller.name, "rate": controller.action_rate}
+    return Policy(tuple(weights), biases, mean, jnp.tile(jnp.array(_DEVIATION), history), history=history, **acting)
 
 
 def _decimals(array: Any) -> Any:

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from maidenflight.demo import Demo
     from maidenflight.experiments.transfer import Transfer
     from maidenflight.identification.identify import Identification
-    from maidenflight.training.analytic_gradient import Progress
+    from maidenflight.training.train import Progress
 
 
 @contextmanager
@@ -104,10 +104,11 @@ def predictions(errors: "DataFrame", simulated: bool) -> None:
         print(f"* worse than predicting that {NOTHING_CHANGES}")
 
 
-def scores(progress: "Progress") -> str:
-    """The mean scores of policies in training, for the end of a progress bar."""
+def scores(progress: "Progress", rate: float | None = None) -> str:
+    """The mean scores of policies in training and the steps that they fly a second, for the end of a progress bar."""
     returns, survival, errors = (sum(map(float, values)) / len(values) for values in progress.score)
-    return f"return {returns:.1f}, survival {survival:.0%}, error {errors * 100:.1f} cm"
+    speed = "" if rate is None else f", {rate / 1e3:.0f} k steps/s"
+    return f"return {returns:.1f}, survival {survival:.0%}, error {errors * 100:.1f} cm{speed}"
 
 
 def flights(flown: "Transfer") -> None:

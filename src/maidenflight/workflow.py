@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import numpy as np
 import polars
 
 from maidenflight import parameters, policy, results
@@ -27,9 +28,11 @@ from maidenflight.identification.selection import Step
 from maidenflight.policy import Policy
 from maidenflight.simulator import control, tasks
 from maidenflight.simulator.bullet import DAMPING, Bullet
-from maidenflight.simulator.randomization import Ensemble, relative_box
+from maidenflight.simulator.control import Controller
+from maidenflight.simulator.randomization import Distribution, relative_box
 from maidenflight.simulator.virtual_drone import VirtualDrone, virtual_drone
-from maidenflight.training.analytic_gradient import AnalyticGradient, Progress, train
+from maidenflight.training.analytic_gradient import AnalyticGradient
+from maidenflight.training.train import Progress, train
 
 StrPath = str | os.PathLike[str]
 
@@ -163,8 +166,24 @@ POSTERIOR = "posterior"
 """Randomize over the drones that the flights of an identified drone leave possible."""
 
 
-def _posterior(drone: StrPath) -> Ensemble:
-    return posterior_ensemble(parameters.read(drone), _table(drone, "posterior"), str(drone))
+CHECKPOINT = "training.npz"
+"""In the folder of policies: training that is under way; gone once they are written."""
+
+SETTINGS: dict[str, AnalyticGradient] = {
+    "pwm": AnalyticGradient(),
+    "attitude_rate": AnalyticGradient(updates=600, horizon=32),
+    "attitude": AnalyticGradient(updates=800, horizon=32),
+}
+"""What works out of the box, by control structure: a policy that acts less often learns in fewer updates and looks as far ahead."""
+
+
+def _randomized(drone: StrPath, randomization: float | str, controller: Controller) -> Distribution:
+    """Drones to train over, simulated in steps that divide the controller's period."""
+    centre = parameters.read(drone)
+    centre = parameters.replace(centre, time_step=np.float32(control.time_step(controller, float(centre.time_step))))
+    if randomization == POSTERIOR:
+        return posterior_ensemble(centre, _table(drone, "posterior"), str(drone))
+    return relative_box(centre, float(randomization))
 
 
 def _table(drone: StrPath, title: str) -> dict[str, Any]:
@@ -180,12 +199,34 @@ def train_for(
     settings: AnalyticGradient,
     randomization: float | str,
     on_progress: Callable[[Progress], None] | None = None,
+    structure: str = "pwm",
+    task: str = "circle",
+    resume: bool = False,
 ) -> tuple[Policy, ...]:
-    """Trains PWM policies for the circle around a drone; writes one JSON a policy and `training.csv` with their scores.
+    """Trains policies around a drone; writes one JSON a policy and `training.csv` with their scores.
 
-    `randomization` is the half width of a box about the drone, or `POSTERIOR`: the drones that its flights leave possible.
+    Args:
+        drone: TOML file or name.
+        seed: random seed.
+        folder: where to write. Until the policies are written it holds `CHECKPOINT`.
+        count: policies.
+        settings: of the method.
+        randomization: half width of a box about the drone, or `POSTERIOR`: the drones that its flights leave possible.
+        on_progress: called after each score.
+        structure: name of a control structure in `control.CONTROLLERS`.
+        task: name in `tasks.TASKS`.
+        resume: go on from the checkpoint in the folder, with the same result as if training had never stopped.
+
+    Raises:
+        InputError: there is nothing to resume, or it is another training.
     """
-    box = _posterior(drone) if randomization == POSTERIOR else relative_box(parameters.read(drone), float(randomization))
+    saved = Path(folder) / CHECKPOINT
+    if resume and not saved.exists():
+        raise InputError(f"{saved}: no training to resume. Leave out --resume to begin one.")
+    if not resume:
+        saved.unlink(missing_ok=True)
+    controller = control.CONTROLLERS[structure]()
+    box = _randomized(drone, randomization, controller)
     rows: list[dict[str, Any]] = []
 
     def note(progress: Progress) -> None:
@@ -195,13 +236,15 @@ def train_for(
         if on_progress is not None:
             on_progress(progress)
 
-    policies = train(tasks.circle(), control.pwm(), box, jax.random.split(jax.random.key(seed), count), settings, note)
+    keys = jax.random.split(jax.random.key(seed), count)
+    policies = train(tasks.TASKS[task](), controller, box, keys, settings, note, saved)
     inputs = [drone] if Path(drone).is_file() else []
-    said = {"task": "circle", "control": "pwm", "randomization": randomization, "policies": count, **settings.settings()}
+    said = {"task": task, "control": structure, "randomization": randomization, "policies": count, **settings.settings()}
     made = results.record(seed=seed, inputs=inputs, settings=said if inputs else {"drone": str(drone), **said})
     for number, trained in enumerate(policies, 1):
         policy.write(Path(folder) / f"policy_{number}.json", trained, {**made, "number": number})
     results.write(Path(folder) / "training.csv", polars.DataFrame(rows).write_csv())
+    saved.unlink()
     return policies
 
 

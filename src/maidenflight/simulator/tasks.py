@@ -264,3 +264,13 @@ def tracking(trajectory: Trajectory, duration: float, farthest: float = FARTHEST
     reset = _starting(trajectory, CIRCLE_START, latest_start, moving=True)
     reward, failed = partial(paper_reward, farthest=farthest), partial(strayed, farthest=farthest)
     return Task("tracking", trajectory, reset, reward, failed, duration)
+
+
+@once
+def figure_eight(period: float = trajectories.NORMAL) -> Task:
+    """Fly a lying eight in a period [s], from anywhere on it; an episode lasts a period."""
+    return tracking(trajectories.figure_eight(period), period, latest_start=period)
+
+
+TASKS: dict[str, Callable[[], Task]] = {"circle": circle, "figure_eight": figure_eight, "hover": hover, "take_off": take_off}
+"""Tasks by name, as the command line offers them."""

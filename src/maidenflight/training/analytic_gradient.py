@@ -5,32 +5,27 @@ latency, sensors and network, and takes one Adam step; the drones fly on, and th
 each as another drone. Short horizons keep the gradients of a chaotic system small (Xu et al. 2022, SHAC, there with a critic).
 """
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import optax
 from jax import lax, tree
+from jax.sharding import Mesh, PartitionSpec
 from jaxtyping import Array, Bool, Float
 
-from maidenflight.errors import InputError
 from maidenflight.policy import Policy, untrained
 from maidenflight.simulator import environment, rotations
-from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment, Episode
 from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.rollout import Drone, launch
-from maidenflight.simulator.tasks import Task, norm, too_far
-from maidenflight.training.evaluation import Evaluation, evaluate
+from maidenflight.simulator.tasks import norm, too_far
 
 LOST = 1.0
 """Distance from the set-point [m] beyond which a drone in training is given up."""
-
-TRAINABLE = ("pwm",)
-"""Control structures that policies can be trained for."""
 
 
 @dataclass(frozen=True)
@@ -62,18 +57,14 @@ class AnalyticGradient:
     episodes: int = 128
     """Episodes a score."""
 
+    @property
+    def steps_per_update(self) -> int:
+        """Control periods that an update simulates."""
+        return self.drones * self.horizon
+
     def settings(self) -> dict[str, Any]:
         """Plain values, for records."""
         return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
-
-
-class Progress(NamedTuple):
-    """What a caller hears between two scores; arrays have one entry a policy."""
-
-    update: int
-    steps: int
-    """Control periods simulated so far, all policies together."""
-    score: Evaluation
 
 
 class _Learner(NamedTuple):
@@ -87,15 +78,36 @@ def _optimiser(settings: AnalyticGradient) -> optax.GradientTransformation:
     return optax.chain(optax.clip_by_global_norm(settings.gradient_norm), optax.adam(schedule))
 
 
+_DRONES = "drones"
+"""Axis of the mesh of devices over which a policy's drones are laid."""
+_LAID = _Learner(PartitionSpec(), PartitionSpec(), PartitionSpec(None, _DRONES))  # type: ignore[arg-type]
+
+
+def _mesh(settings: AnalyticGradient) -> Mesh:
+    """All devices, or as many as share the drones evenly."""
+    devices = jax.devices()
+    count = max(number for number in range(1, len(devices) + 1) if settings.drones % number == 0)
+    return Mesh(np.array(devices[:count]), (_DRONES,))
+
+
+def _own(keys: Array) -> Array:
+    """Of one key a drone, those of the drones on this device."""
+    count = keys.shape[0] // lax.axis_size(_DRONES)
+    return lax.dynamic_slice_in_dim(keys, lax.axis_index(_DRONES) * count, count)
+
+
 @partial(jax.jit, static_argnums=(0, 1))
-def _begin(simulated: Environment, settings: AnalyticGradient, box: Distribution, keys: Array) -> _Learner:
+def begin(simulated: Environment, settings: AnalyticGradient, box: Distribution, keys: Array) -> _Learner:
+    """Learners that know nothing, one a key, stacked."""
+
     def one(key: Array) -> _Learner:
         policy_key, key = jax.random.split(key)
-        policy = untrained(policy_key, settings.hidden, simulated.history)
-        drones = jax.vmap(partial(launch, simulated, box))(jax.random.split(key, settings.drones))
+        policy = untrained(policy_key, settings.hidden, simulated.history, simulated.controller)
+        drones = jax.vmap(partial(launch, simulated, box))(_own(jax.random.split(key, settings.drones)))
         return _Learner(policy, _optimiser(settings).init(_network(policy)), drones)
 
-    return jax.vmap(one)(keys)
+    laid = jax.shard_map(jax.vmap(one), mesh=_mesh(settings), in_specs=PartitionSpec(), out_specs=_LAID, check_vma=False)
+    return laid(keys)
 
 
 def _network(policy: Policy) -> tuple[Any, Any]:
@@ -128,10 +140,10 @@ def _segment(
     return jnp.mean(costs), episode
 
 
-def _update(simulated: Environment, settings: AnalyticGradient, box: Distribution, learner: _Learner, key: Array) -> tuple[_Learner, None]:
-    """One gradient step of one policy."""
+def _update(simulated: Environment, settings: AnalyticGradient, box: Distribution, learner: _Learner, key: Array) -> _Learner:
+    """One gradient step of one policy; each device flies its drones, and all take the mean of their gradients."""
     flight_key, fresh_key = jax.random.split(key)
-    flight_keys = jax.random.split(flight_key, settings.drones)
+    flight_keys = _own(jax.random.split(flight_key, settings.drones))
 
     def cost(network: tuple[Any, Any]) -> tuple[Float[Array, ""], Episode]:
         policy = _with_network(learner.policy, network)
@@ -139,6 +151,7 @@ def _update(simulated: Environment, settings: AnalyticGradient, box: Distributio
         return jnp.mean(costs), episodes
 
     gradient, episodes = jax.grad(cost, has_aux=True)(_network(learner.policy))
+    gradient = lax.pmean(gradient, _DRONES)
     # A step whose gradient overflowed all the same is left out.
     usable = jnp.isfinite(optax.tree.norm(gradient))
     gradient = tree.map(lambda g: jnp.where(usable, g, 0.0), gradient)
@@ -150,8 +163,8 @@ def _update(simulated: Environment, settings: AnalyticGradient, box: Distributio
     over = (jax.vmap(simulated.task.failure)(episodes.state, setpoints) > 0) | (episodes.elapsed > simulated.task.duration)
     over |= ~jnp.isfinite(jnp.sum(episodes.state.position, axis=1))
     over |= jax.vmap(partial(too_far, farthest=LOST))(episodes.state, setpoints)
-    fresh = jax.vmap(partial(launch, simulated, box))(jax.random.split(fresh_key, settings.drones))
-    return _Learner(policy, optimiser, _chosen(over, fresh, Drone(episodes, learner.drones.parameters))), None
+    fresh = jax.vmap(partial(launch, simulated, box))(_own(jax.random.split(fresh_key, settings.drones)))
+    return _Learner(policy, optimiser, _chosen(over, fresh, Drone(episodes, learner.drones.parameters)))
 
 
 def _chosen(which: Bool[Array, "n"], new: Any, old: Any) -> Any:
@@ -159,55 +172,23 @@ def _chosen(which: Bool[Array, "n"], new: Any, old: Any) -> Any:
     return tree.map(lambda new, old: jnp.where(which.reshape(-1, *[1] * (new.ndim - 1)), new, old), new, old)
 
 
-@partial(jax.jit, static_argnums=(0, 1, 5))
-def _learn(
-    simulated: Environment, settings: AnalyticGradient, box: Distribution, learners: _Learner, keys: Array, updates: int
-) -> _Learner:
-    def one(learner: _Learner, key: Array) -> _Learner:
-        return lax.scan(partial(_update, simulated, settings, box), learner, jax.random.split(key, updates))[0]
-
-    return jax.vmap(one)(learners, keys)
-
-
-def train(
-    task: Task,
-    controller: Controller,
+@partial(jax.jit, static_argnums=(0, 1))
+def learn(
+    simulated: Environment,
+    settings: AnalyticGradient,
     box: Distribution,
+    learners: _Learner,
     keys: Array,
-    settings: AnalyticGradient | None = None,
-    on_progress: Callable[[Progress], None] | None = None,
-) -> tuple[Policy, ...]:
-    """Trains one policy a key, all in one call.
+    first: Array | int,
+    end: Array | int,
+) -> _Learner:
+    """Stacked learners after the updates from `first` to before `end`."""
 
-    Args:
-        task: what to fly.
-        controller: control structure that the policy acts on.
-        box: distribution of drones; the policy must do well over its draws.
-        keys: random keys, one a policy.
-        settings: of the learner.
-        on_progress: called after each of the scores.
+    def one(learner: _Learner, key: Array) -> _Learner:
+        def update(number: Array, learner: _Learner) -> _Learner:
+            return _update(simulated, settings, box, learner, jax.random.fold_in(key, number))
 
-    Returns:
-        For each key the policy of the best score, in the keys' order. Cost grows linearly with keys, updates, drones and horizon;
-        the defaults take about 30 s a policy on two cores.
+        return lax.fori_loop(first, end, update, learner)
 
-    Raises:
-        InputError: policies cannot be made for this control structure, or the drones' time step does not divide its period.
-    """
-    settings = AnalyticGradient() if settings is None else settings
-    if controller.name not in TRAINABLE:
-        raise InputError(f"control structure {controller.name} cannot be trained for; expected one of {', '.join(TRAINABLE)}.")
-    simulated = Environment.matching(box.centre, task, controller)
-    score = jax.jit(jax.vmap(partial(evaluate, simulated, episodes=settings.episodes), in_axes=(0, None, None)))
-    learners = _begin(simulated, settings, box, keys)
-    chunk = max(1, settings.updates // settings.evaluations)
-    best, best_return = learners.policy, jnp.full(len(keys), -jnp.inf)
-    for update in range(chunk, settings.updates + 1, chunk):
-        learners = _learn(simulated, settings, box, learners, jax.vmap(partial(jax.random.fold_in, data=update))(keys), chunk)
-        scores = score(learners.policy, box, jax.random.key(0))
-        better = scores.episode_return > best_return
-        best_return = jnp.where(better, scores.episode_return, best_return)
-        best = _chosen(better, learners.policy, best)
-        if on_progress is not None:
-            on_progress(Progress(update, update * settings.drones * settings.horizon * len(keys), scores))
-    return tuple(tree.map(lambda leaf: leaf[number], best) for number in range(len(keys)))  # noqa: B023
+    laid = jax.shard_map(jax.vmap(one), mesh=_mesh(settings), in_specs=(_LAID, PartitionSpec()), out_specs=_LAID, check_vma=False)
+    return laid(learners, keys)

@@ -1,0 +1,85 @@
+"""Training on file: arrays in NumPy's own format, with a fingerprint of what is trained; nothing that could run code."""
+
+import hashlib
+import io
+import json
+import zipfile
+from collections.abc import Callable, Mapping
+from os import PathLike
+from pathlib import Path
+from typing import Any, TypeVar
+
+import jax
+import numpy as np
+from jax import tree
+from jax.experimental import multihost_utils
+
+from maidenflight import __version__, results
+from maidenflight.errors import InputError
+
+T = TypeVar("T")
+_TITLE = "maidenflight checkpoint 1"
+
+
+def fingerprint(words: Mapping[str, Any], numbers: Any) -> str:
+    """What tells one training from another.
+
+    Args:
+        words: plain values.
+        numbers: a pytree of arrays, compared to the last bit.
+    """
+    text = hashlib.sha256(json.dumps(words, sort_keys=True).encode())
+    for leaf in tree.leaves(numbers):
+        array = np.asarray(leaf)
+        text.update(f"{array.dtype} {array.shape}".encode() + array.tobytes())
+    return text.hexdigest()[:16]
+
+
+def save(path: str | PathLike[str], state: Any, told: str) -> None:
+    """Writes a state of training whole or not at all; where several processes train together, the first of them does.
+
+    Raises:
+        InputError: the file cannot be written; what was there before is kept.
+    """
+    leaves = {f"leaf {number}": _whole(leaf) for number, leaf in enumerate(tree.leaves(state))}
+    if jax.process_index() > 0:
+        return
+    file = io.BytesIO()
+    np.savez(file, title=np.array(f"{_TITLE}\n{__version__}\n{told}"), **leaves)  # type: ignore[arg-type]
+    results.write(path, file.getvalue())
+
+
+def _whole(leaf: Any) -> np.ndarray:
+    if isinstance(leaf, jax.Array) and not leaf.is_fully_addressable:
+        return multihost_utils.process_allgather(leaf, tiled=True)
+    return np.asarray(leaf)
+
+
+def restored(path: str | PathLike[str], start: Callable[[], T], told: str) -> T:
+    """The state in a file, or a fresh one where there is no such file.
+
+    Args:
+        path: as given to `save`.
+        start: makes a fresh state; its shapes are those that the file must have.
+        told: fingerprint of this training.
+
+    Raises:
+        InputError: the file is damaged, or of another training.
+    """
+    if not Path(path).exists():
+        return start()
+    remedy = "Give the settings, seed and drone that it was begun with, or another folder."
+    shapes, structure = tree.flatten(jax.eval_shape(start))
+    try:
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as content:
+            title, version, found = str(content["title"]).split("\n")
+            leaves = [content[f"leaf {number}"] for number in range(len(shapes))]
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(f"{path}: not a checkpoint of training ({error}). Remove it to begin anew.") from error
+    if title != _TITLE or version != __version__:
+        raise InputError(
+            f"{path}: a checkpoint of maidenflight {version}; this is {__version__}. Finish it there, or remove it to begin anew."
+        )
+    if found != told or any(leaf.shape != shape.shape or leaf.dtype != shape.dtype for leaf, shape in zip(leaves, shapes, strict=True)):
+        raise InputError(f"{path}: a checkpoint of another training. {remedy}")
+    return tree.unflatten(structure, [jax.numpy.asarray(leaf) for leaf in leaves])

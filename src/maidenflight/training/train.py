@@ -1,0 +1,201 @@
+"""Training policies: one loop for every method, which scores them, keeps the best and can be interrupted.
+
+A method is two functions, `begin` and `learn`, and the frozen dataclass of its settings. What random numbers an update uses depends
+on its number alone, so that neither how often policies are scored nor an interruption changes what they learn.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from os import PathLike
+from typing import Any, NamedTuple, Protocol
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import tree
+from jaxtyping import Array
+
+from maidenflight.errors import InputError
+from maidenflight.policy import CONTROLS, Policy
+from maidenflight.simulator.control import Controller
+from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.randomization import Distribution
+from maidenflight.simulator.tasks import Task
+from maidenflight.training import analytic_gradient, checkpoint
+from maidenflight.training.analytic_gradient import AnalyticGradient
+from maidenflight.training.evaluation import Evaluation, evaluate
+
+
+class Settings(Protocol):
+    """What the settings of every method have; frozen dataclasses, hashable."""
+
+    @property
+    def updates(self) -> int:
+        """Gradient steps, or epochs."""
+        ...
+
+    @property
+    def evaluations(self) -> int:
+        """How often the policy is scored; the best one is kept."""
+        ...
+
+    @property
+    def episodes(self) -> int:
+        """Episodes a score."""
+        ...
+
+    @property
+    def steps_per_update(self) -> int:
+        """Control periods that an update simulates."""
+        ...
+
+    def settings(self) -> dict[str, Any]:
+        """Plain values, for records."""
+        ...
+
+
+class Method(NamedTuple):
+    """How policies learn. P policies learn side by side; whatever has a leading axis of P is called stacked."""
+
+    begin: Callable[[Environment, Any, Distribution, Array], Any]
+    """(environment, settings, drones, P keys) to P stacked learners, each with a field `policy`."""
+    learn: Callable[[Environment, Any, Distribution, Any, Array, int, int], Any]
+    """(environment, settings, drones, learners, P keys, first, end) to the learners after the updates from `first` to before `end`."""
+
+
+METHODS: dict[type, Method] = {AnalyticGradient: Method(analytic_gradient.begin, analytic_gradient.learn)}
+"""Methods by the class of their settings."""
+
+
+class Progress(NamedTuple):
+    """What a caller hears between two scores; arrays have one entry a policy."""
+
+    update: int
+    steps: int
+    """Control periods simulated so far, all policies together."""
+    score: Evaluation
+
+
+class _Course(NamedTuple):
+    """All that training has reached; what a checkpoint holds."""
+
+    learners: Any
+    best: Policy
+    best_return: Array
+    scores: Evaluation
+    """Of every score so far and to come: E x P, not a number where it is still to come."""
+    scored: Array
+    """How many of them there are."""
+
+
+def train(
+    task: Task,
+    controller: Controller,
+    box: Distribution,
+    keys: Array,
+    settings: Settings | None = None,
+    on_progress: Callable[[Progress], None] | None = None,
+    saved: str | PathLike[str] | None = None,
+) -> tuple[Policy, ...]:
+    """Trains one policy a key, all in one call.
+
+    Args:
+        task: what to fly.
+        controller: control structure that the policy acts on.
+        box: distribution of drones; the policy must do well over its draws.
+        keys: random keys, one a policy.
+        settings: of the method, which their class chooses; `AnalyticGradient()` unless given.
+        on_progress: called after each of the scores; first with those that a checkpoint remembers.
+        saved: a file that is written anew after each of the scores. Where it exists, training goes on from it and ends with the same
+            policies as if it had never stopped.
+
+    Returns:
+        For each key the policy of the best score, in the keys' order. Cost grows linearly with keys and updates.
+
+    Raises:
+        InputError: policies cannot be made for this control structure; the drones' time step does not divide its period; the
+            checkpoint is of another training; or the scores of a policy are no longer finite.
+    """
+    settings = AnalyticGradient() if settings is None else settings
+    if type(settings) not in METHODS:
+        known = ", ".join(kind.__name__ for kind in METHODS)
+        raise InputError(f"{type(settings).__name__} are not settings of a method of training; known are {known}.")
+    if controller.name not in CONTROLS:
+        raise InputError(f"control structure {controller.name} cannot be trained for; expected one of {', '.join(CONTROLS)}.")
+    begin, learn = METHODS[type(settings)]
+    simulated = Environment.matching(box.centre, task, controller)
+    ends = _ends(settings)
+
+    def start() -> _Course:
+        learners = begin(simulated, settings, box, keys)
+        nothing = Evaluation(*(jnp.full((len(ends), len(keys)), jnp.nan) for _ in Evaluation._fields))
+        return _Course(learners, learners.policy, jnp.full(len(keys), -jnp.inf), nothing, jnp.zeros((), jnp.int32))
+
+    def report(course: _Course, number: int) -> None:
+        if on_progress is not None:
+            score = Evaluation(*(value[number] for value in course.scores))
+            on_progress(Progress(ends[number], ends[number] * settings.steps_per_update * len(keys), score))
+
+    told = _fingerprint(simulated, settings, box, keys)
+    course = start() if saved is None else checkpoint.restored(saved, start, told)
+    for number in range(int(course.scored)):
+        report(course, number)
+    for number in range(int(course.scored), len(ends)):
+        first = ends[number - 1] if number else 0
+        learners = learn(simulated, settings, box, course.learners, keys, first, ends[number])
+        scores = _scores(simulated, settings.episodes, learners.policy, box)
+        if not np.all(np.isfinite(scores.episode_return)):
+            kept = f" {saved} holds the training as it was at update {first}." if saved is not None and number else ""
+            raise InputError(
+                f"training diverged between updates {first} and {ends[number]}: a policy's return is not a number.{kept} Train again with"
+                " a smaller learning_rate, or over drones that differ less."
+            )
+        course = _ahead(course, learners, scores)
+        if saved is not None:
+            checkpoint.save(saved, course, told)
+        report(course, number)
+    return tuple(_one_of(course.best, number) for number in range(len(keys)))
+
+
+def _ahead(course: _Course, learners: Any, scores: Evaluation) -> _Course:
+    """The course after one more score; of each policy the better one is kept."""
+    better = scores.episode_return > course.best_return
+
+    def chosen(new: Array, old: Array) -> Array:
+        return jnp.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)
+
+    return _Course(
+        learners,
+        best=tree.map(chosen, learners.policy, course.best),
+        best_return=chosen(scores.episode_return, course.best_return),
+        scores=tree.map(lambda rows, now: rows.at[course.scored].set(now), course.scores, scores),
+        scored=course.scored + 1,
+    )
+
+
+def _one_of(stacked: Policy, number: int) -> Policy:
+    return tree.map(lambda leaf: leaf[number], stacked)
+
+
+def _ends(settings: Settings) -> list[int]:
+    """Numbers of updates after which policies are scored: evenly spread, the last at the end."""
+    count = max(1, min(settings.evaluations, settings.updates))
+    return [round(settings.updates * number / count) for number in range(1, count + 1)]
+
+
+def _fingerprint(simulated: Environment, settings: Settings, box: Distribution, keys: Array) -> str:
+    task, controller = simulated.task, simulated.controller
+    words = {
+        "method": type(settings).__name__,
+        "settings": settings.settings(),
+        "task": [task.name, task.duration, task.floor],
+        "control": [controller.name, controller.rate, controller.action_rate, simulated.steps_per_command],
+    }
+    reference = jax.vmap(task.reference)(jnp.linspace(0.0, task.duration, 50))
+    return checkpoint.fingerprint(words, (reference, jax.random.key_data(keys), box))
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _scores(simulated: Environment, episodes: int, policies: Policy, box: Distribution) -> Evaluation:
+    """Of P stacked policies, all on the same episodes."""
+    return jax.vmap(lambda policy: evaluate(simulated, policy, box, jax.random.key(0), episodes))(policies)

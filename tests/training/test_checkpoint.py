@@ -1,0 +1,116 @@
+import errno
+import os
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from maidenflight.errors import InputError
+from maidenflight.training import checkpoint
+
+
+class State(NamedTuple):
+    weights: Any
+    number: Any
+
+
+FULL = State(jnp.arange(6.0).reshape(2, 3), jnp.asarray(7, jnp.int32))
+
+
+def fresh() -> State:
+    return State(jnp.zeros((2, 3)), jnp.zeros((), jnp.int32))
+
+
+def test_a_state_comes_back_to_the_last_bit(tmp_path: Path) -> None:
+    path = tmp_path / "folder" / "training.npz"
+    checkpoint.save(path, FULL, "mine")
+    found = checkpoint.restored(path, fresh, "mine")
+    np.testing.assert_array_equal(found.weights, FULL.weights)
+    assert (int(found.number), found.number.dtype) == (7, jnp.int32)
+
+
+def test_without_a_file_training_begins(tmp_path: Path) -> None:
+    assert int(checkpoint.restored(tmp_path / "none.npz", fresh, "mine").number) == 0
+
+
+@pytest.mark.parametrize(
+    ("start", "told"),
+    [
+        (fresh, "yours"),
+        (lambda: fresh()._replace(weights=jnp.zeros((3, 2))), "mine"),
+        (lambda: fresh()._replace(number=jnp.zeros(())), "mine"),
+    ],
+)
+def test_another_training_is_refused(start: Any, told: str, tmp_path: Path) -> None:
+    checkpoint.save(tmp_path / "training.npz", FULL, "mine")
+    with pytest.raises(InputError, match=r"training\.npz: a checkpoint of another training"):
+        checkpoint.restored(tmp_path / "training.npz", start, told)
+
+
+def damaged(whole: bytes) -> dict[str, bytes]:
+    return {
+        "empty": b"",
+        "cut": whole[: len(whole) // 2],
+        "text": b"not an archive",
+        "one byte": whole[:200] + bytes([whole[200] ^ 255]) + whole[201:],
+    }
+
+
+@pytest.mark.parametrize("how", ["empty", "cut", "text", "one byte"])
+def test_a_damaged_file_is_refused(how: str, tmp_path: Path) -> None:
+    path = tmp_path / "training.npz"
+    checkpoint.save(path, FULL, "mine")
+    path.write_bytes(damaged(path.read_bytes())[how])
+    with pytest.raises(InputError, match=r"training\.npz"):
+        checkpoint.restored(path, fresh, "mine")
+
+
+def test_code_in_a_file_is_not_run(tmp_path: Path) -> None:
+    class Bomb:
+        def __reduce__(self) -> Any:
+            return os.mkdir, (str(tmp_path / "boom"),)
+
+    title = np.array("maidenflight checkpoint 1\n0\nmine")
+    with open(tmp_path / "training.npz", "wb") as file:
+        np.savez(file, allow_pickle=True, title=title, **{"leaf 0": np.array([Bomb()]), "leaf 1": np.array(7)})  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="not a checkpoint"):
+        checkpoint.restored(tmp_path / "training.npz", fresh, "mine")
+    assert not (tmp_path / "boom").exists()
+
+
+def test_another_versions_file_is_refused(tmp_path: Path, monkeypatch: Any) -> None:
+    monkeypatch.setattr(checkpoint, "__version__", "99.0")
+    checkpoint.save(tmp_path / "training.npz", FULL, "mine")
+    monkeypatch.undo()
+    with pytest.raises(InputError, match=r"a checkpoint of maidenflight 99\.0"):
+        checkpoint.restored(tmp_path / "training.npz", fresh, "mine")
+
+
+def test_a_full_disk_keeps_the_last_good_state(tmp_path: Path, monkeypatch: Any) -> None:
+    path = tmp_path / "training.npz"
+    checkpoint.save(path, FULL, "mine")
+
+    def full(*_: Any) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(InputError, match="No space left on device"):
+        checkpoint.save(path, fresh(), "mine")
+    monkeypatch.undo()
+    assert int(checkpoint.restored(path, fresh, "mine").number) == 7
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_fingerprint_tells_words_and_numbers_apart() -> None:
+    said = {"updates": 3}
+    prints = {
+        checkpoint.fingerprint(said, np.ones(2, np.float32)),
+        checkpoint.fingerprint({"updates": 4}, np.ones(2, np.float32)),
+        checkpoint.fingerprint(said, np.nextafter(np.ones(2, np.float32), np.float32(2))),
+        checkpoint.fingerprint(said, np.ones(2, np.int32)),
+        checkpoint.fingerprint(said, np.ones((1, 2), np.float32)),
+    }
+    assert len(prints) == 5
+    assert checkpoint.fingerprint(said, FULL) == checkpoint.fingerprint(dict(said), State(*map(np.asarray, FULL)))

@@ -1,0 +1,156 @@
+import socket
+import subprocess
+import sys
+from dataclasses import replace as changed
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from maidenflight.errors import InputError
+from maidenflight.parameters import crazyflie, replace
+from maidenflight.policy import Policy, untrained
+from maidenflight.simulator import control, tasks
+from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.randomization import relative_box
+from maidenflight.training import train as module
+from maidenflight.training.analytic_gradient import AnalyticGradient
+from maidenflight.training.evaluation import evaluate
+from maidenflight.training.train import Progress, train
+
+BOX = relative_box(replace(crazyflie(), motor_time_constant=0.08, latency=0.012), 0.10)
+SMALL = AnalyticGradient(updates=400, drones=16, horizon=64, evaluations=4, episodes=32)
+KEYS = jax.random.split(jax.random.key(5), 2)
+
+
+def learn(saved: Path | None = None, hear: Any = None, settings: AnalyticGradient = SMALL, box: Any = BOX) -> tuple[Policy, ...]:
+    return train(tasks.circle(), control.pwm(), box, KEYS, settings, hear, saved)
+
+
+def assert_same(one: Any, other: Any) -> None:
+    for left, right in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
+        np.testing.assert_array_equal(left, right)
+
+
+@pytest.fixture(scope="module")
+def trained() -> tuple[tuple[Policy, ...], list[Progress]]:
+    heard: list[Progress] = []
+    return learn(hear=heard.append), heard
+
+
+def test_training_makes_policies_fly_that_did_not(trained: Any) -> None:
+    policies, heard = trained
+    simulated = Environment()
+    before = evaluate(simulated, untrained(jax.random.key(0)), BOX, jax.random.key(9), 32)
+    after = [evaluate(simulated, policy, BOX, jax.random.key(9), 32) for policy in policies]
+    assert float(before.survival) == 0.0
+    assert all(float(score.survival) > 0.5 for score in after)
+    assert [progress.update for progress in heard] == [100, 200, 300, 400]
+    assert heard[-1].steps == 400 * 16 * 64 * 2
+
+
+def test_the_best_scored_policy_is_kept_not_the_last(trained: Any) -> None:
+    policies, heard = trained
+    best = np.max([progress.score.episode_return for progress in heard], axis=0)
+    scores = [float(evaluate(Environment(), policy, BOX, jax.random.key(0), SMALL.episodes).episode_return) for policy in policies]
+    np.testing.assert_allclose(scores, best, rtol=1e-3)
+
+
+def test_each_key_has_its_own_policy(trained: Any) -> None:
+    policies, _ = trained
+    assert not np.allclose(policies[0].weights[0], policies[1].weights[0])
+
+
+@pytest.mark.parametrize("heard_until", [0, 1, 2])
+def test_interrupted_training_goes_on_to_the_same_policies_and_tells_its_whole_story(
+    heard_until: int, trained: Any, tmp_path: Path
+) -> None:
+    saved, heard = tmp_path / "training.npz", []
+
+    def interrupt(progress: Progress) -> None:
+        if len(heard) == heard_until:
+            raise KeyboardInterrupt
+        heard.append(progress)
+
+    with pytest.raises(KeyboardInterrupt):
+        learn(saved, interrupt)
+    heard.clear()
+    policies = learn(saved, heard.append)
+    assert_same(policies, trained[0])
+    assert_same(heard, trained[1])
+    assert_same(learn(saved), policies)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [{"settings": changed(SMALL, learning_rate=1e-3)}, {"settings": changed(SMALL, updates=500)}, {"box": relative_box(crazyflie())}],
+)
+def test_the_checkpoint_of_another_training_is_refused_and_kept(other: Any, tmp_path: Path) -> None:
+    saved = tmp_path / "training.npz"
+
+    def interrupt(_: Progress) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        learn(saved, interrupt)
+    before = saved.read_bytes()
+    with pytest.raises(InputError, match="a checkpoint of another training"):
+        learn(saved, **other)
+    assert saved.read_bytes() == before
+
+
+def test_a_return_that_is_no_number_ends_training_and_keeps_what_was_good(monkeypatch: Any, tmp_path: Path) -> None:
+    scores, calls, saved = module._scores, [], tmp_path / "training.npz"
+
+    def diverging(*arguments: Any) -> Any:
+        calls.append(1)
+        score = scores(*arguments)
+        return score if len(calls) == 1 else score._replace(episode_return=jnp.full_like(score.episode_return, jnp.nan))
+
+    monkeypatch.setattr(module, "_scores", diverging)
+    kept: list[bytes] = []
+    with pytest.raises(InputError, match=r"diverged between updates 100 and 200.*training\.npz holds the training as it was at update 100"):
+        learn(saved, lambda _: kept.append(saved.read_bytes()))
+    assert [saved.read_bytes()] == kept
+
+
+@pytest.mark.parametrize(
+    ("updates", "evaluations", "ends"), [(400, 4, [100, 200, 300, 400]), (5, 3, [2, 3, 5]), (2, 15, [1, 2]), (7, 1, [7])]
+)
+def test_the_last_score_comes_at_the_end_whatever_divides_what(updates: int, evaluations: int, ends: list[int]) -> None:
+    assert module._ends(AnalyticGradient(updates=updates, evaluations=evaluations)) == ends
+
+
+def test_what_cannot_be_trained_is_refused() -> None:
+    with pytest.raises(InputError, match="position_pid cannot be trained for"):
+        train(tasks.circle(), control.position_pid(), BOX, KEYS, SMALL)
+    with pytest.raises(InputError, match="dict are not settings of a method"):
+        train(tasks.circle(), control.pwm(), BOX, KEYS, {})  # type: ignore[arg-type]
+
+
+def test_two_processes_learn_what_one_does_and_share_its_checkpoint(tmp_path: Path) -> None:
+    with socket.socket() as free:
+        free.bind(("localhost", 0))
+        port = free.getsockname()[1]
+
+    def begin(count: int, number: int) -> tuple[subprocess.Popen[str], Path]:
+        to = tmp_path / f"{count}_{number}.npz"
+        script = [sys.executable, Path(__file__).with_name("one_of_many.py")]
+        arguments = [count, number, port, tmp_path / f"training_{count}.npz", to]
+        return subprocess.Popen([*map(str, script), *map(str, arguments)], stderr=subprocess.PIPE, text=True), to
+
+    started = [begin(1, 0), begin(2, 0), begin(2, 1)]
+    for process, _ in started:
+        _, told = process.communicate(timeout=240)
+        assert process.returncode == 0, told
+    alone, *together = (np.load(path) for _, path in started)
+    for found in together:
+        for name in alone:
+            np.testing.assert_allclose(found[name], alone[name], atol=1e-5)
+    one, two = (np.load(tmp_path / f"training_{count}.npz") for count in (1, 2))
+    assert str(one["title"]) == str(two["title"])
+    for name in set(one) - {"title"}:
+        np.testing.assert_allclose(two[name].astype(float), one[name].astype(float), rtol=1e-3, atol=1e-3)
