@@ -29,11 +29,13 @@ if TYPE_CHECKING:
     from maidenflight.simulator.tasks import tracking as tracking
     from maidenflight.simulator.virtual_drone import virtual_drone as virtual_drone
     from maidenflight.training.analytic_gradient import AnalyticGradient as AnalyticGradient
+    from maidenflight.training.ppo import PPO as PPO
     from maidenflight.training.train import train as train
 
 # Each public name lives in one module, which is imported when the name is first used: `import maidenflight` costs no JAX.
 _PUBLIC = {
     "AnalyticGradient": "training.analytic_gradient",
+    "PPO": "training.ppo",
     "Environment": "simulator.environment",
     "Parameters": "parameters",
     "Policy": "policy",

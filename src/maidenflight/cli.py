@@ -353,7 +353,12 @@ def _randomization(_: click.Context, __: click.Parameter, given: str) -> float |
     "--task", default="circle", show_default=True, type=click.Choice(["circle", "figure_eight", "hover", "take_off"]), help="Task."
 )
 @click.option("--policies", "count", default=3, show_default=True, type=click.IntRange(1, 64), help="How many, each from its own seed.")
-@click.option("--updates", type=click.IntRange(1, 10**6), help="Gradient steps; as many as the control structure needs unless given.")
+@click.option("--method", default="gradient", show_default=True, type=click.Choice(["gradient", "ppo"]), help="How policies learn.")
+@click.option(
+    "--updates",
+    type=click.IntRange(1, 10**6),
+    help="Gradient steps, or epochs of PPO; as many as the control structure needs unless given.",
+)
 @click.option(
     "--randomize",
     default="0.1",
@@ -371,6 +376,7 @@ def train(
     control: str,
     task: str,
     count: int,
+    method: str,
     updates: int | None,
     randomize: float | str,
     resume: bool,
@@ -378,7 +384,7 @@ def train(
     as_json: bool,
     overwrite: bool,
 ) -> None:
-    """Train policies around a drone by analytic gradients through the simulator.
+    """Train policies around a drone, by gradients through the simulator or by PPO.
 
     Interrupted, by Ctrl-C or anything else, it loses at most what it learned since the last score: give the same command with --resume.
     """
@@ -386,8 +392,7 @@ def train(
     _lay_on_all_cores()
     from maidenflight import workflow
 
-    settings = workflow.SETTINGS[control]
-    settings = settings if updates is None else dataclasses.replace(settings, updates=updates)
+    settings = workflow.settings_for(control, task, method, updates)
     heard: list[Progress] = []
     began = time.perf_counter()
     with terminal.progress("train", settings.updates) as move, _resumable(output / workflow.CHECKPOINT):

@@ -54,6 +54,16 @@ class Policy:
         return self.weights[-1] @ values + self.biases[-1]
 
     @property
+    def network(self) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+        """Weights and biases: what a gradient changes."""
+        return self.weights, self.biases
+
+    def with_network(self, network: Any) -> "Policy":
+        """The same policy with other weights and biases."""
+        weights, biases = network
+        return dataclasses.replace(self, weights=weights, biases=biases)
+
+    @property
     def layer_sizes(self) -> tuple[int, ...]:
         """Sizes of input, hidden layers and output, such as (40, 50, 50, 4)."""
         return (self.weights[0].shape[-1], *(weight.shape[-2] for weight in self.weights))

@@ -32,7 +32,8 @@ from maidenflight.simulator.control import Controller
 from maidenflight.simulator.randomization import Distribution, relative_box
 from maidenflight.simulator.virtual_drone import VirtualDrone, virtual_drone
 from maidenflight.training.analytic_gradient import AnalyticGradient
-from maidenflight.training.train import Progress, train
+from maidenflight.training.ppo import PPO
+from maidenflight.training.train import Progress, Settings, train
 
 StrPath = str | os.PathLike[str]
 
@@ -177,6 +178,21 @@ SETTINGS: dict[str, AnalyticGradient] = {
 """What works out of the box, by control structure: a policy that acts less often learns in fewer updates and looks as far ahead."""
 
 
+def settings_for(structure: str, task: str, method: str = "gradient", updates: int | None = None) -> Settings:
+    """What works out of the box for a control structure, a task and a method, all by name; with other updates if given."""
+    settings = PPO() if method == "ppo" else _by_gradient(structure, task)
+    return settings if updates is None else dataclasses.replace(settings, updates=updates)
+
+
+def _by_gradient(structure: str, task: str) -> AnalyticGradient:
+    settings = SETTINGS[structure]
+    if task == "hover":  # which fails beyond 5.2 rad/s
+        return dataclasses.replace(settings, spin_margin=4.0)
+    if task == "figure_eight":  # eight times as large as the circle, and faster
+        return dataclasses.replace(settings, updates=3 * settings.updates)
+    return settings
+
+
 def _randomized(drone: StrPath, randomization: float | str, controller: Controller) -> Distribution:
     """Drones to train over, simulated in steps that divide the controller's period."""
     centre = parameters.read(drone)
@@ -196,7 +212,7 @@ def train_for(
     seed: int,
     folder: StrPath,
     count: int,
-    settings: AnalyticGradient,
+    settings: Settings,
     randomization: float | str,
     on_progress: Callable[[Progress], None] | None = None,
     structure: str = "pwm",
@@ -239,7 +255,14 @@ def train_for(
     keys = jax.random.split(jax.random.key(seed), count)
     policies = train(tasks.TASKS[task](), controller, box, keys, settings, note, saved)
     inputs = [drone] if Path(drone).is_file() else []
-    said = {"task": task, "control": structure, "randomization": randomization, "policies": count, **settings.settings()}
+    said = {
+        "task": task,
+        "control": structure,
+        "method": type(settings).__name__,
+        "randomization": randomization,
+        "policies": count,
+        **settings.settings(),
+    }
     made = results.record(seed=seed, inputs=inputs, settings=said if inputs else {"drone": str(drone), **said})
     for number, trained in enumerate(policies, 1):
         policy.write(Path(folder) / f"policy_{number}.json", trained, {**made, "number": number})

@@ -38,12 +38,12 @@ def test_gradient_through_the_simulator_is_the_slope_of_the_cost() -> None:
     settings = AnalyticGradient(horizon=12)
     policy = untrained(jax.random.key(1))
     episode = environment.reset(simulated, drone, jax.random.key(2))
-    direction = jax.tree.map(lambda leaf: jax.random.normal(jax.random.key(leaf.size), leaf.shape), analytic_gradient._network(policy))
+    direction = jax.tree.map(lambda leaf: jax.random.normal(jax.random.key(leaf.size), leaf.shape), policy.network)
 
     @jax.jit
     def cost(scale: jax.Array) -> jax.Array:
-        moved = jax.tree.map(lambda leaf, step: leaf + scale * step, analytic_gradient._network(policy), direction)
-        changed = analytic_gradient._with_network(policy, moved)
+        moved = jax.tree.map(lambda leaf, step: leaf + scale * step, policy.network, direction)
+        changed = policy.with_network(moved)
         return analytic_gradient._segment(simulated, settings, changed, Drone(episode, drone), jax.random.key(3))[0]
 
     slope = float(jax.jit(jax.grad(cost))(jnp.zeros(())))
@@ -59,6 +59,7 @@ def test_a_lost_drone_is_held_and_gives_no_gradient() -> None:
     lost = episode._replace(state=episode.state._replace(position=episode.state.position + 50.0))
     policy = untrained(jax.random.key(1))
     segment = jax.jit(partial(analytic_gradient._segment, simulated, AnalyticGradient(horizon=12)))
-    cost, after = segment(policy, Drone(lost, drone), jax.random.key(3))
+    cost, (after, was_lost) = segment(policy, Drone(lost, drone), jax.random.key(3))
     assert float(cost) == 0.0
+    assert was_lost
     np.testing.assert_array_equal(after.state.position, lost.state.position)

@@ -5,16 +5,14 @@ latency, sensors and network, and takes one Adam step; the drones fly on, and th
 each as another drone. Short horizons keep the gradients of a chaotic system small (Xu et al. 2022, SHAC, there with a critic).
 """
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 import optax
 from jax import lax, tree
-from jax.sharding import Mesh, PartitionSpec
 from jaxtyping import Array, Bool, Float
 
 from maidenflight.policy import Policy, untrained
@@ -22,7 +20,8 @@ from maidenflight.simulator import environment, rotations
 from maidenflight.simulator.environment import Environment, Episode
 from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.rollout import Drone, launch
-from maidenflight.simulator.tasks import norm, too_far
+from maidenflight.simulator.tasks import norm, squared
+from maidenflight.training.devices import DRONES, EVERYWHERE, LAID, mesh, own
 
 LOST = 1.0
 """Distance from the set-point [m] beyond which a drone in training is given up."""
@@ -52,6 +51,12 @@ class AnalyticGradient:
     """Sine of the tilt beyond which `tilt_barrier` pulls: on the drone a guard ends the flight at 30 degrees, sine 0.5."""
     tilt_barrier: float = 2.0
     """Cost per sine of tilt beyond the margin and control period."""
+    spin_margin: float = 10.0
+    """Body rate [rad/s] about any axis beyond which `spin_barrier` pulls: on the drone a guard ends the flight at 14 rad/s."""
+    spin_barrier: float = 0.3
+    """Cost per rad/s beyond the margin and control period."""
+    excess: float = 0.01
+    """Cost of the squared part of an action beyond [-1, 1], which the control structure cuts off: there is no other way back from it."""
     evaluations: int = 15
     """How often the policy is scored; the best one is kept."""
     episodes: int = 128
@@ -78,22 +83,7 @@ def _optimiser(settings: AnalyticGradient) -> optax.GradientTransformation:
     return optax.chain(optax.clip_by_global_norm(settings.gradient_norm), optax.adam(schedule))
 
 
-_DRONES = "drones"
-"""Axis of the mesh of devices over which a policy's drones are laid."""
-_LAID = _Learner(PartitionSpec(), PartitionSpec(), PartitionSpec(None, _DRONES))  # type: ignore[arg-type]
-
-
-def _mesh(settings: AnalyticGradient) -> Mesh:
-    """All devices, or as many as share the drones evenly."""
-    devices = jax.devices()
-    count = max(number for number in range(1, len(devices) + 1) if settings.drones % number == 0)
-    return Mesh(np.array(devices[:count]), (_DRONES,))
-
-
-def _own(keys: Array) -> Array:
-    """Of one key a drone, those of the drones on this device."""
-    count = keys.shape[0] // lax.axis_size(_DRONES)
-    return lax.dynamic_slice_in_dim(keys, lax.axis_index(_DRONES) * count, count)
+_LAID = _Learner(EVERYWHERE, EVERYWHERE, LAID)  # type: ignore[arg-type]
 
 
 @partial(jax.jit, static_argnums=(0, 1))
@@ -103,67 +93,57 @@ def begin(simulated: Environment, settings: AnalyticGradient, box: Distribution,
     def one(key: Array) -> _Learner:
         policy_key, key = jax.random.split(key)
         policy = untrained(policy_key, settings.hidden, simulated.history, simulated.controller)
-        drones = jax.vmap(partial(launch, simulated, box))(_own(jax.random.split(key, settings.drones)))
-        return _Learner(policy, _optimiser(settings).init(_network(policy)), drones)
+        drones = jax.vmap(partial(launch, simulated, box))(own(jax.random.split(key, settings.drones)))
+        return _Learner(policy, _optimiser(settings).init(policy.network), drones)
 
-    laid = jax.shard_map(jax.vmap(one), mesh=_mesh(settings), in_specs=PartitionSpec(), out_specs=_LAID, check_vma=False)
+    laid = jax.shard_map(jax.vmap(one), mesh=mesh(settings.drones), in_specs=EVERYWHERE, out_specs=_LAID, check_vma=False)
     return laid(keys)
-
-
-def _network(policy: Policy) -> tuple[Any, Any]:
-    """What training changes."""
-    return policy.weights, policy.biases
-
-
-def _with_network(policy: Policy, network: tuple[Any, Any]) -> Policy:
-    weights, biases = network
-    return replace(policy, weights=weights, biases=biases)
 
 
 def _segment(
     simulated: Environment, settings: AnalyticGradient, policy: Policy, drone: Drone, key: Array
-) -> tuple[Float[Array, ""], Episode]:
-    """Mean cost of one drone over a horizon, and where it is then."""
+) -> tuple[Float[Array, ""], tuple[Episode, Bool[Array, ""]]]:
+    """Mean cost of one drone over a horizon, where it is then, and whether it was lost on the way."""
 
-    def one(episode: Episode, key: Array) -> tuple[Episode, Float[Array, ""]]:
+    def one(episode: Episode, key: Array) -> tuple[Episode, tuple[Float[Array, ""], Bool[Array, ""]]]:
         action = policy(environment.observation(episode))
         after, outcome = environment.step(simulated, episode, action, drone.parameters, key)
         tilt = norm(rotations.body_z(after.state.quaternion)[:2])
         guards = settings.barrier * jax.nn.relu(outcome.position_error - settings.margin)
         guards += settings.tilt_barrier * jax.nn.relu(tilt - settings.tilt_margin)
-        cost = guards - outcome.reward
+        guards += settings.spin_barrier * jnp.sum(jax.nn.relu(jnp.abs(after.state.body_rates) - settings.spin_margin))
+        cost = guards - outcome.reward + settings.excess * squared(jax.nn.relu(jnp.abs(action) - 1.0))
         # A drone that is far beyond failure stays where it is: its gradient says nothing of flying, and would overflow.
         lost = outcome.position_error > LOST
-        return tree.map(lambda old, new: jnp.where(lost, old, new), episode, after), jnp.where(lost, 0.0, cost)
+        return tree.map(lambda old, new: jnp.where(lost, old, new), episode, after), (jnp.where(lost, 0.0, cost), lost)
 
-    episode, costs = lax.scan(one, drone.episode, jax.random.split(key, settings.horizon))
-    return jnp.mean(costs), episode
+    episode, (costs, lost) = lax.scan(one, drone.episode, jax.random.split(key, settings.horizon))
+    return jnp.mean(costs), (episode, jnp.any(lost))
 
 
 def _update(simulated: Environment, settings: AnalyticGradient, box: Distribution, learner: _Learner, key: Array) -> _Learner:
     """One gradient step of one policy; each device flies its drones, and all take the mean of their gradients."""
     flight_key, fresh_key = jax.random.split(key)
-    flight_keys = _own(jax.random.split(flight_key, settings.drones))
+    flight_keys = own(jax.random.split(flight_key, settings.drones))
 
-    def cost(network: tuple[Any, Any]) -> tuple[Float[Array, ""], Episode]:
-        policy = _with_network(learner.policy, network)
-        costs, episodes = jax.vmap(partial(_segment, simulated, settings, policy))(learner.drones, flight_keys)
-        return jnp.mean(costs), episodes
+    def cost(network: tuple[Any, Any]) -> tuple[Float[Array, ""], tuple[Episode, Bool[Array, "n"]]]:
+        policy = learner.policy.with_network(network)
+        costs, flown = jax.vmap(partial(_segment, simulated, settings, policy))(learner.drones, flight_keys)
+        return jnp.mean(costs), flown
 
-    gradient, episodes = jax.grad(cost, has_aux=True)(_network(learner.policy))
-    gradient = lax.pmean(gradient, _DRONES)
+    gradient, (episodes, lost) = jax.grad(cost, has_aux=True)(learner.policy.network)
+    gradient = lax.pmean(gradient, DRONES)
     # A step whose gradient overflowed all the same is left out.
     usable = jnp.isfinite(optax.tree.norm(gradient))
     gradient = tree.map(lambda g: jnp.where(usable, g, 0.0), gradient)
     with jax.numpy_dtype_promotion("standard"):  # optax mixes integers and floats, whatever its user has set
         changes, optimiser = _optimiser(settings).update(gradient, learner.optimiser)
-    policy = _with_network(learner.policy, optax.apply_updates(_network(learner.policy), changes))  # type: ignore[arg-type]
+    policy = learner.policy.with_network(optax.apply_updates(learner.policy.network, changes))  # type: ignore[arg-type]
 
     setpoints = jax.vmap(simulated.task.reference)(episodes.time)
-    over = (jax.vmap(simulated.task.failure)(episodes.state, setpoints) > 0) | (episodes.elapsed > simulated.task.duration)
+    over = (jax.vmap(simulated.task.failure)(episodes.state, setpoints) > 0) | (episodes.elapsed > simulated.task.duration) | lost
     over |= ~jnp.isfinite(jnp.sum(episodes.state.position, axis=1))
-    over |= jax.vmap(partial(too_far, farthest=LOST))(episodes.state, setpoints)
-    fresh = jax.vmap(partial(launch, simulated, box))(_own(jax.random.split(fresh_key, settings.drones)))
+    fresh = jax.vmap(partial(launch, simulated, box))(own(jax.random.split(fresh_key, settings.drones)))
     return _Learner(policy, optimiser, _chosen(over, fresh, Drone(episodes, learner.drones.parameters)))
 
 
@@ -190,5 +170,5 @@ def learn(
 
         return lax.fori_loop(first, end, update, learner)
 
-    laid = jax.shard_map(jax.vmap(one), mesh=_mesh(settings), in_specs=(_LAID, PartitionSpec()), out_specs=_LAID, check_vma=False)
+    laid = jax.shard_map(jax.vmap(one), mesh=mesh(settings.drones), in_specs=(_LAID, EVERYWHERE), out_specs=_LAID, check_vma=False)
     return laid(learners, keys)

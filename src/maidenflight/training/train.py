@@ -21,9 +21,10 @@ from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.tasks import Task
-from maidenflight.training import analytic_gradient, checkpoint
+from maidenflight.training import analytic_gradient, checkpoint, ppo
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.evaluation import Evaluation, evaluate
+from maidenflight.training.ppo import PPO
 
 
 class Settings(Protocol):
@@ -63,7 +64,10 @@ class Method(NamedTuple):
     """(environment, settings, drones, learners, P keys, first, end) to the learners after the updates from `first` to before `end`."""
 
 
-METHODS: dict[type, Method] = {AnalyticGradient: Method(analytic_gradient.begin, analytic_gradient.learn)}
+METHODS: dict[type, Method] = {
+    AnalyticGradient: Method(analytic_gradient.begin, analytic_gradient.learn),
+    PPO: Method(ppo.begin, ppo.learn),
+}
 """Methods by the class of their settings."""
 
 

@@ -1,0 +1,446 @@
+"""Proximal policy optimisation (Schulman et al. 2017), as in the paper and, with settings of our own, faster.
+
+Each update flies drones with noise on their actions, tells by a critic which actions did better than expected, makes those more
+likely, though none by much, and fits the critic. Time that is up is no failure: what would have come then is the critic's guess.
+"""
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from typing import Any, NamedTuple, Self
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+from jax import lax, tree
+from jaxtyping import Array, Bool, Float
+
+from maidenflight.parameters import Parameters
+from maidenflight.policy import Policy, untrained
+from maidenflight.simulator import environment
+from maidenflight.simulator.environment import ACTION_SIZE, Environment
+from maidenflight.simulator.randomization import PAPER_FIELDS, Distribution
+from maidenflight.simulator.rollout import Drone, launch
+from maidenflight.training.devices import DRONES, EVERYWHERE, LAID, mesh, own
+
+SMALLEST_DEVIATION = 1e-5
+"""Added to standard deviations before dividing by them (authors' code)."""
+PERIODS_PER_FRESH_DRONE = 8
+"""For every so many control periods a drone is prepared that takes over when another's episode ends."""
+
+
+@dataclass(frozen=True)
+class PPO:
+    """Settings of training by proximal policy optimisation; hashable, all static. The defaults are ours, `paper` has the paper's."""
+
+    updates: int = 600
+    """Epochs: flights, each followed by the passes over them."""
+    drones: int = 512
+    """Drones flown side by side, each with its own constants."""
+    horizon: int = 32
+    """Control periods that each drone flies an update; it goes on from where it was."""
+    hidden: tuple[int, ...] = (50, 50)
+    """Sizes of the actor's hidden layers, ReLU."""
+    critic_hidden: tuple[int, ...] = (64, 64)
+    """Sizes of the critic's hidden layers, tanh."""
+    critic_sees_truth: bool = True
+    """Whether the critic, which does not fly, also sees the true state and the drone's constants."""
+    learning_rate: float = 2e-3
+    """Adam's first step size of the actor; it falls linearly to 0."""
+    critic_learning_rate: float = 1e-3
+    """Adam's step size of the critic."""
+    actor_passes: int = 4
+    """How often the actor goes through an update's flights."""
+    actor_minibatches: int = 8
+    """Gradient steps a pass of the actor."""
+    critic_passes: int = 4
+    """How often the critic goes through them."""
+    critic_minibatches: int = 8
+    """Gradient steps a pass of the critic."""
+    clip: float = 0.2
+    """A step gains nothing by making an action more, or less, likely than by this share."""
+    discount: float = 0.99
+    """What a reward is worth one control period earlier."""
+    trace: float = 0.95
+    """Lambda of generalised advantage estimation: 0 trusts the critic, 1 the rewards."""
+    standardised: bool = True
+    """Whether an update's advantages are brought to mean 0 and deviation 1."""
+    largest_reward: float = 3.0
+    """Rewards, divided by the running standard deviation of discounted returns, are clipped to +- this."""
+    first_noise: float = 0.4
+    """Standard deviation of the noise on actions in the first update."""
+    last_noise: float = 0.15
+    """To what it falls, linearly."""
+    evaluations: int = 15
+    """How often the policy is scored; the best one is kept."""
+    episodes: int = 128
+    """Episodes a score."""
+
+    @classmethod
+    def paper(cls) -> Self:
+        """The paper's settings: 500 epochs of 64,000 steps, as by 64 workers of 1,000.
+
+        What differs: drones fly on from one epoch into the next, while workers began anew; minibatches are drawn from all drones
+        together; the actor's last layer starts ten times smaller, and the first epoch normalises as `policy.untrained` does.
+
+        Source: Gronauer et al. 2022, sec. Zero-Shot Experiments; reward scaling and the critic's passes are from the authors' code.
+        """
+        return cls(
+            updates=500,
+            drones=64,
+            horizon=1000,
+            critic_sees_truth=False,
+            learning_rate=3e-4,
+            critic_learning_rate=1e-3,
+            actor_passes=80,
+            actor_minibatches=1,
+            critic_passes=5,
+            critic_minibatches=16,
+            standardised=False,
+            largest_reward=10.0,
+            first_noise=0.5,
+            last_noise=0.01,
+        )
+
+    @property
+    def steps_per_update(self) -> int:
+        """Control periods that an update simulates."""
+        return self.drones * self.horizon
+
+    def settings(self) -> dict[str, Any]:
+        """Plain values, for records."""
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
+
+
+class Moments(NamedTuple):
+    """Mean and variance of all samples so far."""
+
+    seen: Float[Array, ""]
+    """How many samples."""
+    mean: Float[Array, "..."]
+    variance: Float[Array, "..."]
+
+    @property
+    def deviation(self) -> Float[Array, "..."]:
+        """Standard deviation, never 0."""
+        return jnp.sqrt(self.variance) + SMALLEST_DEVIATION
+
+
+class Critic(NamedTuple):
+    """A network that tells the scaled discounted return to come."""
+
+    weights: tuple[Float[Array, "outputs inputs"], ...]
+    biases: tuple[Float[Array, "outputs"], ...]
+
+    def __call__(self, sight: Float[Array, "S"]) -> Float[Array, ""]:
+        """Value of a normalised sight."""
+        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
+            sight = jnp.tanh(weight @ sight + bias)
+        return (self.weights[-1] @ sight + self.biases[-1])[0]
+
+
+class _Learner(NamedTuple):
+    policy: Policy
+    critic: Critic
+    optimisers: tuple[optax.OptState, optax.OptState]
+    """Of the actor and of the critic."""
+    sights: Moments
+    returns: Moments
+    """Of discounted returns."""
+    drones: Drone
+    discounted: Float[Array, "drones"]
+    """Rewards of each drone's episode so far, older ones discounted."""
+
+
+_LAID = _Learner(*[EVERYWHERE] * 5, *[LAID] * 2)  # type: ignore[arg-type]
+
+
+class _Period(NamedTuple):
+    """What a control period gave."""
+
+    sight: Float[Array, "S"]
+    sight_after: Float[Array, "S"]
+    """At its end, before another drone takes over."""
+    action: Float[Array, "4"]
+    noise: Float[Array, "4"]
+    """How many standard deviations the action was off the policy's."""
+    reward: Float[Array, ""]
+    discounted: Float[Array, ""]
+    terminated: Bool[Array, ""]
+    truncated: Bool[Array, ""]
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def begin(simulated: Environment, settings: PPO, box: Distribution, keys: Array) -> _Learner:
+    """Learners that know nothing, one a key, stacked."""
+
+    def one(key: Array) -> _Learner:
+        policy_key, critic_key, key = jax.random.split(key, 3)
+        policy = untrained(policy_key, settings.hidden, simulated.history, simulated.controller)
+        drones = jax.vmap(partial(launch, simulated, box))(own(jax.random.split(key, settings.drones)))
+        sights = jax.vmap(partial(_sight, simulated, settings, box.centre))(drones)
+        unseen = jnp.zeros(sights.shape[1] - policy.observation_mean.size)
+        mean = jnp.concatenate([policy.observation_mean, unseen])
+        deviation = jnp.concatenate([policy.observation_deviation, unseen + 1.0])
+        critic = _critic(critic_key, (mean.size, *settings.critic_hidden, 1))
+        optimisers = tuple(optax.adam(0.0).init(network) for network in (policy.network, critic))
+        seen, returns = Moments(jnp.zeros(()), mean, deviation**2), Moments(jnp.zeros(()), jnp.zeros(()), jnp.ones(()))
+        discounted = jnp.zeros(sights.shape[0])
+        return _Learner(policy, critic, optimisers, seen, returns, drones, discounted)  # type: ignore[arg-type]
+
+    laid = jax.shard_map(jax.vmap(one), mesh=mesh(settings.drones), in_specs=EVERYWHERE, out_specs=_LAID, check_vma=False)
+    return laid(keys)
+
+
+def _critic(key: Array, sizes: tuple[int, ...]) -> Critic:
+    """Kaiming-uniform weights and zero biases (Gronauer et al. 2022, sec. Zero-Shot Experiments)."""
+
+    def layer(key: Array, inputs: int, outputs: int) -> Array:
+        bound = np.float32(np.sqrt(6.0 / inputs))
+        return jax.random.uniform(key, (outputs, inputs), minval=-bound, maxval=bound)
+
+    weights = tuple(map(layer, jax.random.split(key, len(sizes) - 1), sizes[:-1], sizes[1:]))
+    return Critic(weights, tuple(jnp.zeros(size) for size in sizes[1:]))
+
+
+_TOLD = (*PAPER_FIELDS, "latency")
+"""Constants of the drone that the critic sees."""
+
+
+def _sight(simulated: Environment, settings: PPO, centre: Parameters, drone: Drone) -> Float[Array, "S"]:
+    """What the critic sees: the policy's observation and, where it sees the truth, state and constants."""
+    seen = environment.observation(drone.episode)
+    if not settings.critic_sees_truth:
+        return seen
+    state = drone.episode.state
+    relative = state._replace(position=state.position - simulated.task.reference(drone.episode.time))
+    own, middle = ([jnp.ravel(getattr(each, name)) for name in _TOLD] for each in (drone.parameters, centre))
+    constants = [value / jnp.where(nominal == 0, 1.0, nominal) for value, nominal in zip(own, middle, strict=True)]
+    return jnp.concatenate([seen, *relative, *constants])
+
+
+def _fly(
+    simulated: Environment,
+    settings: PPO,
+    box: Distribution,
+    policy: Policy,
+    deviation: Float[Array, ""],
+    drone: Drone,
+    discounted: Float[Array, ""],
+    key: Array,
+) -> tuple[Drone, Float[Array, ""], _Period]:
+    """Flies one drone for a horizon with noise on its actions.
+
+    Returns:
+        The drone that flies in the end, its discounted return so far, and each period, stacked along a first axis.
+    """
+    fresh_key, noise_key, key = jax.random.split(key, 3)
+    count = max(1, settings.horizon // PERIODS_PER_FRESH_DRONE)
+    fresh = jax.vmap(partial(launch, simulated, box))(jax.random.split(fresh_key, count))
+    sight = partial(_sight, simulated, settings, box.centre)
+
+    def one(carry: tuple[Drone, Array], now: tuple[Array, Array, Array]) -> tuple[tuple[Drone, Array], _Period]:
+        (drone, discounted), (number, noise, key) = carry, now
+        action = policy(environment.observation(drone.episode)) + deviation * noise
+        episode, outcome = environment.step(simulated, drone.episode, action, drone.parameters, key)
+        after, discounted = Drone(episode, drone.parameters), settings.discount * discounted + outcome.reward
+        flown = (outcome.reward, discounted, outcome.terminated, outcome.truncated)
+        over = outcome.terminated | outcome.truncated
+        another = tree.map(lambda leaf: leaf[number % count], fresh)
+        carry = tree.map(lambda new, old: jnp.where(over, new, old), (another, 0.0), (after, discounted))
+        return carry, _Period(sight(drone), sight(after), action, noise, *flown)
+
+    noises = jax.random.normal(noise_key, (settings.horizon, ACTION_SIZE))
+    periods = (jnp.arange(settings.horizon), noises, jax.random.split(key, settings.horizon))
+    (drone, discounted), flown = lax.scan(one, (drone, discounted), periods)
+    return drone, discounted, flown
+
+
+def advantages(
+    rewards: Float[Array, "T"],
+    values: Float[Array, "T"],
+    values_after: Float[Array, "T"],
+    terminated: Bool[Array, "T"],
+    truncated: Bool[Array, "T"],
+    discount: float,
+    trace: float,
+) -> Float[Array, "T"]:
+    """Generalised advantage estimation: how much better than the critic's guess each of T successive actions did.
+
+    Args:
+        rewards: of each period.
+        values: the critic's guesses before each.
+        values_after: and after each, before another drone takes over.
+        terminated: whether the drone failed; nothing comes after.
+        truncated: whether time was up; the critic's guess stands for what would have come.
+        discount: gamma.
+        trace: lambda.
+
+    Source: Schulman et al. 2016, eq. 16; truncation as in Pardo et al. 2018.
+    """
+    surprises = rewards + discount * jnp.where(terminated, 0.0, values_after) - values
+
+    def one(later: Float[Array, ""], now: tuple[Array, Array]) -> tuple[Float[Array, ""], Float[Array, ""]]:
+        surprise, over = now
+        advantage = surprise + discount * trace * jnp.where(over, 0.0, later)
+        return advantage, advantage
+
+    return lax.scan(one, jnp.zeros(()), (surprises, terminated | truncated), reverse=True)[1]
+
+
+def surrogate(ratio: Float[Array, "..."], advantage: Float[Array, "..."], clip: float) -> Float[Array, "..."]:
+    """What PPO maximises, of actions that are `ratio` times as likely as when they were flown.
+
+    Source: Schulman et al. 2017, eq. 7.
+    """
+    return jnp.minimum(ratio * advantage, jnp.clip(ratio, 1.0 - clip, 1.0 + clip) * advantage)
+
+
+def _moments(samples: Float[Array, "n ..."]) -> Moments:
+    """Of the samples of all devices."""
+    mean = lax.pmean(jnp.mean(samples, axis=0), DRONES)
+    variance = lax.pmean(jnp.mean((samples - mean[None]) ** 2, axis=0), DRONES)
+    return Moments(jnp.asarray(samples.shape[0] * lax.axis_size(DRONES), jnp.float32), mean, variance)
+
+
+def merged(one: Moments, other: Moments) -> Moments:
+    """Moments of the samples of both. Source: Chan, Golub and LeVeque 1983, eq. 2.1."""
+    count = one.seen + other.seen
+    share, step = other.seen / count, other.mean - one.mean
+    variance = (1.0 - share) * one.variance + share * other.variance + share * (1.0 - share) * step**2
+    return Moments(count, one.mean + share * step, variance)
+
+
+def _fitted(
+    cost: Callable[[Any, Any], Float[Array, ""]],
+    network: Any,
+    optimiser: optax.OptState,
+    learning_rate: Float[Array, ""] | float,
+    samples: Any,
+    passes: int,
+    minibatches: int,
+    key: Array,
+) -> tuple[Any, optax.OptState]:
+    """Adam over shuffled minibatches; each device goes through its samples, and all take the mean of their gradients.
+
+    Args:
+        cost: (network, some samples) to their mean cost.
+        network: what changes.
+        optimiser: Adam's state.
+        learning_rate: step size.
+        samples: pytree with a common first axis; what is left over by the minibatches waits for another shuffle.
+        passes: how often to go through them.
+        minibatches: steps a pass.
+        key: random key.
+    """
+    count = tree.leaves(samples)[0].shape[0]
+
+    def step(carry: tuple[Any, Any], some: Any) -> tuple[tuple[Any, Any], None]:
+        network, optimiser = carry
+        gradient = lax.pmean(jax.grad(cost)(network, some), DRONES)
+        with jax.numpy_dtype_promotion("standard"):  # optax mixes integers and floats, whatever its user has set
+            changes, optimiser = optax.adam(learning_rate).update(gradient, optimiser)
+        return (optax.apply_updates(network, changes), optimiser), None
+
+    def once(carry: tuple[Any, Any], key: Array) -> tuple[tuple[Any, Any], None]:
+        if minibatches == 1:
+            return step(carry, samples)
+        order = jax.random.permutation(key, count)[: count // minibatches * minibatches].reshape(minibatches, -1)
+        return lax.scan(lambda carry, rows: step(carry, tree.map(lambda leaf: leaf[rows], samples)), carry, order)
+
+    return lax.scan(once, (network, optimiser), jax.random.split(key, passes))[0]
+
+
+def _value(sights: Moments, critic: Critic, sight: Float[Array, "S"]) -> Float[Array, ""]:
+    return critic((sight - sights.mean) / sights.deviation)
+
+
+def _judged(settings: PPO, learner: _Learner, flown: _Period) -> tuple[Float[Array, "drones T"], Float[Array, "drones T"]]:
+    """Advantage of each action and what the critic should have guessed before it."""
+    value = jax.vmap(jax.vmap(partial(_value, learner.sights, learner.critic)))
+    values, values_after = value(flown.sight), value(flown.sight_after)
+    rewards = jnp.clip(flown.reward / learner.returns.deviation, -settings.largest_reward, settings.largest_reward)
+    estimate = jax.vmap(partial(advantages, discount=settings.discount, trace=settings.trace))
+    gains = estimate(rewards, values, values_after, flown.terminated, flown.truncated)
+    if not settings.standardised:
+        return gains, gains + values
+    spread = _moments(gains.reshape(-1))
+    return (gains - spread.mean) / spread.deviation, gains + values
+
+
+def _update(simulated: Environment, settings: PPO, box: Distribution, learner: _Learner, key: Array, number: Array) -> _Learner:
+    """One epoch of one policy; each device flies its drones."""
+    flight_key, actor_key, critic_key = jax.random.split(key, 3)
+    left = 1.0 - number / settings.updates
+    deviation = settings.last_noise + (settings.first_noise - settings.last_noise) * left
+    fly = jax.vmap(partial(_fly, simulated, settings, box, learner.policy, deviation))
+    drones, discounted, flown = fly(learner.drones, learner.discounted, own(jax.random.split(flight_key, settings.drones)))
+    judged = flown, *_judged(settings, learner, flown)
+    flown, gains, targets = tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), judged)
+
+    def actor_cost(network: Any, some: tuple[_Period, Array]) -> Float[Array, ""]:
+        policy = learner.policy.with_network(network)
+
+        def one(period: _Period, gain: Float[Array, ""]) -> Float[Array, ""]:
+            noise = (period.action - policy(period.sight[: policy.observation_mean.size])) / deviation
+            return surrogate(jnp.exp(jnp.sum(period.noise**2 - noise**2) / 2.0), gain, settings.clip)
+
+        return -jnp.mean(jax.vmap(one)(*some))
+
+    def critic_cost(critic: Critic, some: tuple[Array, Array]) -> Float[Array, ""]:
+        sights, targets = some
+        return jnp.mean((jax.vmap(partial(_value, learner.sights, critic))(sights) - targets) ** 2)
+
+    network, actor_optimiser = _fitted(
+        actor_cost,
+        learner.policy.network,
+        learner.optimisers[0],
+        settings.learning_rate * left,
+        (flown, gains),
+        settings.actor_passes,
+        settings.actor_minibatches,
+        actor_key,
+    )
+    critic, critic_optimiser = _fitted(
+        critic_cost,
+        learner.critic,
+        learner.optimisers[1],
+        settings.critic_learning_rate,
+        (flown.sight, targets),
+        settings.critic_passes,
+        settings.critic_minibatches,
+        critic_key,
+    )
+    sights = merged(learner.sights, _moments(flown.sight))
+    returns = merged(learner.returns, _moments(flown.discounted))
+    policy = _seeing(learner.policy.with_network(network), sights)
+    return _Learner(policy, critic, (actor_optimiser, critic_optimiser), sights, returns, drones, discounted)
+
+
+def _seeing(policy: Policy, sights: Moments) -> Policy:
+    """A policy that normalises by the moments of sights, whose first part is the observation."""
+    size = policy.observation_mean.size
+    return replace(policy, observation_mean=sights.mean[:size], observation_deviation=sights.deviation[:size])
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def learn(
+    simulated: Environment,
+    settings: PPO,
+    box: Distribution,
+    learners: _Learner,
+    keys: Array,
+    first: Array | int,
+    end: Array | int,
+) -> _Learner:
+    """Stacked learners after the updates from `first` to before `end`."""
+
+    def one(learner: _Learner, key: Array) -> _Learner:
+        def update(number: Array, learner: _Learner) -> _Learner:
+            return _update(simulated, settings, box, learner, jax.random.fold_in(key, number), number)
+
+        return lax.fori_loop(first, end, update, learner)
+
+    laid = jax.shard_map(jax.vmap(one), mesh=mesh(settings.drones), in_specs=(_LAID, EVERYWHERE), out_specs=_LAID, check_vma=False)
+    return laid(learners, keys)
