@@ -9,7 +9,7 @@ from typing import Any
 import polars
 import pytest
 
-from maidenflight import cli, parameters, policy, results
+from maidenflight import cli, parameters, policy, results, terminal
 from maidenflight.flights import reading
 
 COMMANDS = ("demo", "drone", "record", "identify", "validate", "train", "transfer", "export", "report")
@@ -173,6 +173,39 @@ def test_policies_are_trained_over_what_flights_leave_possible(tmp_path: Path, m
     assert code == 0, err
     made = json.loads((policies / "policy_1.json").read_text())["record"]["settings"]
     assert made["randomization"] == "posterior"
+
+
+def test_training_that_is_interrupted_says_how_to_go_on_and_does(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+    folder, whole = tmp_path / "stopped", tmp_path / "whole"
+    what = ("train", "--drone", "crazyflie", "--task", "hover", "--policies", 1, "--updates", 3)
+    scores = terminal.scores
+
+    def interrupt(*_: Any) -> str:
+        raise KeyboardInterrupt
+
+    code, _, err = run(monkeypatch, capsys, *what, "-o", folder, "--resume")
+    assert code == 2
+    assert "no training to resume" in err
+
+    monkeypatch.setattr(terminal, "scores", interrupt)
+    code, _, err = run(monkeypatch, capsys, *what, "-o", folder)
+    assert code == 130
+    assert f"Go on with: maidenflight train --drone crazyflie --task hover --policies 1 --updates 3 -o {folder} --resume" in err
+    assert [path.name for path in folder.iterdir()] == ["training.npz"]
+
+    monkeypatch.setattr(terminal, "scores", scores)
+    code, _, err = run(monkeypatch, capsys, *what, "-o", folder)
+    assert code == 2
+    assert "--resume" in err
+    code, _, err = run(monkeypatch, capsys, *what, "--seed", 1, "-o", folder, "--resume")
+    assert code == 2
+    assert "a checkpoint of another training" in err
+    for place, further in ((folder, ["--resume"]), (whole, [])):
+        code, _, err = run(monkeypatch, capsys, *what, "-o", place, *further)
+        assert code == 0, err
+    assert sorted(path.name for path in folder.iterdir()) == ["policy_1.json", "training.csv"]
+    for path in folder.iterdir():
+        assert path.read_bytes() == (whole / path.name).read_bytes()
 
 
 def test_a_drone_is_validated(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:

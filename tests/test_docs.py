@@ -100,6 +100,17 @@ def test_all_public_names_resolve() -> None:
     assert np.isfinite(float(parameters.crazyflie().mass))
 
 
+def test_the_python_of_the_training_page_runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+    small = partial(mf.AnalyticGradient, drones=4, horizon=4, evaluations=1, episodes=4)
+    monkeypatch.setattr(mf, "AnalyticGradient", lambda updates: small(updates=1), raising=False)
+    (snippet,) = blocks("docs/training.md", "python")
+    names: dict[str, Any] = {}
+    exec(compile(snippet, "docs/training.md", "exec"), names)
+    assert [policy.layer_sizes for policy in names["policies"]] == [(40, 50, 50, 4)] * 3
+    assert Path("training.npz").exists()
+
+
 def test_the_python_of_the_identification_page_runs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     for number, flight in enumerate(mf.record(mf.virtual_drone(7), jax.random.key(0), flights=2, duration=4.0)):
         log.write(f"run/recorded/flight_{number}.csv", flight)

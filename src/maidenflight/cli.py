@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from maidenflight.training.train import Progress
 
 _CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
+_TASKS = ("circle", "figure_eight", "hover", "take_off")
 _REALITIES = "virtual:SEED, pybullet:SEED (the same drone in PyBullet) or a drone's TOML file"
 
 
@@ -349,9 +350,7 @@ def _randomization(_: click.Context, __: click.Parameter, given: str) -> float |
 @click.option(
     "--control", default="pwm", show_default=True, type=click.Choice(["pwm", "attitude_rate", "attitude"]), help="Control structure."
 )
-@click.option(
-    "--task", default="circle", show_default=True, type=click.Choice(["circle", "figure_eight", "hover", "take_off"]), help="Task."
-)
+@click.option("--task", default="circle", show_default=True, type=click.Choice(_TASKS), help="Task.")
 @click.option("--policies", "count", default=3, show_default=True, type=click.IntRange(1, 64), help="How many, each from its own seed.")
 @click.option("--method", default="gradient", show_default=True, type=click.Choice(["gradient", "ppo"]), help="How policies learn.")
 @click.option(
@@ -427,6 +426,7 @@ def train(
 @click.option(
     "--reality", "realities", multiple=True, default=("virtual:7",), show_default=True, help=f"Where: {_REALITIES}; may be repeated."
 )
+@click.option("--task", default="circle", show_default=True, type=click.Choice(_TASKS), help="What they fly.")
 @click.option("--trials", default=3, show_default=True, type=click.IntRange(1, 1000), help="Flights of each policy in each reality.")
 @click.option("--duration", default=20.0, show_default=True, type=click.FloatRange(0.1, 600.0), help="Longest flight, seconds.")
 @_seed
@@ -436,6 +436,7 @@ def transfer(
     policies: tuple[Path, ...],
     output: Path,
     realities: tuple[str, ...],
+    task: str,
     trials: int,
     duration: float,
     seed: int,
@@ -447,7 +448,7 @@ def transfer(
     from maidenflight import workflow
 
     with terminal.progress("transfer", None):
-        flown = workflow.transfer_to(policies, [workflow.reality(name) for name in realities], seed, output, trials, duration)
+        flown = workflow.transfer_to(policies, [workflow.reality(name) for name in realities], seed, output, trials, duration, task)
     content = {"flights": flown.table.to_dicts(), "simulated": True, "output": str(output)}
 
     def text() -> None:

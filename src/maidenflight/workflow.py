@@ -287,13 +287,20 @@ def policy_files(given: Sequence[StrPath]) -> list[Path]:
 
 
 def transfer_to(
-    given: Sequence[StrPath], realities: Sequence[VirtualDrone], seed: int, folder: StrPath, trials: int, duration: float
+    given: Sequence[StrPath],
+    realities: Sequence[VirtualDrone],
+    seed: int,
+    folder: StrPath,
+    trials: int,
+    duration: float,
+    task: str = "circle",
 ) -> Transfer:
     """Flies policies in realities; writes `flights.csv` with a row a flight, and every flight's log."""
     files = policy_files(given)
     policies = [policy.read(path) for path in files]
-    flown = transfer(policies, realities, trials, jax.random.key(seed), duration=duration, names=[path.stem for path in files])
-    settings = {"realities": [drone.name for drone in realities], "trials": trials, "duration": duration}
+    names = [path.stem for path in files]
+    flown = transfer(policies, realities, trials, jax.random.key(seed), task=tasks.TASKS[task](), duration=duration, names=names)
+    settings = {"task": task, "realities": [drone.name for drone in realities], "trials": trials, "duration": duration}
     made = results.record(seed=seed, inputs=files, settings=settings)
     for flight in flown.flights:
         log.write(Path(folder) / f"{flight.name}.csv", flight, made)
