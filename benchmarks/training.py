@@ -122,7 +122,7 @@ def measure(structure: str, task: Task, drones: RelativeBox, named: str, ceiling
     rate = (done.steps - begun.steps) / (last - first)
     above = f"{survivable(simulated, drones, policies[0]):.1%}" if ceiling else "-"
     cells = [
-        f"{structure}, {simulated.controller.action_rate} Hz, {task.name}, {named} drone",
+        f"{structure}, {simulated.controller.action_rate} Hz, {task.name.replace('tracking', 'figure-eight')}, {named} drone",
         spread([float(score.episode_return) for score in scores], min, ".1f"),
         spread([float(score.survival) for score in scores], min, ".1%"),
         above,
