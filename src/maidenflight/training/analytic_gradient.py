@@ -21,7 +21,7 @@ from maidenflight.simulator.environment import Environment, Episode
 from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.rollout import Drone, launch
 from maidenflight.simulator.tasks import norm, squared
-from maidenflight.training.devices import DRONES, EVERYWHERE, LAID, mesh, own
+from maidenflight.training.devices import DRONES, EVERYWHERE, LAID, advanced, begun, own
 
 LOST = 1.0
 """Distance from the set-point [m] beyond which a drone in training is given up."""
@@ -96,8 +96,7 @@ def begin(simulated: Environment, settings: AnalyticGradient, box: Distribution,
         drones = jax.vmap(partial(launch, simulated, box))(own(jax.random.split(key, settings.drones)))
         return _Learner(policy, _optimiser(settings).init(policy.network), drones)
 
-    laid = jax.shard_map(jax.vmap(one), mesh=mesh(settings.drones), in_specs=EVERYWHERE, out_specs=_LAID, check_vma=False)
-    return laid(keys)
+    return begun(one, _LAID, settings.drones, keys)
 
 
 def _segment(
@@ -121,7 +120,7 @@ def _segment(
     return jnp.mean(costs), (episode, jnp.any(lost))
 
 
-def _update(simulated: Environment, settings: AnalyticGradient, box: Distribution, learner: _Learner, key: Array) -> _Learner:
+def _update(simulated: Environment, settings: AnalyticGradient, box: Distribution, learner: _Learner, key: Array, _: Array) -> _Learner:
     """One gradient step of one policy; each device flies its drones, and all take the mean of their gradients."""
     flight_key, fresh_key = jax.random.split(key)
     flight_keys = own(jax.random.split(flight_key, settings.drones))
@@ -163,12 +162,4 @@ def learn(
     end: Array | int,
 ) -> _Learner:
     """Stacked learners after the updates from `first` to before `end`."""
-
-    def one(learner: _Learner, key: Array) -> _Learner:
-        def update(number: Array, learner: _Learner) -> _Learner:
-            return _update(simulated, settings, box, learner, jax.random.fold_in(key, number))
-
-        return lax.fori_loop(first, end, update, learner)
-
-    laid = jax.shard_map(jax.vmap(one), mesh=mesh(settings.drones), in_specs=(_LAID, EVERYWHERE), out_specs=_LAID, check_vma=False)
-    return laid(learners, keys)
+    return advanced(partial(_update, simulated, settings, box), _LAID, settings.drones, learners, keys, first, end)

@@ -22,7 +22,7 @@ from maidenflight.simulator import environment
 from maidenflight.simulator.environment import ACTION_SIZE, Environment
 from maidenflight.simulator.randomization import PAPER_FIELDS, Distribution
 from maidenflight.simulator.rollout import Drone, launch
-from maidenflight.training.devices import DRONES, EVERYWHERE, LAID, mesh, own
+from maidenflight.training.devices import DRONES, EVERYWHERE, LAID, advanced, begun, own
 
 SMALLEST_DEVIATION = 1e-5
 """Added to standard deviations before dividing by them (authors' code)."""
@@ -189,8 +189,7 @@ def begin(simulated: Environment, settings: PPO, box: Distribution, keys: Array)
         discounted = jnp.zeros(sights.shape[0])
         return _Learner(policy, critic, optimisers, seen, returns, drones, discounted)  # type: ignore[arg-type]
 
-    laid = jax.shard_map(jax.vmap(one), mesh=mesh(settings.drones), in_specs=EVERYWHERE, out_specs=_LAID, check_vma=False)
-    return laid(keys)
+    return begun(one, _LAID, settings.drones, keys)
 
 
 def _critic(key: Array, sizes: tuple[int, ...]) -> Critic:
@@ -435,12 +434,4 @@ def learn(
     end: Array | int,
 ) -> _Learner:
     """Stacked learners after the updates from `first` to before `end`."""
-
-    def one(learner: _Learner, key: Array) -> _Learner:
-        def update(number: Array, learner: _Learner) -> _Learner:
-            return _update(simulated, settings, box, learner, jax.random.fold_in(key, number), number)
-
-        return lax.fori_loop(first, end, update, learner)
-
-    laid = jax.shard_map(jax.vmap(one), mesh=mesh(settings.drones), in_specs=(_LAID, EVERYWHERE), out_specs=_LAID, check_vma=False)
-    return laid(learners, keys)
+    return advanced(partial(_update, simulated, settings, box), _LAID, settings.drones, learners, keys, first, end)
