@@ -17,6 +17,7 @@ from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie
 from maidenflight.policy import to_json, untrained
 from maidenflight.simulator import environment
+from maidenflight.simulator.control import CONTROLLERS
 from maidenflight.simulator.rollout import rollout
 from maidenflight.simulator.sensors import Measurement
 
@@ -175,6 +176,33 @@ def test_commands_are_clipped_and_the_remembered_action_is_not(flown):
     assert drone.history[1, 16:].tolist() == drone.action.tolist() == [-5.0, -1.0, 0.5, 7.0]
 
 
+@pytest.mark.parametrize(("structure", "action", "thrust", "turns"), [
+    ("attitude_rate", [-0.5, -3.0, 0.5, 1.0], 0.25, [-60.0, 30.0, 60.0]),
+    ("attitude", [-3.0, -1.0, 0.5, 0.1], 35 / 60, [-10.0, 5.0, 1.0]),
+])  # fmt: skip
+def test_set_points_are_those_that_the_simulated_pids_are_given(flown, structure, action, thrust, turns):
+    controller = CONTROLLERS[structure]()
+    policy = untrained(jax.random.key(0), (), controller=controller)
+    still = tuple(0 * weight for weight in policy.weights)
+    drone, (measurements, setpoints) = flown(dataclasses.replace(policy, weights=still, biases=(jnp.array(action),))), walk(1)
+    drone.reset(np.zeros(4))
+    finite, command = drone.step(measurements[0], setpoints[0])
+    assert finite
+    np.testing.assert_allclose(command, [thrust, *np.radians(turns)], rtol=1e-6)
+    assert drone.self_test()
+
+
+@pytest.mark.parametrize("structure", ["attitude_rate", "attitude"])
+def test_the_action_that_keeps_level_asks_for_hover_and_nothing_else(flown, structure):
+    controller = CONTROLLERS[structure]()
+    policy = untrained(jax.random.key(0), (), controller=controller)
+    level = controller.level(jnp.float32(0.6))
+    still = tuple(0 * weight for weight in policy.weights)
+    drone, (measurements, setpoints) = flown(dataclasses.replace(policy, weights=still, biases=(level,))), walk(1)
+    drone.reset(np.zeros(4))
+    np.testing.assert_allclose(drone.step(measurements[0], setpoints[0])[1], [0.6, 0, 0, 0], atol=1e-6)
+
+
 @pytest.mark.parametrize("poison", [np.nan, np.inf, -np.inf])
 def test_a_number_that_is_not_finite_stops_the_motors_and_is_not_remembered(flown, poison):
     drone, (measurements, setpoints) = flown(restless()), walk(4)
@@ -190,7 +218,9 @@ def test_a_number_that_is_not_finite_stops_the_motors_and_is_not_remembered(flow
     assert np.array_equal(drone.history[0], drone.history[1])
 
 
-@pytest.mark.parametrize("table", ["mean", "deviation", "weights_1", "biases_2", "weights_3", "golden_observations", "golden_actions"])
+@pytest.mark.parametrize(
+    "table", ["mean", "deviation", "centre", "span", "weights_1", "biases_2", "weights_3", "golden_observations", "golden_actions"]
+)
 def test_self_test_fails_when_one_number_is_damaged(tmp_path, table):
     _, source = export_c(restless((13, 7)), tmp_path)
     text = source.read_text()
@@ -235,15 +265,16 @@ def test_every_compiler_and_level_is_silent_and_agrees(tmp_path, compiler, level
     assert Flown(tmp_path, 1, level, compiler).self_test()
 
 
-def test_the_header_s_example_compiles(tmp_path):
-    header, _ = export_c(restless(), tmp_path)
+@pytest.mark.parametrize(("structure", "act"), [("pwm", "drive_motors"), ("attitude_rate", "follow"), ("attitude", "follow")])
+def test_the_header_s_example_compiles(tmp_path, structure, act):
+    header, _ = export_c(untrained(jax.random.key(0), (8,), controller=CONTROLLERS[structure]()), tmp_path)
     found = re.search(r"Example:\n(.*?)\n \*/", header.read_text(), re.DOTALL)
     assert found is not None
     example = found[1]
     body = "\n".join(line.removeprefix(" *") for line in example.splitlines())
     names = "thrust_to_weight, x, y, z, qx, qy, qz, qw, vx, vy, vz, p, q, r, goal_x, goal_y, goal_z"
     (tmp_path / "example.c").write_text(
-        f'#include "policy.h"\nextern float {names};\nbool next_period(float);\nvoid drive_motors(const float *);\nbool fly(void);\n'
+        f'#include "policy.h"\nextern float {names};\nbool next_period(float);\nvoid {act}(const float *);\nbool fly(void);\n'
         f"bool fly(void)\n{{\n{body}\n    return true;\n}}\n"
     )
     subprocess.run([COMPILERS[0], *STRICT, "-c", "example.c"], cwd=tmp_path, check=True)
@@ -252,7 +283,7 @@ def test_the_header_s_example_compiles(tmp_path):
 def test_what_cannot_be_exported_is_refused(tmp_path):
     policy = restless()
     for wrong, message in (
-        (dataclasses.replace(policy, control="attitude"), "control = 'attitude', but C can be written only for 'pwm'"),
+        (dataclasses.replace(policy, control="motor"), "control = 'motor', but C can be written only for 'pwm' or 'attitude_rate' or"),
         (dataclasses.replace(policy, biases=(*policy.biases[:-1], jnp.array([0, 0, jnp.nan, 0]))), "not a finite number"),
         (dataclasses.replace(policy, weights=(*policy.weights[:-1], jnp.full((4, 50), 3e38))), "overflows float32"),
         (jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), policy), "expected"),

@@ -8,13 +8,14 @@ vectors; those come from float64 sums in NumPy, so that neither the machine nor 
 
 import hashlib
 import json
+import math
 import os
 import textwrap
 from collections.abc import Iterable, Mapping
 from importlib import resources
 from pathlib import Path
 from string import Template
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +25,46 @@ from maidenflight.errors import InputError
 from maidenflight.policy import Policy, from_json, to_json
 from maidenflight.simulator.environment import ACTION_SIZE, OBSERVATION_SIZE
 
-CONTROLS = ("pwm",)
-"""Control structures whose commands the C code knows how to compute."""
+
+class Commands(NamedTuple):
+    """What the actions of a control structure mean: command = centre + span clip(a, -1, 1)."""
+
+    centre: tuple[float, float, float, float]
+    span: tuple[float, float, float, float]
+    told: str
+    """In the header."""
+    level: str
+    """The action that keeps a drone level, in C."""
+
+
+_MOTORS = """
+Motors: 1 front right, 2 back right, 3 back left, 4 front left; 1 and 3 turn counter-clockwise, seen from above. A command u is the
+wanted share in [0, 1] of a motor's full thrust; u = 1 is 60000 of the firmware's 65535 counts before battery compensation (Crazyflie
+firmware 2021.10). An action a gives u = (clip(a, -1, 1) + 1) / 2."""
+_THRUST = """collective thrust as a share of the motors' full thrust, 1 for 60000 of the firmware's 65535 counts, and"""
+_FIRMWARE = (
+    """The firmware's PIDs follow them. Its commander takes degrees, and its pitch has the other sign: give it -command[2] 180 / pi."""
+)
+_ROLL, _LEAN = math.radians(60.0), math.radians(10.0)
+
+COMMANDS = {
+    "pwm": Commands((0.5, 0.5, 0.5, 0.5), (0.5, 0.5, 0.5, 0.5), _MOTORS, "{hover, hover, hover, hover}"),
+    "attitude_rate": Commands(
+        (0.5, 0.0, 0.0, 0.0),
+        (0.5, _ROLL, _ROLL, _ROLL),
+        f"""
+Commands: {_THRUST} roll, pitch and yaw rate [rad/s], body, at most 60 deg/s. {_FIRMWARE}""",
+        "{hover, 0.0f, 0.0f, 0.0f}",
+    ),
+    "attitude": Commands(
+        (0.75, 0.0, 0.0, 0.0),
+        (1.0 / 6.0, _LEAN, _LEAN, _LEAN),
+        f"""
+Commands: {_THRUST} roll, pitch and yaw [rad], at most 10 deg. {_FIRMWARE}""",
+        "{3.0f * hover - 1.5f, 0.0f, 0.0f, 0.0f}",
+    ),
+}
+"""By control structure; scales as in `simulator.control`."""
 GOLDEN_COUNT = 4
 """Observations that the self test recomputes."""
 TOLERANCE = 1e-4
@@ -34,6 +73,8 @@ TOLERANCE = 1e-4
 _ROWS = 4
 _WIDTH = 136
 _QUATERNION = slice(3, 7)
+_SCALES = ("mean", "deviation", "centre", "span")
+"""Tables of the observation's and the command's scaling."""
 
 Numbers = NDArray[np.float32]
 Layers = list[tuple[Numbers, Numbers]]
@@ -43,7 +84,7 @@ def export_c(policy: Policy, directory: str | os.PathLike[str], *, seed: int = 0
     """Writes a policy as `policy.h` and `policy.c`. The same policy, seed and record give the same bytes.
 
     Args:
-        policy: the policy; its control structure must be one of `CONTROLS`.
+        policy: the policy; its control structure must be one of `COMMANDS`.
         directory: where to write; made if missing.
         seed: random seed of the golden vectors.
         record: how the policy was made, for the header's comment.
@@ -60,12 +101,16 @@ def export_c(policy: Policy, directory: str | os.PathLike[str], *, seed: int = 0
     actions = _evaluated(policy, observations)
     tolerance = np.float32(TOLERANCE * max(1.0, float(np.abs(actions).max())))
     tables = _tables(policy, layers, observations, actions)
+    commands = COMMANDS[policy.control]
     widest = max([policy.layer_sizes[0], *(len(biases) for _, biases in layers)])
     content = {
         "version": __version__,
         "hash": hashlib.sha256(text.encode()).hexdigest(),
         "record": _comment(record),
         "control": policy.control,
+        "commands": _wrapped(commands.told),
+        "level": commands.level,
+        "drive": "drive_motors" if policy.control == "pwm" else "follow",
         "rate": policy.rate,
         "history": policy.history,
         "layer_sizes": "-".join(str(size) for size in policy.layer_sizes),
@@ -79,7 +124,7 @@ def export_c(policy: Policy, directory: str | os.PathLike[str], *, seed: int = 0
         "widest": widest,
         "golden_count": GOLDEN_COUNT,
         "tolerance": _literal(tolerance),
-        "checksum": checksum([tables["mean"], tables["deviation"], *(numbers for layer in layers for numbers in layer)]),
+        "checksum": checksum([*(tables[name] for name in _SCALES), *(numbers for layer in layers for numbers in layer)]),
         "tables": "\n\n".join([*(_array(name, numbers) for name, numbers in tables.items()), _layer_table(policy, layers)]),
     }
     return [results.write(Path(directory) / name, _template(name).substitute(content)) for name in ("policy.h", "policy.c")]
@@ -120,8 +165,8 @@ def checksum(tables: Iterable[Numbers]) -> int:
 
 def _checked_text(policy: Policy) -> str:
     """The policy's JSON text, once it is sure that the policy is sound."""
-    if policy.control not in CONTROLS:
-        known = " or ".join(repr(name) for name in CONTROLS)
+    if policy.control not in COMMANDS:
+        known = " or ".join(repr(name) for name in COMMANDS)
         raise InputError(f"policy: control = {policy.control!r}, but C can be written only for {known}. Train with control {known}.")
     text = to_json(policy)
     from_json(text)
@@ -158,7 +203,9 @@ def _padded(policy: Policy) -> Layers:
 
 def _tables(policy: Policy, layers: Layers, observations: Numbers, actions: Numbers) -> dict[str, Numbers]:
     """Every table of the source by its name in C."""
-    tables = {"mean": np.asarray(policy.observation_mean, np.float32), "deviation": np.asarray(policy.observation_deviation, np.float32)}
+    commands = COMMANDS[policy.control]
+    scales = (policy.observation_mean, policy.observation_deviation, commands.centre, commands.span)
+    tables = {name: np.asarray(numbers, np.float32) for name, numbers in zip(_SCALES, scales, strict=True)}
     for number, (weights, biases) in enumerate(layers, 1):
         tables |= {f"weights_{number}": weights.reshape(-1), f"biases_{number}": biases}
     return tables | {"golden_observations": observations, "golden_actions": actions}
@@ -185,6 +232,11 @@ def _layer_table(policy: Policy, layers: Layers) -> str:
         for number, (inputs, (_, biases)) in enumerate(zip(policy.layer_sizes, layers, strict=False), 1)
     ]
     return "\n".join(["static const layer layers[LAYER_COUNT] = {", *lines, "};"])
+
+
+def _wrapped(told: str) -> str:
+    """Text as lines of a C comment."""
+    return "\n".join(textwrap.wrap(told.strip(), _WIDTH - 4, initial_indent=" * ", subsequent_indent=" * ", break_on_hyphens=False))
 
 
 def _comment(record: Mapping[str, Any] | None) -> str:
