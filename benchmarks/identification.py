@@ -99,9 +99,8 @@ class Clock:
         self.plain += 1
         return loss
 
-    def equations(self, unit: np.ndarray, few: bool) -> gradient.NormalEquations:
-        """The same with derivatives, if `few` of a few windows."""
-        every = max(1, self.objective.size // gradient.PILOT) if few else 1
+    def equations(self, unit: np.ndarray, every: int) -> gradient.NormalEquations:
+        """The same with derivatives, of each so manieth window."""
         began = time.perf_counter()
         found = self.objective.normal_equations(drone(unit), BOX.names, every)
         self.inside += time.perf_counter() - began
@@ -118,7 +117,8 @@ def bayesian_search(objective: Objective, evaluations: int, seed: int) -> Search
 def gradient_search(objective: Objective, seed: int, derivatives: float) -> Search:
     """One start; `derivatives` is what derivatives on all windows cost, in evaluations."""
     clock, began = Clock(objective), time.perf_counter()
-    _, losses = gradient.minimise(clock.loss, clock.equations, 3, 60, np.random.default_rng(seed))
+    kinks = gradient.kinks(BOX, float(objective.time_step))
+    _, losses = gradient.minimise(clock.loss, clock.equations, objective.size, kinks, 60, np.random.default_rng(seed))
     cost = clock.plain + derivatives * clock.with_derivatives
     return Search(time.perf_counter() - began, clock.inside, len(losses), cost, float(losses.min()))
 
@@ -180,6 +180,26 @@ def measure_authors(folder: Path | None) -> str:
     return f"| {what} | {seconds:.1f} s ({found.windows:,} windows; {values}) | {judged(seconds, 'identify')} |"
 
 
+def measure_real_searches(folder: Path | None, evaluations: int, starts: int) -> list[str]:
+    """Rows of a table: both optimisers on the authors' real flights under each control structure."""
+    rows = [
+        "| flights | derivatives cost | gradients: evaluations' worth | their objective over the Bayesian one, less 1 |",
+        "|---|---|---|---|",
+    ]
+    for structure in ("pwm", "attitude_rate", "attitude"):
+        if folder is None or not (folder / structure).is_dir():
+            rows.append(f"| {structure} | not measured: give the folder of all with --structures | - | - |")
+            continue
+        objective = Objective(windows(read_flights(folder / structure), 50), 0.01)
+        _, _, ratio = measure_evaluations({50: objective}, 5)
+        theirs = bayesian_search(objective, evaluations, SEED)
+        ours = [gradient_search(objective, seed, ratio) for seed in range(starts)]
+        costs = ", ".join(f"{search.cost:.1f}" for search in ours)
+        above = ", ".join(f"{search.lowest / theirs.lowest - 1:+.1e}" for search in ours)
+        rows.append(f"| {structure}, {objective.size:,} windows of 50 rows | {ratio:.1f} | {costs} | {above} |")
+    return rows
+
+
 def machine() -> str:
     model = re.search(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text())
     return f"{os.cpu_count()} cores of {model[1] if model else 'an unknown CPU'}; load before the run {os.getloadavg()[0]:.1f}."
@@ -188,10 +208,16 @@ def machine() -> str:
 @click.command()
 @click.option("--quick", is_flag=True, help="Little flight and few evaluations; for a look, not for the page.")
 @click.option("--authors", type=click.Path(path_type=Path), help="Folder of the authors' real PWM flights.")
+@click.option(
+    "--structures", type=click.Path(path_type=Path), help="Folder of pwm/, attitude_rate/, attitude/: measures only searches there."
+)
 @click.option("--cache", type=click.Path(path_type=Path), default=Path(tempfile.gettempdir()) / "maidenflight-benchmark", show_default=True)
 @click.option("--output", type=click.Path(path_type=Path, exists=True), default=PAGE, show_default=True)
-def main(quick: bool, authors: Path | None, cache: Path, output: Path) -> None:
-    """Measures identification and writes its tables into the page OUTPUT."""
+def main(quick: bool, authors: Path | None, structures: Path | None, cache: Path, output: Path) -> None:
+    """Measures identification and writes its tables into the page OUTPUT; with --structures, prints a table instead."""
+    if structures is not None:
+        click.echo("\n".join(measure_real_searches(structures, 20 if quick else 250, 2 if quick else 5)))
+        return
     where, repeats, flights = machine(), 3 if quick else 9, 4 if quick else FLIGHTS
     lengths = (10, 30, 50)
     objectives = {length: Objective(cached_windows(cache, length, flights), 0.01) for length in lengths}

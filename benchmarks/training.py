@@ -1,61 +1,117 @@
-"""Measures what training reaches and how fast, and writes the tables of docs/training.md.
+"""Measures what training reaches, how fast and in how much memory; writes tables, recipes and learning curves into docs/training.md.
 
 Every policy is scored on 1,000 episodes that it has not seen: noise, drones drawn within +-10 % of a Crazyflie with a motor lag of 80 ms
 and a latency of 20 ms, the task's own start, no exploration. The ceiling is the share of these starts from which any sequence of actions
 that was found, in full knowledge of the drone and without noise, keeps the drone within the task's bounds.
+
+A look at less than all leaves the page alone: `python benchmarks/training.py --only pwm_hover --updates 30 --picture look.svg`.
 """
 
+import multiprocessing
 import os
+import resource
 import time
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import click
 import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+import polars
+from page import write
+
+from maidenflight.parameters import Parameters, crazyflie, noiseless, replace
+from maidenflight.policy import Policy
+from maidenflight.reporting.training_figures import learning_curves
+from maidenflight.simulator import control, environment, tasks
+from maidenflight.simulator.environment import Environment, Episode
+from maidenflight.simulator.randomization import RelativeBox, relative_box
+from maidenflight.training.evaluation import evaluate
+from maidenflight.training.train import Progress, train
+from maidenflight.workflow import settings_for
 
 CORES = len(os.sched_getaffinity(0))
-if __name__ == "__main__":
-    jax.config.update("jax_num_cpu_devices", CORES)
-
-import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
-import optax  # noqa: E402
-from page import write  # noqa: E402
-
-from maidenflight.parameters import Parameters, crazyflie, noiseless, replace  # noqa: E402
-from maidenflight.policy import Policy  # noqa: E402
-from maidenflight.simulator import control, environment, tasks  # noqa: E402
-from maidenflight.simulator.environment import Environment, Episode  # noqa: E402
-from maidenflight.simulator.randomization import RelativeBox, relative_box  # noqa: E402
-from maidenflight.simulator.tasks import Task  # noqa: E402
-from maidenflight.training.evaluation import evaluate  # noqa: E402
-from maidenflight.training.train import Progress, train  # noqa: E402
-from maidenflight.workflow import settings_for  # noqa: E402
-
 SEEDS, EPISODES, STARTS, LOOK_AHEAD, IMPROVEMENTS = 5, 1000, 256, 1.6, 200
 DRONES: dict[str, dict[str, Any]] = {"paper's": {}, "authors', 30 g": {"thrust_to_weight": np.float32(1.725 * 28 / 30)}}
 """The authors' published thrust-to-weight ratio is of 28 g, and the drone that they simulate has 30."""
 
 
-def box(structure: str, **changes: Any) -> RelativeBox:
-    """Drones within +-10 %, in steps that fit a control structure."""
-    step = np.float32(control.time_step(control.CONTROLLERS[structure]()))
-    return relative_box(
-        replace(crazyflie(), motor_time_constant=np.float32(0.08), latency=np.float32(0.02), time_step=step, **changes), 0.10
+class Recipe(NamedTuple):
+    """What is trained, all by the names of the command line."""
+
+    control: str
+    task: str = "circle"
+    drone: str = "paper's"
+    """A name in `DRONES`."""
+
+    @property
+    def title(self) -> str:
+        """What it is called in pictures."""
+        return ", ".join([self.control, self.task, *(["30 g"] if self.drone != "paper's" else [])])
+
+    @property
+    def name(self) -> str:
+        """What `--only` and the folder of its policies are called."""
+        return self.title.replace(", ", "_").replace(" ", "")
+
+    @property
+    def command(self) -> str:
+        """What trains the same policies from a drone's file."""
+        drone = "drone.toml" if self.drone == "paper's" else "drone_30g.toml"
+        return f"maidenflight train --drone {drone} --policies {SEEDS} -o {self.name} --control {self.control} --task {self.task}"
+
+
+RECIPES = {
+    recipe.name: recipe
+    for recipe in (
+        Recipe("pwm"),
+        Recipe("attitude_rate"),
+        Recipe("attitude"),
+        Recipe("attitude", drone="authors', 30 g"),
+        *(Recipe("pwm", task) for task in ("figure_eight", "hover", "take_off")),
     )
+}
 
 
-def trained(structure: str, task: Task, drones: RelativeBox) -> tuple[tuple[Policy, ...], list[tuple[float, Progress]]]:
+class Measured(NamedTuple):
+    """What came of a recipe."""
+
+    row: str
+    """Of the table."""
+    curves: polars.DataFrame
+    """A row a score of a policy in training; see `learning_curves`."""
+
+
+def box(recipe: Recipe) -> RelativeBox:
+    """Drones within +-10 %, in steps that fit the control structure."""
+    step = np.float32(control.time_step(control.CONTROLLERS[recipe.control]()))
+    centre = replace(crazyflie(), motor_time_constant=np.float32(0.08), latency=np.float32(0.02), time_step=step, **DRONES[recipe.drone])
+    return relative_box(centre, 0.10)
+
+
+def trained(recipe: Recipe, drones: RelativeBox, updates: int | None) -> tuple[tuple[Policy, ...], list[tuple[float, Progress]]]:
     """Policies of all seeds in one call, and when which score was heard [s]."""
     heard: list[tuple[float, Progress]] = []
     began = time.perf_counter()
-    settings = settings_for(structure, task.name.replace("tracking", "figure_eight"))
+    settings = settings_for(recipe.control, recipe.task, updates=updates)
+    task, controller = tasks.TASKS[recipe.task](), control.CONTROLLERS[recipe.control]()
     keys = jax.random.split(jax.random.key(0), SEEDS)
-    policies = train(
-        task, control.CONTROLLERS[structure](), drones, keys, settings, lambda p: heard.append((time.perf_counter() - began, p))
-    )
+    policies = train(task, controller, drones, keys, settings, lambda progress: heard.append((time.perf_counter() - began, progress)))
     return policies, heard
+
+
+def curves(heard: list[tuple[float, Progress]]) -> polars.DataFrame:
+    """A row a score of a policy in training."""
+    rows = []
+    for seconds, progress in heard:
+        for number in range(SEEDS):
+            scores = {name: float(values[number]) for name, values in progress.score._asdict().items()}
+            rows.append({"seconds": seconds, "update": progress.update, "steps": progress.steps, "policy": number + 1, **scores})
+    return polars.DataFrame(rows)
 
 
 def survivable(simulated: Environment, drones: RelativeBox, policy: Policy) -> float:
@@ -113,46 +169,72 @@ def spread(values: list[float], worst: Callable[..., float], form: str) -> str:
     return f"{np.mean(values):{form}} ({worst(values):{form}})"
 
 
-def measure(structure: str, task: Task, drones: RelativeBox, named: str, ceiling: bool) -> str:
-    """A row of the table."""
-    simulated = Environment.matching(drones.centre, task, control.CONTROLLERS[structure]())
-    policies, heard = trained(structure, task, drones)
+def measure(recipe: Recipe, updates: int | None) -> Measured:
+    """Trains and scores; to be called in a process of its own, for memory counts from the process's start."""
+    jax.config.update("jax_num_cpu_devices", CORES)
+    drones = box(recipe)
+    simulated = Environment.matching(drones.centre, tasks.TASKS[recipe.task](), control.CONTROLLERS[recipe.control]())
+    policies, heard = trained(recipe, drones, updates)
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20  # GiB, before the scores add theirs
     scores = scored(simulated, drones, policies)
     (first, begun), (last, done) = heard[0], heard[-1]
-    rate = (done.steps - begun.steps) / (last - first)
-    above = f"{survivable(simulated, drones, policies[0]):.1%}" if ceiling else "-"
+    rate = f"{(done.steps - begun.steps) / (last - first) / 1e3:.0f} k" if len(heard) > 1 else "-"
     cells = [
-        f"{structure}, {simulated.controller.action_rate} Hz, {task.name.replace('tracking', 'figure-eight')}, {named} drone",
+        f"{recipe.control}, {simulated.controller.action_rate} Hz, {recipe.task}, {recipe.drone} drone",
         spread([float(score.episode_return) for score in scores], min, ".1f"),
         spread([float(score.survival) for score in scores], min, ".1%"),
-        above,
+        f"{survivable(simulated, drones, policies[0]):.1%}" if recipe.task == "circle" else "-",
         spread([100 * float(score.position_error) for score in scores], max, ".1f"),
         f"{last:.0f}",
-        f"{rate / 1e3:.0f} k",
+        rate,
+        f"{memory:.1f}",
     ]
-    row = "| " + " | ".join(cells) + " |"
-    click.echo(row)
-    return row
+    return Measured("| " + " | ".join(cells) + " |", curves(heard))
 
 
-HEAD = """| policies | return | survival | ceiling | distance [cm] | 5 policies [s] | steps/s |
-|---|---|---|---|---|---|---|"""
+HEAD = """| policies | return | survival | ceiling | distance [cm] | 5 policies [s] | steps/s | memory [GiB] |
+|---|---|---|---|---|---|---|---|"""
+
+
+def drawn(measured: dict[str, Measured]) -> str:
+    """The picture of the recipes' learning curves."""
+    title = f"Return of {SEEDS} policies each over the time of training on {CORES} cores, compiling included"
+    return learning_curves({RECIPES[name].title: each.curves for name, each in measured.items()}, ["episode_return"], "seconds", 840, title)
 
 
 @click.command()
 @click.option("--output", type=click.Path(path_type=Path, exists=True), default=Path(__file__).parents[1] / "docs" / "training.md")
-def main(output: Path) -> None:
-    """Trains five policies of each kind and writes their scores into the page OUTPUT."""
-    paper, authors = DRONES
-    rows = [
-        measure("pwm", tasks.circle(), box("pwm"), paper, ceiling=True),
-        measure("attitude_rate", tasks.circle(), box("attitude_rate"), paper, ceiling=True),
-        measure("attitude", tasks.circle(), box("attitude"), paper, ceiling=True),
-        measure("attitude", tasks.circle(), box("attitude", **DRONES[authors]), authors, ceiling=True),
-        *(measure("pwm", task(), box("pwm"), paper, ceiling=False) for task in (tasks.figure_eight, tasks.hover, tasks.take_off)),
-    ]
-    load = os.getloadavg()[0]
-    write(output, {"training": "\n".join([HEAD, *rows]), "training-machine": f"{CORES} cores; load at the end {load:.1f}."})
+@click.option("--only", "chosen", multiple=True, type=click.Choice(list(RECIPES)), help="This recipe, for a look; may be repeated.")
+@click.option("--updates", type=click.IntRange(1), help="Train with so few updates, for a look.")
+@click.option("--picture", type=click.Path(path_type=Path), help="Of a look: SVG file for the learning curves; none unless given.")
+def main(output: Path, chosen: tuple[str, ...], updates: int | None, picture: Path | None) -> None:
+    """Trains five policies of each kind and writes what came of them into the page OUTPUT; a look at less leaves the page alone."""
+    measured: dict[str, Measured] = {}
+    click.echo(HEAD)
+    for name in chosen or RECIPES:
+        with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as process:
+            measured[name] = process.submit(measure, RECIPES[name], updates).result()
+        click.echo(measured[name].row)
+    if chosen or updates is not None:
+        if picture is not None:
+            picture.write_text(drawn(measured))
+        return
+    picture = output.with_name("training_curves.svg")
+    picture.write_text(drawn(measured))
+    write(
+        output,
+        {
+            "training": "\n".join([HEAD, *(each.row for each in measured.values())]),
+            "training-machine": f"{CORES} cores; load at the end {os.getloadavg()[0]:.1f}.",
+            "training-recipes": recipes(),
+            "training-curves": f"![Return over the time of training, a panel a recipe]({picture.name})",
+        },
+    )
+
+
+def recipes() -> str:
+    """The recipes' commands, as the page shows them."""
+    return "\n".join(["```sh", *(recipe.command for recipe in RECIPES.values()), "```"])
 
 
 if __name__ == "__main__":

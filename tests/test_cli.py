@@ -6,13 +6,16 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import jax
+import numpy as np
 import polars
 import pytest
 
+from event_files import scalars
 from maidenflight import cli, parameters, policy, results, terminal
 from maidenflight.flights import reading
 
-COMMANDS = ("demo", "drone", "record", "identify", "validate", "train", "transfer", "export", "report")
+COMMANDS = ("demo", "drone", "record", "identify", "validate", "train", "transfer", "predict", "export", "report")
 
 
 def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *arguments: Any) -> tuple[int, str, str]:
@@ -36,7 +39,7 @@ def test_every_command_explains_itself(command: str, monkeypatch: Any, capsys: A
 
 
 def test_help_imports_nothing_heavy() -> None:
-    heavy = "jax numpy scipy sklearn polars plotly rich optax tomlkit gymnasium pybullet".split()
+    heavy = "jax numpy scipy sklearn polars plotly rich optax tomlkit gymnasium pybullet tensorboardX wandb".split()
     program = (
         "import sys; sys.argv = ['maidenflight', 'identify', '--help']\n"
         "from maidenflight import cli\n"
@@ -77,6 +80,16 @@ def test_help_starts_within_a_fifth_of_a_second_of_python_itself() -> None:
         (["transfer", "{tmp}/empty", "-o", "{tmp}/t"], "no policies"),
         (["transfer", "{tmp}/odd.csv", "-o", "{tmp}/t"], "not valid JSON"),
         (["transfer", "{tmp}/odd.csv", "--reality", "virtual:x", "-o", "{tmp}/t"], "virtual:SEED"),
+        (["predict", "{tmp}/empty", "--drone", "crazyflie", "-o", "{tmp}/p.csv"], "no policies"),
+        (["predict", "{tmp}/none.json", "--drone", "crazyflie", "-o", "{tmp}/p.csv"], "none.json: cannot be read"),
+        (["predict", "{tmp}/odd.csv", "--drone", "crazyflie", "-o", "{tmp}/p.csv"], "odd.csv: not a policy"),
+        (["predict", "{tmp}/other", "--drone", "crazyflie", "-o", "{tmp}/p.csv"], "notes.json: not a policy"),
+        (["predict", "{tmp}/other", "--drone", "crazyflie", "-o", "{tmp}/odd.csv"], "already there"),
+        (["predict", "{tmp}/other", "--drone", "{tmp}/no.toml", "-o", "{tmp}/p.csv"], "no such drone"),
+        (
+            ["predict", "{tmp}/other", "--drone", "crazyflie", "--randomize", "posterior", "-o", "{tmp}/p.csv"],
+            "no usable [posterior] table",
+        ),
         (["export", "{tmp}/no.json", "-o", "{tmp}/c"], "cannot be read"),
         (["record", "-o", "{tmp}/full"], "already there"),
         (["record", "-o", "{tmp}/r", "--flights", "0"], "0"),
@@ -86,8 +99,9 @@ def test_help_starts_within_a_fifth_of_a_second_of_python_itself() -> None:
     ],
 )
 def test_a_mistake_gives_one_line_and_exit_code_2(arguments: list[str], says: str, tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
-    for folder in ("empty", "full"):
+    for folder in ("empty", "full", "other"):
         (tmp_path / folder).mkdir()
+    (tmp_path / "other" / "notes.json").write_text('{"format": "another"}')
     (tmp_path / "full" / "mine.txt").write_text("keep me")
     (tmp_path / "odd.csv").write_text("a,b\n1,2\n")
     (tmp_path / "bad.toml").write_text("format = 1\n")
@@ -150,6 +164,51 @@ def test_the_line_from_logs_to_report_in_json(tmp_path: Path, monkeypatch: Any, 
     assert "simulated" in page.read_text()
 
 
+def test_flight_times_of_ours_and_the_authors_policies_are_predicted(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+    ours, theirs, drone, output = tmp_path / "ours", tmp_path / "attitude_rate_007.json", tmp_path / "drone.toml", tmp_path / "p.csv"
+    for number in range(3):
+        policy.write(ours / f"policy_{number}.json", policy.untrained(jax.random.key(number), (8,)))
+    still = {"type": "standard", "weights": [[0.0] * 40] * 4, "biases": [0.0] * 4}
+    theirs.write_text(json.dumps({"check_sum": "0.0", "scaling_parameters": [[0.0] * 40, [1.0] * 40], "activation": "relu", "0": still}))
+    tables = {"posterior": {"names": ["latency"], "draws": [[0.001], [0.03]]}, "identification": {"torque_bias_x": {"spread": 3e-4}}}
+    parameters.write(drone, parameters.crazyflie(), tables)
+    arguments = ("predict", theirs, ours, ours / "policy_1.json", "--drone", drone, "-o", output, "--duration", 2, "--trials", 5)
+
+    code, out, err = run(monkeypatch, capsys, *arguments, "--json")
+    assert code == 0, err
+    said = json.loads(out)
+    assert (said["simulated"], said["output"]) == (True, str(output))
+    assert [entry["file"] for entry in said["policies"]] == [str(theirs), *(str(ours / f"policy_{number}.json") for number in range(3))]
+    assert [entry["control"] for entry in said["policies"]] == ["attitude_rate", "pwm", "pwm", "pwm"]
+    flown = polars.read_csv(output, comment_prefix="#")
+    assert flown.columns == ["policy", "control", "trial", "duration", "end_reason"]
+    for entry, name in zip(said["policies"], ("attitude_rate_007", "policy_0", "policy_1", "policy_2"), strict=True):
+        own = flown.filter(polars.col("policy") == name)
+        assert own.height == sum(entry["end_reasons"].values()) == 5
+        assert entry["mean_duration"] == pytest.approx(np.mean(own["duration"].to_numpy()), abs=1e-6)
+        assert set(entry["quantiles"]) == {"0.1", "0.25", "0.5", "0.75", "0.9"}
+        assert list(entry["quantiles"].values()) == sorted(entry["quantiles"].values())
+        assert entry["quantiles"]["0.5"] == np.median(own["duration"].to_numpy())
+        assert entry["end_reasons"] == dict(own["end_reason"].value_counts().rows())
+    made = json.loads(output.read_text().splitlines()[1].removeprefix("# record: "))
+    assert [one.split(" ")[0] for one in made["inputs"]] == ["drone.toml", theirs.name, *(f"policy_{number}.json" for number in range(3))]
+    assert made["settings"] == {"drone": "drone.toml", "trials": 5, "duration": 2.0, "randomization": "trim"}
+
+    first = output.read_bytes()
+    code, out, err = run(monkeypatch, capsys, *arguments)
+    assert code == 2
+    assert "already there" in err
+    assert output.read_bytes() == first
+    code, out, err = run(monkeypatch, capsys, *arguments, "--overwrite")
+    assert code == 0, err
+    assert output.read_bytes() == first
+    for words in ("Predicted flight times, simulated", "attitude_rate_007", "policy_2", "10 %", "50 %", "90 %", "of 5", str(output)):
+        assert words in out
+    for randomization in ("posterior", "0.2", "0"):
+        assert run(monkeypatch, capsys, *arguments, "--overwrite", "--randomize", randomization)[0] == 0
+        assert output.read_bytes() != first
+
+
 def test_policies_are_trained_over_what_flights_leave_possible(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
     logs, drone, policies = tmp_path / "recorded", tmp_path / "drone.toml", tmp_path / "policies"
     assert run(monkeypatch, capsys, "record", "-o", logs, "--reality", "virtual:3", "--flights", 2, "--duration", 4)[0] == 0
@@ -177,7 +236,7 @@ def test_policies_are_trained_over_what_flights_leave_possible(tmp_path: Path, m
 
 def test_training_that_is_interrupted_says_how_to_go_on_and_does(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
     folder, whole = tmp_path / "stopped", tmp_path / "whole"
-    what = ("train", "--drone", "crazyflie", "--task", "hover", "--policies", 1, "--updates", 3)
+    what = ("train", "--drone", "crazyflie", "--task", "hover", "--policies", 1, "--updates", 3, "--log", "tensorboard")
     scores = terminal.scores
 
     def interrupt(*_: Any) -> str:
@@ -190,8 +249,8 @@ def test_training_that_is_interrupted_says_how_to_go_on_and_does(tmp_path: Path,
     monkeypatch.setattr(terminal, "scores", interrupt)
     code, _, err = run(monkeypatch, capsys, *what, "-o", folder)
     assert code == 130
-    assert f"Go on with: maidenflight train --drone crazyflie --task hover --policies 1 --updates 3 -o {folder} --resume" in err
-    assert [path.name for path in folder.iterdir()] == ["training.npz"]
+    assert f"Go on with: maidenflight {' '.join(map(str, what))} -o {folder} --resume" in err
+    assert sorted(path.name for path in folder.iterdir()) == ["tensorboard", "training.npz"]
 
     monkeypatch.setattr(terminal, "scores", scores)
     code, _, err = run(monkeypatch, capsys, *what, "-o", folder)
@@ -203,9 +262,23 @@ def test_training_that_is_interrupted_says_how_to_go_on_and_does(tmp_path: Path,
     for place, further in ((folder, ["--resume"]), (whole, [])):
         code, _, err = run(monkeypatch, capsys, *what, "-o", place, *further)
         assert code == 0, err
-    assert sorted(path.name for path in folder.iterdir()) == ["policy_1.json", "training.csv"]
-    for path in folder.iterdir():
-        assert path.read_bytes() == (whole / path.name).read_bytes()
+    assert sorted(path.name for path in folder.iterdir()) == ["policy_1.json", "tensorboard", "training.csv"]
+    for name in ("policy_1.json", "training.csv"):
+        assert (folder / name).read_bytes() == (whole / name).read_bytes()
+    shown = scalars(folder / "tensorboard" / "policy_1")
+    assert shown == scalars(whole / "tensorboard" / "policy_1")
+    assert len(shown) == 3 * polars.read_csv(folder / "training.csv").height
+
+
+@pytest.mark.parametrize(("board", "package"), [("tensorboard", "tensorboardX"), ("wandb", "wandb")])
+def test_a_board_whose_package_is_missing_is_said_before_training_begins(
+    board: str, package: str, tmp_path: Path, monkeypatch: Any, capsys: Any
+) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    code, out, err = run(monkeypatch, capsys, "train", "--drone", "crazyflie", "-o", tmp_path / "policies", "--log", board)
+    assert (code, out, len(err.splitlines())) == (2, "", 1)
+    assert f"pip install 'maidenflight[{board}]'" in err
+    assert not (tmp_path / "policies").exists()
 
 
 def test_a_drone_is_validated(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import maidenflight as mf
-from maidenflight import cli, parameters
+from maidenflight import cli, parameters, policy
 from maidenflight.flights import log
 
 ROOT = Path(__file__).parent.parent
@@ -23,6 +23,7 @@ LESS_WORK = {
     "identify": ["--trials", "1", "--evaluations", "15", "--over", "thrust_to_weight,latency"],
     "train": ["--policies", "2", "--updates", "2"],
     "transfer": ["--trials", "1", "--duration", "0.5"],
+    "predict": ["--trials", "2", "--duration", "0.5"],
 }
 
 
@@ -109,6 +110,18 @@ def test_the_python_of_the_training_page_runs(monkeypatch: pytest.MonkeyPatch, t
     exec(compile(snippet, "docs/training.md", "exec"), names)
     assert [policy.layer_sizes for policy in names["policies"]] == [(40, 50, 50, 4)] * 3
     assert Path("training.npz").exists()
+
+
+def test_the_python_of_the_transfer_page_runs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    for path in ("policies/policy_1.json", "attitude_rate_066.json"):
+        policy.write(path, policy.untrained(jax.random.key(0)))
+    parameters.write("drone.toml", parameters.crazyflie(), {})
+    monkeypatch.setattr(mf, "predict_flight_times", partial(mf.predict_flight_times, trials=2, duration=0.5), raising=False)
+    (snippet,) = blocks("docs/transfer.md", "python")
+    names: dict[str, Any] = {}
+    exec(compile(snippet, "docs/transfer.md", "exec"), names)
+    assert names["flown"]["policy"].to_list() == ["ours"] * 2 + ["theirs"] * 2
+    assert "quantile_90" in capsys.readouterr().out
 
 
 def test_the_python_of_the_identification_page_runs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,13 +1,17 @@
 """The scripts that redo the paper's tables run, on little."""
 
 import importlib.util
+import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import polars
 import pytest
 
-from maidenflight.flights import log
+from maidenflight import parameters
+from maidenflight.flights import authors, log
+from maidenflight.simulator import battery
 
 PAPER = Path(__file__).parents[1] / "paper"
 
@@ -42,5 +46,159 @@ def test_table_2_stands_beside_the_papers_and_the_truth(table_2: Any, tmp_path: 
         assert words in text
 
 
+@pytest.fixture(scope="module")
+def predict_flights() -> Any:
+    specification = importlib.util.spec_from_file_location("predict_flights", PAPER / "predict_flights.py")
+    assert specification is not None
+    assert specification.loader is not None
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    return module
+
+
+def test_calibration_is_the_share_of_real_flights_within_their_policys_band(predict_flights: Any) -> None:
+    compared = polars.DataFrame({"policy": ["a", "b"], "quantile_10": [1.0, 5.0], "quantile_90": [2.0, 20.0]})
+    flights = polars.DataFrame({"name": ["b", "a", "a", "a", "b"], "flight_time_s": [4.9, 0.9, 1.0, 1.5, 20.0]})
+    assert predict_flights.within_band(compared, flights) == pytest.approx(3 / 5)
+
+
 def test_a_value_lies_below_inside_or_above_an_interval(table_2: Any) -> None:
     assert [table_2.where(value, 1.0, 2.0) for value in (0.9, 1.0, 1.5, 2.0, 2.1)] == ["below", "inside", "inside", "inside", "above"]
+
+
+def test_history_and_hidden_layers_are_studied(tmp_path: Path, monkeypatch: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    """One kind that stands in both tables, because each compiles anew."""
+    specification = importlib.util.spec_from_file_location("history_and_hidden", PAPER / "history_and_hidden.py")
+    assert specification is not None
+    assert specification.loader is not None
+    study = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(study)
+    monkeypatch.setattr(study, "HIDDEN", (8, 8))
+    monkeypatch.setattr(study, "HISTORY", 3)
+    few = ["--updates", "1", "--seeds", "2", "--episodes", "4", "--trials", "2", "--duration", "0.3"]
+    study.main([*few, "--histories", "3", "--hidden", "8x8", "-o", str(tmp_path / "study.csv")])
+    data = polars.read_csv(tmp_path / "study.csv", comment_prefix="#")
+    assert data["history"].to_list() == [3, 3]
+    assert data["hidden"].to_list() == ["8x8", "8x8"]
+    assert data["parameters"].to_list() == [596, 596]
+    assert data["flight_time"].is_between(0.01, 0.3).all()
+    told = capsys.readouterr().out
+    for words in ("| H |", "| hidden layers |", "| 3 | 596 |", "| 8x8 | 596 |"):
+        assert words in told
+    assert '"reality": "virtual-7"' in (tmp_path / "study.csv").read_text()
+
+
+@pytest.fixture(scope="module")
+def figure_4() -> Any:
+    specification = importlib.util.spec_from_file_location("figure_4", PAPER / "figure_4.py")
+    assert specification is not None
+    assert specification.loader is not None
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    return module
+
+
+def test_figure_4_flies_policies_of_the_whole_matrix_and_goes_on_where_it_was(
+    figure_4: Any, tmp_path: Path, monkeypatch: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert len(figure_4.MATRIX) == 27
+    settings = figure_4.AnalyticGradient(updates=1, drones=2, horizon=2, hidden=(8,), episodes=2)
+    monkeypatch.setattr(figure_4, "QUICK", {"pwm": settings})
+    monkeypatch.setattr(figure_4, "MATRIX", [cell for cell in figure_4.MATRIX if cell.control == "pwm"][3:5])
+    published = {"in_paper": [1, 0], "control": ["pwm"] * 2, "trained_motor_time_constant_s": [0.08] * 2, "trained_latency_s": [0.015] * 2}
+    polars.DataFrame({**published, "flight_time_s": [26.0, 1.0]}).write_csv(tmp_path / "flights.csv")
+    arguments = ["--seeds", "1", "--trials", "2", "--duration", "0.3", "--authors", str(tmp_path), "-o", str(tmp_path / "made")]
+    figure_4.main(arguments)
+    data = polars.read_csv(tmp_path / "made" / "flights.csv", comment_prefix="#")
+    assert data.height == 2 * 2
+    assert data["motor_time_constant"].to_list() == [0.08] * 4
+    assert data["latency"].to_list() == [0.0, 0.0, 0.015, 0.015]
+    assert data["duration"].is_between(0.01, 0.3).all()
+    picture = (tmp_path / "made" / "figure_4.svg").read_text()
+    assert all(f'data-panel="{name} {latency}"' in picture for name in ("virtual-7", "real") for latency in (0, 15, 20))
+    assert "share of 20 s" in capsys.readouterr().out
+
+    def never(*_: Any) -> None:
+        raise AssertionError("all policies are there")
+
+    monkeypatch.setattr(figure_4, "train", never)
+    before = (tmp_path / "made" / "flights.csv").read_bytes()
+    figure_4.main(arguments)
+    assert (tmp_path / "made" / "flights.csv").read_bytes() == before
+    with pytest.raises(SystemExit):
+        figure_4.main([*arguments, "--updates", "2"])
+    assert "other settings" in capsys.readouterr().err
+
+
+def test_only_flights_of_the_paper_are_drawn_beside_ours_and_no_longer_than_20_s(figure_4: Any, tmp_path: Path) -> None:
+    published = {"in_paper": [1, 0], "control": ["pwm"] * 2, "trained_motor_time_constant_s": [0.08] * 2, "trained_latency_s": [0.015] * 2}
+    polars.DataFrame({**published, "flight_time_s": [26.0, 1.0]}).write_csv(tmp_path / "flights.csv")
+    assert figure_4.published(tmp_path)["duration"].to_list() == [20.0]
+    with pytest.raises(figure_4.InputError, match="authors' data"):
+        figure_4.published(tmp_path / "nothing")
+
+
+@pytest.fixture(scope="module")
+def yaw_trim() -> Any:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(PAPER))  # as for a script: its neighbours can be imported
+        specification = importlib.util.spec_from_file_location("yaw_trim", PAPER / "yaw_trim.py")
+        assert specification is not None
+        assert specification.loader is not None
+        module = importlib.util.module_from_spec(specification)
+        specification.loader.exec_module(module)
+    return module
+
+
+def turned(yaw: float, rows: int) -> polars.DataFrame:
+    """What the authors' drone logs at a command of 0.6 and a yaw command; for 0.4 s first, at another."""
+    volts = np.full((rows, 1), 3.75)
+    commands = 0.6 + np.where(np.arange(rows)[:, None] < 40, 0.3, yaw) * np.array([-1.0, 1.0, -1.0, 1.0])
+    values = dict.fromkeys(authors.COLUMNS, np.zeros(rows)) | {"bat": volts[:, 0], "time": 0.01 * np.arange(rows)}
+    values |= {f"mot{motor}": ratio for motor, ratio in enumerate(65536 * battery.motor_ratio(commands, volts).T)}
+    return polars.DataFrame(values)
+
+
+def test_the_yaw_trim_of_a_policys_own_logs_explains_its_flight_times(
+    yaw_trim: Any, tmp_path: Path, monkeypatch: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Flights that last 20 s less 1 s per 1e-5 N m; policy 9 flies another control structure, 4 too short."""
+    yaws, lengths = {1: -0.02, 2: -0.1, 3: 0.0, 4: 0.0}, {1: 300, 2: 120, 3: 200, 4: 45}
+    shapes = {"W0": (8, 40), "W1": (8, 8), "W2": (4, 8), "b0": (8,), "b1": (8,), "b2": (4,), "observation_mean": (40,)}
+    arrays: dict[str, Any] = {name: np.zeros((5, *shape), np.float32) for name, shape in shapes.items()}
+    arrays |= {"observation_std": np.ones((5, 40), np.float32), "control": np.array(["attitude_rate"] * 4 + ["pwm"])}
+    np.savez(tmp_path / "policies.npz", policy=np.array([*yaws, 9]), **arrays)
+    rows = [("attitude_rate", number, lengths[number] / 100 + more) for number in yaws for more in (0.0, 0.5)]
+    polars.DataFrame(rows, ["control", "policy", "flight_time_s"], orient="row").write_csv(tmp_path / "flights.csv")
+    for number, yaw in yaws.items():
+        folder = tmp_path / "flights" / "attitude_rate" / f"policy_{number:03d}"
+        folder.mkdir(parents=True)
+        turned(yaw, lengths[number]).write_csv(folder / "flight_1.csv")
+
+    def flown(policies: Any, drone: Any, key: Any, *, trials: int, names: list[str]) -> polars.DataFrame:
+        assert len(policies) == len(names)
+        lasting = 20.0 - 1e5 * float(drone.torque_bias[2])
+        one = {"control": "attitude_rate", "trial": 1, "duration": lasting, "end_reason": "tilt"}
+        return polars.DataFrame([{"policy": name, **one} for name in names for _ in range(trials)])
+
+    monkeypatch.setattr(yaw_trim, "predict_flight_times", flown)
+    arguments = ["--authors", str(tmp_path), "--trials", "2"]
+    yaw_trim.main([*arguments, "--json"])
+    told = json.loads(capsys.readouterr().out)
+    drone = parameters.read("crazyflie")
+    full = drone.torque_to_thrust * drone.thrust_to_weight * drone.mass * drone.gravity
+    assert [row["policy"] for row in told["policies"]] == ["attitude_rate/1", "attitude_rate/2", "attitude_rate/3"]
+    for row, yaw, measured in zip(told["policies"], (-0.02, -0.1, 0.0), (3.25, 1.45, 2.25), strict=True):
+        assert row["yaw_counts"] == pytest.approx(60000 * yaw, abs=200)  # half a step of the motors' timers
+        assert row["trim"] == pytest.approx(-full * row["yaw_counts"] / 60000, rel=1e-4, abs=1e-9)
+        assert row["measured"] == pytest.approx(measured)
+        assert row["as_it_is"] == 20.0
+        assert row["own_trim"] == pytest.approx(20.0 - 1e5 * row["trim"], abs=1e-4)
+    assert [row["prediction"] for row in told["agreement"]] == ["as_it_is", "own_trim", "one real flight against the others"]
+    assert told["agreement"][1]["Spearman"] == pytest.approx(0.5)
+
+    yaw_trim.main(arguments)
+    assert "own trim [s]" in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        yaw_trim.main([*arguments, "--control", "pwm"])
+    assert "no logs" in capsys.readouterr().err

@@ -7,6 +7,7 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from maidenflight.deployment.c import export_c as export_c
+    from maidenflight.experiments.flight_times import predict_flight_times as predict_flight_times
     from maidenflight.experiments.transfer import transfer as transfer
     from maidenflight.flights.reading import read_flights as read_flights
     from maidenflight.flights.recording import record as record
@@ -44,6 +45,7 @@ _PUBLIC = {
     "export_c": "deployment.c",
     "hover": "simulator.tasks",
     "identify": "identification.identify",
+    "predict_flight_times": "experiments.flight_times",
     "prediction_error": "identification.prediction",
     "pwm": "simulator.control",
     "randomize": "simulator.randomization",

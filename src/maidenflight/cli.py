@@ -6,6 +6,7 @@ import os
 import shlex
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -14,9 +15,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from maidenflight import __version__, terminal
-from maidenflight.errors import InputError
+from maidenflight.errors import InputError, WriteError
+from maidenflight.training.scoreboards import BOARDS
 
 if TYPE_CHECKING:
+    from polars import DataFrame
+
     from maidenflight.demo import Demo
     from maidenflight.flights.reading import Flights
     from maidenflight.training.train import Progress
@@ -69,7 +73,10 @@ def _output(default: str, what: str) -> Callable[[Callable[..., Any]], Callable[
 
 def _must_be_new(path: Path, overwrite: bool, or_else: str = "") -> None:
     """Refuses to write into a folder that holds something, or over a file."""
-    taken = any(path.iterdir()) if path.is_dir() else path.exists()
+    from maidenflight import results
+
+    # What a killed run leaves of a file that it was writing is nothing to keep.
+    taken = set(path.iterdir()) > set(results.leftovers(path)) if path.is_dir() else path.exists()
     if taken and not overwrite:
         ways = ["Choose another place with -o", *([or_else] if or_else else []), "or allow it with --overwrite"]
         raise InputError(f"{path}: already there. {', '.join(ways)}.")
@@ -78,20 +85,24 @@ def _must_be_new(path: Path, overwrite: bool, or_else: str = "") -> None:
 @contextmanager
 def _resumable(checkpoint: Path) -> Iterator[None]:
     """Says how to go on where work is interrupted that a checkpoint holds."""
+    again = shlex.join(
+        ["maidenflight", *(argument for argument in sys.argv[1:] if argument not in ("--resume", "--overwrite")), "--resume"]
+    )
     try:
         yield
     except KeyboardInterrupt:
         if not checkpoint.exists():
             raise
-        again = shlex.join(
-            ["maidenflight", *(argument for argument in sys.argv[1:] if argument not in ("--resume", "--overwrite")), "--resume"]
-        )
         print(f"maidenflight: interrupted; {checkpoint} holds what was reached. Go on with: {again}", file=sys.stderr)
         sys.exit(130)
+    except WriteError as error:
+        if not checkpoint.exists():
+            raise
+        raise InputError(f"{error.wrong} {checkpoint} holds what was reached. {error.remedy} and go on with: {again}") from error
 
 
 def _lay_on_all_cores() -> None:
-    """Makes JAX see each core as a device, over which training lays its drones; XLA uses one core for arrays this small."""
+    """Makes JAX see each core as a device, over which drones are laid; XLA uses one core for arrays this small."""
     import jax
 
     # Where JAX runs already, as in a notebook, its devices stay what they are.
@@ -332,16 +343,21 @@ def validate(drone_: str, logs: Path, output: Path, horizons: list[float], seed:
     _emit(as_json, content, text)
 
 
-def _randomization(_: click.Context, __: click.Parameter, given: str) -> float | str:
-    if given == "posterior":
-        return given
-    try:
-        width = float(given)
-    except ValueError:
-        width = -1.0
-    if not 0.0 <= width <= 0.9:
-        raise click.BadParameter(f"{given!r}; expected a number from 0 to 0.9, or posterior.")
-    return width
+def _randomization(*words: str) -> Callable[[click.Context, click.Parameter, str | None], float | str | None]:
+    """Reads a half width or one of the words."""
+
+    def read(_: click.Context, __: click.Parameter, given: str | None) -> float | str | None:
+        if given is None or given in words:
+            return given
+        try:
+            width = float(given)
+        except ValueError:
+            width = -1.0
+        if not 0.0 <= width <= 0.9:
+            raise click.BadParameter(f"{given!r}; expected a number from 0 to 0.9, or {' or '.join(words)}.")
+        return width
+
+    return read
 
 
 @commands.command()
@@ -352,6 +368,7 @@ def _randomization(_: click.Context, __: click.Parameter, given: str) -> float |
 )
 @click.option("--task", default="circle", show_default=True, type=click.Choice(_TASKS), help="Task.")
 @click.option("--policies", "count", default=3, show_default=True, type=click.IntRange(1, 64), help="How many, each from its own seed.")
+@click.option("--history", default=2, show_default=True, type=click.IntRange(1, 50), help="Instants that a policy sees: the last so many.")
 @click.option("--method", default="gradient", show_default=True, type=click.Choice(["gradient", "ppo"]), help="How policies learn.")
 @click.option(
     "--updates",
@@ -362,10 +379,17 @@ def _randomization(_: click.Context, __: click.Parameter, given: str) -> float |
     "--randomize",
     default="0.1",
     show_default=True,
-    callback=_randomization,
+    callback=_randomization("posterior"),
     help="Half width of the parameters' box, or posterior: the drones that the identified flights leave possible.",
 )
 @click.option("--resume", is_flag=True, help="Go on with training that was interrupted in the folder, with the same result.")
+@click.option(
+    "--log",
+    "boards",
+    multiple=True,
+    type=click.Choice(list(BOARDS)),
+    help="Show scores there too, as they come: event files in OUTPUT/tensorboard, or Weights & Biases. May be repeated.",
+)
 @_seed
 @_as_json
 @_overwrite
@@ -375,10 +399,12 @@ def train(
     control: str,
     task: str,
     count: int,
+    history: int,
     method: str,
     updates: int | None,
     randomize: float | str,
     resume: bool,
+    boards: tuple[str, ...],
     seed: int,
     as_json: bool,
     overwrite: bool,
@@ -404,7 +430,7 @@ def train(
             heard.append(progress)
             move(progress.update, settings.updates, terminal.scores(progress, rate))
 
-        workflow.train_for(drone_, seed, output, count, settings, randomize, hear, control, task, resume)
+        workflow.train_for(drone_, seed, output, count, settings, randomize, hear, control, task, resume, boards, history)
     best = [max((progress.score for progress in heard), key=lambda score: float(score.episode_return[number])) for number in range(count)]
     scores = [{name: round(float(value[number]), 6) for name, value in score._asdict().items()} for number, score in enumerate(best)]
     content = {"policies": [str(output / f"policy_{number}.json") for number in range(1, count + 1)], "scores": scores}
@@ -456,6 +482,83 @@ def transfer(
         print(f"written to {output}/")
 
     _emit(as_json, content, text)
+
+
+@commands.command()
+@click.argument("policies", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--drone", "drone_", default="drone.toml", show_default=True, help="Identified drone: a TOML file or a name.")
+@_output("prediction.csv", "CSV file for the flights, one row each.")
+@click.option("--trials", default=16, show_default=True, type=click.IntRange(1, 1000), help="Flights of each policy.")
+@click.option("--duration", default=20.0, show_default=True, type=click.FloatRange(0.1, 600.0), help="Longest flight, seconds.")
+@click.option(
+    "--randomize",
+    callback=_randomization("trim", "posterior"),
+    help="trim: constant torques differ as between the identified flights, the default where the drone's file tells how; posterior: drones"
+    " that those flights leave possible; or the half width of the parameters' box, 0 for the drone as it is.",
+)
+@click.option(
+    "--control",
+    type=click.Choice(["pwm", "attitude_rate", "attitude"]),
+    help="What the authors' policies command; unless given, what their files' names begin with or their folder is called. Ours say it.",
+)
+@_seed
+@_as_json
+@_overwrite
+def predict(
+    policies: tuple[Path, ...],
+    drone_: str,
+    output: Path,
+    trials: int,
+    duration: float,
+    randomize: float | str | None,
+    control: str | None,
+    seed: int,
+    as_json: bool,
+    overwrite: bool,
+) -> None:
+    """Predict how long POLICIES (files or folders) would fly on the real drone.
+
+    Policies of maidenflight and of Gronauer et al., of all control structures together, fly the circle on the identified drone as the
+    authors' drone ran them: at their rate, by the firmware of 2021.10, from hover, until a guard trips. All of it is simulated.
+    """
+    _must_be_new(output, overwrite)
+    _lay_on_all_cores()
+    from maidenflight import workflow
+
+    with terminal.progress("predict", None) as move:
+        files, flown = workflow.predict_with(
+            drone_,
+            policies,
+            seed,
+            output,
+            trials=trials,
+            duration=duration,
+            randomization=randomize,
+            structure=control,
+            on_policy=lambda done, of: move(done, of, "policies flown"),
+        )
+
+    def text() -> None:
+        terminal.flight_times(flown)
+        print(f"written to {output}")
+
+    _emit(as_json, {"policies": _flight_times_content(files, flown), "simulated": True, "output": str(output)}, text)
+
+
+def _flight_times_content(files: list[Path], flown: "DataFrame") -> list[dict[str, Any]]:
+    from maidenflight.experiments.flight_times import QUANTILES, summary
+
+    parts = flown.partition_by("policy", maintain_order=True)
+    return [
+        {
+            "file": str(file),
+            "control": row["control"],
+            "mean_duration": round(row["mean"], 6),
+            "quantiles": {f"{percent / 100:g}": round(row[f"quantile_{percent}"], 6) for percent in QUANTILES},
+            "end_reasons": dict(Counter(part["end_reason"].to_list()).most_common()),
+        }
+        for file, row, part in zip(files, summary(flown).iter_rows(named=True), parts, strict=True)
+    ]
 
 
 @commands.command()

@@ -1,4 +1,7 @@
-"""The one exception that a user's mistake raises."""
+"""The exceptions that a user's mistake and a full disk raise."""
+
+import errno
+from os import PathLike
 
 
 class InputError(ValueError):
@@ -7,3 +10,14 @@ class InputError(ValueError):
     The message says what is wrong (with the value), what is expected and what to do; the command line prints it on one line
     and exits with code 2.
     """
+
+
+class WriteError(InputError):
+    """A file cannot be written, as on a full disk; what it held before is kept."""
+
+    def __init__(self, path: str | PathLike[str], error: OSError) -> None:
+        self.wrong = f"{path}: cannot be written ({error.strerror})."
+        """What is wrong, a sentence."""
+        self.remedy = "Free space there" if error.errno in (errno.ENOSPC, errno.EDQUOT) else "Make that place writable"
+        """What to do before the same is tried again; a sentence may go on after it."""
+        super().__init__(f"{self.wrong} {self.remedy}, or choose another place with -o.")

@@ -5,17 +5,21 @@ A record never holds the time of day, a host name or an absolute path, so the sa
 
 import hashlib
 import os
+import re
 import tempfile
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from maidenflight import __version__
-from maidenflight.errors import InputError
+from maidenflight.errors import WriteError
+
+_LEFTOVER = re.compile(r"\..+\.[a-z0-9_]{8}\.part")
 
 
 def write(path: str | os.PathLike[str], content: str | bytes) -> Path:
-    """Writes a file atomically: a reader sees the old content or the new, never a part.
+    """Writes a file atomically: a reader sees the old content or the new, never a part, also after a power cut.
 
     Args:
         path: where to write; missing folders are made.
@@ -25,23 +29,33 @@ def write(path: str | os.PathLike[str], content: str | bytes) -> Path:
         The path.
 
     Raises:
-        InputError: the folder or the file cannot be written.
+        WriteError: the folder or the file cannot be written; what the file held is kept.
     """
     path = Path(path)
     payload = content.encode() if isinstance(content, str) else content
     temporary: str | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        descriptor, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        descriptor, temporary = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
         with os.fdopen(descriptor, "wb") as file:
             file.write(payload)
+            # Without this a power cut could leave the new name with none of the new content.
+            file.flush()
+            os.fsync(file.fileno())
         os.chmod(temporary, 0o644)
         os.replace(temporary, path)
     except OSError as error:
-        if temporary is not None and os.path.exists(temporary):
-            os.unlink(temporary)
-        raise InputError(f"{path}: cannot be written ({error.strerror}). Choose a writable place with -o.") from error
+        raise WriteError(path, error) from error
+    finally:
+        if temporary is not None:
+            with suppress(OSError):
+                os.unlink(temporary)
     return path
+
+
+def leftovers(folder: str | os.PathLike[str]) -> list[Path]:
+    """Files in a folder that `write` was killed over; nothing will ever read them."""
+    return [path for path in Path(folder).glob(".*") if _LEFTOVER.fullmatch(path.name)]
 
 
 def digest(path: str | os.PathLike[str]) -> str:

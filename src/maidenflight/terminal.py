@@ -122,6 +122,20 @@ def flights(flown: "Transfer") -> None:
     table("Zero-shot flights, simulated; error: mean distance from the set-point", columns, rows, numbers_from=3)
 
 
+def flight_times(flown: "DataFrame") -> None:
+    """Prints predicted flight times, a line a policy."""
+    from maidenflight.experiments.flight_times import summary
+
+    rows = []
+    for row, part in zip(summary(flown).iter_rows(named=True), flown.partition_by("policy", maintain_order=True), strict=True):
+        ends = part["end_reason"].to_list()
+        usual = max(dict.fromkeys(ends), key=ends.count)
+        times = [f"{row[name]:.2f} s" for name in ("mean", "quantile_10", "quantile_50", "quantile_90")]
+        rows.append([row["policy"], row["control"], *times, f"{usual} ({ends.count(usual)} of {len(ends)})"])
+    columns = ["policy", "control", "mean", "10 %", "50 %", "90 %", "most frequent end"]
+    table("Predicted flight times, simulated", columns, rows, numbers_from=2)
+
+
 def truth(result: "Demo") -> dict[str, str]:
     """What the demo's virtual drone really has, in words: the model has one delay where the drone has two."""
     from maidenflight.parameters import component

@@ -1,4 +1,4 @@
-"""The six verbs with files at both ends, as the command line and the demo run them.
+"""The verbs with files at both ends, as the command line and the demo run them.
 
 Each function reads what it is given, does one stage, writes its results with a record of their making, and returns them.
 """
@@ -16,21 +16,25 @@ import numpy as np
 import polars
 
 from maidenflight import parameters, policy, results
+from maidenflight.deployment.authors_json import read_policy
 from maidenflight.deployment.c import export_c
 from maidenflight.errors import InputError
+from maidenflight.experiments.flight_times import predict_flight_times
 from maidenflight.experiments.transfer import Transfer, transfer
 from maidenflight.flights import log, recording
 from maidenflight.flights.reading import Flights, read_flights
 from maidenflight.flights.windows import HISTORY
-from maidenflight.identification.identify import METHODS, OBJECTIVES, Identification, identify, posterior_ensemble
+from maidenflight.identification.identify import METHODS, OBJECTIVES, TRIM, Identification, identify, posterior_ensemble, trim_ensemble
 from maidenflight.identification.prediction import predicted_windows, prediction_error
 from maidenflight.identification.selection import Step
+from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy
 from maidenflight.simulator import control, tasks
 from maidenflight.simulator.bullet import DAMPING, Bullet
 from maidenflight.simulator.control import Controller
-from maidenflight.simulator.randomization import Distribution, relative_box
+from maidenflight.simulator.randomization import Distribution, Ensemble, randomize, relative_box
 from maidenflight.simulator.virtual_drone import VirtualDrone, virtual_drone
+from maidenflight.training import scoreboards
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.ppo import PPO
 from maidenflight.training.train import Progress, Settings, train
@@ -166,16 +170,19 @@ def _not_held_out(drone: StrPath, flights: Flights) -> list[str]:
 POSTERIOR = "posterior"
 """Randomize over the drones that the flights of an identified drone leave possible."""
 
+TRIMS = "trim"
+"""Predict for drones whose constant torques differ as they did between the flights that the drone was identified from."""
 
 CHECKPOINT = "training.npz"
 """In the folder of policies: training that is under way; gone once they are written."""
 
 SETTINGS: dict[str, AnalyticGradient] = {
     "pwm": AnalyticGradient(),
-    "attitude_rate": AnalyticGradient(updates=600, horizon=32),
-    "attitude": AnalyticGradient(updates=800, horizon=32),
+    "attitude_rate": AnalyticGradient(updates=1200, drones=128, horizon=32),
+    "attitude": AnalyticGradient(updates=1200, drones=128, horizon=32),
 }
-"""What works out of the box, by control structure: a policy that acts less often learns in fewer updates and looks as far ahead."""
+"""What works out of the box, by control structure: a policy that acts less often looks as far ahead in fewer periods, and to tell the
+starts that it can save from those that it cannot takes more drones."""
 
 
 def settings_for(structure: str, task: str, method: str = "gradient", updates: int | None = None) -> Settings:
@@ -187,7 +194,7 @@ def settings_for(structure: str, task: str, method: str = "gradient", updates: i
 def _by_gradient(structure: str, task: str) -> AnalyticGradient:
     settings = SETTINGS[structure]
     if task == "hover":  # which fails beyond 5.2 rad/s
-        return dataclasses.replace(settings, spin_margin=4.0)
+        return dataclasses.replace(settings, updates=2 * settings.updates, spin_margin=4.0)
     if task == "figure_eight":  # eight times as large as the circle, and faster
         return dataclasses.replace(settings, updates=3 * settings.updates)
     return settings
@@ -218,6 +225,8 @@ def train_for(
     structure: str = "pwm",
     task: str = "circle",
     resume: bool = False,
+    boards: Sequence[str] = (),
+    history: int = 2,
 ) -> tuple[Policy, ...]:
     """Trains policies around a drone; writes one JSON a policy and `training.csv` with their scores.
 
@@ -232,15 +241,16 @@ def train_for(
         structure: name of a control structure in `control.CONTROLLERS`.
         task: name in `tasks.TASKS`.
         resume: go on from the checkpoint in the folder, with the same result as if training had never stopped.
+        boards: where scores are shown too, names in `scoreboards.BOARDS`.
+        history: H, instants that a policy sees.
 
     Raises:
-        InputError: there is nothing to resume, or it is another training.
+        InputError: there is nothing to resume, or it is another training; or a board's package is not installed.
+        WriteError: a file cannot be written, as on a full disk; what was reached until the last score is kept.
     """
     saved = Path(folder) / CHECKPOINT
     if resume and not saved.exists():
-        raise InputError(f"{saved}: no training to resume. Leave out --resume to begin one.")
-    if not resume:
-        saved.unlink(missing_ok=True)
+        raise InputError(f"{saved}: no training to resume. {_how_to_begin(Path(folder))}")
     controller = control.CONTROLLERS[structure]()
     box = _randomized(drone, randomization, controller)
     rows: list[dict[str, Any]] = []
@@ -249,26 +259,40 @@ def train_for(
         for number in range(count):
             scores = {name: round(float(value[number]), 6) for name, value in progress.score._asdict().items()}
             rows.append({"update": progress.update, "steps": progress.steps, "policy": number + 1, **scores})
+        show(progress)
         if on_progress is not None:
             on_progress(progress)
 
-    keys = jax.random.split(jax.random.key(seed), count)
-    policies = train(tasks.TASKS[task](), controller, box, keys, settings, note, saved)
-    inputs = [drone] if Path(drone).is_file() else []
     said = {
         "task": task,
         "control": structure,
         "method": type(settings).__name__,
         "randomization": randomization,
         "policies": count,
+        "history": history,
         **settings.settings(),
     }
+    keys = jax.random.split(jax.random.key(seed), count)
+    with scoreboards.opened(boards, folder, count, {"drone": Path(drone).name, "seed": seed, **said}) as show:
+        # Only now is all that was given known to make sense, and an earlier training may go.
+        for left in [*([] if resume else [saved]), *results.leftovers(folder)]:
+            left.unlink(missing_ok=True)
+        policies = train(tasks.TASKS[task](), controller, box, keys, settings, note, saved, history)
+    inputs = [drone] if Path(drone).is_file() else []
     made = results.record(seed=seed, inputs=inputs, settings=said if inputs else {"drone": str(drone), **said})
     for number, trained in enumerate(policies, 1):
         policy.write(Path(folder) / f"policy_{number}.json", trained, {**made, "number": number})
     results.write(Path(folder) / "training.csv", polars.DataFrame(rows).write_csv())
     saved.unlink()
     return policies
+
+
+def _how_to_begin(folder: Path) -> str:
+    """What to do where there is no checkpoint to go on from."""
+    if (folder / "training.csv").exists():
+        return "The policies there are of a training that has ended. Give --overwrite instead of --resume to train others in their place."
+    begun = folder.is_dir() and set(folder.iterdir()) > set(results.leftovers(folder))
+    return "Give --overwrite instead of --resume to begin one." if begun else "Leave out --resume to begin one."
 
 
 def policy_files(given: Sequence[StrPath]) -> list[Path]:
@@ -306,6 +330,86 @@ def transfer_to(
         log.write(Path(folder) / f"{flight.name}.csv", flight, made)
     results.write(Path(folder) / "flights.csv", flown.table.write_csv())
     return flown
+
+
+_PREDICTION = "# maidenflight prediction 1: simulated flights of given policies as the authors' drone ran them, a row a flight; duration s"
+POSSIBLE = 256
+"""Drones drawn from a box, of which each predicted flight flies one."""
+
+
+def predict_with(
+    drone: StrPath,
+    given: Sequence[StrPath],
+    seed: int,
+    output: StrPath,
+    *,
+    trials: int,
+    duration: float,
+    randomization: float | str | None = None,
+    structure: str | None = None,
+    on_policy: Callable[[int, int], None] | None = None,
+) -> tuple[list[Path], polars.DataFrame]:
+    """Predicts how long policies, ours and the authors', would fly on the real drone; writes `output`, a CSV with a row a flight.
+
+    Args:
+        drone: TOML file or name.
+        given: policy files, and folders of them.
+        seed: random seed.
+        output: CSV file.
+        trials: flights of each policy.
+        duration: longest flight [s].
+        randomization: half width of a box about the drone; `POSTERIOR`: each flight is another of the drones that its flights leave
+            possible; `TRIMS`: constant torques differ between flights as they did in those; `TRIMS` where the drone's file tells how they
+            differ, unless given.
+        structure: what the authors' policies command; what their files' names say unless given.
+        on_policy: called with (policies flown, policies).
+
+    Returns:
+        The policy files, and what `predict_flight_times` gives, policies in the order of the files.
+
+    Raises:
+        InputError: a file is no policy, or the drone has no posterior.
+    """
+    randomization = usual_randomization(drone) if randomization is None else randomization
+    drones = possible_drones(drone, randomization, seed)
+    files = list(dict.fromkeys(policy_files(given)))
+    policies = [read_policy(path, structure) for path in files]
+    flown = predict_flight_times(
+        policies, drones, jax.random.key(seed), trials=trials, duration=duration, names=_names(files), on_policy=on_policy
+    )
+    inputs = [drone, *files] if Path(drone).is_file() else files
+    settings = {"drone": Path(drone).name, "trials": trials, "duration": duration, "randomization": randomization, "control": structure}
+    made = results.record(seed=seed, inputs=inputs, settings=settings)
+    results.write(output, f"{_PREDICTION}\n# record: {json.dumps(made)}\n{flown.write_csv(float_precision=2)}")
+    return files, flown
+
+
+def usual_randomization(drone: StrPath) -> float | str:
+    """What predictions are randomized over where nobody says."""
+    return TRIMS if any("spread" in _table(drone, "identification").get(name, {}) for name in TRIM) else 0.0
+
+
+def possible_drones(drone: StrPath, randomization: float | str, seed: int) -> Parameters:
+    """What `randomization` makes of a drone, as `predict_with` understands it: a point, or drones stacked along a first axis."""
+    if not randomization:
+        return parameters.read(drone)
+    if randomization == TRIMS:
+        return trim_ensemble(parameters.read(drone), _table(drone, "identification"), str(drone)).drones
+    distribution = _randomized(drone, randomization, control.pwm())
+    if isinstance(distribution, Ensemble):
+        return distribution.drones
+    keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), 1), POSSIBLE)
+    return jax.tree.map(np.asarray, jax.vmap(lambda key: randomize(distribution, key))(keys))
+
+
+def _names(files: Sequence[Path]) -> list[str]:
+    """Files without their ending, each with as many of its folders as tell all of them apart."""
+    parts = [path.absolute().with_suffix("").parts for path in files]
+    for depth in range(1, max(map(len, parts)) + 1):
+        names = ["/".join(part[-depth:]) for part in parts]
+        if len(set(names)) == len(names):
+            return names
+    return [str(path) for path in files]
 
 
 def best_policy(flown: Transfer, files: Sequence[Path]) -> Path:

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from damaged_json import damaged
-from maidenflight.deployment.authors_json import from_authors_json, read_authors_json
+from maidenflight import policy
+from maidenflight.deployment.authors_json import from_authors_json, read_authors_json, read_policy
 from maidenflight.errors import InputError
 
 GENERATOR = np.random.default_rng(0)
@@ -100,6 +101,39 @@ def test_an_unknown_control_structure_or_file_is_refused(tmp_path):
         from_authors_json(json.dumps(MADE), "here", "position_pid")
     with pytest.raises(InputError, match="cannot be read as a policy"):
         read_authors_json(tmp_path / "none.json", "pwm")
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "control"),
+    [
+        ("pwm_024.json", None, "pwm"),
+        ("attitude_rate_066.json", None, "attitude_rate"),
+        ("Attitude_21.json", None, "attitude"),
+        ("attitude/model.json", None, "attitude"),
+        ("model.json", "attitude_rate", "attitude_rate"),
+        ("pwm_024.json", "attitude", "attitude"),
+    ],
+)
+def test_a_name_a_folder_or_the_caller_says_what_an_authors_policy_commands(tmp_path, name, given, control):
+    path = tmp_path / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(json.dumps(MADE))
+    assert read_policy(path, given).control == control
+
+
+def test_our_policies_are_told_from_the_authors_by_content(tmp_path):
+    path = policy.write(tmp_path / "pwm.json", policy.untrained(jax.random.key(0), (8,)))
+    assert read_policy(path, "attitude").control == "pwm"
+    for text, message in (
+        (json.dumps(MADE), "model.json: one of the authors' policies, which do not say"),
+        ("{}", "model.json: not a policy, neither ours"),
+        ("[1]", "model.json: not a policy, neither ours"),
+        ("text", "model.json: not a policy, ours or the authors': not valid JSON"),
+        (damaged(MADE, "1", to=...), "model.json: one of the authors'"),
+    ):
+        (tmp_path / "model.json").write_text(text)
+        with pytest.raises(InputError, match=message):
+            read_policy(tmp_path / "model.json")
 
 
 @pytest.mark.parametrize(

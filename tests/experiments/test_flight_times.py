@@ -1,6 +1,8 @@
 """Flight times follow from physics and guards, and tell of the real ones what the authors' logs allow."""
 
 import dataclasses
+import subprocess
+import sys
 from pathlib import Path
 
 import jax
@@ -144,6 +146,54 @@ def test_a_seed_gives_the_same_flights_and_another_seed_others() -> None:
     assert flown["policy"].to_list() == ["policy_1"] * 3 + ["policy_2"] * 3
 
 
+def times(flown: polars.DataFrame) -> list:
+    return flown.select("policy", "trial", "duration", "end_reason").rows()
+
+
+def test_a_policys_flights_are_its_own_whoever_flies_beside_it() -> None:
+    """Also policies of other sizes, histories and control structures, more trials, and less time."""
+    policies = [restless(kind, number) for kind in ("pwm", "attitude") for number in range(3)]
+    policies.insert(1, untrained(KEY))
+    assert policies[0].layer_sizes != policies[1].layer_sizes
+    names = [f"policy {number}" for number in range(len(policies))]
+    together = predict_flight_times(policies, crazyflie(), KEY, names=names, **SHORT)
+    assert together["policy"].unique(maintain_order=True).to_list() == names
+    for name, policy in zip(names, policies, strict=True):
+        alone = predict_flight_times([policy], crazyflie(), KEY, names=[name], trials=5, duration=3.0)
+        assert times(alone)[:3] == times(together.filter(polars.col("policy") == name))
+    cut = predict_flight_times(policies, crazyflie(), KEY, names=names, trials=3, duration=0.5)
+    assert cut["duration"].to_list() == [min(duration, 0.5) for duration in together["duration"]]
+    assert set(cut.filter(polars.col("duration") == 0.5)["end_reason"]) <= {"time limit", "tilt"}
+
+
+def test_many_policies_of_many_trials_are_told_of_as_they_land() -> None:
+    policies, told = [restless("pwm", number) for number in range(12)], []
+    flown = predict_flight_times(policies, crazyflie(), KEY, trials=20, duration=3.0, on_policy=lambda *done: told.append(done))
+    assert told == [(number, 12) for number in range(1, 13)]
+    assert flown.height == 240
+    assert flown["trial"].to_list() == list(range(1, 21)) * 12
+    few = predict_flight_times(policies[-1:], crazyflie(), KEY, trials=20, duration=3.0, names=["policy_12"])
+    assert times(flown.tail(20)) == times(few)
+
+
+DEVICES = """
+import sys
+import jax
+jax.config.update("jax_num_cpu_devices", 2)
+sys.path.insert(0, sys.argv[1])
+from test_flight_times import KEY, SHORT, crazyflie, predict_flight_times, restless, times
+print(times(predict_flight_times([restless("pwm", number) for number in range(3)], crazyflie(), KEY, **SHORT)))
+assert jax.device_count() == 2
+"""
+
+
+def test_two_devices_give_what_one_gives() -> None:
+    done = subprocess.run([sys.executable, "-c", DEVICES, str(Path(__file__).parent)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    alone = times(predict_flight_times([restless("pwm", number) for number in range(3)], crazyflie(), KEY, **SHORT))
+    assert done.stdout.strip() == str(alone)
+
+
 def stacked(*drones: Parameters) -> Parameters:
     return jax.tree.map(lambda *leaves: np.stack(leaves), *drones)
 
@@ -206,8 +256,9 @@ def test_what_cannot_be_compared_is_refused(predicted: list[float], measured: li
         ([], {}, "0 policies"),
         ([constant((0,) * 4)], {"trials": 0}, "0 trials"),
         ([constant((0,) * 4)], {"names": ["a", "b"]}, "2 names"),
-        ([constant((0,) * 4), untrained(KEY)], {}, "different history or layer sizes"),
-        ([dataclasses.replace(constant((0,) * 4), rate=30)], {}, "30 Hz, which does not divide"),
+        ([constant((0,) * 4)] * 2, {"names": ["a", "a"]}, "a name for each"),
+        ([constant((0,) * 4)], {"duration": 0.001}, "at least 0.01 s"),
+        ([dataclasses.replace(constant((0,) * 4), rate=30)], {"names": ["slow.json"]}, "slow.json: pwm at 30 Hz, which does not divide"),
     ],
 )
 def test_what_cannot_be_flown_is_refused(policies: list[Policy], settings: dict, message: str) -> None:

@@ -10,7 +10,7 @@ from maidenflight.flights.windows import windows
 from maidenflight.identification import bayesian, gradient
 from maidenflight.identification.bayesian import PAPER_BOUNDS, Box
 from maidenflight.identification.identify import identify
-from maidenflight.identification.objective import Objective
+from maidenflight.identification.objective import NormalEquations, Objective
 from maidenflight.parameters import crazyflie, noiseless, replace
 
 TRUTH = np.array([1.9, 0.06, 0.012])
@@ -43,10 +43,11 @@ def search(objective, seed, box=BOX):
     def at(unit):
         return replace(noiseless(crazyflie()), **dict(zip(NAMES, box.values(unit).astype(np.float32), strict=True)))
 
-    def equations(unit, few):
-        return gradient.in_unit_cube(objective.normal_equations(at(unit), NAMES, 2 if few else 1), box, unit)
+    def equations(unit, every):
+        return gradient.in_unit_cube(objective.normal_equations(at(unit), NAMES, every), box, unit)
 
-    return gradient.minimise(lambda unit: objective(at(unit)), equations, 3, 30, np.random.default_rng(seed))
+    kinks = gradient.kinks(box, float(objective.time_step))
+    return gradient.minimise(lambda unit: objective(at(unit)), equations, objective.size, kinks, 30, np.random.default_rng(seed))
 
 
 def test_the_loss_of_the_normal_equations_is_the_objective(objective):
@@ -95,6 +96,47 @@ def test_five_starts_end_at_one_optimum_no_higher_than_the_bayesian_one(objectiv
     np.testing.assert_allclose(lowest, lowest.min(), rtol=5e-3)
     np.testing.assert_allclose(optima, np.broadcast_to(optima[0], optima.shape), atol=0.01)
     assert max(len(losses) for _, losses in runs) <= 8
+
+
+def test_the_search_goes_into_a_kink_and_onto_a_face_in_few_evaluations():
+    """Two parameters curve a valley, a kink in the latency lies where it would otherwise go on, and thrust is best at the face."""
+    matrix = np.array([[3.0, -0.5, 0.0], [-0.5, 1.2, 0.3], [0.0, 0.3, 0.2]])
+    slope, kink = np.array([0.5, 0.0, 0.004]), 0.1
+    middle = np.array([0.0, 0.55, 0.13])
+
+    def value(point):
+        shift = point - middle
+        return 1.0 + slope[:2] @ point[:2] + shift @ matrix @ shift / 2 + 0.02 * abs(point[2] - kink)
+
+    def equations(point, every):
+        gradient_there = np.array([*slope[:2], 0.02 * np.sign(point[2] - kink)]) + matrix @ (point - middle)
+        # Twice the true curvature, as where what the method of Gauss and Newton leaves out is large.
+        return NormalEquations(value(point), gradient_there, 2 * matrix, 4 * matrix)
+
+    for seed in range(5):
+        kinks = [np.empty(0), np.empty(0), np.arange(11) / 10]
+        points, losses = gradient.minimise(value, equations, 1000, kinks, 30, np.random.default_rng(seed))
+        exact = np.array([0.0, 0.55 - 0.3 * (kink - 0.13) / 1.2, kink])
+        assert losses.min() < value(exact) + 1e-5
+        np.testing.assert_allclose(points[np.argmin(losses)], exact, atol=5e-3)
+        assert len(losses) <= 8
+
+
+def test_a_step_ends_behind_the_next_kink_and_does_not_go_back_across_one_it_came_over():
+    kinks = [np.array([0.1, 0.2, 0.3])]
+    low, high = gradient.cell(kinks, np.array([0.25]), np.array([0.25]))
+    assert low < 0.2 < low + 1e-5
+    assert high > 0.3 > high - 1e-5
+    behind = low
+    assert gradient.cell(kinks, behind, np.array([0.25]))[1] < 0.21
+    assert gradient.cell(kinks, behind, behind)[1] > 0.3
+    assert gradient.cell(kinks, behind, behind)[0] == pytest.approx(0.1, abs=1e-5)
+
+
+def test_kinks_lie_at_latencies_of_whole_physics_steps():
+    found = gradient.kinks(Box(("thrust_to_weight", "latency"), (1.5, 0.002), (2.5, 0.012)), 0.005)
+    assert len(found[0]) == 0
+    np.testing.assert_allclose(found[1], [0.3, 0.8])
 
 
 def test_the_box_is_never_left_and_an_optimum_outside_is_met_at_its_face(objective):

@@ -12,10 +12,10 @@ import pytest
 from maidenflight.errors import InputError
 from maidenflight.flights.reading import read_flights
 from maidenflight.identification import likelihood
-from maidenflight.identification.identify import AUTO, METHODS, PAPER_BOUNDS, SAVED, identify, posterior_ensemble
+from maidenflight.identification.identify import AUTO, METHODS, PAPER_BOUNDS, SAVED, identify, posterior_ensemble, trim_ensemble
 from maidenflight.identification.posterior import DESIGN
 from maidenflight.identification.selection import FIRST
-from maidenflight.parameters import QUANTITIES, check, crazyflie, noiseless, read, write
+from maidenflight.parameters import QUANTITIES, check, crazyflie, noiseless, read, replace, write
 
 FEW: dict[str, Any] = {"evaluations": 12, "trials": 1, "method": "bayesian", "objective": "replay"}
 
@@ -286,3 +286,22 @@ def test_parameters_are_chosen_by_likelihood_only(flights):
 def test_an_unknown_objective_is_refused_with_the_known_ones(flights):
     with pytest.raises(InputError, match=r"unknown objective 'least squares'.*likelihood, replay"):
         identify(flights, objective="least squares")
+
+
+def test_trims_differ_as_they_did_between_flights_and_nothing_else_does() -> None:
+    drone = replace(crazyflie(), torque_bias=np.array([0.0, 1e-4, 2e-5], np.float32))
+    table = {"torque_bias_y": {"value": 1e-4, "spread": 5e-5}, "torque_bias_z": {"value": 2e-5, "spread": 4e-5}, "latency": {"spread": 1.0}}
+    drones = trim_ensemble(drone, table, "mine.toml").drones
+    np.testing.assert_allclose(np.mean(drones.torque_bias, axis=0), drone.torque_bias, atol=1e-6)
+    np.testing.assert_allclose(np.std(drones.torque_bias, axis=0), [0.0, 5e-5, 4e-5], rtol=0.05, atol=1e-12)
+    correlation = np.corrcoef(np.asarray(drones.torque_bias)[:, 1], np.asarray(drones.torque_bias)[:, 2])[0, 1]
+    assert abs(correlation) < 0.1
+    np.testing.assert_array_equal(drones.latency, np.full(256, drone.latency))
+
+
+@pytest.mark.parametrize(
+    "table", [{}, {"latency": {"spread": 0.1}}, {"torque_bias_x": {"value": 0.0}}, {"torque_bias_x": {"spread": "much"}}]
+)
+def test_a_drone_that_does_not_tell_how_trims_differ_is_refused(table: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match=r"mine\.toml.*trims"):
+        trim_ensemble(crazyflie(), table, "mine.toml")

@@ -105,6 +105,12 @@ def test_a_key_gives_the_circle_the_start_that_it_always_gave():
     np.testing.assert_allclose(drawn, CIRCLE_OF_KEY_3, atol=1e-6)
 
 
+@pytest.mark.parametrize("name", tasks.TASKS)
+def test_a_task_has_the_name_that_it_is_offered_under_and_is_one_object(name):
+    assert tasks.TASKS[name]().name == name
+    assert tasks.TASKS[name]() is tasks.TASKS[name]()
+
+
 def test_hover_starts_anywhere_near_and_facing_anywhere():
     state, time, position, attitude = starts(HOVER)
     assert fills(position, [0.25] * 3)
@@ -288,6 +294,32 @@ def test_each_task_says_why_it_failed():
         (TAKE_OFF, level._replace(position=jnp.array([0.0, 0.0, 0.0125])), "position error"),
     ]:
         assert tasks.END_REASONS[int(task.failure(state, here))] == expected
+
+
+@pytest.mark.parametrize("task", [CIRCLE, HOVER, TAKE_OFF, TRACKING], ids=lambda task: task.name)
+def test_danger_is_at_least_one_where_a_task_has_failed_and_has_a_slope_everywhere(task):
+    sizes = float32([0.4] * 3 + [1.5, 1.5, 3.0] + [6.0] * 3)
+    draws = sizes * np.random.default_rng(4).uniform(-1.0, 1.0, (2000, 9)).astype(np.float32)
+    wild = dynamics.State(
+        position=jnp.asarray(SETPOINT + draws[:, :3]),
+        velocity=jnp.asarray(draws[:, :3]),
+        quaternion=jax.vmap(rotations.from_attitude)(draws[:, 3:6]),
+        body_rates=jnp.asarray(draws[:, 6:]),
+        rotor_speed=jnp.ones((2000, 4)),
+    )
+    calm = jax.tree.map(lambda leaf: leaf[None], dynamics.at_hover(SETPOINT, PAPER))
+    states = jax.tree.map(lambda *parts: jnp.concatenate(parts), calm, wild)
+    danger, slope = jax.vmap(jax.value_and_grad(lambda state: task.danger(state, SETPOINT)))(states)
+    failed = np.asarray(jax.vmap(lambda state: task.failure(state, SETPOINT))(states)) > 0
+    # Whoever stays on the ground fails by that alone, wherever the set-point is.
+    failed &= np.asarray(states.position[:, 2] >= tasks.LEFT_GROUND) | (task is not TAKE_OFF)
+    assert 100 < failed.sum() < 1990
+    assert np.all(danger[failed] >= 1.0 - 1e-6)
+    if task in (CIRCLE, TRACKING):
+        assert np.all(danger[~failed] <= 1.0 + 1e-6)
+    assert float(danger[0]) == 0.0
+    for leaf in jax.tree.leaves(slope):
+        assert np.all(np.isfinite(leaf))
 
 
 def test_a_length_of_what_is_not_a_number_is_not_a_number():

@@ -1,6 +1,7 @@
-"""One process of several that train together; `python one_of_many.py PROCESSES NUMBER PORT CHECKPOINT POLICIES.npz`."""
+"""One process of several that train together; `python one_of_many.py PROCESSES NUMBER PORT FOLDER_OF_CHECKPOINTS FOLDER_OF_POLICIES`."""
 
 import sys
+from typing import Any
 
 import jax
 import numpy as np
@@ -9,6 +10,7 @@ from maidenflight.parameters import crazyflie
 from maidenflight.simulator import control, tasks
 from maidenflight.simulator.randomization import relative_box
 from maidenflight.training.analytic_gradient import AnalyticGradient
+from maidenflight.training.ppo import PPO
 from maidenflight.training.train import train
 
 if __name__ == "__main__":
@@ -16,7 +18,10 @@ if __name__ == "__main__":
     if count > 1:
         jax.distributed.initialize(f"localhost:{port}", count, number)
     assert len(jax.devices()) == count
-    settings = AnalyticGradient(updates=6, drones=8, horizon=8, evaluations=2, episodes=8)
+    few: dict[str, Any] = {"updates": 6, "drones": 8, "horizon": 8, "evaluations": 2, "episodes": 8}
     keys = jax.random.split(jax.random.key(0), 2)
-    policies = train(tasks.circle(), control.pwm(), relative_box(crazyflie()), keys, settings, saved=sys.argv[4])
-    np.savez(sys.argv[5], *map(np.asarray, jax.tree.leaves(policies)))
+    # Each device shuffles its own drones' periods: only a whole batch holds the same ones however many devices there are.
+    for settings in (AnalyticGradient(**few), PPO(**few, actor_minibatches=1, critic_minibatches=1)):
+        name, saved = type(settings).__name__, f"{sys.argv[4]}/{type(settings).__name__}_{count}.npz"
+        policies = train(tasks.circle(), control.pwm(), relative_box(crazyflie()), keys, settings, saved=saved)
+        np.savez(f"{sys.argv[5]}/{name}.npz", *map(np.asarray, jax.tree.leaves(policies)))

@@ -1,4 +1,4 @@
-from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -58,8 +58,45 @@ def test_a_lost_drone_is_held_and_gives_no_gradient() -> None:
     episode = environment.reset(simulated, drone, jax.random.key(2))
     lost = episode._replace(state=episode.state._replace(position=episode.state.position + 50.0))
     policy = untrained(jax.random.key(1))
-    segment = jax.jit(partial(analytic_gradient._segment, simulated, AnalyticGradient(horizon=12)))
-    cost, (after, was_lost) = segment(policy, Drone(lost, drone), jax.random.key(3))
-    assert float(cost) == 0.0
+
+    def segment(network: Any) -> Any:
+        return analytic_gradient._segment(
+            simulated, AnalyticGradient(horizon=12), policy.with_network(network), Drone(lost, drone), jax.random.key(3)
+        )
+
+    gradient, (after, was_lost) = jax.jit(jax.grad(segment, has_aux=True))(policy.network)
+    assert all(not np.any(leaf) for leaf in jax.tree.leaves(gradient))
     assert was_lost
     np.testing.assert_array_equal(after.state.position, lost.state.position)
+
+
+def test_a_failure_costs_most_and_what_is_lost_anyway_pulls_no_more() -> None:
+    """The slope of the cost of a failure is that of a sigmoid of the greatest danger."""
+    simulated, drone = Environment(), noiseless(crazyflie())
+    episode, policy = environment.reset(simulated, drone, jax.random.key(2)), untrained(jax.random.key(1))
+
+    @jax.jit
+    def both(away: jax.Array) -> tuple[jax.Array, jax.Array]:
+        def cost(away: jax.Array, settings: AnalyticGradient) -> jax.Array:
+            position = episode.state.position + away * jnp.array([1.0, 0.0, 0.0])
+            moved = episode._replace(state=episode.state._replace(position=position))
+            return analytic_gradient._segment(simulated, settings, policy, Drone(moved, drone), jax.random.key(3))[0]
+
+        values = [jax.value_and_grad(cost)(away, AnalyticGradient(horizon=4, failure=failure)) for failure in (0.0, 5.0)]
+        return values[1][0] - values[0][0], values[1][1] - values[0][1]
+
+    near, edge, lost = (both(jnp.float32(away)) for away in (0.0, 0.25, 0.8))
+    assert float(near[0]) < 0.5
+    assert 1.0 < float(edge[0]) < 4.9 < float(lost[0]) <= 5.0
+    assert float(edge[1]) > 10 * abs(float(lost[1]))
+
+
+def test_a_share_of_the_drones_starts_anew_after_each_update() -> None:
+    keys, drones = jax.random.split(jax.random.key(5), 1), 64
+    drone = crazyflie()
+    world, box = Environment.matching(drone), relative_box(drone)
+    for restart, least, most in ((0.0, 0, 0), (0.3, 8, 30), (1.0, drones, drones)):
+        settings = AnalyticGradient(drones=drones, horizon=2, restart=restart)
+        learners = analytic_gradient.learn(world, settings, box, analytic_gradient.begin(world, settings, box, keys), keys, 0, 1)
+        fresh = int(jnp.sum(learners.drones.episode.elapsed == 0.0))
+        assert least <= fresh <= most

@@ -1,5 +1,8 @@
 import errno
 import os
+import signal
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -7,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from maidenflight.errors import InputError
+from maidenflight import results
+from maidenflight.errors import InputError, WriteError
 from maidenflight.training import checkpoint
 
 
@@ -96,11 +100,39 @@ def test_a_full_disk_keeps_the_last_good_state(tmp_path: Path, monkeypatch: Any)
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(os, "replace", full)
-    with pytest.raises(InputError, match="No space left on device"):
+    with pytest.raises(WriteError, match=r"No space left on device\)\. Free space there, or"):
         checkpoint.save(path, fresh(), "mine")
     monkeypatch.undo()
     assert int(checkpoint.restored(path, fresh, "mine").number) == 7
     assert list(tmp_path.iterdir()) == [path]
+
+
+_KILLED = """
+import os, signal, sys
+from maidenflight import results
+stage, content, path = sys.argv[1], open(sys.argv[2], "rb").read(), sys.argv[3]
+
+def die(*arguments, **_):
+    if stage == "fdopen":  # half of the content is there
+        os.write(arguments[0], content[: len(content) // 2])
+    os.kill(os.getpid(), signal.SIGKILL)
+
+setattr(os, stage, die)
+results.write(path, content)
+"""
+
+
+@pytest.mark.parametrize(("stage", "expected"), [("fdopen", 7), ("fsync", 7), ("chmod", 7), ("replace", 7), ("unlink", 0)])
+def test_whenever_a_writing_process_is_killed_the_file_is_the_old_or_the_new_one(stage: str, expected: int, tmp_path: Path) -> None:
+    path, new = tmp_path / "there" / "training.npz", tmp_path / "new.npz"
+    checkpoint.save(path, FULL, "mine")
+    checkpoint.save(new, fresh(), "mine")
+    done = subprocess.run([sys.executable, "-c", _KILLED, stage, new, path], capture_output=True, text=True, check=False)
+    assert done.returncode == -signal.SIGKILL, done.stderr
+    assert int(checkpoint.restored(path, fresh, "mine").number) == expected
+    left = results.leftovers(path.parent)
+    assert len(left) == (0 if expected == 0 else 1)
+    assert sorted(path.parent.iterdir()) == sorted([path, *left])
 
 
 def test_a_fingerprint_tells_words_and_numbers_apart() -> None:

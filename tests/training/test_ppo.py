@@ -1,4 +1,6 @@
+from dataclasses import replace as changed
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -8,7 +10,7 @@ import pytest
 
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import untrained
-from maidenflight.simulator import tasks
+from maidenflight.simulator import control, tasks
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import relative_box
 from maidenflight.simulator.rollout import launch
@@ -16,6 +18,7 @@ from maidenflight.training import ppo
 from maidenflight.training.devices import DRONES
 from maidenflight.training.evaluation import evaluate
 from maidenflight.training.ppo import PPO, Moments, advantages, merged, surrogate
+from maidenflight.training.train import Progress, train
 
 BOX = relative_box(replace(crazyflie(), motor_time_constant=0.04, latency=0.0), 0.10)
 SIMULATED = Environment.matching(BOX.centre, tasks.circle()._replace(duration=0.6))
@@ -48,6 +51,25 @@ def test_the_same_key_gives_the_same_policy_however_often_training_pauses() -> N
         np.testing.assert_array_equal(one, other)
     weights = straight.policy.weights[0]
     assert not np.allclose(weights[0], weights[1])
+
+
+def test_interrupted_training_goes_on_to_the_same_policies(tmp_path: Path) -> None:
+    settings = changed(SMALL, updates=4, evaluations=2, episodes=4)
+    task = tasks.circle()
+
+    def learn(saved: Path | None, hear: Any) -> Any:
+        return train(task, control.pwm(), BOX, KEYS, settings, hear, saved)
+
+    def interrupt(_: Progress) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        learn(tmp_path / "training.npz", interrupt)
+    stories: list[list[Progress]] = [[], []]
+    resumed, whole = learn(tmp_path / "training.npz", stories[0].append), learn(None, stories[1].append)
+    assert [progress.update for progress in stories[0]] == [2, 4]
+    for one, other in zip(jax.tree.leaves((resumed, stories[0])), jax.tree.leaves((whole, stories[1])), strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 def test_the_policy_normalises_by_all_observations_so_far(learned: Any) -> None:

@@ -1,3 +1,5 @@
+import errno
+import os
 import socket
 import subprocess
 import sys
@@ -10,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from maidenflight import cli, workflow
 from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import Policy, untrained
@@ -102,6 +105,76 @@ def test_the_checkpoint_of_another_training_is_refused_and_kept(other: Any, tmp_
     assert saved.read_bytes() == before
 
 
+def test_a_full_disk_is_said_in_a_line_and_training_goes_on_when_there_is_space(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+    """By the command line; the disk is full when the second score is kept and, after resuming, when the second policy is written."""
+    task, replace_ = tasks.circle(), os.replace
+    monkeypatch.setitem(tasks.TASKS, "circle", lambda: task)  # compiled once for all
+    monkeypatch.setattr(workflow, "settings_for", lambda *_: changed(SMALL, updates=4, evaluations=2, horizon=8, episodes=4))
+    what = ["maidenflight", "train", "--drone", "crazyflie", "--policies", "2", "-o"]
+    written: list[str] = []
+
+    def command(folder: Path, *further: str, full_at: str = "", number: int = 1) -> tuple[int, str]:
+        def put(source: Any, target: Any) -> None:
+            written.append(Path(target).name)
+            if written.count(full_at) == number:
+                raise OSError(errno.ENOSPC, "No space left on device")
+            replace_(source, target)
+
+        written.clear()
+        monkeypatch.setattr(sys, "argv", [*what, str(folder), *further])
+        monkeypatch.setattr(os, "replace", put)
+        try:
+            cli.main()
+            code = 0
+        except SystemExit as leaving:
+            code = int(leaving.code or 0)
+        monkeypatch.setattr(os, "replace", replace_)
+        return code, capsys.readouterr().err
+
+    folder, whole = tmp_path / "stopped", tmp_path / "whole"
+    code, err = command(folder, full_at="training.npz")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "training.npz: cannot be written (No space left on device). Free space there" in err
+    assert not list(folder.iterdir())
+
+    kept: list[bytes] = []
+    for further, full_at, number in (((), "training.npz", 2), (("--resume",), "policy_2.json", 1), (("--resume",), "training.csv", 1)):
+        code, err = command(folder, *further, full_at=full_at, number=number)
+        assert (code, err.count("\n")) == (2, 1)
+        again = " ".join([*what, str(folder), "--resume"])
+        assert f"{full_at}: cannot be written (No space left on device)." in err
+        assert f"training.npz holds what was reached. Free space there and go on with: {again}\n" in err
+        kept.append((folder / "training.npz").read_bytes())
+    assert kept[0] != kept[1] == kept[2]
+    assert command(folder, "--resume")[0] == command(whole)[0] == 0
+    names = ["policy_1.json", "policy_2.json", "training.csv"]
+    assert [sorted(path.name for path in place.iterdir()) for place in (folder, whole)] == [names, names]
+    assert [(folder / name).read_bytes() for name in names] == [(whole / name).read_bytes() for name in names]
+
+    code, err = command(folder, "--resume")
+    assert code == 2
+    assert "no training to resume. The policies there are of a training that has ended. Give --overwrite instead of --resume" in err
+
+
+def test_what_a_killed_run_left_is_cleared_and_does_not_stand_in_the_way(tmp_path: Path, monkeypatch: Any) -> None:
+    """A run without --resume, for there is no checkpoint, into a folder that holds nothing but half a file."""
+    left = tmp_path / ".training.npz.abcdefgh.part"
+    left.write_bytes(b"half")
+    cli._must_be_new(tmp_path, False)
+    with pytest.raises(InputError, match=r"no training to resume\. Leave out --resume"):
+        workflow.train_for("crazyflie", 0, tmp_path, 1, SMALL, 0.1, resume=True)
+    monkeypatch.setattr(workflow, "train", lambda *_: (tmp_path / "training.npz").touch() or ())
+    workflow.train_for("crazyflie", 0, tmp_path, 1, SMALL, 0.1)
+    assert [path.name for path in tmp_path.iterdir()] == ["training.csv"]
+
+
+def test_a_mistake_in_the_command_keeps_an_earlier_training(tmp_path: Path) -> None:
+    (tmp_path / "training.npz").touch()
+    with pytest.raises(InputError, match="no such drone"):
+        workflow.train_for(tmp_path / "none.toml", 0, tmp_path, 1, SMALL, 0.1)
+    assert (tmp_path / "training.npz").exists()
+
+
 def test_a_return_that_is_no_number_ends_training_and_keeps_what_was_good(monkeypatch: Any, tmp_path: Path) -> None:
     scores, calls, saved = module._scores, [], tmp_path / "training.npz"
 
@@ -115,6 +188,16 @@ def test_a_return_that_is_no_number_ends_training_and_keeps_what_was_good(monkey
     with pytest.raises(InputError, match=r"diverged between updates 100 and 200.*training\.npz holds the training as it was at update 100"):
         learn(saved, lambda _: kept.append(saved.read_bytes()))
     assert [saved.read_bytes()] == kept
+
+
+def test_a_policy_sees_as_many_instants_as_asked_and_another_number_is_another_training(tmp_path: Path) -> None:
+    saved, settings = tmp_path / "training.npz", changed(SMALL, updates=1, evaluations=1, episodes=2, drones=2, horizon=2)
+    (policy,) = train(tasks.circle(), control.pwm(), BOX, KEYS[:1], settings, saved=saved, history=3)
+    assert (policy.history, policy.layer_sizes) == (3, (60, 50, 50, 4))
+    with pytest.raises(InputError, match="a checkpoint of another training"):
+        train(tasks.circle(), control.pwm(), BOX, KEYS[:1], settings, saved=saved, history=2)
+    with pytest.raises(InputError, match="history = 0; expected 1 or more"):
+        train(tasks.circle(), control.pwm(), BOX, KEYS[:1], settings, history=0)
 
 
 @pytest.mark.parametrize(
@@ -131,26 +214,28 @@ def test_what_cannot_be_trained_is_refused() -> None:
         train(tasks.circle(), control.pwm(), BOX, KEYS, {})  # type: ignore[arg-type]
 
 
-def test_two_processes_learn_what_one_does_and_share_its_checkpoint(tmp_path: Path) -> None:
+def test_two_processes_learn_what_one_does_by_either_method_and_share_its_checkpoint(tmp_path: Path) -> None:
     with socket.socket() as free:
         free.bind(("localhost", 0))
         port = free.getsockname()[1]
 
     def begin(count: int, number: int) -> tuple[subprocess.Popen[str], Path]:
-        to = tmp_path / f"{count}_{number}.npz"
+        to = tmp_path / f"{count}_{number}"
+        to.mkdir()
         script = [sys.executable, Path(__file__).with_name("one_of_many.py")]
-        arguments = [count, number, port, tmp_path / f"training_{count}.npz", to]
+        arguments = [count, number, port, tmp_path, to]
         return subprocess.Popen([*map(str, script), *map(str, arguments)], stderr=subprocess.PIPE, text=True), to
 
     started = [begin(1, 0), begin(2, 0), begin(2, 1)]
     for process, _ in started:
-        _, told = process.communicate(timeout=240)
+        _, told = process.communicate(timeout=360)
         assert process.returncode == 0, told
-    alone, *together = (np.load(path) for _, path in started)
-    for found in together:
-        for name in alone:
-            np.testing.assert_allclose(found[name], alone[name], atol=1e-5)
-    one, two = (np.load(tmp_path / f"training_{count}.npz") for count in (1, 2))
-    assert str(one["title"]) == str(two["title"])
-    for name in set(one) - {"title"}:
-        np.testing.assert_allclose(two[name].astype(float), one[name].astype(float), rtol=1e-3, atol=1e-3)
+    for method in ("AnalyticGradient", "PPO"):
+        alone, *together = (np.load(to / f"{method}.npz") for _, to in started)
+        for found in together:
+            for name in alone:
+                np.testing.assert_allclose(found[name], alone[name], atol=1e-5, err_msg=method)
+        one, two = (np.load(tmp_path / f"{method}_{count}.npz") for count in (1, 2))
+        assert str(one["title"]) == str(two["title"])
+        for name in set(one) - {"title"}:
+            np.testing.assert_allclose(two[name].astype(float), one[name].astype(float), rtol=1e-3, atol=1e-3, err_msg=method)

@@ -10,13 +10,14 @@ import json
 import math
 import os
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
 from maidenflight.errors import InputError
-from maidenflight.policy import CONTROLS, Policy, from_json, text_of, to_json
+from maidenflight.policy import CONTROLS, FORMAT, Policy, from_json, text_of, to_json
 from maidenflight.simulator.environment import OBSERVATION_SIZE
 
 EPSILON = 1e-5
@@ -25,6 +26,8 @@ RATES = {"pwm": 100, "attitude_rate": 50, "attitude": 25}
 """Actions a second [Hz] of the authors' drone (Gronauer et al. 2022, sec. Control Structures; measured on the published logs)."""
 TOLERANCE = 1e-6
 """How far a check sum may be off, relative to the sum of the sizes of what it adds up: some ten roundings of float32."""
+_MARKS = {"check_sum", "scaling_parameters", "activation", "0"}
+"""What all of the authors' policies have."""
 
 
 def from_authors_json(text: str, where: str, control: str) -> Policy:
@@ -44,7 +47,7 @@ def from_authors_json(text: str, where: str, control: str) -> Policy:
         content = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise InputError(f"{where}: not valid JSON ({error}). Expected one of the authors' policies.") from error
-    if not isinstance(content, dict) or not {"check_sum", "scaling_parameters", "activation", "0"} <= content.keys():
+    if not isinstance(content, dict) or not content.keys() >= _MARKS:
         raise InputError(f"{where}: not one of the authors' policies; check_sum, scaling_parameters, activation or layer 0 is missing.")
     if content["activation"] != "relu":
         raise InputError(f"{where}: activation = {content['activation']!r}, expected 'relu'.")
@@ -77,6 +80,43 @@ def read_authors_json(path: str | os.PathLike[str], control: str) -> Policy:
         InputError: no such file, or not such a policy.
     """
     return from_authors_json(text_of(path), str(path), control)
+
+
+def read_policy(path: str | os.PathLike[str], control: str | None = None) -> Policy:
+    """Reads a policy file, ours or the authors', told apart by content.
+
+    Args:
+        path: the file.
+        control: what the authors' policy commands; unless given, the control structure that the file's name begins with, such as
+            `attitude_rate_066.json`, or that its folder is called. Ours say it themselves.
+
+    Raises:
+        InputError: no such file, neither kind of policy, or nothing says what an authors' policy commands.
+    """
+    text = text_of(path)
+    try:
+        content = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: not a policy, ours or the authors': not valid JSON ({error}).") from error
+    keys = content.keys() if isinstance(content, dict) else set()
+    if "format" in keys and content["format"] == FORMAT:
+        return from_json(text, str(path))
+    if not keys >= _MARKS:
+        raise InputError(f"{path}: not a policy, neither ours (format is not {FORMAT!r}) nor the authors' (no check_sum and layers).")
+    control = control or _control_of(Path(path))
+    if control is None:
+        raise InputError(
+            f"{path}: one of the authors' policies, which do not say what they command. Begin its name, or call its folder, with one of "
+            f"{', '.join(CONTROLS)}, or give --control."
+        )
+    return from_authors_json(text, str(path), control)
+
+
+def _control_of(path: Path) -> str | None:
+    """The control structure that a file's name or its folder's says; "attitude_rate" before "attitude", with which it begins."""
+    names = path.stem.lower(), path.absolute().parent.name.lower()
+    longest = sorted(CONTROLS, key=len, reverse=True)
+    return next((control for name in names for control in longest if name == control or name.startswith(f"{control}_")), None)
 
 
 def _numbers(nested: Any) -> np.ndarray:

@@ -13,10 +13,13 @@ centre and near the ground.
 Source: Gronauer et al. 2022, sec. Zero-Shot Experiments; logs of the authors' flights.
 """
 
-from collections.abc import Callable, Sequence
+import hashlib
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
-from typing import NamedTuple
+from itertools import islice, starmap
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -24,7 +27,7 @@ import numpy as np
 import polars
 from jax import lax, tree
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int, UInt
 from scipy import stats
 
 from maidenflight.errors import InputError
@@ -131,11 +134,18 @@ def _start(*numbers: tuple[float, ...] | float) -> Start:
 PUBLISHED_START = _start((0.029, 0.023, 0.010), (0.044, 0.043, 0.018), (0.015, 0.014, 0.011), (0.135, 0.145, 0.035), 0.77)
 
 
+LANES = 16
+"""Trials of a policy that one compiled program flies together, until the last of them has ended."""
+AT_ONCE = {"cpu": 1}
+"""Policies that a device flies together, by platform."""
+AT_ONCE_ELSEWHERE = 64
+
+
 class _Flights(NamedTuple):
-    steps: Int[Array, "policies trials"]
+    steps: Int[Array, "policies lanes"]
     """Rows of 10 ms flown."""
-    reason: Int[Array, "policies trials"]
-    """Index of `END_REASONS`."""
+    reason: Int[Array, "policies lanes"]
+    """Index of `END_REASONS`; 0 while it flies."""
 
 
 def predict_flight_times(
@@ -148,103 +158,188 @@ def predict_flight_times(
     farthest: float = FARTHEST,
     start: Start = PUBLISHED_START,
     names: Sequence[str] | None = None,
+    on_policy: Callable[[int, int], None] | None = None,
 ) -> polars.DataFrame:
     """Flies every policy on the authors' circle until a guard trips.
 
-    Compiled once for a control structure, whatever the drone; an estimator that is late (`estimator_delay`) is another compilation.
-    Where JAX has several devices they share the policies.
+    A policy's flights depend on the key, on its weights and on the drone, not on the policies beside it nor on how many devices share
+    them. Compiled once for policies of one control structure, rate, history and layer sizes, whatever their number, the trials, the
+    duration and the drone; an estimator that is late (`estimator_delay`) is another compilation.
 
     Args:
-        policies: of any control structures, of one history and layer sizes within each.
+        policies: of any control structures, histories and layer sizes.
         drone: a point, or an ensemble stacked along a first axis, from which each trial draws one.
         key: random key.
         trials: flights of each policy.
         duration: longest flight [s].
         farthest: distance from the set-point at which a flight ends [m].
         start: spread of first states.
-        names: what the table calls the policies; policy_1, policy_2, ... unless given.
+        names: what table and errors call the policies; policy_1, policy_2, ... unless given.
+        on_policy: called with (policies flown, policies).
 
     Returns:
         One row a flight: policy, control, trial, duration [s], end_reason.
 
     Raises:
-        InputError: no policy or trial, policies of one control structure differ in shape, or a rate does not divide 100 Hz.
+        InputError: no policy, trial or time, names that do not tell the policies apart, or a rate that does not divide 100 Hz.
     """
     names = list(names or (f"policy_{number}" for number in range(1, len(policies) + 1)))
-    if not policies or trials < 1 or len(names) != len(policies):
+    if not policies or trials < 1 or not len(set(names)) == len(names) == len(policies):
         raise InputError(f"{len(policies)} policies, {len(names)} names and {trials} trials; expected at least one, and a name for each.")
-    drones = drone if np.ndim(drone.mass) else tree.map(lambda leaf: np.asarray(leaf)[None], drone)
     rows = round(duration * GUARD_RATE)
-    tables = []
-    for kind in dict.fromkeys((policy.control, policy.rate) for policy in policies):
-        places = [place for place, policy in enumerate(policies) if (policy.control, policy.rate) == kind]
-        flown = _fly_kind([policies[place] for place in places], places, drones, key, trials, rows, farthest, start)
-        tables.append(
-            {
-                "place": np.repeat(places, trials),
-                "trial": np.tile(np.arange(1, trials + 1), len(places)),
-                "duration": np.asarray(flown.steps).ravel() / GUARD_RATE,
-                "end_reason": [END_REASONS[reason] for reason in np.asarray(flown.reason).ravel()],
-            }
-        )
-    table = polars.concat([polars.DataFrame(part) for part in tables]).sort("place", "trial")
-    place = table["place"].to_list()
-    made = [polars.Series("policy", [names[one] for one in place]), polars.Series("control", [policies[one].control for one in place])]
-    return polars.DataFrame([*made, *table.drop("place").get_columns()])
+    if rows < 1:
+        raise InputError(f"flights of {duration} s, expected at least {1 / GUARD_RATE} s.")
+    for name, policy in zip(names, policies, strict=True):
+        if GUARD_RATE % policy.rate:
+            raise InputError(f"{name}: {policy.control} at {policy.rate} Hz, which does not divide the guard's {GUARD_RATE} Hz.")
+    drones = drone if np.ndim(drone.mass) else tree.map(lambda leaf: np.asarray(leaf)[None], drone)
+    kinds: dict[tuple, list[int]] = {}
+    for place, policy in enumerate(policies):
+        kinds.setdefault((policy.control, policy.rate, policy.history, policy.layer_sizes), []).append(place)
+    steps, reasons = (np.zeros((len(policies), trials), np.int32) for _ in _Flights._fields)
+    done = 0
+    for places in kinds.values():
+        flown = _fly_kind([policies[place] for place in places], drones, key, trials, rows, farthest, start)
+        for place, (rows_flown, why) in zip(places, flown, strict=True):
+            steps[place], reasons[place] = rows_flown, why
+            done += 1
+            if on_policy is not None:
+                on_policy(done, len(policies))
+    return polars.DataFrame(
+        {
+            "policy": np.repeat(names, trials).tolist(),
+            "control": np.repeat([policy.control for policy in policies], trials).tolist(),
+            "trial": np.tile(np.arange(1, trials + 1), len(policies)),
+            "duration": steps.ravel() / GUARD_RATE,
+            "end_reason": [END_REASONS[reason] for reason in reasons.ravel()],
+        }
+    )
 
 
 def _fly_kind(
-    policies: list[Policy], places: list[int], drones: Parameters, key: Array, trials: int, rows: int, farthest: float, start: Start
-) -> _Flights:
-    """All flights of one control structure, laid on as many devices as divide the policies."""
-    kind, rate = policies[0].control, policies[0].rate
-    if len({(policy.history, policy.layer_sizes) for policy in policies}) > 1:
-        raise InputError(f"{kind} policies of different history or layer sizes; predict each kind by itself.")
-    if GUARD_RATE % rate:
-        raise InputError(f"{kind} policies of {rate} Hz, which does not divide the guard's {GUARD_RATE} Hz.")
-    structure = AS_FLOWN[kind]()
+    policies: Sequence[Policy], drones: Parameters, key: Array, trials: int, rows: int, farthest: float, start: Start
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Rows and reasons of each policy's flights, policies of one kind.
+
+    They fly in portions of one size: the same program flies few and many, in bounded memory.
+    """
+    structure = AS_FLOWN[policies[0].control]()
     step = np.float32(control.time_step(structure, float(np.max(drones.time_step))))
     late = bool(np.any(np.asarray(drones.estimator_delay) > 0))
-    drones = replace(drones, time_step=np.broadcast_to(step, np.shape(drones.mass)))
-    nominal = tree.map(lambda leaf: np.asarray(leaf)[0], drones)
+    drones = tree.map(np.asarray, replace(drones, time_step=np.broadcast_to(step, np.shape(drones.mass))))
+    nominal = tree.map(lambda leaf: leaf[0], drones)
     simulated = Environment.matching(nominal, tasks.circle(), structure, estimator_memory=_MEMORY if late else 0)
-    draw_keys, keys = _keys(key, jnp.asarray(places), trials)
-    drawn = np.asarray(jax.vmap(lambda key: jax.random.randint(key, (trials,), 0, len(drones.mass)))(draw_keys))
-    flights = tree.map(lambda *leaves: np.stack(leaves), *policies), tree.map(lambda leaf: np.asarray(leaf)[drawn], drones), keys
-    devices = jax.devices()
-    if len(devices) > 1 and len(policies) % len(devices) == 0:
-        flights = jax.device_put(flights, NamedSharding(Mesh(np.array(devices), ("policies",)), PartitionSpec("policies")))
-    return _fly(simulated, GUARD_RATE // rate, rows, *flights, np.float32(farthest), start)
+    laid = NamedSharding(_mesh(), PartitionSpec(_POLICIES))
+    size = laid.mesh.size * AT_ONCE.get(jax.default_backend(), AT_ONCE_ELSEWHERE)
+    policies = [tree.map(np.asarray, policy) for policy in policies]
+    own, blocks = np.array([_identity(policy) for policy in policies], np.uint32), -(-trials // LANES)
+
+    def portion(first: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, Array]:
+        places, block = np.divmod(np.arange(first, first + size), blocks)
+        numbers = block[:, None] * LANES + np.arange(LANES)
+        # The last portion is filled up with flights that end at once.
+        wanted = (numbers < trials) & (places < len(policies))[:, None]
+        places = np.minimum(places, len(policies) - 1)
+        drawn, keys = _draw(key, own[places], numbers.astype(np.uint32), np.int32(len(drones.mass)))
+        return places, wanted, np.asarray(drawn), keys
+
+    def fly(places: np.ndarray, wanted: np.ndarray, drawn: np.ndarray, keys: Array) -> _Flights:
+        flying = tree.map(lambda *leaves: np.stack(leaves), *(policies[place] for place in places))
+        flights = jax.device_put((flying, tree.map(lambda leaf: leaf[drawn], drones), keys, wanted), laid)
+        return _fly(simulated, GUARD_RATE // policies[0].rate, *flights, np.int32(rows), np.float32(farthest), start)
+
+    # Drones are drawn first: waiting for a draw would be waiting for the flights before it.
+    portions = [portion(first) for first in range(0, blocks * len(policies), size)]
+    landed = (part for flights in _landed(starmap(fly, portions)) for part in zip(flights.steps, flights.reason, strict=True))
+    for _ in policies:
+        steps, reasons = (np.concatenate(values)[:trials] for values in zip(*islice(landed, blocks), strict=True))
+        yield steps, reasons
 
 
-@partial(jax.jit, static_argnums=2)
-def _keys(key: Array, places: Int[Array, "policies"], trials: int) -> tuple[Array, Array]:
-    """For each policy a key to draw drones with, and one for each of its flights; others beside it do not change them."""
-    own = jax.vmap(partial(jax.random.fold_in, key))(places)
-    return jax.vmap(lambda key: jax.random.fold_in(key, 0))(own), jax.vmap(
-        lambda key: jax.random.split(jax.random.fold_in(key, 1), trials)
-    )(own)
+_UNDER_WAY = 8
+"""Portions begun before the first of them has landed: devices that are ahead need not wait, and memory is bounded."""
+
+
+def _landed(begun: Iterable[_Flights]) -> Iterator[_Flights]:
+    under_way: deque[_Flights] = deque()
+    for flights in begun:
+        under_way.append(flights)
+        if len(under_way) > _UNDER_WAY:
+            yield tree.map(np.asarray, under_way.popleft())
+    for flights in under_way:
+        yield tree.map(np.asarray, flights)
+
+
+_POLICIES = "policies"
+
+
+def _mesh() -> Mesh:
+    return Mesh(np.array(jax.local_devices()), (_POLICIES,))
+
+
+def _identity(policy: Policy) -> int:
+    """A number of 32 bits that stands for what a policy is, so that its flights are its own."""
+    known = hashlib.sha256(f"{policy.control} {policy.rate} {policy.history} {policy.layer_sizes}".encode())
+    for leaf in tree.leaves(policy):
+        known.update(np.asarray(leaf, "<f4").tobytes())
+    return int.from_bytes(known.digest()[:4], "little")
+
+
+@jax.jit
+def _draw(
+    key: Array, own: UInt[Array, "policies"], trials: UInt[Array, "policies lanes"], count: Int[Array, ""]
+) -> tuple[Int[Array, "policies lanes"], Array]:
+    """Which of so many drones each trial flies, and its key: neither depends on the other trials or policies."""
+
+    def one(own: Array, trial: Array) -> tuple[Array, Array]:
+        drone_key, flight_key = jax.random.split(jax.random.fold_in(jax.random.fold_in(key, own), trial))
+        return jax.random.randint(drone_key, (), 0, count), flight_key
+
+    return jax.vmap(jax.vmap(one, in_axes=(None, 0)))(own, trials)
 
 
 _MEMORY = 7
 """Estimates at 100 Hz that hold any `estimator_delay` within its bounds, 50 ms."""
 
 
-@partial(jax.jit, static_argnums=(0, 1, 2))
+@partial(jax.jit, static_argnums=(0, 1))
 def _fly(
-    simulated: Environment, every: int, rows: int, policies: Policy, drones: Parameters, keys: Array, farthest: Array, start: Start
+    simulated: Environment,
+    every: int,
+    policies: Policy,
+    drones: Parameters,
+    keys: Array,
+    wanted: Bool[Array, "policies lanes"],
+    rows: Int[Array, ""],
+    farthest: Float[Array, ""],
+    start: Start,
 ) -> _Flights:
-    def one(policy: Policy, drone: Parameters, key: Array) -> _Flights:
-        start_key, begin_key, key = jax.random.split(key, 3)
+    """Flies until the last flight has ended, on each device for itself."""
+
+    def take_over(policy: Policy, drone: Parameters, key: Array) -> tuple[Episode, Array]:
+        start_key, begin_key = jax.random.split(jax.random.fold_in(key, 0))
         state = _first_state(simulated, drone, start, start_key)
         episode = environment.begin(simulated, state, jnp.zeros(()), drone, begin_key)
-        reasons = _guarded(simulated, every, policy, episode, drone, farthest, jax.random.split(key, -(-rows // every) * every))[:rows]
-        tripped = reasons > 0
-        first = jnp.argmax(tripped)
-        over = tripped[first]
-        return _Flights(jnp.where(over, first + 1, rows), jnp.where(over, reasons[first], tasks.TIME_LIMIT))
+        return episode, jnp.broadcast_to(episode.history[-1], (policy.history, environment.OBSERVATION_SIZE))
 
-    return jax.vmap(jax.vmap(one, in_axes=(None, 0, 0)))(policies, drones, keys)
+    def fly(policies: Policy, drones: Parameters, keys: Array, wanted: Array, rows: Array, farthest: Array) -> _Flights:
+        def decide(now: tuple[Array, Any, _Flights]) -> tuple[Array, Any, _Flights]:
+            row, before, flights = now
+            act = partial(_until_next_action, simulated, every, rows, farthest, row)
+            after, reasons = jax.vmap(jax.vmap(act, in_axes=(None, 0, 0, 0)))(policies, drones, keys, before)
+            first = jnp.argmax(reasons > 0, axis=-1)
+            reason = jnp.take_along_axis(reasons, first[..., None], axis=-1)[..., 0]
+            over = flights.reason > 0
+            flown = _Flights(jnp.where(over, flights.steps, row + first + 1), jnp.where(over, flights.reason, reason))
+            return row + every, after, flown
+
+        begun = jax.vmap(jax.vmap(take_over, in_axes=(None, 0, 0)))(policies, drones, keys)
+        flights = _Flights(jnp.zeros(wanted.shape, jnp.int32), jnp.where(wanted, 0, tasks.TIME_LIMIT))
+        return lax.while_loop(lambda now: jnp.any(now[-1].reason == 0), decide, (jnp.zeros((), jnp.int32), begun, flights))[-1]
+
+    laid, everywhere = PartitionSpec(_POLICIES), PartitionSpec()
+    shared = jax.shard_map(fly, mesh=_mesh(), in_specs=(*[laid] * 4, *[everywhere] * 2), out_specs=laid, check_vma=False)
+    return shared(policies, drones, keys, wanted, rows, farthest)
 
 
 def _first_state(simulated: Environment, drone: Parameters, start: Start, key: Array) -> dynamics.State:
@@ -260,25 +355,29 @@ def _first_state(simulated: Environment, drone: Parameters, start: Start, key: A
     )
 
 
-def _guarded(
-    simulated: Environment, every: int, policy: Policy, episode: Episode, drone: Parameters, farthest: Array, keys: Array
-) -> Int[Array, "rows"]:
-    """Why the guard would end the flight, after each 10 ms; an action holds for `every` of them, and so far apart are instants."""
+def _until_next_action(
+    simulated: Environment,
+    every: int,
+    rows: Int[Array, ""],
+    farthest: Float[Array, ""],
+    row: Int[Array, ""],
+    policy: Policy,
+    drone: Parameters,
+    key: Array,
+    before: tuple[Episode, Float[Array, "H 20"]],
+) -> tuple[tuple[Episode, Float[Array, "H 20"]], Int[Array, "every"]]:
+    """Drone and history `every` rows of 10 ms later, and after each of these why the flight would end; so far apart are instants."""
+    episode, history = before
+    action = policy(history.reshape(-1))
 
-    def decide(before: tuple[Episode, Array], keys: Array) -> tuple[tuple[Episode, Array], Array]:
-        episode, history = before
-        action = policy(history.reshape(-1))
+    def hold(episode: Episode, row: Array) -> tuple[Episode, Array]:
+        after, outcome = environment.step(simulated, episode, action, drone, jax.random.fold_in(key, row))
+        reason = guard(after, outcome.setpoint, farthest)
+        return after, jnp.where((reason == 0) & (row >= rows), tasks.TIME_LIMIT, reason)
 
-        def hold(episode: Episode, key: Array) -> tuple[Episode, Array]:
-            after, outcome = environment.step(simulated, episode, action, drone, key)
-            return after, guard(after, outcome.setpoint, farthest)
-
-        episode, reasons = lax.scan(hold, episode, keys)
-        instant = environment.observe(episode.measurement, simulated.task.reference(episode.time), action)
-        return (episode, jnp.concatenate([history[1:], instant[None]])), reasons
-
-    history = jnp.broadcast_to(episode.history[-1], (policy.history, environment.OBSERVATION_SIZE))
-    return lax.scan(decide, (episode, history), keys.reshape(-1, every))[1].reshape(-1)
+    episode, reasons = lax.scan(hold, episode, row + jnp.arange(1, every + 1))
+    instant = environment.observe(episode.measurement, simulated.task.reference(episode.time), action)
+    return (episode, jnp.concatenate([history[1:], instant[None]])), reasons
 
 
 def guard(episode: Episode, setpoint: Float[Array, "3"], farthest: Float[Array, ""]) -> Int[Array, ""]:
@@ -303,6 +402,10 @@ def guard(episode: Episode, setpoint: Float[Array, "3"], farthest: Float[Array, 
     )
 
 
+QUANTILES = (10, 25, 50, 75, 90)
+"""Of the duration, in percent."""
+
+
 def summary(flights: polars.DataFrame) -> polars.DataFrame:
     """One row a policy, in the order of the flights.
 
@@ -310,15 +413,15 @@ def summary(flights: polars.DataFrame) -> polars.DataFrame:
         flights: what `predict_flight_times` gives.
 
     Returns:
-        policy, control, trials; mean, 10 %, 50 % and 90 % quantile of the duration [s]; and the share of flights that ended by each of
-        the reasons there are.
+        policy, control, trials; mean and quantiles (`QUANTILES`, in percent) of the duration [s]; and the share of flights that ended by
+        each of the reasons there are.
     """
     duration, reason = polars.col("duration"), polars.col("end_reason")
     reasons = [name for name in END_REASONS if name in set(flights["end_reason"])]
     return flights.group_by("policy", "control", maintain_order=True).agg(
         polars.len().alias("trials"),
         duration.mean().alias("mean"),
-        *(duration.quantile(share / 100, "linear").alias(f"quantile_{share}") for share in (10, 50, 90)),
+        *(duration.quantile(share / 100, "linear").alias(f"quantile_{share}") for share in QUANTILES),
         *((reason == name).mean().alias(name) for name in reasons),
     )
 

@@ -4,7 +4,7 @@ Source of the experiment and its guards: Gronauer et al. 2022, sec. Zero-Shot Ex
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -118,7 +118,7 @@ def transfer(
     rows: list[dict[str, Any]] = []
     flights: list[Flight] = []
     for number, reality in enumerate(realities):
-        simulated = reality.environment(task or tasks.circle(), controller)
+        simulated = replace(reality.environment(task or tasks.circle(), controller), history=policies[0].history)
         drones = jax.tree.map(lambda leaf: np.broadcast_to(leaf, (len(plan), *np.shape(leaf))), reality.parameters)
         keys = jax.random.split(jax.random.fold_in(key, number), len(plan))
         flown = jax.tree.map(np.asarray, _fly(simulated, stacked, drones, keys, round(duration * policies[0].rate)))

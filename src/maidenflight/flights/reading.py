@@ -35,7 +35,13 @@ FORMATS = (
     Format("log variables of a Crazyflie ('stateEstimate.x', 'gyro.x', ...)", cflib.recognises, cflib.flights),
 )
 
-_RESULTS = ({"update", "steps", "policy"}, {"flight", "policy", "reality", "trial"}, {"trial", "objective"}, {"model", "horizon"})
+_RESULTS = (
+    {"update", "steps", "policy"},
+    {"flight", "policy", "reality", "trial"},
+    {"trial", "objective"},
+    {"model", "horizon"},
+    {"policy", "trial", "duration", "end_reason"},
+)
 """Columns by which our own result tables are known."""
 
 

@@ -14,6 +14,8 @@ import jax
 import numpy as np
 import polars
 from jaxtyping import Array
+from scipy import stats
+from scipy.stats import qmc
 
 from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
@@ -22,7 +24,7 @@ from maidenflight.identification import bayesian, gradient, likelihood, one_step
 from maidenflight.identification.bayesian import PAPER_BOUNDS, Box
 from maidenflight.identification.objective import DISCOUNT, NormalEquations, Objective
 from maidenflight.identification.selection import FIRST, Step
-from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, Quantity, check, crazyflie, replace
+from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, Quantity, check, component, crazyflie, replace
 from maidenflight.simulator.randomization import Ensemble, ensemble
 
 OBJECTIVES = ("likelihood", "replay")
@@ -149,6 +151,41 @@ def posterior_ensemble(drone: Parameters, table: Mapping[str, Any], where: str) 
         raise InputError(f"{where}: no usable [posterior] table (names, draws). Make the file with: maidenflight identify LOGS -o {where}.")
     drones = [
         check(replace(drone, **dict(zip(known, row, strict=True))), f"{where} [posterior] draw {i}") for i, row in enumerate(values, 1)
+    ]
+    return ensemble(drones)
+
+
+TRIM = ("torque_bias_x", "torque_bias_y", "torque_bias_z")
+"""Constant torques: how the battery sits and the propellers are mounted, which people change between flights."""
+
+
+def trim_ensemble(drone: Parameters, table: Mapping[str, Any], where: str, count: int = 256) -> Ensemble:
+    """Drones whose constant torques differ from each other as those of the identified flights did.
+
+    Args:
+        drone: the drone of the file.
+        table: the file's `[identification]`, with a value and a spread of each identified parameter.
+        where: what errors name.
+        count: of drones, always the same ones.
+
+    Raises:
+        InputError: no spread of a constant torque is told, or what is told makes no sense.
+    """
+    told = {name: table[name] for name in TRIM if isinstance(table.get(name), Mapping)}
+    try:
+        spreads = np.array([float(told[name]["spread"]) for name in told])
+    except (KeyError, TypeError, ValueError):
+        spreads = np.empty(0)
+    if len(spreads) == 0 or not np.all(np.isfinite(spreads) & (spreads >= 0)):
+        raise InputError(
+            f"{where}: its [identification] does not tell how trims ({', '.join(TRIM)}) differ from flight to flight. Identify it from"
+            " flights by likelihood, or fly the drone as it is."
+        )
+    # Evenly spread points stand for the distribution better than as many random ones.
+    normal = stats.norm.ppf(qmc.Sobol(len(told), rng=np.random.default_rng(0)).random(count).clip(1e-6, 1 - 1e-6))
+    drones = [
+        check(replace(drone, **{name: np.float32(component(drone, name) + change) for name, change in zip(told, row, strict=True)}), where)
+        for row in spreads * normal
     ]
     return ensemble(drones)
 
@@ -301,14 +338,13 @@ def _by_replay(
     def loss(unit: np.ndarray) -> float:
         return objective(at(unit))
 
-    def equations(unit: np.ndarray, few: bool) -> NormalEquations:
-        every = max(1, objective.size // gradient.PILOT) if few else 1
+    def equations(unit: np.ndarray, every: int) -> NormalEquations:
         return gradient.in_unit_cube(objective.normal_equations(at(unit), box.names, every), box, unit)
 
-    runs = []
+    runs, kinks = [], gradient.kinks(box, float(objective.time_step))
     for _ in range(trials):
         if method == "gradient":
-            runs.append(gradient.minimise(loss, equations, len(box.names), evaluations, generator, count))
+            runs.append(gradient.minimise(loss, equations, objective.size, kinks, evaluations, generator, count))
             planned -= evaluations - len(runs[-1][1])
         else:
             runs.append(bayesian.minimise(loss, len(box.names), evaluations, generator, count))

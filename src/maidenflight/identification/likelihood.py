@@ -144,13 +144,14 @@ def maximise(
     pilot = of(flights, every=max(1, coarse.size // _PILOT))
     first, bought = start, []
     if not over:
-        training, held_out = (of(part) for part in _split(flights))
+        fitted, judged = _split(flights)
+        training, held_out = of(fitted), of(judged)
+        sample = of(fitted, every=max(1, training.size // _PILOT))
 
         def roughly(names: Sequence[str], first: Parameters) -> Parameters:
-            return fit([training], names, first, close=selection.ROUGH).drone
+            return fit([sample, training], names, first, close=selection.ROUGH).drone
 
-        near = fit([pilot], selection.FIRST, start, close=selection.ROUGH).drone
-        over, first, bought = selection.choose(training, held_out, roughly, near, on_step=on_step)
+        over, first, bought = selection.choose(training, held_out, roughly, start, on_step=on_step, sample=sample)
     found = [fit([coarse], over, first)]
     found += [fit([pilot, coarse], over, start, at_random=True) for _ in range(trials - 1)]
     best = int(np.argmin([one.run[1].min() for one in found]))
@@ -197,7 +198,7 @@ def _climb(
 ) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n"]]:
     """Damped Gauss-Newton steps in the unit cube until one gains less than `close`, or fails and its slope promised less than that.
 
-    How the gradient changes corrects the curvature.
+    How the gradient changes corrects the curvature. A step that promises hardly anything is not taken: to confirm it costs as much as any.
 
     Source: Marquardt 1963, An algorithm for least-squares estimation of nonlinear parameters.
     """
@@ -205,6 +206,8 @@ def _climb(
     points, values = [point], [here.loss]
     while len(points) < evaluations:
         there = gradient.step(here, point, damping)
+        if len(points) > 1 and damping < 1 and here.gradient @ (point - there) < close / 4:
+            break
         ahead = equations(there)
         points.append(there)
         values.append(ahead.loss)

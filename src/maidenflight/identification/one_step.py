@@ -91,6 +91,7 @@ class OneStep:
         self.rows_per_block = np.bincount(windows.block, minlength=self.blocks) * float(windows.measured.shape[1] - ORDER)
         self.rows = float(self.rows_per_block.sum())
         self.steps, self._time_step = steps, np.float32(period / steps)
+        self._latest: tuple[Parameters, tuple[str, ...], tuple[float, np.ndarray, np.ndarray]] | None = None
 
     def _drone(self, parameters: Parameters) -> Parameters:
         return jax.tree.map(jnp.asarray, replace(parameters, time_step=self._time_step))
@@ -106,8 +107,8 @@ class OneStep:
         """Products of an error with itself 0 ... P rows before, summed over each stretch of flight; all twelve columns."""
         drone = self._drone(parameters)
 
-        def compute(first: int, end: int) -> tuple[Array]:
-            return (jnp.stack([_products(chunk, drone, self.steps) for chunk in self._chunks[first:end]]),)
+        def compute(first: int, end: int) -> tuple[np.ndarray, ...]:
+            return _stacked([(_products(chunk, drone, self.steps),) for chunk in self._chunks[first:end]])
 
         return self._by_block(on_all_cores(compute, len(self._chunks))[0])
 
@@ -152,18 +153,20 @@ class OneStep:
         Source: Golub and Pereyra 1973, The differentiation of pseudo-inverses and nonlinear least squares problems whose variables
         separate; Kaufman 1975.
         """
+        # Where a search ends, what it computed last is asked for once more.
+        if self._latest is not None and self._latest[1] == tuple(names) and _same(self._latest[0], parameters):
+            return self._latest[2]
         products = self.products(parameters)[:, np.array(COLUMNS)]
         noise, drone = noise_model(products.sum(axis=0) / self.rows), self._drone(parameters)
         d = len(names)
         # Directions in eights, so that two programs serve all numbers of parameters; those without a name are zero.
-        nothing = jax.tree.map(jnp.zeros_like, drone)
-        rows = [replace(nothing, **{name: jnp.ones(())}) for name in names] + [nothing] * (-d % 8)
-        directions = jax.tree.map(lambda *leaves: jnp.stack(leaves), *rows)
-        given = jnp.asarray(noise.coefficients, jnp.float32), jnp.asarray(noise.deviation, jnp.float32)
+        nothing = jax.tree.map(lambda leaf: np.zeros_like(np.asarray(leaf)), drone)
+        rows = [replace(nothing, **{name: np.float32(1)}) for name in names] + [nothing] * (-d % 8)
+        directions = jax.tree.map(lambda *leaves: np.stack(leaves), *rows)
+        given = np.asarray(noise.coefficients, np.float32), np.asarray(noise.deviation, np.float32)
 
-        def compute(first: int, end: int) -> tuple[Array, ...]:
-            found = [_derivatives(chunk, drone, directions, *given, self.steps) for chunk in self._chunks[first:end]]
-            return jax.tree.map(lambda *parts: jnp.stack(parts), *found)
+        def compute(first: int, end: int) -> tuple[np.ndarray, ...]:
+            return _stacked([_derivatives(chunk, drone, directions, *given, self.steps) for chunk in self._chunks[first:end]])
 
         scores, curvatures, shared = (self._by_block(part) for part in on_all_cores(compute, len(self._chunks)))
         pasts = products[..., 1:, 1:] / noise.deviation[:, None, None] ** 2
@@ -175,7 +178,18 @@ class OneStep:
         twice = np.einsum("cdi,bfci->bdf", weights, shared)
         curvatures = curvatures - twice - twice.swapaxes(1, 2) + np.einsum("cdi,bcij,cfj->bdf", weights, pasts, weights)
         value = float(_minus_log_likelihood(noise.deviation, np.ones(6)))
-        return value, scores[:, :d] / self.rows, curvatures[:, :d, :d] / self.rows
+        found = value, scores[:, :d] / self.rows, curvatures[:, :d, :d] / self.rows
+        self._latest = parameters, tuple(names), found
+        return found
+
+
+def _same(one: Parameters, other: Parameters) -> bool:
+    return all(np.array_equal(a, b) for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True))
+
+
+def _stacked(chunks: Sequence[tuple[Array, ...]]) -> tuple[np.ndarray, ...]:
+    """What was computed for each of some chunks, with a leading axis for them; by NumPy, which compiles nothing for each number of them."""
+    return tuple(np.stack([np.asarray(part) for part in parts]) for parts in zip(*chunks, strict=True))
 
 
 def noise_model(products: Float[np.ndarray, "C P+1 P+1"]) -> NoiseModel:

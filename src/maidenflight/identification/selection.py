@@ -53,6 +53,7 @@ def choose(
     start: Parameters,
     groups: Mapping[str, Sequence[str]] = GROUPS,
     on_step: Callable[[Step], None] | None = None,
+    sample: OneStep | None = None,
 ) -> tuple[tuple[str, ...], Parameters, list[Step]]:
     """Adds the group that promises most, fits anew, and keeps it if held-out flights gain; until each is kept or has failed.
 
@@ -66,6 +67,7 @@ def choose(
         start: where the first fit begins.
         groups: what may be added.
         on_step: called with what each group bought.
+        sample: some of the training flights' windows, by which the groups are put in order; all of them unless given.
 
     Returns:
         Names of the parameters chosen, the training flights' best drone, and what each group bought, in the order of trying.
@@ -75,9 +77,10 @@ def choose(
     names, left, steps = FIRST, dict(groups), []
     drone = fit(names, start)
     value = held_out.per_block(drone, training.noise_model(drone))
+    sample = training if sample is None else sample
     while left:
         everything = (*names, *(name for group in left.values() for name in group))
-        equations = training.normal_equations(drone, everything)
+        equations = sample.normal_equations(drone, everything)
         promised = {group: _promise(equations.gradient, equations.curvature, everything, (*names, *left[group])) for group in left}
         group = max(promised, key=lambda one: promised[one])
         wider = (*names, *left.pop(group))

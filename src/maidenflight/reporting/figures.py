@@ -4,7 +4,6 @@ Colours are the names of CSS variables, `var(--blue)`; the page's script puts in
 """
 
 import html
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -64,35 +63,6 @@ def _figure(traces: list[Figure], x: Figure, y: Figure, height: int, **more: Any
 
 def _rounded(values: Any, decimals: int) -> list[float | None]:
     return [round(float(value), decimals) if np.isfinite(value) else None for value in np.asarray(values, np.float64)]
-
-
-def learning(run: Run) -> dict[str, Figure]:
-    """Learning curves: a thin line a policy, a thick one for their mean."""
-    if run.training is None:
-        return {}
-    scores: Mapping[str, tuple[str, float]] = {
-        "episode_return": ("episode return", 1.0),
-        "survival": ("episodes survived [%]", 100.0),
-        "position_error": ("position error [cm]", 100.0),
-    }
-    mean = run.training.group_by("steps").mean().sort("steps")
-    figures = {}
-    for column, (title, scale) in scores.items():
-        parts = [(f"policy {policy[0]:g}", rows) for policy, rows in run.training.group_by("policy", maintain_order=True)]
-        traces = [
-            {
-                "name": name,
-                "mode": "lines",
-                "x": _rounded(rows["steps"] / 1e6, 3),
-                "y": _rounded(rows[column] * scale, 3),
-                "line": {"color": "var(--blue)", "width": 3 if name == "mean" else 1},
-                "opacity": 1.0 if name == "mean" else 0.55,
-                "hovertemplate": f"{name}: %{{y:.4~g}} at %{{x:.3~g}} M steps<extra></extra>",
-            }
-            for name, rows in [*parts, ("mean", mean)]
-        ]
-        figures[column] = _figure(traces, _axis("simulated steps [million]", rangemode="tozero"), _axis(title), 260)
-    return figures
 
 
 def durations(run: Run) -> Figure | None:

@@ -18,7 +18,7 @@ import polars
 from maidenflight import __version__, results
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.parameters import crazyflie
-from maidenflight.reporting import figures, parts, text
+from maidenflight.reporting import figures, parts, text, training_figures
 from maidenflight.reporting import identification_figures as pictures
 from maidenflight.reporting import run as runs
 from maidenflight.reporting.run import Run
@@ -80,8 +80,8 @@ def _scripts(viewer: bool) -> list[str]:
 
 
 def _figures(run: Run) -> dict[str, Any]:
-    drawn = {"durations": figures.durations(run), **figures.learning(run)}
-    return {name: figure for name, figure in drawn.items() if figure is not None}
+    drawn = figures.durations(run)
+    return {} if drawn is None else {"durations": drawn}
 
 
 def _chart(name: str, label: str, caption: str = "") -> str:
@@ -149,17 +149,14 @@ def _prediction(run: Run) -> str:
 def _training(run: Run) -> str:
     if run.training is None:
         return ""
-    count = run.training["policy"].n_unique()
-    charts = "".join(
-        _chart(name, label)
-        for name, label in (
-            ("episode_return", "Episode return"),
-            ("survival", "Share of episodes that reach the time limit"),
-            ("position_error", "Distance from the set-point"),
-        )
-    )
-    legend = f"{text.plural(count, 'policy')}, in simulation. Thin lines: each policy; thick line: their mean."
-    return f"<p>{legend}</p><div class=row>{charts}</div>"
+    training = run.training
+    count = training["policy"].n_unique()
+    spread = ""
+    if count > 1:
+        last = training.filter(polars.col("steps") == training["steps"].max())["episode_return"].to_numpy()
+        spread = f" At the end their returns are from {text.number(last.min(), 3)} to {text.number(last.max(), 3)}."
+    caption = f"{text.plural(count, 'policy')} learning in simulation, scored on the same episodes.{spread}"
+    return _picture("learning", lambda width: training_figures.learning_curves({"training": training}, width=width), caption)
 
 
 def _flights(run: Run) -> str:

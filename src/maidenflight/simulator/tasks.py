@@ -37,6 +37,9 @@ class Task(NamedTuple):
     """(parameters) to the command u, in [0, 1], that the motors had before the episode."""
     floor: float | None = None
     """Height [m] at which the drone stands on a floor; `None`: there is no floor."""
+    danger: Callable[[State, Float[Array, "3"]], Float[Array, ""]] | None = None
+    """(state, setpoint) to how near failure is: at least 1 where the drone has failed, and differentiable, as a failure is not; `None`:
+    there is no such measure, and training by gradients learns of failure by distance, tilt and body rates alone."""
 
 
 END_REASONS = ("", "time limit", "not finite", "body rate", "tilt", "position error", "height")
@@ -165,6 +168,29 @@ def strayed(state: State, setpoint: Float[Array, "3"], farthest: float = FARTHES
     return reason(position_error=too_far(state, setpoint, farthest))
 
 
+def straying(state: State, setpoint: Float[Array, "3"], farthest: float = FARTHEST) -> Float[Array, ""]:
+    """Distance from the set-point over the distance at which a task fails."""
+    return norm(setpoint - state.position) / farthest
+
+
+def tilting(state: State) -> Float[Array, ""]:
+    """1 where roll or pitch alone is 60 deg; where both are tilted it is reached earlier."""
+    upright = rotations.body_z(state.quaternion)[2]
+    return (1.0 - upright) / (1.0 - np.float32(np.cos(np.radians(STEEPEST))))
+
+
+def hover_danger(state: State, setpoint: Float[Array, "3"]) -> Float[Array, ""]:
+    """The greatest of body rates, tilt and sinking, each over what `hover_failure` allows."""
+    p, q, r = jnp.abs(state.body_rates) / np.float32(np.radians(FASTEST_TURN))
+    sinking = (setpoint[2] - state.position[2]) / (setpoint[2] - LOWEST)
+    return reduce(jnp.maximum, [p, q, r, tilting(state), sinking])
+
+
+def take_off_danger(state: State, setpoint: Float[Array, "3"]) -> Float[Array, ""]:
+    """The greater of distance and tilt, each over what `take_off_failure` allows; to stay on the ground is far from the set-point too."""
+    return jnp.maximum(straying(state, setpoint, TAKE_OFF_FARTHEST), tilting(state))
+
+
 def hover_failure(state: State, setpoint: Float[Array, "3"]) -> Int[Array, ""]:
     """The authors' failure of hover: roll or pitch beyond 60 deg, a body rate beyond 300 deg/s or a height below 0.2 m."""
     p, q, r = jnp.abs(state.body_rates)
@@ -215,7 +241,7 @@ def circle(diameter: float = 0.5, period: float = 3.0, height: float = 1.0) -> T
     """
     reference = trajectories.circle(diameter, period, height)
     reset = _starting(reference, CIRCLE_START, latest=period)
-    return Task("circle", reference, reset, paper_reward, strayed, duration=5.0)
+    return Task("circle", reference, reset, paper_reward, strayed, duration=5.0, danger=straying)
 
 
 @once
@@ -225,7 +251,8 @@ def hover(height: float = 1.0) -> Task:
     Source: authors' code.
     """
     reference = trajectories.hold((0.0, 0.0, height))
-    return Task("hover", reference, _starting(reference, HOVER_START), hover_reward, hover_failure, duration=5.0)
+    reset = _starting(reference, HOVER_START)
+    return Task("hover", reference, reset, hover_reward, hover_failure, duration=5.0, danger=hover_danger)
 
 
 @once
@@ -246,7 +273,17 @@ def take_off(height: float = 1.0, duration: float = 1.5) -> Task:
     def motors_off(parameters: Parameters) -> Float[Array, ""]:
         return jnp.zeros(())
 
-    return Task("take-off", reference, reset, take_off_reward, take_off_failure, duration=5.0, first_command=motors_off, floor=STANDING)
+    return Task(
+        "take_off",
+        reference,
+        reset,
+        take_off_reward,
+        take_off_failure,
+        duration=5.0,
+        first_command=motors_off,
+        floor=STANDING,
+        danger=take_off_danger,
+    )
 
 
 @once
@@ -262,14 +299,14 @@ def tracking(trajectory: Trajectory, duration: float, farthest: float = FARTHEST
     Source: reward, failure and all start values but velocity as in `circle`.
     """
     reset = _starting(trajectory, CIRCLE_START, latest_start, moving=True)
-    reward, failed = partial(paper_reward, farthest=farthest), partial(strayed, farthest=farthest)
-    return Task("tracking", trajectory, reset, reward, failed, duration)
+    reward, failed, danger = (partial(judge, farthest=farthest) for judge in (paper_reward, strayed, straying))
+    return Task("tracking", trajectory, reset, reward, failed, duration, danger=danger)
 
 
 @once
 def figure_eight(period: float = trajectories.NORMAL) -> Task:
     """Fly a lying eight in a period [s], from anywhere on it; an episode lasts a period."""
-    return tracking(trajectories.figure_eight(period), period, latest_start=period)
+    return tracking(trajectories.figure_eight(period), period, latest_start=period)._replace(name="figure_eight")
 
 
 TASKS: dict[str, Callable[[], Task]] = {"circle": circle, "figure_eight": figure_eight, "hover": hover, "take_off": take_off}

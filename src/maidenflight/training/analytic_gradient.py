@@ -57,6 +57,13 @@ class AnalyticGradient:
     """Cost per rad/s beyond the margin and control period."""
     excess: float = 0.01
     """Cost of the squared part of an action beyond [-1, 1], which the control structure cuts off: there is no other way back from it."""
+    failure: float = 5.0
+    """Cost of a horizon with a failure, softened to a sigmoid of the task's `danger` at its greatest: what is lost anyway pulls no more,
+    so that the gradient is of the drones that can be saved."""
+    failure_width: float = 0.2
+    """How far about its limit, as a share of it, danger counts."""
+    restart: float = 0.3
+    """Share of the drones that start anew after each update: starts are what is hard, and a drone that flies has them behind it."""
     evaluations: int = 15
     """How often the policy is scored; the best one is kept."""
     episodes: int = 128
@@ -103,8 +110,9 @@ def _segment(
     simulated: Environment, settings: AnalyticGradient, policy: Policy, drone: Drone, key: Array
 ) -> tuple[Float[Array, ""], tuple[Episode, Bool[Array, ""]]]:
     """Mean cost of one drone over a horizon, where it is then, and whether it was lost on the way."""
+    task = simulated.task
 
-    def one(episode: Episode, key: Array) -> tuple[Episode, tuple[Float[Array, ""], Bool[Array, ""]]]:
+    def one(episode: Episode, key: Array) -> tuple[Episode, tuple[Float[Array, ""], Bool[Array, ""], Float[Array, ""]]]:
         action = policy(environment.observation(episode))
         after, outcome = environment.step(simulated, episode, action, drone.parameters, key)
         tilt = norm(rotations.body_z(after.state.quaternion)[:2])
@@ -112,17 +120,19 @@ def _segment(
         guards += settings.tilt_barrier * jax.nn.relu(tilt - settings.tilt_margin)
         guards += settings.spin_barrier * jnp.sum(jax.nn.relu(jnp.abs(after.state.body_rates) - settings.spin_margin))
         cost = guards - outcome.reward + settings.excess * squared(jax.nn.relu(jnp.abs(action) - 1.0))
+        danger = jnp.zeros(()) if task.danger is None else task.danger(after.state, outcome.setpoint)
         # A drone that is far beyond failure stays where it is: its gradient says nothing of flying, and would overflow.
         lost = outcome.position_error > LOST
-        return tree.map(lambda old, new: jnp.where(lost, old, new), episode, after), (jnp.where(lost, 0.0, cost), lost)
+        return tree.map(lambda old, new: jnp.where(lost, old, new), episode, after), (jnp.where(lost, 0.0, cost), lost, danger)
 
-    episode, (costs, lost) = lax.scan(one, drone.episode, jax.random.split(key, settings.horizon))
-    return jnp.mean(costs), (episode, jnp.any(lost))
+    episode, (costs, lost, dangers) = lax.scan(one, drone.episode, jax.random.split(key, settings.horizon))
+    failed = 0.0 if task.danger is None else jax.nn.sigmoid((jnp.max(dangers) - 1.0) / settings.failure_width)
+    return jnp.mean(costs) + settings.failure * failed, (episode, jnp.any(lost))
 
 
 def _update(simulated: Environment, settings: AnalyticGradient, box: Distribution, learner: _Learner, key: Array, _: Array) -> _Learner:
     """One gradient step of one policy; each device flies its drones, and all take the mean of their gradients."""
-    flight_key, fresh_key = jax.random.split(key)
+    flight_key, fresh_key, restart_key = jax.random.split(key, 3)
     flight_keys = own(jax.random.split(flight_key, settings.drones))
 
     def cost(network: tuple[Any, Any]) -> tuple[Float[Array, ""], tuple[Episode, Bool[Array, "n"]]]:
@@ -142,6 +152,7 @@ def _update(simulated: Environment, settings: AnalyticGradient, box: Distributio
     setpoints = jax.vmap(simulated.task.reference)(episodes.time)
     over = (jax.vmap(simulated.task.failure)(episodes.state, setpoints) > 0) | (episodes.elapsed > simulated.task.duration) | lost
     over |= ~jnp.isfinite(jnp.sum(episodes.state.position, axis=1))
+    over |= own(jax.random.uniform(restart_key, (settings.drones,))) < settings.restart
     fresh = jax.vmap(partial(launch, simulated, box))(own(jax.random.split(fresh_key, settings.drones)))
     return _Learner(policy, optimiser, _chosen(over, fresh, Drone(episodes, learner.drones.parameters)))
 

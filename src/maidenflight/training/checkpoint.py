@@ -39,7 +39,7 @@ def save(path: str | PathLike[str], state: Any, told: str) -> None:
     """Writes a state of training whole or not at all; where several processes train together, the first of them does.
 
     Raises:
-        InputError: the file cannot be written; what was there before is kept.
+        WriteError: the file cannot be written; what was there before is kept.
     """
     leaves = {f"leaf {number}": _whole(leaf) for number, leaf in enumerate(tree.leaves(state))}
     if jax.process_index() > 0:

@@ -100,6 +100,7 @@ def train(
     settings: Settings | None = None,
     on_progress: Callable[[Progress], None] | None = None,
     saved: str | PathLike[str] | None = None,
+    history: int = 2,
 ) -> tuple[Policy, ...]:
     """Trains one policy a key, all in one call.
 
@@ -112,13 +113,14 @@ def train(
         on_progress: called after each of the scores; first with those that a checkpoint remembers.
         saved: a file that is written anew after each of the scores. Where it exists, training goes on from it and ends with the same
             policies as if it had never stopped.
+        history: H, instants that a policy sees: the last so many. The first layer grows with it.
 
     Returns:
         For each key the policy of the best score, in the keys' order. Cost grows linearly with keys and updates.
 
     Raises:
-        InputError: policies cannot be made for this control structure; the drones' time step does not divide its period; the
-            checkpoint is of another training; or the scores of a policy are no longer finite.
+        InputError: policies cannot be made for this control structure or history; the drones' time step does not divide its period;
+            the checkpoint is of another training or cannot be written; or the scores of a policy are no longer finite.
     """
     settings = AnalyticGradient() if settings is None else settings
     if type(settings) not in METHODS:
@@ -126,8 +128,10 @@ def train(
         raise InputError(f"{type(settings).__name__} are not settings of a method of training; known are {known}.")
     if controller.name not in CONTROLS:
         raise InputError(f"control structure {controller.name} cannot be trained for; expected one of {', '.join(CONTROLS)}.")
+    if history < 1:
+        raise InputError(f"history = {history}; expected 1 or more instants. The paper's policies see 2.")
     begin, learn = METHODS[type(settings)]
-    simulated = Environment.matching(box.centre, task, controller)
+    simulated = Environment.matching(box.centre, task, controller, history=history)
     ends = _ends(settings)
 
     def start() -> _Course:
@@ -194,6 +198,7 @@ def _fingerprint(simulated: Environment, settings: Settings, box: Distribution, 
         "settings": settings.settings(),
         "task": [task.name, task.duration, task.floor],
         "control": [controller.name, controller.rate, controller.action_rate, simulated.steps_per_command],
+        "history": simulated.history,
     }
     reference = jax.vmap(task.reference)(jnp.linspace(0.0, task.duration, 50))
     return checkpoint.fingerprint(words, (reference, jax.random.key_data(keys), box))
