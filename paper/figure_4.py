@@ -167,11 +167,15 @@ def _boxes(panel: Panel, flights: polars.DataFrame, latency: float) -> Iterator[
             yield svg.dots(panel, scatter, np.sort(times), "dots", colour)
 
 
+_SHORT = {"motor_time_constant": "T_m", "latency": "latency"}
+
+
 def cell_table(flights: polars.DataFrame) -> polars.DataFrame:
     """Mean and median flight time and the share that reaches the time limit, a row a cell."""
     duration = polars.col("duration")
     told = [duration.mean().alias("mean [s]"), duration.median().alias("median [s]"), (duration >= LONGEST).mean().alias("share of 20 s")]
-    return flights.group_by("control", "motor_time_constant", "latency", maintain_order=True).agg(*told)
+    cell = ["control", *((1e3 * polars.col(name)).round(1).alias(f"{short} [ms]") for name, short in _SHORT.items())]
+    return flights.group_by(cell, maintain_order=True).agg(*told)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
