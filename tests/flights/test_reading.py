@@ -76,8 +76,17 @@ def test_a_folder_is_searched_to_its_depth_in_the_order_of_names(tmp_path):
     assert seen == [(1, 3), (2, 3), (3, 3)]
 
 
-@pytest.mark.parametrize("table", [b"policy,return\n1,2\n", b"", b"\n\n", gzip.compress(b"policy,return\n1,2\n")])
-def test_other_tables_in_a_folder_are_ignored(tmp_path, table):
+OTHER_TABLES = {
+    "rows": b"policy,return\n1,2\n",
+    "empty": b"",
+    "blank": b"\n\n",
+    "packed": gzip.compress(b"policy,return\n1,2\n"),
+}
+
+
+@pytest.mark.parametrize("kind", OTHER_TABLES)
+def test_other_tables_in_a_folder_are_ignored(tmp_path, kind):
+    table = OTHER_TABLES[kind]
     put(tmp_path / "flight.csv", ours())
     put(tmp_path / ("results.csv.gz" if table[:2] == b"\x1f\x8b" else "results.csv"), table)
     read = read_flights(tmp_path)
