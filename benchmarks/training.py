@@ -88,9 +88,8 @@ class Measured(NamedTuple):
 
 def box(recipe: Recipe) -> RelativeBox:
     """Drones within +-10 %, in steps that fit the control structure."""
-    step = np.float32(control.time_step(control.CONTROLLERS[recipe.control]()))
-    centre = replace(crazyflie(), motor_time_constant=np.float32(0.08), latency=np.float32(0.02), time_step=step, **DRONES[recipe.drone])
-    return relative_box(centre, 0.10)
+    centre = replace(crazyflie(), motor_time_constant=np.float32(0.08), latency=np.float32(0.02), **DRONES[recipe.drone])
+    return relative_box(control.in_fitting_steps(centre, control.CONTROLLERS[recipe.control]()), 0.10)
 
 
 def trained(recipe: Recipe, drones: RelativeBox, updates: int | None) -> tuple[tuple[Policy, ...], list[tuple[float, Progress]]]:

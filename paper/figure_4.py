@@ -36,7 +36,7 @@ from maidenflight.simulator import control, tasks
 from maidenflight.simulator.randomization import relative_box
 from maidenflight.simulator.virtual_drone import VirtualDrone
 from maidenflight.training.analytic_gradient import AnalyticGradient
-from maidenflight.training.train import train
+from maidenflight.training.train import recorded, train
 
 LAGS, LATENCIES = (0.040, 0.080, 0.120), (0.0, 0.015, 0.020)
 """T_m and latency of the drones that policies are trained for [s]."""
@@ -65,9 +65,8 @@ class Cell(NamedTuple):
 
     def drone(self, nominal: Parameters) -> Parameters:
         """The drone in the middle of the training box, in steps that fit the control structure."""
-        step = np.float32(control.time_step(control.CONTROLLERS[self.control]()))
-        lag, latency = np.float32(self.motor_time_constant), np.float32(self.latency)
-        return replace(nominal, motor_time_constant=lag, latency=latency, time_step=step)
+        drone = replace(nominal, motor_time_constant=np.float32(self.motor_time_constant), latency=np.float32(self.latency))
+        return control.in_fitting_steps(drone, control.CONTROLLERS[self.control]())
 
 
 MATRIX = [Cell(kind, lag, latency) for kind in QUICK for lag in LAGS for latency in LATENCIES]
@@ -80,7 +79,7 @@ def trained(cell: Cell, nominal: Parameters, settings: AnalyticGradient, seeds: 
         InputError: the folder holds policies of other settings.
     """
     files = [folder / cell.name / f"policy_{number}.json" for number in range(1, seeds + 1)]
-    said = {**cell._asdict(), "randomization": RANDOMIZATION, "policies": seeds, **settings.settings()}
+    said = {**cell._asdict(), "randomization": RANDOMIZATION, "policies": seeds, **recorded(settings)}
     made = results.record(seed=seed, inputs=[], settings=said)
     if not all(path.exists() for path in files):
         # What a cell's policies are depends neither on the other cells nor on what an interrupted run left.
@@ -203,7 +202,7 @@ def settings_of(given: argparse.Namespace, kind: str) -> AnalyticGradient:
     """Settings of training for a control structure."""
     settings = QUICK[kind]
     updates = given.updates or (settings.updates // 3 if given.small else settings.updates)
-    return replaced(settings, updates=updates, evaluations=min(settings.evaluations, updates))
+    return replaced(settings, updates=updates)
 
 
 def run(given: argparse.Namespace) -> None:

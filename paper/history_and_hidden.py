@@ -70,8 +70,7 @@ def box(plan: argparse.Namespace) -> RelativeBox:
         centre = parameters.replace(parameters.crazyflie(), motor_time_constant=np.float32(0.08), latency=np.float32(0.02))
     else:
         centre = parameters.read(plan.drone)
-    step = control.time_step(control.CONTROLLERS[plan.control](), float(centre.time_step))
-    return relative_box(parameters.replace(centre, time_step=np.float32(step)), 0.10)
+    return relative_box(control.in_fitting_steps(centre, control.CONTROLLERS[plan.control]()), 0.10)
 
 
 def studied(kind: Kind, plan: argparse.Namespace) -> Studied:

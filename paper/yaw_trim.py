@@ -98,19 +98,13 @@ def balanced_torque(command: Float[np.ndarray, "4"], drone: Parameters) -> float
     return -float(dynamics.torque(forces, drone)[2])
 
 
-def with_yaw_trim(drone: Parameters, trim: float) -> Parameters:
-    """The drone with another constant yaw torque [N m]."""
-    roll, pitch, _ = np.asarray(drone.torque_bias)
-    return parameters.replace(drone, torque_bias=np.array([roll, pitch, trim], np.float32))
-
-
 def fly(policies: Mapping[str, Policy], drone: Parameters, trims: Mapping[str, float], seed: int, trials: int) -> polars.DataFrame:
     """Predicted mean flight times [s]: policy, as_it_is, own_trim."""
     key, names = jax.random.key(seed), list(policies)
     as_it_is = predict_flight_times(list(policies.values()), drone, key, trials=trials, names=names)
     # The program is compiled once: another drone is another number to it.
     own = [
-        predict_flight_times([policy], with_yaw_trim(drone, trims[name]), key, trials=trials, names=[name])
+        predict_flight_times([policy], parameters.replace(drone, torque_bias_z=np.float32(trims[name])), key, trials=trials, names=[name])
         for name, policy in policies.items()
     ]
     columns = (("as_it_is", as_it_is), ("own_trim", polars.concat(own)))
@@ -168,7 +162,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     with polars.Config(
         tbl_cols=-1, tbl_rows=-1, tbl_width_chars=200, fmt_str_lengths=50, float_precision=2, tbl_hide_column_data_types=True
     ):
-        print(f"The drone's own yaw trim: {1e5 * float(np.asarray(drone.torque_bias)[2]):.2f}e-5 N m")
+        print(f"The drone's own yaw trim: {1e5 * float(parameters.component(drone, 'torque_bias_z')):.2f}e-5 N m")
         print(shown)
         print(agreed)
 

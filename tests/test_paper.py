@@ -16,14 +16,21 @@ from maidenflight.simulator import battery
 PAPER = Path(__file__).parents[1] / "paper"
 
 
+def script(name: str) -> Any:
+    """A script of that folder as a module; as where it is run, its neighbours can be imported."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(PAPER))
+        specification = importlib.util.spec_from_file_location(name, PAPER / f"{name}.py")
+        assert specification is not None
+        assert specification.loader is not None
+        module = importlib.util.module_from_spec(specification)
+        specification.loader.exec_module(module)
+    return module
+
+
 @pytest.fixture(scope="module")
 def table_2() -> Any:
-    specification = importlib.util.spec_from_file_location("table_2", PAPER / "table_2.py")
-    assert specification is not None
-    assert specification.loader is not None
-    module = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(module)
-    return module
+    return script("table_2")
 
 
 def test_table_2_stands_beside_the_papers_and_the_truth(table_2: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -48,12 +55,7 @@ def test_table_2_stands_beside_the_papers_and_the_truth(table_2: Any, tmp_path: 
 
 @pytest.fixture(scope="module")
 def predict_flights() -> Any:
-    specification = importlib.util.spec_from_file_location("predict_flights", PAPER / "predict_flights.py")
-    assert specification is not None
-    assert specification.loader is not None
-    module = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(module)
-    return module
+    return script("predict_flights")
 
 
 def test_calibration_is_the_share_of_real_flights_within_their_policys_band(predict_flights: Any) -> None:
@@ -68,11 +70,7 @@ def test_a_value_lies_below_inside_or_above_an_interval(table_2: Any) -> None:
 
 def test_history_and_hidden_layers_are_studied(tmp_path: Path, monkeypatch: Any, capsys: pytest.CaptureFixture[str]) -> None:
     """One kind that stands in both tables, because each compiles anew."""
-    specification = importlib.util.spec_from_file_location("history_and_hidden", PAPER / "history_and_hidden.py")
-    assert specification is not None
-    assert specification.loader is not None
-    study = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(study)
+    study = script("history_and_hidden")
     monkeypatch.setattr(study, "HIDDEN", (8, 8))
     monkeypatch.setattr(study, "HISTORY", 3)
     few = ["--updates", "1", "--seeds", "2", "--episodes", "4", "--trials", "2", "--duration", "0.3"]
@@ -90,12 +88,7 @@ def test_history_and_hidden_layers_are_studied(tmp_path: Path, monkeypatch: Any,
 
 @pytest.fixture(scope="module")
 def figure_4() -> Any:
-    specification = importlib.util.spec_from_file_location("figure_4", PAPER / "figure_4.py")
-    assert specification is not None
-    assert specification.loader is not None
-    module = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(module)
-    return module
+    return script("figure_4")
 
 
 def test_figure_4_flies_policies_of_the_whole_matrix_and_goes_on_where_it_was(
@@ -140,14 +133,7 @@ def test_only_flights_of_the_paper_are_drawn_beside_ours_and_no_longer_than_20_s
 
 @pytest.fixture(scope="module")
 def yaw_trim() -> Any:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(PAPER))  # as for a script: its neighbours can be imported
-        specification = importlib.util.spec_from_file_location("yaw_trim", PAPER / "yaw_trim.py")
-        assert specification is not None
-        assert specification.loader is not None
-        module = importlib.util.module_from_spec(specification)
-        specification.loader.exec_module(module)
-    return module
+    return script("yaw_trim")
 
 
 def turned(yaw: float, rows: int) -> polars.DataFrame:

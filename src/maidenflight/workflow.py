@@ -37,7 +37,7 @@ from maidenflight.simulator.virtual_drone import VirtualDrone, virtual_drone
 from maidenflight.training import scoreboards
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.ppo import PPO
-from maidenflight.training.train import Progress, Settings, train
+from maidenflight.training.train import Progress, Settings, recorded, train
 
 StrPath = str | os.PathLike[str]
 
@@ -202,8 +202,7 @@ def _by_gradient(structure: str, task: str) -> AnalyticGradient:
 
 def _randomized(drone: StrPath, randomization: float | str, controller: Controller) -> Distribution:
     """Drones to train over, simulated in steps that divide the controller's period."""
-    centre = parameters.read(drone)
-    centre = parameters.replace(centre, time_step=np.float32(control.time_step(controller, float(centre.time_step))))
+    centre = control.in_fitting_steps(parameters.read(drone), controller)
     if randomization == POSTERIOR:
         return posterior_ensemble(centre, _table(drone, "posterior"), str(drone))
     return relative_box(centre, float(randomization))
@@ -270,7 +269,7 @@ def train_for(
         "randomization": randomization,
         "policies": count,
         "history": history,
-        **settings.settings(),
+        **recorded(settings),
     }
     keys = jax.random.split(jax.random.key(seed), count)
     with scoreboards.opened(boards, folder, count, {"drone": Path(drone).name, "seed": seed, **said}) as show:
@@ -386,7 +385,8 @@ def predict_with(
 
 def usual_randomization(drone: StrPath) -> float | str:
     """What predictions are randomized over where nobody says."""
-    return TRIMS if any("spread" in _table(drone, "identification").get(name, {}) for name in TRIM) else 0.0
+    told = _table(drone, "identification")
+    return TRIMS if any("spread" in told.get(name, {}) for name in TRIM) else 0.0
 
 
 def possible_drones(drone: StrPath, randomization: float | str, seed: int) -> Parameters:

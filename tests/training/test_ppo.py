@@ -18,7 +18,7 @@ from maidenflight.training import ppo
 from maidenflight.training.devices import DRONES
 from maidenflight.training.evaluation import evaluate
 from maidenflight.training.ppo import PPO, Moments, advantages, merged, surrogate
-from maidenflight.training.train import Progress, train
+from maidenflight.training.train import Progress, recorded, train
 
 BOX = relative_box(replace(crazyflie(), motor_time_constant=0.04, latency=0.0), 0.10)
 SIMULATED = Environment.matching(BOX.centre, tasks.circle()._replace(duration=0.6))
@@ -73,7 +73,7 @@ def test_interrupted_training_goes_on_to_the_same_policies(tmp_path: Path) -> No
 
 
 def test_the_policy_normalises_by_all_observations_so_far(learned: Any) -> None:
-    np.testing.assert_array_equal(learned.sights.seen, SMALL.updates * SMALL.steps_per_update)
+    np.testing.assert_array_equal(learned.sights.seen, SMALL.updates * SMALL.drones * SMALL.horizon)
     np.testing.assert_array_equal(learned.policy.observation_mean, learned.sights.mean[:, :40])
     np.testing.assert_array_equal(learned.policy.observation_deviation, learned.sights.deviation[:, :40])
     shares = learned.sights.mean[:, -10:-1]  # of the centre's constants, all but the latency, which is 0
@@ -160,8 +160,8 @@ def test_the_running_moments_are_those_of_all_samples_on_all_devices() -> None:
 
 def test_the_papers_settings_are_the_papers() -> None:
     paper = PPO.paper()
-    assert paper.steps_per_update == 64_000
-    assert paper.settings() == {
+    assert paper.drones * paper.horizon == 64_000
+    assert recorded(paper) == {
         "updates": 500,
         "drones": 64,
         "horizon": 1000,

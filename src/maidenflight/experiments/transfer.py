@@ -20,6 +20,7 @@ from maidenflight.flights.recording import Rows
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy
 from maidenflight.simulator import control, tasks
+from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.tasks import FARTHEST, Task
 from maidenflight.simulator.virtual_drone import VirtualDrone
@@ -84,6 +85,7 @@ def transfer(
     key: Array | None = None,
     *,
     task: Task | None = None,
+    controller: Controller | None = None,
     duration: float = LONGEST,
     names: Sequence[str] | None = None,
 ) -> Transfer:
@@ -97,6 +99,7 @@ def transfer(
         trials: flights of each policy in each reality.
         key: random key; `jax.random.key(0)` unless given.
         task: the circle of the paper unless given.
+        controller: what their actions mean; the control structure that they name unless given.
         duration: longest flight [s].
         names: what the table calls the policies; policy_1, policy_2, ... unless given.
 
@@ -108,7 +111,7 @@ def transfer(
     shapes = {(policy.control, policy.rate, policy.history, policy.layer_sizes) for policy in policies}
     if len(shapes) > 1:
         raise InputError(f"policies of different kinds ({'; '.join(map(str, sorted(shapes)))}); transfer each kind by itself.")
-    controller = control.CONTROLLERS[policies[0].control]()
+    controller = controller or control.CONTROLLERS[policies[0].control]()
     if policies[0].rate != controller.action_rate:
         raise InputError(f"policies of {policies[0].rate} Hz; {policies[0].control} control acts at {controller.action_rate} Hz.")
     key = jax.random.key(0) if key is None else key

@@ -7,7 +7,7 @@ from math import isfinite
 from typing import Any
 
 from maidenflight.errors import InputError
-from maidenflight.parameters import DRONES, Parameters, crazyflie, read, replace
+from maidenflight.parameters import DRONES, Parameters, crazyflie, read
 from maidenflight.simulator import control, tasks, trajectories
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
@@ -70,8 +70,7 @@ def _controller(name: str, firmware: str) -> Controller:
 def _drones(given: Drones, controller: Controller) -> Distribution:
     if given is None or (isinstance(given, str) and given in DRONES):
         named = crazyflie() if given is None else read(given)
-        named = replace(named, time_step=control.time_step(controller, float(named.time_step)))
-        return relative_box(named, 0.10 if given is None else 0.0)
+        return relative_box(control.in_fitting_steps(named, controller), 0.10 if given is None else 0.0)
     if isinstance(given, str | os.PathLike):
         given = read(given)
     if isinstance(given, Parameters):

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from maidenflight.errors import InputError
+from maidenflight.parameters import Parameters, replace
 from maidenflight.simulator import rotations
 from maidenflight.simulator.firmware import (
     ABSOLUTE,
@@ -52,6 +53,11 @@ def time_step(controller: Controller, longest: float = 0.005) -> float:
     """The longest physics step [s] that divides the period between two commands, but is no longer than one of one's choice."""
     period = 1.0 / controller.rate
     return period / np.ceil(period / longest - 1e-6)
+
+
+def in_fitting_steps(drone: Parameters, controller: Controller) -> Parameters:
+    """The drone in steps that divide the period between two commands, no longer than its own."""
+    return replace(drone, time_step=np.float32(time_step(controller, float(drone.time_step))))
 
 
 @cache

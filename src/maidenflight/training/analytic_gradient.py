@@ -5,7 +5,7 @@ latency, sensors and network, and takes one Adam step; the drones fly on, and th
 each as another drone. Short horizons keep the gradients of a chaotic system small (Xu et al. 2022, SHAC, there with a critic).
 """
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -68,15 +68,6 @@ class AnalyticGradient:
     """How often the policy is scored; the best one is kept."""
     episodes: int = 128
     """Episodes a score."""
-
-    @property
-    def steps_per_update(self) -> int:
-        """Control periods that an update simulates."""
-        return self.drones * self.horizon
-
-    def settings(self) -> dict[str, Any]:
-        """Plain values, for records."""
-        return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
 
 
 class _Learner(NamedTuple):

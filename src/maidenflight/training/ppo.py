@@ -5,7 +5,7 @@ likely, though none by much, and fits the critic. Time that is up is no failure:
 """
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple, Self
 
@@ -102,15 +102,6 @@ class PPO:
             first_noise=0.5,
             last_noise=0.01,
         )
-
-    @property
-    def steps_per_update(self) -> int:
-        """Control periods that an update simulates."""
-        return self.drones * self.horizon
-
-    def settings(self) -> dict[str, Any]:
-        """Plain values, for records."""
-        return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
 
 
 class Moments(NamedTuple):

@@ -5,9 +5,10 @@ on its number alone, so that neither how often policies are scored nor an interr
 """
 
 from collections.abc import Callable
+from dataclasses import Field, asdict
 from functools import partial
 from os import PathLike
-from typing import Any, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -30,6 +31,8 @@ from maidenflight.training.ppo import PPO
 class Settings(Protocol):
     """What the settings of every method have; frozen dataclasses, hashable."""
 
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+
     @property
     def updates(self) -> int:
         """Gradient steps, or epochs."""
@@ -46,13 +49,19 @@ class Settings(Protocol):
         ...
 
     @property
-    def steps_per_update(self) -> int:
-        """Control periods that an update simulates."""
+    def drones(self) -> int:
+        """Drones flown side by side."""
         ...
 
-    def settings(self) -> dict[str, Any]:
-        """Plain values, for records."""
+    @property
+    def horizon(self) -> int:
+        """Control periods that each of them flies an update."""
         ...
+
+
+def recorded(settings: Settings) -> dict[str, Any]:
+    """Settings as plain values, for records."""
+    return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(settings).items()}
 
 
 class Method(NamedTuple):
@@ -142,7 +151,7 @@ def train(
     def report(course: _Course, number: int) -> None:
         if on_progress is not None:
             score = Evaluation(*(value[number] for value in course.scores))
-            on_progress(Progress(ends[number], ends[number] * settings.steps_per_update * len(keys), score))
+            on_progress(Progress(ends[number], ends[number] * settings.drones * settings.horizon * len(keys), score))
 
     told = _fingerprint(simulated, settings, box, keys)
     course = start() if saved is None else checkpoint.restored(saved, start, told)
@@ -195,7 +204,7 @@ def _fingerprint(simulated: Environment, settings: Settings, box: Distribution, 
     task, controller = simulated.task, simulated.controller
     words = {
         "method": type(settings).__name__,
-        "settings": settings.settings(),
+        "settings": recorded(settings),
         "task": [task.name, task.duration, task.floor],
         "control": [controller.name, controller.rate, controller.action_rate, simulated.steps_per_command],
         "history": simulated.history,
