@@ -134,3 +134,21 @@ def test_the_python_of_the_identification_page_runs(monkeypatch: pytest.MonkeyPa
     assert "thrust_to_weight" in capsys.readouterr().out
     assert names["paper"].kind == "replay"
     assert len(names["drones"].drones.mass) > 100
+
+
+def test_the_python_and_the_commands_of_the_realities_page_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("pybullet")
+    (snippet,) = blocks("docs/realities.md", "python")
+    policies = [policy.untrained(jax.random.key(0))]
+    monkeypatch.setattr(mf, "transfer", partial(mf.transfer, duration=0.5), raising=False)
+    names: dict[str, Any] = {"policies": policies}
+    exec(compile(snippet, "docs/realities.md", "exec"), names)
+    assert set(names["flown"].table["reality"]) == {"virtual-7", "worn-7"}
+    policy.write("policies/policy_1.json", policies[0])
+    commands = [line for line in blocks("docs/realities.md", "sh")[0].splitlines() if line.startswith("maidenflight ")]
+    assert len(commands) == 2
+    for line in commands:
+        arguments = shlex.split(line, comments=True)
+        monkeypatch.setattr(sys, "argv", arguments + LESS_WORK[arguments[1]])
+        cli.main()
+    assert Path("recorded/reality.toml").exists()

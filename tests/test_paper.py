@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -91,36 +92,38 @@ def figure_4() -> Any:
     return script("figure_4")
 
 
-def test_figure_4_flies_policies_of_the_whole_matrix_and_goes_on_where_it_was(
-    figure_4: Any, tmp_path: Path, monkeypatch: Any, capsys: pytest.CaptureFixture[str]
+def test_figure_4_draws_the_flights_of_a_matrix_and_draws_them_again_from_the_table(
+    figure_4: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert len(figure_4.MATRIX) == 27
-    settings = figure_4.AnalyticGradient(updates=1, drones=2, horizon=2, hidden=(8,), episodes=2)
-    monkeypatch.setattr(figure_4, "QUICK", {"pwm": settings})
-    monkeypatch.setattr(figure_4, "MATRIX", [cell for cell in figure_4.MATRIX if cell.control == "pwm"][3:5])
+    told = """
+        realities = ["near:7"]
+        motor_time_constant = [0.04, 0.08]
+        latency = [0.0, 0.015]
+        trials = 2
+        duration = 0.3
+        [control.pwm]
+        updates = 3
+        drones = 2
+        horizon = 2
+        hidden = [8]
+        evaluations = 1
+        episodes = 2
+    """
+    (tmp_path / "matrix.toml").write_text(told)
     published = {"in_paper": [1, 0], "control": ["pwm"] * 2, "trained_motor_time_constant_s": [0.08] * 2, "trained_latency_s": [0.015] * 2}
     polars.DataFrame({**published, "flight_time_s": [26.0, 1.0]}).write_csv(tmp_path / "flights.csv")
-    arguments = ["--seeds", "1", "--trials", "2", "--duration", "0.3", "--authors", str(tmp_path), "-o", str(tmp_path / "made")]
+    arguments = ["--settings", str(tmp_path / "matrix.toml"), "--authors", str(tmp_path), "--small", "-o", str(tmp_path / "made")]
     figure_4.main(arguments)
-    data = polars.read_csv(tmp_path / "made" / "flights.csv", comment_prefix="#")
-    assert data.height == 2 * 2
-    assert data["motor_time_constant"].to_list() == [0.08] * 4
-    assert data["latency"].to_list() == [0.0, 0.0, 0.015, 0.015]
-    assert data["duration"].is_between(0.01, 0.3).all()
-    picture = (tmp_path / "made" / "figure_4.svg").read_text()
-    assert all(f'data-panel="{name} {latency}"' in picture for name in ("virtual-7", "real") for latency in (0, 15, 20))
-    assert "share of 20 s" in capsys.readouterr().out
-
-    def never(*_: Any) -> None:
-        raise AssertionError("all policies are there")
-
-    monkeypatch.setattr(figure_4, "train", never)
-    before = (tmp_path / "made" / "flights.csv").read_bytes()
+    assert polars.read_csv(tmp_path / "made" / "flights.csv", comment_prefix="#").height == 4 * 2
+    picture = tmp_path / "made" / "figure_4.svg"
+    drawn = picture.read_text()
+    assert all(f'data-panel="{name} {latency}"' in drawn for name in ("near-7", "real") for latency in (0, 15))
+    assert "T_m 80 ms" in capsys.readouterr().out
+    picture.unlink()
+    shutil.rmtree(tmp_path / "made" / "policies")
     figure_4.main(arguments)
-    assert (tmp_path / "made" / "flights.csv").read_bytes() == before
-    with pytest.raises(SystemExit):
-        figure_4.main([*arguments, "--updates", "2"])
-    assert "other settings" in capsys.readouterr().err
+    assert picture.read_text() == drawn
+    assert not (tmp_path / "made" / "policies").exists()
 
 
 def test_only_flights_of_the_paper_are_drawn_beside_ours_and_no_longer_than_20_s(figure_4: Any, tmp_path: Path) -> None:

@@ -70,3 +70,17 @@ def test_a_record_of_a_file_in_the_working_folder_does_not_look_like_an_absolute
 
 def test_without_randomness_and_inputs_a_record_has_neither(tmp_path):
     assert results.record(seed=None, inputs=[], settings={}) == {"version": __version__, "settings": {}}
+
+
+@pytest.mark.parametrize(
+    ("text", "record"),
+    [
+        ('# flights 1\n# record: {"seed": 3}\na,b\n', {"seed": 3}),
+        ("a,b\n# record: {}\n", None),
+        ("# record: {\n", None),
+        ("", None),
+    ],
+)
+def test_a_tables_record_is_found_in_its_comments(tmp_path, text, record):
+    assert results.told(results.write(tmp_path / "table.csv", text)) == record
+    assert results.told(tmp_path / "nothing.csv") is None

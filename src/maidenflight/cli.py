@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 _CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 _TASKS = ("circle", "figure_eight", "hover", "take_off")
-_REALITIES = "virtual:SEED, pybullet:SEED (the same drone in PyBullet) or a drone's TOML file"
+_REALITIES = "near:SEED, virtual:SEED, far:SEED, ever stranger; pybullet:SEED (virtual:SEED in PyBullet); or a drone's TOML file"
 
 
 def main() -> None:
@@ -84,7 +84,7 @@ def _must_be_new(path: Path, overwrite: bool, or_else: str = "") -> None:
 
 @contextmanager
 def _resumable(checkpoint: Path) -> Iterator[None]:
-    """Says how to go on where work is interrupted that a checkpoint holds."""
+    """Says how to go on where work is interrupted that a checkpoint, a file or a folder, holds."""
     again = shlex.join(
         ["maidenflight", *(argument for argument in sys.argv[1:] if argument not in ("--resume", "--overwrite")), "--resume"]
     )
@@ -447,34 +447,49 @@ def train(
 
 
 @commands.command()
-@click.argument("policies", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("policies", nargs=-1, type=click.Path(path_type=Path))
 @_output("transfer", "Folder for the flights.")
+@click.option("--reality", "realities", multiple=True, help=f"Where: {_REALITIES}; may be repeated (virtual:7 unless given).")
+@click.option("--task", type=click.Choice(_TASKS), help="What they fly (circle unless given).")
+@click.option("--trials", type=click.IntRange(1, 1000), help="Flights of each policy in each reality (3 unless given).")
+@click.option("--duration", type=click.FloatRange(0.1, 600.0), help="Longest flight, seconds (20 unless given).")
 @click.option(
-    "--reality", "realities", multiple=True, default=("virtual:7",), show_default=True, help=f"Where: {_REALITIES}; may be repeated."
+    "--matrix",
+    "settings",
+    type=click.Path(path_type=Path),
+    help="Train policies for many drones first and fly those: a TOML file such as paper/zero_shot.toml, which says all the rest.",
 )
-@click.option("--task", default="circle", show_default=True, type=click.Choice(_TASKS), help="What they fly.")
-@click.option("--trials", default=3, show_default=True, type=click.IntRange(1, 1000), help="Flights of each policy in each reality.")
-@click.option("--duration", default=20.0, show_default=True, type=click.FloatRange(0.1, 600.0), help="Longest flight, seconds.")
-@_seed
+@click.option("--resume", is_flag=True, help="Go on with a matrix that was interrupted in the folder, with the same result.")
+@click.option("--seed", type=int, help="Random seed; the same seed gives the same results (0 unless given).")
 @_as_json
 @_overwrite
 def transfer(
     policies: tuple[Path, ...],
     output: Path,
     realities: tuple[str, ...],
-    task: str,
-    trials: int,
-    duration: float,
-    seed: int,
+    task: str | None,
+    trials: int | None,
+    duration: float | None,
+    settings: Path | None,
+    resume: bool,
+    seed: int | None,
     as_json: bool,
     overwrite: bool,
 ) -> None:
-    """Fly POLICIES (files or folders) in realities that they have not seen; all of it simulated."""
+    """Fly POLICIES (files or folders), or those of a matrix, in realities that they have not seen; all of it simulated."""
+    if settings is not None:
+        if policies or realities or any(given is not None for given in (task, trials, duration, seed)):
+            raise click.UsageError(f"{settings} says which policies fly, where and how. Give --matrix alone, with -o.")
+        _transfer_matrix(settings, output, resume, overwrite, as_json)
+        return
+    if not policies or resume:
+        raise click.UsageError("Only a matrix is resumed." if policies else "Give policies (files or folders), or --matrix.")
     _must_be_new(output, overwrite)
     from maidenflight import workflow
 
     with terminal.progress("transfer", None):
-        flown = workflow.transfer_to(policies, [workflow.reality(name) for name in realities], seed, output, trials, duration, task)
+        places = [workflow.reality(name) for name in realities or ("virtual:7",)]
+        flown = workflow.transfer_to(policies, places, seed or 0, output, trials or 3, duration or 20.0, task or "circle")
     content = {"flights": flown.table.to_dicts(), "simulated": True, "output": str(output)}
 
     def text() -> None:
@@ -482,6 +497,24 @@ def transfer(
         print(f"written to {output}/")
 
     _emit(as_json, content, text)
+
+
+def _transfer_matrix(settings: Path, output: Path, resume: bool, overwrite: bool, as_json: bool) -> None:
+    _must_be_new(output, overwrite or resume, "go on with what was interrupted there by --resume")
+    _lay_on_all_cores()
+    from maidenflight import workflow
+    from maidenflight.experiments import matrix
+
+    asked = matrix.read(settings)
+    with terminal.progress("transfer", len(asked.cells)) as move, _resumable(output / workflow.CELLS):
+        flights = workflow.transfer_matrix(asked, output, move, anew=overwrite and not resume)
+    cells = matrix.by_cell(flights, asked.duration)
+
+    def text() -> None:
+        terminal.cells(cells)
+        print(f"{flights.height} simulated flights of {len(asked.cells) * asked.policies} policies, written to {output}/flights.csv")
+
+    _emit(as_json, {"flights": flights.to_dicts(), "cells": cells.to_dicts(), "simulated": True, "output": str(output)}, text)
 
 
 @commands.command()

@@ -195,6 +195,17 @@ def read(path: str | os.PathLike[str]) -> Policy:
     return from_json(text_of(path), str(path))
 
 
+def record(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """How the policy of a file was made, as `results.record` tells it.
+
+    Raises:
+        InputError: see `read`.
+    """
+    text = text_of(path)
+    from_json(text, str(path))
+    return json.loads(text)["record"]
+
+
 def text_of(path: str | os.PathLike[str]) -> str:
     """Text of a policy file, of whatever format.
 

@@ -4,6 +4,7 @@ A record never holds the time of day, a host name or an absolute path, so the sa
 """
 
 import hashlib
+import json
 import os
 import re
 import tempfile
@@ -82,3 +83,14 @@ def record(*, seed: int | None, inputs: Sequence[str | os.PathLike[str]], settin
         made["inputs"] = [f"{Path(path).name} sha256:{digest(path)}" for path in inputs]
     made["settings"] = {name: value for name, value in settings.items() if value is not None}
     return made
+
+
+def told(path: str | os.PathLike[str]) -> dict[str, Any] | None:
+    """The record in the comments of a CSV file, as a line `# record: ` of JSON; nothing where there is no such file or line."""
+    with suppress(OSError, ValueError), open(path, encoding="utf-8") as file:
+        for line in file:
+            if line.startswith("# record: "):
+                return json.loads(line.removeprefix("# record: "))
+            if not line.startswith("#"):
+                break
+    return None

@@ -136,6 +136,19 @@ def flight_times(flown: "DataFrame") -> None:
     table("Predicted flight times, simulated", columns, rows, numbers_from=2)
 
 
+def cells(flown: "DataFrame") -> None:
+    """Prints flight times of a matrix: a line a reality, control structure and latency, a column a motor lag."""
+    lags = flown["motor_time_constant"].unique().sort().to_list()
+    rows = []
+    parts = flown.partition_by("reality", maintain_order=True)
+    lines = [line for part in parts for line in part.group_by("reality", "control", "latency", maintain_order=True)]
+    for (reality, control, latency), part in lines:
+        found = {row["motor_time_constant"]: f"{row['mean']:.1f} s  {row['share']:4.0%}" for row in part.iter_rows(named=True)}
+        rows.append([str(reality), str(control), f"{1e3 * float(latency):g} ms", *(found[lag] for lag in lags)])
+    title = "Mean flight time and share of flights that last the longest, by what was trained for; simulated"
+    table(title, ["reality", "control", "latency", *(f"T_m {1e3 * lag:g} ms" for lag in lags)], rows, numbers_from=2)
+
+
 def truth(result: "Demo") -> dict[str, str]:
     """What the demo's virtual drone really has, in words: the model has one delay where the drone has two."""
     from maidenflight.parameters import component

@@ -19,7 +19,9 @@ from maidenflight import parameters, policy, results
 from maidenflight.deployment.authors_json import read_policy
 from maidenflight.deployment.c import export_c
 from maidenflight.errors import InputError
+from maidenflight.experiments import matrix
 from maidenflight.experiments.flight_times import predict_flight_times
+from maidenflight.experiments.matrix import Cell, Matrix
 from maidenflight.experiments.transfer import Transfer, transfer
 from maidenflight.flights import log, recording
 from maidenflight.flights.reading import Flights, read_flights
@@ -33,7 +35,7 @@ from maidenflight.simulator import control, tasks
 from maidenflight.simulator.bullet import DAMPING, Bullet
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.randomization import Distribution, Ensemble, randomize, relative_box
-from maidenflight.simulator.virtual_drone import VirtualDrone, virtual_drone
+from maidenflight.simulator.virtual_drone import KINDS, VirtualDrone, virtual_drone
 from maidenflight.training import scoreboards
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.ppo import PPO
@@ -46,20 +48,20 @@ def reality(name: str) -> VirtualDrone:
     """A virtual drone by name.
 
     Args:
-        name: `virtual:SEED`; `pybullet:SEED`, the same drone in PyBullet with the damping that Bullet has unless told otherwise; or
-            a drone's TOML file, which is then simulated as finely as a virtual drone.
+        name: `virtual:SEED`, or `near:SEED` and `far:SEED`, its milder and its stranger kin; `pybullet:SEED`, the first in PyBullet
+            with the damping that Bullet has unless told otherwise; or a drone's TOML file, which is then simulated as finely as a
+            virtual drone.
 
     Raises:
         InputError: none of these, or PyBullet is not installed.
     """
-    if name.startswith(("virtual:", "pybullet:")):
-        engine, seed = name.split(":", 1)
+    kind, _, seed = name.partition(":")
+    if kind in (*KINDS, "pybullet") and name != kind:
         if not seed.isdecimal():
-            raise InputError(f"{name}: expected {engine}:SEED with a whole number, such as {engine}:7.")
-        drone = virtual_drone(int(seed))
-        if engine == "pybullet":
-            drone = dataclasses.replace(drone, name=f"pybullet-{int(seed)}", integrator=Bullet(DAMPING, DAMPING))
-        return drone
+            raise InputError(f"{name}: expected {kind}:SEED with a whole number, such as {kind}:7.")
+        if kind == "pybullet":
+            return dataclasses.replace(virtual_drone(int(seed)), name=f"pybullet-{int(seed)}", integrator=Bullet(DAMPING, DAMPING))
+        return virtual_drone(int(seed), kind)
     return VirtualDrone(Path(name).stem, parameters.replace(parameters.read(name), time_step=0.001))
 
 
@@ -329,6 +331,74 @@ def transfer_to(
         log.write(Path(folder) / f"{flight.name}.csv", flight, made)
     results.write(Path(folder) / "flights.csv", flown.table.write_csv())
     return flown
+
+
+_ZERO_SHOT = (
+    "# maidenflight zero-shot flights 1: simulated, a row a flight; training_rate Hz, motor_time_constant s and latency s of the policy's"
+    " training, duration s, position_error m"
+)
+CELLS = "policies"
+"""In the folder of a matrix: a folder of policies for each of its cells."""
+
+
+def transfer_matrix(
+    asked: Matrix, folder: StrPath, on_cell: Callable[[int, int, str], None] | None = None, anew: bool = False
+) -> polars.DataFrame:
+    """Trains the policies of a matrix and flies them; writes a folder of policies for each cell, and `flights.csv` with a row a flight.
+
+    Cells whose policies are in the folder already are not trained again, so what was interrupted goes on.
+
+    Args:
+        asked: the matrix.
+        folder: where to write.
+        on_cell: called with (cells done, cells, what is next).
+        anew: use nothing of what an earlier run wrote there.
+
+    Returns:
+        What `matrix.fly` gives.
+
+    Raises:
+        InputError: the folder holds policies of other settings or of another version; or a drone or a reality is unknown.
+    """
+    nominal, realities = parameters.read(asked.drone), [reality(name) for name in asked.realities]
+    inputs = [asked.drone] if Path(asked.drone).is_file() else []
+    settings = {name: value for name, value in dataclasses.asdict(asked).items() if name not in ("controls", "rates", "seed")}
+    settings |= {"drone": Path(asked.drone).name, "training": [asked.said(cell) for cell in asked.cells]}
+    inputs += [name for name in asked.realities if Path(name).is_file()]
+    made, table = _plain(results.record(seed=asked.seed, inputs=inputs, settings=settings)), Path(folder) / "flights.csv"
+    if results.told(table) == made and not anew:
+        return polars.read_csv(table, comment_prefix="#")
+    policies: dict[Cell, Sequence[Policy]] = {}
+    for done, cell in enumerate(asked.cells):
+        if on_cell is not None:
+            on_cell(done, len(asked.cells), f"training {cell.name}")
+        policies[cell] = _policies_of(asked, cell, nominal, Path(folder) / CELLS / cell.name, anew)
+    if on_cell is not None:
+        on_cell(len(asked.cells), len(asked.cells), "flying")
+    flights = matrix.fly(asked, policies, realities)
+    results.write(table, f"{_ZERO_SHOT}\n# record: {json.dumps(made)}\n{flights.write_csv()}")
+    return flights
+
+
+def _policies_of(asked: Matrix, cell: Cell, nominal: Parameters, folder: Path, anew: bool) -> Sequence[Policy]:
+    """Those that the folder holds, or new ones that it holds then."""
+    inputs = [asked.drone] if Path(asked.drone).is_file() else []
+    made = _plain(results.record(seed=asked.seed, inputs=inputs, settings=asked.said(cell)))
+    files = [folder / f"policy_{number}.json" for number in range(1, asked.policies + 1)]
+    if anew or not all(path.exists() for path in files):
+        for path in files:
+            path.unlink(missing_ok=True)
+        for path, one in zip(files, matrix.train_cell(asked, cell, nominal), strict=True):
+            policy.write(path, one, made)
+    for path in files:
+        if policy.record(path) != made:
+            raise InputError(f"{path}: from a run with other settings or of another version. Choose another folder with -o.")
+    return [policy.read(path) for path in files]
+
+
+def _plain(record: dict[str, Any]) -> dict[str, Any]:
+    """A record as it reads back from JSON."""
+    return json.loads(json.dumps(record))
 
 
 _PREDICTION = "# maidenflight prediction 1: simulated flights of given policies as the authors' drone ran them, a row a flight; duration s"

@@ -9,7 +9,7 @@ from maidenflight.errors import InputError
 from maidenflight.parameters import QUANTITIES, check, crazyflie
 from maidenflight.simulator import control, dynamics, environment, tasks
 from maidenflight.simulator.rollout import rollout
-from maidenflight.simulator.virtual_drone import SPREAD, virtual_drone
+from maidenflight.simulator.virtual_drone import FAR, KINDS, SPREAD, virtual_drone
 
 SEEDS = range(8)
 
@@ -35,9 +35,34 @@ def test_every_virtual_drone_is_physical_and_within_its_spread(seed):
     assert all(np.asarray(getattr(parameters, name)).dtype == np.float32 for name in QUANTITIES)
 
 
-def test_a_negative_seed_is_refused():
+def test_a_negative_seed_and_an_unknown_kind_are_refused():
     with pytest.raises(InputError, match="seed of 0 or more"):
         virtual_drone(-1)
+    with pytest.raises(InputError, match="near, virtual, far"):
+        virtual_drone(1, "farther")
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_near_drone_is_of_the_papers_model_with_other_numbers(seed):
+    near, paper, virtual = virtual_drone(seed, "near").parameters, crazyflie(), virtual_drone(seed).parameters
+    lacking = ("motor_slowdown", "drag", "estimator_delay", "gyro_lag", "battery_resistance", "battery_discharge", "flapping_moment")
+    for name in (*lacking, "rotor_momentum", "torque_bias"):
+        np.testing.assert_array_equal(getattr(near, name), getattr(paper, name), err_msg=name)
+    for name in ("thrust_to_weight", "latency", "mass", "inertia"):
+        np.testing.assert_array_equal(getattr(near, name), getattr(virtual, name), err_msg=name)
+    up, down = virtual.motor_time_constant, virtual.motor_time_constant * virtual.motor_slowdown
+    np.testing.assert_allclose(near.motor_time_constant, (up + down) / 2, rtol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_far_drone_has_what_flights_of_the_authors_drone_tell(seed):
+    far, virtual = check(virtual_drone(seed, "far").parameters), virtual_drone(seed).parameters
+    for name, (low, high) in FAR.items():
+        assert np.float32(low) <= getattr(far, name) <= np.float32(high), name
+    assert np.all(far.torque_bias != 0)
+    for name in ("drag", "inertia", "latency", "estimator_delay", "battery_resistance"):
+        np.testing.assert_array_equal(getattr(far, name), getattr(virtual, name), err_msg=name)
+    assert len({virtual_drone(seed, kind).name for kind in KINDS}) == len(KINDS)
 
 
 def test_a_virtual_drone_has_effects_that_the_papers_model_lacks():
@@ -59,8 +84,8 @@ def test_an_action_holds_for_ten_milliseconds_whatever_the_controllers_rate(cont
 
 
 def test_the_firmwares_pid_flies_the_circle_on_every_virtual_drone():
-    drones = [virtual_drone(seed) for seed in SEEDS]
-    world = drones[0].environment(tasks.circle(), control.position_pid())
+    drones = [virtual_drone(seed, kind) for kind in KINDS for seed in SEEDS]
+    world = drones[-1].environment(tasks.circle(), control.position_pid())
 
     def fly(parameters, key):
         start = dynamics.at_hover(jnp.array([0.0, 0.0, 1.0]), parameters)
@@ -69,7 +94,7 @@ def test_the_firmwares_pid_flies_the_circle_on_every_virtual_drone():
         return flown.state, outcome.setpoint
 
     batch = jax.tree.map(lambda *leaves: np.stack(leaves), *(drone.parameters for drone in drones))
-    state, setpoint = jax.jit(jax.vmap(fly))(batch, jax.random.split(jax.random.key(0), len(SEEDS)))
+    state, setpoint = jax.jit(jax.vmap(fly))(batch, jax.random.split(jax.random.key(0), len(drones)))
     tilt = np.degrees(np.arccos(np.asarray(jax.vmap(jax.vmap(lambda q: 1 - 2 * (q[0] ** 2 + q[1] ** 2)))(state.quaternion))))
     height, distance = np.asarray(state.position[..., 2]), np.linalg.norm(state.position - setpoint, axis=-1)
     assert np.all((height > 0.7) & (height < 1.3))

@@ -1,0 +1,234 @@
+"""The paper's experiment: policies trained for many motors, and all of them flown in realities that they have not seen.
+
+A matrix has a cell for each control structure, motor lag and latency. Its settings stand in one TOML file:
+
+    drone = "crazyflie"                     # whose other parameters are kept: a name or a TOML file
+    realities = ["virtual:7"]               # where to fly
+    motor_time_constant = [0.04, 0.08]      # T_m of the drones trained for [s]
+    latency = [0.0, 0.015]                  # and their latency [s]
+    [control.pwm]                           # a control structure; settings of training, those of `AnalyticGradient`, and `rate`
+    updates = 800
+
+Source: Gronauer et al. 2022, sec. Zero-Shot Experiments.
+"""
+
+import dataclasses
+import os
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+import polars
+
+from maidenflight.errors import InputError
+from maidenflight.experiments.transfer import LONGEST, transfer
+from maidenflight.parameters import Parameters, replace
+from maidenflight.policy import CONTROLS, Policy
+from maidenflight.simulator import control, tasks
+from maidenflight.simulator.control import Controller
+from maidenflight.simulator.randomization import relative_box
+from maidenflight.simulator.virtual_drone import VirtualDrone
+from maidenflight.training.analytic_gradient import AnalyticGradient
+from maidenflight.training.train import recorded, train
+
+
+class Cell(NamedTuple):
+    """What some policies are trained for."""
+
+    control: str
+    motor_time_constant: float
+    """[s]."""
+    latency: float
+    """[s]."""
+
+    @property
+    def name(self) -> str:
+        """Such as pwm_80ms_15ms."""
+        return f"{self.control}_{1e3 * self.motor_time_constant:g}ms_{1e3 * self.latency:g}ms"
+
+
+@dataclass(frozen=True)
+class Matrix:
+    """What is trained and flown."""
+
+    controls: Mapping[str, AnalyticGradient]
+    """Settings of training, by control structure."""
+    rates: Mapping[str, int]
+    """Actions a second in training [Hz], by control structure. All of them fly at their structure's own rate."""
+    motor_time_constant: tuple[float, ...]
+    """[s]."""
+    latency: tuple[float, ...]
+    """[s]."""
+    realities: tuple[str, ...] = ("virtual:7",)
+    drone: str = "crazyflie"
+    randomization: float = 0.10
+    """Half width of the box about each cell's drone."""
+    policies: int = 3
+    """Of each cell, each from its own seed."""
+    trials: int = 3
+    """Flights of each policy in each reality."""
+    duration: float = LONGEST
+    """Longest flight [s]."""
+    seed: int = 0
+
+    @property
+    def cells(self) -> list[Cell]:
+        """All of them, a control structure after the other."""
+        return [Cell(kind, lag, latency) for kind in self.controls for lag in self.motor_time_constant for latency in self.latency]
+
+    def sketch(self) -> "Matrix":
+        """One policy a cell, trained for a third as long: for a look."""
+        shorter = {kind: dataclasses.replace(one, updates=max(1, one.updates // 3)) for kind, one in self.controls.items()}
+        return dataclasses.replace(self, controls=shorter, policies=1)
+
+    def said(self, cell: Cell) -> dict[str, Any]:
+        """All that a cell's policies depend on but the drone's file and the seed; plain values."""
+        own = {"randomization": self.randomization, "policies": self.policies, "training_rate": self.rates[cell.control]}
+        return {**cell._asdict(), "drone": Path(self.drone).name, **own, **recorded(self.controls[cell.control])}
+
+
+_PLAIN = {
+    "realities": (list, "a list of names"),
+    "drone": (str, "a name or a file"),
+    "randomization": (float, "a number"),
+    "policies": (int, "a whole number"),
+    "trials": (int, "a whole number"),
+    "duration": (float, "seconds"),
+    "seed": (int, "a whole number"),
+    "motor_time_constant": (list, "a list of seconds"),
+    "latency": (list, "a list of seconds"),
+}
+
+
+def read(path: str | os.PathLike[str]) -> Matrix:
+    """Reads a matrix from its TOML file.
+
+    Raises:
+        InputError: the file is not there, not TOML, or says something that a matrix does not have.
+    """
+    try:
+        told = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"{path}: not settings of a matrix ({error}). Give a TOML file such as paper/zero_shot.toml.") from error
+    structures = told.pop("control", None)
+    if not isinstance(structures, dict) or not structures:
+        raise InputError(f"{path}: no control structure. Give a table [control.NAME] for each of {', '.join(CONTROLS)} that is wanted.")
+    plain: dict[str, Any] = {}
+    for name, value in told.items():
+        if name not in _PLAIN:
+            raise InputError(f"{path}: {name} is unknown. Expected {', '.join(_PLAIN)} and tables [control.NAME].")
+        kind, words = _PLAIN[name]
+        value = float(value) if kind is float and type(value) is int else value
+        if type(value) is not kind:
+            raise InputError(f"{path}: {name} = {value!r}; expected {words}.")
+        plain[name] = tuple(value) if isinstance(value, list) else value
+    for name in ("motor_time_constant", "latency"):
+        lags = plain.get(name, ())
+        if not lags or not all(type(lag) in (int, float) and lag >= 0 for lag in lags):
+            raise InputError(f"{path}: {name} = {list(lags)}; expected a list of at least one time in seconds, such as [0.04, 0.08].")
+        plain[name] = tuple(map(float, lags))
+    for name in ("policies", "trials"):
+        if plain.get(name, 1) < 1:
+            raise InputError(f"{path}: {name} = {plain[name]}; expected at least 1.")
+    if plain.get("duration", LONGEST) <= 0 or not 0 <= plain.get("randomization", 0.1) <= 0.9:
+        raise InputError(f"{path}: expected a duration above 0 s and a randomization from 0 to 0.9.")
+    settings = {kind: _settings(path, kind, dict(own)) for kind, own in structures.items()}
+    return Matrix({kind: one for kind, (one, _) in settings.items()}, {kind: rate for kind, (_, rate) in settings.items()}, **plain)
+
+
+def _settings(path: str | os.PathLike[str], kind: str, told: dict[str, Any]) -> tuple[AnalyticGradient, int]:
+    """Settings of training and rate of a control structure."""
+    if kind not in CONTROLS:
+        raise InputError(f"{path}: [control.{kind}] is unknown. Expected {', '.join(CONTROLS)}.")
+    rate = told.pop("rate", control.CONTROLLERS[kind]().action_rate)
+    _controller(kind, rate)
+    known = {entry.name: type(entry.default) for entry in dataclasses.fields(AnalyticGradient)}
+    for name, value in told.items():
+        if name not in known:
+            raise InputError(f"{path}: [control.{kind}] {name} is unknown. Expected rate, {', '.join(known)}.")
+        value = tuple(value) if isinstance(value, list) else value
+        value = float(value) if known[name] is float and type(value) is int else value
+        if type(value) is not known[name]:
+            raise InputError(f"{path}: [control.{kind}] {name} = {value!r}; expected {known[name].__name__}.")
+        told[name] = value
+    return AnalyticGradient(**told), rate
+
+
+def _controller(kind: str, rate: int) -> Controller:
+    """A control structure at another rate than its own."""
+    own = control.CONTROLLERS[kind]()
+    if rate == own.action_rate:
+        return own
+    if kind == "pwm":
+        raise InputError(f"pwm at {rate} Hz; the motors take {own.action_rate} commands a second. Leave out its rate.")
+    return control.CONTROLLERS[kind](action_rate=rate)
+
+
+def train_cell(matrix: Matrix, cell: Cell, nominal: Parameters) -> tuple[Policy, ...]:
+    """Policies of a cell, as trained: at the rate of training.
+
+    They depend neither on the other cells nor on the matrix's place for theirs.
+
+    Args:
+        matrix: settings.
+        cell: one of its cells.
+        nominal: the drone whose other parameters are kept.
+    """
+    controller = _controller(cell.control, matrix.rates[cell.control])
+    drone = replace(nominal, motor_time_constant=np.float32(cell.motor_time_constant), latency=np.float32(cell.latency))
+    box = relative_box(control.in_fitting_steps(drone, controller), matrix.randomization)
+    key = jax.random.key(matrix.seed)
+    for part in (CONTROLS.index(cell.control), round(1e6 * cell.motor_time_constant), round(1e6 * cell.latency)):
+        key = jax.random.fold_in(key, part)
+    return train(tasks.circle(), controller, box, jax.random.split(key, matrix.policies), matrix.controls[cell.control])
+
+
+def fly(matrix: Matrix, policies: Mapping[Cell, Sequence[Policy]], realities: Sequence[VirtualDrone]) -> polars.DataFrame:
+    """Flies all policies, each at its structure's own rate whatever the rate that it was trained at.
+
+    Args:
+        matrix: settings.
+        policies: of each cell.
+        realities: where to fly.
+
+    Returns:
+        A row a flight: control, training_rate [Hz], motor_time_constant and latency trained for [s], number (of the policy in its cell),
+        reality, trial, duration [s], end_reason, position_error [m].
+    """
+    tables = []
+    for kind in dict.fromkeys(cell.control for cell in policies):
+        own = [(cell, number, one) for cell, several in policies.items() if cell.control == kind for number, one in enumerate(several, 1)]
+        names = [f"{cell.name}/{number}" for cell, number, _ in own]
+        rate = control.CONTROLLERS[kind]().action_rate
+        flying = [dataclasses.replace(one, rate=rate) for *_, one in own]
+        key = jax.random.fold_in(jax.random.key(matrix.seed), CONTROLS.index(kind))
+        table = transfer(flying, realities, matrix.trials, key, duration=matrix.duration, names=names).table.drop("flight")
+        told = [
+            {
+                "policy": name,
+                "control": kind,
+                "training_rate": matrix.rates[kind],
+                "motor_time_constant": cell.motor_time_constant,
+                "latency": cell.latency,
+                "number": number,
+            }
+            for name, (cell, number, _) in zip(names, own, strict=True)
+        ]
+        tables.append(polars.DataFrame(told).join(table, on="policy", maintain_order="left").drop("policy"))
+    return polars.concat(tables)
+
+
+def by_cell(flights: polars.DataFrame, longest: float = LONGEST) -> polars.DataFrame:
+    """A row a reality and cell: policies, flights, mean and median flight time [s], and the share of flights that last the longest."""
+    duration = polars.col("duration")
+    return flights.group_by("reality", "control", "motor_time_constant", "latency", maintain_order=True).agg(
+        polars.col("number").n_unique().alias("policies"),
+        polars.len().alias("flights"),
+        duration.mean().alias("mean"),
+        duration.median().alias("median"),
+        (duration >= longest).mean().alias("share"),
+    )
