@@ -1,6 +1,11 @@
 """Strict JAX, so that no shape or dtype is guessed, and the same examples from hypothesis on every run; the authors' data where it is."""
 
+import os
 from pathlib import Path
+
+# Compilation is most of what tests take: what one process compiled the others read, and so does the next run.
+os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1] / ".pytest_cache" / "xla"))
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
 
 import jax
 import pytest

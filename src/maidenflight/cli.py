@@ -3,9 +3,12 @@
 import dataclasses
 import json
 import os
+import platform
 import shlex
 import sys
 import time
+import warnings
+import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -32,6 +35,7 @@ _REALITIES = "near:SEED, virtual:SEED, far:SEED, ever stranger; pybullet:SEED (v
 
 def main() -> None:
     """Entry point: exit code 2 and one line for a user's mistake, 130 when interrupted."""
+    _keep_compiled()
     try:
         commands(prog_name="maidenflight", standalone_mode=False)
     except InputError as error:
@@ -108,6 +112,42 @@ def _lay_on_all_cores() -> None:
     # Where JAX runs already, as in a notebook, its devices stay what they are.
     with suppress(RuntimeError):
         jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
+
+
+_MOST_KEPT = 500_000_000
+"""Bytes of compiled programs; a program has some hundred thousand."""
+
+
+def _keep_compiled() -> None:
+    """Keeps compiled programs in the user's cache folder, by processor: what was compiled once starts at once the next time.
+
+    JAX's own variable names another folder; set to nothing it keeps none.
+    """
+    if "JAX_COMPILATION_CACHE_DIR" in os.environ:
+        return
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "maidenflight"
+    folder = cache / f"{platform.machine()}-{zlib.crc32(_processor().encode()):08x}"
+    with suppress(OSError):
+        kept = sorted((entry.stat().st_mtime, entry.stat().st_size, entry) for entry in folder.glob("*-cache"))
+        surplus = sum(size for _, size, _ in kept) - _MOST_KEPT
+        for _, size, entry in kept:
+            if surplus > 0:
+                entry.unlink()
+                surplus -= size
+        folder.mkdir(parents=True, exist_ok=True)
+        os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder)
+        os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
+    # What a killed process left half written, or a full disk, costs a compilation and is no news to users.
+    warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache entry")
+
+
+def _processor() -> str:
+    """What compiled programs depend on: a home folder may be shared by different machines."""
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+    except OSError:
+        return platform.processor()
+    return "".join(sorted({line for line in text.splitlines() if line.startswith(("model name", "flags", "Features", "CPU part"))}))
 
 
 def _emit(as_json: bool, content: dict[str, Any], text: Callable[[], None]) -> None:

@@ -95,8 +95,6 @@ def test_a_share_of_the_drones_starts_anew_after_each_update() -> None:
     keys, drones = jax.random.split(jax.random.key(5), 1), 64
     drone = crazyflie()
     world, box = Environment.matching(drone), relative_box(drone)
-    for restart, least, most in ((0.0, 0, 0), (0.3, 8, 30), (1.0, drones, drones)):
-        settings = AnalyticGradient(drones=drones, horizon=2, restart=restart)
-        learners = analytic_gradient.learn(world, settings, box, analytic_gradient.begin(world, settings, box, keys), keys, 0, 1)
-        fresh = int(jnp.sum(learners.drones.episode.elapsed == 0.0))
-        assert least <= fresh <= most
+    settings = AnalyticGradient(drones=drones, horizon=2, restart=0.3, hidden=(8,))
+    learners = analytic_gradient.learn(world, settings, box, analytic_gradient.begin(world, settings, box, keys), keys, 0, 1)
+    assert 8 <= int(jnp.sum(learners.drones.episode.elapsed == 0.0)) <= 30
