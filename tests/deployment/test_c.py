@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from maidenflight.deployment.c import GOLDEN_COUNT, checksum, export_c, golden_observations
+from maidenflight.deployment.c import COMMANDS, GOLDEN_COUNT, checksum, export_c, golden_observations
 from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie
 from maidenflight.policy import to_json, untrained
@@ -76,9 +76,9 @@ class Flown:
     action = property(lambda self: np.array(self.state.action))
 
 
-def restless(hidden=(50, 50), history=2):
+def restless(hidden=(50, 50), history=2, controller=None):
     """A policy with biases, whose actions are of order 1, sometimes beyond; weak in the last action, lest a flight run away."""
-    policy = untrained(jax.random.key(3), hidden, history)
+    policy = untrained(jax.random.key(3), hidden, history, controller)
     keys = jax.random.split(jax.random.key(4), len(policy.biases))
     biases = tuple(jax.random.normal(key, bias.shape) * 0.3 for key, bias in zip(keys, policy.biases, strict=True))
     deviation = policy.observation_deviation * jnp.tile(jnp.where(jnp.arange(20) < 16, 1.0, 10.0), history)
@@ -99,30 +99,32 @@ def walk(steps, seed=0):
 @pytest.fixture
 def flown(tmp_path):
     """Exports and compiles."""
-    return lambda policy, level="-O3": Flown(export_c(policy, tmp_path)[0].parent, policy.history, level)
+    return lambda policy, level="-O3", compiler=None: Flown(export_c(policy, tmp_path)[0].parent, policy.history, level, compiler)
 
 
 @pytest.mark.parametrize(("hidden", "history"), NETWORKS)
-@pytest.mark.parametrize("level", ["-O3", "-Os"])
-def test_network_computes_what_python_computes_and_passes_its_self_test(flown, hidden, history, level):
+@pytest.mark.parametrize(("compiler", "level"), [(name, level) for name in COMPILERS for level in ("-O3", "-Os")])
+def test_network_computes_what_python_computes_and_passes_its_self_test(flown, hidden, history, compiler, level):
     policy = restless(hidden, history)
     spread = np.random.default_rng(1).normal(size=(10_000, 20 * history)).astype(np.float32)
     observations = np.asarray(policy.observation_mean) + np.asarray(policy.observation_deviation) * spread
     expected = np.asarray(jax.vmap(policy)(jnp.asarray(observations)))
-    drone = flown(policy, level)
+    drone = flown(policy, level, compiler)
     error = np.abs(drone.network(observations) - expected)
     assert np.all(error <= 1e-5 * np.maximum(1.0, np.abs(expected)))
     assert np.abs(expected).max() > 1.0
     assert drone.self_test()
 
 
-@pytest.mark.parametrize("history", [1, 2, 3])
-def test_500_steps_remember_what_python_remembers(flown, history):
-    policy = restless(history=history)
-    drone, act, observe = flown(policy), jax.jit(lambda seen: policy(seen)), jax.jit(environment.observe)
+@pytest.mark.parametrize("compiler", COMPILERS)
+@pytest.mark.parametrize(("structure", "history"), [("pwm", 1), ("pwm", 2), ("pwm", 3), *((name, 2) for name in COMMANDS if name != "pwm")])
+def test_500_steps_remember_what_python_remembers(flown, structure, history, compiler):
+    policy = restless(history=history, controller=CONTROLLERS[structure]())
+    commanded = COMMANDS[structure]
+    drone, act, observe = flown(policy, compiler=compiler), jax.jit(lambda seen: policy(seen)), jax.jit(environment.observe)
     action = np.full(4, 0.1, np.float32)
     drone.reset(action)
-    memory, commands = None, []
+    memory, actions = None, []
     for measurement, setpoint in zip(*walk(500), strict=True):
         instant = observe(measurement, setpoint, action)
         memory = np.tile(instant, (history, 1)) if memory is None else np.vstack([memory[1:], instant])
@@ -131,10 +133,11 @@ def test_500_steps_remember_what_python_remembers(flown, history):
         assert finite
         np.testing.assert_allclose(drone.history, memory, rtol=1e-5, atol=1e-5)
         np.testing.assert_allclose(drone.action, action, rtol=1e-5, atol=1e-5)
-        np.testing.assert_allclose(command, (np.clip(action, -1, 1) + 1) / 2, rtol=0, atol=1e-5)
-        commands.append(command)
-    assert np.min(commands) == 0.0
-    assert np.max(commands) == 1.0
+        wanted = np.array(commanded.centre) + np.array(commanded.span) * np.clip(action, -1, 1)
+        np.testing.assert_allclose(command, wanted, rtol=0, atol=1e-5)
+        actions.append(action)
+    assert np.min(actions) < -1.0
+    assert np.max(actions) > 1.0
 
 
 def test_an_episode_of_the_simulator_is_seen_as_the_simulator_sees_it(flown):
