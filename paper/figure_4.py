@@ -68,7 +68,7 @@ def chart(rows: dict[str, polars.DataFrame]) -> str:
         for column, latency in enumerate(latencies):
             panel = Panel(column * SIDE + 48, top, SIDE - 62, HIGH, (-0.5, len(lags) - 0.5), (0.0, 1.03 * LONGEST))
             outside, _ = svg.axes(panel, None, "flight time [s]" if column == 0 else "")
-            parts += [outside, svg.text(panel.left, top - 9, f"{named}: trained for {1e3 * latency:g} ms", "strong")]
+            parts += [outside, svg.text(panel.left, top - 9, f"{named}: latency {1e3 * latency:g} ms in training", "strong")]
             for place, lag in enumerate(lags):
                 parts.append(svg.text(panel.left + float(panel.across(place)), top + HIGH + 17, f"{1e3 * lag:g}", "", "middle"))
             parts.append(svg.text(panel.left + panel.width / 2, top + HIGH + 36, f"{svg.symbol('motor_time_constant')} [ms]", "", "middle"))

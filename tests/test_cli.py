@@ -40,7 +40,7 @@ def test_every_command_explains_itself(command: str, monkeypatch: Any, capsys: A
 
 
 def test_help_imports_nothing_heavy() -> None:
-    heavy = "jax numpy scipy sklearn polars plotly rich optax tomlkit gymnasium pybullet tensorboardX wandb".split()
+    heavy = "jax onnx onnxruntime numpy scipy sklearn polars plotly rich optax tomlkit gymnasium pybullet tensorboardX wandb".split()
     program = (
         "import sys; sys.argv = ['maidenflight', 'identify', '--help']\n"
         "from maidenflight import cli\n"
@@ -199,7 +199,7 @@ def test_flight_times_of_ours_and_the_authors_policies_are_predicted(tmp_path: P
         assert entry["end_reasons"] == dict(own["end_reason"].value_counts().rows())
     made = json.loads(output.read_text().splitlines()[1].removeprefix("# record: "))
     assert [one.split(" ")[0] for one in made["inputs"]] == ["drone.toml", theirs.name, *(f"policy_{number}.json" for number in range(3))]
-    assert made["settings"] == {"drone": "drone.toml", "trials": 5, "duration": 2.0, "randomization": "trim"}
+    assert made["settings"] == {"drone": "drone.toml", "trials": 5, "duration": 2.0, "randomization": "trim", "firmware": "2021.10"}
 
     first = output.read_bytes()
     code, out, err = run(monkeypatch, capsys, *arguments)
@@ -239,6 +239,11 @@ def test_policies_are_trained_over_what_flights_leave_possible(tmp_path: Path, m
     assert code == 0, err
     made = json.loads((policies / "policy_1.json").read_text())["record"]["settings"]
     assert made["randomization"] == "posterior"
+    assert "heading" not in made
+    code, out, err = run(monkeypatch, capsys, *trained[:-2], "wide", "--heading", 0.1, "--overwrite")
+    assert code == 0, err
+    made = json.loads((policies / "policy_1.json").read_text())["record"]["settings"]
+    assert (made["randomization"], made["heading"]) == ("wide", 0.1)
 
 
 def test_training_that_is_interrupted_says_how_to_go_on_and_does(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:

@@ -419,8 +419,17 @@ def _randomization(*words: str) -> Callable[[click.Context, click.Parameter, str
     "--randomize",
     default="0.1",
     show_default=True,
-    callback=_randomization("posterior"),
-    help="Half width of the parameters' box, or posterior: the drones that the identified flights leave possible.",
+    callback=_randomization("posterior", "wide"),
+    help="Half width of the parameters' box; posterior: the drones that the identified flights leave possible; or wide: drones unlike it"
+    " too, with all the constant torques that its flights had.",
+)
+@click.option(
+    "--heading",
+    default=0.0,
+    show_default=True,
+    type=click.FloatRange(0.0, 10.0),
+    help="Price of a radian of heading, a control period; 0.1 keeps a drone from turning away in long flights, of which the paper's reward"
+    " says nothing.",
 )
 @click.option("--resume", is_flag=True, help="Go on with training that was interrupted in the folder, with the same result.")
 @click.option(
@@ -443,6 +452,7 @@ def train(
     method: str,
     updates: int | None,
     randomize: float | str,
+    heading: float,
     resume: bool,
     boards: tuple[str, ...],
     seed: int,
@@ -470,7 +480,7 @@ def train(
             heard.append(progress)
             move(progress.update, settings.updates, terminal.scores(progress, rate))
 
-        workflow.train_for(drone_, seed, output, count, settings, randomize, hear, control, task, resume, boards, history)
+        workflow.train_for(drone_, seed, output, count, settings, randomize, hear, control, task, resume, boards, history, heading)
     best = [max((progress.score for progress in heard), key=lambda score: float(score.episode_return[number])) for number in range(count)]
     scores = [{name: round(float(value[number]), 6) for name, value in score._asdict().items()} for number, score in enumerate(best)]
     content = {"policies": [str(output / f"policy_{number}.json") for number in range(1, count + 1)], "scores": scores}
@@ -574,6 +584,13 @@ def _transfer_matrix(settings: Path, output: Path, resume: bool, overwrite: bool
     type=click.Choice(["pwm", "attitude_rate", "attitude"]),
     help="What the authors' policies command; unless given, what their files' names begin with or their folder is called. Ours say it.",
 )
+@click.option(
+    "--firmware",
+    default="2021.10",
+    show_default=True,
+    type=click.Choice(["2021.10", "2026.08"]),
+    help="2021.10 as the authors' drone ran it, or 2026.08, for which attitude-rate and attitude policies of ours are trained.",
+)
 @_seed
 @_as_json
 @_overwrite
@@ -585,6 +602,7 @@ def predict(
     duration: float,
     randomize: float | str | None,
     control: str | None,
+    firmware: str,
     seed: int,
     as_json: bool,
     overwrite: bool,
@@ -592,7 +610,7 @@ def predict(
     """Predict how long POLICIES (files or folders) would fly on the real drone.
 
     Policies of maidenflight and of Gronauer et al., of all control structures together, fly the circle on the identified drone as the
-    authors' drone ran them: at their rate, by the firmware of 2021.10, from hover, until a guard trips. All of it is simulated.
+    authors' drone ran them: at their rate, by its firmware, from hover, until a guard trips. All of it is simulated.
     """
     _must_be_new(output, overwrite)
     _lay_on_all_cores()
@@ -608,6 +626,7 @@ def predict(
             duration=duration,
             randomization=randomize,
             structure=control,
+            firmware=firmware,
             on_policy=lambda done, of: move(done, of, "policies flown"),
         )
 
@@ -634,18 +653,40 @@ def _flight_times_content(files: list[Path], flown: "DataFrame") -> list[dict[st
     ]
 
 
+_EXPORTED = {"c": "firmware", "onnx": "onnx_policy", "authors": "authors_policy"}
+"""Folders of what a policy is exported to."""
+
+
 @commands.command()
 @click.argument("policy", type=click.Path(path_type=Path))
-@_output("firmware", "Folder for the C code.")
+@click.option(
+    "--to",
+    default="c",
+    show_default=True,
+    type=click.Choice(list(_EXPORTED)),
+    help="c: C99 without dependencies, policy.h and policy.c; onnx: policy.onnx; authors: a JSON as the tools of Gronauer et al. read it.",
+)
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    help=f"Folder; {', '.join(f'{folder} for {to}' for to, folder in _EXPORTED.items())} unless given.",
+)
+@click.option(
+    "--control",
+    type=click.Choice(["pwm", "attitude_rate", "attitude"]),
+    help="What an authors' policy commands; unless given, what its file's name begins with or its folder is called. Ours say it.",
+)
 @_seed
 @_as_json
 @_overwrite
-def export(policy: Path, output: Path, seed: int, as_json: bool, overwrite: bool) -> None:
-    """Export a POLICY file to C99 without dependencies: policy.h and policy.c."""
+def export(policy: Path, to: str, output: Path | None, control: str | None, seed: int, as_json: bool, overwrite: bool) -> None:
+    """Export a POLICY file, ours or of Gronauer et al., to C, to ONNX or to their JSON."""
+    output = output or Path(_EXPORTED[to])
     _must_be_new(output, overwrite)
     from maidenflight import workflow
 
-    written = workflow.export(policy, output, seed)
+    written = workflow.export(policy, output, seed, to, control)
     content = {"files": [str(path) for path in written]}
     _emit(as_json, content, lambda: print("written " + ", ".join(map(str, written))))
 

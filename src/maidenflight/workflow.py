@@ -16,11 +16,12 @@ import numpy as np
 import polars
 
 from maidenflight import parameters, policy, results
-from maidenflight.deployment.authors_json import read_policy
+from maidenflight.deployment.authors_json import export_authors_json, read_policy
 from maidenflight.deployment.c import export_c
+from maidenflight.deployment.onnx import export_onnx
 from maidenflight.errors import InputError
 from maidenflight.experiments import matrix
-from maidenflight.experiments.flight_times import predict_flight_times
+from maidenflight.experiments.flight_times import AS_FLOWN, FIRMWARE, predict_flight_times
 from maidenflight.experiments.matrix import Cell, Matrix
 from maidenflight.experiments.transfer import Transfer, transfer
 from maidenflight.flights import log, recording
@@ -34,7 +35,7 @@ from maidenflight.policy import Policy
 from maidenflight.simulator import control, tasks
 from maidenflight.simulator.bullet import DAMPING, Bullet
 from maidenflight.simulator.control import Controller
-from maidenflight.simulator.randomization import Distribution, Ensemble, randomize, relative_box
+from maidenflight.simulator.randomization import Distribution, Ensemble, randomize, relative_box, wide_box
 from maidenflight.simulator.virtual_drone import KINDS, VirtualDrone, virtual_drone
 from maidenflight.training import scoreboards
 from maidenflight.training.analytic_gradient import AnalyticGradient
@@ -175,6 +176,9 @@ POSTERIOR = "posterior"
 TRIMS = "trim"
 """Predict for drones whose constant torques differ as they did between the flights that the drone was identified from."""
 
+WIDE = "wide"
+"""Train over drones unlike the identified one too, with all the trims that its flights had."""
+
 CHECKPOINT = "training.npz"
 """In the folder of policies: training that is under way; gone once they are written."""
 
@@ -202,11 +206,14 @@ def _by_gradient(structure: str, task: str) -> AnalyticGradient:
     return settings
 
 
-def _randomized(drone: StrPath, randomization: float | str, controller: Controller) -> Distribution:
-    """Drones to train over, simulated in steps that divide the controller's period."""
+def randomized(drone: StrPath, randomization: float | str, controller: Controller) -> Distribution:
+    """Drones to train over, simulated in steps that divide the controller's period; see `train_for`."""
     centre = control.in_fitting_steps(parameters.read(drone), controller)
     if randomization == POSTERIOR:
         return posterior_ensemble(centre, _table(drone, "posterior"), str(drone))
+    if randomization == WIDE:
+        known = _table(drone, "identification")
+        return wide_box(centre, controller.name, [known.get(name, {}).get("spread", 0.0) for name in TRIM])
     return relative_box(centre, float(randomization))
 
 
@@ -228,6 +235,7 @@ def train_for(
     resume: bool = False,
     boards: Sequence[str] = (),
     history: int = 2,
+    heading: float = 0.0,
 ) -> tuple[Policy, ...]:
     """Trains policies around a drone; writes one JSON a policy and `training.csv` with their scores.
 
@@ -237,13 +245,15 @@ def train_for(
         folder: where to write. Until the policies are written it holds `CHECKPOINT`.
         count: policies.
         settings: of the method.
-        randomization: half width of a box about the drone, or `POSTERIOR`: the drones that its flights leave possible.
+        randomization: half width of a box about the drone; `POSTERIOR`: the drones that its flights leave possible; or `WIDE`: drones
+            unlike it too.
         on_progress: called after each score.
         structure: name of a control structure in `control.CONTROLLERS`.
         task: name in `tasks.TASKS`.
         resume: go on from the checkpoint in the folder, with the same result as if training had never stopped.
         boards: where scores are shown too, names in `scoreboards.BOARDS`.
         history: H, instants that a policy sees.
+        heading: price of a radian of heading, a control period; see `tasks.facing`.
 
     Raises:
         InputError: there is nothing to resume, or it is another training; or a board's package is not installed.
@@ -253,7 +263,7 @@ def train_for(
     if resume and not saved.exists():
         raise InputError(f"{saved}: no training to resume. {_how_to_begin(Path(folder))}")
     controller = control.CONTROLLERS[structure]()
-    box = _randomized(drone, randomization, controller)
+    box = randomized(drone, randomization, controller)
     rows: list[dict[str, Any]] = []
 
     def note(progress: Progress) -> None:
@@ -271,6 +281,7 @@ def train_for(
         "randomization": randomization,
         "policies": count,
         "history": history,
+        "heading": heading or None,
         **recorded(settings),
     }
     keys = jax.random.split(jax.random.key(seed), count)
@@ -278,7 +289,8 @@ def train_for(
         # Only now is all that was given known to make sense, and an earlier training may go.
         for left in [*([] if resume else [saved]), *results.leftovers(folder)]:
             left.unlink(missing_ok=True)
-        policies = train(tasks.TASKS[task](), controller, box, keys, settings, note, saved, history)
+        practised = tasks.facing(tasks.TASKS[task](), heading) if heading else tasks.TASKS[task]()
+        policies = train(practised, controller, box, keys, settings, note, saved, history)
     inputs = [drone] if Path(drone).is_file() else []
     made = results.record(seed=seed, inputs=inputs, settings=said if inputs else {"drone": str(drone), **said})
     for number, trained in enumerate(policies, 1):
@@ -416,6 +428,7 @@ def predict_with(
     duration: float,
     randomization: float | str | None = None,
     structure: str | None = None,
+    firmware: str = FIRMWARE,
     on_policy: Callable[[int, int], None] | None = None,
 ) -> tuple[list[Path], polars.DataFrame]:
     """Predicts how long policies, ours and the authors', would fly on the real drone; writes `output`, a CSV with a row a flight.
@@ -431,6 +444,7 @@ def predict_with(
             possible; `TRIMS`: constant torques differ between flights as they did in those; `TRIMS` where the drone's file tells how they
             differ, unless given.
         structure: what the authors' policies command; what their files' names say unless given.
+        firmware: what the drone runs: that of the authors' drone, or another, for which policies of ours are trained.
         on_policy: called with (policies flown, policies).
 
     Returns:
@@ -444,10 +458,18 @@ def predict_with(
     files = list(dict.fromkeys(policy_files(given)))
     policies = [read_policy(path, structure) for path in files]
     flown = predict_flight_times(
-        policies, drones, jax.random.key(seed), trials=trials, duration=duration, names=_names(files), on_policy=on_policy
+        policies,
+        drones,
+        jax.random.key(seed),
+        trials=trials,
+        duration=duration,
+        structures=AS_FLOWN if firmware == FIRMWARE else control.CONTROLLERS,
+        names=_names(files),
+        on_policy=on_policy,
     )
     inputs = [drone, *files] if Path(drone).is_file() else files
     settings = {"drone": Path(drone).name, "trials": trials, "duration": duration, "randomization": randomization, "control": structure}
+    settings |= {"firmware": firmware}
     made = results.record(seed=seed, inputs=inputs, settings=settings)
     results.write(output, f"{_PREDICTION}\n# record: {json.dumps(made)}\n{flown.write_csv(float_precision=2)}")
     return files, flown
@@ -465,7 +487,7 @@ def possible_drones(drone: StrPath, randomization: float | str, seed: int) -> Pa
         return parameters.read(drone)
     if randomization == TRIMS:
         return trim_ensemble(parameters.read(drone), _table(drone, "identification"), str(drone)).drones
-    distribution = _randomized(drone, randomization, control.pwm())
+    distribution = randomized(drone, randomization, control.pwm())
     if isinstance(distribution, Ensemble):
         return distribution.drones
     keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), 1), POSSIBLE)
@@ -489,6 +511,26 @@ def best_policy(flown: Transfer, files: Sequence[Path]) -> Path:
     return next(path for path in files if path.stem == name)
 
 
-def export(path: StrPath, folder: StrPath, seed: int) -> list[Path]:
-    """Writes a policy as C99; the seed draws the observations of its self-test."""
-    return export_c(policy.read(path), folder, seed=seed, record=results.record(seed=seed, inputs=[path], settings={}))
+def export(path: StrPath, folder: StrPath, seed: int, to: str = "c", structure: str | None = None) -> list[Path]:
+    """Writes a policy, ours or the authors', for other programs.
+
+    Args:
+        path: policy file.
+        folder: where to write; made if missing.
+        seed: draws the observations of the C code's self-test.
+        to: `c`: C99, `policy.h` and `policy.c`; `onnx`: `policy.onnx`; `authors`: a JSON as the authors' tools read it.
+        structure: what an authors' policy commands; what its file's name says unless given.
+
+    Returns:
+        The files written.
+
+    Raises:
+        InputError: the file is no policy, or what is written cannot hold it.
+    """
+    read = read_policy(path, structure)
+    settings = {"control": structure}
+    if to == "authors":
+        return [export_authors_json(read, folder, name=Path(path).stem)]
+    if to == "onnx":
+        return [export_onnx(read, folder, record=results.record(seed=None, inputs=[path], settings=settings))]
+    return export_c(read, folder, seed=seed, record=results.record(seed=seed, inputs=[path], settings=settings))

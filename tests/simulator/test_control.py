@@ -108,6 +108,16 @@ def test_a_body_rate_is_reached(firmware, axis, sign):
     np.testing.assert_allclose(reached, 60 * ASKED[number], atol=3.0)
 
 
+def test_a_wider_range_of_rates_is_asked_for_by_smaller_actions():
+    wide, narrow = control.attitude_rate(highest_rate=360), control.attitude_rate()
+    np.testing.assert_allclose(first_command(wide, [0.1, 0.1, -0.1, 0.05]), first_command(narrow, [0.1, 0.6, -0.6, 0.3]), atol=1e-6)
+    assert wide is control.attitude_rate(highest_rate=360.0), "nothing compiles twice"
+    assert narrow is control.attitude_rate(highest_rate=60.0)
+    for wrong in (0.0, -60.0, np.inf, np.nan):
+        with pytest.raises(InputError, match="expected a positive number"):
+            control.attitude_rate(highest_rate=wrong)
+
+
 @pytest.mark.parametrize("firmware", FIRMWARES)
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("sign", [1, -1])

@@ -6,7 +6,7 @@ import pytest
 
 from maidenflight.errors import InputError
 from maidenflight.parameters import QUANTITIES, crazyflie, replace
-from maidenflight.simulator.randomization import PAPER_FIELDS, ensemble, randomize, relative_box, uniform_box
+from maidenflight.simulator.randomization import PAPER_FIELDS, WIDTHS, ensemble, randomize, relative_box, uniform_box, wide_box
 
 PAPER = crazyflie()
 many = jax.jit(jax.vmap(randomize, (None, 0)))
@@ -106,3 +106,20 @@ def test_an_ensemble_draws_each_of_its_drones_whole_and_as_often():
     np.testing.assert_allclose(drones.centre.motor_time_constant, 0.075, rtol=1e-6)
     with pytest.raises(InputError, match="an ensemble of no drones"):
         ensemble([])
+
+
+@pytest.mark.parametrize("structure", list(WIDTHS))
+def test_a_wide_box_holds_the_drone_with_all_its_trims_and_what_published_drones_have(structure):
+    walking = {"position_walk": 0.08, "velocity_walk": 0.09}
+    drone, trims = replace(PAPER, torque_bias=(1e-5, -2e-5, 5e-5), **walking), (3e-5, 1e-4, 4e-5)
+    drawn = many(wide_box(drone, structure, trims), KEYS)
+    away = np.abs(np.asarray(drawn.torque_bias) - drone.torque_bias) / trims
+    assert np.all(away < 2.0 + 1e-4)
+    assert np.all(away.max(axis=0) > 0.95)
+    for name, (low, high) in WIDTHS[structure].items():
+        factors = np.asarray(getattr(drawn, name)) / getattr(drone, name)
+        assert factors.min() == pytest.approx(low, abs=0.01), name
+        assert factors.max() == pytest.approx(high, abs=0.01), name
+    for name in ("latency",) if structure == "attitude" else ("flapping_moment", "gyro_noise"):
+        np.testing.assert_array_equal(getattr(drawn, name), np.full(len(KEYS), getattr(drone, name)))
+    np.testing.assert_array_equal(many(wide_box(drone, structure), KEYS[:3]).torque_bias, [drone.torque_bias] * 3)

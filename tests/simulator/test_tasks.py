@@ -59,6 +59,17 @@ def test_the_reward_is_the_papers_with_its_penalties_negative(offset, rates, act
     np.testing.assert_allclose(reward(away(offset, rates), SETPOINT, action, previous), expected, rtol=1e-5, atol=1e-6)
 
 
+def test_a_circles_penalties_of_actions_are_the_papers_unless_others_are_asked_for():
+    state, action, previous = away((0.1, 0, 0), (1, 2, 2)), jnp.array([1.0, 1.0, 1.0, -1.0]), jnp.array([1.0, 1.0, -2.0, 3.0])
+    assert float(CIRCLE.reward(state, SETPOINT, action, previous)) == float(tasks.paper_reward(state, SETPOINT, action, previous))
+    for rates, paid in (((0.0, 1e-3), 0.108), ((1e-4, 0.0), 0.1032), ((0.0, 0.0), 0.103), ((0.1, 0.2), 1.303)):
+        task = tasks.circle(action_penalty=rates[0], action_rate_penalty=rates[1])
+        np.testing.assert_allclose(task.reward(state, SETPOINT, action, previous), -paid, rtol=1e-5)
+        assert task is tasks.circle(0.5, 3.0, 1.0, *rates), "nothing compiles twice"
+        assert hash(task) != hash(CIRCLE)
+    assert tasks.circle(action_penalty=1e-4, action_rate_penalty=1e-3) is CIRCLE
+
+
 @pytest.mark.parametrize("direction", [(1, 0, 0), (0, -1, 0), (0, 0, 1), (0.6, 0, -0.8)])
 @pytest.mark.parametrize(("distance", "over"), [(0.249, False), (0.251, True)])
 def test_an_episode_fails_a_quarter_metre_from_the_setpoint_and_that_costs_a_hundred(direction, distance, over):
@@ -268,6 +279,18 @@ def test_the_same_task_is_the_same_object_so_that_nothing_compiles_twice():
         assert make() is make()
     assert tasks.tracking(trajectories.figure_eight(period=4.0), duration=8.0, farthest=0.4, latest_start=4.0) is TRACKING
     assert len({hash(task) for task in (CIRCLE, HOVER, TAKE_OFF, TRACKING)}) == 4
+
+
+@pytest.mark.parametrize("yaw", [-2.0, 0.0, 0.7])
+@pytest.mark.parametrize("task", [CIRCLE, HOVER])
+def test_a_task_with_a_price_on_turning_away_pays_so_much_less_and_is_one_object(task, yaw):
+    state = dynamics.at_hover(SETPOINT, PAPER)._replace(quaternion=rotations.from_attitude(float32([0.1, -0.2, yaw])))
+    priced = tasks.facing(task, 0.1)
+    lost = task.reward(state, SETPOINT, STILL, STILL) - priced.reward(state, SETPOINT, STILL, STILL)
+    assert lost == pytest.approx(0.1 * abs(yaw), abs=1e-6)
+    assert priced is tasks.facing(task, 0.1)
+    assert priced.name not in (task.name, tasks.facing(task, 0.2).name)
+    assert (priced.failure, priced.danger, priced.duration) == (task.failure, task.danger, task.duration)
 
 
 def test_a_reason_is_the_first_of_the_list_that_holds():

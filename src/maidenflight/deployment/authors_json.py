@@ -1,7 +1,7 @@
-"""The authors' policy files: the JSON that their firmware's tools read, made into a `Policy`.
+"""The authors' policy files: the JSON that their firmware's tools read, made into a `Policy` and written from one.
 
 Such a file holds layers "0", "1", ..., the means and standard deviations of the inputs, and a check sum: the sum of the outputs for an
-input of ones that is not scaled. It does not say what the outputs command, nor how often.
+input of ones that is not scaled. It does not say what the outputs command, nor how often, nor how many instants the inputs are.
 
 Source: github SvenGronauer/phoenix-drone-simulation c5d6907, described from reading, not copied.
 """
@@ -16,6 +16,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from maidenflight import results
 from maidenflight.errors import InputError
 from maidenflight.policy import CONTROLS, FORMAT, Policy, from_json, text_of, to_json
 from maidenflight.simulator.environment import OBSERVATION_SIZE
@@ -26,6 +27,10 @@ RATES = {"pwm": 100, "attitude_rate": 50, "attitude": 25}
 """Actions a second [Hz] of the authors' drone (Gronauer et al. 2022, sec. Control Structures; measured on the published logs)."""
 TOLERANCE = 1e-6
 """How far a check sum may be off, relative to the sum of the sizes of what it adds up: some ten roundings of float32."""
+HISTORY = 2
+"""H, instants in the inputs of all their policies."""
+MOST_LAYERS = 7
+"""Layers that their firmware takes."""
 _MARKS = {"check_sum", "scaling_parameters", "activation", "0"}
 """What all of the authors' policies have."""
 
@@ -82,6 +87,73 @@ def read_authors_json(path: str | os.PathLike[str], control: str) -> Policy:
     return from_authors_json(text_of(path), str(path), control)
 
 
+def to_authors_json(policy: Policy) -> str:
+    """The text of one of the authors' policy files, which `from_authors_json` reads back as the same policy.
+
+    All numbers read back to the last bit, but for deviations between 6.1e-5 and 1.2e-4: there float32 has not always a number that is
+    theirs once `EPSILON` is added, and it may be one rounding off. The file does not hold the control structure: begin its name with that.
+
+    Args:
+        policy: the policy.
+
+    Raises:
+        InputError: the policy makes no sense, or is one that the authors' tools would take for another: by its rate, its history or its
+            deviations; or it has more layers than their firmware takes.
+    """
+    from_json(to_json(policy))
+    if policy.rate != RATES[policy.control]:
+        raise InputError(
+            f"policy: rate = {policy.rate}, but the authors' drone runs {policy.control} policies at {RATES[policy.control]} Hz and their "
+            "files cannot say otherwise. Train at that rate."
+        )
+    if policy.history != HISTORY:
+        raise InputError(
+            f"policy: history = {policy.history}, but the authors' policies see {HISTORY} instants. Train with --history {HISTORY}."
+        )
+    if len(policy.weights) > MOST_LAYERS:
+        raise InputError(f"policy: {len(policy.weights)} layers, but the authors' firmware takes at most {MOST_LAYERS}. Train fewer.")
+    deviation = np.asarray(policy.observation_deviation)
+    if np.any(deviation < np.float32(EPSILON)):
+        raise InputError(
+            f"policy: an observation's deviation is {deviation.min():.3g}, but the authors' files hold none below {EPSILON:g}, which their "
+            "tools add to it. Train with a larger one."
+        )
+    weights, biases = ([np.asarray(array) for array in arrays] for arrays in policy.network)
+    with np.errstate(over="ignore"):
+        found = np.float32(_check_sum(weights, biases)[0])
+    if not np.isfinite(found):
+        raise InputError("policy: its check sum overflows float32. Training diverged: train again.")
+    content = {
+        "check_sum": str(found),
+        "scaling_parameters": [np.asarray(policy.observation_mean).tolist(), _before_adding(deviation).tolist()],
+        "activation": "relu",
+    }
+    for number, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
+        content[str(number)] = {"type": "standard", "weights": weight.tolist(), "biases": bias.tolist()}
+    return json.dumps(content)
+
+
+def export_authors_json(policy: Policy, directory: str | os.PathLike[str], *, name: str = "policy") -> Path:
+    """Writes one of the authors' policy files; see `to_authors_json`.
+
+    Args:
+        policy: the policy.
+        directory: where to write; made if missing.
+        name: of the file, without its ending. Unless it begins with the control structure, that is put before it, so that `read_policy`
+            knows what the policy commands.
+
+    Returns:
+        The file written.
+
+    Raises:
+        InputError: the authors' files cannot hold the policy, or the directory cannot be written.
+    """
+    text = to_authors_json(policy)
+    if _control_of(Path("/", f"{name}.json")) != policy.control:
+        name = f"{policy.control}_{name}"
+    return results.write(Path(directory) / f"{name}.json", text)
+
+
 def read_policy(path: str | os.PathLike[str], control: str | None = None) -> Policy:
     """Reads a policy file, ours or the authors', told apart by content.
 
@@ -133,12 +205,26 @@ def _verify(weights: list[np.ndarray], biases: list[np.ndarray], expected: float
             raise ValueError(f"layer {number} has weights {weight.shape} and biases {bias.shape}")
     if any(after.shape[1] != before.shape[0] for before, after in pairwise(weights)):
         raise ValueError("a layer's inputs are not the outputs of the layer before")
+    found, size = _check_sum(weights, biases)
+    if not math.isfinite(expected) or not abs(found - expected) <= TOLERANCE * max(1.0, size):
+        raise InputError(f"{where}: check sum {found:.7g}, but the file says {expected:.7g}: a weight was changed. Export it again.")
+
+
+def _check_sum(weights: list[np.ndarray], biases: list[np.ndarray]) -> tuple[float, float]:
+    """The sum of the outputs for ones that are not scaled, in float64, and the sum of the sizes of what it adds up."""
     values = np.ones(weights[0].shape[1])
     size = 0.0
     for number, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
         values = np.maximum(values, 0.0) if number > 0 else values
         size = float(np.abs(weight.astype(np.float64)).sum(axis=0) @ np.abs(values) + np.abs(bias).sum())
         values = weight.astype(np.float64) @ values + bias
-    found = float(values.sum())
-    if not math.isfinite(expected) or not abs(found - expected) <= TOLERANCE * max(1.0, size):
-        raise InputError(f"{where}: check sum {found:.7g}, but the file says {expected:.7g}: a weight was changed. Export it again.")
+    return float(values.sum()), size
+
+
+def _before_adding(deviation: np.ndarray) -> np.ndarray:
+    """Numbers of float32 that are the deviations once `EPSILON` is added; where there is none, those that come nearest."""
+    epsilon = np.float32(EPSILON)
+    below = deviation - epsilon
+    tried = np.stack([below, np.nextafter(below, np.float32(0)), np.nextafter(below, np.float32(np.inf))])
+    best = np.argmin(np.abs((tried + epsilon).astype(np.float64) - deviation), axis=0)
+    return np.take_along_axis(tried, best[None], axis=0)[0]

@@ -15,7 +15,7 @@ Source: Gronauer et al. 2022, sec. Zero-Shot Experiments; logs of the authors' f
 
 import hashlib
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from itertools import islice, starmap
@@ -157,6 +157,7 @@ def predict_flight_times(
     duration: float = LONGEST,
     farthest: float = FARTHEST,
     start: Start = PUBLISHED_START,
+    structures: Mapping[str, Callable[[], Controller]] = AS_FLOWN,
     names: Sequence[str] | None = None,
     on_policy: Callable[[int, int], None] | None = None,
 ) -> polars.DataFrame:
@@ -174,6 +175,8 @@ def predict_flight_times(
         duration: longest flight [s].
         farthest: distance from the set-point at which a flight ends [m].
         start: spread of first states.
+        structures: what policies command, by the name of their control structure: what the authors' drone ran unless given.
+            `control.CONTROLLERS` has what ours are trained for unless told otherwise. Their action rates do not count, the policies' do.
         names: what table and errors call the policies; policy_1, policy_2, ... unless given.
         on_policy: called with (policies flown, policies).
 
@@ -199,7 +202,7 @@ def predict_flight_times(
     steps, reasons = (np.zeros((len(policies), trials), np.int32) for _ in _Flights._fields)
     done = 0
     for places in kinds.values():
-        flown = _fly_kind([policies[place] for place in places], drones, key, trials, rows, farthest, start)
+        flown = _fly_kind([policies[place] for place in places], drones, key, trials, rows, farthest, start, structures)
         for place, (rows_flown, why) in zip(places, flown, strict=True):
             steps[place], reasons[place] = rows_flown, why
             done += 1
@@ -217,13 +220,21 @@ def predict_flight_times(
 
 
 def _fly_kind(
-    policies: Sequence[Policy], drones: Parameters, key: Array, trials: int, rows: int, farthest: float, start: Start
+    policies: Sequence[Policy],
+    drones: Parameters,
+    key: Array,
+    trials: int,
+    rows: int,
+    farthest: float,
+    start: Start,
+    structures: Mapping[str, Callable[[], Controller]],
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Rows and reasons of each policy's flights, policies of one kind.
 
     They fly in portions of one size: the same program flies few and many, in bounded memory.
     """
-    structure = AS_FLOWN[policies[0].control]()
+    # The guard looks between two actions.
+    structure = structures[policies[0].control]()._replace(action_rate=GUARD_RATE)
     step = np.float32(control.time_step(structure, float(np.max(drones.time_step))))
     late = bool(np.any(np.asarray(drones.estimator_delay) > 0))
     drones = tree.map(np.asarray, replace(drones, time_step=np.broadcast_to(step, np.shape(drones.mass))))

@@ -78,6 +78,8 @@ def pwm() -> Controller:
     return Controller("pwm", lambda: None, command, rate=100, action_rate=100, level=level)
 
 
+HIGHEST_RATE = 60.0
+"""Body rate [deg/s] that attitude-rate control can ask for (Gronauer et al. 2022, sec. Discussion)."""
 _FULL = 60000.0
 """Counts of u = 1 (authors' code and flights)."""
 _ZERO = np.zeros(3, np.float32)
@@ -85,7 +87,7 @@ NOTHING = Setpoint(_ZERO, _ZERO, _ZERO, _ZERO, np.float32(0.0), np.zeros(6, np.i
 """A set-point that asks for nothing, to be filled in."""
 
 
-def attitude_rate(firmware: str = "2026.08", action_rate: int = 50) -> Controller:
+def attitude_rate(firmware: str = "2026.08", action_rate: int = 50, highest_rate: float = HIGHEST_RATE) -> Controller:
     """The policy asks for collective thrust and body rates at 50 Hz; the firmware's PIDs command the motors at 500 Hz.
 
     T = 30000 + 30000 a_0 counts of 60000; roll, pitch and yaw rate are 60 deg/s times a_1, a_2, a_3, with a clipped to [-1, 1].
@@ -94,13 +96,16 @@ def attitude_rate(firmware: str = "2026.08", action_rate: int = 50) -> Controlle
     Args:
         firmware: `"2021.10"` or `"2026.08"`.
         action_rate: actions a second [Hz]; the authors trained at 100 and flew at 50.
+        highest_rate: body rate [deg/s] that an action of 1 asks for. A policy's file does not tell it: fly it with the same one.
 
     Raises:
-        InputError: there is no such firmware, or the action rate does not divide 500 Hz.
+        InputError: there is no such firmware, the action rate does not divide 500 Hz, or the highest rate is not positive and finite.
 
-    Source: Gronauer et al. 2022, sec. Control Structures; scales from the authors' code.
+    Source: Gronauer et al. 2022, sec. Control Structures; scales from the authors' code; +-360 deg/s from sec. Discussion.
     """
-    return _attitude_rate(checked(firmware), action_rate)
+    if not 0.0 < highest_rate < np.inf:
+        raise InputError(f"highest_rate = {highest_rate} deg/s; expected a positive number. The paper's is {HIGHEST_RATE:g}.")
+    return _attitude_rate(checked(firmware), action_rate, float(highest_rate))
 
 
 def attitude(firmware: str = "2026.08", action_rate: int = 25) -> Controller:
@@ -126,13 +131,13 @@ CONTROLLERS: dict[str, Callable[..., Controller]] = {"pwm": pwm, "attitude_rate"
 
 
 @cache
-def _attitude_rate(firmware: Generation, action_rate: int) -> Controller:
+def _attitude_rate(firmware: Generation, action_rate: int, highest_rate: float) -> Controller:
     def command(
         memory: RateMemory, action: Float[Array, "4"], measurement: Measurement, setpoint: Float[Array, "3"]
     ) -> tuple[RateMemory, Float[Array, "4"]]:
         asked = jnp.clip(action, -1.0, 1.0)
         yaw, rates = jnp.degrees(rotations.heading(measurement.quaternion)), jnp.degrees(measurement.body_rates)
-        memory, motors = rate_tick(memory, 30000.0 + 30000.0 * asked[0], 60.0 * asked[1:], yaw, rates, firmware)
+        memory, motors = rate_tick(memory, 30000.0 + 30000.0 * asked[0], highest_rate * asked[1:], yaw, rates, firmware)
         return memory, _command(motors)
 
     def level(command: Float[Array, ""]) -> Float[Array, "4"]:

@@ -165,6 +165,43 @@ def uniform_box(nominal: Parameters, **ranges: tuple[float, float]) -> UniformBo
     return UniformBox(lower, upper)
 
 
+_LOOSE = {"position_walk": (0.5, 0.5), "velocity_walk": (0.5, 0.5)}
+"""Half the wandering of the estimates: with all of it policies learn to hold their place so loosely that drones unlike theirs lose it."""
+_LIKE = {**_LOOSE, "motor_time_constant": (0.8, 1.6), "inertia": (0.9, 1.2), "mass": (0.9, 1.1), "thrust_to_weight": (0.85, 1.3)}
+WIDTHS: dict[str, dict[str, tuple[float, float]]] = {
+    "pwm": {**_LIKE, "latency": (0.8, 1.6), "torque_to_thrust": (0.9, 2.8)},
+    "attitude_rate": _LIKE,
+    # A drone whose least thrust lifts it (`control.attitude`) teaches nothing.
+    "attitude": {**_LIKE, "motor_time_constant": (0.8, 1.4), "thrust_to_weight": (0.92, 1.2)},
+}
+"""Least and greatest factors of `wide_box`, by control structure: published Crazyflies have thrust-to-weight ratios of up to 1.97, lags of
+up to 136 ms, and a rotor torque more than twice that of the authors' flights."""
+TRIM_WIDTHS = {"pwm": 2.0, "attitude_rate": 2.0, "attitude": 1.0}
+"""Half width of `wide_box` in constant torques, in their deviations between flights."""
+
+
+def wide_box(nominal: Parameters, structure: str, trims: Sequence[float] | np.ndarray = (0.0, 0.0, 0.0)) -> UniformBox:
+    """Drones about an identified one that a policy should fly too, so that it flies drones unlike the identified one.
+
+    Found by trying what carries policies over to virtual drones (docs/zero-shot.md).
+
+    Args:
+        nominal: the identified drone.
+        structure: name of the control structure that the policy commands.
+        trims: standard deviation of the constant torque about each axis from flight to flight [N m].
+    """
+    reach = TRIM_WIDTHS[structure] * np.asarray(trims, np.float32)
+    lower, upper = (
+        replace(
+            nominal,
+            **{name: getattr(nominal, name) * np.float32(factors[end]) for name, factors in WIDTHS[structure].items()},
+            torque_bias=np.asarray(nominal.torque_bias + (2 * end - 1) * reach, np.float32),
+        )
+        for end in (0, 1)
+    )
+    return UniformBox(lower, upper)
+
+
 def ensemble(drones: Sequence[Parameters]) -> Ensemble:
     """An ensemble of given drones.
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial, reduce
+from functools import cache, partial, reduce
 from operator import add
 from typing import NamedTuple
 
@@ -49,6 +49,8 @@ FARTHEST = 0.25
 """Distance from the set-point [m] at which an episode fails (Gronauer et al. 2022, sec. Experimental Setup)."""
 STEEPEST = 60.0
 """Roll or pitch [deg] at which hover and take-off fail (authors' code, hover)."""
+ACTION_PENALTY, ACTION_RATE_PENALTY = 1e-4, 1e-3
+"""Cost of an action's length and of its change's length, a control period (Gronauer et al. 2022, sec. Experimental Setup)."""
 FASTEST_TURN = 300.0
 """Body rate [deg/s] at which hover fails (authors' code)."""
 LOWEST = 0.2
@@ -130,17 +132,53 @@ def squared(vector: Float[Array, "n"]) -> Float[Array, ""]:
 
 
 def paper_reward(
-    state: State, setpoint: Float[Array, "3"], action: Float[Array, "4"], previous_action: Float[Array, "4"], farthest: float = FARTHEST
+    state: State,
+    setpoint: Float[Array, "3"],
+    action: Float[Array, "4"],
+    previous_action: Float[Array, "4"],
+    farthest: float = FARTHEST,
+    action_penalty: float = ACTION_PENALTY,
+    action_rate_penalty: float = ACTION_RATE_PENALTY,
 ) -> Float[Array, ""]:
     """The paper's reward, its penalties negative: -(|e| + 1e-4 |a| + 1e-3 |a - a_previous| + 1e-3 |omega|) - 100 if |e| > 0.25 m.
 
     The paper prints the penalties with a plus sign and the terminal reward with a minus; one of them must turn.
 
+    Args:
+        state: the drone after the step.
+        setpoint: where it should be [m].
+        action: of the step, not clipped.
+        previous_action: of the step before.
+        farthest: distance from the set-point [m] beyond which 100 is paid.
+        action_penalty: what |a| costs.
+        action_rate_penalty: what |a - a_previous| costs.
+
     Source: Gronauer et al. 2022, sec. Experimental Setup.
     """
     distance = norm(setpoint - state.position)
-    penalties = 1e-4 * norm(action) + 1e-3 * norm(action - previous_action) + 1e-3 * norm(state.body_rates)
+    penalties = action_penalty * norm(action) + action_rate_penalty * norm(action - previous_action) + 1e-3 * norm(state.body_rates)
     return -distance - penalties - jnp.where(distance > farthest, 100.0, 0.0)
+
+
+@cache
+def facing(task: Task, price: float) -> Task:
+    """A task with a price on turning away from heading 0 as well.
+
+    The paper's rewards do not look at the heading, and its episodes last 5 s. Constant torques and the gyro's bias turn a drone on, further
+    than training has ever seen, and there the policy is lost.
+
+    Args:
+        task: the task; what fails stays what it is.
+        price: what a radian of heading costs, a control period.
+    """
+
+    def reward(
+        state: State, setpoint: Float[Array, "3"], action: Float[Array, "4"], previous_action: Float[Array, "4"]
+    ) -> Float[Array, ""]:
+        return task.reward(state, setpoint, action, previous_action) - price * jnp.abs(rotations.heading(state.quaternion))
+
+    # Its own name, so that no training is resumed at another price.
+    return task._replace(name=f"{task.name}, heading {price:g}", reward=reward)
 
 
 def too_far(state: State, setpoint: Float[Array, "3"], farthest: float = FARTHEST) -> Bool[Array, ""]:
@@ -231,17 +269,31 @@ def _effort(state: State, setpoint: Float[Array, "3"], action: Float[Array, "4"]
 
 
 @once
-def circle(diameter: float = 0.5, period: float = 3.0, height: float = 1.0) -> Task:
+def circle(
+    diameter: float = 0.5,
+    period: float = 3.0,
+    height: float = 1.0,
+    action_penalty: float = ACTION_PENALTY,
+    action_rate_penalty: float = ACTION_RATE_PENALTY,
+) -> Task:
     """Follow a circle, clock-wise, from a random point on it; 5 s an episode.
 
     Start values are uniform: +-5 cm about the reference, roll and pitch +-20 deg, yaw +-18 deg, velocity +-0.1 m/s a world axis,
     body rates +-50 deg/s (yaw 20); rotor speeds are normal about hover with a deviation of 0.02.
 
+    Args:
+        diameter: [m].
+        period: [s].
+        height: [m].
+        action_penalty: what |a| costs, as of `paper_reward`.
+        action_rate_penalty: what |a - a_previous| costs.
+
     Source: Gronauer et al. 2022, sec. Experimental Setup; start values from the authors' code.
     """
     reference = trajectories.circle(diameter, period, height)
     reset = _starting(reference, CIRCLE_START, latest=period)
-    return Task("circle", reference, reset, paper_reward, strayed, duration=5.0, danger=straying)
+    reward = partial(paper_reward, action_penalty=action_penalty, action_rate_penalty=action_rate_penalty)
+    return Task("circle", reference, reset, reward, strayed, duration=5.0, danger=straying)
 
 
 @once

@@ -1,0 +1,408 @@
+"""Which randomization of training transfers best, and do policies that are trained around an identified drone fly?
+
+`python paper/randomization.py --drone drone.toml -o randomization` trains policies of each control structure about an identified drone: on
+the drone itself (`none`), on a box of +-10 % about it (`box`, the paper's fields) and on the drones that its flights leave possible
+(`posterior`), each as `maidenflight train` does it but half as long; and by a `recipe` that shall transfer: over a box that also covers
+trims and drones unlike it (`wide_box`), for longer, and with a price on turning away (`reward`). Each policy flies 200 times on drones of
+the posterior and 200 times with the trims that differ from flight to flight, as real flights would be flown, and 16 times in each of some
+realities that training has not seen. It writes `flights.csv` with a row a flight and `randomization.svg`, and prints shares of flights that
+reach 20 s, differences between randomizations with their intervals, and whether a policy of each structure reaches 20 s in 95 % of its
+flights everywhere. Stopped, it goes on where it was by the same command.
+
+Policies are flown under the firmware that they were trained for, and, in rows whose place ends in `2021.10`, as the authors' drone flew.
+
+Source of the task, the guards and the box: Gronauer et al. 2022, sec. Simulation Environment and sec. Zero-Shot Experiments.
+"""
+
+import argparse
+import hashlib
+import json
+import math
+import os
+import re
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace as replaced
+from html import escape
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+
+if __name__ == "__main__":  # a core is a device
+    jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))
+
+import numpy as np
+import polars
+from jaxtyping import Float
+from scipy import stats
+
+from maidenflight import policy, results, terminal, workflow
+from maidenflight.errors import InputError
+from maidenflight.experiments.flight_times import AS_FLOWN, predict_flight_times
+from maidenflight.experiments.transfer import LONGEST, transfer
+from maidenflight.policy import Policy
+from maidenflight.reporting import svg
+from maidenflight.reporting.svg import Panel
+from maidenflight.simulator import control, tasks
+from maidenflight.simulator.tasks import Task
+from maidenflight.training.analytic_gradient import AnalyticGradient
+from maidenflight.training.train import recorded, train
+
+BOX = 0.10
+"""Half width of the paper's box."""
+REALITIES = ["virtual:1", "virtual:2", "virtual:3", "pybullet:7"]
+"""That nobody has trained for."""
+BAR = 0.95
+"""Share of flights that shall reach the time limit."""
+COLOURS = {"none": "purple", "box": "blue", "posterior": "green", "recipe": "orange"}
+"""Randomizations, in the order of the table."""
+
+
+class Cell(NamedTuple):
+    """What some policies are trained for."""
+
+    control: str
+    randomization: str
+
+    @property
+    def name(self) -> str:
+        """Of the folder of its policies."""
+        return f"{self.control}_{self.randomization}"
+
+
+QUICK = {
+    "pwm": AnalyticGradient(updates=800),
+    "attitude_rate": AnalyticGradient(updates=600, horizon=32),
+    "attitude": AnalyticGradient(updates=600, horizon=32),
+}
+"""Settings of training, by control structure: half as long as the command line's, or less."""
+RECIPE = {kind: replaced(settings, updates=settings.updates * 2) for kind, settings in QUICK.items()}
+"""Those of the recipe: drones that differ more take longer to learn."""
+CELLS = [Cell(kind, randomization) for kind in QUICK for randomization in COLOURS]
+
+HEADING = 0.1
+"""What the recipe's task takes for a radian of heading, a control period."""
+
+
+def task_of(randomization: str) -> Task:
+    """The paper's circle; for the recipe with a price on turning away."""
+    return tasks.facing(tasks.circle(), HEADING) if randomization == "recipe" else tasks.circle()
+
+
+def settings_of(cell: Cell, updates: int | None) -> AnalyticGradient:
+    """Settings of training, with other updates if given."""
+    settings = (RECIPE if cell.randomization == "recipe" else QUICK)[cell.control]
+    return replaced(settings, updates=updates or settings.updates)
+
+
+RANDOMIZATIONS = {"none": 0.0, "box": BOX, "posterior": workflow.POSTERIOR, "recipe": workflow.WIDE}
+"""As `maidenflight train --randomize` takes them."""
+
+
+def plain(record: dict[str, Any]) -> dict[str, Any]:
+    """A record as it reads back from JSON."""
+    return json.loads(json.dumps(record))
+
+
+def trained(cell: Cell, drone: str, settings: AnalyticGradient, seeds: int, seed: int, folder: Path) -> list[Policy]:
+    """Policies of a cell: those that the folder holds, or new ones that it holds then.
+
+    Raises:
+        InputError: the folder holds policies of other settings, or the drone's file does not tell what the cell asks for.
+    """
+    files = [folder / cell.name / f"policy_{number}.json" for number in range(1, seeds + 1)]
+    controller = control.CONTROLLERS[cell.control]()
+    drones = workflow.randomized(drone, RANDOMIZATIONS[cell.randomization], controller)
+    priced = {"heading": HEADING} if cell.randomization == "recipe" else {}
+    said = {**cell._asdict(), "drones": str(drones), **priced, "policies": seeds, **recorded(settings)}
+    made = plain(results.record(seed=seed, inputs=[drone], settings=said))
+    if not all(path.exists() for path in files):
+        # What a cell's policies are depends neither on the other cells nor on what an interrupted run left.
+        keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), CELLS.index(cell)), seeds)
+        for path, one in zip(files, train(task_of(cell.randomization), controller, drones, keys, settings), strict=True):
+            policy.write(path, one, made)
+    for path in files:
+        if policy.record(path) != made:
+            raise InputError(f"{path}: from a run with other settings or of another version. Choose another folder with -o.")
+    return [policy.read(path) for path in files]
+
+
+FLOWN = {"posterior": workflow.POSTERIOR, "trim": workflow.TRIMS}
+"""Places that `predict_flight_times` flies: drones about the identified one, by name."""
+OLD = " 2021.10"
+"""What the names of places end in where policies fly as the authors' drone ran them, not as they were trained."""
+
+
+def places_of(kind: str, realities: Sequence[str]) -> list[str]:
+    """Where policies of a control structure are flown. PWM goes past the firmware."""
+    return [*FLOWN, *([] if kind == "pwm" else [name + OLD for name in FLOWN]), *realities]
+
+
+def fly(place: str, policies: Mapping[str, Policy], given: argparse.Namespace) -> polars.DataFrame:
+    """Flights of policies of one control structure in one place: policy, trial, duration [s], end_reason.
+
+    Args:
+        place: a key of `FLOWN`, with or without `OLD`; or a reality, as `workflow.reality` takes it.
+        policies: by name.
+        given: the command line's arguments.
+
+    Raises:
+        InputError: the drone's file does not tell of such drones, or there is no such reality.
+    """
+    # Random numbers depend neither on the other places nor on their order.
+    key = jax.random.fold_in(jax.random.key(given.seed), int.from_bytes(hashlib.sha256(place.removesuffix(OLD).encode()).digest()[:4]))
+    many, names = list(policies.values()), list(policies)
+    if place.removesuffix(OLD) in FLOWN:
+        drones = workflow.possible_drones(given.drone, FLOWN[place.removesuffix(OLD)], given.seed)
+        structures = AS_FLOWN if place.endswith(OLD) else control.CONTROLLERS
+        table = predict_flight_times(many, drones, key, trials=given.flights, duration=given.duration, names=names, structures=structures)
+    else:
+        table = transfer(many, [workflow.reality(place)], given.trials, key, duration=given.duration, names=names).table
+    return table.select("policy", "trial", "duration", "end_reason")
+
+
+def flown(place: str, kind: str, policies: Mapping[str, Policy], given: argparse.Namespace) -> polars.DataFrame:
+    """What `fly` gives, kept in a file: the file's flights where it is of the same policies and settings, or new ones.
+
+    Raises:
+        InputError: the file is of other policies or settings; and see `fly`.
+    """
+    path = given.output / "flights" / f"{kind}_{re.sub('[^a-z0-9.-]+', '_', Path(place).name)}.csv"
+    files = [given.output / "policies" / f"{name}.json" for name in policies]
+    trials = given.flights if place.removesuffix(OLD) in FLOWN else given.trials
+    reality = [place] if Path(place).is_file() else []
+    settings = {"place": Path(place).name, "trials": trials, "duration": given.duration, "policies": list(policies)}
+    made = plain(results.record(seed=given.seed, inputs=[given.drone, *files, *reality], settings=settings))
+    if path.exists() and results.told(path) != made:
+        raise InputError(f"{path}: flights of other policies or settings. Choose another folder with -o.")
+    if not path.exists():
+        table = fly(place, policies, given)
+        results.write(path, f"{_FLIGHTS}\n# record: {json.dumps(made)}\n{table.write_csv(float_precision=2)}")
+    return polars.read_csv(path, comment_prefix="#")
+
+
+class Interval(NamedTuple):
+    """A number and the ends of its 95 % interval; they are not numbers where there is one policy."""
+
+    value: float
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        return f"{self.value:.2f}" if math.isnan(self.low) else f"{self.value:.2f} [{self.low:.2f}, {self.high:.2f}]"
+
+
+def mean_of(values: Float[np.ndarray, "n"]) -> Interval:
+    """Mean over policies, with Student's interval. Policies that are all equal say nothing of how others differ: it has no width."""
+    if len(values) < 2 or np.ptp(values) == 0:
+        end = math.nan if len(values) < 2 else float(values[0])
+        return Interval(float(values[0]), end, end)
+    low, high = stats.t.interval(0.95, len(values) - 1, np.mean(values), stats.sem(values))
+    return Interval(float(np.mean(values)), float(low), float(high))
+
+
+def difference(first: Float[np.ndarray, "n"], second: Float[np.ndarray, "m"]) -> Interval:
+    """How much larger the mean of the second policies is, with Welch's interval; none where no policy differs from its like."""
+    value = float(np.mean(second) - np.mean(first))
+    if min(len(first), len(second)) < 2 or np.ptp(first) == np.ptp(second) == 0:
+        return Interval(value, math.nan, math.nan)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Precision loss")  # one side's policies may all be equal
+        low, high = stats.ttest_ind(second, first, equal_var=False).confidence_interval()
+    return Interval(value, float(low), float(high))
+
+
+def by_policy(flights: polars.DataFrame, longest: float) -> polars.DataFrame:
+    """A row a policy and place: control, randomization, place, number, flights, share that reached the longest time, mean duration [s]."""
+    duration = polars.col("duration")
+    told = [polars.len().alias("flights"), (duration >= longest - 1e-6).mean().alias("share"), duration.mean().alias("mean")]
+    return flights.group_by("control", "randomization", "place", "number", maintain_order=True).agg(*told)
+
+
+def summary(flights: polars.DataFrame, longest: float) -> polars.DataFrame:
+    """A row a control structure, place and randomization: shares of flights that reached the longest time, times, and why others ended."""
+    rows = []
+    for (kind, place, randomization), part in flights.group_by("control", "place", "randomization", maintain_order=True):
+        policies = by_policy(part, longest)
+        short = part.filter(polars.col("duration") < longest - 1e-6)["end_reason"].value_counts(sort=True)
+        share, mean = (mean_of(policies[name].to_numpy()) for name in ("share", "mean"))
+        rows.append(
+            {
+                "control": kind,
+                "place": place,
+                "randomization": randomization,
+                "policies": policies.height,
+                "flights": part.height,
+                "share of 20 s": str(Interval(share.value, max(share.low, 0.0), min(share.high, 1.0))),
+                "worst policy": policies["share"].min(),
+                "mean [s]": mean.value,
+                "most end by": f"{short['end_reason'][0]} ({short['count'][0]})" if short.height else "",
+            }
+        )
+    return polars.DataFrame(rows)
+
+
+def differences(flights: polars.DataFrame, longest: float) -> polars.DataFrame:
+    """A row a control structure and place: what each randomization adds to the share of the one before it, over policies."""
+    rows = []
+    for (kind, place), part in by_policy(flights, longest).group_by("control", "place", maintain_order=True):
+        shares = {name: group["share"].to_numpy() for (name,), group in part.group_by("randomization", maintain_order=True)}
+        pairs = {f"{second} - {first}": str(difference(shares[first], shares[second])) for first, second in pairwise(shares)}
+        rows.append({"control": kind, "place": place, "policies": min(map(len, shares.values())), **pairs})
+    return polars.DataFrame(rows)
+
+
+def best_policies(flights: polars.DataFrame, longest: float) -> polars.DataFrame:
+    """The policy of each control structure whose least share over all places is the greatest: its shares, and where it misses the bar.
+
+    Places of the authors' drone (`OLD`) do not count: policies are not trained for it.
+    """
+    policies = by_policy(flights.filter(~polars.col("place").str.ends_with(OLD)), longest)
+    rows = []
+    for (kind,), part in policies.group_by("control", maintain_order=True):
+        least = part.group_by("randomization", "number", maintain_order=True).agg(
+            polars.col("share").min().alias("least"), polars.col("share").mean().alias("all")
+        )
+        best = least.sort("least", "all", descending=True, maintain_order=True).row(0, named=True)
+        own = part.filter((polars.col("randomization") == best["randomization"]) & (polars.col("number") == best["number"]))
+        missed = [f"{row['place']} {row['share']:.2f}" for row in own.iter_rows(named=True) if row["share"] < BAR]
+        told = "yes" if not missed else f"no: {', '.join(missed)}"
+        rows.append(
+            {"control": kind, "policy": f"{best['randomization']} {best['number']}", "least share": best["least"], "meets it": told}
+        )
+    return polars.DataFrame(rows)
+
+
+STEP, HIGH = 84, 170
+"""Of a place's column and of a panel [px]."""
+
+
+def chart(flights: polars.DataFrame, longest: float) -> str:
+    """Share of flights that reached the longest time as SVG: a panel a control structure, a column a place, a colour a randomization.
+
+    A dot is a policy, a line the mean of its randomization.
+    """
+    policies = by_policy(flights, longest)
+    kinds, places = (policies[name].unique(maintain_order=True).to_list() for name in ("control", "place"))
+    places.sort(key=lambda place: place.endswith(OLD))
+    chosen = [name for name in COLOURS if name in policies["randomization"]]
+    samples = [(svg.stroke("M0 6H24", "line", COLOURS[name]), name) for name in chosen]
+    wide = 60 + STEP * len(places)
+    legend, tall = svg.legend(svg.TITLE, wide, samples)
+    parts, top = [legend], svg.TITLE + tall + 30
+    for kind in kinds:
+        panel = Panel(52, top, STEP * len(places), HIGH, (-0.5, len(places) - 0.5), (-4.0, 104.0))
+        outside, _ = svg.axes(panel, None, f"{longest:g} s reached [%]")
+        parts += [outside, svg.text(panel.left, top - 9, kind.replace("_", " "), "strong")]
+        for number, place in enumerate(places):
+            shown, old = place.removesuffix(OLD), place.endswith(OLD)
+            middle = panel.left + float(panel.across(number))
+            parts.append(svg.text(middle, top + HIGH + 17, escape(shown), "", "middle"))
+            if old:
+                parts.append(svg.text(middle, top + HIGH + 33, OLD.strip(), "small", "middle"))
+        own = policies.filter(polars.col("control") == kind)
+        parts.append(svg.framed(panel, _dots(panel, own, places, chosen), kind))
+        top += HIGH + 82
+    return svg.picture(wide, top - 34, f"Flights that reach {longest:g} s, by what policies were trained over", parts)
+
+
+def _dots(panel: Panel, policies: polars.DataFrame, places: Sequence[str], chosen: Sequence[str]) -> Iterator[str]:
+    bar = float(panel.down(100 * BAR))
+    yield svg.stroke(f"M0 {bar:.1f}H{panel.width:.1f}", "thin dashed", "line")
+    apart = 0.8 / len(chosen)
+    for number, place in enumerate(places):
+        for order, name in enumerate(chosen):
+            shares = policies.filter((polars.col("place") == place) & (polars.col("randomization") == name))["share"]
+            shares = 100 * shares.sort().to_numpy()
+            if len(shares) == 0:
+                continue
+            middle = number + apart * (order - (len(chosen) - 1) / 2)
+            (left, level), (right, _) = (panel.at(middle + side * 0.36 * apart, float(np.mean(shares))) for side in (-1, 1))
+            yield svg.stroke(f"M{left:.1f} {level:.1f}H{right:.1f}", "line faded", COLOURS[name])
+            yield svg.dots(panel, middle + 0.22 * apart * np.linspace(-1, 1, len(shares)), shares, "edge", COLOURS[name])
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Trains, flies, writes, draws and prints."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--drone", required=True, help="the identified drone's TOML file")
+    parser.add_argument("-o", "--output", type=Path, required=True, help="folder for policies, flights.csv and randomization.svg")
+    parser.add_argument("--realities", nargs="+", default=REALITIES, help="as `maidenflight transfer` takes them (default: %(default)s)")
+    parser.add_argument("--control", action="append", choices=list(QUICK), help="a control structure; may be repeated (all three)")
+    parser.add_argument("--randomization", action="append", choices=list(COLOURS), help="a randomization; may be repeated (all four)")
+    parser.add_argument("--seeds", type=int, default=3, help="policies of each cell (default: %(default)s)")
+    parser.add_argument("--flights", type=int, default=200, help="of each policy on drones about the identified one (default: %(default)s)")
+    parser.add_argument("--trials", type=int, default=16, help="flights of each policy in each reality (default: %(default)s)")
+    parser.add_argument("--duration", type=float, default=LONGEST, help="longest flight, seconds (default: %(default)g)")
+    parser.add_argument("--updates", type=int, help="of training, for all control structures")
+    parser.add_argument("--seed", type=int, default=0)
+    given = parser.parse_args(arguments)
+    try:
+        run(given)
+    except InputError as error:
+        parser.error(str(error))
+
+
+def run(given: argparse.Namespace) -> None:
+    """All of it, for given arguments.
+
+    Raises:
+        InputError: the drone is no file that `maidenflight identify` wrote, or what earlier runs left is of other settings.
+    """
+    if not Path(given.drone).is_file():
+        raise InputError(f"{given.drone}: no such file. Give a drone.toml that `maidenflight identify` wrote.")
+    if min(given.seeds, given.flights, given.trials) < 1 or given.duration <= 0:
+        raise InputError("at least one policy, flight and trial, and a duration above 0 s, are needed.")
+    for place in given.realities:
+        workflow.reality(place)
+    kinds = [kind for kind in QUICK if kind in (given.control or QUICK)]
+    cells = [cell for cell in CELLS if cell.control in kinds and cell.randomization in (given.randomization or COLOURS)]
+    total = len(cells) + sum(len(places_of(kind, given.realities)) for kind in kinds)
+    done, tables = 0, []
+    with terminal.progress("randomization", total) as move:
+        for kind in kinds:
+            own: list[tuple[Cell, int, Policy]] = []
+            for cell in [cell for cell in cells if cell.control == kind]:
+                move(done, total, f"training {cell.name}")
+                settings = settings_of(cell, given.updates)
+                several = trained(cell, given.drone, settings, given.seeds, given.seed, given.output / "policies")
+                own += [(cell, number, one) for number, one in enumerate(several, 1)]
+                done += 1
+            policies = {f"{cell.name}/policy_{number}": one for cell, number, one in own}
+            told = [{"policy": name, **cell._asdict(), "number": number} for name, (cell, number, _) in zip(policies, own, strict=True)]
+            for place in places_of(kind, given.realities):
+                move(done, total, f"flying {kind} in {place}")
+                table = polars.DataFrame(told).with_columns(place=polars.lit(place))
+                tables.append(table.join(flown(place, kind, policies, given), on="policy", maintain_order="left").drop("policy"))
+                done += 1
+    flights = polars.concat(tables)
+    said = {
+        "realities": [Path(place).name for place in given.realities],
+        "flights": given.flights,
+        "trials": given.trials,
+        "duration": given.duration,
+        "policies": {cell.name: given.seeds for cell in cells},
+    }
+    made = results.record(seed=given.seed, inputs=[given.drone], settings=said)
+    results.write(given.output / "flights.csv", f"{_FLIGHTS}\n# record: {json.dumps(made)}\n{flights.write_csv(float_precision=2)}")
+    results.write(given.output / "randomization.svg", chart(flights, given.duration))
+    with polars.Config(
+        tbl_cols=-1, tbl_rows=-1, tbl_width_chars=200, fmt_str_lengths=80, float_precision=2, tbl_hide_column_data_types=True
+    ):
+        print("Means over policies, 95 % intervals over policies")
+        print(summary(flights, given.duration))
+        print("Differences of shares, 95 % intervals over policies (Welch)")
+        print(differences(flights, given.duration))
+        print(f"The best policy of each control structure: does it reach {given.duration:g} s in {BAR:.0%} of its flights everywhere?")
+        print(best_policies(flights, given.duration))
+
+
+_FLIGHTS = (
+    "# maidenflight randomization flights 1: simulated, a row a flight; control structure, randomization and number of the policy,"
+    " place where it flew, duration s"
+)
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,138 @@
+"""A policy as ONNX: one file that other runtimes read, with the scaling of the observation and of the command in its graph.
+
+Written with the `onnx` package, which is an extra. The version of the format is one that runtimes of 2022 already read.
+"""
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from maidenflight import __version__, results
+from maidenflight.deployment.c import COMMANDS, golden_observations
+from maidenflight.errors import InputError
+from maidenflight.policy import Policy, from_json, to_json
+from maidenflight.simulator.environment import ACTION_SIZE
+
+NAME = "policy.onnx"
+OPSET = 17
+"""Version of the operators; onnxruntime 1.12 knows it."""
+IR = 8
+"""Version of the file format."""
+
+
+def to_onnx(policy: Policy, record: Mapping[str, Any] | None = None) -> bytes:
+    """The bytes of an ONNX model. The same policy and record give the same bytes.
+
+    Input: `observation`, float32 (batch, 20 H), in SI units, laid out as a policy file's `instant` tells, the oldest instant first.
+    Outputs: `command`, float32 (batch, 4): centre + span clip(a, -1, 1) as in `c.COMMANDS`; and `action`, float32 (batch, 4): a, not
+    clipped, which the next observation holds. Both are NaN in rows whose observation or action is not finite, which ReLU and clipping
+    would else hide.
+
+    Args:
+        policy: the policy.
+        record: how the policy was made, for the metadata.
+
+    Raises:
+        InputError: the `onnx` package is not installed, or the policy makes no sense.
+    """
+    try:
+        from onnx import TensorProto, helper, numpy_helper
+    except ImportError as error:
+        raise InputError("onnx is not installed, but an ONNX export needs it: pip install 'maidenflight[onnx]'") from error
+    text = _checked_text(policy)
+    instant, command = json.loads(text)["instant"], " ".join(COMMANDS[policy.control].told.split())
+
+    def table(name: str, columns: int, told: str) -> Any:
+        return helper.make_tensor_value_info(name, TensorProto.FLOAT, ["batch", columns], doc_string=told)
+
+    graph = helper.make_graph(
+        [helper.make_node(operator, given.split(), [made], **how) for operator, given, made, how in _steps(len(policy.weights))],
+        "policy",
+        [table("observation", policy.layer_sizes[0], f"{policy.history} instants of 20 numbers: {instant}")],
+        [table("command", ACTION_SIZE, command), table("action", ACTION_SIZE, "not clipped; the next observation holds it")],
+        [numpy_helper.from_array(numbers, name) for name, numbers in _constants(policy).items()],
+    )
+    imports = [helper.make_opsetid("", OPSET)]
+    model = helper.make_model(graph, producer_name="maidenflight", producer_version=__version__, ir_version=IR, opset_imports=imports)
+    metadata = {
+        "version": __version__,
+        "control": policy.control,
+        "rate": str(policy.rate),
+        "history": str(policy.history),
+        "instant": instant,
+        "command": command,
+        "sha256": hashlib.sha256(text.encode()).hexdigest(),
+        "record": json.dumps(dict(record or {})),
+    }
+    helper.set_model_props(model, metadata)
+    return model.SerializeToString(deterministic=True)
+
+
+def export_onnx(policy: Policy, directory: str | os.PathLike[str], *, record: Mapping[str, Any] | None = None) -> Path:
+    """Writes a policy as `policy.onnx`; see `to_onnx`.
+
+    Args:
+        policy: the policy.
+        directory: where to write; made if missing.
+        record: how the policy was made, for the metadata.
+
+    Returns:
+        The file written.
+
+    Raises:
+        InputError: the `onnx` package is not installed, the policy makes no sense or the directory cannot be written.
+    """
+    return results.write(Path(directory) / NAME, to_onnx(policy, record))
+
+
+def _checked_text(policy: Policy) -> str:
+    """The policy's JSON text, once it is sure that the policy is sound."""
+    text = to_json(policy)
+    from_json(text)
+    if not np.isfinite(jax.jit(jax.vmap(policy))(jnp.asarray(golden_observations(policy, 0)))).all():
+        raise InputError("policy: an action overflows float32. Training diverged: train again.")
+    return text
+
+
+def _steps(layers: int) -> list[tuple[str, str, str, dict[str, Any]]]:
+    """The graph of a network: operator, what it is given, what it makes, its attributes."""
+    steps: list[tuple[str, str, str, dict[str, Any]]] = [
+        ("Sub", "observation mean", "centred", {}),
+        ("Div", "centred deviation", "scaled", {}),
+    ]
+    values = "scaled"
+    for number in range(1, layers + 1):
+        steps.append(("Gemm", f"{values} weights_{number} biases_{number}", f"layer_{number}", {"transB": 1}))
+        values = f"layer_{number}"
+        if number < layers:
+            steps.append(("Relu", values, f"hidden_{number}", {}))
+            values = f"hidden_{number}"
+    return [
+        *steps,
+        # Zero, or NaN where a number is not finite.
+        ("Concat", f"observation {values}", "numbers", {"axis": 1}),
+        ("Mul", "numbers zero", "zeros", {}),
+        ("ReduceSum", "zeros columns", "doubt", {}),
+        ("Add", f"{values} doubt", "action", {}),
+        ("Clip", f"{values} least most", "clipped", {}),
+        ("Mul", "clipped span", "offset", {}),
+        ("Add", "offset centre", "commanded", {}),
+        ("Add", "commanded doubt", "command", {}),
+    ]
+
+
+def _constants(policy: Policy) -> dict[str, np.ndarray]:
+    """The numbers of the graph by their names in it."""
+    commands = COMMANDS[policy.control]
+    numbers: dict[str, Any] = {"mean": policy.observation_mean, "deviation": policy.observation_deviation}
+    for number, (weight, bias) in enumerate(zip(policy.weights, policy.biases, strict=True), 1):
+        numbers |= {f"weights_{number}": weight, f"biases_{number}": bias}
+    numbers |= {"zero": 0.0, "least": -1.0, "most": 1.0, "span": commands.span, "centre": commands.centre}
+    return {name: np.asarray(value, np.float32) for name, value in numbers.items()} | {"columns": np.array([1], np.int64)}
