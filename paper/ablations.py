@@ -12,7 +12,6 @@ Source: Gronauer et al. 2022, sec. Discussion.
 import argparse
 import io
 import json
-import os
 import re
 import tomllib
 import warnings
@@ -24,17 +23,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
-
-if __name__ == "__main__":  # a core is a device
-    jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))
-
 import numpy as np
 import polars
 from jaxtyping import Bool, Float
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from maidenflight import parameters, policy, results, terminal, workflow
+from maidenflight import cores, parameters, policy, results, terminal, workflow
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import LONGEST, transfer
 from maidenflight.flights.log import Flight
@@ -548,4 +543,5 @@ _FLIGHTS = (
 )
 
 if __name__ == "__main__":
+    cores.as_devices()
     main()

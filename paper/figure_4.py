@@ -11,19 +11,13 @@ Source: Gronauer et al. 2022, sec. Zero-Shot Experiments, fig:experiments:zero-s
 """
 
 import argparse
-import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-
-import jax
-
-if __name__ == "__main__":  # a core is a device
-    jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))
 
 import numpy as np
 import polars
 
-from maidenflight import results, terminal, workflow
+from maidenflight import cores, results, terminal, workflow
 from maidenflight.errors import InputError
 from maidenflight.experiments import matrix
 from maidenflight.experiments.transfer import LONGEST
@@ -119,4 +113,5 @@ def run(settings: Path, small: bool, authors: Path | None, output: Path) -> None
 
 
 if __name__ == "__main__":
+    cores.as_devices()
     main()

@@ -8,7 +8,6 @@ histories and says that H = 2 performed best, without numbers; it had trained by
 
 import argparse
 import json
-import os
 import sys
 import time
 from collections.abc import Sequence
@@ -17,10 +16,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import jax
-
-if __name__ == "__main__":  # a core is a device
-    jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))
-
 import numpy as np
 import polars
 

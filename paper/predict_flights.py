@@ -8,19 +8,14 @@ where many reach the time limit), and draws predicted over measured times as SVG
 
 import argparse
 import json
-import os
 from html import escape
 from pathlib import Path
 
 import jax
-
-if __name__ == "__main__":  # a core is a device
-    jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))
-
 import numpy as np
 import polars
 
-from maidenflight import results, workflow
+from maidenflight import cores, results, workflow
 from maidenflight.deployment.authors_json import EPSILON, RATES
 from maidenflight.errors import InputError
 from maidenflight.experiments.flight_times import Agreement, agreement, predict_flight_times, summary
@@ -155,4 +150,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    cores.as_devices()
     main()

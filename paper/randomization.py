@@ -18,7 +18,6 @@ import argparse
 import hashlib
 import json
 import math
-import os
 import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -29,16 +28,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
-
-if __name__ == "__main__":  # a core is a device
-    jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))
-
 import numpy as np
 import polars
 from jaxtyping import Float
 from scipy import stats
 
-from maidenflight import policy, results, terminal, workflow
+from maidenflight import cores, policy, results, terminal, workflow
 from maidenflight.errors import InputError
 from maidenflight.experiments.flight_times import AS_FLOWN, predict_flight_times
 from maidenflight.experiments.transfer import LONGEST, transfer
@@ -405,4 +400,5 @@ _FLIGHTS = (
 )
 
 if __name__ == "__main__":
+    cores.as_devices()
     main()

@@ -10,21 +10,16 @@ A policy's trim comes from the flights whose times it shall explain, so this is 
 
 import argparse
 import json
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import jax
-
-if __name__ == "__main__":  # a core is a device
-    jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))
-
 import numpy as np
 import polars
 from jaxtyping import Float
 from predict_flights import COLOURS, one_against_others, published
 
-from maidenflight import parameters
+from maidenflight import cores, parameters
 from maidenflight.errors import InputError
 from maidenflight.experiments.flight_times import agreement, predict_flight_times, summary
 from maidenflight.flights import authors, tables
@@ -168,4 +163,5 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
+    cores.as_devices()
     main()

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import click
 import jax
 import numpy as np
 import pytest
@@ -152,3 +153,46 @@ def test_the_python_and_the_commands_of_the_realities_page_run(monkeypatch: pyte
         monkeypatch.setattr(sys, "argv", arguments + LESS_WORK[arguments[1]])
         cli.main()
     assert Path("recorded/reality.toml").exists()
+
+
+def test_every_command_that_a_page_shows_is_one_that_there_is() -> None:
+    shown = 0
+    for page in ["README.md", *(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md"))]:
+        for line in [line for block in blocks(page, "sh") for line in block.replace("\\\n", " ").splitlines()]:
+            words = shlex.split(line, comments=True)
+            if words[:1] != ["maidenflight"]:
+                continue
+            command = cli.commands.commands[words[1]]
+            command.parse_args(click.Context(command, info_name=words[1]), words[2:])
+            shown += 1
+    assert shown > 20
+
+
+def test_the_commands_of_the_zero_shot_page_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    told = """
+        realities = ["near:7"]
+        motor_time_constant = [0.04, 0.08]
+        latency = [0.0, 0.015]
+        policies = 1
+        trials = 2
+        duration = 0.3
+        [control.pwm]
+        updates = 1
+        drones = 2
+        horizon = 2
+        hidden = [8]
+        evaluations = 1
+        episodes = 2
+    """
+    for command in blocks("docs/zero-shot.md", "sh")[0].splitlines():
+        words = shlex.split(command, comments=True)
+        if words[0] == "maidenflight":
+            settings = Path(words[words.index("--matrix") + 1])
+            assert (ROOT / settings).exists()
+            settings.parent.mkdir()
+            settings.write_text(told)
+            monkeypatch.setattr(sys, "argv", words)
+            cli.main()
+        else:
+            assert (ROOT / words[1]).exists(), command
+    assert Path("zero_shot/flights.csv").exists()

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from maidenflight import __version__, terminal
+from maidenflight import __version__, cores, terminal
 from maidenflight.errors import InputError, WriteError
 from maidenflight.training.scoreboards import BOARDS
 
@@ -103,15 +103,6 @@ def _resumable(checkpoint: Path) -> Iterator[None]:
         if not checkpoint.exists():
             raise
         raise InputError(f"{error.wrong} {checkpoint} holds what was reached. {error.remedy} and go on with: {again}") from error
-
-
-def _lay_on_all_cores() -> None:
-    """Makes JAX see each core as a device, over which drones are laid; XLA uses one core for arrays this small."""
-    import jax
-
-    # Where JAX runs already, as in a notebook, its devices stay what they are.
-    with suppress(RuntimeError):
-        jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
 
 
 _MOST_KEPT = 500_000_000
@@ -464,7 +455,7 @@ def train(
     Interrupted, by Ctrl-C or anything else, it loses at most what it learned since the last score: give the same command with --resume.
     """
     _must_be_new(output, overwrite or resume, "go on with what was interrupted there by --resume")
-    _lay_on_all_cores()
+    cores.as_devices()
     from maidenflight import workflow
 
     settings = workflow.settings_for(control, task, method, updates)
@@ -526,7 +517,10 @@ def transfer(
     as_json: bool,
     overwrite: bool,
 ) -> None:
-    """Fly POLICIES (files or folders), or those of a matrix, in realities that they have not seen; all of it simulated."""
+    """Fly POLICIES (files or folders), or those of a matrix, in realities that they have not seen; all of it simulated.
+
+    Policies are ours, or the authors' in files whose names begin with a control structure; all of one call are of one kind.
+    """
     if settings is not None:
         if policies or realities or any(given is not None for given in (task, trials, duration, seed)):
             raise click.UsageError(f"{settings} says which policies fly, where and how. Give --matrix alone, with -o.")
@@ -551,7 +545,7 @@ def transfer(
 
 def _transfer_matrix(settings: Path, output: Path, resume: bool, overwrite: bool, as_json: bool) -> None:
     _must_be_new(output, overwrite or resume, "go on with what was interrupted there by --resume")
-    _lay_on_all_cores()
+    cores.as_devices()
     from maidenflight import workflow
     from maidenflight.experiments import matrix
 
@@ -613,7 +607,7 @@ def predict(
     authors' drone ran them: at their rate, by its firmware, from hover, until a guard trips. All of it is simulated.
     """
     _must_be_new(output, overwrite)
-    _lay_on_all_cores()
+    cores.as_devices()
     from maidenflight import workflow
 
     with terminal.progress("predict", None) as move:
@@ -714,7 +708,7 @@ def demo(output: Path | None, seed: int, as_json: bool, overwrite: bool) -> None
         output = next(path for number in range(1, 10**6) if not (path := Path("run" if number == 1 else f"run-{number}")).exists())
     else:
         _must_be_new(output, overwrite)
-    _lay_on_all_cores()
+    cores.as_devices()
     from maidenflight.demo import Listener, Plan
     from maidenflight.demo import demo as run
 

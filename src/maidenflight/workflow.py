@@ -332,9 +332,9 @@ def transfer_to(
     duration: float,
     task: str = "circle",
 ) -> Transfer:
-    """Flies policies in realities; writes `flights.csv` with a row a flight, and every flight's log."""
+    """Flies policies, ours or the authors', in realities; writes `flights.csv` with a row a flight, and every flight's log."""
     files = policy_files(given)
-    policies = [policy.read(path) for path in files]
+    policies = [read_policy(path) for path in files]
     names = [path.stem for path in files]
     flown = transfer(policies, realities, trials, jax.random.key(seed), task=tasks.TASKS[task](), duration=duration, names=names)
     settings = {"task": task, "realities": [drone.name for drone in realities], "trials": trials, "duration": duration}

@@ -152,7 +152,7 @@ def test_what_is_computed_does_not_depend_on_the_number_of_cores(monkeypatch, co
     measured, at = Objective(some(windows(planted.logs(DRONE), planted.LENGTH), 600), 0.01), replace(DRONE, thrust_to_weight=1.8)
     alone = {}
     for used in (1, cores):
-        monkeypatch.setattr(module.os, "sched_getaffinity", lambda _, used=used: set(range(used)), raising=False)
+        monkeypatch.setattr(module.cores, "count", lambda used=used: used)
         alone[used] = measured.per_window(at), *measured.normal_equations(at, ("latency",)), *measured.normal_equations(at, ("latency",), 2)
     for one, other in zip(alone[1], alone[cores], strict=True):
         np.testing.assert_array_equal(one, other)

@@ -10,8 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
+from maidenflight import cores
 from maidenflight.flights.windows import Windows, windows
-from maidenflight.identification import objective as cores
 from maidenflight.identification import one_step
 from maidenflight.identification.one_step import COLUMNS, LENGTH, ORDER, OneStep, noise_model
 from maidenflight.parameters import crazyflie, noiseless, replace
@@ -197,7 +197,7 @@ def test_neither_cores_nor_chunks_change_what_comes_out(noisy_windows, noisy, mo
     together = OneStep(long, 0.01, STEPS)
     found = []
     for count in (1, 2):
-        monkeypatch.setattr(cores.os, "sched_getaffinity", lambda _, count=count: set(range(count)))
+        monkeypatch.setattr(cores, "count", lambda count=count: count)
         found.append(together.products(TRUTH))
     np.testing.assert_array_equal(*found)
     alone = noisy.products(TRUTH)

@@ -4,7 +4,6 @@ Each window is simulated open loop from its measured start with its recorded com
 the start are those that the recorded commands before it imply.
 """
 
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -16,6 +15,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
+from maidenflight import cores
 from maidenflight.flights.windows import Windows
 from maidenflight.parameters import Parameters, component, replace
 from maidenflight.simulator import actuators, dynamics, environment, latency, rotations
@@ -133,10 +133,9 @@ def on_all_cores(compute: Callable[[int, int], tuple[Array | np.ndarray, ...]], 
     Returns:
         The arrays for all chunks.
     """
-    known = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    cores = min(known, chunks) if jax.default_backend() == "cpu" else 1
-    ends = [chunks * core // cores for core in range(cores + 1)]
-    with ThreadPoolExecutor(cores) as pool:
+    workers = min(cores.count(), chunks) if jax.default_backend() == "cpu" else 1
+    ends = [chunks * worker // workers for worker in range(workers + 1)]
+    with ThreadPoolExecutor(workers) as pool:
         # The copies to NumPy wait for the results, and let go of Python's lock meanwhile.
         parts = list(pool.map(lambda first, end: [np.asarray(part) for part in compute(first, end)], ends[:-1], ends[1:]))
     return [np.concatenate(pieces) for pieces in zip(*parts, strict=True)]
