@@ -647,7 +647,7 @@ def _flight_times_content(files: list[Path], flown: "DataFrame") -> list[dict[st
     ]
 
 
-_EXPORTED = {"c": "firmware", "onnx": "onnx_policy", "authors": "authors_policy"}
+_EXPORTED = {"c": "firmware", "onnx": "onnx_policy", "authors": "authors_policy", "crazyflie": "crazyflie_app"}
 """Folders of what a policy is exported to."""
 
 
@@ -658,7 +658,8 @@ _EXPORTED = {"c": "firmware", "onnx": "onnx_policy", "authors": "authors_policy"
     default="c",
     show_default=True,
     type=click.Choice(list(_EXPORTED)),
-    help="c: C99 without dependencies, policy.h and policy.c; onnx: policy.onnx; authors: a JSON as the tools of Gronauer et al. read it.",
+    help="c: C99 without dependencies, policy.h and policy.c; onnx: policy.onnx; authors: a JSON as the tools of Gronauer et al. read it;"
+    " crazyflie: an app that builds beside an unmodified Crazyflie firmware.",
 )
 @click.option(
     "-o",
@@ -675,7 +676,7 @@ _EXPORTED = {"c": "firmware", "onnx": "onnx_policy", "authors": "authors_policy"
 @_as_json
 @_overwrite
 def export(policy: Path, to: str, output: Path | None, control: str | None, seed: int, as_json: bool, overwrite: bool) -> None:
-    """Export a POLICY file, ours or of Gronauer et al., to C, to ONNX or to their JSON."""
+    """Export a POLICY file, ours or of Gronauer et al., to C, to ONNX, to their JSON or as an app for the Crazyflie."""
     output = output or Path(_EXPORTED[to])
     _must_be_new(output, overwrite)
     from maidenflight import workflow

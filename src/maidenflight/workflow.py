@@ -18,6 +18,7 @@ import polars
 from maidenflight import parameters, policy, results
 from maidenflight.deployment.authors_json import export_authors_json, read_policy
 from maidenflight.deployment.c import export_c
+from maidenflight.deployment.crazyflie import export_crazyflie
 from maidenflight.deployment.onnx import export_onnx
 from maidenflight.errors import InputError
 from maidenflight.experiments import matrix
@@ -518,7 +519,8 @@ def export(path: StrPath, folder: StrPath, seed: int, to: str = "c", structure: 
         path: policy file.
         folder: where to write; made if missing.
         seed: draws the observations of the C code's self-test.
-        to: `c`: C99, `policy.h` and `policy.c`; `onnx`: `policy.onnx`; `authors`: a JSON as the authors' tools read it.
+        to: `c`: C99, `policy.h` and `policy.c`; `onnx`: `policy.onnx`; `authors`: a JSON as the authors' tools read it;
+            `crazyflie`: an app for the Crazyflie's firmware.
         structure: what an authors' policy commands; what its file's name says unless given.
 
     Returns:
@@ -533,4 +535,6 @@ def export(path: StrPath, folder: StrPath, seed: int, to: str = "c", structure: 
         return [export_authors_json(read, folder, name=Path(path).stem)]
     if to == "onnx":
         return [export_onnx(read, folder, record=results.record(seed=None, inputs=[path], settings=settings))]
+    if to == "crazyflie":
+        return export_crazyflie(read, folder, seed=seed, record=results.record(seed=seed, inputs=[path], settings=settings))
     return export_c(read, folder, seed=seed, record=results.record(seed=seed, inputs=[path], settings=settings))

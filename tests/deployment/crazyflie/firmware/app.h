@@ -1,0 +1,4 @@
+/* Stand-in: the app's own task. */
+#pragma once
+
+void appMain(void);

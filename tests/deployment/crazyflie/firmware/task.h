@@ -1,0 +1,6 @@
+/* Stand-in. */
+#pragma once
+
+#include "FreeRTOS.h"
+
+void vTaskDelay(const uint32_t ticks);

@@ -1,0 +1,6 @@
+/* Stand-in: microseconds since power-on. */
+#pragma once
+
+#include <stdint.h>
+
+uint64_t usecTimestamp(void);
