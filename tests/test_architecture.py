@@ -14,7 +14,7 @@ ORDER = [
     "flights gym policy",
     "identification training",
     "experiments",
-    "deployment reporting",
+    "deployment reporting link",
     "workflow",
     "demo",
     "terminal",

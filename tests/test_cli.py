@@ -16,7 +16,7 @@ from event_files import scalars
 from maidenflight import cli, parameters, policy, results, terminal
 from maidenflight.flights import reading
 
-COMMANDS = ("demo", "drone", "record", "identify", "validate", "train", "transfer", "predict", "export", "report")
+COMMANDS = ("demo", "drone", "record", "fly", "identify", "validate", "train", "transfer", "predict", "export", "report")
 
 
 def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *arguments: Any) -> tuple[int, str, str]:
@@ -40,7 +40,7 @@ def test_every_command_explains_itself(command: str, monkeypatch: Any, capsys: A
 
 
 def test_help_imports_nothing_heavy() -> None:
-    heavy = "jax onnx onnxruntime numpy scipy sklearn polars plotly rich optax tomlkit gymnasium pybullet tensorboardX wandb".split()
+    heavy = "jax cflib onnx onnxruntime numpy scipy sklearn polars plotly rich optax tomlkit gymnasium pybullet tensorboardX wandb".split()
     program = (
         "import sys; sys.argv = ['maidenflight', 'identify', '--help']\n"
         "from maidenflight import cli\n"
@@ -102,7 +102,11 @@ def test_help_starts_within_a_fifth_of_a_second_of_python_itself() -> None:
         (["record", "-o", "{tmp}/r", "--flights", "0"], "0"),
         (["report", "{tmp}/empty"], "empty"),
         (["drone", "swan"], "no such drone"),
-        (["fly"], "No such command"),
+        (["fly"], "--uri"),
+        (["soar"], "No such command"),
+        (["record", "--uri", "udp://127.0.0.1:9", "--reality", "virtual:1"], "--reality is for virtual drones"),
+        (["record", "--height", "1"], "--height is for a real drone (--uri)"),
+        (["record", "--recover", "-o", "{tmp}/nowhere"], "no such folder"),
     ],
 )
 def test_a_mistake_gives_one_line_and_exit_code_2(arguments: list[str], says: str, tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:

@@ -196,3 +196,11 @@ def test_the_commands_of_the_zero_shot_page_run(monkeypatch: pytest.MonkeyPatch)
         else:
             assert (ROOT / words[1]).exists(), command
     assert Path("zero_shot/flights.csv").exists()
+
+
+def test_the_commands_of_the_pilots_guide_are_ones_that_there_are() -> None:
+    lines = [shlex.split(line, comments=True) for line in re.findall(r"^maidenflight .*", (ROOT / "docs/pilot.md").read_text(), re.M)]
+    assert {words[1] for words in lines} >= {"record", "fly", "identify", "train", "predict"}
+    for words in lines:
+        command = cli.commands.commands[words[1]]
+        command.parse_args(click.Context(command, info_name=words[1]), words[2:])

@@ -166,9 +166,24 @@ def drone(name: str, output: Path | None, overwrite: bool) -> None:
     results.write(output, text)
 
 
+_REAL_TASKS = ("circle", "figure_eight", "hover")
+_URI = "radio://0/80/2M/E7E7E7E7E7"
+
+
+def _height(command: Callable[..., Any]) -> Callable[..., Any]:
+    what = "Metres above the ground at which the real drone flies; a policy was trained for 1."
+    return click.option("--height", default=1.0, show_default=True, type=click.FloatRange(0.3, 1.6), help=what)(command)
+
+
+def _real_task(command: Callable[..., Any]) -> Callable[..., Any]:
+    what = "What the real drone flies."
+    return click.option("--task", default="circle", show_default=True, type=click.Choice(_REAL_TASKS), help=what)(command)
+
+
 @commands.command()
 @_output("flights", "Folder for the logs.")
-@click.option("--reality", default="virtual:7", show_default=True, help=f"Which drone: {_REALITIES}.")
+@click.option("--uri", help=f"Record a real Crazyflie at this address, such as {_URI}. Read docs/pilot.md first.")
+@click.option("--reality", default="virtual:7", show_default=True, help=f"Which virtual drone: {_REALITIES}.")
 @click.option("--flights", "count", default=4, show_default=True, type=click.IntRange(1, 999), help="How many flights.")
 @click.option("--duration", default=30.0, show_default=True, type=click.FloatRange(2.0, 600.0), help="Seconds of each.")
 @click.option(
@@ -176,13 +191,53 @@ def drone(name: str, output: Path | None, overwrite: bool) -> None:
     default=0.06,
     show_default=True,
     type=click.FloatRange(0.0, 0.3),
-    help="Random thrust added to each motor, as a share of full thrust; it makes lag and latency visible. 0: the plain PID.",
+    help="Random thrust on each motor of a virtual drone, as a share of full thrust; it makes lag and latency visible. 0: plain PID.",
 )
+@click.option(
+    "--steps",
+    default=0.1,
+    show_default=True,
+    type=click.FloatRange(0.0, 0.2),
+    help="Random steps of a real drone's set-point, in metres, twice a second, for the same end. 0: the plain reference.",
+)
+@_real_task
+@_height
+@click.option("--recover", is_flag=True, help="Fly nothing; make the logs that a crash has left as rows in the folder.")
 @_seed
 @_as_json
 @_overwrite
-def record(output: Path, reality: str, count: int, duration: float, excitation: float, seed: int, as_json: bool, overwrite: bool) -> None:
-    """Record flights around the circle on a virtual drone (simulated), flown by the firmware's position PID, at 100 Hz."""
+@click.pass_context
+def record(
+    context: click.Context,
+    output: Path,
+    uri: str | None,
+    reality: str,
+    count: int,
+    duration: float,
+    excitation: float,
+    steps: float,
+    task: str,
+    height: float,
+    recover: bool,
+    seed: int,
+    as_json: bool,
+    overwrite: bool,
+) -> None:
+    """Record flights at 100 Hz, flown by the firmware's position PID: on a virtual drone (simulated), or with --uri on a real Crazyflie.
+
+    A real drone takes off, follows the task's reference and lands. Ctrl-C lands it, a second Ctrl-C stops its motors. Every row is on disk
+    as soon as it has come; logs are added to the folder and never replaced.
+    """
+    given = {name for name in context.params if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE}
+    virtual, real = {"reality", "excitation", "overwrite"}, {"steps", "task", "height"}
+    if wrong := sorted(given & (virtual if uri else real)):
+        raise click.UsageError(f"--{wrong[0]} is for {'virtual drones' if uri else 'a real drone (--uri)'}. Leave it out.")
+    if recover:
+        _recover(output, as_json)
+        return
+    if uri:
+        _fly_really(uri, output, as_json, task=task, count=count, duration=duration, height=height, steps=steps, seed=seed)
+        return
     _must_be_new(output, overwrite)
     from maidenflight import workflow
 
@@ -190,6 +245,70 @@ def record(output: Path, reality: str, count: int, duration: float, excitation: 
         written = workflow.record(workflow.reality(reality), seed, output, output / "reality.toml", count, duration, excitation)
     content = {"flights": [str(path) for path in written], "truth": str(output / "reality.toml"), "simulated": True}
     _emit(as_json, content, lambda: print(f"{count} simulated flights of {duration:g} s in {output}/; the truth is in reality.toml"))
+
+
+@commands.command()
+@_output("flown", "Folder for the logs.")
+@click.option("--uri", required=True, help=f"Address of the Crazyflie, such as {_URI}. Read docs/pilot.md first.")
+@click.option("--flights", "count", default=1, show_default=True, type=click.IntRange(1, 999), help="How many flights.")
+@click.option(
+    "--duration", default=10.0, show_default=True, type=click.FloatRange(1.0, 600.0), help="Seconds that the policy flies in each."
+)
+@click.option(
+    "--full",
+    default=65535.0,
+    show_default=True,
+    type=click.FloatRange(30000.0, 65535.0),
+    help="What a thrust command of 1 is, in the firmware's counts: 65535 if identified from our own logs, 60000 from the authors'.",
+)
+@_real_task
+@_height
+@_seed
+@_as_json
+def fly(uri: str, output: Path, count: int, duration: float, full: float, task: str, height: float, seed: int, as_json: bool) -> None:
+    """Fly the policy on board a real Crazyflie, between a take-off and a landing by the firmware's PID.
+
+    The exported app must be on the drone. Ctrl-C hands back to the PID and lands, a second Ctrl-C stops the motors.
+    """
+    _fly_really(
+        uri, output, as_json, task=task, count=count, duration=duration, height=height, steps=0.0, seed=seed, policy=True, full=full
+    )
+
+
+def _fly_really(uri: str, output: Path, as_json: bool, **asked: Any) -> None:
+    from maidenflight.link import session
+    from maidenflight.link.flying import COMPLETE
+
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "maidenflight" / "crazyflie"
+    say = (lambda text: print(text, file=sys.stderr, flush=True)) if as_json else (lambda text: print(text, flush=True))
+    flown = session.record(uri, output, cache=cache, say=say, **asked)
+    rows = [
+        {"flight": one.name, "ended": one.ending.reason, "packets": one.rows, "log": str(one.log) if one.log else None} for one in flown
+    ]
+
+    def text() -> None:
+        for note in (note for one in flown for note in one.notes):
+            print(f"note: {note}")
+        print(f"{len(flown)} flights in {output}/; next: maidenflight identify {output}")
+
+    _emit(as_json, {"flights": rows, "simulated": not uri.startswith(("radio://", "usb://"))}, text)
+    if len(flown) < asked["count"] or any(one.ending.reason != COMPLETE for one in flown):
+        sys.exit(1)
+
+
+def _recover(folder: Path, as_json: bool) -> None:
+    from maidenflight.link import rows
+
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder. Give the one that was recorded into, with -o.")
+    made, refused = rows.recover(folder)
+
+    def text() -> None:
+        for reason in refused:
+            print(f"note: {reason}")
+        print(f"{len(made)} logs made of rows in {folder}/")
+
+    _emit(as_json, {"logs": [str(path) for path in made], "refused": refused}, text)
 
 
 def _bounds(_: click.Context, __: click.Parameter, given: tuple[str, ...]) -> dict[str, tuple[float, float]]:

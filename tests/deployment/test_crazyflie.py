@@ -23,6 +23,7 @@ from test_c import restless
 
 from maidenflight.deployment.crazyflie import MOST_MULTIPLICATIONS, export_crazyflie
 from maidenflight.errors import InputError
+from maidenflight.link.blocks import ACTIVE, ENABLE
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import Policy, untrained
 from maidenflight.simulator import control, dynamics, environment, firmware, rotations, tasks, trajectories
@@ -533,7 +534,6 @@ def test_the_page_and_the_tables_name_the_same(load: Load) -> None:
         assert {"uint8": ctypes.c_uint8, "uint32": ctypes.c_uint32, "float": ctypes.c_float}[kind] is type(app.logs[name]), name
     reasons = re.findall(r"^\| (\d) \| ", page, re.M)
     assert reasons == [str(reason) for reason in range(1, SELF_TEST + 1)]
-    from maidenflight.link.blocks import ACTIVE, ENABLE
 
     assert ENABLE.removeprefix("mf.") in app.parameters
     assert ACTIVE.removeprefix("mf.") in app.logs

@@ -1,0 +1,257 @@
+"""A session with a real Crazyflie: checks, some flights one after the other, and a folder of logs for `identify`."""
+
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from maidenflight import results
+from maidenflight.errors import InputError
+from maidenflight.link import guards, rows
+from maidenflight.link.blocks import ENABLE, FULL_COUNTS, PERIOD
+from maidenflight.link.clock import Clock, WallClock
+from maidenflight.link.crazyflie import Crazyflie
+from maidenflight.link.flying import COMPLETE, Ending, Plan, fly
+from maidenflight.link.guards import Limits, Standing
+from maidenflight.simulator import tasks
+from maidenflight.simulator.trajectories import Trajectory
+
+SETTLING = 10.0
+"""Longest wait for the estimator [s]."""
+RESET = 0.1
+"""How long the estimator is held at its start [s]. Source: cflib 0.1.34, utils/reset_estimator.py."""
+LASTING = 0.5
+"""Time that a step of the set-point lasts [s]."""
+PAUSE = 3.0
+"""Between two flights [s]."""
+
+
+class Flown(NamedTuple):
+    """A flight and what is left of it."""
+
+    name: str
+    ending: Ending
+    rows: int
+    """Packets received and written."""
+    log: Path | None
+    """For `identify`; nothing where the rows hold no flight."""
+    notes: tuple[str, ...]
+
+
+def reference(trajectory: Trajectory, duration: float, height: float, steps: float, seed: int) -> Float[np.ndarray, "N 3"]:
+    """Set-points for each 10 ms: a trajectory, moved to begin above the place of take-off, with random steps on top.
+
+    What a PID does on a slow circle answers disturbances that nobody logged; steps from outside the loop are what make lag and thrust
+    visible in a log. Each axis steps by itself, up or down, twice a second; height by half.
+
+    Args:
+        trajectory: set-point [m] at a time [s].
+        duration: [s].
+        height: of its start [m].
+        steps: their size [m]; 0: none.
+        seed: of the steps.
+    """
+    times = jnp.asarray(np.arange(round(duration / PERIOD), dtype=np.float32) * np.float32(PERIOD))
+    places = np.asarray(jax.vmap(trajectory)(times), np.float64)
+    places = places - places[0] + [0.0, 0.0, height]
+    number = (np.arange(len(places)) * PERIOD / LASTING).astype(int)
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], (number[-1] + 1, 3))
+    # It begins and ends without a step, so that the drone is handed over at rest.
+    signs[[0, -1]] = 0.0
+    return places + steps * signs[number] * [1.0, 1.0, 0.5]
+
+
+def checked_plan(plan: Plan, limits: Limits) -> Plan:
+    """The plan, if it stays within the limits.
+
+    Raises:
+        InputError: it does not.
+    """
+    low, high = plan.reference.min(axis=0), plan.reference.max(axis=0)
+    reach = float(np.abs([low[:2], high[:2]]).max())
+    if low[2] < 0.3 or high[2] > limits.ceiling - 0.2 or reach > limits.fence - 0.2:
+        raise InputError(
+            f"the reference goes from {low[2]:.2f} to {high[2]:.2f} m in height and {reach:.2f} m far from the take-off; expected 0.3 to"
+            f" {limits.ceiling - 0.2:.1f} m, and at most {limits.fence - 0.2:.1f} m. Choose another height or smaller steps."
+        )
+    return plan
+
+
+@contextmanager
+def stop_requests() -> Iterator[Callable[[], int]]:
+    """Counts Ctrl-C, the end of the terminal and requests to terminate, instead of being ended by them: the drone must land first.
+
+    Yields:
+        How often somebody has asked to stop.
+    """
+    asked = 0
+
+    def count(*_: object) -> None:
+        nonlocal asked
+        asked += 1
+
+    wanted = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    before = {number: signal.signal(number, count) for number in wanted}
+    try:
+        yield lambda: asked
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def connected(uri: str, clock: Clock, cache: Path | None = None) -> Iterator[Crazyflie]:
+    """A connection that is closed in the end."""
+    drone = Crazyflie(uri, clock, cache)
+    try:
+        yield drone
+    finally:
+        drone.close()
+
+
+def check(drone: Crazyflie, limits: Limits, clock: Clock, stops: Callable[[], int], needs_policy: bool = False) -> list[str]:
+    """Sets the estimator to its start, waits until it settles, and tells why the drone must not take off; see `guards.objections`."""
+    if drone.has_policy:
+        # A program that was killed may have left it on: then the policy would take off.
+        drone.set(ENABLE, 0)
+    drone.set("kalman.resetEstimation", 1)
+    clock.sleep(RESET)
+    drone.set("kalman.resetEstimation", 0)
+    drone.variance.clear()
+    until = clock.now() + SETTLING
+    while not guards.settled(drone.variance) and clock.now() < until and not drone.lost and not stops():
+        clock.sleep(0.05)
+    if drone.lost or drone.latest is None:
+        return [f"the link is down ({drone.lost or 'no rows'}); connect again"]
+    return guards.objections(Standing(drone.latest, drone.decks, tuple(drone.variance), drone.has_policy), limits, needs_policy)
+
+
+def flights(
+    drone: Crazyflie,
+    plans: list[Plan],
+    folder: Path,
+    settings: dict[str, object],
+    *,
+    limits: Limits,
+    clock: Clock,
+    stops: Callable[[], int],
+    say: Callable[[str], None],
+    seed: int,
+) -> list[Flown]:
+    """Flies plans one after the other, as long as each one ends as it should; writes a file of rows and a log for each.
+
+    Args:
+        drone: connected.
+        plans: what to fly; see `checked_plan`.
+        folder: where to write. Names go on where those in the folder end; nothing is overwritten.
+        settings: for the record.
+        limits: where to break off.
+        clock: the program's.
+        stops: how often somebody has asked to stop.
+        say: told what happens.
+        seed: for the record.
+
+    Raises:
+        InputError: the drone is not fit for the first flight, or rows can no longer be written; the drone has landed then.
+        WriteError: the file of rows cannot be made.
+    """
+    flown: list[Flown] = []
+    for number, plan in enumerate(plans):
+        against = check(drone, limits, clock, stops, plan.policy)
+        if stops():
+            say("no further flight: stopped by hand")
+            break
+        if against and not flown:
+            raise InputError(f"{drone.uri}: not taking off: {'; '.join(against)}.")
+        if against:
+            say(f"no further flight: {'; '.join(against)}")
+            break
+        name = _next_name(folder)
+        made = results.record(seed=seed, inputs=[], settings={**settings, "flight": number + 1, "deck": ", ".join(drone.decks)})
+        file = rows.RowFile(folder / f"{name}{rows.SUFFIX}", drone.blocks, drone.simulated, made)
+        say(f"{name}: battery {drone.latest.battery if drone.latest else float('nan'):.2f} V")
+        drone.write_to(file)
+        try:
+            ending = fly(drone, plan, limits, clock, file, stops, say)
+        finally:
+            drone.write_to(None)
+            file.close()
+        flown.append(_filed(folder, name, ending, file.rows))
+        say(f"{name}: {ending.reason}, {file.rows} packets")
+        if file.error is not None:
+            raise InputError(f"{file.path}: rows could no longer be written ({file.error.strerror}); landed. Free space there.")
+        if ending.reason != COMPLETE:
+            break
+        if number + 1 < len(plans):
+            clock.sleep(PAUSE)
+    return flown
+
+
+def record(
+    uri: str,
+    folder: Path,
+    *,
+    task: str = "circle",
+    count: int = 4,
+    duration: float = 30.0,
+    height: float = 1.0,
+    steps: float = 0.1,
+    policy: bool = False,
+    full: float = FULL_COUNTS,
+    seed: int = 0,
+    limits: Limits = Limits(),  # noqa: B008
+    clock: Clock | None = None,
+    cache: Path | None = None,
+    say: Callable[[str], None] = print,
+) -> list[Flown]:
+    """Connects, checks, flies and files; Ctrl-C lands, a second one stops the motors.
+
+    Args:
+        uri: see `Crazyflie`.
+        folder: where to write; see `flights`.
+        task: whose reference is flown, a name of `tasks.TASKS`.
+        count: flights.
+        duration: of the reference, in each [s].
+        height: of its start [m].
+        steps: see `reference`; each flight has its own.
+        policy: whether the policy on board flies the reference.
+        full: what its thrust command of 1 is [counts]; see `Plan`.
+        seed: of the steps.
+        limits: where to break off.
+        clock: the computer's unless given.
+        cache: see `Crazyflie`.
+        say: told what happens.
+
+    Raises:
+        InputError: no connection, an unfit drone, or a reference beyond the limits.
+        WriteError: rows cannot be written.
+    """
+    trajectory = tasks.TASKS[task]().reference
+    plans = [Plan(reference(trajectory, duration, height, steps, seed + number), policy, full) for number in range(count)]
+    for plan in plans:
+        checked_plan(plan, limits)
+    settings: dict[str, object] = {"task": task, "duration": duration, "height": height, "steps": steps, "policy": policy}
+    if policy:
+        settings["full"] = full
+    clock = clock or WallClock()
+    with connected(uri, clock, cache) as drone, stop_requests() as stops:
+        return flights(drone, plans, folder, settings, limits=limits, clock=clock, stops=stops, say=say, seed=seed)
+
+
+def _next_name(folder: Path) -> str:
+    taken = {path.name.split(".")[0] for path in folder.glob("flight_*")} if folder.is_dir() else set()
+    return next(name for number in range(1, 10_000) if (name := f"flight_{number:02d}") not in taken)
+
+
+def _filed(folder: Path, name: str, ending: Ending, count: int) -> Flown:
+    try:
+        path, notes = rows.write_flight(folder / f"{name}{rows.SUFFIX}", ended=ending.reason)
+    except InputError as error:
+        return Flown(name, ending, count, None, (str(error),))
+    return Flown(name, ending, count, path, notes)
