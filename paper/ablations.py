@@ -438,7 +438,9 @@ def summary(table: polars.DataFrame) -> polars.DataFrame:
         )
         mean, effect, low, high = (f"{row[name]:+.{each.decimals}f}" for name in ("mean", "effect", "low", "high"))
         unchanged = row["variant"] == BASELINE and row["reality"] not in (POSTERIOR, TRIM, *PARTS)
-        kept[f"{each.title} [{each.unit}]"] = mean.removeprefix("+") + ("" if unchanged else f"   {effect} ({low} to {high})")
+        # Where policies do not differ among themselves there is nothing to tell an interval from.
+        interval = f" ({low} to {high})" if np.isfinite([row["low"], row["high"]]).all() else ""
+        kept[f"{each.title} [{each.unit}]"] = mean.removeprefix("+") + ("" if unchanged else f"   {effect}{interval}")
     return polars.DataFrame(list(rows.values()))
 
 
