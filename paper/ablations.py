@@ -179,21 +179,17 @@ def trained(
     Raises:
         InputError: the folder holds policies of other settings.
     """
-    files = [folder / variant.folder / f"policy_{number}.json" for number in range(1, seeds + 1)]
-    if not all(path.exists() for path in files):
+
+    def learn() -> Sequence[Policy]:
         keys = jax.random.split(jax.random.fold_in(jax.random.key(made["seed"]), _number(variant.folder)), seeds)
         task = tasks.circle(action_penalty=variant.action_penalty, action_rate_penalty=variant.action_rate_penalty)
-        box = relative_box(variant.drone(nominal), RANDOMIZATION)
-        learned = train(task, variant.controller(), box, keys, settings)
-        for path, one in zip(files, learned, strict=True):
-            policy.write(path, one, made)
-    for path in files:
-        _same(json.loads(path.read_text(encoding="utf-8"))["record"], made, path)
-    return [policy.read(path) for path in files]
+        return train(task, variant.controller(), relative_box(variant.drone(nominal), RANDOMIZATION), keys, settings)
+
+    return policy.kept(folder / variant.folder, seeds, made, learn)
 
 
 def _same(found: Any, made: Mapping[str, Any], path: Path) -> None:
-    if found != json.loads(json.dumps(made)):
+    if found != results.plain(made):
         raise InputError(f"{path}: from a run with other settings or of another version. Choose another folder with -o.")
 
 
@@ -493,11 +489,11 @@ def run(given: argparse.Namespace) -> None:
             if not path.exists():
                 policies = trained(one, nominal, settings[one], given.seeds, made[one], given.output / "policies")
                 rows = polars.concat(_all_flights(one, policies, realities, others, given))
-                results.write(path, f"{_FLIGHTS}\n# record: {json.dumps(wanted)}\n{rows.write_csv()}")
+                results.write_table(path, _FLIGHTS, wanted, rows.write_csv())
             tables.append(read_flights(path, wanted))
     flights = polars.concat(tables)
     everything = record({**flying, "variants": [made[one]["settings"] for one in chosen]})
-    results.write(given.output / "flights.csv", f"{_FLIGHTS}\n# record: {json.dumps(everything)}\n{flights.write_csv()}")
+    results.write_table(given.output / "flights.csv", _FLIGHTS, everything, flights.write_csv())
     found = effects(flights)
     results.write(given.output / "ablations.svg", chart(found, Path(given.drone).stem))
     with polars.Config(

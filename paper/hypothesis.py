@@ -613,7 +613,7 @@ def run(given: argparse.Namespace) -> None:
     settings: dict[str, Any] = {"total_lag": {name: round(lag, 6) for name, lag in lags.items()}, "resamples": given.resamples}
     settings |= {"nominal": Path(given.nominal).name, "least_latency": given.least_latency}
     made = results.record(seed=given.seed, inputs=inputs, settings=settings)
-    results.write(given.output / "statistics.csv", f"{_STATISTICS}\n# record: {json.dumps(made)}\n{as_table(lines).write_csv()}")
+    results.write_table(given.output / "statistics.csv", _STATISTICS, made, as_table(lines).write_csv())
     results.write(given.output / "hypothesis.svg", chart(found))
     tell(found, lines)
 

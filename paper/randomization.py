@@ -3,7 +3,7 @@
 `python paper/randomization.py --drone drone.toml -o randomization` trains policies of each control structure about an identified drone: on
 the drone itself (`none`), on a box of +-10 % about it (`box`, the paper's fields) and on the drones that its flights leave possible
 (`posterior`), each as `maidenflight train` does it but half as long; and by a `recipe` that shall transfer: over a box that also covers
-trims and drones unlike it (`wide_box`), for longer, and with a price on turning away (`reward`). Each policy flies 200 times on drones of
+trims and drones unlike it (`wide_box`), for longer, and with a price on turning away (`facing`). Each policy flies 200 times on drones of
 the posterior and 200 times with the trims that differ from flight to flight, as real flights would be flown, and 16 times in each of some
 realities that training has not seen. It writes `flights.csv` with a row a flight and `randomization.svg`, and prints shares of flights that
 reach 20 s, differences between randomizations with their intervals, and whether a policy of each structure reaches 20 s in 95 % of its
@@ -16,7 +16,6 @@ Source of the task, the guards and the box: Gronauer et al. 2022, sec. Simulatio
 
 import argparse
 import hashlib
-import json
 import math
 import re
 import warnings
@@ -25,7 +24,7 @@ from dataclasses import replace as replaced
 from html import escape
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -96,32 +95,20 @@ RANDOMIZATIONS = {"none": 0.0, "box": BOX, "posterior": workflow.POSTERIOR, "rec
 """As `maidenflight train --randomize` takes them."""
 
 
-def plain(record: dict[str, Any]) -> dict[str, Any]:
-    """A record as it reads back from JSON."""
-    return json.loads(json.dumps(record))
-
-
 def trained(cell: Cell, drone: str, settings: AnalyticGradient, seeds: int, seed: int, folder: Path) -> list[Policy]:
     """Policies of a cell: those that the folder holds, or new ones that it holds then.
 
     Raises:
         InputError: the folder holds policies of other settings, or the drone's file does not tell what the cell asks for.
     """
-    files = [folder / cell.name / f"policy_{number}.json" for number in range(1, seeds + 1)]
     controller = control.CONTROLLERS[cell.control]()
     drones = workflow.randomized(drone, RANDOMIZATIONS[cell.randomization], controller)
     priced = {"heading": HEADING} if cell.randomization == "recipe" else {}
     said = {**cell._asdict(), "drones": str(drones), **priced, "policies": seeds, **recorded(settings)}
-    made = plain(results.record(seed=seed, inputs=[drone], settings=said))
-    if not all(path.exists() for path in files):
-        # What a cell's policies are depends neither on the other cells nor on what an interrupted run left.
-        keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), CELLS.index(cell)), seeds)
-        for path, one in zip(files, train(task_of(cell.randomization), controller, drones, keys, settings), strict=True):
-            policy.write(path, one, made)
-    for path in files:
-        if policy.record(path) != made:
-            raise InputError(f"{path}: from a run with other settings or of another version. Choose another folder with -o.")
-    return [policy.read(path) for path in files]
+    made = results.record(seed=seed, inputs=[drone], settings=said)
+    # What a cell's policies are depends neither on the other cells nor on what an interrupted run left.
+    keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), CELLS.index(cell)), seeds)
+    return policy.kept(folder / cell.name, seeds, made, lambda: train(task_of(cell.randomization), controller, drones, keys, settings))
 
 
 FLOWN = {"posterior": workflow.POSTERIOR, "trim": workflow.TRIMS}
@@ -169,12 +156,12 @@ def flown(place: str, kind: str, policies: Mapping[str, Policy], given: argparse
     trials = given.flights if place.removesuffix(OLD) in FLOWN else given.trials
     reality = [place] if Path(place).is_file() else []
     settings = {"place": Path(place).name, "trials": trials, "duration": given.duration, "policies": list(policies)}
-    made = plain(results.record(seed=given.seed, inputs=[given.drone, *files, *reality], settings=settings))
+    made = results.plain(results.record(seed=given.seed, inputs=[given.drone, *files, *reality], settings=settings))
     if path.exists() and results.told(path) != made:
         raise InputError(f"{path}: flights of other policies or settings. Choose another folder with -o.")
     if not path.exists():
         table = fly(place, policies, given)
-        results.write(path, f"{_FLIGHTS}\n# record: {json.dumps(made)}\n{table.write_csv(float_precision=2)}")
+        results.write_table(path, _FLIGHTS, made, table.write_csv(float_precision=2))
     return polars.read_csv(path, comment_prefix="#")
 
 
@@ -381,7 +368,7 @@ def run(given: argparse.Namespace) -> None:
         "policies": {cell.name: given.seeds for cell in cells},
     }
     made = results.record(seed=given.seed, inputs=[given.drone], settings=said)
-    results.write(given.output / "flights.csv", f"{_FLIGHTS}\n# record: {json.dumps(made)}\n{flights.write_csv(float_precision=2)}")
+    results.write_table(given.output / "flights.csv", _FLIGHTS, made, flights.write_csv(float_precision=2))
     results.write(given.output / "randomization.svg", chart(flights, given.duration))
     with polars.Config(
         tbl_cols=-1, tbl_rows=-1, tbl_width_chars=200, fmt_str_lengths=80, float_precision=2, tbl_hide_column_data_types=True

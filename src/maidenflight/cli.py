@@ -109,6 +109,11 @@ _MOST_KEPT = 500_000_000
 """Bytes of compiled programs; a program has some hundred thousand."""
 
 
+def _cache() -> Path:
+    """The user's cache folder."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "maidenflight"
+
+
 def _keep_compiled() -> None:
     """Keeps compiled programs in the user's cache folder, by processor: what was compiled once starts at once the next time.
 
@@ -116,8 +121,7 @@ def _keep_compiled() -> None:
     """
     if "JAX_COMPILATION_CACHE_DIR" in os.environ:
         return
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "maidenflight"
-    folder = cache / f"{platform.machine()}-{zlib.crc32(_processor().encode()):08x}"
+    folder = _cache() / f"{platform.machine()}-{zlib.crc32(_processor().encode()):08x}"
     with suppress(OSError):
         kept = sorted((entry.stat().st_mtime, entry.stat().st_size, entry) for entry in folder.glob("*-cache"))
         surplus = sum(size for _, size, _ in kept) - _MOST_KEPT
@@ -279,9 +283,8 @@ def _fly_really(uri: str, output: Path, as_json: bool, **asked: Any) -> None:
     from maidenflight.link import session
     from maidenflight.link.flying import COMPLETE
 
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "maidenflight" / "crazyflie"
     say = (lambda text: print(text, file=sys.stderr, flush=True)) if as_json else (lambda text: print(text, flush=True))
-    flown = session.record(uri, output, cache=cache, say=say, **asked)
+    flown = session.record(uri, output, cache=_cache() / "crazyflie", say=say, **asked)
     rows = [
         {"flight": one.name, "ended": one.ending.reason, "packets": one.rows, "log": str(one.log) if one.log else None} for one in flown
     ]

@@ -3,7 +3,7 @@
 import dataclasses
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -204,6 +204,33 @@ def record(path: str | os.PathLike[str]) -> dict[str, Any]:
     text = text_of(path)
     from_json(text, str(path))
     return json.loads(text)["record"]
+
+
+def kept(
+    folder: str | os.PathLike[str], count: int, made: Mapping[str, Any], learn: Callable[[], Iterable[Policy]], anew: bool = False
+) -> list[Policy]:
+    """Policies that a folder holds, or new ones that it holds then: what was interrupted goes on, and nothing is trained twice.
+
+    Args:
+        folder: of `policy_1.json`, `policy_2.json`, ...
+        count: how many.
+        made: record of their making.
+        learn: makes them; called where one of the files is missing.
+        anew: use nothing of what is there.
+
+    Raises:
+        InputError: the folder holds policies with another record.
+    """
+    files = [Path(folder) / f"policy_{number}.json" for number in range(1, count + 1)]
+    if anew or not all(path.exists() for path in files):
+        for path in files if anew else []:
+            path.unlink(missing_ok=True)
+        for path, one in zip(files, learn(), strict=True):
+            write(path, one, made)
+    for path in files:
+        if record(path) != results.plain(made):
+            raise InputError(f"{path}: from a run with other settings or of another version. Choose another folder with -o.")
+    return [read(path) for path in files]
 
 
 def text_of(path: str | os.PathLike[str]) -> str:

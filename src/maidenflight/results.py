@@ -85,6 +85,26 @@ def record(*, seed: int | None, inputs: Sequence[str | os.PathLike[str]], settin
     return made
 
 
+def plain(record: Mapping[str, Any]) -> dict[str, Any]:
+    """A record as it reads back from JSON."""
+    return json.loads(json.dumps(record))
+
+
+def write_table(path: str | os.PathLike[str], heading: str, record: Mapping[str, Any], rows: str) -> Path:
+    """Writes a CSV file with a line that says what it is and its record in comments above; `told` finds the record again.
+
+    Args:
+        path: where to write.
+        heading: what the table is, beginning with "# ".
+        record: how it was made.
+        rows: the CSV's text.
+
+    Raises:
+        WriteError: see `write`.
+    """
+    return write(path, f"{heading}\n# record: {json.dumps(record)}\n{rows}")
+
+
 def told(path: str | os.PathLike[str]) -> dict[str, Any] | None:
     """The record in the comments of a CSV file, as a line `# record: ` of JSON; nothing where there is no such file or line."""
     with suppress(OSError, ValueError), open(path, encoding="utf-8") as file:

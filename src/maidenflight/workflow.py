@@ -4,7 +4,6 @@ Each function reads what it is given, does one stage, writes its results with a 
 """
 
 import dataclasses
-import json
 import os
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
@@ -156,9 +155,9 @@ def validate_with(
     inputs = [drone] if Path(drone).is_file() else []
     settings = {"drone": Path(drone).name, "horizons": list(horizons)}
     made = results.record(seed=seed, inputs=[*inputs, *flights.paths], settings=settings)
-    results.write(output, f"{_VALIDATION}\n# record: {json.dumps(made)}\n{table.write_csv(float_precision=9)}")
+    results.write_table(output, _VALIDATION, made, table.write_csv(float_precision=9))
     beside = Path(output).with_name(f"{Path(output).stem}_windows.csv")
-    results.write(beside, f"{_WINDOWS}\n# record: {json.dumps(made)}\n{drawn.write_csv(float_precision=6)}")
+    results.write_table(beside, _WINDOWS, made, drawn.write_csv(float_precision=6))
     return flights, table, _not_held_out(drone, flights) if inputs else []
 
 
@@ -378,7 +377,7 @@ def transfer_matrix(
     settings = {name: value for name, value in dataclasses.asdict(asked).items() if name not in ("controls", "rates", "seed")}
     settings |= {"drone": Path(asked.drone).name, "training": [asked.said(cell) for cell in asked.cells]}
     inputs += [name for name in asked.realities if Path(name).is_file()]
-    made, table = _plain(results.record(seed=asked.seed, inputs=inputs, settings=settings)), Path(folder) / "flights.csv"
+    made, table = results.plain(results.record(seed=asked.seed, inputs=inputs, settings=settings)), Path(folder) / "flights.csv"
     if results.told(table) == made and not anew:
         return polars.read_csv(table, comment_prefix="#")
     policies: dict[Cell, Sequence[Policy]] = {}
@@ -389,29 +388,15 @@ def transfer_matrix(
     if on_cell is not None:
         on_cell(len(asked.cells), len(asked.cells), "flying")
     flights = matrix.fly(asked, policies, realities)
-    results.write(table, f"{_ZERO_SHOT}\n# record: {json.dumps(made)}\n{flights.write_csv()}")
+    results.write_table(table, _ZERO_SHOT, made, flights.write_csv())
     return flights
 
 
 def _policies_of(asked: Matrix, cell: Cell, nominal: Parameters, folder: Path, anew: bool) -> Sequence[Policy]:
     """Those that the folder holds, or new ones that it holds then."""
     inputs = [asked.drone] if Path(asked.drone).is_file() else []
-    made = _plain(results.record(seed=asked.seed, inputs=inputs, settings=asked.said(cell)))
-    files = [folder / f"policy_{number}.json" for number in range(1, asked.policies + 1)]
-    if anew or not all(path.exists() for path in files):
-        for path in files:
-            path.unlink(missing_ok=True)
-        for path, one in zip(files, matrix.train_cell(asked, cell, nominal), strict=True):
-            policy.write(path, one, made)
-    for path in files:
-        if policy.record(path) != made:
-            raise InputError(f"{path}: from a run with other settings or of another version. Choose another folder with -o.")
-    return [policy.read(path) for path in files]
-
-
-def _plain(record: dict[str, Any]) -> dict[str, Any]:
-    """A record as it reads back from JSON."""
-    return json.loads(json.dumps(record))
+    made = results.record(seed=asked.seed, inputs=inputs, settings=asked.said(cell))
+    return policy.kept(folder, asked.policies, made, lambda: matrix.train_cell(asked, cell, nominal), anew)
 
 
 _PREDICTION = "# maidenflight prediction 1: simulated flights of given policies as the authors' drone ran them, a row a flight; duration s"
@@ -472,7 +457,7 @@ def predict_with(
     settings = {"drone": Path(drone).name, "trials": trials, "duration": duration, "randomization": randomization, "control": structure}
     settings |= {"firmware": firmware}
     made = results.record(seed=seed, inputs=inputs, settings=settings)
-    results.write(output, f"{_PREDICTION}\n# record: {json.dumps(made)}\n{flown.write_csv(float_precision=2)}")
+    results.write_table(output, _PREDICTION, made, flown.write_csv(float_precision=2))
     return files, flown
 
 
