@@ -73,7 +73,7 @@ def test_the_crazyflie_has_the_constants_of_the_papers_appendix():
 def test_the_crazyflie_lacks_what_the_papers_model_lacks():
     drone = crazyflie()
     assert drone.motor_slowdown == 1
-    for name in ("drag", "estimator_delay", "battery_resistance", "battery_discharge"):
+    for name in ("motor_coasting", "drag", "estimator_delay", "battery_resistance", "battery_discharge"):
         assert not np.any(getattr(drone, name)), name
 
 
@@ -89,6 +89,13 @@ def test_a_file_is_named_after_its_drone_and_keeps_further_tables(tmp_path):
     jax.tree.map(np.testing.assert_array_equal, read(path), crazyflie())
 
 
+def test_a_drone_written_before_rotors_could_coast_does_not_coast():
+    text = edited("motor_coasting", None).replace("format = 2", "format = 1")
+    jax.tree.map(np.testing.assert_array_equal, from_toml(text), crazyflie())
+    with pytest.raises(InputError, match="missing motor_coasting"):
+        from_toml(edited("motor_coasting", None))
+
+
 def edited(name, value):
     """The good file with one value written differently; `None` removes the line."""
     text, count = re.subn(rf"(?m)^{name} = .*$", "" if value is None else f"{name} = {value}", GOOD)
@@ -100,8 +107,8 @@ def edited(name, value):
     ("text", "message"),
     [
         pytest.param(GOOD + "[", "not valid TOML", id="broken"),
-        pytest.param("", "format = None, expected 1", id="empty"),
-        pytest.param(edited("format", 2), "format = 2, expected 1", id="later format"),
+        pytest.param("", "format = None, expected 2", id="empty"),
+        pytest.param(edited("format", 3), "format = 3, expected 2", id="later format"),
         pytest.param(edited("mass", None), "missing mass", id="missing"),
         pytest.param(
             edited("mass", "0.028\nmas = 1.0"), r"unknown key 'mas' in \[body\]; did you mean 'mass' in \[body\]\?", id="misspelt"
@@ -110,7 +117,7 @@ def edited(name, value):
         pytest.param(
             edited("mass", "0.028\nlatency = 0.01"), r"unknown key 'latency' in \[body\]; did you mean .* \[motors\]", id="wrong table"
         ),
-        pytest.param("format = 1\nbody = 3\n", r"body is a value, expected a table \[body\]", id="value for a table"),
+        pytest.param("format = 2\nbody = 3\n", r"body is a value, expected a table \[body\]", id="value for a table"),
         pytest.param(edited("mass", '"28 g"'), "mass = '28 g', expected a number", id="text"),
         pytest.param(edited("mass", "true"), "mass = True, expected a number", id="truth value"),
         pytest.param(edited("mass", "[0.028, 0.028]"), "mass has 2 values, expected 1", id="list for a number"),

@@ -190,6 +190,21 @@ def test_each_stretchs_gradient_is_the_slope_of_its_value_when_all_stretches_fit
         np.testing.assert_allclose(scores[:, place], slopes, atol=0.15 * np.abs(slopes).max(), err_msg=name)
 
 
+def test_one_step_of_a_constant_torque_leaves_no_mean_error(noisy, noisy_windows):
+    """An error is linear in it, and its likelihood has no say; nor does it change what is found of the others."""
+    biased, names = replace(TRUTH, torque_bias=(0.0, 0.0, 3e-5)), (*NAMES, "torque_bias_z")
+    equations, others = noisy.normal_equations(biased, names), noisy.normal_equations(biased, NAMES)
+    np.testing.assert_allclose(equations.curvature[:-1, -1], 0)
+    np.testing.assert_allclose(equations.gradient[:-1], others.gradient, rtol=1e-3, atol=1e-5 * np.abs(others.gradient).max())
+    by = -equations.gradient[-1] / equations.curvature[-1, -1]
+    before, after = (
+        np.asarray(many_errors(noisy_windows, replace(biased, torque_bias=(0.0, 0.0, np.float32(3e-5 + more)))))[:, ORDER:, 11].mean()
+        for more in (0.0, by)
+    )
+    assert abs(before) > 5e-3, "rad/s"
+    assert abs(after) < 0.01 * abs(before)
+
+
 def test_neither_cores_nor_chunks_change_what_comes_out(noisy_windows, noisy, monkeypatch):
     """Twenty copies of the flights fill two chunks; each copy has the products that the flights have alone."""
     copies = [np.tile(array, (20, *[1] * (array.ndim - 1))) for array in noisy_windows]

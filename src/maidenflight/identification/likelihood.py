@@ -70,6 +70,7 @@ def bounds(start: Parameters) -> dict[str, tuple[float, float]]:
         "motor_time_constant": (0.003, 0.5),
         "latency": (0.0, 0.05),
         "motor_slowdown": (0.2, 5.0),
+        "motor_coasting": (0.0, 0.5),
         "torque_to_thrust": (0.0, 0.1),
         "rotor_momentum": (0.0, 0.1 * torque),
         "flapping_moment": (-0.1 * torque, 0.2 * torque),

@@ -6,6 +6,9 @@ states there is hardly time for that, and what is left, errors that last from on
 each velocity's and each body rate's error is an autoregression on its own past. Given the model, what remains is new at each row and
 does not depend on past commands, so maximum likelihood is consistent for flights under feedback.
 
+Constant torques are told by their moment instead: they are what makes the mean error zero. An autoregression takes what lasts for noise,
+whose mean hardly counts, so that the likelihood of a constant is flat, and drifts within flights carry it to any bound.
+
 Source: Ljung 1999, System identification: theory for the user, ch. 7 and 13.4 (prediction errors, closed loop).
 """
 
@@ -32,6 +35,8 @@ ORDER = 16
 out up to 2 ms off, and intervals are too narrow to hold the truth."""
 CHUNK = 64
 """Windows differentiated side by side; with up to sixteen directions their state still fits a core's cache."""
+BY_MOMENT = ("torque_bias_x", "torque_bias_y", "torque_bias_z")
+"""Parameters that the mean errors tell, not the likelihood."""
 COLUMNS = (3, 4, 5, 9, 10, 11)
 """Where velocity and body rates stand in a row. Position and attitude follow from them, and say nothing more of the drone."""
 
@@ -150,6 +155,9 @@ class OneStep:
         What a change of the autoregression could do as well is taken from every slope (variable projection). Left in, it makes steps
         too short and intervals too narrow by a quarter.
 
+        A parameter of `BY_MOMENT` has the gradient and the curvature of half the errors' mean square instead, and shares no curvature with
+        others: what minimises that makes the mean error zero.
+
         Source: Golub and Pereyra 1973, The differentiation of pseudo-inverses and nonlinear least squares problems whose variables
         separate; Kaufman 1975.
         """
@@ -163,7 +171,9 @@ class OneStep:
         nothing = jax.tree.map(lambda leaf: np.zeros_like(np.asarray(leaf)), drone)
         rows = [replace(nothing, **{name: np.float32(1)}) for name in names] + [nothing] * (-d % 8)
         directions = jax.tree.map(lambda *leaves: np.stack(leaves), *rows)
-        given = np.asarray(noise.coefficients, np.float32), np.asarray(noise.deviation, np.float32)
+        whole = np.sqrt(products.sum(axis=0)[:, 0, 0] / self.rows)
+        by_moment = np.array([name in BY_MOMENT for name in names] + [False] * (-d % 8))
+        given = *(np.asarray(part, np.float32) for part in (noise.coefficients, noise.deviation, noise.deviation / whole)), by_moment
 
         def compute(first: int, end: int) -> tuple[np.ndarray, ...]:
             return _stacked([_derivatives(chunk, drone, directions, *given, self.steps) for chunk in self._chunks[first:end]])
@@ -218,11 +228,22 @@ def _products(chunk: Windows, parameters: Parameters, steps: int) -> Float[Array
     return jax.vmap(one)(chunk)
 
 
-@partial(jax.jit, static_argnums=5)
+@partial(jax.jit, static_argnums=7)
 def _derivatives(
-    chunk: Windows, parameters: Parameters, directions: Parameters, coefficients: Array, deviation: Array, steps: int
+    chunk: Windows,
+    parameters: Parameters,
+    directions: Parameters,
+    coefficients: Array,
+    deviation: Array,
+    share: Array,
+    by_moment: Array,
+    steps: int,
 ) -> tuple[Float[Array, "64 d"], Float[Array, "64 d d"], Float[Array, "64 d 6 P"]]:
-    """Of half the sum of squares of what is new in each window of a chunk: gradient, curvature, and the slopes' products with the past."""
+    """Of half the sum of squares of what is new in each window of a chunk: gradient, curvature, and the slopes' products with the past.
+
+    Where `by_moment`, of half the sum of squares of the errors themselves, over their own variance: `share` is the deviation of what is
+    new over theirs.
+    """
 
     def one(window: Windows) -> tuple[Float[Array, "d"], Float[Array, "d d"], Float[Array, "d 6 P"]]:
         def scaled(drone: Parameters) -> Float[Array, "T 6"]:
@@ -239,12 +260,20 @@ def _derivatives(
 
         def along(direction: Parameters) -> tuple[Array, Array]:
             wrong, slope = jax.jvp(scaled, (parameters,), (direction,))
-            return wrong, new(slope)
+            return wrong, jnp.where(jnp.isfinite(slope), slope, 0.0)
+
+        def apart(some: Array) -> Array:
+            """By moment or by likelihood, for an array with a leading axis of directions."""
+            return by_moment.reshape(-1, *(1,) * (some.ndim - 1))
 
         wrong, slopes = jax.vmap(along, out_axes=(None, 0))(directions)
-        slopes = jnp.where(jnp.isfinite(slopes), slopes, 0.0)
-        past = jnp.stack([before(wrong, lag) for lag in range(1, ORDER + 1)], axis=-1)
+        left, plain = wrong[ORDER:] * share[None], slopes[:, ORDER:] * share[None, None]
+        slopes = jnp.where(apart(slopes), plain, jax.vmap(new)(slopes))
+        score = jnp.sum(slopes * jnp.where(apart(slopes), left, new(wrong)), axis=(1, 2))
         flat = slopes.reshape(slopes.shape[0], -1)
-        return flat @ new(wrong).reshape(-1), flat @ flat.T, jnp.einsum("dtc,tcp->dcp", slopes, past)
+        curvature = jnp.where(by_moment[:, None] == by_moment[None], flat @ flat.T, 0.0)
+        past = jnp.stack([before(wrong, lag) for lag in range(1, ORDER + 1)], axis=-1)
+        shared = jnp.einsum("dtc,tcp->dcp", slopes, past)
+        return score, curvature, jnp.where(apart(shared), 0.0, shared)
 
     return jax.vmap(one)(chunk)

@@ -12,6 +12,7 @@ from maidenflight.parameters import Parameters
 FIRST = ("thrust_to_weight", "motor_time_constant", "latency")
 """The paper's three, which every model has."""
 GROUPS: dict[str, tuple[str, ...]] = {
+    "motor_coasting": ("motor_coasting",),
     "motor_slowdown": ("motor_slowdown",),
     "inertia": ("inertia_x", "inertia_y"),
     "torque_to_thrust": ("torque_to_thrust",),

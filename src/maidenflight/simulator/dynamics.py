@@ -120,30 +120,45 @@ def angular_acceleration(state: State, spin_up: Float[Array, "4"], parameters: P
 
 
 def motor_derivative(rotor_speed: Float[Array, "4"], command: Float[Array, "4"], parameters: Parameters) -> Float[Array, "4"]:
-    """Rate of change of the rotor speeds [1/s]: T_m dnu/dt = -nu + sqrt(u).
+    """Rate of change of the rotor speeds [1/s]: T_m dnu/dt = sqrt(u) - nu, and less where only the air brakes a rotor.
+
+    A motor that slows down lags by T_m `motor_slowdown` + T_c (nu - sqrt(u)) / nu^2: the time that the motor takes and the time that the
+    air takes, one after the other. The air's drag grows with nu^2, so a rotor that coasts follows dnu/dt = -nu^2 / T_c.
 
     Args:
         rotor_speed: nu, in [0, 1].
         command: sqrt(u) after the delay line, in [0, 1].
-        parameters: `motor_time_constant` T_m [s] holds while the motor speeds up; T_m `motor_slowdown` while it slows down.
+        parameters: `motor_time_constant` T_m [s] holds while the motor speeds up, `motor_slowdown` and `motor_coasting` T_c [s] besides
+            while it slows down.
 
-    Source: Gronauer et al. 2022, eq:motor-dynamics.
+    Source: Gronauer et al. 2022, eq:motor-dynamics; coasting is ours, told by the authors' flights (docs/identification.md).
     """
     change = command - rotor_speed
-    return change * _rate(change, parameters)
+    _, square, lag = _lags(change, rotor_speed, parameters)
+    return change * square / lag
 
 
-def _rate(change: Float[Array, "4"], parameters: Parameters) -> Float[Array, "4"]:
-    """1 / T_m, or 1 / (T_m motor_slowdown) for a motor that slows down [1/s]."""
+def _lags(change: Float[Array, "4"], rotor_speed: Float[Array, "4"], parameters: Parameters) -> tuple[Array, Array, Array]:
+    """A motor's own lag [s], nu^2, and nu^2 times the lag with coasting [s], so that a rate takes one division, which is dear."""
     slower = parameters.motor_time_constant * parameters.motor_slowdown
-    return jnp.where(change < 0, 1.0 / slower, 1.0 / parameters.motor_time_constant)
+    time_constant = jnp.where(change < 0, slower, parameters.motor_time_constant)
+    # A rotor as slow as this lifts nothing; without it one that stands would divide by zero.
+    square = rotor_speed * rotor_speed + 1e-6
+    return time_constant, square, time_constant * square + parameters.motor_coasting * jnp.maximum(-change, 0.0)
 
 
 def spin_up(rotor_speed: Float[Array, "4"], command: Float[Array, "4"], parameters: Parameters) -> Float[Array, "4"]:
-    """Mean rate of change of the rotor speeds over a step with a held command [1/s], by the trapezoidal rule: stable at any step."""
+    """Mean rate of change of the rotor speeds over a step with a held command [1/s]: second order, and stable at any step.
+
+    One linearly implicit step, which is the trapezoidal rule where nothing coasts.
+
+    Source: Rosenbrock 1963, Some general implicit processes for the numerical solution of differential equations (one stage).
+    """
     change = command - rotor_speed
-    rate = _rate(change, parameters)
-    return change * rate / (1.0 + 0.5 * parameters.time_step * rate)
+    time_constant, square, lag = _lags(change, rotor_speed, parameters)
+    above = jnp.maximum(-change, 0.0)
+    steepness = time_constant * square * square + 2.0 * parameters.motor_coasting * above * above * rotor_speed
+    return change * square * lag / (lag * lag + 0.5 * parameters.time_step * steepness)
 
 
 def _rate_of_change(before: Float[Array, "4"], after: Float[Array, "4"], parameters: Parameters) -> Float[Array, "4"]:
@@ -179,7 +194,7 @@ def euler(state: State, command: Float[Array, "4"], parameters: Parameters) -> S
 
 
 def midpoint(state: State, command: Float[Array, "4"], parameters: Parameters) -> State:
-    """One step whose forces are those of the middle: motors by the trapezoidal rule, then velocities, then positions.
+    """One step whose forces are those of the middle: motors by a linearly implicit step, then velocities, then positions.
 
     Second order in all that is fast, at the cost of `euler`, which applies the forces of a step's end and so is half a step early in
     every integration: at 5 ms steps about 5 ms of the way from command to attitude, as much as a Crazyflie's whole latency.
