@@ -26,7 +26,7 @@ from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import read_flights
 from maidenflight.flights.windows import windows
 from maidenflight.identification import one_step
-from maidenflight.identification.identify import AUTO, Identification, identify
+from maidenflight.identification.identify import AUTO, TRIM, Identification, identify, trim_ensemble
 from maidenflight.identification.one_step import OneStep
 from maidenflight.identification.prediction import predict
 from maidenflight.identification.selection import FIRST
@@ -75,6 +75,12 @@ def multi_step_likelihood(
         square = np.einsum("wi,ij,wj->w", left, np.linalg.inv(covariance), left)
         found[name] = float(-0.5 * (square.mean() + np.linalg.slogdet(2 * np.pi * covariance)[1]))
     return found
+
+
+def as_flown(found: Identification) -> Parameters:
+    """The drones that `maidenflight predict` flies: other trims in each flight, where the flights told how they differ."""
+    told = {name: {"spread": estimate.spread} for name, estimate in found.estimates.items() if name in TRIM}
+    return trim_ensemble(found.parameters, told, "flights").drones if told else found.parameters
 
 
 def flight_times(drones: Mapping[str, Parameters], policies: Mapping[str, Policy], flights: polars.DataFrame, seed: int) -> list[dict]:
@@ -201,7 +207,8 @@ def main() -> None:
     many = {rows: multi_step_likelihood(drones, training, judged, rows) for rows in (10, 25, 50)}
     judge = [{"drone": name, "one step": ones[name], **{f"{rows * 10} ms": many[rows][name] for rows in many}} for name in drones]
     texts.append(show(f"First judge: log likelihood of {len(judged)} held-out PWM flights [nats a row or window]", judge))
-    texts.append(show("Second judge: flight times of held-out policies [s]", flight_times(drones, policies, flown, given.seed)))
+    flying = {**drones, **{name: as_flown(one) for name, one in found.items()}}
+    texts.append(show("Second judge: flight times of held-out policies [s]", flight_times(flying, policies, flown, given.seed)))
     texts.append(show("Open loop, held-out PWM flights [m, m/s, deg, rad/s]", open_loop(judged, drones)))
     by_structure = {structure: identify(flights, AUTO, key, trials=1) for structure, flights in everything.items()}
     by_structure["together"] = identify([flight for flights in everything.values() for flight in flights], AUTO, key, trials=1)

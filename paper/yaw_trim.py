@@ -59,7 +59,7 @@ def mean_command(files: Sequence[Path]) -> Float[np.ndarray, "4"] | None:
 
 
 def mean_commands(folder: Path, names: Sequence[str]) -> dict[str, Float[np.ndarray, "4"]]:
-    """Mean command of each policy, by its name "control/number", without those whose flights all end within 0.5 s.
+    """Mean command of each policy, by its name "control/number", but for those whose flights all end within 0.5 s.
 
     Args:
         folder: has the logs of policy attitude_rate/7 in `flights/attitude_rate/policy_007`.
@@ -124,7 +124,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--authors", type=Path, required=True, help="folder with policies.npz, flights.csv and flights/")
     parser.add_argument("--drone", default="crazyflie", help="TOML file of a drone, or its name (default: crazyflie)")
-    parser.add_argument("--control", choices=list(COLOURS), default="attitude_rate", help="whose policies (default: attitude_rate)")
+    parser.add_argument("--control", choices=[*COLOURS, "all"], default="attitude_rate", help="whose policies (default: attitude_rate)")
     parser.add_argument("--trials", type=int, default=16, help="flights of each policy (default: 16)")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", action="store_true", help="print one JSON object: a row a policy, and the agreement")
@@ -132,13 +132,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         policies, flights = published(given.authors)
         drone = parameters.read(given.drone)
-        commands = mean_commands(given.authors, [name for name, policy in policies.items() if policy.control == given.control])
-        flights = flights.filter(polars.col("name").is_in(list(commands)))
-        trims = {name: balanced_torque(command, drone) for name, command in commands.items()}
+        asked = {name: policy for name, policy in policies.items() if given.control in (policy.control, "all")}
+        commands = mean_commands(given.authors, list(asked))
+        flights = flights.filter(polars.col("name").is_in(list(asked)))
+        # Flights too short to tell a trim are flown on the drone as it is.
+        own = float(parameters.component(drone, "torque_bias_z"))
+        trims = {name: balanced_torque(commands[name], drone) if name in commands else own for name in asked}
         measured = flights.group_by("name").agg(polars.col("flight_time_s").mean().alias("measured")).rename({"name": "policy"})
-        counts = [COUNTS * float(YAW @ command) for command in commands.values()]
-        table = polars.DataFrame({"policy": list(commands), "yaw_counts": counts, "trim": list(trims.values())})
-        flown = fly({name: policies[name] for name in commands}, drone, trims, given.seed, given.trials)
+        counts = [COUNTS * float(YAW @ commands[name]) if name in commands else None for name in asked]
+        table = polars.DataFrame({"policy": list(asked), "yaw_counts": counts, "trim": list(trims.values())})
+        flown = fly(asked, drone, trims, given.seed, given.trials)
         compared = table.join(measured, on="policy", maintain_order="left").join(flown, on="policy", maintain_order="left")
         agreed = agreements(compared, flights)
     except InputError as error:
