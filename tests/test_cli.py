@@ -16,7 +16,7 @@ from event_files import scalars
 from maidenflight import cli, parameters, policy, results, terminal
 from maidenflight.flights import reading
 
-COMMANDS = ("demo", "drone", "record", "fly", "identify", "validate", "train", "transfer", "predict", "export", "report")
+COMMANDS = ("demo", "drone", "record", "fly", "identify", "validate", "train", "transfer", "predict", "export", "report", "view")
 
 
 def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *arguments: Any) -> tuple[int, str, str]:
@@ -40,7 +40,7 @@ def test_every_command_explains_itself(command: str, monkeypatch: Any, capsys: A
 
 
 def test_help_imports_nothing_heavy() -> None:
-    heavy = "jax cflib onnx onnxruntime numpy scipy sklearn polars plotly rich optax tomlkit gymnasium pybullet tensorboardX wandb".split()
+    heavy = "jax cflib onnx onnxruntime numpy scipy sklearn polars rerun rich optax tomlkit gymnasium pybullet tensorboardX wandb".split()
     program = (
         "import sys; sys.argv = ['maidenflight', 'identify', '--help']\n"
         "from maidenflight import cli\n"

@@ -1,6 +1,8 @@
 """Every snippet in the README and the docs runs: the real functions, with less work each."""
 
 import importlib.util
+import json
+import pkgutil
 import re
 import shlex
 import sys
@@ -12,13 +14,20 @@ import click
 import jax
 import numpy as np
 import pytest
+from jaxtyping import Array
 
 import maidenflight as mf
 from maidenflight import cli, parameters, policy
 from maidenflight.flights import log
+from maidenflight.policy import Policy
+from maidenflight.simulator.control import Controller
+from maidenflight.simulator.randomization import Distribution
+from maidenflight.simulator.tasks import Task
+from maidenflight.simulator.virtual_drone import VirtualDrone
 
 ROOT = Path(__file__).parent.parent
 QUICK = mf.AnalyticGradient(updates=2, evaluations=1, drones=4, horizon=4, episodes=4)
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 LESS_WORK = {
     "record": ["--flights", "2", "--duration", "4"],
     "identify": ["--trials", "1", "--evaluations", "15", "--over", "thrust_to_weight,latency"],
@@ -87,10 +96,13 @@ def test_the_log_format_page_lists_every_column_of_the_format() -> None:
             assert f"`{column}`" in rows or column in ("command_2", "command_3"), column
 
 
-def test_pages_link_only_to_what_exists() -> None:
-    for page in [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")]:
-        for target in re.findall(r"\]\(([^)#:]+)\)", page.read_text()):
+def test_pages_link_only_to_what_exists_and_name_only_files_that_exist() -> None:
+    for page in PAGES:
+        text = page.read_text()
+        for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", text):
             assert (page.parent / target).exists(), (page.name, target)
+        for named in re.findall(r"`(?:python )?((?:paper|benchmarks|examples|tests|docs|src/maidenflight)/[\w./-]+\.\w+)", text):
+            assert (ROOT / named).exists(), (page.name, named)
 
 
 def test_all_public_names_resolve() -> None:
@@ -104,8 +116,7 @@ def test_all_public_names_resolve() -> None:
 
 def test_the_python_of_the_training_page_runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
-    small = partial(mf.AnalyticGradient, drones=4, horizon=4, evaluations=1, episodes=4)
-    monkeypatch.setattr(mf, "AnalyticGradient", lambda updates: small(updates=1), raising=False)
+    monkeypatch.setattr(mf, "AnalyticGradient", lambda updates: QUICK, raising=False)
     (snippet,) = blocks("docs/training.md", "python")
     names: dict[str, Any] = {}
     exec(compile(snippet, "docs/training.md", "exec"), names)
@@ -173,16 +184,15 @@ def test_the_commands_of_the_zero_shot_page_run(monkeypatch: pytest.MonkeyPatch)
         realities = ["near:7"]
         motor_time_constant = [0.04, 0.08]
         latency = [0.0, 0.015]
-        policies = 1
-        trials = 2
-        duration = 0.3
+        policies = 3
+        trials = 1
+        duration = 0.5
         [control.pwm]
-        updates = 1
-        drones = 2
-        horizon = 2
-        hidden = [8]
+        updates = 2
+        drones = 4
+        horizon = 4
         evaluations = 1
-        episodes = 2
+        episodes = 4
     """
     for command in blocks("docs/zero-shot.md", "sh")[0].splitlines():
         words = shlex.split(command, comments=True)
@@ -204,3 +214,126 @@ def test_the_commands_of_the_pilots_guide_are_ones_that_there_are() -> None:
     for words in lines:
         command = cli.commands.commands[words[1]]
         command.parse_args(click.Context(command, info_name=words[1]), words[2:])
+
+
+@pytest.fixture
+def less_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same verbs with less work each, of shapes that other tests of this file have compiled."""
+
+    def with_less(name: str, **less: Any) -> None:
+        verb = getattr(mf, name)
+        monkeypatch.setattr(mf, name, lambda *given, **named: verb(*given, **{**named, **less}), raising=False)
+
+    with_less("record", flights=2, duration=4.0)
+    with_less("identify", over=["thrust_to_weight", "latency"], evaluations=15, trials=1)
+    with_less("train", settings=QUICK)
+    with_less("transfer", trials=3, duration=0.5)
+
+
+def traced_training(task: Task, controller: Controller, box: Distribution, keys: Array) -> list[Policy]:
+    """In the place of training: the slope of a control period is traced, not compiled, and policies that know nothing come back."""
+    world = mf.Environment.matching(box.centre, task, controller)
+
+    def value(action: Array, key: Array) -> Array:
+        return mf.step(world, mf.reset(world, box.draw(key), key), action, box.draw(key), key)[1].reward
+
+    jax.eval_shape(jax.grad(value), np.zeros(4, np.float32), keys[0])
+    return [policy.untrained(key, controller=controller) for key in keys]
+
+
+def traced_flights(policies: list[Policy], realities: list[VirtualDrone], **given: Any) -> None:
+    """In the place of flights: their first half second is traced, not compiled."""
+    task, controller = given.get("task", mf.circle()), given.get("controller", mf.pwm())
+    for reality in realities:
+        world = reality.environment(task, controller)
+
+        def fly(key: Array, drone: mf.Parameters, world: mf.Environment = world) -> Any:
+            return mf.rollout(world, policies[0], mf.reset(world, drone, key), drone, key, steps=50)
+
+        jax.eval_shape(fly, jax.random.key(0), reality.parameters)
+
+
+def recipes() -> dict[str, str]:
+    """The Python of each section of the recipes' page."""
+    sections = re.split(r"^## ", (ROOT / "docs/recipes.md").read_text(), flags=re.M)[1:]
+    return {section.split("\n")[0]: re.findall(r"^```python\n(.*?)^```", section, re.M | re.S)[0] for section in sections}
+
+
+@pytest.mark.parametrize("title", ["My drone", "My logs", "My task", "My controller", "My reality"])
+@pytest.mark.usefixtures("less_work")
+def test_a_recipe_is_short_and_runs(title: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert list(recipes()) == ["My drone", "My logs", "My task", "My controller", "My reality"]
+    snippet = recipes()[title]
+    assert len([line for line in snippet.splitlines() if line]) <= 15
+    if title in ("My task", "My controller"):
+        monkeypatch.setattr(mf, "train", traced_training)
+        monkeypatch.setattr(mf, "transfer", traced_flights)
+    if title == "My logs":
+        (flight,) = mf.record(mf.virtual_drone(7), jax.random.key(0))[:1]
+        table = np.hstack([flight.position, flight.velocity, flight.attitude, flight.body_rates, flight.command])
+        np.savetxt("my_log.csv", table, delimiter=",", comments="", header="x,y,z,vx,vy,vz,roll,pitch,yaw,p,q,r,m1,m2,m3,m4")
+    names: dict[str, Any] = {}
+    exec(compile(snippet, "docs/recipes.md", "exec"), names)
+    if title == "My reality":
+        assert set(names["flown"].table["reality"]) == {"virtual-7", "windy-7"}
+    if title == "My logs":
+        assert mf.read_flights("logs").duration == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize("page", ["quickstart", "concepts", "choosing"])
+@pytest.mark.usefixtures("less_work")
+def test_the_python_of_the_first_pages_runs(page: str) -> None:
+    for flight in mf.record(mf.virtual_drone(7), jax.random.key(0)) if page == "quickstart" else []:
+        log.write(f"run/recorded/{flight.name}.csv", flight)
+    (snippet,) = blocks(f"docs/{page}.md", "python")
+    exec(compile(snippet, f"docs/{page}.md", "exec"), {})
+    assert Path("report.html").exists() == (page == "quickstart")
+
+
+@pytest.mark.usefixtures("less_work")
+def test_the_cells_of_the_notebook_run_and_it_stores_no_outputs() -> None:
+    cells = json.loads((ROOT / "docs/notebooks/from_logs_to_policy.ipynb").read_text())["cells"]
+    code = [cell for cell in cells if cell["cell_type"] == "code"]
+    assert all(cell["outputs"] == [] and cell["execution_count"] is None for cell in code)
+    names: dict[str, Any] = {}
+    for cell in code:
+        source = "".join(cell["source"])
+        if not source.startswith("%"):
+            exec(compile(source, "from_logs_to_policy.ipynb", "exec"), names)
+    assert len(names["flown"].table) == 9
+    assert Path("firmware/policy.c").exists()
+
+
+def test_the_papers_page_names_functions_and_tests_that_there_are_and_every_equation_that_the_code_cites() -> None:
+    text = (ROOT / "docs/paper.md").read_text()
+    tests = {path.name: path.read_text() for path in (ROOT / "tests").rglob("test_*.py")}
+    named = re.findall(r"`(test_\w+\.py)::(test_\w+)`", text)
+    assert len(named) > 30
+    for file, test in named:
+        assert f"def {test}(" in tests[file], (file, test)
+    cited = {label for path in (ROOT / "src").rglob("*.py") for label in re.findall(r"\beq:[\w-]+", path.read_text())}
+    rows = [line for line in text.splitlines() if line.startswith("| `eq:")]
+    assert {row.split("`")[1] for row in rows} == cited
+    assert all("](api/" in row and "::test_" in row for row in rows)
+
+
+def shown(page: Path) -> set[str]:
+    """The modules whose contents a page of the API shows."""
+    return set(re.findall(r"^::: (\S+)", page.read_text(), re.M))
+
+
+def test_links_into_the_api_lead_to_what_its_page_shows() -> None:
+    links = {link for page in PAGES for link in re.findall(r"(\w+)\.md#(maidenflight\.[\w.]+)", page.read_text())}
+    assert len(links) > 40
+    for page, name in sorted(links):
+        assert any(name.startswith(f"{module}.") for module in shown(ROOT / f"docs/api/{page}.md")), (page, name)
+        assert pkgutil.resolve_name(name) is not None
+
+
+def test_the_api_shows_every_module_and_its_index_every_public_name() -> None:
+    source = ROOT / "src/maidenflight"
+    modules = {path.stem for path in source.iterdir() if path.suffix == ".py" or (path / "__init__.py").exists()}
+    public = {f"maidenflight.{name}" for name in modules if not name.startswith("_")} - {"maidenflight.cli"}
+    assert set().union(*(shown(page) for page in (ROOT / "docs/api").glob("*.md"))) == public
+    index = (ROOT / "docs/api/index.md").read_text()
+    assert all(f"[`{name}`]" in index for name in mf.__all__ if name != "__version__")

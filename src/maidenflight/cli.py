@@ -1,11 +1,13 @@
 """The command line: parsing only. Nothing heavy is imported before a command runs."""
 
+import _thread
 import dataclasses
 import json
 import os
 import platform
 import shlex
 import sys
+import threading
 import time
 import warnings
 import zlib
@@ -35,9 +37,10 @@ _REALITIES = "near:SEED, virtual:SEED, far:SEED, ever stranger; pybullet:SEED (v
 
 def main() -> None:
     """Entry point: exit code 2 and one line for a user's mistake, 130 when interrupted."""
-    _keep_compiled()
     try:
-        commands(prog_name="maidenflight", standalone_mode=False)
+        _keep_compiled()
+        with _insisting():
+            commands(prog_name="maidenflight", standalone_mode=False)
     except InputError as error:
         print(f"maidenflight: {error}", file=sys.stderr)
         sys.exit(2)
@@ -47,6 +50,26 @@ def main() -> None:
     except (click.Abort, KeyboardInterrupt):
         print("maidenflight: interrupted; finished files are complete, the rest was not written.", file=sys.stderr)
         sys.exit(130)
+
+
+@contextmanager
+def _insisting() -> Iterator[None]:
+    """Sends a Ctrl-C again that fell into a callback of the garbage collector, JAX's or another, where Python drops it."""
+    before = sys.unraisablehook
+
+    def heard(dropped: "sys.UnraisableHookArgs") -> None:
+        if not issubclass(dropped.exc_type, KeyboardInterrupt):
+            before(dropped)
+            return
+        again = threading.Timer(0.05, _thread.interrupt_main)
+        again.daemon = True
+        again.start()
+
+    sys.unraisablehook = heard
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
 
 
 @click.group(context_settings=_CONTEXT)
@@ -71,14 +94,26 @@ def _overwrite(command: Callable[..., Any]) -> Callable[..., Any]:
     return click.option("--overwrite", is_flag=True, help="Replace results of an earlier run.")(command)
 
 
+class _Range(click.FloatRange):
+    """A range of numbers; nan, which is neither below nor above anything, is none of them."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Reads a number."""
+        number = super().convert(value, param, ctx)
+        if number != number:
+            self.fail(f"{value!r} is not a number.", param, ctx)
+        return number
+
+
 def _output(default: str, what: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     return click.option("-o", "--output", default=default, show_default=True, type=click.Path(path_type=Path), help=what)
 
 
 def _must_be_new(path: Path, overwrite: bool, or_else: str = "") -> None:
-    """Refuses to write into a folder that holds something, or over a file."""
+    """Refuses to write into a folder that holds something, over a file, or where another process is about to; keeps the place for us."""
     from maidenflight import results
 
+    click.get_current_context().call_on_close(results.claim(path))
     # What a killed run leaves of a file that it was writing is nothing to keep.
     taken = set(path.iterdir()) > set(results.leftovers(path)) if path.is_dir() else path.exists()
     if taken and not overwrite:
@@ -176,7 +211,7 @@ _URI = "radio://0/80/2M/E7E7E7E7E7"
 
 def _height(command: Callable[..., Any]) -> Callable[..., Any]:
     what = "Metres above the ground at which the real drone flies; a policy was trained for 1."
-    return click.option("--height", default=1.0, show_default=True, type=click.FloatRange(0.3, 1.6), help=what)(command)
+    return click.option("--height", default=1.0, show_default=True, type=_Range(0.3, 1.6), help=what)(command)
 
 
 def _real_task(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -189,19 +224,19 @@ def _real_task(command: Callable[..., Any]) -> Callable[..., Any]:
 @click.option("--uri", help=f"Record a real Crazyflie at this address, such as {_URI}. Read docs/pilot.md first.")
 @click.option("--reality", default="virtual:7", show_default=True, help=f"Which virtual drone: {_REALITIES}.")
 @click.option("--flights", "count", default=4, show_default=True, type=click.IntRange(1, 999), help="How many flights.")
-@click.option("--duration", default=30.0, show_default=True, type=click.FloatRange(2.0, 600.0), help="Seconds of each.")
+@click.option("--duration", default=30.0, show_default=True, type=_Range(2.0, 600.0), help="Seconds of each.")
 @click.option(
     "--excitation",
     default=0.06,
     show_default=True,
-    type=click.FloatRange(0.0, 0.3),
+    type=_Range(0.0, 0.3),
     help="Random thrust on each motor of a virtual drone, as a share of full thrust; it makes lag and latency visible. 0: plain PID.",
 )
 @click.option(
     "--steps",
     default=0.1,
     show_default=True,
-    type=click.FloatRange(0.0, 0.2),
+    type=_Range(0.0, 0.2),
     help="Random steps of a real drone's set-point, in metres, twice a second, for the same end. 0: the plain reference.",
 )
 @_real_task
@@ -255,14 +290,12 @@ def record(
 @_output("flown", "Folder for the logs.")
 @click.option("--uri", required=True, help=f"Address of the Crazyflie, such as {_URI}. Read docs/pilot.md first.")
 @click.option("--flights", "count", default=1, show_default=True, type=click.IntRange(1, 999), help="How many flights.")
-@click.option(
-    "--duration", default=10.0, show_default=True, type=click.FloatRange(1.0, 600.0), help="Seconds that the policy flies in each."
-)
+@click.option("--duration", default=10.0, show_default=True, type=_Range(1.0, 600.0), help="Seconds that the policy flies in each.")
 @click.option(
     "--full",
     default=65535.0,
     show_default=True,
-    type=click.FloatRange(30000.0, 65535.0),
+    type=_Range(30000.0, 65535.0),
     help="What a thrust command of 1 is, in the firmware's counts: 65535 if identified from our own logs, 60000 from the authors'.",
 )
 @_real_task
@@ -351,7 +384,7 @@ def _print_flights(flights: "Flights", windows: int) -> None:
 
 @commands.command()
 @click.argument("logs", type=click.Path(path_type=Path))
-@_output("drone.toml", "TOML file for the identified drone; identification.csv goes beside it.")
+@_output("drone.toml", "TOML file for the identified drone; identification.csv goes beside it, NAME_identification.csv beside NAME.toml.")
 @click.option(
     "--over",
     help="Parameters to identify, such as latency,inertia_x, or auto: those that predict flights held out better. Unless given, auto;"
@@ -394,6 +427,7 @@ def identify(
     _must_be_new(output, overwrite)
     from maidenflight import workflow
 
+    _must_be_new(workflow.evaluations_beside(output), overwrite)
     names = over if over in (None, "auto") else [name.strip() for name in over.split(",") if name.strip()]
     with terminal.progress("identify", None) as move:
         flights, found = workflow.identify_from(
@@ -471,6 +505,7 @@ def validate(drone_: str, logs: Path, output: Path, horizons: list[float], seed:
     prediction that nothing changes: position, velocity, attitude and body rates stay as they are.
     """
     _must_be_new(output, overwrite)
+    _must_be_new(output.with_name(f"{output.stem}_windows.csv"), overwrite)
     from maidenflight import workflow
 
     with terminal.progress("validate", None) as move:
@@ -540,7 +575,7 @@ def _randomization(*words: str) -> Callable[[click.Context, click.Parameter, str
     "--heading",
     default=0.0,
     show_default=True,
-    type=click.FloatRange(0.0, 10.0),
+    type=_Range(0.0, 10.0),
     help="Price of a radian of heading, a control period; 0.1 keeps a drone from turning away in long flights, of which the paper's reward"
     " says nothing.",
 )
@@ -551,6 +586,13 @@ def _randomization(*words: str) -> Callable[[click.Context, click.Parameter, str
     multiple=True,
     type=click.Choice(list(BOARDS)),
     help="Show scores there too, as they come: event files in OUTPUT/tensorboard, or Weights & Biases. May be repeated.",
+)
+@click.option(
+    "--view",
+    is_flag=False,
+    flag_value="",
+    metavar="[FILE]",
+    help="Show scores and how the best policy flies while training runs: in rerun's viewer, or into an .rrd FILE for it.",
 )
 @_seed
 @_as_json
@@ -568,6 +610,7 @@ def train(
     heading: float,
     resume: bool,
     boards: tuple[str, ...],
+    view: str | None,
     seed: int,
     as_json: bool,
     overwrite: bool,
@@ -583,7 +626,11 @@ def train(
     settings = workflow.settings_for(control, task, method, updates)
     heard: list[Progress] = []
     began = time.perf_counter()
-    with terminal.progress("train", settings.updates) as move, _resumable(output / workflow.CHECKPOINT):
+    with (
+        _watched(view, drone_, control, task) as watch,
+        terminal.progress("train", settings.updates) as move,
+        _resumable(output / workflow.CHECKPOINT),
+    ):
 
         def hear(progress: "Progress") -> None:
             nonlocal began
@@ -592,6 +639,7 @@ def train(
             began = began if heard else time.perf_counter()
             heard.append(progress)
             move(progress.update, settings.updates, terminal.scores(progress, rate))
+            watch(progress)
 
         workflow.train_for(drone_, seed, output, count, settings, randomize, hear, control, task, resume, boards, history, heading)
     best = [max((progress.score for progress in heard), key=lambda score: float(score.episode_return[number])) for number in range(count)]
@@ -609,13 +657,26 @@ def train(
     _emit(as_json, content, text)
 
 
+@contextmanager
+def _watched(view: str | None, drone_: str, control: str, task: str) -> Iterator[Callable[["Progress"], None]]:
+    """What shows each score of a training in rerun; nothing unless asked for."""
+    if view is None:
+        yield lambda progress: None
+        return
+    from maidenflight import workflow
+    from maidenflight.reporting import live
+
+    with live.training(workflow.watched_flight(drone_, control, task), Path(view) if view else None) as watch:
+        yield watch
+
+
 @commands.command()
 @click.argument("policies", nargs=-1, type=click.Path(path_type=Path))
 @_output("transfer", "Folder for the flights.")
 @click.option("--reality", "realities", multiple=True, help=f"Where: {_REALITIES}; may be repeated (virtual:7 unless given).")
 @click.option("--task", type=click.Choice(_TASKS), help="What they fly (circle unless given).")
 @click.option("--trials", type=click.IntRange(1, 1000), help="Flights of each policy in each reality (3 unless given).")
-@click.option("--duration", type=click.FloatRange(0.1, 600.0), help="Longest flight, seconds (20 unless given).")
+@click.option("--duration", type=_Range(0.1, 600.0), help="Longest flight, seconds (20 unless given).")
 @click.option(
     "--matrix",
     "settings",
@@ -688,7 +749,7 @@ def _transfer_matrix(settings: Path, output: Path, resume: bool, overwrite: bool
 @click.option("--drone", "drone_", default="drone.toml", show_default=True, help="Identified drone: a TOML file or a name.")
 @_output("prediction.csv", "CSV file for the flights, one row each.")
 @click.option("--trials", default=16, show_default=True, type=click.IntRange(1, 1000), help="Flights of each policy.")
-@click.option("--duration", default=20.0, show_default=True, type=click.FloatRange(0.1, 600.0), help="Longest flight, seconds.")
+@click.option("--duration", default=20.0, show_default=True, type=_Range(0.1, 600.0), help="Longest flight, seconds.")
 @click.option(
     "--randomize",
     callback=_randomization("trim", "posterior"),
@@ -808,16 +869,43 @@ def export(policy: Path, to: str, output: Path | None, control: str | None, seed
     _emit(as_json, content, lambda: print("written " + ", ".join(map(str, written))))
 
 
+_REPORT = b"<footer>Written by maidenflight "
+"""What every report holds."""
+
+
 @commands.command()
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="HTML file; report.html in the folder unless given.")
 @_as_json
-def report(run: Path, output: Path | None, as_json: bool) -> None:
+@click.option("--overwrite", is_flag=True, help="Replace a file that is no report; an earlier report is replaced anyway.")
+def report(run: Path, output: Path | None, as_json: bool, overwrite: bool) -> None:
     """Make one self-contained HTML page of a RUN folder."""
+    output = output or run / "report.html"
+    with suppress(OSError):
+        overwrite = overwrite or (output.is_file() and _REPORT in output.read_bytes())
+    _must_be_new(output, overwrite)
     from maidenflight.reporting.page import report as make
 
-    page = make(run, output or run / "report.html")
+    page = make(run, output)
     _emit(as_json, {"report": str(page)}, lambda: print(f"written {page}"))
+
+
+@commands.command()
+@click.argument("flights", type=click.Path(path_type=Path))
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="An .rrd file for rerun; its viewer is started unless given.")
+@_as_json
+@_overwrite
+def view(flights: Path, output: Path | None, as_json: bool, overwrite: bool) -> None:
+    """View FLIGHTS in rerun: a log, a folder of logs or a run folder. Needs pip install 'maidenflight[viewer]'."""
+    if output is not None:
+        _must_be_new(output, overwrite)
+    from maidenflight import workflow
+    from maidenflight.reporting import live
+
+    shown = workflow.flights_to_view(flights)
+    live.show_flights(shown, output)
+    content = {"flights": len(shown), "file": str(output) if output else None}
+    _emit(as_json, content, lambda: print(f"{len(shown)} flights {f'written to {output}' if output else 'sent to the viewer'}"))
 
 
 @commands.command()

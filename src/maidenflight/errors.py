@@ -3,13 +3,20 @@
 import errno
 from os import PathLike
 
+LONGEST = 1500
+"""Characters of a message; what a file holds in a number's place may be a book."""
+
 
 class InputError(ValueError):
     """Something that the user gave is wrong.
 
     The message says what is wrong (with the value), what is expected and what to do; the command line prints it on one line
-    and exits with code 2.
+    and exits with code 2. It is one line; of one that is too long the middle is left out.
     """
+
+    def __init__(self, message: str) -> None:
+        line = " ".join(message.splitlines())
+        super().__init__(line if len(line) <= LONGEST else f"{line[: LONGEST - 400]} ... {line[-390:]}")
 
 
 class WriteError(InputError):

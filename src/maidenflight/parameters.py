@@ -8,7 +8,6 @@ paper's model lacks (drag, unequal motor lag, estimator delay, battery) have neu
 import dataclasses
 import math
 import os
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 import tomlkit
 
-from maidenflight import results
+from maidenflight import inputs, results
 from maidenflight.errors import InputError
 
 FORMAT = 2
@@ -407,12 +406,15 @@ def from_toml(text: str, where: str = "drone.toml") -> Parameters:
         InputError: not TOML, an unknown key, a missing value, a value that is no number or outside its physical range.
     """
     try:
-        document = tomllib.loads(text)
+        document = inputs.from_toml(text)
     except ValueError as error:  # TOMLDecodeError, or a number of more digits than Python reads
         raise InputError(f"{where}: not valid TOML: {error}.") from error
     layout = document.get("format")
     if not isinstance(layout, int) or isinstance(layout, bool) or not 1 <= layout <= FORMAT:
         raise InputError(f"{where}: format = {layout!r}, expected {FORMAT}. Is it a drone file?")
+    astray = next((name for name in document if name in QUANTITIES), None)
+    if astray:
+        raise InputError(f"{where}: {astray} stands outside its table. Put it into [{QUANTITIES[astray].table}].")
     found: dict[str, Any] = {name: 0.0 for name, since in _ADDED.items() if layout < since}
     for table in dict.fromkeys(quantity.table for quantity in QUANTITIES.values()):
         content = document.get(table, {})
@@ -460,7 +462,7 @@ def read(drone: str | os.PathLike[str]) -> Parameters:
     if str(drone) in DRONES:
         return DRONES[str(drone)]()
     try:
-        text = Path(drone).read_text(encoding="utf-8")
+        text = inputs.text(drone)
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{drone}: no such drone; give a TOML file or one of: {', '.join(DRONES)}.") from error
     return from_toml(text, str(drone))

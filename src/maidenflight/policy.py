@@ -13,13 +13,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from maidenflight import results
+from maidenflight import inputs, results
 from maidenflight.errors import InputError
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import ACTION_SIZE, OBSERVATION_SIZE
 from maidenflight.simulator.firmware import ATTITUDE_RATE
 
 FORMAT = "maidenflight policy 1"
+INSTANT = "position 3, quaternion xyzw 4, velocity 3, body rates 3, setpoint - position 3, last action 4; oldest first"
+"""What a file says of the order of an observation."""
 CONTROLS = ("pwm", "attitude_rate", "attitude")
 """Control structures that a policy can be made for."""
 
@@ -84,9 +86,9 @@ def untrained(key: Array, hidden: tuple[int, ...] = (50, 50), history: int = 2, 
     """
     sizes = (OBSERVATION_SIZE * history, *hidden, ACTION_SIZE)
     weights = []
-    for key_, inputs, outputs in zip(jax.random.split(key, len(sizes) - 1), sizes[:-1], sizes[1:], strict=True):
-        bound = np.float32(np.sqrt(6.0 / inputs) * (0.1 if outputs == ACTION_SIZE else 1.0))
-        weights.append(jax.random.uniform(key_, (outputs, inputs), minval=-bound, maxval=bound))
+    for key_, fan_in, outputs in zip(jax.random.split(key, len(sizes) - 1), sizes[:-1], sizes[1:], strict=True):
+        bound = np.float32(np.sqrt(6.0 / fan_in) * (0.1 if outputs == ACTION_SIZE else 1.0))
+        weights.append(jax.random.uniform(key_, (outputs, fan_in), minval=-bound, maxval=bound))
     biases = tuple(jnp.zeros(outputs) for outputs in sizes[1:])
     mean = jnp.tile(jnp.array(_MEAN), history)
     acting = {} if controller is None else {"control": controller.name, "rate": controller.action_rate}
@@ -108,7 +110,7 @@ def to_json(policy: Policy, record: Mapping[str, Any] | None = None) -> str:
             "control": policy.control,
             "rate": policy.rate,
             "history": policy.history,
-            "instant": "position 3, quaternion xyzw 4, velocity 3, body rates 3, setpoint - position 3, last action 4; oldest first",
+            "instant": INSTANT,
             "activation": "relu",
             "record": dict(record or {}),
             "observation_mean": _decimals(policy.observation_mean),
@@ -125,8 +127,8 @@ def from_json(text: str, where: str = "policy") -> Policy:
         InputError: not a policy file, or its shapes or numbers make no sense.
     """
     try:
-        content = json.loads(text)
-    except (ValueError, RecursionError) as error:
+        content = inputs.from_json(text)
+    except ValueError as error:
         raise InputError(f"{where}: not valid JSON ({error}). Expected a policy file written by maidenflight train.") from error
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise InputError(f"{where}: not a maidenflight policy (format is not {FORMAT!r}). Give a file written by maidenflight train.")
@@ -145,9 +147,21 @@ def from_json(text: str, where: str = "policy") -> Policy:
     return _checked(policy, content, where)
 
 
-def _numbers(nested: Any) -> Array:
-    """Nested lists of numbers as float32; text, missing numbers and what float32 cannot hold are refused."""
+def numbers(nested: Any) -> np.ndarray:
+    """Nested lists as an array, in which true and false do not pass for 1 and 0.
+
+    Raises:
+        ValueError: a list holds one of them, or lists of different lengths.
+    """
     array = np.asarray(nested)
+    if array.dtype.kind in "fiu" and any(type(entry) is bool for entry in np.asarray(nested, object).flat):
+        raise ValueError("expected numbers, not true or false")
+    return array
+
+
+def _numbers(nested: Any) -> Array:
+    """Nested lists of numbers as float32; text, true and false, missing numbers and what float32 cannot hold are refused."""
+    array = numbers(nested)
     if array.dtype.kind not in "fi" or np.any(np.isfinite(array) & (np.abs(array) > float(np.finfo(np.float32).max) * (1 + 1e-7))):
         raise ValueError("expected numbers that float32 can hold")
     return jnp.asarray(array.astype(np.float32))
@@ -156,6 +170,10 @@ def _numbers(nested: Any) -> Array:
 def _checked(policy: Policy, content: Mapping[str, Any], where: str) -> Policy:
     if policy.control not in CONTROLS:
         raise InputError(f"{where}: control = {policy.control!r}, expected one of {', '.join(CONTROLS)}.")
+    if content.get("instant") != INSTANT:
+        raise InputError(f"{where}: instant = {content.get('instant')!r}, expected {INSTANT!r}.")
+    if not isinstance(content.get("record"), dict):
+        raise InputError(f"{where}: record = {content.get('record')!r}, expected how the policy was made, {{}} if unknown.")
     if content.get("activation") != "relu":
         raise InputError(f"{where}: activation = {content.get('activation')!r}, expected 'relu'.")
     for name, value in (("rate", policy.rate), ("history", policy.history)):
@@ -203,7 +221,7 @@ def record(path: str | os.PathLike[str]) -> dict[str, Any]:
     """
     text = text_of(path)
     from_json(text, str(path))
-    return json.loads(text)["record"]
+    return inputs.from_json(text)["record"]
 
 
 def kept(
@@ -240,6 +258,6 @@ def text_of(path: str | os.PathLike[str]) -> str:
         InputError: it cannot be read.
     """
     try:
-        return Path(path).read_text(encoding="utf-8")
+        return inputs.text(path)
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read as a policy ({error}).") from error

@@ -8,13 +8,13 @@ import json
 import os
 import re
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from maidenflight import __version__
-from maidenflight.errors import WriteError
+from maidenflight import __version__, inputs
+from maidenflight.errors import InputError, WriteError
 
 _LEFTOVER = re.compile(r"\..+\.[a-z0-9_]{8}\.part")
 
@@ -52,6 +52,35 @@ def write(path: str | os.PathLike[str], content: str | bytes) -> Path:
             with suppress(OSError):
                 os.unlink(temporary)
     return path
+
+
+def claim(path: str | os.PathLike[str]) -> Callable[[], None]:
+    """Keeps other processes of this computer and user from writing to a place that is asked for like this.
+
+    Args:
+        path: a file or a folder; it need not be there, and nothing is written to it.
+
+    Returns:
+        What gives the place back; the end of the process does too, however it comes.
+
+    Raises:
+        InputError: another process has it.
+    """
+    place = hashlib.sha256(str(Path(path).resolve()).encode()).hexdigest()[:16]
+    owner = os.getuid() if hasattr(os, "getuid") else 0
+    lock = Path(tempfile.gettempdir(), f"maidenflight-{owner}-{place}.lock")
+    try:
+        import fcntl
+
+        descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o600)
+    except (ImportError, OSError):  # nowhere to tell each other
+        return lambda: None
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        raise InputError(f"{path}: another maidenflight is writing there. Wait for it, or choose another place with -o.") from None
+    return lambda: os.close(descriptor)
 
 
 def leftovers(folder: str | os.PathLike[str]) -> list[Path]:
@@ -107,10 +136,11 @@ def write_table(path: str | os.PathLike[str], heading: str, record: Mapping[str,
 
 def told(path: str | os.PathLike[str]) -> dict[str, Any] | None:
     """The record in the comments of a CSV file, as a line `# record: ` of JSON; nothing where there is no such file or line."""
-    with suppress(OSError, ValueError), open(path, encoding="utf-8") as file:
-        for line in file:
+    with suppress(OSError, ValueError):
+        for line in inputs.text(path).split("\n"):
             if line.startswith("# record: "):
-                return json.loads(line.removeprefix("# record: "))
+                found = inputs.from_json(line.removeprefix("# record: "))
+                return found if isinstance(found, dict) else None
             if not line.startswith("#"):
                 break
     return None

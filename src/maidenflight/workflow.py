@@ -25,6 +25,7 @@ from maidenflight.experiments.flight_times import AS_FLOWN, FIRMWARE, predict_fl
 from maidenflight.experiments.matrix import Cell, Matrix
 from maidenflight.experiments.transfer import Transfer, transfer
 from maidenflight.flights import log, recording
+from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import Flights, read_flights
 from maidenflight.flights.windows import HISTORY
 from maidenflight.identification.identify import METHODS, OBJECTIVES, TRIM, Identification, identify, posterior_ensemble, trim_ensemble
@@ -32,6 +33,7 @@ from maidenflight.identification.prediction import predicted_windows, prediction
 from maidenflight.identification.selection import Step
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy
+from maidenflight.reporting import run
 from maidenflight.simulator import control, tasks
 from maidenflight.simulator.bullet import DAMPING, Bullet
 from maidenflight.simulator.control import Controller
@@ -75,6 +77,12 @@ def record(drone: VirtualDrone, seed: int, folder: StrPath, truth: StrPath, coun
     return [log.write(Path(folder) / f"{flight.name}.csv", flight, made) for flight in flown]
 
 
+def evaluations_beside(output: StrPath) -> Path:
+    """Where the evaluations of an identification go: `identification.csv` for `drone.toml`, `NAME_identification.csv` for `NAME.toml`."""
+    path = Path(output)
+    return path.with_name("identification.csv" if path.stem == "drone" else f"{path.stem}_identification.csv")
+
+
 def identify_from(
     logs: StrPath,
     seed: int,
@@ -93,7 +101,7 @@ def identify_from(
     on_evaluation: Callable[[int, int], None] | None = None,
     on_step: Callable[[Step], None] | None = None,
 ) -> tuple[Flights, Identification]:
-    """Identifies a drone from logs; writes `output` (TOML) and, beside it, `identification.csv` with every evaluation."""
+    """Identifies a drone from logs; writes `output` (TOML) and, to `evaluations_beside` it, every evaluation."""
     flights = read_flights(logs, on_file)
     found = identify(
         flights,
@@ -124,7 +132,7 @@ def identify_from(
     made = results.record(seed=seed, inputs=flights.paths, settings=settings)
     tables = {"identification": found.to_table(), "posterior": found.posterior_table(), "record": made}
     parameters.write(output, found.parameters, tables)
-    results.write(Path(output).with_name("identification.csv"), found.history.write_csv(float_precision=9))
+    results.write(evaluations_beside(output), found.history.write_csv(float_precision=9))
     return flights, found
 
 
@@ -306,6 +314,34 @@ def _how_to_begin(folder: Path) -> str:
         return "The policies there are of a training that has ended. Give --overwrite instead of --resume to train others in their place."
     begun = folder.is_dir() and set(folder.iterdir()) > set(results.leftovers(folder))
     return "Give --overwrite instead of --resume to begin one." if begun else "Leave out --resume to begin one."
+
+
+WATCHED = 10.0
+"""Longest flight that is shown of a policy in training [s]."""
+
+
+def watched_flight(drone: StrPath, structure: str, task: str) -> Callable[[Policy], Flight]:
+    """A function that lets a policy fly once, on the very drone that policies are trained around.
+
+    Args:
+        drone: TOML file or name.
+        structure: name of a control structure in `control.CONTROLLERS`.
+        task: name in `tasks.TASKS`.
+    """
+    controller, flown = control.CONTROLLERS[structure](), tasks.TASKS[task]()
+    reality = VirtualDrone(Path(drone).stem, control.in_fitting_steps(parameters.read(drone), controller))
+    return lambda one: transfer([one], [reality], 1, task=flown, controller=controller, duration=WATCHED).flights[0]
+
+
+def flights_to_view(path: StrPath) -> Sequence[Flight]:
+    """Flights of a run folder: test flights, or else those that were recorded; or of a log or a folder of logs, of any known kind.
+
+    Raises:
+        InputError: nothing there, or a log cannot be used.
+    """
+    named = (Path(path) / name for name in ("flights.csv", "transfer", "recorded", "flights"))
+    flights = run.shown(run.read(Path(path))) if any(place.exists() for place in named) else ()
+    return flights or read_flights(path).flights
 
 
 def policy_files(given: Sequence[StrPath]) -> list[Path]:

@@ -16,9 +16,9 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from maidenflight import results
+from maidenflight import inputs, results
 from maidenflight.errors import InputError
-from maidenflight.policy import CONTROLS, FORMAT, Policy, from_json, text_of, to_json
+from maidenflight.policy import CONTROLS, FORMAT, Policy, from_json, numbers, text_of, to_json
 from maidenflight.simulator.environment import OBSERVATION_SIZE
 
 EPSILON = 1e-5
@@ -49,8 +49,8 @@ def from_authors_json(text: str, where: str, control: str) -> Policy:
     if control not in CONTROLS:
         raise InputError(f"{where}: control = {control!r}, expected one of {', '.join(CONTROLS)}.")
     try:
-        content = json.loads(text)
-    except (ValueError, RecursionError) as error:
+        content = inputs.from_json(text)
+    except ValueError as error:
         raise InputError(f"{where}: not valid JSON ({error}). Expected one of the authors' policies.") from error
     if not isinstance(content, dict) or not content.keys() >= _MARKS:
         raise InputError(f"{where}: not one of the authors' policies; check_sum, scaling_parameters, activation or layer 0 is missing.")
@@ -167,8 +167,8 @@ def read_policy(path: str | os.PathLike[str], control: str | None = None) -> Pol
     """
     text = text_of(path)
     try:
-        content = json.loads(text)
-    except (ValueError, RecursionError) as error:
+        content = inputs.from_json(text)
+    except ValueError as error:
         raise InputError(f"{path}: not a policy, ours or the authors': not valid JSON ({error}).") from error
     keys = content.keys() if isinstance(content, dict) else set()
     if "format" in keys and content["format"] == FORMAT:
@@ -192,10 +192,11 @@ def _control_of(path: Path) -> str | None:
 
 
 def _numbers(nested: Any) -> np.ndarray:
-    array = np.asarray(nested)
+    array = numbers(nested)
     if array.dtype.kind not in "fi" or array.ndim < 1:
         raise ValueError("expected lists of numbers")
-    return array.astype(np.float32)
+    with np.errstate(over="ignore"):  # what float32 cannot hold is infinite, and so is its check sum
+        return array.astype(np.float32)
 
 
 def _verify(weights: list[np.ndarray], biases: list[np.ndarray], expected: float, where: str) -> None:
@@ -205,7 +206,8 @@ def _verify(weights: list[np.ndarray], biases: list[np.ndarray], expected: float
             raise ValueError(f"layer {number} has weights {weight.shape} and biases {bias.shape}")
     if any(after.shape[1] != before.shape[0] for before, after in pairwise(weights)):
         raise ValueError("a layer's inputs are not the outputs of the layer before")
-    found, size = _check_sum(weights, biases)
+    with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is no check sum
+        found, size = _check_sum(weights, biases)
     if not math.isfinite(expected) or not abs(found - expected) <= TOLERANCE * max(1.0, size):
         raise InputError(f"{where}: check sum {found:.7g}, but the file says {expected:.7g}: a weight was changed. Export it again.")
 

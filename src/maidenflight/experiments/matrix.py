@@ -13,8 +13,8 @@ Source: Gronauer et al. 2022, sec. Zero-Shot Experiments.
 """
 
 import dataclasses
+import math
 import os
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,9 +24,10 @@ import jax
 import numpy as np
 import polars
 
+from maidenflight import inputs
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import LONGEST, transfer
-from maidenflight.parameters import Parameters, replace
+from maidenflight.parameters import QUANTITIES, Parameters, replace
 from maidenflight.policy import CONTROLS, Policy
 from maidenflight.simulator import control, tasks
 from maidenflight.simulator.control import Controller
@@ -102,60 +103,93 @@ _PLAIN = {
     "motor_time_constant": (list, "a list of seconds"),
     "latency": (list, "a list of seconds"),
 }
+_MOST = 10**6
+"""Of whatever is counted in settings of training."""
 
 
 def read(path: str | os.PathLike[str]) -> Matrix:
     """Reads a matrix from its TOML file.
 
     Raises:
-        InputError: the file is not there, not TOML, or says something that a matrix does not have.
+        InputError: the file is not there, not TOML, or says something that a matrix does not have or that cannot be.
     """
     try:
-        told = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        told = inputs.from_toml(inputs.text(path))
+    except (OSError, ValueError) as error:
         raise InputError(f"{path}: not settings of a matrix ({error}). Give a TOML file such as paper/zero_shot.toml.") from error
     structures = told.pop("control", None)
-    if not isinstance(structures, dict) or not structures:
+    if not isinstance(structures, dict) or not structures or not all(isinstance(own, dict) for own in structures.values()):
         raise InputError(f"{path}: no control structure. Give a table [control.NAME] for each of {', '.join(CONTROLS)} that is wanted.")
-    plain: dict[str, Any] = {}
-    for name, value in told.items():
-        if name not in _PLAIN:
-            raise InputError(f"{path}: {name} is unknown. Expected {', '.join(_PLAIN)} and tables [control.NAME].")
-        kind, words = _PLAIN[name]
-        value = float(value) if kind is float and type(value) is int else value
-        if type(value) is not kind:
-            raise InputError(f"{path}: {name} = {value!r}; expected {words}.")
-        plain[name] = tuple(value) if isinstance(value, list) else value
+    plain = {name: _plain(path, name, value) for name, value in told.items()}
     for name in ("motor_time_constant", "latency"):
-        lags = plain.get(name, ())
-        if not lags or not all(type(lag) in (int, float) and lag >= 0 for lag in lags):
-            raise InputError(f"{path}: {name} = {list(lags)}; expected a list of at least one time in seconds, such as [0.04, 0.08].")
-        plain[name] = tuple(map(float, lags))
+        plain[name] = _times(path, name, plain.get(name, ()))
+    realities = plain.get("realities", ("virtual:7",))
+    if not realities or not all(isinstance(name, str) for name in realities):
+        raise InputError(f"{path}: realities = {list(realities)}; expected at least one name.")
     for name in ("policies", "trials"):
-        if plain.get(name, 1) < 1:
-            raise InputError(f"{path}: {name} = {plain[name]}; expected at least 1.")
-    if plain.get("duration", LONGEST) <= 0 or not 0 <= plain.get("randomization", 0.1) <= 0.9:
-        raise InputError(f"{path}: expected a duration above 0 s and a randomization from 0 to 0.9.")
-    settings = {kind: _settings(path, kind, dict(own)) for kind, own in structures.items()}
+        if not 1 <= plain.get(name, 1) <= 1000:
+            raise InputError(f"{path}: {name} = {plain[name]}; expected at least 1 and at most 1000.")
+    if not 0 < plain.get("duration", LONGEST) <= 600 or not 0 <= plain.get("randomization", 0.1) <= 0.9:
+        raise InputError(f"{path}: expected a duration above 0 s, up to 600 s, and a randomization from 0 to 0.9.")
+    if not abs(plain.get("seed", 0)) < 2**63:
+        raise InputError(f"{path}: seed = {plain['seed']}; expected a number of 64 bits.")
+    settings = {kind: _settings(path, kind, own) for kind, own in structures.items()}
     return Matrix({kind: one for kind, (one, _) in settings.items()}, {kind: rate for kind, (_, rate) in settings.items()}, **plain)
 
 
-def _settings(path: str | os.PathLike[str], kind: str, told: dict[str, Any]) -> tuple[AnalyticGradient, int]:
+def _plain(path: str | os.PathLike[str], name: str, value: Any) -> Any:
+    if name not in _PLAIN:
+        raise InputError(f"{path}: {name} is unknown. Expected {', '.join(_PLAIN)} and tables [control.NAME].")
+    kind, words = _PLAIN[name]
+    value = _as(kind, value)
+    if type(value) is not kind:
+        raise InputError(f"{path}: {name} = {value!r}; expected {words}.")
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _as(kind: type, value: Any) -> Any:
+    """A whole number as a float where one is wanted, infinite where it is too large; all else as it is."""
+    return (float(value) if abs(value) < 1e300 else math.inf) if kind is float and type(value) is int else value
+
+
+def _times(path: str | os.PathLike[str], name: str, given: tuple[Any, ...]) -> tuple[float, ...]:
+    known = QUANTITIES[name]
+    if not given or not all(type(time) in (int, float) and known.lower <= time <= known.upper for time in given):
+        raise InputError(
+            f"{path}: {name} = {list(given)}; expected a list of at least one time from {known.lower:g} to {known.upper:g} seconds, such as"
+            " [0.04, 0.08]."
+        )
+    if len(set(given)) < len(given):
+        raise InputError(f"{path}: {name} = {list(given)}; expected each time once.")
+    return tuple(map(float, given))
+
+
+def _settings(path: str | os.PathLike[str], kind: str, told: Mapping[str, Any]) -> tuple[AnalyticGradient, int]:
     """Settings of training and rate of a control structure."""
     if kind not in CONTROLS:
         raise InputError(f"{path}: [control.{kind}] is unknown. Expected {', '.join(CONTROLS)}.")
-    rate = told.pop("rate", control.CONTROLLERS[kind]().action_rate)
+    rate = told.get("rate", control.CONTROLLERS[kind]().action_rate)
+    if type(rate) is not int or not 1 <= rate <= 1000:
+        raise InputError(f"{path}: [control.{kind}] rate = {rate!r}; expected a whole number from 1 to 1000.")
     _controller(kind, rate)
-    known = {entry.name: type(entry.default) for entry in dataclasses.fields(AnalyticGradient)}
-    for name, value in told.items():
-        if name not in known:
-            raise InputError(f"{path}: [control.{kind}] {name} is unknown. Expected rate, {', '.join(known)}.")
-        value = tuple(value) if isinstance(value, list) else value
-        value = float(value) if known[name] is float and type(value) is int else value
-        if type(value) is not known[name]:
-            raise InputError(f"{path}: [control.{kind}] {name} = {value!r}; expected {known[name].__name__}.")
-        told[name] = value
-    return AnalyticGradient(**told), rate
+    defaults = {entry.name: entry.default for entry in dataclasses.fields(AnalyticGradient)}
+    own = {name: value for name, value in told.items() if name != "rate"}
+    for name, value in own.items():
+        if name not in defaults:
+            raise InputError(f"{path}: [control.{kind}] {name} is unknown. Expected rate, {', '.join(defaults)}.")
+        own[name] = _as(type(defaults[name]), tuple(value) if isinstance(value, list) else value)
+        if type(own[name]) is not type(defaults[name]):
+            raise InputError(f"{path}: [control.{kind}] {name} = {value!r}; expected {type(defaults[name]).__name__}.")
+        if not _sensible(own[name]):
+            raise InputError(f"{path}: [control.{kind}] {name} = {value!r}; expected numbers from 0, whole ones from 1, to {_MOST}.")
+    return AnalyticGradient(**own), rate
+
+
+def _sensible(value: Any) -> bool:
+    """Whether a setting of training is a number that training can use; a tuple is of whole numbers."""
+    if isinstance(value, tuple):
+        return all(type(entry) is int and _sensible(entry) for entry in value)
+    return (value > 0 if type(value) is int else value >= 0) and value <= _MOST
 
 
 def _controller(kind: str, rate: int) -> Controller:

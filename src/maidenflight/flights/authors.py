@@ -52,9 +52,8 @@ def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], 
         InputError: not the authors' columns, or not 100 Hz.
     """
     column = tables.numbers(table, COLUMNS)
-    time = column["time"]
-    with np.errstate(invalid="ignore"):  # infinities
-        step = np.diff(time)
+    time = column["time"] = np.where(np.isfinite(column["time"]), column["time"], np.nan)
+    step = np.diff(time)
     starts = [0, *(np.flatnonzero((step < 0) | (step > GAP)) + 1), len(time)]
     parts = list(zip(starts[:-1], starts[1:], strict=True))
     _refuse_another_rate(table.name, [time[start:stop] for start, stop in parts])

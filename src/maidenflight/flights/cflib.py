@@ -8,6 +8,7 @@ but stamped alike are laid together, and a battery that is logged more rarely is
 Source: Crazyflie firmware 2025.12, src/modules/src/stabilizer.c, stabilizer_types.h, quatcompress.h; docs on log blocks.
 """
 
+import warnings
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -37,7 +38,10 @@ def _quaternion(values: np.ndarray) -> np.ndarray:
     """Roll, pitch, yaw of a quaternion x, y, z, w; NaN where it is none."""
     sound = np.isfinite(values).all(axis=1) & (np.linalg.norm(values, axis=1) > 0.5)
     attitude = np.full((len(values), 3), np.nan)
-    attitude[sound] = Rotation.from_quat(values[sound]).as_euler("ZYX")[:, ::-1]
+    with warnings.catch_warnings():
+        # Nose straight up, roll and yaw cannot be told apart; such rows are dropped as a crash.
+        warnings.filterwarnings("ignore", "Gimbal lock")
+        attitude[sound] = Rotation.from_quat(values[sound]).as_euler("ZYX")[:, ::-1]
     return attitude
 
 
@@ -127,8 +131,10 @@ def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], 
     volts = _held(values["battery"][:, 0])
     _refuse_rows_apart(table.name, {name: rows for name, rows in values.items() if name != "battery"})
     law = compensation.law_of(values["PWM"], volts, signal(THRUST)[:, 0]) if THRUST in optional else None
-    step = np.median(np.diff(read[clock])) if len(volts) > 1 else 10.0
-    time = (read[clock] - read[clock][0]) * (1e-3 if abs(step) >= 1 else 1.0)
+    told = read[clock][np.isfinite(read[clock])]
+    step = np.median(np.diff(told)) if len(told) > 1 else 10.0
+    with np.errstate(invalid="ignore"):  # what is not finite is refused by checking
+        time = (read[clock] - read[clock][0]) * (1e-3 if abs(step) >= 1 else 1.0)
     flight = Flight(
         name=table.name,
         period=_period(time),
@@ -146,7 +152,7 @@ def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], 
 
 def _period(time: np.ndarray) -> float:
     """The step that most rows have, to 0.1 ms [s]; stamps in whole ms are averaged over the steps near their median."""
-    steps = np.diff(time)
+    steps = np.diff(time[np.isfinite(time)])
     if len(steps) == 0:
         return 0.01
     middle = np.median(steps)
@@ -155,7 +161,7 @@ def _period(time: np.ndarray) -> float:
 
 def _together(read: dict[str, np.ndarray], clock: str) -> dict[str, np.ndarray]:
     """Lays rows of one time together, each column's first number in them; blocks of a log come as rows of their own."""
-    if not (np.diff(read[clock]) == 0).any() or not any(np.isnan(values).any() for values in read.values()):
+    if not (read[clock][1:] == read[clock][:-1]).any() or not any(np.isnan(values).any() for values in read.values()):
         return read
     frame = polars.DataFrame(read).fill_nan(None)
     rest = [polars.col(column).drop_nulls().first() for column in read if column != clock]

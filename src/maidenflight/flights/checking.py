@@ -4,6 +4,8 @@ A flight is cut into gapless pieces of rows in which the drone really flies; the
 What is wrong with a flight as a whole, a unit, a sign or the order of columns, is refused: dropping rows would hide it.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -26,6 +28,8 @@ STILL = 20
 EMPTY = 2.8
 """Battery voltage of a cell below which a Crazyflie's firmware can no longer make up for it: u = 1 asks for 2.95 V at the motors [V]."""
 
+_FARTHEST = 1e6
+"""Set-point beyond which it is none [m]."""
 _NEEDED = ("position", "velocity", "attitude", "body_rates", "command")
 
 
@@ -45,6 +49,8 @@ def pieces(flight: Flight, time: Float[np.ndarray, "N"] | None = None, shortest:
     """
     cuts, notes = (np.zeros(len(flight), bool), []) if time is None else _cuts(flight, time)
     _refuse_wrong_units(flight)
+    flight, unknown = _blanked(flight)
+    notes += unknown
     usable = np.ones(len(flight), bool)
     for fault, rows in _faults(flight, cuts).items():
         new = rows & usable
@@ -69,6 +75,18 @@ def pieces(flight: Flight, time: Float[np.ndarray, "N"] | None = None, shortest:
     if weak:
         notes.append(f"{flight.name}: {weak} rows kept with the battery below {EMPTY:g} V, where the firmware can no longer make up for it")
     return kept, notes
+
+
+def _blanked(flight: Flight) -> tuple[Flight, list[str]]:
+    """The flight without impossible numbers in what may be unknown, and notes on them; rows are not dropped for these."""
+    with np.errstate(invalid="ignore"):
+        odd = {"battery": (flight.battery < 0) | (flight.battery > 100), "setpoint": np.abs(flight.setpoint) > _FARTHEST}
+    notes = [
+        f"{flight.name}: {int(rows.sum())} impossible numbers in {group} taken as unknown (first: row {int(np.argwhere(rows)[0][0]) + 1})"
+        for group, rows in odd.items()
+        if rows.any()
+    ]
+    return replace(flight, **{group: np.where(rows, np.float32(np.nan), getattr(flight, group)) for group, rows in odd.items()}), notes
 
 
 def _faults(flight: Flight, cuts: Bool[np.ndarray, "N"]) -> dict[str, Bool[np.ndarray, "N"]]:
@@ -171,7 +189,8 @@ def _refuse_wrong_units(flight: Flight) -> None:
         ("battery", flight.battery, 100.0, "V", "millivolts"),
     )
     for name, values, largest, unit, wrong in tests:
-        typical = np.nanquantile(values, 0.9) if np.isfinite(values).any() else np.nan
+        finite = values[np.isfinite(values)]
+        typical = np.quantile(finite, 0.9) if len(finite) else np.nan
         if typical > largest:
             raise InputError(f"{flight.name}: {name} is typically {typical:.3g}; expected {unit}, it looks like {wrong}. Convert it.")
 

@@ -24,7 +24,7 @@ FEWEST_TURNS = 100
 _GRAVITY = 9.81
 _PITCH = " Positive pitch is nose down here, a Crazyflie's stateEstimate.pitch is nose up."
 _TORQUES = np.array([[-1, -1, 1, 1], [-1, 1, 1, -1]]).T
-"""Signs of the motors' roll and pitch torque; Gronauer et al. 2022, eq:torques."""
+"""Signs of the motors' roll and pitch torque; Gronauer et al. 2022, eq:torque."""
 
 
 class Relation(NamedTuple):

@@ -144,9 +144,10 @@ def timed(table: Table) -> tuple[Flight, Float[np.ndarray, "N"]]:
         raise InputError(f"{table.name}: {where} {wanted}. Add it; see docs/flight-log.md.")
     column = tables.numbers(table, _COLUMNS)
     simulated = table.head.get("simulated", "no")
+    known = column["time"][np.isfinite(column["time"])]
     flight = Flight(
         name=table.name,
-        period=float(np.round(np.median(np.diff(column["time"])), 6)) if len(column["time"]) > 1 else 0.01,
+        period=float(np.round(np.median(np.diff(known)), 6)) if len(known) > 1 else 0.01,
         held=table.head["commands"] == "held",
         simulated="" if simulated == "no" else simulated,
         battery=column["battery"].astype(np.float32),

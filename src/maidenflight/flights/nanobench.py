@@ -60,6 +60,7 @@ def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], 
     rates, volts, pwm = columns(*GYRO), column["pwr_pm_vbat"], columns(*MOTORS)
     law = compensation.law_of(pwm, volts, column["pid_controller_cmd_thrust"])
     vicon = columns(*VICON)
+    vicon[np.isinf(vicon)] = np.nan
     vicon[:, 6:] = np.unwrap(vicon[:, 6:], axis=0)
     rows = np.arange(len(rates))
     pose = np.stack([np.interp(rows - lag(rates, vicon[:, 6:]), rows, values) for values in vicon.T], axis=1)
@@ -75,7 +76,9 @@ def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], 
         setpoint=columns(*SETPOINT).astype(np.float32),
         held=False,
     )
-    return [(flight, column["t"] - column["t"][0])], [compensation.note(table.name, law)]
+    with np.errstate(invalid="ignore"):  # what is not finite is refused by checking
+        time = column["t"] - column["t"][0]
+    return [(flight, time)], [compensation.note(table.name, law)]
 
 
 def _wrapped(angle: np.ndarray) -> np.ndarray:

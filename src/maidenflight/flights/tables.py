@@ -11,6 +11,7 @@ import numpy as np
 import polars
 from jaxtyping import Float
 
+from maidenflight import inputs
 from maidenflight.errors import InputError
 
 _LARGEST = float(np.finfo(np.float32).max)
@@ -59,7 +60,7 @@ def read(path: Path, name: str) -> Table:
 def content(path: Path) -> bytes:
     """Bytes of a file, decompressed."""
     try:
-        raw = path.read_bytes()
+        raw = inputs.content(path)
         if raw[:2] == _GZIP:
             raw = gzip.decompress(raw)
     except (OSError, EOFError, zlib.error) as error:
@@ -86,7 +87,8 @@ def decoded(raw: bytes, name: str) -> str:
 def from_text(text: str, name: str) -> Table:
     """Reads a CSV with comma, decimal point, a header line, and comment lines above it.
 
-    A last line that is cut off is left out with a note; it is the mark of a recorder that was switched off.
+    A last line that is cut off is left out with a note; it is the mark of a recorder that was switched off. One without a line feed
+    counts as such, because nobody can tell 0.1 from the beginning of 0.15.
 
     Raises:
         InputError: not such a table, or no rows.
@@ -107,7 +109,7 @@ def from_text(text: str, name: str) -> Table:
         raise InputError(f"{name}: no rows below the header in line {line}. Leave it out.")
     rows, _, last = rows.rpartition("\n")
     notes: tuple[str, ...] = ()
-    if rows and last.count(",") < len(names) - 1:
+    if rows and (last.count(",") < len(names) - 1 or not text.endswith("\n")):
         notes = (f"{name}: 1 row dropped: the last line ({line + body.count(chr(10))}) is cut off",)
         body = body[: -len(last) - 1]
     try:
@@ -116,9 +118,10 @@ def from_text(text: str, name: str) -> Table:
         raise InputError(_why_unreadable(body, name, len(names), line, str(error))) from error
     if frame.width != len(names):
         raise InputError(f"{name}: line {line} is no header of {frame.width} columns. Write names separated by commas.")
-    said = (tuple(comment[1:].strip().split(": ", 1)) for comment in comments if ": " in comment)
+    said = (comment[1:].strip().partition(": ") for comment in comments)
     frame.columns = names
-    return Table(name, frame, comments[0] if comments else "", dict(said), line + 1, notes)
+    head = {key: value for key, colon, value in said if colon}
+    return Table(name, frame, comments[0] if comments else "", head, line + 1, notes)
 
 
 def _names(header: str, name: str, line: int) -> list[str]:

@@ -143,11 +143,12 @@ def posterior_ensemble(drone: Parameters, table: Mapping[str, Any], where: str) 
     """
     names, draws = (table.get("names"), table.get("draws")) if isinstance(table, Mapping) else (None, None)
     try:
-        values = np.array(draws, np.float32)
+        with np.errstate(over="ignore"):  # what float32 cannot hold is infinite, and refused as that
+            values = np.array(draws, np.float32)
     except (TypeError, ValueError):
         values = np.empty((0, 0), np.float32)
     known = names if isinstance(names, list) and all(isinstance(name, str) and name in COMPONENTS for name in names) else []
-    if values.ndim != 2 or not known or values.shape[1] != len(set(known)) or len(values) == 0:
+    if values.ndim != 2 or not known or values.shape[1] != len(known) or len(set(known)) < len(known) or len(values) == 0:
         raise InputError(f"{where}: no usable [posterior] table (names, draws). Make the file with: maidenflight identify LOGS -o {where}.")
     drones = [
         check(replace(drone, **dict(zip(known, row, strict=True))), f"{where} [posterior] draw {i}") for i, row in enumerate(values, 1)

@@ -14,6 +14,7 @@ import numpy as np
 import polars
 from jaxtyping import Float, Int
 
+from maidenflight import inputs
 from maidenflight.errors import InputError, WriteError
 from maidenflight.flights import cflib, log, tables
 from maidenflight.flights.log import GROUPS, Flight
@@ -25,6 +26,8 @@ MARK = "# maidenflight rows 1"
 _LEGEND = "packets of a Crazyflie's log blocks as they came, in the firmware's units; timestamp ms of the drone, received s of the program"
 _WRAP = 1 << 24
 """A packet's time stamp has 24 bits [ms]."""
+_LONGEST = 900_000
+"""Longest flight [ms]: more than can be asked for, with take-off and landing."""
 _WIDEST = 15
 """Distance of two packets of a block [ms] over which the other block's instant may be interpolated."""
 _SYNC = 1.0
@@ -113,8 +116,15 @@ def to_flight(path: Path) -> tuple[Flight, dict[str, Any], tuple[str, ...]]:
     if not table.mark.startswith(MARK):
         raise InputError(f"{table.name}: line 1 is not '{MARK}' but {table.mark[:60]!r}. Give a file that maidenflight record left.")
     columns = [*STATE.variables, *MOTORS.variables]
-    read = tables.numbers(table, ["timestamp", *columns])
+    read = {name: np.where(np.isfinite(values), values, np.nan) for name, values in tables.numbers(table, ["timestamp", *columns]).items()}
+    odd = ~((read["timestamp"] >= 0) & (read["timestamp"] < _WRAP))
+    if odd.any():
+        raise InputError(
+            f"{table.name}: timestamp in {table.place(int(odd.argmax()))} is none; expected milliseconds of 24 bits. Drop the line."
+        )
     stamps = _unwrapped(read["timestamp"])
+    if np.ptp(stamps) > _LONGEST:
+        raise InputError(f"{table.name}: timestamps are {np.ptp(stamps) / 1000:.0f} s apart, more than a flight lasts. Drop the odd lines.")
     state, motors = (_packets(table, block, stamps) for block in (STATE, MOTORS))
     if len(state) < 2 or len(motors) < 2:
         raise InputError(f"{table.name}: {len(state)} packets of the state and {len(motors)} of the motors, too few for a flight.")
@@ -130,7 +140,17 @@ def to_flight(path: Path) -> tuple[Flight, dict[str, Any], tuple[str, ...]]:
     ((flight, time),), notes = cflib.flights(Table(table.name, frame))
     simulated = table.head.get("simulated", "no")
     flight = _on_grid(flight, time, path.stem, "" if simulated == "no" else simulated)
-    return flight, json.loads(table.head.get("record", "{}")), (*table.notes, *notes)
+    return flight, _record(table), (*table.notes, *notes)
+
+
+def _record(table: Table) -> dict[str, Any]:
+    try:
+        record = inputs.from_json(table.head.get("record", "{}"))
+        if not isinstance(record, dict):
+            raise ValueError("no object")
+    except ValueError as error:
+        raise InputError(f"{table.name}: the line '# record:' holds no record ({error}). Write '# record: {{}}' there.") from error
+    return record
 
 
 def write_flight(path: Path, **said: Any) -> tuple[Path, tuple[str, ...]]:

@@ -1,38 +1,23 @@
-"""The page's parts as HTML, one function a part; a part of which nothing is known is an empty string."""
+"""How the page begins: what kind of run this is, in a title, a sentence and a few big numbers."""
 
-import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from html import escape
 from typing import Any
-from urllib.parse import quote
 
 import numpy as np
 import polars
 
 from maidenflight.experiments.transfer import LONGEST
-from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, component, crazyflie
-from maidenflight.reporting import text
-from maidenflight.reporting.run import Run, viewable
-
-_COLUMNS = {
-    "flight": "Flight",
-    "policy": "Policy",
-    "reality": "Drone",
-    "trial": "Trial",
-    "duration": "Duration [s]",
-    "end_reason": "Ended by",
-    "position_error": "Mean position error [cm]",
-}
-_RANGES = {
-    "motor_time_constant": ("speeding up", "slowing down"),
-    "latency": ("command", "command + sensors"),
-}
+from maidenflight.parameters import QUANTITIES
+from maidenflight.reporting import parameter_tables, text
+from maidenflight.reporting.flight_tables import is_matrix
+from maidenflight.reporting.run import Run
 
 
 def kind(run: Run) -> str:
     """`simulated`, `real`, `real and simulated`, or nothing where no flight tells."""
     kinds = {bool(flight.simulated) for flight in (*run.recorded, *run.flights)}
-    if run.reality is not None:
+    if run.reality is not None or run.prediction is not None or is_matrix(run):
         kinds.add(True)
     return {(): "", (True,): "simulated", (False,): "real", (False, True): "real and simulated"}[tuple(sorted(kinds))]
 
@@ -45,32 +30,45 @@ def drones(run: Run) -> str:
 def title(run: Run) -> str:
     """The page's title."""
     name = drones(run)
-    return f"Flights of virtual drone {name}" if name else "Flights of a real drone" if kind(run) == "real" else "Report of a run"
+    if run.table is not None and is_matrix(run):
+        return f"Zero-shot flights of {text.plural(run.table['policy'].n_unique(), 'policy')}"
+    if name or kind(run) == "real":
+        return f"Flights of virtual drone {name}" if name else "Flights of a real drone"
+    known = {
+        "Test flights": run.table is not None,
+        "An identified drone": bool(run.estimates),
+        "Policies in training": run.training is not None or run.policies > 0,
+        "Predicted flight times": run.prediction is not None,
+        "How well a drone is predicted": run.validation is not None,
+    }
+    return next((words for words, there in known.items() if there), "Report of a run")
 
 
 def lead(run: Run) -> str:
-    """One sentence of what this run is."""
+    """What this run is, in a sentence or two."""
     facts = []
     if run.recorded:
         seconds = sum(flight.duration for flight in run.recorded)
-        facts.append(f"{text.plural(len(run.recorded), 'flight')} ({seconds:.0f} s) recorded {_on(run.recorded)}")
+        few = f"The first {len(run.recorded)} of " if run.logs > len(run.recorded) else ""
+        facts.append(f"{few}{text.plural(max(run.logs, len(run.recorded)), 'flight')} ({seconds:.0f} s) recorded {_on(run.recorded)}")
     if run.estimates:
         facts.append(f"{_listed(text.symbol(name) for name in run.estimates)} identified from flight logs")
     if run.policies:
         facts.append(f"{text.plural(run.policies, 'policy')} trained in simulation")
+    if run.prediction is not None:
+        count = text.plural(run.prediction["policy"].n_unique(), "policy")
+        facts.append(f"{text.plural(run.prediction.height, 'flight')} of {count} predicted on an identified drone")
     if run.table is not None:
-        same = run.recorded and run.flights and _on(run.flights) == _on(run.recorded)
-        where = (
-            "on the same drone"
-            if same
-            else _on(run.flights)
-            if run.flights
-            else f"on {escape(', '.join(run.table['reality'].unique(maintain_order=True)))}"
-        )
-        facts.append(f"{text.plural(run.table.height, 'test flight')} flown {where}")
+        facts.append(f"{text.plural(run.table.height, 'test flight')} flown {_where(run, run.table)}")
     sentence = f"{_listed(facts)}." if facts else "The parameters of a drone."
     close = {"simulated": " Everything here is simulated: no real drone has flown."}
     return sentence + close.get(kind(run), "")
+
+
+def _where(run: Run, table: polars.DataFrame) -> str:
+    if run.recorded and run.flights and _on(run.flights) == _on(run.recorded):
+        return "on the same drone"
+    return _on(run.flights) if run.flights else f"on {_listed(escape(name) for name in table['reality'].unique(maintain_order=True))}"
 
 
 def _on(flights: Iterable[Any]) -> str:
@@ -85,126 +83,64 @@ def _listed(entries: Iterable[str]) -> str:
 
 def key_figures(run: Run) -> str:
     """The few numbers that matter, big."""
-    shown = []
-    for name in ("thrust_to_weight", "motor_time_constant", "latency"):
-        if name in run.estimates:
-            value, low, high = _estimate(run, name)
-            unit = f" <small>{text.unit(name)}</small>" if text.unit(name) else ""
-            shown.append((f"{value}{unit}", f"{text.symbol(name)}, {QUANTITIES[name].meaning}", f"95 % interval {low} to {high}"))
-    if run.table is not None:
-        reached = run.table.filter(polars.col("end_reason") == "time limit")
-        limit = reached["duration"].to_numpy().max() if reached.height else LONGEST
-        word = "simulated " if kind(run) == "simulated" else ""
-        shown.append((f"{reached.height} <small>of {run.table.height}</small>", f"{word}flights reached {limit:g} s", "zero-shot"))
-        median, error = np.median(run.table["duration"].to_numpy()), _mean(run.table["position_error"].to_numpy())
-        shown.append((f"{median:.1f} <small>s</small>", "median flight time", f"longest allowed {limit:g} s"))
-        shown.append((f"{_centimetres(error)} <small>cm</small>", "mean position error", "mean over flights"))
+    shown = [*_of_parameters(run), *_of_training(run), *_of_flights(run), *_of_predictions(run)]
     entries = "".join(f"<li><b>{value}</b><span>{label}</span><span class=note>{note}</span></li>" for value, label, note in shown)
     return f'<ul class="figures">{entries}</ul>' if shown else ""
 
 
-def _scale(run: Run, name: str) -> tuple[float, str]:
-    """Factor and unit of an identified parameter, with a power of ten where its number would be all zeros."""
-    return text.scale(name, [run.estimates[name].value])
+Figure = tuple[str, str, str]
+"""A number, what it is, and a note."""
 
 
-def _estimate(run: Run, name: str) -> tuple[str, str, str]:
-    """Value and interval with as many decimals as the interval justifies."""
-    found, (scale, _) = run.estimates[name], _scale(run, name)
-    low, high = (side * scale for side in found.interval)
-    digits = text.places(high - low)
-    return f"{found.value * scale:.{digits}f}", f"{low:.{digits}f}", f"{high:.{digits}f}"
+def _of_parameters(run: Run) -> list[Figure]:
+    shown = []
+    for name in ("thrust_to_weight", "motor_time_constant", "latency"):
+        if name in run.estimates:
+            value, low, high = parameter_tables.estimate(run, name)
+            unit = f" <small>{text.unit(name)}</small>" if text.unit(name) else ""
+            shown.append((f"{value}{unit}", f"{text.symbol(name)}, {QUANTITIES[name].meaning}", f"95 % interval {low} to {high}"))
+    return shown
 
 
-def _shown(drone: Parameters, name: str, scale: float | None = None) -> str:
-    given = component(drone, name) if name in COMPONENTS else getattr(drone, name)
-    values = np.atleast_1d(given) * (text.factor(name) if scale is None else scale)
-    return ", ".join(text.number(value) for value in values)
+def _of_training(run: Run) -> list[Figure]:
+    """Where nothing has flown yet, what training ended with."""
+    if run.training is None or run.table is not None:
+        return []
+    last = run.training.filter(polars.col("steps") == polars.col("steps").max())
+    best = last.sort("episode_return", descending=True).row(0, named=True)
+    of = f"of {text.plural(last.height, 'policy')}" if last.height > 1 else "at the end of training"
+    return [
+        (text.number(best["episode_return"], 3), "return of the best policy", of),
+        (f"{100 * best['survival']:.1f} <small>%</small>", "episodes that it survives", "in simulation, with randomization"),
+        (f"{_centimetres(best['position_error'])} <small>cm</small>", "its mean position error", "mean over an episode"),
+    ]
 
 
-def _truth(reality: Parameters, name: str, scale: float) -> str:
-    """The truth with its meaning where the simulation has two values for what the model has one for."""
-    ends = {
-        "motor_time_constant": (reality.motor_time_constant, reality.motor_time_constant * reality.motor_slowdown),
-        "latency": (reality.latency, reality.latency + reality.estimator_delay + reality.gyro_lag),
-    }
-    if name not in ends or np.isclose(*ends[name]):
-        return _shown(reality, name, scale)
-    parts = zip(ends[name], _RANGES[name], strict=True)
-    return " .. ".join(f"{float(end) * text.factor(name):.1f} <small>({word})</small>" for end, word in parts)
-
-
-def _row(name: str, cells: Iterable[str], unit: str | None = None) -> str:
-    told = text.unit(name) if unit is None else unit
-    unit = f" [{told}]" if told else ""
-    head = f"<th scope=row>{text.symbol(name)}{unit}<small> {escape(text.quantity(name).meaning)}</small></th>"
-    return f"<tr>{head}{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>"
-
-
-def _table(heads: Iterable[str], rows: Iterable[str], name: str) -> str:
-    head = "".join(f"<th scope=col>{entry}</th>" for entry in heads)
-    return f'<div class=scroll><table class="{name}"><thead><tr>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table></div>'
-
-
-def estimates(run: Run) -> str:
-    """The identified parameters beside the truth and the paper."""
-    if not run.estimates:
-        return ""
-    heads = ["Parameter", "Identified", "95 % interval", *(["Truth"] if run.reality is not None else []), "Paper"]
-    rows, paper = [], crazyflie()
-    for name in run.estimates:
-        value, low, high = _estimate(run, name)
-        scale, unit = _scale(run, name)
-        truth = [_truth(run.reality, name, scale)] if run.reality is not None else []
-        rows.append(_row(name, [f"<b>{value}</b>", f"{low} .. {high}", *truth, _shown(paper, name, scale)], unit))
-    told = (
-        " The truth may lie outside it where the virtual drone has effects that the model lacks, such as a sagging battery, drag or"
-        " motors that slow down more slowly than they speed up."
-        if run.reality is not None
-        else ""
-    )
-    return (
-        _table(heads, rows, "estimates")
-        + "<p class=note>The interval comes from how stretches of flight differ: it shows how much the result depends on the flights"
-        f" recorded, not how well the model fits.{told} Paper: Gronauer et al. 2022, a real Crazyflie 2.1, another drone than this.</p>"
-    )
-
-
-def constants(run: Run) -> str:
-    """Every parameter that the simulation was trained with, folded away."""
-    if run.drone is None and run.reality is None:
-        return ""
-    known = [(head, drone) for head, drone in (("Used in training", run.drone), ("Truth", run.reality)) if drone is not None]
-    rows = [_row(name, [_shown(drone, name) for _, drone in known]) for name in QUANTITIES]
-    table = _table(["Parameter", *(head for head, _ in known)], rows, "all")
-    return f"<details><summary>All {len(rows)} parameters</summary>{table}</details>"
-
-
-def flights_table(run: Run) -> str:
-    """The table of test flights, for sorting and for choosing what the viewer shows."""
+def _of_flights(run: Run) -> list[Figure]:
     if run.table is None:
-        return ""
-    heads = [f'<button type=button data-column="{name}">{label}</button>' for name, label in _COLUMNS.items()]
-    rows, viewed = [], set(viewable(run))
-    for number, row in enumerate(run.table.iter_rows(named=True)):
-        shown = dict(row) | {"duration": f"{row['duration']:.2f}", "position_error": _centimetres(row["position_error"])}
-        if number in viewed:
-            shown["flight"] = _Markup(f'<button type=button class=choose aria-label="Show flight {row["flight"]}">{row["flight"]}</button>')
-        cells = "".join(
-            f'<td data-value="{_plain(row[name])}">{cell if isinstance(cell := shown[name], _Markup) else escape(str(cell))}</td>'
-            for name in _COLUMNS
-        )
-        rows.append(f'<tr data-flight="{number}">{cells}</tr>')
-    content = quote(run.table.select(list(_COLUMNS)).write_csv())
-    return (
-        _table(heads, rows, "flights")
-        + f'<p><a class=button download="flights.csv" href="data:text/csv;charset=utf-8,{content}">Download as CSV</a></p>'
-    )
+        return []
+    reached = run.table.filter(polars.col("end_reason") == "time limit")
+    limit = reached["duration"].to_numpy().max() if reached.height else LONGEST
+    word = "simulated " if kind(run) == "simulated" else ""
+    median, error = np.median(run.table["duration"].to_numpy()), _mean(run.table["position_error"].to_numpy())
+    return [
+        (f"{reached.height} <small>of {run.table.height}</small>", f"{word}flights reached {limit:g} s", "zero-shot"),
+        (f"{median:.1f} <small>s</small>", "median flight time", f"longest allowed {limit:g} s"),
+        (f"{_centimetres(error)} <small>cm</small>", "mean position error", "mean over flights"),
+    ]
 
 
-def _plain(value: Any) -> str:
-    """What a column is sorted by; empty for a number that is none."""
-    return "" if isinstance(value, float) and not np.isfinite(value) else escape(str(value))
+def _of_predictions(run: Run) -> list[Figure]:
+    if run.prediction is None:
+        return []
+    times = run.prediction.group_by("policy", maintain_order=True).agg(polars.col("duration").mean())["duration"].to_numpy()
+    reached = run.prediction.filter(polars.col("end_reason") == "time limit").height
+    count = run.prediction.height
+    return [
+        (f"{np.median(times):.1f} <small>s</small>", "predicted flight time", f"median over {text.plural(len(times), 'policy')}"),
+        (f"{times.max():.1f} <small>s</small>", "that of the policy that flies longest", "mean over its flights"),
+        (f"{100 * reached / count:.0f} <small>%</small>", "predicted flights reach the time limit", f"{reached} of {count}"),
+    ]
 
 
 def _mean(values: np.ndarray) -> float:
@@ -214,56 +150,3 @@ def _mean(values: np.ndarray) -> float:
 
 def _centimetres(metres: float) -> str:
     return f"{metres * 100:.2f}" if np.isfinite(metres) else text.NOTHING
-
-
-class _Markup(str):
-    """Text that is HTML already."""
-
-
-def seconds(run: Run) -> str:
-    """How long each stage took, as bars."""
-    if not run.seconds:
-        return ""
-    longest, total = max(run.seconds.values()) or 1.0, sum(run.seconds.values())
-    rows = [
-        f"<tr><th scope=row>{escape(stage)}</th><td>{time:.1f} s</td>"
-        f'<td class=bar><i style="width:{100 * time / longest:.1f}%"></i></td></tr>'
-        for stage, time in run.seconds.items()
-    ]
-    rows.append(f"<tr><th scope=row>all stages</th><td>{total:.1f} s</td><td></td></tr>")
-    return f'<h3>Time of each stage</h3><table class="stages"><tbody>{"".join(rows)}</tbody></table>'
-
-
-def records(run: Run) -> str:
-    """How each file was made; files made alike share a table."""
-    alike: dict[str, list[str]] = {}
-    for name, record in run.records.items():
-        alike.setdefault(json.dumps(record, sort_keys=True, default=str), []).append(name)
-    parts = []
-    for record, names in alike.items():
-        rows = "".join(f"<tr><th scope=row>{escape(key)}</th><td>{value}</td></tr>" for key, value in _flat(json.loads(record)))
-        parts.append(f"<h3>{escape(_files(names))}</h3><div class=scroll><table class=record><tbody>{rows}</tbody></table></div>")
-    return "".join(parts)
-
-
-def _files(names: list[str]) -> str:
-    """Names of files, those of one folder together."""
-    folders: dict[str, list[str]] = {}
-    for name in names:
-        folders.setdefault(name.rpartition("/")[0], []).append(name)
-    return ", ".join(
-        ", ".join(held) if not folder or len(held) == 1 else f"{folder}/ ({len(held)} files)" for folder, held in folders.items()
-    )
-
-
-def _flat(record: Mapping[str, Any], before: str = "") -> list[tuple[str, str]]:
-    rows: list[tuple[str, str]] = []
-    for key in sorted(record, key=lambda key: ({"version": 0, "seed": 1, "inputs": 2}.get(key, 3), key)):
-        value = record[key]
-        if isinstance(value, dict):
-            rows += _flat(value, f"{before}{key}.")
-        elif isinstance(value, list) and any(isinstance(entry, str) for entry in value):
-            rows.append((before + key, "<br>".join(escape(str(entry)) for entry in value)))
-        else:
-            rows.append((before + key, escape(json.dumps(value) if isinstance(value, list) else str(value))))
-    return rows

@@ -1,13 +1,11 @@
 """What a run folder holds, each part of it optional: the one place that knows the names of its files.
 
-A folder of the demo, a folder with only some stages in it and a `Transfer` in memory are three fillings of one `Run`.
+A folder of the demo, of one stage alone, of a matrix, and a `Transfer` in memory are fillings of one `Run`.
 """
 
-import json
-import math
+import os
 import re
-import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,13 +13,14 @@ from typing import Any
 import numpy as np
 import polars
 
-from maidenflight import parameters
+from maidenflight import inputs, parameters
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.flights import log
 from maidenflight.flights.log import Flight
 from maidenflight.identification import prediction
 from maidenflight.parameters import COMPONENTS, Parameters
+from maidenflight.policy import numbers
 
 FLIGHT_COLUMNS: dict[str, Any] = {
     "flight": polars.Int64,
@@ -33,6 +32,18 @@ FLIGHT_COLUMNS: dict[str, Any] = {
     "position_error": polars.Float64,
 }
 """Columns of `flights.csv` and their kinds."""
+MATRIX_COLUMNS: dict[str, Any] = {
+    **dict.fromkeys(("control", "reality", "end_reason"), polars.String),
+    **dict.fromkeys(("number", "trial"), polars.Int64),
+    **dict.fromkeys(("motor_time_constant", "latency", "duration", "position_error"), polars.Float64),
+}
+"""The same of a matrix: what each policy was trained for, and its number in its cell."""
+PREDICTION_COLUMNS: dict[str, Any] = {
+    **dict.fromkeys(("policy", "control", "end_reason"), polars.String),
+    "trial": polars.Int64,
+    "duration": polars.Float64,
+}
+"""Columns of `prediction.csv` and their kinds."""
 TRAINING_COLUMNS: dict[str, Any] = dict.fromkeys(("steps", "policy", "episode_return", "survival", "position_error"), polars.Float64)
 """Columns of `training.csv` and their kinds."""
 ERROR_COLUMNS: dict[str, Any] = {
@@ -47,8 +58,12 @@ WINDOW_COLUMNS: dict[str, Any] = {
     **dict.fromkeys(("time", "roll", "pitch", "body_rate_x", "body_rate_y", "position_z"), polars.Float64),
 }
 """Columns of `validation_windows.csv` that are drawn, and their kinds."""
-MOST = 30
-"""Flights that the viewer holds; more would make the page heavy."""
+_TIMES, _MOST_SECONDS = ("duration", "horizon", "time"), 1e6
+"""Columns of times, which are numbers from 0 to some."""
+_MOST_ANY = 1e15
+"""What no number of a table comes near."""
+MOST = 300
+"""Flights that the viewer holds, and logs of recorded flights that are read; more would make the page heavy."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +82,9 @@ class Run:
     reality: Parameters | None = None
     """The truth about a virtual drone."""
     recorded: tuple[Flight, ...] = ()
+    """The first `MOST` flights that were recorded."""
+    logs: int = 0
+    """How many there are."""
     drone: Parameters | None = None
     estimates: Mapping[str, Estimate] = field(default_factory=dict)
     objective: str = "replay"
@@ -80,12 +98,16 @@ class Run:
     windows: polars.DataFrame | None = None
     """Some windows, logged and predicted; see `predicted_windows`."""
     policies: int = 0
+    controls: Mapping[str, str] = field(default_factory=dict)
+    """Control structure of each policy, by the policy's name, where it is known."""
     training: polars.DataFrame | None = None
     """One row an evaluation of a policy in training."""
     table: polars.DataFrame | None = None
-    """One row a test flight; see `Transfer`."""
+    """One row a test flight; see `Transfer`. Those of a matrix have `control`, `motor_time_constant` and `latency` too."""
     flights: tuple[Flight, ...] = ()
     """Logs of the test flights, in the table's order."""
+    prediction: polars.DataFrame | None = None
+    """One row a predicted flight; see `predict_flight_times`."""
     records: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """How each file was made, by the file's name."""
     seconds: Mapping[str, float] = field(default_factory=dict)
@@ -94,7 +116,7 @@ class Run:
     @property
     def known(self) -> bool:
         """Whether there is anything to show."""
-        tables = (self.reality, self.drone, self.search, self.validation, self.windows, self.training, self.table)
+        tables = (self.reality, self.drone, self.search, self.validation, self.windows, self.training, self.table, self.prediction)
         return any(part is not None for part in tables) or bool(self.recorded or self.policies)
 
 
@@ -112,39 +134,44 @@ def read(folder: Path) -> Run:
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder. Give the folder of a run, such as maidenflight demo writes.")
     records: dict[str, Mapping[str, Any]] = {}
-    reality = _drone(folder / "reality.toml", records)
-    recorded = _logs(folder / "recorded", records)
-    drone = _drone(folder / "drone.toml", records)
-    policies = _numbered((folder / "policies").glob("policy_*.json"))
-    for path in policies:
-        _keep(records, path, _json(path).get("record"))
     tested = folder / "transfer" if (folder / "transfer").is_dir() else folder
-    table = _table(tested / "flights.csv", FLIGHT_COLUMNS)
-    flights = _logs(tested, records) if table is not None else ()
+    table = _test_flights(tested / "flights.csv", records)
+    home = next((folder / name for name in ("recorded", "flights") if (folder / name).is_dir()), folder)
+    reality = _drone((folder if os.path.lexists(folder / "reality.toml") else home) / "reality.toml", records)
+    recorded = _numbered(home.glob("flight_*.csv")) if home != tested or table is None else []
+    recorded_flights = _logs(recorded[:MOST], records)
+    drone = _drone(folder / "drone.toml", records)
+    trained = folder / "policies" if (folder / "policies").is_dir() else folder
+    policies = {path.stem: _json(path) for path in _numbered(trained.glob("policy_*.json"))}
+    for name, content in policies.items():
+        _keep(records, trained / f"{name}.json", content.get("record"))
+    flights = _logs(_numbered(tested.glob("flight_*.csv")), records) if table is not None else ()
     if table is not None and flights and len(flights) != table.height:
         raise InputError(f"{tested}: {len(flights)} flight logs, but flights.csv has {table.height} rows. Run the transfer again.")
-    stages = _json(folder / "demo.json").get("stages", {})
     found = Run(
         reality=reality,
-        recorded=recorded,
+        recorded=recorded_flights,
+        logs=len(recorded),
         drone=drone,
         estimates=_estimates(folder / "drone.toml") if drone is not None else {},
         objective=_objective(folder / "drone.toml") if drone is not None else "replay",
-        search=_table(folder / "identification.csv", {"objective": polars.Float64}),
+        search=_search(folder / "identification.csv"),
         posterior=_posterior(folder / "drone.toml") if drone is not None else {},
         validation=_table(folder / "validation.csv", ERROR_COLUMNS, records),
         windows=_table(folder / "validation_windows.csv", WINDOW_COLUMNS, records),
         policies=len(policies),
-        training=_table(folder / "policies" / "training.csv", TRAINING_COLUMNS),
+        controls={name: str(content["control"]) for name, content in policies.items() if "control" in content},
+        training=_table(trained / "training.csv", TRAINING_COLUMNS),
         table=table,
         flights=flights,
+        prediction=_table(folder / "prediction.csv", PREDICTION_COLUMNS, records),
         records=records,
-        seconds={str(stage): float(seconds) for stage, seconds in stages.items()} if isinstance(stages, dict) else {},
+        seconds=_seconds(folder / "demo.json"),
     )
     if not found.known:
         raise InputError(
-            f"{folder}: nothing of a run in this folder; expected reality.toml, recorded/, drone.toml, identification.csv, validation.csv,"
-            " policies/, transfer/ or flights.csv."
+            f"{folder}: nothing of a run in this folder; expected reality.toml, recorded/ or flights/, drone.toml, identification.csv,"
+            " validation.csv, policies/, policy_*.json, transfer/, flights.csv, prediction.csv or flight logs."
         )
     return found
 
@@ -156,19 +183,30 @@ def _numbered(paths: Any) -> list[Path]:
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
+        return inputs.text(path)
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read as text ({error}).") from error
 
 
 def _json(path: Path) -> dict[str, Any]:
-    if not path.exists():
+    if not os.path.lexists(path):
         return {}
     try:
-        content = json.loads(_text(path))
-    except json.JSONDecodeError as error:
+        content = inputs.from_json(_text(path))
+        if not isinstance(content, dict):
+            raise ValueError("no object")
+    except InputError:
+        raise
+    except ValueError as error:
         raise InputError(f"{path}: not valid JSON ({error}). Write it again or remove it.") from error
-    return content if isinstance(content, dict) else {}
+    return content
+
+
+def _seconds(path: Path) -> dict[str, float]:
+    stages = _json(path).get("stages", {})
+    if not isinstance(stages, dict) or not all(type(value) in (int, float) and 0 <= value < 1e9 for value in stages.values()):
+        raise InputError(f"{path}: stages = {stages!r}; expected seconds of each. Remove the file, or run the demo again.")
+    return {stage: float(seconds) for stage, seconds in stages.items()}
 
 
 def _keep(records: dict[str, Mapping[str, Any]], path: Path, record: Any) -> None:
@@ -181,72 +219,117 @@ def _keep_line(records: dict[str, Mapping[str, Any]], path: Path, text: str) -> 
     """Keeps the record in a line of its own at a file's start."""
     line = next((line for line in text.split("\n", 4)[:4] if line.startswith("# record: ")), "# record: {}")
     try:
-        _keep(records, path, json.loads(line.removeprefix("# record: ")))
-    except json.JSONDecodeError:
+        _keep(records, path, inputs.from_json(line.removeprefix("# record: ")))
+    except ValueError:
         raise InputError(f"{path}: the line '# record:' holds no valid JSON. Write '# record: {{}}' there.") from None
 
 
 def _drone(path: Path, records: dict[str, Mapping[str, Any]]) -> Parameters | None:
-    if not path.exists():
+    if not os.path.lexists(path):
         return None
     text = _text(path)
-    drone = parameters.from_toml(text, str(path))
-    _keep(records, path, tomllib.loads(text).get("record"))
-    return drone
+    try:
+        record = inputs.from_toml(text).get("record")
+    except ValueError as error:
+        raise InputError(f"{path}: not valid TOML: {error}.") from error
+    _keep(records, path, record)
+    return parameters.from_toml(text, str(path))
 
 
 def _estimates(path: Path) -> dict[str, Estimate]:
-    content = tomllib.loads(_text(path)).get("identification", {})
     found = {}
-    for name, entry in content.items():
+    for name, entry in _identification(path).items():
         if name in COMPONENTS and isinstance(entry, dict):
-            numbers = [entry.get("value"), *entry.get("interval", [])]
-            if len(numbers) != 3 or not all(isinstance(number, float | int) and math.isfinite(number) for number in numbers):
+            interval = entry.get("interval")
+            numbers = [entry.get("value"), *(interval if isinstance(interval, list) else [])]
+            sound = len(numbers) == 3 and all(type(number) in (int, float) and -1e30 < number < 1e30 for number in numbers)
+            if not sound or numbers[1] > numbers[2]:
                 raise InputError(f"{path}: [identification.{name}] needs value = a number and interval = [lower, upper]. Identify again.")
             found[name] = Estimate(float(numbers[0]), (float(numbers[1]), float(numbers[2])))
     return found
 
 
+def _identification(path: Path) -> dict[str, Any]:
+    content = inputs.from_toml(_text(path)).get("identification", {})
+    if not isinstance(content, dict):
+        raise InputError(f"{path}: identification is a value, expected a table [identification]. Identify again.")
+    return content
+
+
 def _objective(path: Path) -> str:
-    return str(tomllib.loads(_text(path)).get("identification", {}).get("kind", "replay"))
+    kind = _identification(path).get("kind", "replay")
+    if kind not in ("replay", "likelihood"):
+        raise InputError(f"{path}: [identification] kind = {kind!r}, expected 'replay' or 'likelihood'. Identify again.")
+    return kind
 
 
 def _posterior(path: Path) -> dict[str, np.ndarray]:
-    content = tomllib.loads(_text(path)).get("posterior")
+    content = inputs.from_toml(_text(path)).get("posterior")
     if content is None:
         return {}
     try:
         names = [name for name in content["names"] if name in COMPONENTS]
-        draws = np.array(content["draws"], np.float64)
-        sound = len(names) == len(content["names"]) > 0 and draws.shape == (max(len(draws), 1), len(names)) and np.isfinite(draws).all()
-    except (KeyError, TypeError, ValueError):
+        draws = numbers(content["draws"]).astype(np.float64)
+        shape = (max(len(draws), 1), len(names))
+        sound = len(set(names)) == len(content["names"]) > 0 and draws.shape == shape and np.isfinite(draws).all()
+    except (KeyError, TypeError, ValueError, OverflowError):
         names, draws, sound = [], np.empty(0), False
     if not sound:
         raise InputError(f"{path}: [posterior] needs names = parameters and draws = [[a number for each of them], ...]. Identify again.")
     return {name: draws[:, place] for place, name in enumerate(names)}
 
 
-def _logs(folder: Path, records: dict[str, Mapping[str, Any]]) -> tuple[Flight, ...]:
+def _logs(paths: Sequence[Path], records: dict[str, Mapping[str, Any]]) -> tuple[Flight, ...]:
     flights = []
-    for path in _numbered(folder.glob("flight_*.csv")):
+    for path in paths:
         text = _text(path)
         if not text.startswith(log.MARK):
             raise InputError(f"{path}: not a flight log of maidenflight; its first line should begin with '{log.MARK}'.")
-        flights.append(log.from_csv(text, f"{folder.name}/{path.name}"))
+        flights.append(log.from_csv(text, f"{path.parent.name}/{path.name}"))
+        if not 0 < flights[-1].period < 1:
+            raise InputError(f"{path}: rows are {flights[-1].period:g} s apart; expected a time that increases, in seconds. Log it again.")
         _keep_line(records, path, text)
     return tuple(flights)
 
 
+def _search(path: Path) -> polars.DataFrame | None:
+    """Evaluations of an objective; every parameter that was searched has a column of numbers."""
+    search = _table(path, {"objective": polars.Float64})
+    if search is None:
+        return None
+    return _columns(
+        search, dict.fromkeys([name for name in search.columns if name in COMPONENTS or name == "objective"], polars.Float64), str(path)
+    )
+
+
+def _test_flights(path: Path, records: dict[str, Mapping[str, Any]]) -> polars.DataFrame | None:
+    """The rows of `flights.csv`; a matrix's say what each policy was trained for, of which its name is made."""
+    table = _table(path, {}, records)
+    if table is None or "policy" in table.columns or "number" not in table.columns:
+        return None if table is None else _columns(table, FLIGHT_COLUMNS, str(path))
+    rows = _columns(table, MATRIX_COLUMNS, str(path))
+    names = [
+        f"{row['control']}_{1e3 * row['motor_time_constant']:g}ms_{1e3 * row['latency']:g}ms/{row['number']}"
+        for row in rows.iter_rows(named=True)
+    ]
+    return rows.with_columns(polars.Series("policy", names), polars.int_range(1, rows.height + 1).alias("flight"))
+
+
 def _table(path: Path, columns: Mapping[str, Any], records: dict[str, Mapping[str, Any]] | None = None) -> polars.DataFrame | None:
     """Reads a table, and the record in its second line into `records`, where it has one."""
-    if not path.exists():
+    if not os.path.lexists(path):
         return None
+    text = _text(path)
+    header = next((line for line in text.split("\n") if line.strip() and not line.startswith("#")), "").split(",")
+    if len(set(header)) < len(header) or not text.endswith("\n"):
+        what = "its last line is cut off" if len(set(header)) == len(header) else "a column is there twice"
+        raise InputError(f"{path}: not a readable CSV table ({what}). Make it again.")
     try:
-        frame = polars.read_csv(path, infer_schema_length=None, comment_prefix="#")
+        frame = polars.read_csv(text.encode(), infer_schema_length=None, comment_prefix="#")
     except (polars.exceptions.PolarsError, OSError, ValueError) as error:
         raise InputError(f"{path}: not a readable CSV table ({str(error).splitlines()[0]}).") from error
     if records is not None:
-        _keep_line(records, Path(path.name), _text(path))
+        _keep_line(records, Path(path.name), text)
     return _columns(frame, columns, str(path))
 
 
@@ -254,13 +337,23 @@ def _columns(frame: polars.DataFrame, columns: Mapping[str, Any], where: str) ->
     missing = [name for name in columns if name not in frame.columns]
     if missing or frame.height == 0:
         problem = f"missing column {', '.join(missing)}" if missing else "no rows"
-        raise InputError(f"{where}: {problem}; expected a table with {', '.join(columns)}.")
+        raise InputError(f"{where}: {problem}; expected a table with {', '.join(columns) or 'a row a flight'}.")
     try:
         numbers = {name: polars.col(name).cast(kind) for name, kind in columns.items()}
         floats = {name: numbers[name].fill_null(float("nan")) for name, kind in columns.items() if kind == polars.Float64}
-        return frame.with_columns(**(numbers | floats))
+        words = {name: numbers[name].fill_null("") for name, kind in columns.items() if kind == polars.String}
+        read = frame.with_columns(**(numbers | floats | words))
     except polars.exceptions.PolarsError as error:
         raise InputError(f"{where}: {str(error).splitlines()[0]}; expected numbers in the columns of numbers.") from error
+    for name in floats:
+        odd = (read[name].abs() > _MOST_ANY) & read[name].is_finite()
+        if odd.any():
+            raise InputError(f"{where}: {name} is {read[name][odd.arg_max() or 0]} in a row; expected SI units. Make the table again.")
+    for name in [name for name in _TIMES if name in columns]:
+        odd = ~read[name].is_between(0, _MOST_SECONDS).fill_null(False)
+        if odd.any():
+            raise InputError(f"{where}: {name} is {read[name][odd.arg_max() or 0]} in a row; expected seconds. Make the table again.")
+    return read
 
 
 def truth(run: Run) -> tuple[tuple[float, float], ...]:
@@ -280,5 +373,10 @@ def usable(flight: Flight) -> slice:
 
 
 def viewable(run: Run) -> list[int]:
-    """Rows of the table whose flights the viewer holds: the first `MOST` of those that have a log with anything in it."""
-    return [number for number, flight in enumerate(run.flights) if usable(flight).stop > 1][:MOST]
+    """Places of the flights that the viewer holds: the first `MOST` of those `shown` that have anything in them."""
+    return [number for number, flight in enumerate(shown(run)) if usable(flight).stop > 1][:MOST]
+
+
+def shown(run: Run) -> tuple[Flight, ...]:
+    """Flights to look at: test flights where there are any, else those that were recorded."""
+    return run.flights if run.table is not None else run.recorded

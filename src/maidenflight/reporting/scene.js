@@ -28,8 +28,8 @@ class Scene {
   /* Looks at a flight: all of it fits, above a grid on the ground or, for a flight high above it, on a level nearer to the path. */
   frame(flight) {
     const sides = [0, 1, 2].map(axis => {
-      const values = [...flight.position[axis], ...flight.reference[axis].filter(value => value !== null)];
-      return [Math.min(...values), Math.max(...values)];
+      const values = [...flight.position[axis], ...flight.reference[axis]];
+      return values.reduce(([low, high], value) => [Math.min(low, value), Math.max(high, value)], [Infinity, -Infinity]);
     });
     const wide = Math.max(0.15, Math.hypot(...sides.map(([low, high]) => (high - low) / 2)));
     this.cell = [0.05, 0.1, 0.25, 0.5, 1, 2, 5].find(size => wide / size < 4) || 10;

@@ -76,17 +76,18 @@ def line(panel: Panel, x: Any, y: Any, look: str, colour: str) -> str:
 
 
 def band(panel: Panel, x: Any, low: Any, high: Any, colour: str) -> str:
-    """What lies between two lines, faintly filled."""
-    there, back = (zip(panel.across(x), panel.down(side), strict=True) for side in (low, high))
+    """What lies between two lines where both are finite, faintly filled."""
+    x, low, high = (np.asarray(values, np.float64) for values in (x, low, high))
+    known = np.isfinite(x) & np.isfinite(low) & np.isfinite(high)
+    there, back = (zip(panel.across(x[known]), panel.down(side[known]), strict=True) for side in (low, high))
     corners = [f"{_number(across)} {_number(down)}" for across, down in (*there, *reversed(list(back)))]
     return fill(f"M{'L'.join(corners)}Z", "faint", colour)
 
 
 def dots(panel: Panel, x: Any, y: Any, look: str, colour: str) -> str:
-    """Round dots."""
-    return stroke(
-        "".join(f"M{_number(across)} {_number(down)}h0" for across, down in zip(panel.across(x), panel.down(y), strict=True)), look, colour
-    )
+    """Round dots where both are finite."""
+    places = [place for place in zip(panel.across(x), panel.down(y), strict=True) if all(map(math.isfinite, place))]
+    return stroke("".join(f"M{_number(across)} {_number(down)}h0" for across, down in places), look, colour)
 
 
 def stroke(path: str, look: str, colour: str) -> str:
@@ -191,8 +192,10 @@ def _anchor(place: float, width: float) -> str:
 
 
 def margin(values: Any, floor: float = -math.inf) -> tuple[float, float]:
-    """A range that holds values with a little room around them, not below a floor; wider than nothing even where they are all equal."""
-    low, high = float(np.min(values)), float(np.max(values))
+    """A range that holds the finite values with a little room around them, not below a floor; never empty."""
+    finite = np.asarray(values, np.float64)
+    finite = finite[np.isfinite(finite)]
+    low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
     room = 0.06 * (high - low)
     # Numbers that are equal but for their last bit are equal.
     if room <= 1e-6 * max(abs(low), abs(high)):

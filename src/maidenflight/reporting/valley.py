@@ -79,12 +79,8 @@ def valley(
     content = [svg.evaluations(panel, points[chosen], colour) for colour, chosen in _classes(above).items()]
     content.append(svg.line(panel, best.sum() - np.array(panel.y), panel.y, "thin dashed", "soft"))
     content += [_contour(panel, level, curve) for level, curve in contours.items()]
-    content.append(svg.line(panel, box[:, 0], box[:, 1], "", "green"))
-    content.append(svg.diamond(*panel.at(*paper), "purple"))
-    if known:
-        sides = [1e3 * np.array(known[name].interval) for name in _DELAYS]
-        content.append(svg.line(panel, sides[0], [best[1]] * 2, "", "orange") + svg.line(panel, [best[0]] * 2, sides[1], "", "orange"))
-    content.append(svg.cross(*panel.at(*best), "orange"))
+    sides = np.array([1e3 * np.array(known[name].interval) for name in _DELAYS]).T if known else None
+    content.append(_marked(panel, best, paper, box, sides))
     note, deep = svg.paragraph(0, panel.top + panel.height + 46, width, _fit_told(fitted, len(names) - 2))
     axes = svg.axes(panel, f"motor time constant {svg.symbol(_DELAYS[0])} [ms]", f"latency {svg.symbol(_DELAYS[1])} [ms]")
     parts = [legend, axes[0], svg.framed(panel, [axes[1], *content], "valley"), note]
@@ -104,11 +100,15 @@ def _legend(total: float, known: bool, contours: bool, truth: bool) -> list[tupl
         others = " and ".join(f"{level:g} %" for level in LEVELS if level != EDGE)
         entries.append((svg.stroke("M0 6H24", "line", "blue"), f"{EDGE:g} % above the optimum, fitted"))
         entries.append((svg.stroke("M0 6H24", "thin", "blue"), others))
-    entries += [(svg.stroke("M0 6H24", "line", "green"), "truth")] if truth else []
-    entries.append((svg.diamond(12, 6, "purple"), "paper's drone"))
-    entries.append((svg.cross(12, 6, "orange"), f"identified, {100 * LEVEL:.0f} % interval" if known else "best evaluation"))
+    return [*entries, *_marks(total, known, truth)]
+
+
+def _marks(total: float, known: bool, truth: bool, remark: str = "") -> list[tuple[str, str]]:
+    """Legend of what stands in each picture of the two delays."""
     return [
-        *entries,
+        *([(svg.stroke("M0 6H24", "line", "green"), "truth")] if truth else []),
+        (svg.diamond(12, 6, "purple"), f"paper's drone{remark}"),
+        (svg.cross(12, 6, "orange"), f"identified, {100 * LEVEL:.0f} % interval" if known else "best evaluation"),
         (svg.stroke("M0 6H24", "thin dashed", "soft"), f"{svg.symbol(_DELAYS[0])} + {svg.symbol(_DELAYS[1])} = {total:.1f} ms"),
     ]
 
@@ -131,3 +131,73 @@ def _fit_told(fitted: surrogate.Valley | None, others: int) -> str:
         f" misses by {fitted.error:.2g} % (rms). Each dot has its own values of the other parameters, so one inside a contour can be worse."
     )
     return told.replace(" %", "\N{NO-BREAK SPACE}%")
+
+
+SHARES = (0.5, 0.95)
+"""What the ellipses about a cloud of draws hold of it."""
+
+
+def cloud(
+    draws: Mapping[str, Float[np.ndarray, "N"]],
+    estimates: Mapping[str, Estimated],
+    truth: Sequence[tuple[float, float]] = (),
+    width: float = 720,
+) -> str:
+    """What a likelihood leaves open of motor time constant and latency: draws of its posterior, and ellipses that hold shares of them.
+
+    Args:
+        draws: N values by parameter [SI]; an entry of each belongs together.
+        estimates: optimum and interval by parameter.
+        truth: what is true of a virtual drone: corners of a box, motor time constant and latency [s].
+        width: of the picture [px].
+
+    Raises:
+        InputError: draws or estimates of one of the two parameters are missing.
+    """
+    if not set(_DELAYS) <= set(draws) or not set(_DELAYS) <= set(estimates):
+        raise InputError(f"no valley to draw: expected draws and estimates of {' and '.join(_DELAYS)}.")
+    points = 1e3 * np.array([draws[name] for name in _DELAYS], np.float64).T
+    best = np.array([1e3 * estimates[name].value for name in _DELAYS])
+    paper = np.array([1e3 * float(getattr(crazyflie(), name)) for name in _DELAYS])
+    box = 1e3 * np.reshape(np.array([*truth, *truth[:1]], np.float64), (-1, 2))
+    curves = {share: _ellipse(points, share) for share in SHARES}
+    sides = np.array([1e3 * np.array(estimates[name].interval) for name in _DELAYS]).T
+    near = np.concatenate([points, sides, [best], box, *curves.values()])
+    middle, reach = (near.max(axis=0) + near.min(axis=0)) / 2, np.ptp(near, axis=0)
+    # A cloud is to be seen, though the paper's drone may be far from it.
+    inside = bool((np.abs(paper - middle) < 1.5 * reach).all())
+    seen = np.concatenate([near, [paper]]) if inside else near
+    spot = Panel(0, 0, 24, 12, (0, 2), (0, 2))
+    entries = [(svg.dots(spot, [1], [1], "fine", "blue"), "drone that the flights speak for")]
+    entries.append((svg.stroke("M0 6H24", "line", "blue"), f"{100 * SHARES[1]:.0f} % of them"))
+    entries.append((svg.stroke("M0 6H24", "thin", "blue"), f"{100 * SHARES[0]:.0f} %"))
+    legend, tall = svg.legend(
+        svg.TITLE,
+        width,
+        [*entries, *_marks(float(best.sum()), True, bool(truth), "" if inside else f" ({paper[0]:g} ms, {paper[1]:g} ms) is far outside")],
+    )
+    ranges = (svg.margin(seen[:, side], floor=0.0) for side in range(2))
+    panel = Panel(48, svg.TITLE + tall + 8, width - 56, max(0.36 * width, 270), *ranges)
+    content = [svg.dots(panel, points[:, 0], points[:, 1], "fine", "blue")]
+    content.append(svg.line(panel, best.sum() - np.array(panel.y), panel.y, "thin dashed", "soft"))
+    content += [svg.line(panel, curve[:, 0], curve[:, 1], "" if share == SHARES[1] else "thin", "blue") for share, curve in curves.items()]
+    content.append(_marked(panel, best, paper, box, sides))
+    outside, grid = svg.axes(panel, f"motor time constant {svg.symbol(_DELAYS[0])} [ms]", f"latency {svg.symbol(_DELAYS[1])} [ms]")
+    parts = [legend, outside, svg.framed(panel, [grid, *content], "valley")]
+    return svg.picture(width, panel.top + panel.height + 46, "The valley of the objective", parts)
+
+
+def _ellipse(points: Float[np.ndarray, "n 2"], share: float) -> Float[np.ndarray, "m 2"]:
+    """The ellipse that holds a share of a normal distribution with the points' mean and covariance."""
+    turn = np.linspace(0, 2 * np.pi, 97)
+    spread, axes = np.linalg.eigh(np.atleast_2d(np.cov(points.T)) if len(points) > 2 else np.zeros((2, 2)))
+    radius = np.sqrt(-2 * np.log(1 - share) * np.maximum(spread, 0.0))
+    return points.mean(axis=0) + np.stack([np.cos(turn), np.sin(turn)], axis=1) * radius @ axes.T
+
+
+def _marked(panel: Panel, best: np.ndarray, paper: np.ndarray, box: np.ndarray, sides: np.ndarray | None) -> str:
+    """Truth, the paper's drone and the optimum with its interval, in the order in which they cover each other."""
+    drawn = svg.line(panel, box[:, 0], box[:, 1], "", "green") + svg.diamond(*panel.at(*paper), "purple")
+    if sides is not None:
+        drawn += svg.line(panel, sides[:, 0], [best[1]] * 2, "", "orange") + svg.line(panel, [best[0]] * 2, sides[:, 1], "", "orange")
+    return drawn + svg.cross(*panel.at(*best), "orange")

@@ -8,16 +8,24 @@ const scene = new Scene(view, logs.arm);
 const viewer = {time: 0, playing: false, flight: 0, traces: []};
 window.viewer = viewer;
 
-/* A flight with its reference, position error [m], duration and range of error worked out, once. */
+/* Columns of numbers; see viewer.py. */
+function unpacked({middle, step, rows}) {
+  const levels = new Int16Array(Uint8Array.from(atob(rows), letter => letter.charCodeAt(0)).buffer), count = levels.length / middle.length;
+  return middle.map((value, i) => Array.from(levels.subarray(i * count, (i + 1) * count), level => value + level * step[i]));
+}
+
+/* A flight with its columns, reference, position error [m], duration and range of error worked out, once. */
 function prepared(number) {
   const flight = logs.flights[number];
   if (flight.error) return flight;
-  flight.reference = logs.references[flight.reference];
-  flight.hasReference = flight.reference[0].every(value => value !== null);
+  const columns = unpacked(flight), reference = logs.references[flight.reference];
+  Object.assign(flight, {position: columns.slice(0, 3), attitude: columns.slice(3, 6), command: columns.slice(6)});
+  flight.hasReference = reference !== null;
+  flight.reference = reference ? unpacked(reference) : flight.position;
   flight.rows = flight.position[0].length;
   flight.duration = flight.rows * flight.period;
   flight.error = flight.position[0].map((_, i) => Math.hypot(...flight.position.map((column, axis) => column[i] - flight.reference[axis][i])));
-  flight.worst = flight.hasReference ? rounded(Math.max(0.01, ...flight.error)) : 1;
+  flight.worst = flight.hasReference ? rounded(flight.error.reduce((most, value) => Math.max(most, value), 0.01)) : 1;
   return flight;
 }
 
@@ -33,7 +41,7 @@ function at(flight, time) {
 function traces(flight) {
   const line = (name, shade, values) => ({name, colour: shade, values, period: flight.period});
   const degrees = flight.attitude.map(column => column.map(value => (value * 180) / Math.PI));
-  const steepest = rounded(Math.max(1, ...degrees.flat().map(Math.abs)));
+  const steepest = rounded(degrees.flat().reduce((most, value) => Math.max(most, Math.abs(value)), 1));
   const seek = share => show(Math.min(1, Math.max(0, share)) * flight.duration);
   const error = {title: "Position error", unit: "cm", decimals: 2, low: 0, high: flight.worst * 100};
   const made = [
@@ -54,7 +62,7 @@ function choose(number) {
   part("time").max = flight.duration;
   scene.frame(flight);
   viewer.traces = traces(flight);
-  for (const row of document.querySelectorAll(".flights tbody tr")) row.classList.toggle("chosen", row.dataset.flight === String(flight.row));
+  for (const row of document.querySelectorAll("table.flights tbody tr")) row.classList.toggle("chosen", row.dataset.flight === String(flight.row));
   redraw();
 }
 
@@ -141,9 +149,10 @@ function listen() {
     event.preventDefault();
     play(!viewer.playing);
   });
-  for (const row of document.querySelectorAll(".flights tbody tr")) {
-    const number = logs.flights.findIndex(flight => flight.row === Number(row.dataset.flight));
-    if (number >= 0) row.onclick = () => choose(number);
+  const numbers = new Map(logs.flights.map((flight, number) => [String(flight.row), number]));
+  for (const row of document.querySelectorAll("table.flights tbody tr")) {
+    const number = numbers.get(row.dataset.flight);
+    if (number !== undefined) row.onclick = () => choose(number);
   }
   listenToView();
   addEventListener("resize", redraw);
@@ -153,4 +162,5 @@ part("flight").append(...logs.flights.map((flight, number) => new Option(flight.
 listen();
 choose(0);
 inColours(redraw);
+requestAnimationFrame(() => requestAnimationFrame(() => { part("viewer").dataset.drawn = Math.round(performance.now()); })); // the first frame is out [ms]
 if (location.hash.slice(1).split("&").includes("autoplay")) part("play").click();

@@ -5,6 +5,7 @@ the same object for ever, so that it can be a static argument of compiled progra
 """
 
 import csv
+import io
 import os
 from collections.abc import Callable
 from functools import cache, wraps
@@ -17,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from maidenflight import inputs
 from maidenflight.errors import InputError
 
 Trajectory = Callable[[Float[Array, ""]], Float[Array, "3"]]
@@ -214,14 +216,18 @@ def read_waypoints(file: str | os.PathLike[str], fastest: float = 5.0) -> Waypoi
             or a jump.
     """
     try:
-        with open(file, encoding="utf-8-sig", newline="") as lines:
-            reader = csv.DictReader(lines, skipinitialspace=True)
-            missing = [name for name in COLUMNS if name not in (reader.fieldnames or ())]
-            if missing:
-                raise InputError(f"{file}: missing column {', '.join(missing)}; expected a header line with {','.join(COLUMNS)}.")
-            rows = [(f"line {reader.line_num}", [row[name] for name in COLUMNS]) for row in reader]
+        reader = csv.DictReader(io.StringIO(inputs.content(file).decode("utf-8-sig"), newline=""), skipinitialspace=True)
+        header = reader.fieldnames or ()
+        wrong = [name for name in COLUMNS if list(header).count(name) != 1]
+        if wrong:
+            what = "missing column" if set(wrong) - set(header) else "twice column"
+            raise InputError(f"{file}: {what} {', '.join(wrong)}; expected a header line with {','.join(COLUMNS)}.")
+        rows = [(f"line {reader.line_num}", [*(row[name] for name in COLUMNS), *row.get(None, ())]) for row in reader]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{file}: not a readable CSV file ({error}). Give a text file with the columns {','.join(COLUMNS)}.") from error
+    for name, row in rows:
+        if len(row) > len(COLUMNS):
+            raise InputError(f"{file}: {name} has more cells than the header. Mend or drop it.")
     points = [tuple(_number(text, f"{file}: {name}: {column}") for text, column in zip(row, COLUMNS, strict=True)) for name, row in rows]
     table = _checked(points, f"{file}: ", [name for name, _ in rows], fastest)
     return tuple((time, x, y, z) for time, x, y, z in table.tolist())

@@ -3,10 +3,12 @@
 import hashlib
 import io
 import json
+import os
+import struct
 import zipfile
+import zlib
 from collections.abc import Callable, Mapping
 from os import PathLike
-from pathlib import Path
 from typing import Any, TypeVar
 
 import jax
@@ -14,11 +16,16 @@ import numpy as np
 from jax import tree
 from jax.experimental import multihost_utils
 
-from maidenflight import __version__, results
+from maidenflight import __version__, inputs, results
 from maidenflight.errors import InputError
 
 T = TypeVar("T")
 _TITLE = "maidenflight checkpoint 1"
+_DAMAGED = (
+    *(OSError, ValueError, TypeError, LookupError, AttributeError, EOFError, MemoryError, RuntimeError),
+    *(zipfile.BadZipFile, zlib.error, struct.error),
+)
+"""What NumPy and its readers of archives raise over bytes that make no sense."""
 
 
 def fingerprint(words: Mapping[str, Any], numbers: Any) -> str:
@@ -66,20 +73,22 @@ def restored(path: str | PathLike[str], start: Callable[[], T], told: str) -> T:
     Raises:
         InputError: the file is damaged, or of another training.
     """
-    if not Path(path).exists():
+    if not os.path.lexists(path):
         return start()
     remedy = "Give the settings, seed and drone that it was begun with, or another folder."
     shapes, structure = tree.flatten(jax.eval_shape(start))
     try:
-        with open(path, "rb") as file, np.load(file, allow_pickle=False) as content:
+        with np.load(io.BytesIO(inputs.content(path)), allow_pickle=False) as content:
             title, version, found = str(content["title"]).split("\n")
-            leaves = [content[f"leaf {number}"] for number in range(len(shapes))]
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+            leaves = [np.asarray(content[f"leaf {number}"]) for number in range(len(shapes))]
+            whole = len(content.files) == len(shapes) + 1
+    except _DAMAGED as error:
         raise InputError(f"{path}: not a checkpoint of training ({error}). Remove it to begin anew.") from error
     if title != _TITLE or version != __version__:
         raise InputError(
             f"{path}: a checkpoint of maidenflight {version}; this is {__version__}. Finish it there, or remove it to begin anew."
         )
-    if found != told or any(leaf.shape != shape.shape or leaf.dtype != shape.dtype for leaf, shape in zip(leaves, shapes, strict=True)):
+    sound = whole and all(leaf.shape == shape.shape and leaf.dtype == shape.dtype for leaf, shape in zip(leaves, shapes, strict=True))
+    if found != told or not sound:
         raise InputError(f"{path}: a checkpoint of another training. {remedy}")
     return tree.unflatten(structure, [jax.numpy.asarray(leaf) for leaf in leaves])

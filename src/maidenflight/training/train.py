@@ -87,6 +87,8 @@ class Progress(NamedTuple):
     steps: int
     """Control periods simulated so far, all policies together."""
     score: Evaluation
+    best: Policy | None = None
+    """Of each policy what it was at its best score so far, stacked; `None` with scores that a checkpoint remembers, but the last."""
 
 
 class _Course(NamedTuple):
@@ -151,7 +153,8 @@ def train(
     def report(course: _Course, number: int) -> None:
         if on_progress is not None:
             score = Evaluation(*(value[number] for value in course.scores))
-            on_progress(Progress(ends[number], ends[number] * settings.drones * settings.horizon * len(keys), score))
+            best = course.best if number + 1 == int(course.scored) else None
+            on_progress(Progress(ends[number], ends[number] * settings.drones * settings.horizon * len(keys), score, best))
 
     told = _fingerprint(simulated, settings, box, keys)
     course = start() if saved is None else checkpoint.restored(saved, start, told)

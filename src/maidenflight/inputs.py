@@ -1,0 +1,68 @@
+"""What all files that are read have in common: they are ordinary files, and what they say they say once.
+
+The functions are those of the standard library, with its exceptions; but a pipe that nobody writes to and a device without an end are
+refused instead of waited for, a key that stands twice is refused instead of the last one taken, and brackets a thousand deep are an error
+of the text like any other.
+"""
+
+import errno
+import json
+import os
+import tomllib
+from pathlib import Path
+from typing import Any
+
+
+def content(path: str | os.PathLike[str]) -> bytes:
+    """Bytes of a file.
+
+    Raises:
+        OSError: it cannot be read, or is a pipe, a socket or a device.
+    """
+    path = Path(path)
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise OSError(errno.EINVAL, "neither a file nor a link to one")
+    return path.read_bytes()
+
+
+def text(path: str | os.PathLike[str]) -> str:
+    """Text of a file in UTF-8, lines ended by a line feed.
+
+    Raises:
+        OSError: see `content`.
+        UnicodeDecodeError: not UTF-8.
+    """
+    return content(path).decode("utf-8").replace("\r\n", "\n")
+
+
+def from_json(text: str) -> Any:
+    """What a text in JSON says.
+
+    Raises:
+        ValueError: not JSON, a key stands twice in an object, or nested too deep.
+    """
+    try:
+        return json.loads(text, object_pairs_hook=_once)
+    except RecursionError as error:
+        raise ValueError("nested too deep") from error
+
+
+def from_toml(text: str) -> dict[str, Any]:
+    """What a text in TOML says.
+
+    Raises:
+        ValueError: not TOML, or nested too deep.
+    """
+    try:
+        return tomllib.loads(text)
+    except RecursionError as error:
+        raise ValueError("nested too deep") from error
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"{twice[:40]!r} stands twice in one object")
+    return found

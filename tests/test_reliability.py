@@ -1,0 +1,231 @@
+"""Outputs: nothing is written over that was not made for it, a place that cannot be written keeps what it held, and two runs do not mix."""
+
+import errno
+import gc
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import jax
+import pytest
+
+import maidenflight
+from maidenflight import parameters, policy, results, workflow
+from maidenflight.errors import InputError
+from test_cli import run
+
+SOURCE = Path(maidenflight.__file__).parent
+FREE = {
+    "results.py": "the one that writes",
+    "link/rows.py": "packets of a real flight are appended as they come",
+    "training/scoreboards.py": "event files, written by their own packages while training goes on",
+    "reporting/live.py": "recordings, written by rerun while training goes on",
+    "training/checkpoint.py": "an archive in memory",
+    "cli.py": "the cache of compiled programs",
+}
+"""Modules that may open files for writing or remove them, and why."""
+WRITES = re.compile(
+    r"\.write_text\(|\.write_bytes\(|\bopen\([^)\n]*[\"'][rb]*[wax+]|os\.open\(|savefig\(|np\.savez?\(|\.write_parquet\(|\.write_csv\([^)\n]*[\"'/]|"
+    r"shutil\.|os\.(replace|rename|remove|truncate)\(|\.rename\(|\.touch\("
+)
+
+
+@pytest.mark.parametrize("module", sorted(str(path.relative_to(SOURCE)) for path in SOURCE.rglob("*.py")))
+def test_files_are_written_in_one_place(module: str) -> None:
+    text = re.sub(r'""".*?"""', "", (SOURCE / module).read_text(), flags=re.DOTALL)
+    assert module in FREE or not WRITES.search(text), "write it with results.write"
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a policy and what a report can be made of."""
+    folder = tmp_path_factory.mktemp("small")
+    policy.write(folder / "policies" / "policy_1.json", policy.untrained(jax.random.key(0), (3,)), {"seed": 1})
+    parameters.write(folder / "drone.toml", parameters.crazyflie())
+    return folder
+
+
+COMMANDS = {
+    "drone": ["drone", "crazyflie", "-o", "{place}"],
+    "record": ["record", "-o", "{place}"],
+    "identify": ["identify", "{small}", "-o", "{place}"],
+    "validate": ["validate", "crazyflie", "{small}", "-o", "{place}"],
+    "train": ["train", "--drone", "crazyflie", "-o", "{place}"],
+    "transfer": ["transfer", "{small}/policies", "-o", "{place}"],
+    "predict": ["predict", "{small}/policies", "--drone", "crazyflie", "-o", "{place}"],
+    "export": ["export", "{small}/policies/policy_1.json", "-o", "{place}"],
+    "report": ["report", "{small}", "-o", "{place}"],
+    "demo": ["demo", "-o", "{place}"],
+}
+
+
+def asked(command: str, small: Path, place: Path) -> list[str]:
+    return [argument.format(small=small, place=place) for argument in COMMANDS[command]]
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("what", ["file", "folder", "link"])
+def test_nothing_is_written_over_what_is_there(command: str, what: str, small: Path, tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+    place = tmp_path / "mine"
+    if what == "file":
+        place.write_text("my thesis")
+    elif what == "folder":
+        place.mkdir()
+        (place / "thesis.txt").write_text("my thesis")
+    else:
+        (tmp_path / "thesis.txt").write_text("my thesis")
+        place.symlink_to(tmp_path / "thesis.txt")
+    before = files(tmp_path)
+    code, out, err = run(monkeypatch, capsys, *asked(command, small, place))
+    assert (code, out, len(err.splitlines())) == (2, "", 1)
+    assert "already there" in err
+    assert files(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    ("command", "beside"), [("identify", "made_identification.csv"), ("validate", "made_windows.csv")], ids=["identify", "validate"]
+)
+def test_nor_over_the_second_file(command: str, beside: str, small: Path, tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+    (tmp_path / beside).write_text("my thesis")
+    code, _, err = run(monkeypatch, capsys, *asked(command, small, tmp_path / "made.csv"))
+    assert code == 2
+    assert f"{beside}: already there" in err
+    assert files(tmp_path) == {beside: b"my thesis"}
+
+
+def test_a_report_replaces_a_report(small: Path, tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+    for _ in range(2):
+        assert run(monkeypatch, capsys, *asked("report", small, tmp_path / "page.html"))[0] == 0
+    (tmp_path / "page.html").write_text("my thesis")
+    assert run(monkeypatch, capsys, *asked("report", small, tmp_path / "page.html"))[0] == 2
+    assert run(monkeypatch, capsys, *asked("report", small, tmp_path / "page.html"), "--overwrite")[0] == 0
+
+
+QUICK = ("drone", "export", "report")
+"""Commands that write without compiling; the others write in the same way."""
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS, errno.EACCES, errno.EIO, errno.EDQUOT])
+@pytest.mark.parametrize("call", ["mkstemp", "fsync", "replace"])
+@pytest.mark.parametrize("command", QUICK)
+def test_a_place_that_cannot_be_written_gives_one_line_and_keeps_what_it_held(
+    command: str, call: str, number: int, small: Path, tmp_path: Path, monkeypatch: Any, capsys: Any
+) -> None:
+    place = tmp_path / "made"
+    code, *_ = run(monkeypatch, capsys, *asked(command, small, place))
+    assert code == 0
+    before = files(tmp_path)
+
+    def fails(*_arguments: Any, **_options: Any) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(tempfile if call == "mkstemp" else os, call, fails)
+    code, out, err = run(monkeypatch, capsys, *asked(command, small, place), "--overwrite")
+    monkeypatch.undo()
+    assert (code, out, len(err.splitlines())) == (2, "", 1)
+    assert f"cannot be written ({os.strerror(number)})" in err
+    assert files(tmp_path) == before
+
+
+@pytest.mark.parametrize("command", QUICK)
+@pytest.mark.parametrize("place", ["file/below", "/proc/1/below", "/dev/null/below"])
+def test_a_place_that_is_no_folder_is_told(command: str, place: str, small: Path, tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+    (tmp_path / "file").write_text("mine")
+    code, out, err = run(monkeypatch, capsys, *asked(command, small, tmp_path / place))
+    assert (code, out, len(err.splitlines())) == (2, "", 1)
+    assert "cannot be written" in err
+    assert files(tmp_path) == {"file": b"mine"}
+
+
+_HOLDS = """
+import sys, time
+from maidenflight import results
+back = results.claim(sys.argv[1])
+print("held", flush=True)
+time.sleep(60)
+"""
+
+
+def test_two_runs_in_one_place_do_not_mix(small: Path, tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+    place = tmp_path / "made"
+    other = subprocess.Popen([sys.executable, "-c", _HOLDS, str(place)], stdout=subprocess.PIPE, text=True)
+    assert other.stdout is not None
+    assert other.stdout.readline() == "held\n"
+    try:
+        for command in COMMANDS:
+            code, out, err = run(monkeypatch, capsys, *asked(command, small, place))
+            assert (code, out) == (2, ""), command
+            assert "another maidenflight is writing there" in err
+        assert files(tmp_path) == {}
+    finally:
+        other.send_signal(signal.SIGKILL)
+        other.communicate()
+    assert run(monkeypatch, capsys, *asked("drone", small, place))[0] == 0
+
+
+def test_a_place_is_given_back(tmp_path: Path) -> None:
+    back = results.claim(tmp_path / "made")
+    with pytest.raises(InputError, match="another maidenflight is writing there"):
+        results.claim(tmp_path / "x" / ".." / "made")
+    results.claim(tmp_path / "elsewhere")()
+    back()
+    results.claim(tmp_path / "made")()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("option", ["--duration", "--excitation"])
+def test_a_number_that_is_none_is_refused(option: str, tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+    code, _, err = run(monkeypatch, capsys, "record", "-o", tmp_path / "made", option, "nan")
+    assert code == 2
+    assert "is not a number" in err
+
+
+@pytest.mark.parametrize("command", [name for name in COMMANDS if name not in ("drone", "report", "demo", "train")])
+def test_ctrl_c_is_one_line_and_130(command: str, small: Path, tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+    def interrupted(*_arguments: Any, **_options: Any) -> None:
+        raise KeyboardInterrupt
+
+    for name in ("record", "identify_from", "validate_with", "transfer_to", "predict_with", "export"):
+        monkeypatch.setattr(workflow, name, interrupted)
+    code, out, err = run(monkeypatch, capsys, *asked(command, small, tmp_path / "made"))
+    assert (code, out) == (130, "")
+    assert err.strip() == "maidenflight: interrupted; finished files are complete, the rest was not written."
+    assert files(tmp_path) == {}
+
+
+def test_ctrl_c_in_a_callback_of_the_garbage_collector_is_not_lost(monkeypatch: Any, capsys: Any) -> None:
+    def collecting(phase: str, _told: Any) -> None:
+        if phase == "start" and not fired:
+            fired.append(1)
+            raise KeyboardInterrupt
+
+    def busy(*_given: Any) -> None:
+        gc.callbacks.append(collecting)
+        gc.collect()
+        for _ in range(100):
+            time.sleep(0.05)
+
+    fired: list[int] = []
+    monkeypatch.setattr(parameters, "read", busy)
+    try:
+        code, out, err = run(monkeypatch, capsys, "drone", "crazyflie")
+    finally:
+        gc.callbacks.remove(collecting)
+    assert (code, out, fired) == (130, "", [1])
+    assert err.strip().startswith("maidenflight: interrupted")
+
+
+def test_a_record_that_is_no_record_is_none(tmp_path: Path) -> None:
+    for text in ("[" * 100_000, "3", '{"a": 1, "a": 2}', json.dumps([1])):
+        assert results.told(results.write(tmp_path / "table.csv", f"# record: {text}\na\n1\n")) is None
