@@ -188,8 +188,9 @@ def test_the_yaw_trim_of_a_policys_own_logs_explains_its_flight_times(
         assert row["as_it_is"] == 20.0
         assert row["own_trim"] == pytest.approx(20.0 - 1e5 * row["trim"], abs=1e-4)
     assert [row["prediction"] for row in told["agreement"]] == ["as_it_is", "own_trim", "one real flight against the others"]
-    columns = [[row[name] for row in told["policies"]] for name in ("own_trim", "measured")]
-    assert told["agreement"][1]["Spearman"] == pytest.approx(stats.spearmanr(*columns).statistic)
+    flown_for, measured_for = ([row[name] for row in told["policies"]] for name in ("own_trim", "measured"))
+    ranks = np.corrcoef(stats.rankdata(flown_for), stats.rankdata(measured_for))
+    assert told["agreement"][1]["Spearman"] == pytest.approx(ranks[0, 1])
 
     yaw_trim.main(arguments)
     assert "own trim [s]" in capsys.readouterr().out

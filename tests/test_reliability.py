@@ -226,6 +226,29 @@ def test_ctrl_c_in_a_callback_of_the_garbage_collector_is_not_lost(monkeypatch: 
     assert err.strip().startswith("maidenflight: interrupted")
 
 
+@pytest.mark.parametrize("sent", [True, False])
+def test_ctrl_c_that_an_extension_module_turns_into_an_import_error_is_not_lost(sent: bool, monkeypatch: Any, capsys: Any) -> None:
+    """As jaxlib does when it falls into its start; an import that fails by itself stays what it is."""
+
+    def importing(*_given: Any) -> None:
+        try:
+            if sent:
+                signal.raise_signal(signal.SIGINT)
+        finally:
+            raise ImportError("Encountered an error while initializing the extension.")
+
+    monkeypatch.setattr(parameters, "read", importing)
+    before = signal.getsignal(signal.SIGINT)
+    if sent:
+        code, out, err = run(monkeypatch, capsys, "drone", "crazyflie")
+        assert (code, out) == (130, "")
+        assert err.strip().startswith("maidenflight: interrupted")
+    else:
+        with pytest.raises(ImportError, match="initializing"):
+            run(monkeypatch, capsys, "drone", "crazyflie")
+    assert signal.getsignal(signal.SIGINT) is before
+
+
 def test_a_record_that_is_no_record_is_none(tmp_path: Path) -> None:
     for text in ("[" * 100_000, "3", '{"a": 1, "a": 2}', json.dumps([1])):
         assert results.told(results.write(tmp_path / "table.csv", f"# record: {text}\na\n1\n")) is None

@@ -6,6 +6,7 @@ import json
 import os
 import platform
 import shlex
+import signal
 import sys
 import threading
 import time
@@ -24,6 +25,8 @@ from maidenflight.errors import InputError, WriteError
 from maidenflight.training.scoreboards import BOARDS
 
 if TYPE_CHECKING:
+    from types import FrameType
+
     from polars import DataFrame
 
     from maidenflight.demo import Demo
@@ -38,8 +41,8 @@ _REALITIES = "near:SEED, virtual:SEED, far:SEED, ever stranger; pybullet:SEED (v
 def main() -> None:
     """Entry point: exit code 2 and one line for a user's mistake, 130 when interrupted."""
     try:
-        _keep_compiled()
         with _insisting():
+            _keep_compiled()
             commands(prog_name="maidenflight", standalone_mode=False)
     except InputError as error:
         print(f"maidenflight: {error}", file=sys.stderr)
@@ -54,22 +57,40 @@ def main() -> None:
 
 @contextmanager
 def _insisting() -> Iterator[None]:
-    """Sends a Ctrl-C again that fell into a callback of the garbage collector, JAX's or another, where Python drops it."""
-    before = sys.unraisablehook
+    """Holds on to a Ctrl-C that Python would lose.
 
-    def heard(dropped: "sys.UnraisableHookArgs") -> None:
-        if not issubclass(dropped.exc_type, KeyboardInterrupt):
-            before(dropped)
+    One that falls into a callback of the garbage collector, JAX's or another, is dropped there, and is sent again. One that falls into the
+    start of an extension module comes out as that module's ImportError, and is taken for what it was.
+    """
+    before, interrupted = sys.unraisablehook, False
+
+    def dropped(what: "sys.UnraisableHookArgs") -> None:
+        if not issubclass(what.exc_type, KeyboardInterrupt):
+            before(what)
             return
         again = threading.Timer(0.05, _thread.interrupt_main)
         again.daemon = True
         again.start()
 
-    sys.unraisablehook = heard
+    def heard(number: int, frame: "FrameType | None") -> None:
+        nonlocal interrupted
+        interrupted = True
+        signal.default_int_handler(number, frame)
+
+    sys.unraisablehook = dropped
+    own = signal.getsignal(signal.SIGINT) is signal.default_int_handler and threading.current_thread() is threading.main_thread()
+    if own:
+        signal.signal(signal.SIGINT, heard)
     try:
         yield
+    except ImportError as error:
+        if interrupted:
+            raise KeyboardInterrupt from error
+        raise
     finally:
         sys.unraisablehook = before
+        if own:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @click.group(context_settings=_CONTEXT)
@@ -404,6 +425,13 @@ def _print_flights(flights: "Flights", windows: int) -> None:
 @click.option("--trials", default=2, show_default=True, type=click.IntRange(1, 100), help="Repetitions of the optimiser.")
 @click.option("--method", default="gradient", show_default=True, type=click.Choice(["gradient", "bayesian"]), help="Of a replay.")
 @click.option("--bounds", multiple=True, callback=_bounds, help="Search bounds, NAME=LOWER,UPPER in SI units; may be repeated.")
+@click.option(
+    "--most-seconds",
+    default=3600.0,
+    show_default=True,
+    type=_Range(min=10.0),
+    help="Flight to use; of more, stretches of every flight are.",
+)
 @_seed
 @_as_json
 @_overwrite
@@ -419,6 +447,7 @@ def identify(
     trials: int,
     bounds: dict[str, tuple[float, float]],
     method: str,
+    most_seconds: float,
     seed: int,
     as_json: bool,
     overwrite: bool,
@@ -443,6 +472,7 @@ def identify(
             trials=trials,
             bounds=bounds,
             method=method,
+            most_seconds=most_seconds,
             on_file=lambda done, of: move(done, of, "reading flights"),
             on_evaluation=lambda done, of: move(done, of or None, "evaluations" if of else f"{done} evaluations"),
             on_step=lambda step: move(0, None, f"{step.group} {'kept' if step.kept else 'not kept'}: {step.gain:+.4f} nats a row"),

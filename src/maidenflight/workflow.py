@@ -26,7 +26,7 @@ from maidenflight.experiments.matrix import Cell, Matrix
 from maidenflight.experiments.transfer import Transfer, transfer
 from maidenflight.flights import log, recording
 from maidenflight.flights.log import Flight
-from maidenflight.flights.reading import Flights, read_flights
+from maidenflight.flights.reading import MOST, Flights, read_flights
 from maidenflight.flights.windows import HISTORY
 from maidenflight.identification.identify import METHODS, OBJECTIVES, TRIM, Identification, identify, posterior_ensemble, trim_ensemble
 from maidenflight.identification.prediction import predicted_windows, prediction_error
@@ -97,12 +97,16 @@ def identify_from(
     trials: int = 2,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     method: str = METHODS[0],
+    most_seconds: float = MOST,
     on_file: Callable[[int, int], None] | None = None,
     on_evaluation: Callable[[int, int], None] | None = None,
     on_step: Callable[[Step], None] | None = None,
 ) -> tuple[Flights, Identification]:
-    """Identifies a drone from logs; writes `output` (TOML) and, to `evaluations_beside` it, every evaluation."""
-    flights = read_flights(logs, on_file)
+    """Identifies a drone from logs; writes `output` (TOML) and, to `evaluations_beside` it, every evaluation.
+
+    Of more than `most_seconds` of flight, stretches of every flight are used.
+    """
+    flights = read_flights(logs, on_file, most_seconds, history)
     found = identify(
         flights,
         over,
@@ -125,6 +129,7 @@ def identify_from(
         "history": history,
         "evaluations": evaluations,
         "trials": trials,
+        "most_seconds": most_seconds,
         "bounds": {name: list(pair) for name, pair in (bounds or {}).items()},
     }
     if objective == "replay":
@@ -151,13 +156,13 @@ def validate_with(
 ) -> tuple[Flights, polars.DataFrame, list[str]]:
     """Predicts flights with a drone and with the paper's Crazyflie; writes the errors to `output` as CSV.
 
-    Beside it, as `NAME_windows.csv`, it writes a few windows row by row.
+    Beside it, as `NAME_windows.csv`, it writes a few windows row by row. Of more than `MOST` seconds of flight, stretches are predicted.
 
     Returns:
         The flights, the errors as `prediction_error` gives them, and notes for the user.
     """
     models = {Path(drone).name: parameters.read(drone), "paper's crazyflie": parameters.crazyflie()}
-    flights = read_flights(logs, on_file)
+    flights = read_flights(logs, on_file, MOST)
     table = prediction_error(flights, models, horizons, key=jax.random.key(seed))
     drawn = predicted_windows(flights, models, max(horizons), key=jax.random.key(seed))
     inputs = [drone] if Path(drone).is_file() else []

@@ -76,6 +76,22 @@ def test_a_folder_is_searched_to_its_depth_in_the_order_of_names(tmp_path):
     assert seen == [(1, 3), (2, 3), (3, 3)]
 
 
+def test_of_a_large_folder_stretches_of_every_flight_are_kept_whatever_the_order_on_disk(tmp_path):
+    names = [f"{number}.csv" for number in range(6)]
+    for folder, order in (("x", names), ("y", names[::-1])):
+        for name in order:
+            put(tmp_path / folder / "day" / name, ours(900, int(name[0])))
+    one, other = (read_flights(tmp_path / folder, most=18.0) for folder in "xy")
+    assert all(same(a, b) for a, b in zip(one, other, strict=True))
+    assert {flight.name for flight in one} == {f"day/{name}" for name in names}
+    assert len(one.paths) == 6
+    assert 17.9 < one.duration < 18.1
+    assert one.notes[0].startswith("18 of 54 s of flight used")
+    everything = read_flights(tmp_path / "x", most=54.1)
+    assert everything.notes == ()
+    assert all(same(a, b) for a, b in zip(everything, read_flights(tmp_path / "x"), strict=True))
+
+
 OTHER_TABLES = {
     "rows": b"policy,return\n1,2\n",
     "empty": b"",

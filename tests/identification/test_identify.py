@@ -9,7 +9,9 @@ import numpy as np
 import planted
 import pytest
 
+from maidenflight import workflow
 from maidenflight.errors import InputError
+from maidenflight.flights.log import write as write_log
 from maidenflight.flights.reading import read_flights
 from maidenflight.identification import likelihood
 from maidenflight.identification.identify import AUTO, METHODS, PAPER_BOUNDS, SAVED, identify, posterior_ensemble, trim_ensemble
@@ -179,6 +181,23 @@ def usable(folder):
         return read_flights(folder).flights
     except InputError:
         return ()
+
+
+def test_of_a_large_folder_only_as_much_as_asked_for_reaches_the_identification(tmp_path, monkeypatch, flights):
+    class Reached(Exception):
+        pass
+
+    def seen(flights, *_, **__):
+        raise Reached(flights.duration, flights.notes[:1])
+
+    for number in range(3):
+        write_log(tmp_path / f"{number}.csv", flights[number])
+    monkeypatch.setattr(workflow, "identify", seen)
+    for most, duration, notes in ((3.1, 3.03, 1), (6.1, 6.0, 0)):
+        with pytest.raises(Reached) as reached:
+            workflow.identify_from(tmp_path, 0, tmp_path / "drone.toml", None, "crazyflie", history=30, most_seconds=most)
+        assert reached.value.args[0] == pytest.approx(duration)
+        assert len(reached.value.args[1]) == notes
 
 
 @pytest.fixture(scope="module")

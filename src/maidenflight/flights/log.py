@@ -64,18 +64,21 @@ class Flight:
     """Whether each command held until the next row (a policy at the log's rate), or is a sample of a faster loop (a PID)."""
     simulated: str = ""
     """Name of the virtual drone that flew it; empty for a real flight."""
+    lead: int = 0
+    """Rows at the beginning that are there for their commands only, in a stretch of a longer flight; see `sampling`."""
 
     def __len__(self) -> int:
         return len(self.position)
 
     def part(self, start: int, stop: int) -> "Flight":
         """The rows from `start` to before `stop`."""
-        return replace(self, **{group: getattr(self, group)[start:stop] for group in GROUPS if group != "time"})
+        arrays = {group: getattr(self, group)[start:stop] for group in GROUPS if group != "time"}
+        return replace(self, lead=max(0, self.lead - start), **arrays)
 
     @property
     def duration(self) -> float:
         """[s]."""
-        return len(self) * self.period
+        return (len(self) - self.lead) * self.period
 
     @property
     def mean_command(self) -> Float[np.ndarray, "N 4"]:
@@ -145,15 +148,16 @@ def timed(table: Table) -> tuple[Flight, Float[np.ndarray, "N"]]:
     column = tables.numbers(table, _COLUMNS)
     simulated = table.head.get("simulated", "no")
     known = column["time"][np.isfinite(column["time"])]
+    arrays: dict[str, Any] = {
+        group: np.stack([column[name] for name in GROUPS[group]], axis=-1).astype(np.float32)
+        for group in ("position", "velocity", "attitude", "body_rates", "command", "setpoint")
+    }
     flight = Flight(
         name=table.name,
         period=float(np.round(np.median(np.diff(known)), 6)) if len(known) > 1 else 0.01,
         held=table.head["commands"] == "held",
         simulated="" if simulated == "no" else simulated,
         battery=column["battery"].astype(np.float32),
-        **{
-            group: np.stack([column[name] for name in GROUPS[group]], axis=-1).astype(np.float32)
-            for group in ("position", "velocity", "attitude", "body_rates", "command", "setpoint")
-        },
+        **arrays,
     )
     return flight, column["time"]

@@ -4,9 +4,10 @@ A folder with damaged logs still gives the sound ones; nothing is passed over wi
 itself writes.
 """
 
+import math
 import os
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,9 +16,13 @@ import numpy as np
 from maidenflight.errors import InputError
 from maidenflight.flights import authors, cflib, checking, log, nanobench, tables
 from maidenflight.flights.log import Flight
+from maidenflight.flights.sampling import sampled
 from maidenflight.flights.tables import Table
+from maidenflight.flights.windows import HISTORY
 
 SUFFIXES = (".csv", ".csv.gz", ".parquet")
+MOST = 3600.0
+"""Flight that the command line uses of a large folder [s]; an hour is identified from in less than 2 GB of memory."""
 
 
 class Format(NamedTuple):
@@ -69,12 +74,16 @@ class Flights:
         return sum(flight.duration for flight in self.flights)
 
 
-def read_flights(path: str | os.PathLike[str], on_file: Callable[[int, int], None] | None = None) -> Flights:
+def read_flights(
+    path: str | os.PathLike[str], on_file: Callable[[int, int], None] | None = None, most: float = math.inf, history: int = HISTORY
+) -> Flights:
     """Reads and checks flights.
 
     Args:
         path: a file, or a folder that is searched with all its folders for `.csv`, `.csv.gz` and `.parquet`.
         on_file: called with (files read, files found), for a progress bar.
+        most: flight to keep [s]. Of more, stretches of every flight are kept, one file being in memory beside them.
+        history: rows of commands that a window of a stretch has before it.
 
     Returns:
         Gapless pieces of flights in which the drone flies, in the order of the files' names. Of a folder, with the files that were
@@ -86,33 +95,52 @@ def read_flights(path: str | os.PathLike[str], on_file: Callable[[int, int], Non
     """
     path = Path(path)
     paths, refused = _files(path)
-    alone = path.is_file()
-    flights: list[Flight] = []
-    others: list[str] = []
-    notes: list[str] = []
-    read: list[Path] = []
+    seen = _Seen([], [], [], refused)
+    flights, duration = sampled(_read(paths, path.is_file(), seen, on_file), most, history)
+    if not flights:
+        raise InputError(_nothing(path, len(seen.paths), [*seen.refused, *seen.notes, *seen.others]))
+    kept = Flights(tuple(flights), (*seen.others, *seen.notes), tuple(seen.paths), tuple(seen.refused))
+    if duration <= most:
+        return kept
+    note = f"{kept.duration:.0f} of {duration:.0f} s of flight used, stretches of every flight; more takes more memory and time"
+    return replace(kept, notes=(note, *kept.notes))
+
+
+class _Seen(NamedTuple):
+    """What is said of files while they are read."""
+
+    paths: list[Path]
+    notes: list[str]
+    others: list[str]
+    refused: list[str]
+
+
+def _read(paths: list[Path], alone: bool, seen: _Seen, on_file: Callable[[int, int], None] | None) -> Iterator[Flight]:
+    """Pieces of flights, one file after another."""
     for number, file in enumerate(paths, 1):
         try:
-            table = tables.read(file, f"{file.parent.name}/{file.name}")
-            kind = next((kind for kind in FORMATS if kind.recognises(table)), None)
-            if kind is not None:
-                kept, dropped = _checked(table, kind)
-                flights += kept
-                notes += dropped
-                read.append(file)
-            elif alone:
-                raise InputError(_unknown(table))
-            elif not any(columns <= set(table.frame.columns) for columns in _RESULTS):
-                others.append(f"{table.name}: not a flight log, passed over (columns {', '.join(table.frame.columns[:4])[:60]} ...)")
+            yield from _of_file(file, alone, seen)
         except InputError as error:
             if alone:
                 raise
-            refused.append(str(error))
+            seen.refused.append(str(error))
         if on_file is not None:
             on_file(number, len(paths))
-    if not flights:
-        raise InputError(_nothing(path, len(read), [*refused, *notes, *others]))
-    return Flights(tuple(flights), (*others, *notes), tuple(read), tuple(refused))
+
+
+def _of_file(file: Path, alone: bool, seen: _Seen) -> list[Flight]:
+    table = tables.read(file, f"{file.parent.name}/{file.name}")
+    kind = next((kind for kind in FORMATS if kind.recognises(table)), None)
+    if kind is not None:
+        flights, dropped = _checked(table, kind)
+        seen.notes.extend(dropped)
+        seen.paths.append(file)
+        return flights
+    if alone:
+        raise InputError(_unknown(table))
+    if not any(columns <= set(table.frame.columns) for columns in _RESULTS):
+        seen.others.append(f"{table.name}: not a flight log, passed over (columns {', '.join(table.frame.columns[:4])[:60]} ...)")
+    return []
 
 
 def _checked(table: Table, kind: Format) -> tuple[list[Flight], list[str]]:

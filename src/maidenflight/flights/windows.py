@@ -60,7 +60,7 @@ def windows(flights: Iterable[Flight], length: int, every: int = EVERY, history:
     parts: dict[str, list[np.ndarray]] = {name: [] for name in Windows._fields}
     blocks = 0
     for flight in flights:
-        starts = np.arange(SHORTEST_HISTORY, len(flight) - length, every)
+        starts = np.arange(max(SHORTEST_HISTORY, flight.lead), len(flight) - length, every)
         if starts.size == 0:
             continue
         rows = np.concatenate([flight.position, flight.velocity, flight.attitude, flight.body_rates], axis=1)

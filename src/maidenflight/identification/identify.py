@@ -211,7 +211,7 @@ def identify(
     """Identifies parameters from flights.
 
     Args:
-        flights: checked flights of one rate.
+        flights: checked flights of one rate. All of them are held in memory; of many hours, give what `sampling.sampled` keeps.
         over: names of `parameters.COMPONENTS` to identify, or `AUTO`: those that predict flights held out better (likelihood only).
             `AUTO` unless given; for a replay the paper's three.
         key: random key; `jax.random.key(0)` unless given.

@@ -180,18 +180,29 @@ def maximise(
 
 
 def _split(flights: Sequence[Flight]) -> tuple[list[Flight], list[Flight]]:
-    """Flights to fit and, every third of them, to judge by; the longest is cut in three where there are fewer than three."""
-    long_enough = [flight for flight in flights if len(flight) > one_step.LENGTH + SHORTEST_HISTORY + 1]
-    if len(long_enough) < selection.HELD_OUT:
-        pieces = []
+    """Flights to fit and, every third of them, to judge by; the longest is cut in three where there are fewer than three.
+
+    Stretches of one flight stay together, unless there are fewer than three flights.
+    """
+    long_enough = [flight for flight in flights if len(flight) > one_step.LENGTH + max(SHORTEST_HISTORY + 1, flight.lead)]
+    whole: list[list[Flight]] = []
+    for flight in long_enough:
+        before = whole[-1][-1] if whole else None
+        if before and flight.lead and before.lead and before.name == flight.name:
+            whole[-1].append(flight)
+        else:
+            whole.append([flight])
+    if len(whole) < selection.HELD_OUT:
+        whole = [[flight] for flight in long_enough]
+    if len(whole) < selection.HELD_OUT:
+        whole = []
         for flight in flights:
             ends = [len(flight) * part // 3 for part in range(4)]
             for first, end in zip(ends[:-1], ends[1:], strict=True):
-                pieces.append(flight.part(first, end))
-        long_enough = pieces
-    judged = long_enough[selection.HELD_OUT - 1 :: selection.HELD_OUT]
-    fitted = [flight for number, flight in enumerate(long_enough) if number % selection.HELD_OUT != selection.HELD_OUT - 1]
-    return fitted, judged
+                whole.append([flight.part(first, end)])
+    judged = whole[selection.HELD_OUT - 1 :: selection.HELD_OUT]
+    fitted = [parts for number, parts in enumerate(whole) if number % selection.HELD_OUT != selection.HELD_OUT - 1]
+    return [part for parts in fitted for part in parts], [part for parts in judged for part in parts]
 
 
 def _climb(

@@ -126,7 +126,7 @@ def predicted_windows(
         raise InputError(f"a model is called {LOGGED!r}, the name of what models are compared with; rename it.")
     period = flights[0].period
     length = int(_rows([horizon], period)[0])
-    long = [flight for flight in flights if len(flight) > SHORTEST_HISTORY + length] or flights
+    long = [flight for flight in flights if len(flight) > max(SHORTEST_HISTORY, flight.lead) + length] or flights
     generator = np.random.default_rng(np.asarray(jax.random.bits(jax.random.key(0) if key is None else key, (2,))).tolist())
     repeats = np.bincount(np.resize(generator.permutation(len(long)), count), minlength=len(long))
     parts, places = [], []
@@ -134,7 +134,7 @@ def predicted_windows(
         cut = windows([long[number]], length, history=history)
         rows = np.sort(generator.choice(len(cut.block), min(repeats[number], len(cut.block)), replace=False))
         parts.append(jax.tree.map(lambda each, rows=rows: each[rows], cut))
-        places += [(long[number].name, SHORTEST_HISTORY + EVERY * int(row)) for row in rows]
+        places += [(long[number].name, max(SHORTEST_HISTORY, long[number].lead) + EVERY * int(row)) for row in rows]
     cut = jax.tree.map(lambda *pieces: np.concatenate(pieces), *parts)
     start = np.concatenate([cut.position, cut.velocity, _attitude(cut.quaternion), cut.body_rates], axis=1)[:, None]
     ahead = {LOGGED: cut.measured, **{name: predict(cut, drone, period) for name, drone in models.items()}}
