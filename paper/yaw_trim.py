@@ -26,11 +26,10 @@ from maidenflight.flights import authors, tables
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy
 from maidenflight.simulator import dynamics
+from maidenflight.simulator.battery import COUNTS
 
 BEGIN = 0.5
 """Time after which a flight counts [s]: before it the PID hands over and the yaw rate settles."""
-COUNTS = 60000
-"""Of the firmware's thrust command, u = 1."""
 YAW = np.array([-1.0, 1.0, -1.0, 1.0]) / 4
 """The yaw part of the commands of rotors 1 to 4."""
 

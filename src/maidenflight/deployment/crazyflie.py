@@ -21,13 +21,10 @@ from maidenflight import __version__, results
 from maidenflight.deployment.c import COMMANDS, export_c
 from maidenflight.errors import InputError
 from maidenflight.policy import Policy, to_json
+from maidenflight.simulator.battery import COUNTS, MOST_COUNTS
 
 MAIN_LOOP = 1000
 """Steps a second of the firmware's stabilizer (stabilizer_types.h)."""
-FULL = 60000.0
-"""Firmware's counts of u = 1 in the authors' code and flights; logs that `flights.cflib` reads have u = 1 at 65535."""
-MOST_COUNTS = 65535.0
-"""The firmware's full thrust [counts]."""
 MOST_MULTIPLICATIONS = 12_000
 """Of a network: half a millisecond of the drone's processor at 7 cycles a multiplication (counted on an emulated Cortex-M4), which leaves
 the other half of a stabilizer's step to the firmware."""
@@ -37,7 +34,7 @@ _VERBATIM = ("Makefile", "Kbuild", "app-config", "src/Kbuild")
 
 
 def export_crazyflie(
-    policy: Policy, directory: str | os.PathLike[str], *, seed: int = 0, record: Mapping[str, Any] | None = None, full: float = FULL
+    policy: Policy, directory: str | os.PathLike[str], *, seed: int = 0, record: Mapping[str, Any] | None = None, full: float = COUNTS
 ) -> list[Path]:
     """Writes a policy as an app: `make CRAZYFLIE_BASE=...` in its folder builds a firmware. The same arguments give the same bytes.
 

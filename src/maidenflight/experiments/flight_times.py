@@ -35,6 +35,7 @@ from maidenflight.experiments.transfer import FASTEST, LONGEST, STEEPEST
 from maidenflight.parameters import Parameters, replace
 from maidenflight.policy import Policy
 from maidenflight.simulator import control, dynamics, environment, firmware, rotations, tasks
+from maidenflight.simulator.battery import COUNTS
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment, Episode
 from maidenflight.simulator.firmware import Generation
@@ -72,7 +73,7 @@ def _attitude_rate_as_flown() -> Controller:
         asked = jnp.clip(action, -1.0, 1.0)
         memory, torque = firmware.pid(memory, 60.0 * asked[1:], jnp.degrees(measurement.body_rates), firmware.RATE, FIRMWARE)
         motors = firmware.mix(30000.0 + 30000.0 * asked[0], firmware.cut(torque), FIRMWARE)
-        return memory, jnp.clip(motors / 60000.0, 0.0, 1.0)
+        return memory, jnp.clip(motors / COUNTS, 0.0, 1.0)
 
     return commander._replace(init=init, command=command)
 
@@ -96,7 +97,7 @@ def _attitude_as_flown() -> Controller:
     ) -> tuple[firmware.Memory, Float[Array, "4"]]:
         wanted = control.NOTHING._replace(mode=mode, attitude=10.0 * action[1:], thrust=45000.0 + 10000.0 * action[0])
         memory, motors = firmware.tick(memory, wanted, control.sensed(measurement), FIRMWARE, position_due=False)
-        return memory, jnp.clip(motors / 60000.0, 0.0, 1.0)
+        return memory, jnp.clip(motors / COUNTS, 0.0, 1.0)
 
     return commander._replace(command=command)
 

@@ -15,9 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.simulator import battery
-
-FULL = 65535.0
-"""PWM at full ratio."""
+from maidenflight.simulator.battery import MOST_COUNTS
 
 PLUS = "2.1+ propellers"
 """The law of today's Crazyflie, taken where a log cannot decide."""
@@ -35,7 +33,7 @@ LAWS: Mapping[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] = {
     PLUS: lambda ratio, volts: _cubic(ratio * volts, -0.024765379, 0.065237935, -0.026792505, 0.006776789, 0.12),
     "legacy propellers": lambda ratio, volts: _cubic(ratio * volts, -0.014830745, 0.047244652, -0.018473644, 0.005960924, 0.12),
     "thrust upgrade": lambda ratio, volts: _cubic(ratio * volts, 0.006728128, 0.010115576, 0.010263198, 0.002835864, 0.18),
-    "firmware of 2021": lambda ratio, volts: battery.thrust_command(ratio, volts) * np.float32(60000 / FULL),
+    "firmware of 2021": lambda ratio, volts: battery.thrust_command(ratio, volts) * np.float32(battery.COUNTS / MOST_COUNTS),
     NONE: lambda ratio, volts: ratio + 0.0 * volts,
 }
 """In order of preference: (motor ratio, battery [V]) to the share of the firmware's full thrust, 65535 counts; both of one shape."""
@@ -49,9 +47,9 @@ def thrust_command(pwm: Float[np.ndarray, "N 4"], volts: Float[np.ndarray, "N"],
         volts: battery voltage [V].
         law: a key of `LAWS`.
     """
-    possible = np.where((pwm >= 0) & (pwm <= FULL), pwm, np.nan)
+    possible = np.where((pwm >= 0) & (pwm <= MOST_COUNTS), pwm, np.nan)
     with np.errstate(invalid="ignore"):  # not a number in, not a number out; checking drops it
-        return LAWS[law](possible / FULL, np.broadcast_to(volts[:, None], pwm.shape)).astype(np.float32)
+        return LAWS[law](possible / MOST_COUNTS, np.broadcast_to(volts[:, None], pwm.shape)).astype(np.float32)
 
 
 def law_of(pwm: Float[np.ndarray, "N 4"], volts: Float[np.ndarray, "N"], thrust: Float[np.ndarray, "N"]) -> str | None:
@@ -62,8 +60,8 @@ def law_of(pwm: Float[np.ndarray, "N 4"], volts: Float[np.ndarray, "N"], thrust:
         volts: battery voltage [V].
         thrust: mean command of the four motors, 0 to 65535 counts; `controller.cmd_thrust`.
     """
-    rows = np.isfinite(thrust) & np.isfinite(volts) & (thrust > 10000) & (pwm > 0).all(axis=1) & (pwm < 0.99 * FULL).all(axis=1)
-    miss = {law: _miss(thrust_command(pwm[rows], volts[rows], law), thrust[rows] / FULL) for law in LAWS}
+    rows = np.isfinite(thrust) & np.isfinite(volts) & (thrust > 10000) & (pwm > 0).all(axis=1) & (pwm < 0.99 * MOST_COUNTS).all(axis=1)
+    miss = {law: _miss(thrust_command(pwm[rows], volts[rows], law), thrust[rows] / MOST_COUNTS) for law in LAWS}
     if miss[NONE] < 0.001:
         return NONE  # Exact where it is so; elsewhere it may come as near as one percent by chance.
     return next((law for law in LAWS if miss[law] < 0.012), None)

@@ -11,6 +11,8 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from maidenflight.simulator.battery import MOST_COUNTS
+
 PERIOD = 0.01
 """Of both fast blocks [s]; the firmware's shortest."""
 BYTES: Mapping[str, int] = {"uint8_t": 1, "int16_t": 2, "uint16_t": 2, "FP16": 2, "float": 4}
@@ -58,7 +60,7 @@ REASONS = ("nothing", "switched off", "tilt", "body rate", "distance", "not a nu
 """Source: deployment/crazyflie/src/maidenflight.c.template, enum why."""
 TASK, START_X, START_Y, FULL = "mf.task", "mf.x", "mf.y", "mf.full"
 """Parameters of the controller on board: what the policy follows, where that starts [m], and what a thrust command of 1 is [counts]."""
-FULL_COUNTS = 65535.0
+FULL_COUNTS = MOST_COUNTS
 """What a thrust command of 1 is in the logs that we record [counts]; see `flights.cflib`."""
 COMMANDER = 2
 """Value of `TASK`: the policy follows the position set-points that come by radio."""

@@ -20,8 +20,12 @@ from maidenflight.parameters import Parameters
 Numbers = TypeVar("Numbers", jax.Array, np.ndarray)
 """A NumPy or a JAX array."""
 
-_GRAMS = 60.0 * 60000.0 / 65536.0
-"""Thrust [g] of four motors that the firmware expects at u = 1, which is PWM 60000 of 65535."""
+COUNTS = 60000.0
+"""The firmware's thrust counts that are u = 1 here, as in the authors' code and flights."""
+MOST_COUNTS = 65535.0
+"""The most it has. It is u = 1 in logs that tell the firmware's own share of full thrust (`flights.cflib`, our own of a real drone)."""
+_GRAMS = 60.0 * COUNTS / 65536.0
+"""Thrust [g] of four motors that the firmware expects at u = 1."""
 _SQUARE, _LINEAR = -0.0006239, 0.088
 """Motor voltage per thrust: volts = _SQUARE grams^2 + _LINEAR grams."""
 _STEPS = 256
@@ -41,7 +45,7 @@ def motor_ratio(command: Numbers, voltage: Numbers) -> Numbers:
     xp = command.__array_namespace__()
     grams = _GRAMS * command
     volts = _SQUARE * grams**2 + _LINEAR * grams
-    return xp.floor(xp.clip(volts / voltage, 0.0, 1.0) * (65535.0 / _STEPS)) / _STEPS
+    return xp.floor(xp.clip(volts / voltage, 0.0, 1.0) * (MOST_COUNTS / _STEPS)) / _STEPS
 
 
 def thrust_command(ratio: Numbers, voltage: Numbers) -> Numbers:

@@ -14,6 +14,7 @@ from jaxtyping import Array, Float, Int
 from maidenflight.errors import InputError
 from maidenflight.parameters import Parameters, replace
 from maidenflight.simulator import rotations
+from maidenflight.simulator.battery import COUNTS
 from maidenflight.simulator.firmware import (
     ABSOLUTE,
     ATTITUDE_RATE,
@@ -80,8 +81,6 @@ def pwm() -> Controller:
 
 HIGHEST_RATE = 60.0
 """Body rate [deg/s] that attitude-rate control can ask for (Gronauer et al. 2022, sec. Discussion)."""
-_FULL = 60000.0
-"""Counts of u = 1 (authors' code and flights)."""
 _ZERO = np.zeros(3, np.float32)
 NOTHING = Setpoint(_ZERO, _ZERO, _ZERO, _ZERO, np.float32(0.0), np.zeros(6, np.int32), np.bool_(False))  # type: ignore[arg-type]
 """A set-point that asks for nothing, to be filled in."""
@@ -172,7 +171,7 @@ def _upright(thrust: Float[Array, ""]) -> Float[Array, "4"]:
 
 def _command(motors: Float[Array, "4"]) -> Float[Array, "4"]:
     """Motor commands [counts] as u."""
-    return jnp.clip(motors * (1.0 / _FULL), 0.0, 1.0)
+    return jnp.clip(motors * (1.0 / COUNTS), 0.0, 1.0)
 
 
 def _dividing(action_rate: int) -> int:
@@ -214,7 +213,7 @@ def _position_pid(firmware: Generation) -> Controller:
     ) -> tuple[CascadeMemory, Float[Array, "4"]]:
         wanted = NOTHING._replace(mode=mode, position=setpoint)
         inner, motors = tick(memory.firmware, wanted, sensed(measurement), firmware, position_due=memory.step == 0)
-        return CascadeMemory(inner, (memory.step + 1) % every), jnp.clip(motors / _FULL + action, 0.0, 1.0)
+        return CascadeMemory(inner, (memory.step + 1) % every), jnp.clip(motors / COUNTS + action, 0.0, 1.0)
 
     def init() -> CascadeMemory:
         return CascadeMemory(switched_on(), np.int32(0))  # type: ignore[arg-type]

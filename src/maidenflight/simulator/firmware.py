@@ -29,6 +29,7 @@ from jax import lax, tree
 from jaxtyping import Array, Bool, Float, Int
 
 from maidenflight.errors import InputError
+from maidenflight.simulator.battery import MOST_COUNTS
 
 Generation = Literal["2021.10", "2026.08"]
 
@@ -38,8 +39,6 @@ ATTITUDE_RATE = 500
 """Attitude and rate PIDs [Hz]."""
 POSITION_RATE = 100
 """Position and velocity PIDs [Hz]."""
-MOST = 65535.0
-"""Full PWM [counts]."""
 
 
 class State(NamedTuple):
@@ -216,7 +215,7 @@ def position_loops(memory: Memory, setpoint: Setpoint, state: State, firmware: G
         out = _turn(out, yaw)
     # Nose down (positive pitch) flies forward, right side down (positive roll) flies right.
     desired = jnp.stack([jnp.clip(-out[1], -_STEEPEST, _STEEPEST), jnp.clip(out[0], -_STEEPEST, _STEEPEST), memory.desired[2]])
-    most = MOST if firmware == "2026.08" else None
+    most = MOST_COUNTS if firmware == "2026.08" else None
     thrust = jnp.clip(out[2] * _THRUST_SCALE + _THRUST_BASE, _THRUST_LEAST, most)
     return memory._replace(position=position, velocity=velocity, desired=desired, thrust=thrust)
 
@@ -248,8 +247,8 @@ def mix(thrust: Float[Array, ""], torque: Float[Array, "3"], firmware: Generatio
     motors = cut(jnp.stack([right - pitch - yaw, right + pitch + yaw, left + pitch - yaw, left - pitch + yaw]))
     if firmware == "2026.08":
         m1, m2, m3, m4 = motors
-        motors = motors - jnp.maximum(jnp.maximum(jnp.maximum(m1, m2), jnp.maximum(m3, m4)) - MOST, 0.0)
-    return jnp.clip(motors, 0.0, MOST)
+        motors = motors - jnp.maximum(jnp.maximum(jnp.maximum(m1, m2), jnp.maximum(m3, m4)) - MOST_COUNTS, 0.0)
+    return jnp.clip(motors, 0.0, MOST_COUNTS)
 
 
 def tick(
