@@ -14,6 +14,7 @@ import pytest
 
 from event_files import scalars
 from maidenflight import cli, parameters, policy, results, terminal
+from maidenflight.cli import cache
 from maidenflight.flights import reading
 
 COMMANDS = ("demo", "drone", "record", "fly", "identify", "validate", "train", "transfer", "predict", "export", "report", "view")
@@ -342,29 +343,29 @@ def test_flights_that_made_the_drone_are_called_no_test(tmp_path: Path, monkeypa
 def test_compiled_programs_are_kept_by_processor_and_the_oldest_go(tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    cli._keep_compiled()
+    cache.keep_compiled()
     folder = Path(os.environ["JAX_COMPILATION_CACHE_DIR"])
     assert folder.parent == tmp_path / "maidenflight"
-    monkeypatch.setattr(cli, "_MOST_KEPT", 25)
+    monkeypatch.setattr(cache, "_MOST_KEPT", 25)
     for age, name in enumerate(("new-cache", "older-cache", "oldest-cache")):
         (folder / name).write_bytes(bytes(10))
         os.utime(folder / name, (1e9 - age, 1e9 - age))
     monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR")
-    cli._keep_compiled()
+    cache.keep_compiled()
     assert {path.name for path in folder.iterdir()} == {"new-cache", "older-cache"}
     monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR")
-    monkeypatch.setattr(cli, "_processor", lambda: "another")
-    cli._keep_compiled()
+    monkeypatch.setattr(cache, "_processor", lambda: "another")
+    cache.keep_compiled()
     assert Path(os.environ["JAX_COMPILATION_CACHE_DIR"]).parent == folder.parent
     assert os.environ["JAX_COMPILATION_CACHE_DIR"] != str(folder)
 
 
 def test_where_programs_cannot_be_kept_or_are_kept_elsewhere_nothing_happens(tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "")
-    cli._keep_compiled()
+    cache.keep_compiled()
     assert os.environ["JAX_COMPILATION_CACHE_DIR"] == ""
     monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR")
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    cli._keep_compiled()
+    cache.keep_compiled()
     assert "JAX_COMPILATION_CACHE_DIR" not in os.environ

@@ -28,7 +28,7 @@ FREE = {
     "training/scoreboards.py": "event files, written by their own packages while training goes on",
     "reporting/live.py": "recordings, written by rerun while training goes on",
     "training/checkpoint.py": "an archive in memory",
-    "cli.py": "the cache of compiled programs",
+    "cli/cache.py": "the cache of compiled programs",
 }
 """Modules that may open files for writing or remove them, and why."""
 WRITES = re.compile(

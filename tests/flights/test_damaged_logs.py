@@ -13,7 +13,7 @@ import polars
 import pytest
 from made_flights import calm, driven
 
-from maidenflight import cli
+from maidenflight.cli import identify
 from maidenflight.errors import InputError
 from maidenflight.flights import log
 from maidenflight.flights.reading import read_flights
@@ -243,10 +243,10 @@ def test_a_folder_with_bad_logs_still_gives_the_good_ones_and_says_so(tmp_path, 
     assert all(any(f"bad_{number:02d}" in said for said in told) for number in range(len(REFUSED)))
     assert "results.csv: not a flight log" in read.notes[0]
 
-    content = cli._flights_content(read)
+    content = identify._flights_content(read)
     assert content["refused"] == read.refused
     assert content["pieces"] == 2
-    cli._print_flights(read, 100)
+    identify._print_flights(read, 100)
     printed = capsys.readouterr()
     assert f"{len(read.refused)} files refused" in printed.out + printed.err
     assert read.refused[0] in printed.out + printed.err

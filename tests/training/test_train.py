@@ -7,12 +7,14 @@ from dataclasses import replace as changed
 from pathlib import Path
 from typing import Any
 
+import click
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from maidenflight import cli, workflow
+from maidenflight.cli import options
 from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import Policy, untrained
@@ -83,7 +85,8 @@ def test_interrupted_training_goes_on_to_the_same_policies_and_tells_its_whole_s
     heard.clear()
     policies = learn(saved, heard.append)
     assert_same(policies, trained[0])
-    assert_same(heard, trained[1])
+    # What a checkpoint remembers of a score is not the policies of that time.
+    assert_same([one._replace(best=None) for one in heard], [one._replace(best=None) for one in trained[1]])
     assert_same(learn(saved), policies)
 
 
@@ -160,7 +163,8 @@ def test_what_a_killed_run_left_is_cleared_and_does_not_stand_in_the_way(tmp_pat
     """A run without --resume, for there is no checkpoint, into a folder that holds nothing but half a file."""
     left = tmp_path / ".training.npz.abcdefgh.part"
     left.write_bytes(b"half")
-    cli._must_be_new(tmp_path, False)
+    with click.Context(click.Command("train")):
+        options.must_be_new(tmp_path, False)
     with pytest.raises(InputError, match=r"no training to resume\. Leave out --resume"):
         workflow.train_for("crazyflie", 0, tmp_path, 1, SMALL, 0.1, resume=True)
     monkeypatch.setattr(workflow, "train", lambda *_: (tmp_path / "training.npz").touch() or ())

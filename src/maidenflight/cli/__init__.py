@@ -1,0 +1,58 @@
+"""The command line: parsing only. Nothing heavy is imported before a command runs.
+
+Its modules stand in the order of the flow: record, identify, train, transfer, export; demo is the whole of it.
+"""
+
+import sys
+
+import click
+
+from maidenflight import __version__
+from maidenflight.cli import cache, demo, export, identify, interruption, record, train, transfer
+from maidenflight.errors import InputError
+
+_CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
+
+
+def main() -> None:
+    """Entry point: exit code 2 and one line for a user's mistake, 130 when interrupted."""
+    try:
+        with interruption.insisting():
+            cache.keep_compiled()
+            commands(prog_name="maidenflight", standalone_mode=False)
+    except InputError as error:
+        print(f"maidenflight: {error}", file=sys.stderr)
+        sys.exit(2)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(error.exit_code)
+    except (click.Abort, KeyboardInterrupt):
+        print("maidenflight: interrupted; finished files are complete, the rest was not written.", file=sys.stderr)
+        sys.exit(130)
+
+
+@click.group(context_settings=_CONTEXT)
+@click.version_option(__version__, prog_name="maidenflight")
+def commands() -> None:
+    """From flight logs to a neural network that flies the real drone on its first try.
+
+    \b
+    flight logs -> identify -> validate -> train -> transfer -> export -> report
+    """  # noqa: D301
+
+
+for _command in (
+    record.record,
+    record.fly,
+    identify.drone,
+    identify.identify,
+    identify.validate,
+    train.train,
+    transfer.transfer,
+    transfer.predict,
+    export.export,
+    export.report,
+    export.view,
+    demo.demo,
+):
+    commands.add_command(_command)

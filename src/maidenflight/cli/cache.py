@@ -1,0 +1,47 @@
+"""The user's cache folder: compiled programs, and what a Crazyflie says of itself."""
+
+import os
+import platform
+import warnings
+import zlib
+from contextlib import suppress
+from pathlib import Path
+
+_MOST_KEPT = 500_000_000
+"""Bytes of compiled programs; a program has some hundred thousand."""
+
+
+def folder() -> Path:
+    """The user's cache folder."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "maidenflight"
+
+
+def keep_compiled() -> None:
+    """Keeps compiled programs in the user's cache folder, by processor: what was compiled once starts at once the next time.
+
+    JAX's own variable names another folder; set to nothing it keeps none.
+    """
+    if "JAX_COMPILATION_CACHE_DIR" in os.environ:
+        return
+    programs = folder() / f"{platform.machine()}-{zlib.crc32(_processor().encode()):08x}"
+    with suppress(OSError):
+        kept = sorted((entry.stat().st_mtime, entry.stat().st_size, entry) for entry in programs.glob("*-cache"))
+        surplus = sum(size for _, size, _ in kept) - _MOST_KEPT
+        for _, size, entry in kept:
+            if surplus > 0:
+                entry.unlink()
+                surplus -= size
+        programs.mkdir(parents=True, exist_ok=True)
+        os.environ["JAX_COMPILATION_CACHE_DIR"] = str(programs)
+        os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
+    # What a killed process left half written, or a full disk, costs a compilation and is no news to users.
+    warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache entry")
+
+
+def _processor() -> str:
+    """What compiled programs depend on: a home folder may be shared by different machines."""
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+    except OSError:
+        return platform.processor()
+    return "".join(sorted({line for line in text.splitlines() if line.startswith(("model name", "flags", "Features", "CPU part"))}))

@@ -1,0 +1,75 @@
+"""demo: the whole line on a virtual drone."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from maidenflight import cores, terminal
+from maidenflight.cli import options
+
+if TYPE_CHECKING:
+    from maidenflight.demo import Demo, Plan
+
+
+@click.command()
+@options.output("Folder; the first free of run, run-2, ... unless given.")
+@click.option("--seed", default=7, show_default=True, help="Random seed, also of the virtual drone.")
+@options.as_json
+@options.overwrite
+def demo(output: Path | None, seed: int, as_json: bool, overwrite: bool) -> None:
+    """Run the whole line on a virtual drone in about three minutes: record, identify, train, fly unseen, export, report."""
+    if output is None:
+        output = next(path for number in range(1, 10**6) if not (path := Path("run" if number == 1 else f"run-{number}")).exists())
+    else:
+        options.must_be_new(output, overwrite)
+    cores.as_devices()
+    from maidenflight.demo import Listener, Plan
+    from maidenflight.demo import demo as run
+
+    plan = Plan()
+    what = _stages(plan)
+    with terminal.progress("demo", None) as move:
+
+        def begin(name: str) -> None:
+            print(f"{name:<9} {what[name]}", file=sys.stderr, flush=True)
+            move(0, None, f"{name}: compiling and running")
+
+        result = run(
+            output,
+            seed,
+            plan,
+            Listener(
+                stage=begin,
+                evaluation=lambda done, of: move(done, of or None, f"identify: {done} evaluations"),
+                training=lambda progress: move(progress.update, plan.learner.updates, f"train: {terminal.scores(progress)}"),
+            ),
+        )
+    options.emit(as_json, _content(result), lambda: terminal.summary(result))
+
+
+def _stages(plan: "Plan") -> dict[str, str]:
+    """What each is, in words."""
+    return {
+        "record": f"{plan.flights} flights of {plan.duration:g} s on a virtual drone (simulated), flown by the firmware's PID",
+        "identify": "motors, delays and whatever else these flights can tell",
+        "train": f"{plan.policies} policies by gradients through the simulator",
+        "transfer": f"{plan.policies * plan.flight_trials} zero-shot flights in the virtual reality they have not seen",
+        "export": "the best policy to C99",
+        "report": "one page to look at",
+    }
+
+
+def _content(result: "Demo") -> dict[str, Any]:
+    return {
+        "parameters": {
+            name: {"value": estimate.value, "interval": list(estimate.interval)}
+            for name, estimate in result.identification.estimates.items()
+        },
+        "truth": terminal.truth(result),
+        "flights": result.transfer.table.to_dicts(),
+        "stages": result.seconds,
+        "report": str(result.page),
+        "simulated": True,
+    }

@@ -1,0 +1,80 @@
+"""export, report and view: a policy for the drone, a page of a run, flights to look at."""
+
+from contextlib import suppress
+from pathlib import Path
+
+import click
+
+from maidenflight.cli import options
+
+_EXPORTED = {"c": "firmware", "onnx": "onnx_policy", "authors": "authors_policy", "crazyflie": "crazyflie_app"}
+"""Folders of what a policy is exported to."""
+
+
+@click.command()
+@click.argument("policy", type=options.PATH)
+@click.option(
+    "--to",
+    default="c",
+    show_default=True,
+    type=click.Choice(list(_EXPORTED)),
+    help="c: C99 without dependencies, policy.h and policy.c; onnx: policy.onnx; authors: a JSON as the tools of Gronauer et al. read it;"
+    " crazyflie: an app that builds beside an unmodified Crazyflie firmware.",
+)
+@options.output(f"Folder; {', '.join(f'{folder} for {to}' for to, folder in _EXPORTED.items())} unless given.")
+@click.option(
+    "--control",
+    type=click.Choice(options.CONTROLS),
+    help="What an authors' policy commands; unless given, what its file's name begins with or its folder is called. Ours say it.",
+)
+@options.seed
+@options.as_json
+@options.overwrite
+def export(policy: Path, to: str, output: Path | None, control: str | None, seed: int, as_json: bool, overwrite: bool) -> None:
+    """Export a POLICY file, ours or of Gronauer et al., to C, to ONNX, to their JSON or as an app for the Crazyflie."""
+    output = output or Path(_EXPORTED[to])
+    options.must_be_new(output, overwrite)
+    from maidenflight import workflow
+
+    written = workflow.export(policy, output, seed, to, control)
+    content = {"files": [str(path) for path in written]}
+    options.emit(as_json, content, lambda: print("written " + ", ".join(map(str, written))))
+
+
+_REPORT = b"<footer>Written by maidenflight "
+"""What every report holds."""
+
+
+@click.command()
+@click.argument("run", type=options.PATH)
+@options.output("HTML file; report.html in the folder unless given.")
+@options.as_json
+@click.option("--overwrite", is_flag=True, help="Replace a file that is no report; an earlier report is replaced anyway.")
+def report(run: Path, output: Path | None, as_json: bool, overwrite: bool) -> None:
+    """Make one self-contained HTML page of a RUN folder."""
+    output = output or run / "report.html"
+    with suppress(OSError):
+        overwrite = overwrite or (output.is_file() and _REPORT in output.read_bytes())
+    options.must_be_new(output, overwrite)
+    from maidenflight.reporting.page import report as make
+
+    page = make(run, output)
+    options.emit(as_json, {"report": str(page)}, lambda: print(f"written {page}"))
+
+
+@click.command()
+@click.argument("flights", type=options.PATH)
+@options.output("An .rrd file for rerun; its viewer is started unless given.")
+@options.as_json
+@options.overwrite
+def view(flights: Path, output: Path | None, as_json: bool, overwrite: bool) -> None:
+    """View FLIGHTS in rerun: a log, a folder of logs or a run folder. Needs pip install 'maidenflight[viewer]'."""
+    if output is not None:
+        options.must_be_new(output, overwrite)
+    from maidenflight import workflow
+    from maidenflight.reporting import live
+
+    shown = workflow.flights_to_view(flights)
+    live.show_flights(shown, output)
+    content = {"flights": len(shown), "file": str(output) if output else None}
+    options.emit(as_json, content, lambda: print(f"{len(shown)} flights {f'written to {output}' if output else 'sent to the viewer'}"))

@@ -1,0 +1,213 @@
+"""drone, identify and validate: a drone's parameters, from flight logs and against them."""
+
+import dataclasses
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from maidenflight import terminal
+from maidenflight.cli import options
+
+if TYPE_CHECKING:
+    from maidenflight.flights.reading import Flights
+    from maidenflight.identification.identify import Identification
+
+
+@click.command()
+@click.argument("name", default="crazyflie")
+@options.output("File to write; standard output unless given.")
+@options.overwrite
+def drone(name: str, output: Path | None, overwrite: bool) -> None:
+    """Print a drone's parameters as TOML: a named drone (crazyflie) or a file, checked."""
+    from maidenflight import parameters
+
+    text = parameters.to_toml(parameters.read(name), Path(name).stem)
+    if output is None:
+        print(text, end="")
+        return
+    from maidenflight import results
+
+    options.must_be_new(output, overwrite)
+    results.write(output, text)
+
+
+def _bounds(_: click.Context, __: click.Parameter, given: tuple[str, ...]) -> dict[str, tuple[float, float]]:
+    pairs = {}
+    for entry in given:
+        try:
+            name, values = entry.split("=")
+            low, high = map(float, values.split(","))
+        except ValueError as error:
+            raise click.BadParameter(f"{entry!r}; expected NAME=LOWER,UPPER, such as latency=0,0.03.") from error
+        pairs[name] = (low, high)
+    return pairs
+
+
+@click.command()
+@click.argument("logs", type=options.PATH)
+@options.output(
+    "TOML file for the identified drone; identification.csv goes beside it, NAME_identification.csv beside NAME.toml.",
+    "drone.toml",
+)
+@click.option(
+    "--over",
+    help="Parameters to identify, such as latency,inertia_x, or auto: those that predict flights held out better. Unless given, auto;"
+    " for a replay the paper's three: thrust_to_weight,motor_time_constant,latency.",
+)
+@click.option(
+    "--objective",
+    default="likelihood",
+    show_default=True,
+    type=click.Choice(["likelihood", "replay"]),
+    help="likelihood: one row ahead, right for flights under feedback. replay: the paper's, many rows open loop.",
+)
+@click.option("--start", default="crazyflie", show_default=True, help="Drone whose other parameters are kept: a name or a TOML file.")
+@click.option("--length", default=30, show_default=True, type=click.IntRange(1, 500), help="T, rows of a replayed window.")
+@click.option("--history", default=100, show_default=True, type=click.IntRange(1, 500), help="Rows before a window that set its motors.")
+@click.option("--evaluations", default=60, show_default=True, type=click.IntRange(11, 2000), help="Most of the objective, a trial.")
+@click.option("--trials", default=2, show_default=True, type=click.IntRange(1, 100), help="Repetitions of the optimiser.")
+@click.option("--method", default="gradient", show_default=True, type=click.Choice(["gradient", "bayesian"]), help="Of a replay.")
+@click.option("--bounds", multiple=True, callback=_bounds, help="Search bounds, NAME=LOWER,UPPER in SI units; may be repeated.")
+@click.option(
+    "--most-seconds",
+    default=3600.0,
+    show_default=True,
+    type=options.Range(min=10.0),
+    help="Flight to use; of more, stretches of every flight are.",
+)
+@options.seed
+@options.as_json
+@options.overwrite
+def identify(logs: Path, output: Path, over: str | None, start: str, seed: int, as_json: bool, overwrite: bool, **settings: Any) -> None:
+    """Identify a drone's parameters from LOGS, a flight log or a folder of them."""
+    options.must_be_new(output, overwrite)
+    from maidenflight import workflow
+
+    options.must_be_new(workflow.evaluations_beside(output), overwrite)
+    names = over if over in (None, "auto") else [name.strip() for name in over.split(",") if name.strip()]
+    with terminal.progress("identify", None) as move:
+        flights, found = workflow.identify_from(
+            logs,
+            seed,
+            output,
+            names,
+            start,
+            **settings,
+            on_file=lambda done, of: move(done, of, "reading flights"),
+            on_evaluation=lambda done, of: move(done, of or None, "evaluations" if of else f"{done} evaluations"),
+            on_step=lambda step: move(0, None, f"{step.group} {'kept' if step.kept else 'not kept'}: {step.gain:+.4f} nats a row"),
+        )
+    _print_notes(found.notes)
+
+    def text() -> None:
+        _print_flights(flights, found.windows)
+        terminal.bought(found)
+        terminal.estimates(found)
+        print(f"objective {found.objective:.4g} after {found.evaluations} evaluations in {found.seconds:.1f} s; written to {output}")
+
+    options.emit(as_json, _identification_content(flights, found) | {"output": str(output)}, text)
+
+
+def _identification_content(flights: "Flights", found: "Identification") -> dict[str, Any]:
+    return {
+        "parameters": {
+            name: {
+                "value": estimate.value,
+                "interval": list(estimate.interval),
+                "trial_mean": estimate.trial_mean,
+                "trial_deviation": estimate.trial_deviation,
+                "spread": estimate.spread,
+                "valley": estimate.valley,
+            }
+            for name, estimate in found.estimates.items()
+        },
+        "noise": found.noise,
+        "bought": [dataclasses.asdict(step) for step in found.bought],
+        "kind": found.kind,
+        "objective": found.objective,
+        "windows": found.windows,
+        "evaluations": found.evaluations,
+        "seconds": round(found.seconds, 3),
+        "flights": _flights_content(flights),
+        "notes": found.notes,
+    }
+
+
+def _times(_: click.Context, __: click.Parameter, given: str) -> list[float]:
+    try:
+        return [float(entry) for entry in given.split(",")]
+    except ValueError as error:
+        raise click.BadParameter(f"{given!r}; expected seconds, such as 0.1,0.25,0.5.") from error
+
+
+@click.command()
+@click.argument("drone_", metavar="DRONE")
+@click.argument("logs", type=options.PATH)
+@options.output("CSV file for the errors and their intervals.", "validation.csv")
+@click.option("--horizons", default="0.1,0.25,0.5", show_default=True, callback=_times, help="How far ahead to predict, seconds.")
+@options.seed
+@options.as_json
+@options.overwrite
+def validate(drone_: str, logs: Path, output: Path, horizons: list[float], seed: int, as_json: bool, overwrite: bool) -> None:
+    """Validate a DRONE on LOGS that it was not identified from.
+
+    DRONE is a TOML file or a name, LOGS a flight log or a folder of them. From every tenth row the drone is simulated with the
+    recorded commands alone; the table tells how far it is from the flight then. Beside it stand the paper's Crazyflie and the
+    prediction that nothing changes: position, velocity, attitude and body rates stay as they are.
+    """
+    windows = output.with_name(f"{output.stem}_windows.csv")
+    options.must_be_new(output, overwrite)
+    options.must_be_new(windows, overwrite)
+    from maidenflight import workflow
+
+    with terminal.progress("validate", None) as move:
+        flights, errors, notes = workflow.validate_with(
+            drone_, logs, seed, output, horizons, lambda done, of: move(done, of, "reading flights")
+        )
+    _print_notes(notes)
+    simulated = any(flight.simulated for flight in flights)
+    content = {
+        "errors": errors.to_dicts(),
+        "flights": _flights_content(flights),
+        "simulated": simulated,
+        "notes": notes,
+        "output": str(output),
+    }
+
+    def text() -> None:
+        _print_flights(flights, errors["windows"][0])
+        terminal.predictions(errors, simulated=simulated)
+        print(f"written to {output} in SI units, with 95 % intervals over {errors['stretches'][0]} stretches of flight;")
+        print(f"some windows row by row, for pictures, to {windows}")
+
+    options.emit(as_json, content, text)
+
+
+def _flights_content(flights: "Flights") -> dict[str, Any]:
+    return {
+        "files": len(flights.paths),
+        "pieces": len(flights),
+        "seconds": round(flights.duration, 2),
+        "dropped": flights.notes,
+        "refused": flights.refused,
+    }
+
+
+def _print_flights(flights: "Flights", windows: int) -> None:
+    print(f"{len(flights.paths)} files, {len(flights)} usable pieces of flight, {flights.duration:.0f} s; {windows} windows")
+    if flights.notes:
+        print(f"{len(flights.notes)} notes on what was dropped, the first: {flights.notes[0]}")
+    if flights.refused:
+        print(f"{len(flights.refused)} files refused:", file=sys.stderr)
+        for reason in flights.refused[:3]:
+            print(f"  {reason}", file=sys.stderr)
+        if len(flights.refused) > 3:
+            print(f"  and {len(flights.refused) - 3} more; --json lists them all", file=sys.stderr)
+
+
+def _print_notes(notes: Iterable[str]) -> None:
+    for note in notes:
+        print(f"note: {note}", file=sys.stderr)

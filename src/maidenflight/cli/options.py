@@ -1,0 +1,83 @@
+"""Options that commands share, and what every command does about them."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from maidenflight.errors import InputError
+
+CONTROLS = ("pwm", "attitude_rate", "attitude")
+TASKS = ("circle", "figure_eight", "hover", "take_off")
+REALITIES = "near:SEED, virtual:SEED, far:SEED, ever stranger; pybullet:SEED (virtual:SEED in PyBullet); or a drone's TOML file"
+PATH = click.Path(path_type=Path)
+
+seed = click.option("--seed", default=0, show_default=True, help="Random seed; the same seed gives the same results.")
+as_json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object on standard output and nothing else there.")
+overwrite = click.option("--overwrite", is_flag=True, help="Replace results of an earlier run.")
+
+
+def output(what: str, default: str | None = None) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Where results go; a command may do without a default."""
+    return click.option("-o", "--output", default=default, show_default=True, type=PATH, help=what)
+
+
+class Range(click.FloatRange):
+    """A range of numbers; nan, which is neither below nor above anything, is none of them."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Reads a number."""
+        number = super().convert(value, param, ctx)
+        if number != number:
+            self.fail(f"{value!r} is not a number.", param, ctx)
+        return number
+
+
+def randomization(*words: str) -> Callable[[click.Context, click.Parameter, str | None], float | str | None]:
+    """Reads a half width or one of the words."""
+
+    def read(_: click.Context, __: click.Parameter, given: str | None) -> float | str | None:
+        if given is None or given in words:
+            return given
+        try:
+            width = float(given)
+        except ValueError:
+            width = -1.0
+        if not 0.0 <= width <= 0.9:
+            raise click.BadParameter(f"{given!r}; expected a number from 0 to 0.9, or {' or '.join(words)}.")
+        return width
+
+    return read
+
+
+def must_be_new(path: Path, overwrite: bool, resume: bool | None = None) -> None:
+    """Refuses to write into a folder that holds something, over a file, or where another process is about to; keeps the place for us.
+
+    Args:
+        path: where the command is to write.
+        overwrite: whether it may replace what is there.
+        resume: whether it is to go on with what is there; None for a command that cannot.
+
+    Raises:
+        InputError: something is there, or another process writes there.
+    """
+    from maidenflight import results
+
+    click.get_current_context().call_on_close(results.claim(path))
+    # What a killed run leaves of a file that it was writing is nothing to keep.
+    taken = set(path.iterdir()) > set(results.leftovers(path)) if path.is_dir() else path.exists()
+    if taken and not (overwrite or resume):
+        ways = ["Choose another place with -o", "or allow it with --overwrite"]
+        if resume is not None:
+            ways.insert(1, "go on with what was interrupted there by --resume")
+        raise InputError(f"{path}: already there. {', '.join(ways)}.")
+
+
+def emit(as_json: bool, content: dict[str, Any], text: Callable[[], None]) -> None:
+    """Prints a command's result: its content as JSON if that was asked for, or what `text` prints."""
+    if as_json:
+        print(json.dumps(content))
+    else:
+        text()
