@@ -47,7 +47,7 @@ from maidenflight.reporting.svg import Panel
 from maidenflight.simulator import control
 
 IDENTIFIED = {"motor_time_constant": 0.0490, "motor_slowdown": 2.278, "latency": 0.00687}
-"""Of the authors' drone, from its PWM flights (docs/identification.md, Real flights)."""
+"""Of the authors' drone, from its PWM flights, identified with lags alone: a lag that grows with the step down has no one mean."""
 AUTHORS_RATE, AUTHORS_STEP = 100, 0.005
 """Actions a second [Hz] in training of all published policies, and the step [s] whose multiples, rounded down, were their latencies
 (configurations and agents.py of phoenix-drone-simulation c5d6907: 15 ms were trained as 10)."""
