@@ -22,10 +22,10 @@ from maidenflight.errors import InputError
 from maidenflight.experiments import matrix
 from maidenflight.experiments.transfer import LONGEST
 from maidenflight.reporting import svg
+from maidenflight.reporting.flight_figures import COLOURS
 from maidenflight.reporting.svg import Panel
 
 SETTINGS = Path(__file__).with_name("zero_shot.toml")
-COLOURS = {"pwm": "blue", "attitude_rate": "orange", "attitude": "green"}
 
 
 def published(folder: Path) -> polars.DataFrame:

@@ -33,7 +33,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import polars
-from figure_4 import COLOURS, published
+from figure_4 import published
 from jaxtyping import Float
 from scipy import stats
 
@@ -43,6 +43,7 @@ from maidenflight.experiments.transfer import LONGEST
 from maidenflight.parameters import Parameters, replace
 from maidenflight.policy import CONTROLS
 from maidenflight.reporting import svg
+from maidenflight.reporting.flight_figures import COLOURS
 from maidenflight.reporting.svg import Panel
 from maidenflight.simulator import control
 

@@ -79,8 +79,9 @@ def multi_step_likelihood(
 
 def as_flown(found: Identification) -> Parameters:
     """The drones that `maidenflight predict` flies: other trims in each flight, where the flights told how they differ."""
-    told = {name: {"spread": estimate.spread} for name, estimate in found.estimates.items() if name in TRIM}
-    return trim_ensemble(found.parameters, told, "flights").drones if told else found.parameters
+    if not set(TRIM) & set(found.estimates):
+        return found.parameters
+    return trim_ensemble(found.parameters, found.to_table(), "flights").drones
 
 
 def flight_times(drones: Mapping[str, Parameters], policies: Mapping[str, Policy], flights: polars.DataFrame, seed: int) -> list[dict]:

@@ -344,8 +344,7 @@ def flights_to_view(path: StrPath) -> Sequence[Flight]:
     Raises:
         InputError: nothing there, or a log cannot be used.
     """
-    named = (Path(path) / name for name in ("flights.csv", "transfer", "recorded", "flights"))
-    flights = run.shown(run.read(Path(path))) if any(place.exists() for place in named) else ()
+    flights = run.shown(run.read(Path(path))) if run.holds_flights(Path(path)) else ()
     return flights or read_flights(path).flights
 
 

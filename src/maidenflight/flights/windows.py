@@ -40,6 +40,11 @@ class Windows(NamedTuple):
     """Number of the stretch of flight that the window lies in."""
 
 
+def first_start(flight: Flight) -> int:
+    """The row at which a flight's first window starts: those before it tell what its motors and delay line hold."""
+    return max(SHORTEST_HISTORY, flight.lead)
+
+
 def windows(flights: Iterable[Flight], length: int, every: int = EVERY, history: int = HISTORY) -> Windows:
     """Cuts flights into windows.
 
@@ -60,7 +65,7 @@ def windows(flights: Iterable[Flight], length: int, every: int = EVERY, history:
     parts: dict[str, list[np.ndarray]] = {name: [] for name in Windows._fields}
     blocks = 0
     for flight in flights:
-        starts = np.arange(max(SHORTEST_HISTORY, flight.lead), len(flight) - length, every)
+        starts = np.arange(first_start(flight), len(flight) - length, every)
         if starts.size == 0:
             continue
         rows = np.concatenate([flight.position, flight.velocity, flight.attitude, flight.body_rates], axis=1)

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from maidenflight.errors import InputError
 from maidenflight.flights.log import GROUPS, Flight
-from maidenflight.flights.windows import EVERY, HISTORY, SHORTEST_HISTORY, Windows, windows
+from maidenflight.flights.windows import EVERY, HISTORY, Windows, first_start, windows
 from maidenflight.identification.objective import PHYSICS_STEP, in_chunks, physics_steps, simulate
 from maidenflight.identification.posterior import RESAMPLES, interval
 from maidenflight.parameters import Parameters, replace
@@ -126,7 +126,7 @@ def predicted_windows(
         raise InputError(f"a model is called {LOGGED!r}, the name of what models are compared with; rename it.")
     period = flights[0].period
     length = int(_rows([horizon], period)[0])
-    long = [flight for flight in flights if len(flight) > max(SHORTEST_HISTORY, flight.lead) + length] or flights
+    long = [flight for flight in flights if len(flight) > first_start(flight) + length] or flights
     generator = np.random.default_rng(np.asarray(jax.random.bits(jax.random.key(0) if key is None else key, (2,))).tolist())
     repeats = np.bincount(np.resize(generator.permutation(len(long)), count), minlength=len(long))
     parts, places = [], []
@@ -134,7 +134,7 @@ def predicted_windows(
         cut = windows([long[number]], length, history=history)
         rows = np.sort(generator.choice(len(cut.block), min(repeats[number], len(cut.block)), replace=False))
         parts.append(jax.tree.map(lambda each, rows=rows: each[rows], cut))
-        places += [(long[number].name, max(SHORTEST_HISTORY, long[number].lead) + EVERY * int(row)) for row in rows]
+        places += [(long[number].name, first_start(long[number]) + EVERY * int(row)) for row in rows]
     cut = jax.tree.map(lambda *pieces: np.concatenate(pieces), *parts)
     start = np.concatenate([cut.position, cut.velocity, _attitude(cut.quaternion), cut.body_rates], axis=1)[:, None]
     ahead = {LOGGED: cut.measured, **{name: predict(cut, drone, period) for name, drone in models.items()}}

@@ -16,6 +16,7 @@ import polars
 from maidenflight.errors import InputError
 from maidenflight.reporting import svg
 from maidenflight.reporting.svg import Panel
+from maidenflight.simulator.tasks import END_REASONS, TIME_LIMIT
 
 COLOURS = {"pwm": "blue", "attitude_rate": "orange", "attitude": "green"}
 """Of control structures, in all pictures."""
@@ -25,7 +26,7 @@ BOXED = 5
 """Flights from which on a row has a box; fewer stand for themselves."""
 DOTTED = 60
 """Flights up to which each of a row is a dot; of more, those beyond the whiskers are."""
-REACHED = "time limit"
+REACHED = END_REASONS[TIME_LIMIT]
 """Reason of the end of a flight that lasted as long as it might."""
 
 

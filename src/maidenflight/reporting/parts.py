@@ -10,6 +10,7 @@ import polars
 from maidenflight.experiments.transfer import LONGEST
 from maidenflight.parameters import QUANTITIES
 from maidenflight.reporting import parameter_tables, text
+from maidenflight.reporting.flight_figures import REACHED
 from maidenflight.reporting.flight_tables import is_matrix
 from maidenflight.reporting.run import Run
 
@@ -119,7 +120,7 @@ def _of_training(run: Run) -> list[Figure]:
 def _of_flights(run: Run) -> list[Figure]:
     if run.table is None:
         return []
-    reached = run.table.filter(polars.col("end_reason") == "time limit")
+    reached = run.table.filter(polars.col("end_reason") == REACHED)
     limit = reached["duration"].to_numpy().max() if reached.height else LONGEST
     word = "simulated " if kind(run) == "simulated" else ""
     median, error = np.median(run.table["duration"].to_numpy()), _mean(run.table["position_error"].to_numpy())
@@ -134,7 +135,7 @@ def _of_predictions(run: Run) -> list[Figure]:
     if run.prediction is None:
         return []
     times = run.prediction.group_by("policy", maintain_order=True).agg(polars.col("duration").mean())["duration"].to_numpy()
-    reached = run.prediction.filter(polars.col("end_reason") == "time limit").height
+    reached = run.prediction.filter(polars.col("end_reason") == REACHED).height
     count = run.prediction.height
     return [
         (f"{np.median(times):.1f} <small>s</small>", "predicted flight time", f"median over {text.plural(len(times), 'policy')}"),

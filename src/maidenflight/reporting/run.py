@@ -62,6 +62,8 @@ _TIMES, _MOST_SECONDS = ("duration", "horizon", "time"), 1e6
 """Columns of times, which are numbers from 0 to some."""
 _MOST_ANY = 1e15
 """What no number of a table comes near."""
+_RECORDED = ("recorded", "flights")
+"""Folders of recorded flights, as the demo and `maidenflight record` call theirs."""
 MOST = 300
 """Flights that the viewer holds, and logs of recorded flights that are read; more would make the page heavy."""
 
@@ -136,11 +138,12 @@ def read(folder: Path) -> Run:
     records: dict[str, Mapping[str, Any]] = {}
     tested = folder / "transfer" if (folder / "transfer").is_dir() else folder
     table = _test_flights(tested / "flights.csv", records)
-    home = next((folder / name for name in ("recorded", "flights") if (folder / name).is_dir()), folder)
+    home = next((folder / name for name in _RECORDED if (folder / name).is_dir()), folder)
     reality = _drone((folder if os.path.lexists(folder / "reality.toml") else home) / "reality.toml", records)
     recorded = _numbered(home.glob("flight_*.csv")) if home != tested or table is None else []
     recorded_flights = _logs(recorded[:MOST], records)
     drone = _drone(folder / "drone.toml", records)
+    found_by = inputs.from_toml(_text(folder / "drone.toml")) if drone is not None else {}
     trained = folder / "policies" if (folder / "policies").is_dir() else folder
     policies = {path.stem: _json(path) for path in _numbered(trained.glob("policy_*.json"))}
     for name, content in policies.items():
@@ -153,10 +156,10 @@ def read(folder: Path) -> Run:
         recorded=recorded_flights,
         logs=len(recorded),
         drone=drone,
-        estimates=_estimates(folder / "drone.toml") if drone is not None else {},
-        objective=_objective(folder / "drone.toml") if drone is not None else "replay",
+        estimates=_estimates(found_by, folder / "drone.toml"),
+        objective=_objective(found_by, folder / "drone.toml"),
         search=_search(folder / "identification.csv"),
-        posterior=_posterior(folder / "drone.toml") if drone is not None else {},
+        posterior=_posterior(found_by, folder / "drone.toml"),
         validation=_table(folder / "validation.csv", ERROR_COLUMNS, records),
         windows=_table(folder / "validation_windows.csv", WINDOW_COLUMNS, records),
         policies=len(policies),
@@ -174,6 +177,11 @@ def read(folder: Path) -> Run:
             " validation.csv, policies/, policy_*.json, transfer/, flights.csv, prediction.csv or flight logs."
         )
     return found
+
+
+def holds_flights(folder: Path) -> bool:
+    """Whether a folder is that of a run with test flights or recorded ones."""
+    return any((folder / name).exists() for name in ("flights.csv", "transfer", *_RECORDED))
 
 
 def _numbered(paths: Any) -> list[Path]:
@@ -236,9 +244,9 @@ def _drone(path: Path, records: dict[str, Mapping[str, Any]]) -> Parameters | No
     return parameters.from_toml(text, str(path))
 
 
-def _estimates(path: Path) -> dict[str, Estimate]:
+def _estimates(content: Mapping[str, Any], path: Path) -> dict[str, Estimate]:
     found = {}
-    for name, entry in _identification(path).items():
+    for name, entry in _identification(content, path).items():
         if name in COMPONENTS and isinstance(entry, dict):
             interval = entry.get("interval")
             numbers = [entry.get("value"), *(interval if isinstance(interval, list) else [])]
@@ -249,29 +257,29 @@ def _estimates(path: Path) -> dict[str, Estimate]:
     return found
 
 
-def _identification(path: Path) -> dict[str, Any]:
-    content = inputs.from_toml(_text(path)).get("identification", {})
-    if not isinstance(content, dict):
+def _identification(content: Mapping[str, Any], path: Path) -> dict[str, Any]:
+    told = content.get("identification", {})
+    if not isinstance(told, dict):
         raise InputError(f"{path}: identification is a value, expected a table [identification]. Identify again.")
-    return content
+    return told
 
 
-def _objective(path: Path) -> str:
-    kind = _identification(path).get("kind", "replay")
+def _objective(content: Mapping[str, Any], path: Path) -> str:
+    kind = _identification(content, path).get("kind", "replay")
     if kind not in ("replay", "likelihood"):
         raise InputError(f"{path}: [identification] kind = {kind!r}, expected 'replay' or 'likelihood'. Identify again.")
     return kind
 
 
-def _posterior(path: Path) -> dict[str, np.ndarray]:
-    content = inputs.from_toml(_text(path)).get("posterior")
-    if content is None:
+def _posterior(content: Mapping[str, Any], path: Path) -> dict[str, np.ndarray]:
+    told = content.get("posterior")
+    if told is None:
         return {}
     try:
-        names = [name for name in content["names"] if name in COMPONENTS]
-        draws = numbers(content["draws"]).astype(np.float64)
+        names = [name for name in told["names"] if name in COMPONENTS]
+        draws = numbers(told["draws"]).astype(np.float64)
         shape = (max(len(draws), 1), len(names))
-        sound = len(set(names)) == len(content["names"]) > 0 and draws.shape == shape and np.isfinite(draws).all()
+        sound = len(set(names)) == len(told["names"]) > 0 and draws.shape == shape and np.isfinite(draws).all()
     except (KeyError, TypeError, ValueError, OverflowError):
         names, draws, sound = [], np.empty(0), False
     if not sound:
