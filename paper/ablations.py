@@ -33,7 +33,7 @@ from maidenflight import cores, parameters, policy, results, terminal, workflow
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import LONGEST, transfer
 from maidenflight.flights.log import Flight
-from maidenflight.identification.identify import posterior_ensemble, trim_ensemble
+from maidenflight.identification.ensembles import posterior_ensemble, trim_ensemble
 from maidenflight.parameters import Parameters, component, replace
 from maidenflight.policy import Policy
 from maidenflight.reporting import svg

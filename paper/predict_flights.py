@@ -18,7 +18,8 @@ import polars
 from maidenflight import cores, results, workflow
 from maidenflight.deployment.authors_json import EPSILON, RATES
 from maidenflight.errors import InputError
-from maidenflight.experiments.flight_times import Agreement, agreement, predict_flight_times, summary
+from maidenflight.experiments.agreement import Agreement, agreement
+from maidenflight.experiments.flight_times import predict_flight_times, summary
 from maidenflight.policy import Policy
 
 COLOURS = {"pwm": "#2679c7", "attitude_rate": "#e2583e", "attitude": "#3a9d5d"}

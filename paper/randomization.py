@@ -34,7 +34,8 @@ from scipy import stats
 
 from maidenflight import cores, policy, results, terminal, workflow
 from maidenflight.errors import InputError
-from maidenflight.experiments.flight_times import AS_FLOWN, predict_flight_times
+from maidenflight.experiments.as_flown import AS_FLOWN
+from maidenflight.experiments.flight_times import predict_flight_times
 from maidenflight.experiments.transfer import LONGEST, transfer
 from maidenflight.policy import Policy
 from maidenflight.reporting import svg

@@ -21,12 +21,15 @@ from rich.table import Table
 
 import maidenflight as mf
 from maidenflight import parameters, results
-from maidenflight.experiments.flight_times import agreement, predict_flight_times, summary
+from maidenflight.experiments.agreement import agreement
+from maidenflight.experiments.flight_times import predict_flight_times, summary
 from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import read_flights
 from maidenflight.flights.windows import windows
 from maidenflight.identification import one_step
-from maidenflight.identification.identify import AUTO, TRIM, Identification, identify, trim_ensemble
+from maidenflight.identification.ensembles import TRIM, trim_ensemble
+from maidenflight.identification.estimates import Identification
+from maidenflight.identification.identify import AUTO, identify
 from maidenflight.identification.one_step import OneStep
 from maidenflight.identification.prediction import predict
 from maidenflight.identification.selection import FIRST

@@ -24,7 +24,8 @@ from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import read_flights
 from maidenflight.flights.windows import windows
 from maidenflight.identification.bayesian import PAPER_BOUNDS
-from maidenflight.identification.identify import METHODS, Identification, identify
+from maidenflight.identification.estimates import Identification
+from maidenflight.identification.identify import METHODS, identify
 from maidenflight.identification.objective import Objective
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.simulator.control import CONTROLLERS

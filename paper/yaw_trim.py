@@ -21,7 +21,8 @@ from predict_flights import COLOURS, one_against_others, published
 
 from maidenflight import cores, parameters
 from maidenflight.errors import InputError
-from maidenflight.experiments.flight_times import agreement, predict_flight_times, summary
+from maidenflight.experiments.agreement import agreement
+from maidenflight.experiments.flight_times import predict_flight_times, summary
 from maidenflight.flights import authors, tables
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy

@@ -184,6 +184,32 @@ def test_a_place_is_given_back(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_place_given_back_leaves_nothing(tmp_path: Path, monkeypatch: Any) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    back = results.claim(tmp_path / "made")
+    assert [path.suffix for path in tmp_path.iterdir()] == [".lock"]
+    back()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_place_that_is_given_back_while_another_asks_for_it_is_claimed_anew(tmp_path: Path, monkeypatch: Any) -> None:
+    import fcntl
+
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    given, backs = fcntl.flock, [results.claim(tmp_path / "made")]
+
+    def just_before(descriptor: int, how: int) -> None:
+        if backs:
+            backs.pop()()
+        given(descriptor, how)
+
+    monkeypatch.setattr(fcntl, "flock", just_before)
+    back = results.claim(tmp_path / "made")
+    with pytest.raises(InputError, match="another maidenflight"):
+        results.claim(tmp_path / "made")
+    back()
+
+
 @pytest.mark.parametrize("option", ["--duration", "--excitation"])
 def test_a_number_that_is_none_is_refused(option: str, tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
     code, _, err = run(monkeypatch, capsys, "record", "-o", tmp_path / "made", option, "nan")

@@ -84,3 +84,18 @@ def test_without_randomness_and_inputs_a_record_has_neither(tmp_path):
 def test_a_tables_record_is_found_in_its_comments(tmp_path, text, record):
     assert results.told(results.write(tmp_path / "table.csv", text)) == record
     assert results.told(tmp_path / "nothing.csv") is None
+
+
+def test_tables_of_an_earlier_run_of_the_same_kind_go_and_nothing_else(tmp_path):
+    earlier, now = ({"seed": seed, "settings": {"flights": 2 - seed, "duration": 1.0}} for seed in (0, 1))
+    for name, record in {"flight_1": now, "flight_2": earlier, "other": {"settings": {"uri": "radio://"}}, "odd": {"settings": 3}}.items():
+        results.write_table(tmp_path / f"{name}.csv", "# a table", record, "time\n0.0\n")
+    (tmp_path / "mine.csv").write_text("time,x\n0,1\n")
+    (tmp_path / "binary.csv").write_bytes(b"# \xff")
+    results.remove_older([tmp_path / "flight_1.csv"], now)
+    assert sorted(path.stem for path in tmp_path.iterdir()) == ["binary", "flight_1", "mine", "odd", "other"]
+
+
+def test_comments_are_read_and_what_follows_is_not(tmp_path):
+    (tmp_path / "table.csv").write_bytes(b'# a\r\n# record: {"seed": 1}\ntime\n' + b"0.0\n" * 10_000 + b"\xff")
+    assert results.told(tmp_path / "table.csv") == {"seed": 1}

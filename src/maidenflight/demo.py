@@ -11,7 +11,8 @@ import polars
 
 from maidenflight import results, workflow
 from maidenflight.experiments.transfer import Transfer
-from maidenflight.identification.identify import AUTO, Identification
+from maidenflight.identification.estimates import Identification
+from maidenflight.identification.identify import AUTO
 from maidenflight.parameters import Parameters
 from maidenflight.reporting.page import report
 from maidenflight.training.analytic_gradient import AnalyticGradient

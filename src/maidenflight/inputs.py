@@ -9,23 +9,31 @@ import errno
 import json
 import os
 import tomllib
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
+StrPath = str | os.PathLike[str]
+"""A path as a user gives it."""
 
-def content(path: str | os.PathLike[str]) -> bytes:
+
+def content(path: StrPath) -> bytes:
     """Bytes of a file.
 
     Raises:
         OSError: it cannot be read, or is a pipe, a socket or a device.
     """
+    return _ordinary(path).read_bytes()
+
+
+def _ordinary(path: StrPath) -> Path:
     path = Path(path)
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise OSError(errno.EINVAL, "neither a file nor a link to one")
-    return path.read_bytes()
+    return path
 
 
-def text(path: str | os.PathLike[str]) -> str:
+def text(path: StrPath) -> str:
     """Text of a file in UTF-8, lines ended by a line feed.
 
     Raises:
@@ -33,6 +41,18 @@ def text(path: str | os.PathLike[str]) -> str:
         UnicodeDecodeError: not UTF-8.
     """
     return content(path).decode("utf-8").replace("\r\n", "\n")
+
+
+def comments(path: StrPath) -> list[str]:
+    """The lines that a file in UTF-8 begins with, each with a "#" before it; the rest is not read.
+
+    Raises:
+        OSError: see `content`.
+        UnicodeDecodeError: not UTF-8.
+    """
+    path = _ordinary(path)
+    with path.open(encoding="utf-8") as file:
+        return [line.rstrip("\n") for line in takewhile(lambda line: line.startswith("#"), file)]
 
 
 def from_json(text: str) -> Any:

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from jaxtyping import Array, Float
 
 from maidenflight import inputs, results
 from maidenflight.errors import InputError
+from maidenflight.inputs import StrPath
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import ACTION_SIZE, OBSERVATION_SIZE
 from maidenflight.simulator.firmware import ATTITUDE_RATE
@@ -199,12 +199,12 @@ def _checked(policy: Policy, content: Mapping[str, Any], where: str) -> Policy:
     return policy
 
 
-def write(path: str | os.PathLike[str], policy: Policy, record: Mapping[str, Any] | None = None) -> Path:
+def write(path: StrPath, policy: Policy, record: Mapping[str, Any] | None = None) -> Path:
     """Writes a policy file; see `to_json`."""
     return results.write(path, to_json(policy, record) + "\n")
 
 
-def read(path: str | os.PathLike[str]) -> Policy:
+def read(path: StrPath) -> Policy:
     """Reads a policy file.
 
     Raises:
@@ -213,7 +213,7 @@ def read(path: str | os.PathLike[str]) -> Policy:
     return from_json(text_of(path), str(path))
 
 
-def record(path: str | os.PathLike[str]) -> dict[str, Any]:
+def record(path: StrPath) -> dict[str, Any]:
     """How the policy of a file was made, as `results.record` tells it.
 
     Raises:
@@ -224,9 +224,7 @@ def record(path: str | os.PathLike[str]) -> dict[str, Any]:
     return inputs.from_json(text)["record"]
 
 
-def kept(
-    folder: str | os.PathLike[str], count: int, made: Mapping[str, Any], learn: Callable[[], Iterable[Policy]], anew: bool = False
-) -> list[Policy]:
+def kept(folder: StrPath, count: int, made: Mapping[str, Any], learn: Callable[[], Iterable[Policy]], anew: bool = False) -> list[Policy]:
     """Policies that a folder holds, or new ones that it holds then: what was interrupted goes on, and nothing is trained twice.
 
     Args:
@@ -251,7 +249,7 @@ def kept(
     return [read(path) for path in files]
 
 
-def text_of(path: str | os.PathLike[str]) -> str:
+def text_of(path: StrPath) -> str:
     """Text of a policy file, of whatever format.
 
     Raises:

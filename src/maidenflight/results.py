@@ -15,11 +15,12 @@ from typing import Any
 
 from maidenflight import __version__, inputs
 from maidenflight.errors import InputError, WriteError
+from maidenflight.inputs import StrPath
 
 _LEFTOVER = re.compile(r"\..+\.[a-z0-9_]{8}\.part")
 
 
-def write(path: str | os.PathLike[str], content: str | bytes) -> Path:
+def write(path: StrPath, content: str | bytes) -> Path:
     """Writes a file atomically: a reader sees the old content or the new, never a part, also after a power cut.
 
     Args:
@@ -54,7 +55,7 @@ def write(path: str | os.PathLike[str], content: str | bytes) -> Path:
     return path
 
 
-def claim(path: str | os.PathLike[str]) -> Callable[[], None]:
+def claim(path: StrPath) -> Callable[[], None]:
     """Keeps other processes of this computer and user from writing to a place that is asked for like this.
 
     Args:
@@ -80,21 +81,52 @@ def claim(path: str | os.PathLike[str]) -> Callable[[], None]:
     except OSError:
         os.close(descriptor)
         raise InputError(f"{path}: another maidenflight is writing there. Wait for it, or choose another place with -o.") from None
-    return lambda: os.close(descriptor)
+    if not _is(lock, descriptor):  # who had it has just removed it
+        os.close(descriptor)
+        return claim(path)
+
+    def give_back() -> None:
+        with suppress(OSError):
+            lock.unlink()
+        os.close(descriptor)
+
+    return give_back
 
 
-def leftovers(folder: str | os.PathLike[str]) -> list[Path]:
+def _is(path: Path, descriptor: int) -> bool:
+    """Whether an open file is the one that the path names now."""
+    try:
+        return os.path.samestat(path.stat(), os.fstat(descriptor))
+    except FileNotFoundError:
+        return False
+
+
+def remove_older(written: Sequence[StrPath], record: Mapping[str, Any]) -> None:
+    """Removes tables beside those just written that an earlier run of the same kind left and this one did not replace.
+
+    Args:
+        written: CSV files of one folder.
+        record: how they were made; what an earlier run wrote has a record that names the same settings.
+    """
+    kept = {Path(path) for path in written}
+    for path in {beside for folder in {path.parent for path in kept} for beside in folder.glob("*.csv")} - kept:
+        older = told(path)
+        if older is not None and isinstance(older.get("settings"), dict) and older["settings"].keys() == record["settings"].keys():
+            path.unlink()
+
+
+def leftovers(folder: StrPath) -> list[Path]:
     """Files in a folder that `write` was killed over; nothing will ever read them."""
     return [path for path in Path(folder).glob(".*") if _LEFTOVER.fullmatch(path.name)]
 
 
-def digest(path: str | os.PathLike[str]) -> str:
+def digest(path: StrPath) -> str:
     """First 16 hexadecimal digits of a file's SHA-256."""
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()[:16]
 
 
-def record(*, seed: int | None, inputs: Sequence[str | os.PathLike[str]], settings: Mapping[str, Any]) -> dict[str, Any]:
+def record(*, seed: int | None, inputs: Sequence[StrPath], settings: Mapping[str, Any]) -> dict[str, Any]:
     """What a result file says of its own making.
 
     Args:
@@ -119,7 +151,7 @@ def plain(record: Mapping[str, Any]) -> dict[str, Any]:
     return json.loads(json.dumps(record))
 
 
-def write_table(path: str | os.PathLike[str], heading: str, record: Mapping[str, Any], rows: str) -> Path:
+def write_table(path: StrPath, heading: str, record: Mapping[str, Any], rows: str) -> Path:
     """Writes a CSV file with a line that says what it is and its record in comments above; `told` finds the record again.
 
     Args:
@@ -134,13 +166,11 @@ def write_table(path: str | os.PathLike[str], heading: str, record: Mapping[str,
     return write(path, f"{heading}\n# record: {json.dumps(record)}\n{rows}")
 
 
-def told(path: str | os.PathLike[str]) -> dict[str, Any] | None:
+def told(path: StrPath) -> dict[str, Any] | None:
     """The record in the comments of a CSV file, as a line `# record: ` of JSON; nothing where there is no such file or line."""
     with suppress(OSError, ValueError):
-        for line in inputs.text(path).split("\n"):
+        for line in inputs.comments(path):
             if line.startswith("# record: "):
                 found = inputs.from_json(line.removeprefix("# record: "))
                 return found if isinstance(found, dict) else None
-            if not line.startswith("#"):
-                break
     return None

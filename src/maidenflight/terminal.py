@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
     from maidenflight.demo import Demo
     from maidenflight.experiments.transfer import Transfer
-    from maidenflight.identification.identify import Identification
+    from maidenflight.identification.estimates import Identification
     from maidenflight.training.train import Progress
 
 

@@ -13,8 +13,9 @@ import pytest
 from scipy import stats
 
 from maidenflight.errors import InputError
-from maidenflight.experiments import flight_times
-from maidenflight.experiments.flight_times import PUBLISHED_START, agreement, predict_flight_times, summary
+from maidenflight.experiments import as_flown, flight_times
+from maidenflight.experiments.agreement import agreement
+from maidenflight.experiments.flight_times import PUBLISHED_START, predict_flight_times, summary
 from maidenflight.parameters import Parameters, crazyflie, noiseless, replace
 from maidenflight.policy import Policy, untrained
 from maidenflight.simulator import control, dynamics, environment, rotations, tasks
@@ -70,7 +71,7 @@ def test_a_policy_that_rolls_at_60_deg_a_second_meets_the_tilt_guard_after_half_
 @pytest.mark.parametrize("output", [0.5, 1.3])
 def test_attitude_is_asked_for_without_clipping(output: float) -> None:
     """Rate PIDs get 6 + 3 x 2 ms times 10 deg; the first tick's derivative saturates them, the second's does not."""
-    flown = flight_times.attitude_as_flown()
+    flown = as_flown.attitude_as_flown()
     level = Measurement(jnp.zeros(3), jnp.zeros(3), jnp.array([0.0, 0.0, 0.0, 1.0]), jnp.zeros(3))
     memory, action = flown.init(), jnp.array([0.0, output, 0.0, 0.0])
     memory, _ = flown.command(memory, action, level, jnp.zeros(3))
@@ -107,7 +108,7 @@ def test_the_guard_is_the_papers_on_what_the_sensors_tell(attitude: tuple, body_
 
 def test_yaw_rate_is_the_rate_pids_own_set_point() -> None:
     """The counts of the first tick: 120 and 16.7 times 60 deg/s, and all thrust asked for beside it."""
-    flown = flight_times.attitude_rate_as_flown()
+    flown = as_flown.attitude_rate_as_flown()
     level = Measurement(jnp.zeros(3), jnp.zeros(3), jnp.array([0.0, 0.0, 0.0, 1.0]), jnp.zeros(3))
     _, command = flown.command(flown.init(), jnp.array([0.0, 0.0, 0.0, 1.0]), level, jnp.zeros(3))
     yaw = np.trunc(120 * 60 + 16.7 * 60 * 0.002)
@@ -116,7 +117,7 @@ def test_yaw_rate_is_the_rate_pids_own_set_point() -> None:
 
 def test_policies_see_the_history_and_hold_the_actions_of_their_own_rate() -> None:
     """As in an environment that acts at that rate: its layout is held against the drone's logs. Only the guard looks more often."""
-    structure = flight_times.attitude_as_flown()._replace(action_rate=25)
+    structure = as_flown.attitude_as_flown()._replace(action_rate=25)
     policies = [restless("attitude", number) for number in range(4)]
     drone = replace(noiseless(crazyflie()), time_step=control.time_step(structure))
     simulated = Environment.matching(drone, tasks.circle(), structure)

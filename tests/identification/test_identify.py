@@ -14,7 +14,10 @@ from maidenflight.errors import InputError
 from maidenflight.flights.log import write as write_log
 from maidenflight.flights.reading import read_flights
 from maidenflight.identification import likelihood
-from maidenflight.identification.identify import AUTO, METHODS, PAPER_BOUNDS, SAVED, identify, posterior_ensemble, trim_ensemble
+from maidenflight.identification.bayesian import PAPER_BOUNDS
+from maidenflight.identification.ensembles import posterior_ensemble, trim_ensemble
+from maidenflight.identification.estimates import SAVED
+from maidenflight.identification.identify import AUTO, METHODS, identify
 from maidenflight.identification.posterior import DESIGN
 from maidenflight.identification.selection import FIRST
 from maidenflight.parameters import QUANTITIES, check, crazyflie, noiseless, read, replace, write
@@ -192,7 +195,7 @@ def test_of_a_large_folder_only_as_much_as_asked_for_reaches_the_identification(
 
     for number in range(3):
         write_log(tmp_path / f"{number}.csv", flights[number])
-    monkeypatch.setattr(workflow, "identify", seen)
+    monkeypatch.setattr("maidenflight.workflow.logs.identify", seen)
     for most, duration, notes in ((3.1, 3.03, 1), (6.1, 6.0, 0)):
         with pytest.raises(Reached) as reached:
             workflow.identify_from(tmp_path, 0, tmp_path / "drone.toml", None, "crazyflie", history=30, most_seconds=most)

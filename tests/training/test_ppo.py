@@ -15,9 +15,10 @@ from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import relative_box
 from maidenflight.simulator.rollout import launch
 from maidenflight.training import ppo
+from maidenflight.training.critic import Moments, advantages, merged, moments_of
 from maidenflight.training.devices import DRONES
 from maidenflight.training.evaluation import evaluate
-from maidenflight.training.ppo import PPO, Moments, advantages, merged, surrogate
+from maidenflight.training.ppo import PPO, surrogate
 from maidenflight.training.train import Progress, recorded, train
 
 BOX = relative_box(replace(crazyflie(), motor_time_constant=0.04, latency=0.0), 0.10)
@@ -150,7 +151,7 @@ def test_the_running_moments_are_those_of_all_samples_on_all_devices() -> None:
     samples[0] += 1.0
     running = Moments(jnp.zeros(()), jnp.full(2, 7.0), jnp.full(2, 9.0))  # a guess that no sample backs counts for nothing
     for batch in samples:
-        across = jax.vmap(ppo._moments, axis_name=DRONES)(jnp.asarray(batch))
+        across = jax.vmap(moments_of, axis_name=DRONES)(jnp.asarray(batch))
         running = merged(running, jax.tree.map(lambda leaf: leaf[0], across))
     flat = samples.reshape(-1, 2).astype(np.float64)
     assert float(running.seen) == len(flat)

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from maidenflight import cli, workflow
+from maidenflight import cli, policy, workflow
 from maidenflight.cli import options
 from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, replace
@@ -167,9 +167,21 @@ def test_what_a_killed_run_left_is_cleared_and_does_not_stand_in_the_way(tmp_pat
         options.must_be_new(tmp_path, False)
     with pytest.raises(InputError, match=r"no training to resume\. Leave out --resume"):
         workflow.train_for("crazyflie", 0, tmp_path, 1, SMALL, 0.1, resume=True)
-    monkeypatch.setattr(workflow, "train", lambda *_: (tmp_path / "training.npz").touch() or ())
+    monkeypatch.setattr("maidenflight.workflow.training.train", lambda *_: (tmp_path / "training.npz").touch() or ())
     workflow.train_for("crazyflie", 0, tmp_path, 1, SMALL, 0.1)
     assert [path.name for path in tmp_path.iterdir()] == ["training.csv"]
+
+
+def test_policies_of_an_earlier_training_of_more_go(tmp_path: Path, monkeypatch: Any) -> None:
+    older = policy.untrained(jax.random.key(0), (3,))
+    for number in (1, 2, 3):
+        policy.write(tmp_path / f"policy_{number}.json", older, {"number": number})
+    policy.write(tmp_path / "policy_4.json", older, {"note": "put here by somebody"})
+    (tmp_path / "policy_5.json").write_text("not a policy")
+    monkeypatch.setattr("maidenflight.workflow.training.train", lambda *_: (tmp_path / "training.npz").touch() or (older,))
+    workflow.train_for("crazyflie", 7, tmp_path, 1, SMALL, 0.1)
+    assert sorted(path.name for path in tmp_path.glob("*.json")) == ["policy_1.json", "policy_4.json", "policy_5.json"]
+    assert policy.record(tmp_path / "policy_1.json")["seed"] == 7
 
 
 def test_a_mistake_in_the_command_keeps_an_earlier_training(tmp_path: Path) -> None:

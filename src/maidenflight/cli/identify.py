@@ -13,7 +13,7 @@ from maidenflight.cli import options
 
 if TYPE_CHECKING:
     from maidenflight.flights.reading import Flights
-    from maidenflight.identification.identify import Identification
+    from maidenflight.identification.estimates import Identification
 
 
 @click.command()

@@ -8,7 +8,6 @@ Source: github SvenGronauer/phoenix-drone-simulation c5d6907, described from rea
 
 import json
 import math
-import os
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ import numpy as np
 
 from maidenflight import inputs, results
 from maidenflight.errors import InputError
+from maidenflight.inputs import StrPath
 from maidenflight.policy import CONTROLS, FORMAT, Policy, from_json, numbers, text_of, to_json
 from maidenflight.simulator.environment import OBSERVATION_SIZE
 
@@ -78,7 +78,7 @@ def from_authors_json(text: str, where: str, control: str) -> Policy:
     return from_json(to_json(made), where)
 
 
-def read_authors_json(path: str | os.PathLike[str], control: str) -> Policy:
+def read_authors_json(path: StrPath, control: str) -> Policy:
     """Reads one of the authors' policy files; see `from_authors_json`.
 
     Raises:
@@ -133,7 +133,7 @@ def to_authors_json(policy: Policy) -> str:
     return json.dumps(content)
 
 
-def export_authors_json(policy: Policy, directory: str | os.PathLike[str], *, name: str = "policy") -> Path:
+def export_authors_json(policy: Policy, directory: StrPath, *, name: str = "policy") -> Path:
     """Writes one of the authors' policy files; see `to_authors_json`.
 
     Args:
@@ -154,7 +154,7 @@ def export_authors_json(policy: Policy, directory: str | os.PathLike[str], *, na
     return results.write(Path(directory) / f"{name}.json", text)
 
 
-def read_policy(path: str | os.PathLike[str], control: str | None = None) -> Policy:
+def read_policy(path: StrPath, control: str | None = None) -> Policy:
     """Reads a policy file, ours or the authors', told apart by content.
 
     Args:

@@ -9,7 +9,6 @@ vectors; those come from float64 sums in NumPy, so that neither the machine nor 
 import hashlib
 import json
 import math
-import os
 import textwrap
 from collections.abc import Iterable, Mapping
 from importlib import resources
@@ -22,6 +21,7 @@ from numpy.typing import NDArray
 
 from maidenflight import __version__, results
 from maidenflight.errors import InputError
+from maidenflight.inputs import StrPath
 from maidenflight.policy import Policy, from_json, to_json
 from maidenflight.simulator.environment import ACTION_SIZE, OBSERVATION_SIZE
 
@@ -80,7 +80,7 @@ Numbers = NDArray[np.float32]
 Layers = list[tuple[Numbers, Numbers]]
 
 
-def export_c(policy: Policy, directory: str | os.PathLike[str], *, seed: int = 0, record: Mapping[str, Any] | None = None) -> list[Path]:
+def export_c(policy: Policy, directory: StrPath, *, seed: int = 0, record: Mapping[str, Any] | None = None) -> list[Path]:
     """Writes a policy as `policy.h` and `policy.c`. The same policy, seed and record give the same bytes.
 
     Args:

@@ -8,7 +8,6 @@ Source: interface, units and signs of the Crazyflie firmware 2026.08 (2a18fc299d
 """
 
 import hashlib
-import os
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
@@ -20,6 +19,7 @@ import numpy as np
 from maidenflight import __version__, results
 from maidenflight.deployment.c import COMMANDS, export_c
 from maidenflight.errors import InputError
+from maidenflight.inputs import StrPath
 from maidenflight.policy import Policy, to_json
 from maidenflight.simulator.battery import COUNTS, MOST_COUNTS
 
@@ -34,7 +34,7 @@ _VERBATIM = ("Makefile", "Kbuild", "app-config", "src/Kbuild")
 
 
 def export_crazyflie(
-    policy: Policy, directory: str | os.PathLike[str], *, seed: int = 0, record: Mapping[str, Any] | None = None, full: float = COUNTS
+    policy: Policy, directory: StrPath, *, seed: int = 0, record: Mapping[str, Any] | None = None, full: float = COUNTS
 ) -> list[Path]:
     """Writes a policy as an app: `make CRAZYFLIE_BASE=...` in its folder builds a firmware. The same arguments give the same bytes.
 

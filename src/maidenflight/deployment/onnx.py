@@ -5,7 +5,6 @@ Written with the `onnx` package, which is an extra. The version of the format is
 
 import hashlib
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ import numpy as np
 from maidenflight import __version__, results
 from maidenflight.deployment.c import COMMANDS, golden_observations
 from maidenflight.errors import InputError
+from maidenflight.inputs import StrPath
 from maidenflight.policy import Policy, from_json, to_json
 from maidenflight.simulator.environment import ACTION_SIZE
 
@@ -75,7 +75,7 @@ def to_onnx(policy: Policy, record: Mapping[str, Any] | None = None) -> bytes:
     return model.SerializeToString(deterministic=True)
 
 
-def export_onnx(policy: Policy, directory: str | os.PathLike[str], *, record: Mapping[str, Any] | None = None) -> Path:
+def export_onnx(policy: Policy, directory: StrPath, *, record: Mapping[str, Any] | None = None) -> Path:
     """Writes a policy as `policy.onnx`; see `to_onnx`.
 
     Args:

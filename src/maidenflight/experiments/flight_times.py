@@ -16,8 +16,7 @@ Source: Gronauer et al. 2022, sec. Zero-Shot Experiments; logs of the authors' f
 import hashlib
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 from itertools import islice, starmap
 from typing import Any, NamedTuple
 
@@ -28,86 +27,19 @@ import polars
 from jax import lax, tree
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Bool, Float, Int, UInt
-from scipy import stats
 
 from maidenflight.errors import InputError
+from maidenflight.experiments.as_flown import AS_FLOWN, GUARD_RATE
 from maidenflight.experiments.transfer import FASTEST, LONGEST, STEEPEST
 from maidenflight.parameters import Parameters, replace
 from maidenflight.policy import Policy
-from maidenflight.simulator import control, dynamics, environment, firmware, rotations, tasks
-from maidenflight.simulator.battery import COUNTS
+from maidenflight.simulator import control, dynamics, environment, rotations, tasks
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment, Episode
-from maidenflight.simulator.firmware import Generation
-from maidenflight.simulator.sensors import Measurement
 from maidenflight.simulator.tasks import END_REASONS
 
-FIRMWARE: Generation = "2021.10"
-"""What the authors' drone ran."""
-GUARD_RATE = 100
-"""How often the guard looks [Hz], which is also the rate of the authors' logs and of the estimates."""
 FARTHEST = 2.5
 """Distance from the set-point [m] at which a flight ends: no guard of the drone, but the room; one published flight went further."""
-
-
-def attitude_rate_as_flown() -> Controller:
-    """Attitude-rate control as the authors' drone did it: yaw's rate PID, too, follows the rate that the policy asks for.
-
-    The firmware's commander would turn it into a heading. In the 47 published flights of 150 rows and more the rate PID fed with the
-    policy's yaw rate explains 95 % of the variance of the yaw torque at a slope of 1.00, that of the heading less than 1 %.
-    """
-    return _attitude_rate_as_flown()
-
-
-@cache
-def _attitude_rate_as_flown() -> Controller:
-    commander = control.attitude_rate(FIRMWARE, GUARD_RATE)
-
-    def init() -> firmware.PIDMemory:
-        zero = np.zeros(3, np.float32)
-        return firmware.PIDMemory(zero, zero)  # type: ignore[arg-type]
-
-    def command(
-        memory: firmware.PIDMemory, action: Float[Array, "4"], measurement: Measurement, setpoint: Float[Array, "3"]
-    ) -> tuple[firmware.PIDMemory, Float[Array, "4"]]:
-        asked = jnp.clip(action, -1.0, 1.0)
-        memory, torque = firmware.pid(memory, 60.0 * asked[1:], jnp.degrees(measurement.body_rates), firmware.RATE, FIRMWARE)
-        motors = firmware.mix(30000.0 + 30000.0 * asked[0], firmware.cut(torque), FIRMWARE)
-        return memory, jnp.clip(motors / COUNTS, 0.0, 1.0)
-
-    return commander._replace(init=init, command=command)
-
-
-def attitude_as_flown() -> Controller:
-    """Attitude control as the authors' drone did it: the policy's outputs are not clipped.
-
-    In 22 of the 54 published flights (those of 150 rows and more) the PIDs fed with 10 deg times the outputs explain 96, 95 and 85 % of
-    the variance of the roll, pitch and yaw torque; fed with outputs clipped to [-1, 1] it is 79, 79 and 64 %.
-    """
-    return _attitude_as_flown()
-
-
-@cache
-def _attitude_as_flown() -> Controller:
-    commander = control.attitude(FIRMWARE, GUARD_RATE)
-    mode = np.array([firmware.DISABLE] * 3 + [firmware.ABSOLUTE] * 3, np.int32)
-
-    def command(
-        memory: firmware.Memory, action: Float[Array, "4"], measurement: Measurement, setpoint: Float[Array, "3"]
-    ) -> tuple[firmware.Memory, Float[Array, "4"]]:
-        wanted = control.NOTHING._replace(mode=mode, attitude=10.0 * action[1:], thrust=45000.0 + 10000.0 * action[0])
-        memory, motors = firmware.tick(memory, wanted, control.sensed(measurement), FIRMWARE, position_due=False)
-        return memory, jnp.clip(motors / COUNTS, 0.0, 1.0)
-
-    return commander._replace(command=command)
-
-
-AS_FLOWN: dict[str, Callable[[], Controller]] = {
-    "pwm": control.pwm,
-    "attitude_rate": attitude_rate_as_flown,
-    "attitude": attitude_as_flown,
-}
-"""Control structures of the authors' drone, with a place for the guard between actions."""
 
 
 class Start(NamedTuple):
@@ -133,7 +65,6 @@ def _start(*numbers: tuple[float, ...] | float) -> Start:
 
 
 PUBLISHED_START = _start((0.029, 0.023, 0.010), (0.044, 0.043, 0.018), (0.015, 0.014, 0.011), (0.135, 0.145, 0.035), 0.77)
-
 
 LANES = 16
 """Trials of a policy that one compiled program flies together, until the last of them has ended."""
@@ -435,39 +366,4 @@ def summary(flights: polars.DataFrame) -> polars.DataFrame:
         duration.mean().alias("mean"),
         *(duration.quantile(share / 100, "linear").alias(f"quantile_{share}") for share in QUANTILES),
         *((reason == name).mean().alias(name) for name in reasons),
-    )
-
-
-@dataclass(frozen=True)
-class Agreement:
-    """How well predictions tell what was measured."""
-
-    policies: int
-    spearman: float
-    """Rank correlation."""
-    pearson: float
-    """Linear correlation."""
-    mean_absolute_error: float
-    """In the unit of what was measured."""
-
-
-def agreement(predicted: Float[np.ndarray, "P"], measured: Float[np.ndarray, "P"]) -> Agreement:
-    """Compares predicted and measured mean flight times, policy by policy; correlations with a constant are not numbers.
-
-    Raises:
-        InputError: not two rows of one length of at least two finite numbers.
-    """
-    predicted, measured = np.asarray(predicted, np.float64), np.asarray(measured, np.float64)
-    if predicted.ndim != 1 or predicted.shape != measured.shape or len(predicted) < 2 or not np.isfinite([predicted, measured]).all():
-        raise InputError(f"predictions of shape {predicted.shape} for measurements of shape {measured.shape}; expected two equal rows.")
-
-    def correlation(first: np.ndarray, second: np.ndarray) -> float:
-        spread = float(np.std(first) * np.std(second))
-        return float(np.mean((first - first.mean()) * (second - second.mean()))) / spread if spread > 0 else float("nan")
-
-    return Agreement(
-        policies=len(predicted),
-        spearman=correlation(stats.rankdata(predicted), stats.rankdata(measured)),
-        pearson=correlation(predicted, measured),
-        mean_absolute_error=float(np.mean(np.abs(predicted - measured))),
     )

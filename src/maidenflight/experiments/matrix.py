@@ -14,7 +14,6 @@ Source: Gronauer et al. 2022, sec. Zero-Shot Experiments.
 
 import dataclasses
 import math
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +26,7 @@ import polars
 from maidenflight import inputs
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import LONGEST, transfer
+from maidenflight.inputs import StrPath
 from maidenflight.parameters import QUANTITIES, Parameters, replace
 from maidenflight.policy import CONTROLS, Policy
 from maidenflight.simulator import control, tasks
@@ -107,7 +107,7 @@ _MOST = 10**6
 """Of whatever is counted in settings of training."""
 
 
-def read(path: str | os.PathLike[str]) -> Matrix:
+def read(path: StrPath) -> Matrix:
     """Reads a matrix from its TOML file.
 
     Raises:
@@ -137,7 +137,7 @@ def read(path: str | os.PathLike[str]) -> Matrix:
     return Matrix({kind: one for kind, (one, _) in settings.items()}, {kind: rate for kind, (_, rate) in settings.items()}, **plain)
 
 
-def _plain(path: str | os.PathLike[str], name: str, value: Any) -> Any:
+def _plain(path: StrPath, name: str, value: Any) -> Any:
     if name not in _PLAIN:
         raise InputError(f"{path}: {name} is unknown. Expected {', '.join(_PLAIN)} and tables [control.NAME].")
     kind, words = _PLAIN[name]
@@ -152,7 +152,7 @@ def _as(kind: type, value: Any) -> Any:
     return (float(value) if abs(value) < 1e300 else math.inf) if kind is float and type(value) is int else value
 
 
-def _times(path: str | os.PathLike[str], name: str, given: tuple[Any, ...]) -> tuple[float, ...]:
+def _times(path: StrPath, name: str, given: tuple[Any, ...]) -> tuple[float, ...]:
     known = QUANTITIES[name]
     if not given or not all(type(time) in (int, float) and known.lower <= time <= known.upper for time in given):
         raise InputError(
@@ -164,7 +164,7 @@ def _times(path: str | os.PathLike[str], name: str, given: tuple[Any, ...]) -> t
     return tuple(map(float, given))
 
 
-def _settings(path: str | os.PathLike[str], kind: str, told: Mapping[str, Any]) -> tuple[AnalyticGradient, int]:
+def _settings(path: StrPath, kind: str, told: Mapping[str, Any]) -> tuple[AnalyticGradient, int]:
     """Settings of training and rate of a control structure."""
     if kind not in CONTROLS:
         raise InputError(f"{path}: [control.{kind}] is unknown. Expected {', '.join(CONTROLS)}.")

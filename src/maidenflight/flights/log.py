@@ -1,7 +1,6 @@
 """The flight log: what a drone measured and commanded, row by row, and our own file format for it."""
 
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,6 +14,7 @@ from maidenflight import results
 from maidenflight.errors import InputError
 from maidenflight.flights import tables
 from maidenflight.flights.tables import Table
+from maidenflight.inputs import StrPath
 
 FAMILY = "# maidenflight flight"
 MARK = f"{FAMILY} 1"
@@ -106,7 +106,7 @@ def to_csv(flight: Flight, record: Mapping[str, Any] | None = None) -> str:
     return "\n".join(head) + "\n" + frame.write_csv(float_precision=7)
 
 
-def write(path: str | os.PathLike[str], flight: Flight, record: Mapping[str, Any] | None = None) -> Path:
+def write(path: StrPath, flight: Flight, record: Mapping[str, Any] | None = None) -> Path:
     """Writes a flight as CSV; see `to_csv`."""
     return results.write(path, to_csv(flight, record))
 

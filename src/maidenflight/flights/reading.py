@@ -19,6 +19,7 @@ from maidenflight.flights.log import Flight
 from maidenflight.flights.sampling import sampled
 from maidenflight.flights.tables import Table
 from maidenflight.flights.windows import HISTORY
+from maidenflight.inputs import StrPath
 
 SUFFIXES = (".csv", ".csv.gz", ".parquet")
 MOST = 3600.0
@@ -75,7 +76,7 @@ class Flights:
 
 
 def read_flights(
-    path: str | os.PathLike[str], on_file: Callable[[int, int], None] | None = None, most: float = math.inf, history: int = HISTORY
+    path: StrPath, on_file: Callable[[int, int], None] | None = None, most: float = math.inf, history: int = HISTORY
 ) -> Flights:
     """Reads and checks flights.
 

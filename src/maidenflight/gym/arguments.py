@@ -7,6 +7,7 @@ from math import isfinite
 from typing import Any
 
 from maidenflight.errors import InputError
+from maidenflight.inputs import StrPath
 from maidenflight.parameters import DRONES, Parameters, crazyflie, read
 from maidenflight.simulator import control, tasks, trajectories
 from maidenflight.simulator.control import Controller
@@ -15,7 +16,7 @@ from maidenflight.simulator.randomization import Distribution, relative_box
 from maidenflight.simulator.tasks import Task
 from maidenflight.simulator.trajectories import Trajectory
 
-Drones = Parameters | Distribution | str | os.PathLike[str] | None
+Drones = Parameters | Distribution | StrPath | None
 """One drone, drones to draw from, a named drone, a TOML file, or the Crazyflie +-10 %."""
 
 SHAPES: dict[str, Callable[..., Trajectory]] = {
@@ -85,7 +86,7 @@ def _drones(given: Drones, controller: Controller) -> Distribution:
 
 def _tracking(
     trajectory: str | Trajectory = "figure_eight",
-    waypoints: str | os.PathLike[str] | None = None,
+    waypoints: StrPath | None = None,
     smooth: bool = False,
     duration: float | None = None,
     farthest: float = tasks.FARTHEST,

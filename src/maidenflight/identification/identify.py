@@ -7,25 +7,21 @@ noise too. `replay` is the paper's: it looks many rows ahead open loop.
 import dataclasses
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
 
 import jax
 import numpy as np
 import polars
 from jaxtyping import Array
-from scipy import stats
-from scipy.stats import qmc
 
 from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
 from maidenflight.flights.windows import BLOCK, HISTORY, windows
 from maidenflight.identification import bayesian, gradient, likelihood, one_step, posterior
 from maidenflight.identification.bayesian import PAPER_BOUNDS, Box
+from maidenflight.identification.estimates import Estimate, Identification
 from maidenflight.identification.objective import DISCOUNT, NormalEquations, Objective
 from maidenflight.identification.selection import FIRST, Step
-from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, Quantity, check, component, crazyflie, replace
-from maidenflight.simulator.randomization import Ensemble, ensemble
+from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, Quantity, check, crazyflie, replace
 
 OBJECTIVES = ("likelihood", "replay")
 """What makes one drone better than another; the paper's is `replay`."""
@@ -33,162 +29,9 @@ AUTO = "auto"
 """Instead of parameters' names: let the flights choose them."""
 METHODS = ("gradient", "bayesian")
 """Optimisers of the objective. The first is the default: it finds the same optimum in a tenth of the time or less."""
-SAVED = 200
-"""Drones of the posterior that a TOML file holds."""
+
 _FEWEST_BLOCKS = 6
 """Stretches of flight below which redrawing them says little."""
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """One identified parameter, in its SI unit."""
-
-    value: float
-    interval: tuple[float, float]
-    """95 % interval, from how stretches of flight differ."""
-    trials: tuple[float, ...]
-    """Best value of each trial of the optimiser; their spread tells of the optimiser, not of the parameter."""
-    spread: float
-    """Standard deviation between stretches of flight: how much the drone itself, or what the model lacks, varies."""
-    valley: tuple[float, float] | None
-    """How far the parameter can go, the others following, until the objective is 1 % above its best; only where that is the paper's."""
-
-    @property
-    def trial_mean(self) -> float:
-        """Mean over the trials, as in the paper's table."""
-        return float(np.mean(self.trials))
-
-    @property
-    def trial_deviation(self) -> float:
-        """Standard deviation over the trials, as in the paper's table."""
-        return float(np.std(self.trials))
-
-
-@dataclass(frozen=True)
-class Identification:
-    """What flights tell of a drone."""
-
-    parameters: Parameters
-    """The start, with the identified values in place."""
-    estimates: Mapping[str, Estimate]
-    kind: str
-    """Which of `OBJECTIVES` was optimised."""
-    objective: float
-    """`replay`: mean loss of a window at the optimum. `likelihood`: minus the log likelihood of a row [nats]."""
-    start_objective: float
-    """The same at the start."""
-    windows: int
-    evaluations: int
-    seconds: float
-    history: polars.DataFrame
-    """One row an evaluation: trial (0: the bootstrap's), values, objective."""
-    draws: Mapping[str, np.ndarray]
-    """Drones that the flights leave possible, by parameter; an entry of each belongs together."""
-    bought: tuple[Step, ...]
-    """What each group of parameters bought, where the flights chose them."""
-    noise: Mapping[str, float]
-    """Noise found in the flights, as fields of `parameters`; empty where it was not sought."""
-    notes: tuple[str, ...]
-    """What the user should know of the result."""
-
-    @property
-    def ensemble(self) -> Ensemble:
-        """The drones that the flights leave possible, to randomize over as the flights are unsure."""
-        count = len(next(iter(self.draws.values())))
-        stacked = jax.tree.map(lambda leaf: np.broadcast_to(leaf, (count, *np.shape(leaf))), self.parameters)
-        return Ensemble(replace(stacked, **{name: values.astype(np.float32) for name, values in self.draws.items()}))
-
-    def to_table(self) -> dict[str, Any]:
-        """The `[identification]` table of a drone's TOML file: nothing in it depends on how long the work took."""
-        table: dict[str, Any] = {
-            "kind": self.kind,
-            "objective": round(self.objective, 6),
-            "windows": self.windows,
-            "evaluations": self.evaluations,
-        }
-        for name, estimate in self.estimates.items():
-            table[name] = {
-                "value": _short(estimate.value),
-                "interval": [_short(side) for side in estimate.interval],
-                "trial_mean": _short(estimate.trial_mean),
-                "trial_deviation": _short(estimate.trial_deviation),
-                "spread": _short(estimate.spread),
-            }
-            if estimate.valley is not None:
-                table[name]["valley"] = [_short(side) for side in estimate.valley]
-        if self.bought:
-            table["bought"] = [{**dataclasses.asdict(step), "gain": _short(step.gain), "error": _short(step.error)} for step in self.bought]
-        return table
-
-    def posterior_table(self) -> dict[str, Any]:
-        """The `[posterior]` table of a drone's TOML file: `names`, and `draws` of their values, SI units."""
-        stacked = np.stack(list(self.draws.values()), axis=1)
-        return {"names": list(self.draws), "draws": [[_short(value) for value in row] for row in stacked[:SAVED]]}
-
-
-def _short(value: float) -> float:
-    return float(f"{value:.6g}")
-
-
-def posterior_ensemble(drone: Parameters, table: Mapping[str, Any], where: str) -> Ensemble:
-    """Drones from a TOML file's `[posterior]` table.
-
-    Args:
-        drone: the drone of the file.
-        table: as `Identification.posterior_table` made it.
-        where: what errors name.
-
-    Raises:
-        InputError: the table is missing or makes no sense, or a drone in it is outside its physical range.
-    """
-    names, draws = (table.get("names"), table.get("draws")) if isinstance(table, Mapping) else (None, None)
-    try:
-        with np.errstate(over="ignore"):  # what float32 cannot hold is infinite, and refused as that
-            values = np.array(draws, np.float32)
-    except (TypeError, ValueError):
-        values = np.empty((0, 0), np.float32)
-    known = names if isinstance(names, list) and all(isinstance(name, str) and name in COMPONENTS for name in names) else []
-    if values.ndim != 2 or not known or values.shape[1] != len(known) or len(set(known)) < len(known) or len(values) == 0:
-        raise InputError(f"{where}: no usable [posterior] table (names, draws). Make the file with: maidenflight identify LOGS -o {where}.")
-    drones = [
-        check(replace(drone, **dict(zip(known, row, strict=True))), f"{where} [posterior] draw {i}") for i, row in enumerate(values, 1)
-    ]
-    return ensemble(drones)
-
-
-TRIM = ("torque_bias_x", "torque_bias_y", "torque_bias_z")
-"""Constant torques: how the battery sits and the propellers are mounted, which people change between flights."""
-
-
-def trim_ensemble(drone: Parameters, table: Mapping[str, Any], where: str, count: int = 256) -> Ensemble:
-    """Drones whose constant torques differ from each other as those of the identified flights did.
-
-    Args:
-        drone: the drone of the file.
-        table: the file's `[identification]`, with a value and a spread of each identified parameter.
-        where: what errors name.
-        count: of drones, always the same ones.
-
-    Raises:
-        InputError: no spread of a constant torque is told, or what is told makes no sense.
-    """
-    told = {name: table[name] for name in TRIM if isinstance(table.get(name), Mapping)}
-    try:
-        spreads = np.array([float(told[name]["spread"]) for name in told])
-    except (KeyError, TypeError, ValueError):
-        spreads = np.empty(0)
-    if len(spreads) == 0 or not np.all(np.isfinite(spreads) & (spreads >= 0)):
-        raise InputError(
-            f"{where}: its [identification] does not tell how trims ({', '.join(TRIM)}) differ from flight to flight. Identify it from"
-            " flights by likelihood, or fly the drone as it is."
-        )
-    # Evenly spread points stand for the distribution better than as many random ones.
-    normal = stats.norm.ppf(qmc.Sobol(len(told), rng=np.random.default_rng(0)).random(count).clip(1e-6, 1 - 1e-6))
-    drones = [
-        check(replace(drone, **{name: np.float32(component(drone, name) + change) for name, change in zip(told, row, strict=True)}), where)
-        for row in spreads * normal
-    ]
-    return ensemble(drones)
 
 
 def identify(

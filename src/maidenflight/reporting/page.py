@@ -3,7 +3,6 @@
 The page's frame, style and scripts are the files beside this module.
 """
 
-import os
 import re
 from collections.abc import Callable
 from html import escape
@@ -13,6 +12,7 @@ from string import Template
 
 from maidenflight import __version__, results
 from maidenflight.experiments.transfer import Transfer
+from maidenflight.inputs import StrPath
 from maidenflight.reporting import parts, records, sections, text, viewer
 from maidenflight.reporting import run as runs
 from maidenflight.reporting.run import Run
@@ -29,7 +29,7 @@ _SECTIONS: tuple[tuple[str, str, Callable[[Run], str]], ...] = (
 """Anchor, title and content of the page's sections; one of which nothing is known is left out."""
 
 
-def report(source: str | os.PathLike[str] | Transfer, path: str | os.PathLike[str]) -> Path:
+def report(source: StrPath | Transfer, path: StrPath) -> Path:
     """Writes what came of a run as one self-contained HTML file. The same run gives the same bytes.
 
     Args:

@@ -6,7 +6,6 @@ the same object for ever, so that it can be a static argument of compiled progra
 
 import csv
 import io
-import os
 from collections.abc import Callable
 from functools import cache, wraps
 from inspect import signature
@@ -20,6 +19,7 @@ from jaxtyping import Array, Float
 
 from maidenflight import inputs
 from maidenflight.errors import InputError
+from maidenflight.inputs import StrPath
 
 Trajectory = Callable[[Float[Array, ""]], Float[Array, "3"]]
 """Time [s] to set-point [m], world."""
@@ -186,7 +186,7 @@ def random_waypoints(
     return tuple((time, x, y, height) for time, (x, y) in zip(times, [(0.0, 0.0), *points[1:]], strict=True))
 
 
-def waypoints(file: str | os.PathLike[str], smooth: bool = False, fastest: float = 5.0) -> Trajectory:
+def waypoints(file: StrPath, smooth: bool = False, fastest: float = 5.0) -> Trajectory:
     """The trajectory through the way-points of a CSV file; the same rows give the same object.
 
     Args:
@@ -201,7 +201,7 @@ def waypoints(file: str | os.PathLike[str], smooth: bool = False, fastest: float
     return polynomial(points) if smooth else zigzag(points)
 
 
-def read_waypoints(file: str | os.PathLike[str], fastest: float = 5.0) -> Waypoints:
+def read_waypoints(file: StrPath, fastest: float = 5.0) -> Waypoints:
     """Reads and checks way-points; their clock starts at the first one.
 
     Args:

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple, Self
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 import optax
 from jax import lax, tree
 from jaxtyping import Array, Bool, Float
@@ -22,10 +21,9 @@ from maidenflight.simulator import environment
 from maidenflight.simulator.environment import ACTION_SIZE, Environment
 from maidenflight.simulator.randomization import PAPER_FIELDS, Distribution
 from maidenflight.simulator.rollout import Drone, launch
+from maidenflight.training.critic import Critic, Moments, advantages, merged, moments_of, untrained_critic, worth
 from maidenflight.training.devices import DRONES, EVERYWHERE, LAID, advanced, begun, own
 
-SMALLEST_DEVIATION = 1e-5
-"""Added to standard deviations before dividing by them (authors' code)."""
 PERIODS_PER_FRESH_DRONE = 8
 """For every so many control periods a drone is prepared that takes over when another's episode ends."""
 
@@ -104,33 +102,6 @@ class PPO:
         )
 
 
-class Moments(NamedTuple):
-    """Mean and variance of all samples so far."""
-
-    seen: Float[Array, ""]
-    """How many samples."""
-    mean: Float[Array, "..."]
-    variance: Float[Array, "..."]
-
-    @property
-    def deviation(self) -> Float[Array, "..."]:
-        """Standard deviation, never 0."""
-        return jnp.sqrt(self.variance) + SMALLEST_DEVIATION
-
-
-class Critic(NamedTuple):
-    """A network that tells the scaled discounted return to come."""
-
-    weights: tuple[Float[Array, "outputs inputs"], ...]
-    biases: tuple[Float[Array, "outputs"], ...]
-
-    def __call__(self, sight: Float[Array, "S"]) -> Float[Array, ""]:
-        """Value of a normalised sight."""
-        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
-            sight = jnp.tanh(weight @ sight + bias)
-        return (self.weights[-1] @ sight + self.biases[-1])[0]
-
-
 class _Learner(NamedTuple):
     policy: Policy
     critic: Critic
@@ -174,24 +145,13 @@ def begin(simulated: Environment, settings: PPO, box: Distribution, keys: Array)
         unseen = jnp.zeros(sights.shape[1] - policy.observation_mean.size)
         mean = jnp.concatenate([policy.observation_mean, unseen])
         deviation = jnp.concatenate([policy.observation_deviation, unseen + 1.0])
-        critic = _critic(critic_key, (mean.size, *settings.critic_hidden, 1))
+        critic = untrained_critic(critic_key, (mean.size, *settings.critic_hidden, 1))
         optimisers = tuple(optax.adam(0.0).init(network) for network in (policy.network, critic))
         seen, returns = Moments(jnp.zeros(()), mean, deviation**2), Moments(jnp.zeros(()), jnp.zeros(()), jnp.ones(()))
         discounted = jnp.zeros(sights.shape[0])
         return _Learner(policy, critic, optimisers, seen, returns, drones, discounted)  # type: ignore[arg-type]
 
     return begun(one, _LAID, settings.drones, keys)
-
-
-def _critic(key: Array, sizes: tuple[int, ...]) -> Critic:
-    """Kaiming-uniform weights and zero biases (Gronauer et al. 2022, sec. Zero-Shot Experiments)."""
-
-    def layer(key: Array, inputs: int, outputs: int) -> Array:
-        bound = np.float32(np.sqrt(6.0 / inputs))
-        return jax.random.uniform(key, (outputs, inputs), minval=-bound, maxval=bound)
-
-    weights = tuple(map(layer, jax.random.split(key, len(sizes) - 1), sizes[:-1], sizes[1:]))
-    return Critic(weights, tuple(jnp.zeros(size) for size in sizes[1:]))
 
 
 _TOLD = (*PAPER_FIELDS, "latency")
@@ -247,59 +207,12 @@ def _fly(
     return drone, discounted, flown
 
 
-def advantages(
-    rewards: Float[Array, "T"],
-    values: Float[Array, "T"],
-    values_after: Float[Array, "T"],
-    terminated: Bool[Array, "T"],
-    truncated: Bool[Array, "T"],
-    discount: float,
-    trace: float,
-) -> Float[Array, "T"]:
-    """Generalised advantage estimation: how much better than the critic's guess each of T successive actions did.
-
-    Args:
-        rewards: of each period.
-        values: the critic's guesses before each.
-        values_after: and after each, before another drone takes over.
-        terminated: whether the drone failed; nothing comes after.
-        truncated: whether time was up; the critic's guess stands for what would have come.
-        discount: gamma.
-        trace: lambda.
-
-    Source: Schulman et al. 2016, eq. 16; truncation as in Pardo et al. 2018.
-    """
-    surprises = rewards + discount * jnp.where(terminated, 0.0, values_after) - values
-
-    def one(later: Float[Array, ""], now: tuple[Array, Array]) -> tuple[Float[Array, ""], Float[Array, ""]]:
-        surprise, over = now
-        advantage = surprise + discount * trace * jnp.where(over, 0.0, later)
-        return advantage, advantage
-
-    return lax.scan(one, jnp.zeros(()), (surprises, terminated | truncated), reverse=True)[1]
-
-
 def surrogate(ratio: Float[Array, "..."], advantage: Float[Array, "..."], clip: float) -> Float[Array, "..."]:
     """What PPO maximises, of actions that are `ratio` times as likely as when they were flown.
 
     Source: Schulman et al. 2017, eq. 7.
     """
     return jnp.minimum(ratio * advantage, jnp.clip(ratio, 1.0 - clip, 1.0 + clip) * advantage)
-
-
-def _moments(samples: Float[Array, "n ..."]) -> Moments:
-    """Of the samples of all devices."""
-    mean = lax.pmean(jnp.mean(samples, axis=0), DRONES)
-    variance = lax.pmean(jnp.mean((samples - mean[None]) ** 2, axis=0), DRONES)
-    return Moments(jnp.asarray(samples.shape[0] * lax.axis_size(DRONES), jnp.float32), mean, variance)
-
-
-def merged(one: Moments, other: Moments) -> Moments:
-    """Moments of the samples of both. Source: Chan, Golub and LeVeque 1983, eq. 2.1."""
-    count = one.seen + other.seen
-    share, step = other.seen / count, other.mean - one.mean
-    variance = (1.0 - share) * one.variance + share * other.variance + share * (1.0 - share) * step**2
-    return Moments(count, one.mean + share * step, variance)
 
 
 def _fitted(
@@ -342,20 +255,16 @@ def _fitted(
     return lax.scan(once, (network, optimiser), jax.random.split(key, passes))[0]
 
 
-def _value(sights: Moments, critic: Critic, sight: Float[Array, "S"]) -> Float[Array, ""]:
-    return critic((sight - sights.mean) / sights.deviation)
-
-
 def _judged(settings: PPO, learner: _Learner, flown: _Period) -> tuple[Float[Array, "drones T"], Float[Array, "drones T"]]:
     """Advantage of each action and what the critic should have guessed before it."""
-    value = jax.vmap(jax.vmap(partial(_value, learner.sights, learner.critic)))
+    value = jax.vmap(jax.vmap(partial(worth, learner.sights, learner.critic)))
     values, values_after = value(flown.sight), value(flown.sight_after)
     rewards = jnp.clip(flown.reward / learner.returns.deviation, -settings.largest_reward, settings.largest_reward)
     estimate = jax.vmap(partial(advantages, discount=settings.discount, trace=settings.trace))
     gains = estimate(rewards, values, values_after, flown.terminated, flown.truncated)
     if not settings.standardised:
         return gains, gains + values
-    spread = _moments(gains.reshape(-1))
+    spread = moments_of(gains.reshape(-1))
     return (gains - spread.mean) / spread.deviation, gains + values
 
 
@@ -380,7 +289,7 @@ def _update(simulated: Environment, settings: PPO, box: Distribution, learner: _
 
     def critic_cost(critic: Critic, some: tuple[Array, Array]) -> Float[Array, ""]:
         sights, targets = some
-        return jnp.mean((jax.vmap(partial(_value, learner.sights, critic))(sights) - targets) ** 2)
+        return jnp.mean((jax.vmap(partial(worth, learner.sights, critic))(sights) - targets) ** 2)
 
     network, actor_optimiser = _fitted(
         actor_cost,
@@ -402,8 +311,8 @@ def _update(simulated: Environment, settings: PPO, box: Distribution, learner: _
         settings.critic_minibatches,
         critic_key,
     )
-    sights = merged(learner.sights, _moments(flown.sight))
-    returns = merged(learner.returns, _moments(flown.discounted))
+    sights = merged(learner.sights, moments_of(flown.sight))
+    returns = merged(learner.returns, moments_of(flown.discounted))
     policy = _seeing(learner.policy.with_network(network), sights)
     return _Learner(policy, critic, (actor_optimiser, critic_optimiser), sights, returns, drones, discounted)
 

@@ -6,27 +6,14 @@ paper's model lacks (drag, unequal motor lag, estimator delay, battery) have neu
 """
 
 import dataclasses
-import math
-import os
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import tomlkit
 
-from maidenflight import inputs, results
 from maidenflight.errors import InputError
-
-FORMAT = 2
-"""Version of the TOML layout."""
-_ADDED = {"motor_coasting": 2}
-"""Fields that older layouts lack, and the first layout that has them; drones written before are read with what they then were, zero."""
-
-_LARGEST = float(np.finfo(np.float32).max)
 
 
 @dataclass(frozen=True)
@@ -247,60 +234,6 @@ class Parameters:
 QUANTITIES: dict[str, Quantity] = {entry.name: entry.metadata["quantity"] for entry in dataclasses.fields(Parameters)}
 """Unit, symbol, bounds, meaning and source of every field of `Parameters`, in order."""
 
-
-def crazyflie() -> Parameters:
-    """The Crazyflie 2.1 as the paper models it.
-
-    Body and torque constants are those of the paper's appendix (table:drone-parameters); thrust-to-weight ratio, motor time
-    constant and latency those that its Bayesian optimisation found for T = 30 (table:results-sim-opt); noise is that of the
-    authors' code.
-    """
-    return Parameters(
-        thrust_to_weight=1.725,
-        thrust_offset=0.0,
-        thrust_linear=0.0,
-        motor_time_constant=0.088,
-        motor_slowdown=1.0,
-        motor_coasting=0.0,
-        latency=0.018,
-        torque_to_thrust=5.96e-3,
-        torque_offset=1.56e-5,
-        rotor_momentum=0.0,
-        actuator_noise=0.019,
-        actuator_noise_rate=32.5,
-        mass=0.028,
-        inertia=(1.33e-5, 1.33e-5, 2.64e-5),
-        arm_length=0.0396,
-        drag=(0.0, 0.0, 0.0),
-        flapping_moment=0.0,
-        rotational_damping=0.0,
-        torque_bias=(0.0, 0.0, 0.0),
-        gravity=9.81,
-        ground_effect=3.8e-4,
-        position_noise=0.002,
-        position_noise_uniform=0.001,
-        velocity_noise=0.01,
-        position_walk=0.0,
-        velocity_walk=0.0,
-        attitude_noise=math.radians(0.1),
-        attitude_noise_uniform=math.radians(0.05),
-        gyro_noise=0.051,
-        gyro_lag=0.0,
-        gyro_turn_on_bias=math.radians(0.5),
-        gyro_bias_walk=1.75e-4,
-        gyro_bias_time=1000.0,
-        estimator_delay=0.0,
-        battery_voltage=4.2,
-        battery_resistance=0.0,
-        battery_discharge=0.0,
-        time_step=0.005,
-    )
-
-
-DRONES = {"crazyflie": crazyflie}
-"""Named drones, for the command line's `--drone NAME`."""
-
-
 COMPONENTS: dict[str, tuple[str, int | None]] = {
     **{name: (name, None) for name, quantity in QUANTITIES.items() if quantity.size == 1},
     **{f"{name}_{axis}": (name, place) for name, quantity in QUANTITIES.items() if quantity.size == 3 for place, axis in enumerate("xyz")},
@@ -355,114 +288,13 @@ def check(parameters: Parameters, where: str = "parameters") -> Parameters:
             raise InputError(f"{where}: {name} has shape {value.shape}, expected {'one number' if quantity.size == 1 else '3 numbers'}.")
         if not (np.all(np.isfinite(value)) and np.all(value >= quantity.lower) and np.all(value <= np.float32(quantity.upper))):
             raise InputError(
-                f"{where}: {name} = {_plain(value)} {quantity.unit} is outside its physical range"
+                f"{where}: {name} = {plain(value)} {quantity.unit} is outside its physical range"
                 f" [{quantity.lower:g}, {quantity.upper:g}]. Check the unit; values are SI."
             )
     return parameters
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """float32 to the shortest decimal that reads back to the same float32."""
     array = np.asarray(value, dtype=np.float32)
     return [float(str(entry)) for entry in array] if array.ndim else float(str(array))
-
-
-def to_toml(parameters: Parameters, name: str, extra: Mapping[str, Any] | None = None) -> str:
-    """The TOML text of one drone, its units, symbols and sources as comments.
-
-    Args:
-        parameters: a point, without batch axes.
-        name: what to call the drone.
-        extra: further tables for the end of the file, such as `identification` or `record`.
-
-    Returns:
-        Text that `from_toml` reads back to the same float32 values.
-    """
-    check(parameters, name)
-    document = tomlkit.document()
-    document.add(tomlkit.comment("A quadrotor's parameters, SI units."))
-    document.add("format", tomlkit.item(FORMAT))
-    document.add("name", tomlkit.item(name))
-    tables: dict[str, Any] = {}
-    for field_name, quantity in QUANTITIES.items():
-        if quantity.table not in tables:
-            tables[quantity.table] = tomlkit.table()
-        entry = tomlkit.item(_plain(getattr(parameters, field_name)))
-        entry.comment(f"{quantity.symbol} [{quantity.unit}] {quantity.meaning} ({quantity.source})")
-        tables[quantity.table].add(field_name, entry)
-    for title, table in tables.items():
-        document.add(tomlkit.nl())
-        document.add(title, table)
-    for title, content in (extra or {}).items():
-        document.add(tomlkit.nl())
-        document.add(title, tomlkit.item(content))
-    return tomlkit.dumps(document)
-
-
-def from_toml(text: str, where: str = "drone.toml") -> Parameters:
-    """Reads one drone from TOML text.
-
-    Raises:
-        InputError: not TOML, an unknown key, a missing value, a value that is no number or outside its physical range.
-    """
-    try:
-        document = inputs.from_toml(text)
-    except ValueError as error:  # TOMLDecodeError, or a number of more digits than Python reads
-        raise InputError(f"{where}: not valid TOML: {error}.") from error
-    layout = document.get("format")
-    if not isinstance(layout, int) or isinstance(layout, bool) or not 1 <= layout <= FORMAT:
-        raise InputError(f"{where}: format = {layout!r}, expected {FORMAT}. Is it a drone file?")
-    astray = next((name for name in document if name in QUANTITIES), None)
-    if astray:
-        raise InputError(f"{where}: {astray} stands outside its table. Put it into [{QUANTITIES[astray].table}].")
-    found: dict[str, Any] = {name: 0.0 for name, since in _ADDED.items() if layout < since}
-    for table in dict.fromkeys(quantity.table for quantity in QUANTITIES.values()):
-        content = document.get(table, {})
-        if not isinstance(content, dict):
-            raise InputError(f"{where}: {table} is a value, expected a table [{table}].")
-        for name, value in content.items():
-            if name not in QUANTITIES or QUANTITIES[name].table != table:
-                raise InputError(f"{where}: unknown key {name!r} in [{table}]{_suggestion(name)}")
-            found[name] = _numbers(value, name, where)
-    missing = [name for name in QUANTITIES if name not in found]
-    if missing:
-        raise InputError(f"{where}: missing {', '.join(missing)}. Start from a complete file: maidenflight drone crazyflie.")
-    return check(Parameters(**found), where)
-
-
-def _suggestion(name: str) -> str:
-    import difflib
-
-    close = difflib.get_close_matches(name, QUANTITIES, n=1)
-    return f"; did you mean {close[0]!r} in [{QUANTITIES[close[0]].table}]?" if close else "."
-
-
-def _numbers(value: Any, name: str, where: str) -> Any:
-    entries = value if isinstance(value, list) else [value]
-    if not all(isinstance(entry, float | int) and not isinstance(entry, bool) for entry in entries):
-        raise InputError(f"{where}: {name} = {value!r}, expected {'3 numbers' if QUANTITIES[name].size == 3 else 'a number'}.")
-    if isinstance(value, list) != (QUANTITIES[name].size > 1):
-        raise InputError(f"{where}: {name} has {len(entries)} values, expected {QUANTITIES[name].size}.")
-    if any(_LARGEST < abs(entry) < math.inf for entry in entries):
-        raise InputError(f"{where}: {name} = {str(value)[:40]} is outside what a number here can be. Check the unit; values are SI.")
-    return tuple(map(float, entries)) if isinstance(value, list) else float(value)
-
-
-def write(path: str | os.PathLike[str], parameters: Parameters, extra: Mapping[str, Any] | None = None) -> Path:
-    """Writes one drone as a TOML file named after it; see `to_toml`."""
-    return results.write(path, to_toml(parameters, Path(path).stem, extra))
-
-
-def read(drone: str | os.PathLike[str]) -> Parameters:
-    """Reads a TOML file, or returns a named drone.
-
-    Raises:
-        InputError: neither a named drone nor a readable, valid file.
-    """
-    if str(drone) in DRONES:
-        return DRONES[str(drone)]()
-    try:
-        text = inputs.text(drone)
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{drone}: no such drone; give a TOML file or one of: {', '.join(DRONES)}.") from error
-    return from_toml(text, str(drone))

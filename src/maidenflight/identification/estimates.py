@@ -1,0 +1,108 @@
+"""What identification finds: every parameter with its interval, and the drones that the flights leave possible."""
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import numpy as np
+import polars
+
+from maidenflight.identification.selection import Step
+from maidenflight.parameters import Parameters, replace
+from maidenflight.simulator.randomization import Ensemble
+
+SAVED = 200
+"""Drones of the posterior that a TOML file holds."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One identified parameter, in its SI unit."""
+
+    value: float
+    interval: tuple[float, float]
+    """95 % interval, from how stretches of flight differ."""
+    trials: tuple[float, ...]
+    """Best value of each trial of the optimiser; their spread tells of the optimiser, not of the parameter."""
+    spread: float
+    """Standard deviation between stretches of flight: how much the drone itself, or what the model lacks, varies."""
+    valley: tuple[float, float] | None
+    """How far the parameter can go, the others following, until the objective is 1 % above its best; only where that is the paper's."""
+
+    @property
+    def trial_mean(self) -> float:
+        """Mean over the trials, as in the paper's table."""
+        return float(np.mean(self.trials))
+
+    @property
+    def trial_deviation(self) -> float:
+        """Standard deviation over the trials, as in the paper's table."""
+        return float(np.std(self.trials))
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What flights tell of a drone."""
+
+    parameters: Parameters
+    """The start, with the identified values in place."""
+    estimates: Mapping[str, Estimate]
+    kind: str
+    """Which of `OBJECTIVES` was optimised."""
+    objective: float
+    """`replay`: mean loss of a window at the optimum. `likelihood`: minus the log likelihood of a row [nats]."""
+    start_objective: float
+    """The same at the start."""
+    windows: int
+    evaluations: int
+    seconds: float
+    history: polars.DataFrame
+    """One row an evaluation: trial (0: the bootstrap's), values, objective."""
+    draws: Mapping[str, np.ndarray]
+    """Drones that the flights leave possible, by parameter; an entry of each belongs together."""
+    bought: tuple[Step, ...]
+    """What each group of parameters bought, where the flights chose them."""
+    noise: Mapping[str, float]
+    """Noise found in the flights, as fields of `parameters`; empty where it was not sought."""
+    notes: tuple[str, ...]
+    """What the user should know of the result."""
+
+    @property
+    def ensemble(self) -> Ensemble:
+        """The drones that the flights leave possible, to randomize over as the flights are unsure."""
+        count = len(next(iter(self.draws.values())))
+        stacked = jax.tree.map(lambda leaf: np.broadcast_to(leaf, (count, *np.shape(leaf))), self.parameters)
+        return Ensemble(replace(stacked, **{name: values.astype(np.float32) for name, values in self.draws.items()}))
+
+    def to_table(self) -> dict[str, Any]:
+        """The `[identification]` table of a drone's TOML file: nothing in it depends on how long the work took."""
+        table: dict[str, Any] = {
+            "kind": self.kind,
+            "objective": round(self.objective, 6),
+            "windows": self.windows,
+            "evaluations": self.evaluations,
+        }
+        for name, estimate in self.estimates.items():
+            table[name] = {
+                "value": _short(estimate.value),
+                "interval": [_short(side) for side in estimate.interval],
+                "trial_mean": _short(estimate.trial_mean),
+                "trial_deviation": _short(estimate.trial_deviation),
+                "spread": _short(estimate.spread),
+            }
+            if estimate.valley is not None:
+                table[name]["valley"] = [_short(side) for side in estimate.valley]
+        if self.bought:
+            table["bought"] = [{**dataclasses.asdict(step), "gain": _short(step.gain), "error": _short(step.error)} for step in self.bought]
+        return table
+
+    def posterior_table(self) -> dict[str, Any]:
+        """The `[posterior]` table of a drone's TOML file: `names`, and `draws` of their values, SI units."""
+        stacked = np.stack(list(self.draws.values()), axis=1)
+        return {"names": list(self.draws), "draws": [[_short(value) for value in row] for row in stacked[:SAVED]]}
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.6g}")

@@ -1,0 +1,23 @@
+"""The parameter vector xi: every physical constant of a simulated quadrotor, each with its unit, symbol, bounds and source."""
+
+from maidenflight.parameters.named import DRONES, crazyflie
+from maidenflight.parameters.quantities import COMPONENTS, QUANTITIES, Parameters, Quantity, check, component, noiseless, replace
+from maidenflight.parameters.toml import FORMAT, from_toml, read, to_toml, write
+
+__all__ = [
+    "COMPONENTS",
+    "DRONES",
+    "FORMAT",
+    "QUANTITIES",
+    "Parameters",
+    "Quantity",
+    "check",
+    "component",
+    "crazyflie",
+    "from_toml",
+    "noiseless",
+    "read",
+    "replace",
+    "to_toml",
+    "write",
+]

@@ -1,0 +1,123 @@
+"""Drones as TOML files that a person can read and change."""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomlkit
+
+from maidenflight import inputs, results
+from maidenflight.errors import InputError
+from maidenflight.inputs import StrPath
+from maidenflight.parameters.named import DRONES
+from maidenflight.parameters.quantities import QUANTITIES, Parameters, check, plain
+
+FORMAT = 2
+"""Version of the TOML layout."""
+_ADDED = {"motor_coasting": 2}
+"""Fields that older layouts lack, and the first layout that has them; drones written before are read with what they then were, zero."""
+
+_LARGEST = float(np.finfo(np.float32).max)
+
+
+def to_toml(parameters: Parameters, name: str, extra: Mapping[str, Any] | None = None) -> str:
+    """The TOML text of one drone, its units, symbols and sources as comments.
+
+    Args:
+        parameters: a point, without batch axes.
+        name: what to call the drone.
+        extra: further tables for the end of the file, such as `identification` or `record`.
+
+    Returns:
+        Text that `from_toml` reads back to the same float32 values.
+    """
+    check(parameters, name)
+    document = tomlkit.document()
+    document.add(tomlkit.comment("A quadrotor's parameters, SI units."))
+    document.add("format", tomlkit.item(FORMAT))
+    document.add("name", tomlkit.item(name))
+    tables: dict[str, Any] = {}
+    for field_name, quantity in QUANTITIES.items():
+        if quantity.table not in tables:
+            tables[quantity.table] = tomlkit.table()
+        entry = tomlkit.item(plain(getattr(parameters, field_name)))
+        entry.comment(f"{quantity.symbol} [{quantity.unit}] {quantity.meaning} ({quantity.source})")
+        tables[quantity.table].add(field_name, entry)
+    for title, table in tables.items():
+        document.add(tomlkit.nl())
+        document.add(title, table)
+    for title, content in (extra or {}).items():
+        document.add(tomlkit.nl())
+        document.add(title, tomlkit.item(content))
+    return tomlkit.dumps(document)
+
+
+def from_toml(text: str, where: str = "drone.toml") -> Parameters:
+    """Reads one drone from TOML text.
+
+    Raises:
+        InputError: not TOML, an unknown key, a missing value, a value that is no number or outside its physical range.
+    """
+    try:
+        document = inputs.from_toml(text)
+    except ValueError as error:  # TOMLDecodeError, or a number of more digits than Python reads
+        raise InputError(f"{where}: not valid TOML: {error}.") from error
+    layout = document.get("format")
+    if not isinstance(layout, int) or isinstance(layout, bool) or not 1 <= layout <= FORMAT:
+        raise InputError(f"{where}: format = {layout!r}, expected {FORMAT}. Is it a drone file?")
+    astray = next((name for name in document if name in QUANTITIES), None)
+    if astray:
+        raise InputError(f"{where}: {astray} stands outside its table. Put it into [{QUANTITIES[astray].table}].")
+    found: dict[str, Any] = {name: 0.0 for name, since in _ADDED.items() if layout < since}
+    for table in dict.fromkeys(quantity.table for quantity in QUANTITIES.values()):
+        content = document.get(table, {})
+        if not isinstance(content, dict):
+            raise InputError(f"{where}: {table} is a value, expected a table [{table}].")
+        for name, value in content.items():
+            if name not in QUANTITIES or QUANTITIES[name].table != table:
+                raise InputError(f"{where}: unknown key {name!r} in [{table}]{_suggestion(name)}")
+            found[name] = _numbers(value, name, where)
+    missing = [name for name in QUANTITIES if name not in found]
+    if missing:
+        raise InputError(f"{where}: missing {', '.join(missing)}. Start from a complete file: maidenflight drone crazyflie.")
+    return check(Parameters(**found), where)
+
+
+def _suggestion(name: str) -> str:
+    import difflib
+
+    close = difflib.get_close_matches(name, QUANTITIES, n=1)
+    return f"; did you mean {close[0]!r} in [{QUANTITIES[close[0]].table}]?" if close else "."
+
+
+def _numbers(value: Any, name: str, where: str) -> Any:
+    entries = value if isinstance(value, list) else [value]
+    if not all(isinstance(entry, float | int) and not isinstance(entry, bool) for entry in entries):
+        raise InputError(f"{where}: {name} = {value!r}, expected {'3 numbers' if QUANTITIES[name].size == 3 else 'a number'}.")
+    if isinstance(value, list) != (QUANTITIES[name].size > 1):
+        raise InputError(f"{where}: {name} has {len(entries)} values, expected {QUANTITIES[name].size}.")
+    if any(_LARGEST < abs(entry) < math.inf for entry in entries):
+        raise InputError(f"{where}: {name} = {str(value)[:40]} is outside what a number here can be. Check the unit; values are SI.")
+    return tuple(map(float, entries)) if isinstance(value, list) else float(value)
+
+
+def write(path: StrPath, parameters: Parameters, extra: Mapping[str, Any] | None = None) -> Path:
+    """Writes one drone as a TOML file named after it; see `to_toml`."""
+    return results.write(path, to_toml(parameters, Path(path).stem, extra))
+
+
+def read(drone: StrPath) -> Parameters:
+    """Reads a TOML file, or returns a named drone.
+
+    Raises:
+        InputError: neither a named drone nor a readable, valid file.
+    """
+    if str(drone) in DRONES:
+        return DRONES[str(drone)]()
+    try:
+        text = inputs.text(drone)
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{drone}: no such drone; give a TOML file or one of: {', '.join(DRONES)}.") from error
+    return from_toml(text, str(drone))

@@ -1,0 +1,104 @@
+"""What PPO knows of how good it is to be where a drone is: a network of its own, and advantages."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Bool, Float
+
+from maidenflight.training.devices import DRONES
+
+SMALLEST_DEVIATION = 1e-5
+"""Added to standard deviations before dividing by them (authors' code)."""
+
+
+class Moments(NamedTuple):
+    """Mean and variance of all samples so far."""
+
+    seen: Float[Array, ""]
+    """How many samples."""
+    mean: Float[Array, "..."]
+    variance: Float[Array, "..."]
+
+    @property
+    def deviation(self) -> Float[Array, "..."]:
+        """Standard deviation, never 0."""
+        return jnp.sqrt(self.variance) + SMALLEST_DEVIATION
+
+
+class Critic(NamedTuple):
+    """A network that tells the scaled discounted return to come."""
+
+    weights: tuple[Float[Array, "outputs inputs"], ...]
+    biases: tuple[Float[Array, "outputs"], ...]
+
+    def __call__(self, sight: Float[Array, "S"]) -> Float[Array, ""]:
+        """Value of a normalised sight."""
+        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
+            sight = jnp.tanh(weight @ sight + bias)
+        return (self.weights[-1] @ sight + self.biases[-1])[0]
+
+
+def untrained_critic(key: Array, sizes: tuple[int, ...]) -> Critic:
+    """Kaiming-uniform weights and zero biases (Gronauer et al. 2022, sec. Zero-Shot Experiments)."""
+
+    def layer(key: Array, inputs: int, outputs: int) -> Array:
+        bound = np.float32(np.sqrt(6.0 / inputs))
+        return jax.random.uniform(key, (outputs, inputs), minval=-bound, maxval=bound)
+
+    weights = tuple(map(layer, jax.random.split(key, len(sizes) - 1), sizes[:-1], sizes[1:]))
+    return Critic(weights, tuple(jnp.zeros(size) for size in sizes[1:]))
+
+
+def advantages(
+    rewards: Float[Array, "T"],
+    values: Float[Array, "T"],
+    values_after: Float[Array, "T"],
+    terminated: Bool[Array, "T"],
+    truncated: Bool[Array, "T"],
+    discount: float,
+    trace: float,
+) -> Float[Array, "T"]:
+    """Generalised advantage estimation: how much better than the critic's guess each of T successive actions did.
+
+    Args:
+        rewards: of each period.
+        values: the critic's guesses before each.
+        values_after: and after each, before another drone takes over.
+        terminated: whether the drone failed; nothing comes after.
+        truncated: whether time was up; the critic's guess stands for what would have come.
+        discount: gamma.
+        trace: lambda.
+
+    Source: Schulman et al. 2016, eq. 16; truncation as in Pardo et al. 2018.
+    """
+    surprises = rewards + discount * jnp.where(terminated, 0.0, values_after) - values
+
+    def one(later: Float[Array, ""], now: tuple[Array, Array]) -> tuple[Float[Array, ""], Float[Array, ""]]:
+        surprise, over = now
+        advantage = surprise + discount * trace * jnp.where(over, 0.0, later)
+        return advantage, advantage
+
+    return lax.scan(one, jnp.zeros(()), (surprises, terminated | truncated), reverse=True)[1]
+
+
+def moments_of(samples: Float[Array, "n ..."]) -> Moments:
+    """Of the samples of all devices."""
+    mean = lax.pmean(jnp.mean(samples, axis=0), DRONES)
+    variance = lax.pmean(jnp.mean((samples - mean[None]) ** 2, axis=0), DRONES)
+    return Moments(jnp.asarray(samples.shape[0] * lax.axis_size(DRONES), jnp.float32), mean, variance)
+
+
+def merged(one: Moments, other: Moments) -> Moments:
+    """Moments of the samples of both. Source: Chan, Golub and LeVeque 1983, eq. 2.1."""
+    count = one.seen + other.seen
+    share, step = other.seen / count, other.mean - one.mean
+    variance = (1.0 - share) * one.variance + share * other.variance + share * (1.0 - share) * step**2
+    return Moments(count, one.mean + share * step, variance)
+
+
+def worth(sights: Moments, critic: Critic, sight: Float[Array, "S"]) -> Float[Array, ""]:
+    """Of a state as it is seen, before it is normalised."""
+    return critic((sight - sights.mean) / sights.deviation)

@@ -1,0 +1,38 @@
+"""A policy for other programs."""
+
+from pathlib import Path
+
+from maidenflight import results
+from maidenflight.deployment.authors_json import export_authors_json, read_policy
+from maidenflight.deployment.c import export_c
+from maidenflight.deployment.crazyflie import export_crazyflie
+from maidenflight.deployment.onnx import export_onnx
+from maidenflight.inputs import StrPath
+
+
+def export(path: StrPath, folder: StrPath, seed: int, to: str = "c", structure: str | None = None) -> list[Path]:
+    """Writes a policy, ours or the authors', for other programs.
+
+    Args:
+        path: policy file.
+        folder: where to write; made if missing.
+        seed: draws the observations of the C code's self-test.
+        to: `c`: C99, `policy.h` and `policy.c`; `onnx`: `policy.onnx`; `authors`: a JSON as the authors' tools read it;
+            `crazyflie`: an app for the Crazyflie's firmware.
+        structure: what an authors' policy commands; what its file's name says unless given.
+
+    Returns:
+        The files written.
+
+    Raises:
+        InputError: the file is no policy, or what is written cannot hold it.
+    """
+    read = read_policy(path, structure)
+    settings = {"control": structure}
+    if to == "authors":
+        return [export_authors_json(read, folder, name=Path(path).stem)]
+    if to == "onnx":
+        return [export_onnx(read, folder, record=results.record(seed=None, inputs=[path], settings=settings))]
+    if to == "crazyflie":
+        return export_crazyflie(read, folder, seed=seed, record=results.record(seed=seed, inputs=[path], settings=settings))
+    return export_c(read, folder, seed=seed, record=results.record(seed=seed, inputs=[path], settings=settings))

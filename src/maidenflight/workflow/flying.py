@@ -1,0 +1,204 @@
+"""Policies flown from files: in unseen realities, as the paper's whole matrix, and as the real drone would."""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import jax
+import polars
+
+from maidenflight import parameters, policy, results
+from maidenflight.deployment.authors_json import read_policy
+from maidenflight.errors import InputError
+from maidenflight.experiments import matrix
+from maidenflight.experiments.as_flown import AS_FLOWN, FIRMWARE
+from maidenflight.experiments.flight_times import predict_flight_times
+from maidenflight.experiments.matrix import Cell, Matrix
+from maidenflight.experiments.transfer import Transfer, transfer
+from maidenflight.flights import log
+from maidenflight.flights.log import Flight
+from maidenflight.flights.reading import read_flights
+from maidenflight.inputs import StrPath
+from maidenflight.parameters import Parameters
+from maidenflight.policy import Policy
+from maidenflight.reporting import run
+from maidenflight.simulator import control, tasks
+from maidenflight.simulator.virtual_drone import VirtualDrone
+from maidenflight.workflow.drones import possible_drones, reality, usual_randomization
+
+CELLS = "policies"
+"""In the folder of a matrix: a folder of policies for each of its cells."""
+
+_ZERO_SHOT = (
+    "# maidenflight zero-shot flights 1: simulated, a row a flight; training_rate Hz, motor_time_constant s and latency s of the policy's"
+    " training, duration s, position_error m"
+)
+
+_PREDICTION = "# maidenflight prediction 1: simulated flights of given policies as the authors' drone ran them, a row a flight; duration s"
+
+
+def policy_files(given: Sequence[StrPath]) -> list[Path]:
+    """The policy files among files and folders.
+
+    Raises:
+        InputError: a path does not exist, or a folder holds no policy.
+    """
+    files: list[Path] = []
+    for path in map(Path, given):
+        found = sorted(path.glob("*.json")) if path.is_dir() else [path]
+        if not found:
+            raise InputError(f"{path}: no policies (.json) in this folder. Train some: maidenflight train -o {path}.")
+        files += found
+    return files
+
+
+def transfer_to(
+    given: Sequence[StrPath],
+    realities: Sequence[VirtualDrone],
+    seed: int,
+    folder: StrPath,
+    trials: int,
+    duration: float,
+    task: str = "circle",
+) -> Transfer:
+    """Flies policies, ours or the authors', in realities; writes `flights.csv` with a row a flight, and every flight's log."""
+    files = policy_files(given)
+    policies = [read_policy(path) for path in files]
+    names = [path.stem for path in files]
+    flown = transfer(policies, realities, trials, jax.random.key(seed), task=tasks.TASKS[task](), duration=duration, names=names)
+    settings = {"task": task, "realities": [drone.name for drone in realities], "trials": trials, "duration": duration}
+    made = results.record(seed=seed, inputs=files, settings=settings)
+    written = [log.write(Path(folder) / f"{flight.name}.csv", flight, made) for flight in flown.flights]
+    results.remove_older(written, made)
+    results.write(Path(folder) / "flights.csv", flown.table.write_csv())
+    return flown
+
+
+def transfer_matrix(
+    asked: Matrix, folder: StrPath, on_cell: Callable[[int, int, str], None] | None = None, anew: bool = False
+) -> polars.DataFrame:
+    """Trains the policies of a matrix and flies them; writes a folder of policies for each cell, and `flights.csv` with a row a flight.
+
+    Cells whose policies are in the folder already are not trained again, so what was interrupted goes on.
+
+    Args:
+        asked: the matrix.
+        folder: where to write.
+        on_cell: called with (cells done, cells, what is next).
+        anew: use nothing of what an earlier run wrote there.
+
+    Returns:
+        What `matrix.fly` gives.
+
+    Raises:
+        InputError: the folder holds policies of other settings or of another version; or a drone or a reality is unknown.
+    """
+    nominal, realities = parameters.read(asked.drone), [reality(name) for name in asked.realities]
+    inputs = [asked.drone] if Path(asked.drone).is_file() else []
+    settings = {name: value for name, value in dataclasses.asdict(asked).items() if name not in ("controls", "rates", "seed")}
+    settings |= {"drone": Path(asked.drone).name, "training": [asked.said(cell) for cell in asked.cells]}
+    inputs += [name for name in asked.realities if Path(name).is_file()]
+    made, table = results.plain(results.record(seed=asked.seed, inputs=inputs, settings=settings)), Path(folder) / "flights.csv"
+    if results.told(table) == made and not anew:
+        return polars.read_csv(table, comment_prefix="#")
+    policies: dict[Cell, Sequence[Policy]] = {}
+    for done, cell in enumerate(asked.cells):
+        if on_cell is not None:
+            on_cell(done, len(asked.cells), f"training {cell.name}")
+        policies[cell] = _policies_of(asked, cell, nominal, Path(folder) / CELLS / cell.name, anew)
+    if on_cell is not None:
+        on_cell(len(asked.cells), len(asked.cells), "flying")
+    flights = matrix.fly(asked, policies, realities)
+    results.write_table(table, _ZERO_SHOT, made, flights.write_csv())
+    return flights
+
+
+def _policies_of(asked: Matrix, cell: Cell, nominal: Parameters, folder: Path, anew: bool) -> Sequence[Policy]:
+    """Those that the folder holds, or new ones that it holds then."""
+    inputs = [asked.drone] if Path(asked.drone).is_file() else []
+    made = results.record(seed=asked.seed, inputs=inputs, settings=asked.said(cell))
+    return policy.kept(folder, asked.policies, made, lambda: matrix.train_cell(asked, cell, nominal), anew)
+
+
+def predict_with(
+    drone: StrPath,
+    given: Sequence[StrPath],
+    seed: int,
+    output: StrPath,
+    *,
+    trials: int,
+    duration: float,
+    randomization: float | str | None = None,
+    structure: str | None = None,
+    firmware: str = FIRMWARE,
+    on_policy: Callable[[int, int], None] | None = None,
+) -> tuple[list[Path], polars.DataFrame]:
+    """Predicts how long policies, ours and the authors', would fly on the real drone; writes `output`, a CSV with a row a flight.
+
+    Args:
+        drone: TOML file or name.
+        given: policy files, and folders of them.
+        seed: random seed.
+        output: CSV file.
+        trials: flights of each policy.
+        duration: longest flight [s].
+        randomization: half width of a box about the drone; `POSTERIOR`: each flight is another of the drones that its flights leave
+            possible; `TRIMS`: constant torques differ between flights as they did in those; `TRIMS` where the drone's file tells how they
+            differ, unless given.
+        structure: what the authors' policies command; what their files' names say unless given.
+        firmware: what the drone runs: that of the authors' drone, or another, for which policies of ours are trained.
+        on_policy: called with (policies flown, policies).
+
+    Returns:
+        The policy files, and what `predict_flight_times` gives, policies in the order of the files.
+
+    Raises:
+        InputError: a file is no policy, or the drone has no posterior.
+    """
+    randomization = usual_randomization(drone) if randomization is None else randomization
+    drones = possible_drones(drone, randomization, seed)
+    files = list(dict.fromkeys(policy_files(given)))
+    policies = [read_policy(path, structure) for path in files]
+    flown = predict_flight_times(
+        policies,
+        drones,
+        jax.random.key(seed),
+        trials=trials,
+        duration=duration,
+        structures=AS_FLOWN if firmware == FIRMWARE else control.CONTROLLERS,
+        names=_names(files),
+        on_policy=on_policy,
+    )
+    inputs = [drone, *files] if Path(drone).is_file() else files
+    settings = {"drone": Path(drone).name, "trials": trials, "duration": duration, "randomization": randomization, "control": structure}
+    settings |= {"firmware": firmware}
+    made = results.record(seed=seed, inputs=inputs, settings=settings)
+    results.write_table(output, _PREDICTION, made, flown.write_csv(float_precision=2))
+    return files, flown
+
+
+def _names(files: Sequence[Path]) -> list[str]:
+    """Files without their ending, each with as many of its folders as tell all of them apart."""
+    parts = [path.absolute().with_suffix("").parts for path in files]
+    for depth in range(1, max(map(len, parts)) + 1):
+        names = ["/".join(part[-depth:]) for part in parts]
+        if len(set(names)) == len(names):
+            return names
+    return [str(path) for path in files]
+
+
+def best_policy(flown: Transfer, files: Sequence[Path]) -> Path:
+    """The policy that flew longest and, among equals, closest."""
+    order = flown.table.group_by("policy").agg(polars.col("duration").mean(), polars.col("position_error").mean())
+    name = order.sort(["duration", "position_error", "policy"], descending=[True, False, False])["policy"][0]
+    return next(path for path in files if path.stem == name)
+
+
+def flights_to_view(path: StrPath) -> Sequence[Flight]:
+    """Flights of a run folder: test flights, or else those that were recorded; or of a log or a folder of logs, of any known kind.
+
+    Raises:
+        InputError: nothing there, or a log cannot be used.
+    """
+    flights = run.shown(run.read(Path(path))) if run.holds_flights(Path(path)) else ()
+    return flights or read_flights(path).flights

@@ -1,0 +1,137 @@
+"""From logs to a drone: record, identify, validate."""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import jax
+import polars
+
+from maidenflight import parameters, results
+from maidenflight.flights import log, recording
+from maidenflight.flights.reading import MOST, Flights, read_flights
+from maidenflight.flights.windows import HISTORY
+from maidenflight.identification.estimates import Identification
+from maidenflight.identification.identify import METHODS, OBJECTIVES, identify
+from maidenflight.identification.prediction import predicted_windows, prediction_error
+from maidenflight.identification.selection import Step
+from maidenflight.inputs import StrPath
+from maidenflight.simulator.virtual_drone import VirtualDrone
+from maidenflight.workflow.drones import table
+
+_VALIDATION = (
+    "# maidenflight validation 1: open-loop prediction errors, root mean squares over windows; horizon s, position m, velocity m/s,"
+    " attitude rad, body_rates rad/s; _low and _high end the 95 % interval over stretches of flight"
+)
+
+_WINDOWS = (
+    "# maidenflight windows 1: a few windows, as logged and as each model predicts them open loop from their first row; start s in the"
+    " flight, time s, position m, velocity m/s, roll pitch yaw rad, body_rate rad/s"
+)
+
+
+def record(drone: VirtualDrone, seed: int, folder: StrPath, truth: StrPath, count: int, duration: float, excitation: float) -> list[Path]:
+    """Records flights on a virtual drone: one CSV a flight in `folder`, and the hidden parameters in `truth`."""
+    settings = {"reality": drone.name, "flights": count, "duration": duration, "excitation": excitation}
+    made = results.record(seed=seed, inputs=[], settings=settings)
+    flown = recording.record(drone, jax.random.key(seed), count, duration, excitation)
+    parameters.write(truth, drone.parameters, {"record": made})
+    written = [log.write(Path(folder) / f"{flight.name}.csv", flight, made) for flight in flown]
+    results.remove_older(written, made)
+    return written
+
+
+def evaluations_beside(output: StrPath) -> Path:
+    """Where the evaluations of an identification go: `identification.csv` for `drone.toml`, `NAME_identification.csv` for `NAME.toml`."""
+    path = Path(output)
+    return path.with_name("identification.csv" if path.stem == "drone" else f"{path.stem}_identification.csv")
+
+
+def identify_from(
+    logs: StrPath,
+    seed: int,
+    output: StrPath,
+    over: Sequence[str] | str | None,
+    start: str,
+    *,
+    objective: str = OBJECTIVES[0],
+    length: int = 30,
+    history: int = HISTORY,
+    evaluations: int = 60,
+    trials: int = 2,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    method: str = METHODS[0],
+    most_seconds: float = MOST,
+    on_file: Callable[[int, int], None] | None = None,
+    on_evaluation: Callable[[int, int], None] | None = None,
+    on_step: Callable[[Step], None] | None = None,
+) -> tuple[Flights, Identification]:
+    """Identifies a drone from logs; writes `output` (TOML) and, to `evaluations_beside` it, every evaluation.
+
+    Of more than `most_seconds` of flight, stretches of every flight are used.
+    """
+    flights = read_flights(logs, on_file, most_seconds, history)
+    found = identify(
+        flights,
+        over,
+        jax.random.key(seed),
+        objective=objective,
+        start=parameters.read(start),
+        length=length,
+        history=history,
+        evaluations=evaluations,
+        trials=trials,
+        bounds=bounds,
+        method=method,
+        on_evaluation=on_evaluation,
+        on_step=on_step,
+    )
+    settings: dict[str, Any] = {
+        "start": Path(start).name,
+        "over": over if isinstance(over, str) else list(over or found.estimates),
+        "objective": objective,
+        "history": history,
+        "evaluations": evaluations,
+        "trials": trials,
+        "most_seconds": most_seconds,
+        "bounds": {name: list(pair) for name, pair in (bounds or {}).items()},
+    }
+    if objective == "replay":
+        settings |= {"length": length, "method": method}
+    made = results.record(seed=seed, inputs=flights.paths, settings=settings)
+    tables = {"identification": found.to_table(), "posterior": found.posterior_table(), "record": made}
+    parameters.write(output, found.parameters, tables)
+    results.write(evaluations_beside(output), found.history.write_csv(float_precision=9))
+    return flights, found
+
+
+def validate_with(
+    drone: StrPath, logs: StrPath, seed: int, output: StrPath, horizons: Sequence[float], on_file: Callable[[int, int], None] | None = None
+) -> tuple[Flights, polars.DataFrame, list[str]]:
+    """Predicts flights with a drone and with the paper's Crazyflie; writes the errors to `output` as CSV.
+
+    Beside it, as `NAME_windows.csv`, it writes a few windows row by row. Of more than `MOST` seconds of flight, stretches are predicted.
+
+    Returns:
+        The flights, the errors as `prediction_error` gives them, and notes for the user.
+    """
+    models = {Path(drone).name: parameters.read(drone), "paper's crazyflie": parameters.crazyflie()}
+    flights = read_flights(logs, on_file, MOST)
+    table = prediction_error(flights, models, horizons, key=jax.random.key(seed))
+    drawn = predicted_windows(flights, models, max(horizons), key=jax.random.key(seed))
+    inputs = [drone] if Path(drone).is_file() else []
+    settings = {"drone": Path(drone).name, "horizons": list(horizons)}
+    made = results.record(seed=seed, inputs=[*inputs, *flights.paths], settings=settings)
+    results.write_table(output, _VALIDATION, made, table.write_csv(float_precision=9))
+    beside = Path(output).with_name(f"{Path(output).stem}_windows.csv")
+    results.write_table(beside, _WINDOWS, made, drawn.write_csv(float_precision=6))
+    return flights, table, _not_held_out(drone, flights) if inputs else []
+
+
+def _not_held_out(drone: StrPath, flights: Flights) -> list[str]:
+    """Says so if a drone was identified from some of the flights, going by the record in its file."""
+    used = {str(entry).rpartition("sha256:")[2] for entry in table(drone, "record").get("inputs", [])}
+    seen = sum(results.digest(path) in used for path in flights.paths)
+    if seen == 0:
+        return []
+    return [f"{Path(drone).name} was identified from {seen} of these {len(flights.paths)} files; how well it predicts those is no test."]
