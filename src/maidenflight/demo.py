@@ -54,6 +54,8 @@ class Demo:
     """Wall time of each stage."""
     folder: Path
     page: Path
+    best: Path
+    """The policy that was exported."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +113,7 @@ def demo(folder: Path, seed: int, plan: Plan, listener: Listener) -> Demo:
     run("export", lambda: workflow.export(best, folder / "firmware", seed))
     results.write(folder / "demo.json", json.dumps({"seed": seed, "stages": seconds}, indent=1) + "\n")
     page = run("report", lambda: report(folder, folder / "report.html"))
-    return Demo(drone.parameters, found, flown, seconds, folder, page)
+    return Demo(drone.parameters, found, flown, seconds, folder, page, best)
 
 
 def reached(table: polars.DataFrame) -> int:

@@ -1,10 +1,17 @@
 """What people see in a terminal: progress bars on standard error, tables on standard output."""
 
-from collections.abc import Callable, Iterator
+import sys
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from textwrap import fill
 from typing import TYPE_CHECKING
 
+_WIDE = 110
+"""Columns of a terminal from which a bar may be long."""
+
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from polars import DataFrame
 
     from maidenflight.demo import Demo
@@ -18,11 +25,16 @@ def progress(title: str, total: int | None) -> Iterator[Callable[[int, int | Non
     """A progress bar on standard error; call it with (done, total, remark), where no total means that none is known."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.table import Column
 
     console = Console(stderr=True)
+    width = 24 if console.width >= _WIDE else 5
     share = TaskProgressColumn("{task.percentage:>3.0f} %", text_format_no_percentage="     ")
-    columns = ("[bold]{task.description:<9}", BarColumn(24), share, TimeElapsedColumn(), TimeRemainingColumn())
-    with Progress(*columns, TextColumn("{task.fields[remark]}"), console=console, disable=not console.is_terminal) as bar:
+    # A bar must not give way to the remark: it would jump with each.
+    line = BarColumn(width, table_column=Column(min_width=width, no_wrap=True))
+    remark = TextColumn("{task.fields[remark]}", table_column=Column(no_wrap=True, overflow="ellipsis", ratio=1))
+    columns = ("[bold]{task.description:<9}", line, share, TimeElapsedColumn(), TimeRemainingColumn(), remark)
+    with Progress(*columns, console=console, disable=not console.is_terminal, expand=True) as bar:
         task = bar.add_task(title, total=total, remark="")
 
         def move(done: int, of: int | None, remark: str) -> None:
@@ -33,6 +45,24 @@ def progress(title: str, total: int | None) -> Iterator[Callable[[int, int | Non
         yield move
 
 
+def without_bar(line: str) -> None:
+    """Prints a line on standard error where no terminal is, and so no bar: whoever reads a file sees that work goes on."""
+    if not sys.stderr.isatty():
+        print(line, file=sys.stderr, flush=True)
+
+
+def notes(said: Sequence[str], most: int = 6) -> None:
+    """Prints notes on files, each different one once: of those that say the same the number of files instead of their names."""
+    same: dict[str, list[str]] = {}
+    for note in said:
+        same.setdefault(note.partition(": ")[2] or note, []).append(note)
+    grouped = [f"{len(every)} files: {text}" if len(every) > 1 else every[0] for text, every in same.items()]
+    for line in grouped[:most]:
+        print(f"  {line}")
+    if len(grouped) > most:
+        print(f"  and {len(grouped) - most} more; --json lists them all")
+
+
 def table(title: str, columns: list[str], rows: list[list[str]], numbers_from: int = 1) -> None:
     """Prints a table; columns from `numbers_from` on are aligned right."""
     from rich.box import SIMPLE_HEAD
@@ -41,7 +71,8 @@ def table(title: str, columns: list[str], rows: list[list[str]], numbers_from: i
 
     grid = Table(title=title, box=SIMPLE_HEAD, title_justify="left", title_style="bold")
     for number, column in enumerate(columns):
-        grid.add_column(column, justify="right" if number >= numbers_from else "left", no_wrap=True)
+        # On a terminal that is too narrow cells are folded: no number is cut.
+        grid.add_column(column, justify="right" if number >= numbers_from else "left", no_wrap=number == 0, overflow="fold")
     for row in rows:
         grid.add_row(*row)
     console = Console()
@@ -49,40 +80,85 @@ def table(title: str, columns: list[str], rows: list[list[str]], numbers_from: i
     (console if console.is_terminal else Console(width=200)).print(grid)
 
 
+_IN_MS = ("motor_time_constant", "latency")
+"""Parameters whose truth `truth` tells in milliseconds, in words."""
+
+
 def estimates(found: "Identification", truth: dict[str, str] | None = None) -> None:
     """Prints identified parameters, beside the truth where it is known."""
-    from maidenflight.parameters import COMPONENTS, QUANTITIES
-
     replayed = found.kind == "replay"
-    rows = []
+    rows: list[list[str]] = []
     for name, estimate in found.estimates.items():
-        unit = QUANTITIES[COMPONENTS[name][0]].unit
-        scale, shown = (1e3, "ms") if unit == "s" else (1.0, "" if unit == "-" else unit)
+        scale, unit = _scale(name, estimate.value)
 
         def told(number: float, scale: float = scale) -> str:
             return f"{number * scale:.4g}"
 
         row = [
             name,
-            f"{told(estimate.value)} {shown}".strip(),
+            told(estimate.value),
             f"{told(estimate.interval[0])} .. {told(estimate.interval[1])}",
-            f"{estimate.spread * scale:.2g}",
+            f"{float(f'{estimate.spread * scale:.2g}'):g}",
         ]
         if replayed:
             row.append("" if estimate.valley is None else f"{told(estimate.valley[0])} .. {told(estimate.valley[1])}")
-        row.append(truth.get(name, "") if truth is not None else f"{estimate.trial_deviation * scale:.2g}")
-        rows.append(row)
-    last = "truth" if truth is not None else "between trials"
-    heads = ["parameter", "value", "95 % interval", "between stretches", *(["1 % valley"] if replayed else []), last]
-    table("Identified parameters", heads, rows)
+            row.append(f"{float(f'{estimate.trial_deviation * scale:.2g}'):g}" if len(estimate.trials) > 1 else "")
+        if truth is not None:
+            row.append(truth.get(name, "") if name in _IN_MS else told(float(truth[name])))
+        rows.append([*row, unit])
+    further = [*(["1 % valley", "between\ntrials"] if replayed else []), *(["truth"] if truth is not None else [])]
+    table("Identified parameters", ["parameter", "value", "95 % interval", "between\nstretches", *further, "unit"], rows)
+    print("between stretches: standard deviation; the next flight may be as far off")
+    if replayed:
+        print("between trials: standard deviation; it tells of the optimiser only")
+
+
+def _scale(name: str, value: float) -> tuple[float, str]:
+    """A factor that makes an SI value one to read, and the unit that it then has."""
+    from maidenflight.parameters import COMPONENTS, QUANTITIES
+
+    unit = QUANTITIES[COMPONENTS[name][0]].unit
+    unit = "" if unit == "-" else unit
+    if unit == "s":
+        return 1e3, "ms"
+    return (1e6, f"1e-6 {unit}".strip()) if 0.0 < abs(value) < 1e-3 else (1.0, unit)
+
+
+def kept(found: "Identification", start: str) -> None:
+    """Prints what identified parameters rest on, and the noise found."""
+    from maidenflight.parameters import QUANTITIES
+
+    mass, arm = float(found.parameters.mass), float(found.parameters.arm_length)
+    if not {"mass", "arm_length"} & set(found.estimates):
+        print(f"kept from {start}: mass {mass * 1e3:.4g} g and arm length {arm * 1e3:.4g} mm, on which inertias and torques depend;")
+        print("if yours differ, give your drone with --start.")
+    if found.noise:
+        told = (f"{name} {value:.3g} {QUANTITIES[name].unit}".removesuffix(" -") for name, value in found.noise.items() if value)
+        print(fill(f"noise found: {', '.join(told)}", 118))
+
+
+def reached_objective(found: "Identification", start: str) -> None:
+    """Prints how well the identified drone fits, beside the one that was begun with."""
+    if found.kind == "replay":
+        fit = f"mean error of a replayed window {found.objective:.4g} ({found.start_objective:.4g} for {start})"
+    else:
+        fit = f"log likelihood {-found.objective:.4g} nats a row ({-found.start_objective:.4g} for {start}; more is better)"
+    print(f"{fit}, after {found.evaluations} evaluations of it in {found.seconds:.1f} s")
 
 
 def bought(found: "Identification") -> None:
     """Prints what each group of parameters bought, where the flights chose them."""
     if not found.bought:
         return
-    rows = [[step.group, f"{step.gain:+.4f} +- {step.error:.4f}", "kept" if step.kept else "not kept"] for step in found.bought]
-    table("What adding parameters bought on flights held out", ["parameters", "log likelihood a row [nats]", ""], rows)
+    # One stretch has no spread, and its error comes out as zero, or as a rounding.
+    unsure = [step.error <= 1e-9 * abs(step.gain) for step in found.bought]
+    rows = [
+        [step.group, f"{step.gain:+.4f} +- {'?' * 6 if unknown else f'{step.error:.4f}'}", "kept" if step.kept else "not kept"]
+        for step, unknown in zip(found.bought, unsure, strict=True)
+    ]
+    table("What adding parameters bought on flights held out", ["parameters", "log likelihood a row (nats)", ""], rows)
+    if any(unsure):
+        print("?: how sure a gain is cannot be told from one stretch of flight held out; give more flights.")
 
 
 def predictions(errors: "DataFrame", simulated: bool) -> None:
@@ -104,11 +180,40 @@ def predictions(errors: "DataFrame", simulated: bool) -> None:
         print(f"* worse than predicting that {NOTHING_CHANGES}")
 
 
+def scored(move: Callable[[int, int | None, str], None], progress: "Progress", updates: int, rate: float | None = None) -> None:
+    """Shows the scores of policies in training, in a progress bar or as a line of a file."""
+    told = scores(progress, rate)
+    move(progress.update, updates, told)
+    without_bar(f"update {progress.update} of {updates}: {told}")
+
+
 def scores(progress: "Progress", rate: float | None = None) -> str:
     """The mean scores of policies in training and the steps that they fly a second, for the end of a progress bar."""
-    returns, survival, errors = (sum(map(float, values)) / len(values) for values in progress.score)
+    score = progress.score
+    told = (score.episode_return, score.survival, score.position_error)
+    returns, survival, errors = (sum(map(float, values)) / len(values) for values in told)
     speed = "" if rate is None else f", {rate / 1e3:.0f} k steps/s"
     return f"return {returns:.1f}, survival {survival:.0%}, error {errors * 100:.1f} cm{speed}"
+
+
+FEW = 12
+"""Zero-shot flights that the command line prints one by one."""
+
+
+def by_policy(summary: "DataFrame") -> None:
+    """Prints a line for each policy and reality, of what `workflow.transfer_summary` gives."""
+    rows = [
+        [row["policy"], row["reality"], f"{row['time_limit']} of {row['flights']}", f"{row['duration']:.2f} s",
+         f"{row['position_error'] * 100:.1f} cm"]
+        for row in summary.iter_rows(named=True)
+    ]  # fmt: skip
+    columns = ["policy", "reality", "reached the time limit", "mean duration", "mean error"]
+    table("Zero-shot flights by policy, simulated; error: distance from the set-point", columns, rows, numbers_from=2)
+
+
+def best(files: Sequence["Path"], how: str) -> None:
+    """Prints which policy is best, or which are."""
+    print(f"best: {', '.join(map(str, files))} ({how})")
 
 
 def flights(flown: "Transfer") -> None:
@@ -163,12 +268,22 @@ def truth(result: "Demo") -> dict[str, str]:
     return plain
 
 
+def _both_lags(result: "Demo", told: dict[str, str]) -> dict[str, str]:
+    """The truth with the lag while slowing down too, where one lag was identified."""
+    lag = float(result.truth.motor_time_constant * result.truth.motor_slowdown) * 1e3
+    if "motor_time_constant" not in told or "motor_slowdown" in told:
+        return told
+    return told | {"motor_time_constant": f"{told['motor_time_constant']}, slowing {lag:.4g}"}
+
+
 def summary(result: "Demo") -> None:
     """Prints what the demo found and where it wrote it."""
     from maidenflight.demo import reached
 
     table = result.transfer.table
-    estimates(result.identification, truth(result))
+    estimates(result.identification, _both_lags(result, truth(result)))
+    print("Intervals tell how much values depend on these flights, not on the model: the truth may lie outside where this drone has")
+    print("what the model lacks, such as late sensors and a battery that sags.")
     flights(result.transfer)
     durations, errors = table["duration"], table["position_error"]
     print(f"{reached(table)} of {table.height} flights reached the time limit; median {durations.median():.1f} s,", end=" ")
@@ -176,4 +291,5 @@ def summary(result: "Demo") -> None:
     print("wall time: " + ", ".join(f"{name} {seconds:.0f} s" for name, seconds in result.seconds.items()))
     folder = result.folder
     print(f"\n  drone      {folder / 'drone.toml'}\n  policies   {folder / 'policies'}/\n  flights    {folder / 'transfer'}/")
-    print(f"  C code     {folder / 'firmware'}/\n  report     {result.page}    <- open this in a browser")
+    print(f"  C code     {folder / 'firmware'}/    <- of the best policy, {result.best.stem}")
+    print(f"  report     {result.page}    <- open this in a browser")

@@ -170,7 +170,7 @@ def test_the_app_compiles_for_the_drone_s_processor_and_is_small(structure: str,
         assert (found.returncode, found.stderr) == (0, "")
     stacks = {name: int(bytes_) for file in (tmp_path / "src").glob("*.su")
               for name, bytes_ in re.findall(r":(\w+)\t(\d+)\tstatic", file.read_text())}  # fmt: skip
-    stack = stacks["controllerOutOfTree"] + stacks["mf_policy_step"] + stacks.get("mf_network", 0)
+    stack = stacks["controllerOutOfTree"] + stacks["mf_policy_step"] + stacks.get("mf_network", 0) + stacks.get("apply", 0)
     sized = ["arm-none-eabi-size", "-t", "maidenflight.o", "policy.o"]
     listed = subprocess.run(sized, cwd=tmp_path / "src", capture_output=True, text=True)
     text, data, bss = (int(number) for number in listed.stdout.splitlines()[-1].split()[:3])

@@ -5,7 +5,9 @@ import pytest
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import end_of_flight, transfer
 from maidenflight.flights.recording import Rows
+from maidenflight.parameters import crazyflie
 from maidenflight.policy import untrained
+from maidenflight.simulator.control import attitude_rate
 from maidenflight.simulator.virtual_drone import virtual_drone
 
 POLICIES = [untrained(jax.random.key(number)) for number in range(2)]
@@ -83,3 +85,27 @@ def test_policies_of_different_shapes_and_empty_lists_are_refused() -> None:
         transfer([POLICIES[0], untrained(jax.random.key(0), hidden=(8,))], [virtual_drone(1)])
     with pytest.raises(InputError, match="at least one"):
         transfer([], [virtual_drone(1)])
+
+
+@pytest.mark.parametrize(
+    ("policies", "realities", "words"),
+    [
+        (["policy_1.json"], [virtual_drone(1)], r"'policy_1\.json' is no Policy; expected what policy\.read"),
+        (POLICIES[0], ["virtual:7"], r"'virtual:7' is no VirtualDrone; expected what mf\.virtual_drone\(7\)"),
+        (POLICIES, [crazyflie()], "is no VirtualDrone"),
+    ],
+    ids=["policy", "reality", "parameters"],
+)
+def test_what_is_no_policy_or_no_reality_is_refused_in_words(policies, realities, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        transfer(policies, realities)
+
+
+def test_one_policy_and_one_reality_need_no_list() -> None:
+    alone = transfer(POLICIES[0], virtual_drone(1), trials=4, duration=0.6).table
+    assert alone["policy"].to_list() == ["policy_1"] * 4
+
+
+def test_a_controller_of_another_rate_is_named() -> None:
+    with pytest.raises(InputError, match="pwm policies of 100 Hz; the controller given, attitude_rate, acts at 50 Hz"):
+        transfer(POLICIES, [virtual_drone(1)], controller=attitude_rate())

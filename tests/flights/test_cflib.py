@@ -181,3 +181,23 @@ def test_the_command_rises_with_the_pwm_from_nothing(law):
     assert command[0] == 0
     assert (np.diff(command) >= 0).all()
     assert 0.5 < command[-1] <= 1
+
+
+def test_what_a_command_stands_for_is_a_guess_that_is_told_or_what_one_is_told(tmp_path):
+    polars.DataFrame(columns()).select(SETS["degrees"]).write_csv(tmp_path / "one.csv")
+    guessed, told = read_flights(tmp_path), read_flights(tmp_path, commands="held")
+    assert [(flight.held, flight.assumed) for flight in guessed] == [(False, True)]
+    assert any("commands taken as samples of the firmware's PID; if a policy held each" in note for note in guessed.notes)
+    assert [(flight.held, flight.assumed) for flight in told] == [(True, False)]
+    assert not any("taken as samples" in note for note in told.notes)
+    assert guessed.flights[0].full == 65535.0
+    with pytest.raises(InputError, match="commands 'kept'; expected held or sampled"):
+        read_flights(tmp_path, commands="kept")
+
+
+def test_rates_in_the_wrong_unit_are_named(tmp_path):
+    table = columns()
+    wrong = table | {f"gyro.{axis}": table[f"gyro.{axis}"] * DEGREE for axis in "xyz"}
+    polars.DataFrame(wrong).select(SETS["degrees"]).write_csv(tmp_path / "one.csv")
+    with pytest.raises(InputError, match="looks like rad where the format has deg"):
+        read_flights(tmp_path / "one.csv")

@@ -1,5 +1,6 @@
 """Identification: what was planted is found again, on the model's own flights; on real ones the answer is the study's."""
 
+import dataclasses
 import itertools
 import tomllib
 from typing import Any
@@ -17,7 +18,7 @@ from maidenflight.identification import likelihood
 from maidenflight.identification.bayesian import PAPER_BOUNDS
 from maidenflight.identification.ensembles import posterior_ensemble, trim_ensemble
 from maidenflight.identification.estimates import SAVED
-from maidenflight.identification.identify import AUTO, METHODS, identify
+from maidenflight.identification.identify import AUTO, METHODS, _doubts, identify
 from maidenflight.identification.posterior import DESIGN
 from maidenflight.identification.selection import FIRST
 from maidenflight.parameters import QUANTITIES, check, crazyflie, noiseless, read, replace, write
@@ -115,8 +116,36 @@ def test_the_same_key_gives_the_same_result_and_another_key_another(flights, qui
 
 def test_the_table_for_the_file_holds_no_time_of_day(quick):
     table = quick.to_table()
-    assert set(table) == {"kind", "objective", "windows", "evaluations", *PAPER_BOUNDS}
+    assert set(table) == {"kind", "objective", "windows", "evaluations", *dataclasses.asdict(quick.source), *PAPER_BOUNDS}
     assert set(table["latency"]) == {"value", "interval", "trial_mean", "trial_deviation", "spread", "valley"}
+
+
+def test_an_identification_remembers_what_it_rests_on(quick, flights, tmp_path):
+    assert dataclasses.asdict(quick.source) == {
+        "flights": planted.FLIGHTS,
+        "seconds": pytest.approx(sum(flight.duration for flight in flights), abs=0.01),
+        "simulated": any(flight.simulated for flight in flights),
+        "commands": "held",
+        "full": 60000.0,
+    }
+    quick.write(tmp_path / "drone.toml", {"seed": 5})
+    told = tomllib.loads((tmp_path / "drone.toml").read_text())
+    assert told["identification"]["commands"] == "held"
+    assert told["record"] == {"seed": 5}
+    assert len(str(quick).splitlines()) == 1 + len(quick.estimates) + len(quick.notes)
+
+
+def test_flights_whose_commands_mean_different_thrusts_are_refused(flights):
+    mixed = [*flights[:2], dataclasses.replace(flights[2], full=65535.0)]
+    with pytest.raises(InputError, match=r"stands for different counts of the firmware \(60000 in .*, 65535 in .*\)"):
+        identify(mixed)
+
+
+def test_restless_samples_are_doubted(flights):
+    sampled = [dataclasses.replace(flight, held=False) for flight in flights]
+    (doubt,) = _doubts({"actuator_noise": 0.14}, sampled)
+    assert "lag and inertia cannot be trusted" in doubt
+    assert _doubts({"actuator_noise": 0.14}, flights) == _doubts({"actuator_noise": 0.03}, sampled) == _doubts({}, sampled) == []
 
 
 def test_progress_is_counted_to_the_plan(flights):
@@ -156,7 +185,7 @@ def test_what_cannot_be_searched_is_refused_in_words(flights, over, bounds, word
 
 
 def test_too_little_flight_is_refused():
-    with pytest.raises(InputError, match="no flight is long enough"):
+    with pytest.raises(InputError, match="no flights to identify from; give at least one"):
         identify([], objective="replay")
 
 

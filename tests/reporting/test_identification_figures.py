@@ -136,11 +136,19 @@ def test_a_table_without_a_valley_is_refused():
         pictures.valley(search().with_columns(objective=polars.col("objective") - 61))
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, 12, 14])
+@pytest.mark.parametrize("count", [1, 2, 3, 8])
 def test_a_panel_for_each_pair_and_each_parameter(count):
     names = list(COMPONENTS)[:count]
     found = panels(pictures.corner(draws(names), width=pictures.WIDE))
     assert set(found) == {f"{across} {up}" for row, up in enumerate(names) for across in names[: row + 1]}
+
+
+def test_a_large_posterior_is_cut_to_what_can_be_read():
+    picture = pictures.corner(draws(list(COMPONENTS)[:15]), width=pictures.WIDE)
+    found = panels(picture)
+    assert len(found) == pictures.MOST * (pictures.MOST + 1) / 2
+    assert min(float(panel.attrib["width"]) for panel in found.values()) > 100
+    assert f"draws of {pictures.MOST} parameters, those of its 15" in picture
 
 
 def test_the_posterior_marks_optimum_and_correlation():

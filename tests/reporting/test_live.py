@@ -74,10 +74,32 @@ def test_a_flight_without_set_points_or_with_rows_that_are_no_numbers_is_shown_a
         live.show_flights([broken], tmp_path / "flights.rrd")
 
 
-def test_the_viewer_is_started_where_no_file_is_asked_for(rerun):
+def test_the_viewer_is_started_where_no_file_is_asked_for(rerun, monkeypatch):
+    monkeypatch.setenv("DISPLAY", ":0")
     live.show_flights([flight()])
     rerun.RecordingStream.return_value.spawn.assert_called_once()
     rerun.RecordingStream.return_value.save.assert_not_called()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a display")
+def test_without_a_display_the_viewer_is_not_started(rerun, monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(InputError, match=r"needs a display.*-o FILE\.rrd"):
+        live.show_flights([flight()])
+    rerun.RecordingStream.assert_not_called()
+
+
+def test_training_goes_on_when_the_viewer_is_gone(rerun, tmp_path, capsys):
+    recording = rerun.RecordingStream.return_value
+    recording.flush.side_effect = RuntimeError("gRPC connection severed")
+    score = Evaluation(*(np.array([value]) for value in (-5.0, 0.5, 0.1)))  # type: ignore[arg-type]
+    with live.training(lambda _: flight(), tmp_path / "training.rrd") as show:
+        for update in (10, 20):
+            show(Progress(update, 1000 * update, score))
+    assert capsys.readouterr().err.count("the viewer is gone") == 1
+    assert recording.set_time.call_args_list[-1].kwargs == {"duration": 0.0}
+    assert len(recording.set_time.call_args_list) == 2
 
 
 def test_training_shows_scores_and_how_the_best_policy_of_each_flies(rerun, tmp_path):

@@ -13,7 +13,7 @@ import numpy as np
 import polars
 import pytest
 
-from maidenflight import parameters
+from maidenflight import parameters, results
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.flights import log
@@ -166,6 +166,120 @@ def test_real_flights_are_not_called_simulated(tmp_path):
     content = page(flown(simulated=""), tmp_path)
     assert "<span class=badge>real</span>" in content
     assert "Everything here is simulated" not in content
+
+
+REAL = 'flights = 14\nseconds = 270.3\nsimulated = false\ncommands = "sampled"\nwindows = 258\n'
+ALL_SIMULATED = "Everything here is simulated"
+
+
+@pytest.fixture
+def own(run):
+    """The folder of somebody whose drone was identified from real flights that lie elsewhere."""
+    (run / "reality.toml").unlink()
+    shutil.rmtree(run / "recorded")
+    drone = run / "drone.toml"
+    drone.write_text(drone.read_text().replace("[record]\n", '[record]\ninputs = ["mine.csv sha256:a", "too.csv sha256:b"]\n'))
+    (run / "validation.csv").write_text(
+        f"# what\n# record: {json.dumps(RECORD | {'inputs': ['drone.toml sha256:0', 'mine.csv sha256:a']})}\n{errors().write_csv()}"
+    )
+    (run / "prediction.csv").write_text("policy,control,end_reason,trial,duration\npolicy_1,pwm,tilt,1,2.0\n")
+    return run
+
+
+def identified(folder, keys):
+    drone = folder / "drone.toml"
+    drone.write_text(drone.read_text().replace("[identification]\n", f"[identification]\n{keys}"))
+
+
+def test_a_drone_of_real_flights_is_not_called_simulated(own, tmp_path):
+    identified(own, REAL)
+    content = page(own, tmp_path)
+    assert "<h1>A drone identified from 14 real flights, 270 s <span class=badge>test flights simulated</span></h1>" in content
+    assert (
+        "3 parameters identified from 14 real flights (270 s), thrust-to-weight ratio 1.73, motor lag 88 ms and latency 18 ms." in content
+    )
+    assert "These flights are simulated: 1 flight of 1 policy predicted on an identified drone and 3 test flights flown on" in content
+    assert "Identified from 14 real flights, 270 s, cut into 258 windows; commands were taken as samples of a faster loop." in content
+    assert ALL_SIMULATED not in content
+
+
+def test_a_drone_of_unknown_flights_is_called_neither_real_nor_simulated(own, tmp_path):
+    content = page(own, tmp_path)
+    assert "<h1>A drone identified from 2 flight logs <span class=badge>test flights simulated</span></h1>" in content
+    assert ALL_SIMULATED not in content
+    assert "real flight" not in content.split("<script")[0]
+
+
+@pytest.mark.parametrize("logs", ["of the same flights", "of others"])
+def test_logs_that_lie_here_tell_only_of_themselves(run, tmp_path, logs):
+    place, drone = run / "recorded" / "flight_01.csv", run / "drone.toml"
+    used = results.digest(place) if logs == "of the same flights" else "0"
+    drone.write_text(drone.read_text().replace("[record]\n", f'[record]\ninputs = ["flight_01.csv sha256:{used}"]\n'))
+    content = page(run, tmp_path)
+    assert (ALL_SIMULATED in content) == (logs == "of the same flights")
+
+
+@pytest.mark.parametrize("keys", ["flights = 2\nsimulated = true\n", "simulated = true\n"])
+def test_that_some_flights_were_simulated_does_not_make_all_so(own, tmp_path, keys):
+    identified(own, keys)
+    content = page(own, tmp_path)
+    assert ", some or all simulated" in content
+    assert ALL_SIMULATED not in content
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        "flights = -1\nseconds = nan\nsimulated = 1\ncommands = 3\nwindows = true\nbought = 4\n",
+        'flights = "14"\nseconds = [1]\nsimulated = "no"\ncommands = ["held"]\nwindows = 1e3\nbought = [{group = 1}, 2, {}]\n',
+    ],
+    ids=["numbers", "others"],
+)
+def test_what_is_told_of_flights_in_a_wrong_kind_counts_as_not_told(own, tmp_path, keys):
+    expected = page(own, tmp_path)
+    identified(own, keys)
+    assert page(own, tmp_path) == expected
+
+
+def test_what_groups_bought_and_how_parameters_spread_is_told(run, tmp_path):
+    identified(run, 'bought = [{group = "motor_coasting<", gain = -0.02, error = 0.004, kept = false}]\n')
+    drone = run / "drone.toml"
+    drone.write_text(drone.read_text().replace("[identification.latency]\n", "[identification.latency]\nspread = 0.0021\n"))
+    content = page(run, tmp_path)
+    assert "motor coasting&lt;" in content
+    assert file(content, "bought").row(0) == ("motor_coasting<", -0.02, 0.004, False)
+    assert file(content, "estimates").filter(parameter="latency")["spread"].item() == 0.0021
+
+
+def test_effects_that_were_identified_are_not_blamed(run, tmp_path):
+    truth = parameters.replace(parameters.crazyflie(), latency=0.03, battery_resistance=0.5, drag_x=0.3, motor_slowdown=1.3)
+    parameters.write(run / "reality.toml", truth, {})
+    identified(run, "drag_x = {value = 0.3, interval = [0.29, 0.31]}\nmotor_slowdown = {value = 1.3, interval = [1.2, 1.4]}\n")
+    content = page(run, tmp_path)
+    assert "The truth lies outside the interval of 1 of these 5 parameters." in content
+    assert "identified parameters make up for them: a sagging battery." in content
+    assert "(slowing down)" not in content, "a model with both time constants has one truth for each"
+
+
+def test_what_does_no_better_than_nothing_changes_is_marked_and_explained(run, tmp_path):
+    worse = errors().with_columns(attitude=polars.when(polars.col("model") == "drone.toml").then(9.0).otherwise("attitude"))
+    (run / "validation.csv").write_text(f"# what\n{worse.write_csv()}")
+    content = page(run, tmp_path)
+    assert content.count(" * <small>") == 2
+    assert "* in the table, does worse than predicting that nothing changes" in content
+
+
+def test_what_the_page_leaves_out_is_named(run, tmp_path):
+    assert "not on this page" not in page(run, tmp_path)
+    shutil.copytree(run / "policies", run / "hover")
+    shutil.copytree(run / "transfer", run / "transfer_<b>")
+    shutil.copy(run / "drone.toml", run / "held.toml")
+    (run / "prediction_hover.csv").write_text("# maidenflight prediction 1: what\npolicy\n")
+    (run / "empty").mkdir()
+    (run / "odd.toml").write_bytes(b"\xff")
+    content = page(run, tmp_path)
+    told = "policies: hover/; test flights: transfer_&lt;b&gt;/; predicted flights: prediction_hover.csv; identified drones: held.toml."
+    assert f"not on this page: {told}" in content
 
 
 def test_text_from_files_cannot_become_markup(tmp_path):

@@ -50,7 +50,7 @@ def test_a_wrong_box_is_refused():
     with pytest.raises(InputError, match="unknown parameter 'weight'"):
         relative_box(PAPER, 0.1, ("mass", "weight"))
     for fraction in (-0.1, 1.0, float("nan")):
-        with pytest.raises(ValueError, match=r"fraction = .*, expected a share"):
+        with pytest.raises(InputError, match=r"fraction = .*, expected a share"):
             relative_box(PAPER, fraction)
 
 

@@ -8,6 +8,7 @@ import pytest
 from arrays import float32
 from hypothesis import given
 
+from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.simulator import dynamics, rotations, tasks, trajectories
 
@@ -348,3 +349,18 @@ def test_danger_is_at_least_one_where_a_task_has_failed_and_has_a_slope_everywhe
 def test_a_length_of_what_is_not_a_number_is_not_a_number():
     assert np.isnan(tasks.norm(jnp.array([0.0, jnp.nan, 0.0])))
     assert tasks.norm(jnp.zeros(3)) == 0
+
+
+@pytest.mark.parametrize(
+    ("trajectory", "duration", "words"),
+    [
+        (lambda time: jnp.stack([time, time]), 1.0, r"gives an array of shape \(2,\) at a time; expected 3 numbers"),
+        (lambda time: np.array([np.sin(time), 0.0, 1.0]), 1.0, "no function of time that JAX can follow"),
+        (lambda time: jnp.zeros(3) if time > 1 else jnp.ones(3), 1.0, "no function of time that JAX can follow"),
+        (lambda time: jnp.zeros(3), -1.0, "duration = -1.0 s of an episode; expected more than 0"),
+    ],
+    ids=["two numbers", "numpy", "if", "duration"],
+)
+def test_a_trajectory_that_cannot_be_flown_is_refused_at_once(trajectory, duration, words):
+    with pytest.raises(InputError, match=words):
+        tasks.tracking(trajectory, duration)

@@ -1,12 +1,14 @@
 import jax
+import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from maidenflight.parameters import crazyflie
 from maidenflight.policy import untrained
 from maidenflight.simulator import environment
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import randomize, relative_box
-from maidenflight.training.evaluation import evaluate
+from maidenflight.training.evaluation import Evaluation, evaluate
 
 BOX = relative_box(crazyflie(), 0.10)
 
@@ -34,6 +36,22 @@ def test_a_score_is_what_a_plain_loop_counts() -> None:
     np.testing.assert_allclose(float(score.episode_return), np.mean(returns), rtol=1e-4)
     np.testing.assert_allclose(float(score.survival), np.mean(survivals))
     np.testing.assert_allclose(float(score.position_error), np.mean(distances), rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("better", "worse"),
+    [
+        ((-236.0, 1.0), (-182.0, 0.0)),  # a hover that lasts against one that falls at once
+        ((-8.0, 0.992), (-9.0, 1.0)),  # one of 128 episodes is luck
+        ((-40.0, 0.8), (-30.0, 0.7)),
+        ((-1e9, 0.0), (-np.inf, -np.inf)),
+    ],
+)
+def test_survival_comes_first_and_return_among_equals(better: tuple[float, float], worse: tuple[float, float]) -> None:
+    one, other = (Evaluation(*map(jnp.asarray, (*numbers, 0.1))) for numbers in (better, worse))
+    assert bool(one.beats(other))
+    assert not bool(other.beats(one))
+    assert not bool(one.beats(one))
 
 
 def test_failing_costs_the_terminal_penalty() -> None:

@@ -23,12 +23,22 @@ def main() -> None:
     except InputError as error:
         print(f"maidenflight: {error}", file=sys.stderr)
         sys.exit(2)
-    except click.ClickException as error:
+    except click.exceptions.NoArgsIsHelpError as error:
         error.show()
+        sys.exit(error.exit_code)
+    except click.ClickException as error:
+        print(f"maidenflight: {_in_one_line(error)}", file=sys.stderr)
         sys.exit(error.exit_code)
     except (click.Abort, KeyboardInterrupt):
         print("maidenflight: interrupted; finished files are complete, the rest was not written.", file=sys.stderr)
         sys.exit(130)
+
+
+def _in_one_line(error: click.ClickException) -> str:
+    """What was wrong with a command's options, and where they are explained."""
+    said = " ".join(error.format_message().split())
+    context = error.ctx if isinstance(error, click.UsageError) else None
+    return said if context is None else f"{said} Options: {context.command_path} --help."
 
 
 @click.group(context_settings=_CONTEXT)

@@ -19,7 +19,10 @@ if TYPE_CHECKING:
 @options.as_json
 @options.overwrite
 def demo(output: Path | None, seed: int, as_json: bool, overwrite: bool) -> None:
-    """Run the whole line on a virtual drone in about three minutes: record, identify, train, fly unseen, export, report."""
+    """Run the whole line on a virtual drone, in minutes.
+
+    It records flights, identifies the drone from them, trains policies, flies them unseen, exports the best one and writes a report.
+    """
     if output is None:
         output = next(path for number in range(1, 10**6) if not (path := Path("run" if number == 1 else f"run-{number}")).exists())
     else:
@@ -43,7 +46,7 @@ def demo(output: Path | None, seed: int, as_json: bool, overwrite: bool) -> None
             Listener(
                 stage=begin,
                 evaluation=lambda done, of: move(done, of or None, f"identify: {done} evaluations"),
-                training=lambda progress: move(progress.update, plan.learner.updates, f"train: {terminal.scores(progress)}"),
+                training=lambda progress: terminal.scored(move, progress, plan.learner.updates),
             ),
         )
     options.emit(as_json, _content(result), lambda: terminal.summary(result))
@@ -70,6 +73,7 @@ def _content(result: "Demo") -> dict[str, Any]:
         "truth": terminal.truth(result),
         "flights": result.transfer.table.to_dicts(),
         "stages": result.seconds,
+        "best": str(result.best),
         "report": str(result.page),
         "simulated": True,
     }

@@ -25,13 +25,17 @@ _EXPORTED = {"c": "firmware", "onnx": "onnx_policy", "authors": "authors_policy"
 @click.option(
     "--control",
     type=click.Choice(options.CONTROLS),
-    help="What an authors' policy commands; unless given, what its file's name begins with or its folder is called. Ours say it.",
+    help="What an authors' policy commands; unless given, what its file's name begins with or its folder is called. Ours say it"
+    " themselves.",
 )
 @options.seed
 @options.as_json
 @options.overwrite
 def export(policy: Path, to: str, output: Path | None, control: str | None, seed: int, as_json: bool, overwrite: bool) -> None:
-    """Export a POLICY file, ours or of Gronauer et al., to C, to ONNX, to their JSON or as an app for the Crazyflie."""
+    """Export a POLICY file to C, ONNX or a Crazyflie app.
+
+    The policy is ours or of Gronauer et al., whose JSON can be written too.
+    """
     output = output or Path(_EXPORTED[to])
     options.must_be_new(output, overwrite)
     from maidenflight import workflow
@@ -68,7 +72,10 @@ def report(run: Path, output: Path | None, as_json: bool, overwrite: bool) -> No
 @options.as_json
 @options.overwrite
 def view(flights: Path, output: Path | None, as_json: bool, overwrite: bool) -> None:
-    """View FLIGHTS in rerun: a log, a folder of logs or a run folder. Needs pip install 'maidenflight[viewer]'."""
+    """View FLIGHTS in rerun: a log, a folder of logs or a run.
+
+    Needs pip install 'maidenflight[viewer]'.
+    """
     if output is not None:
         options.must_be_new(output, overwrite)
     from maidenflight import workflow

@@ -10,6 +10,7 @@ import click
 
 from maidenflight import terminal
 from maidenflight.cli import options
+from maidenflight.errors import InputError
 
 if TYPE_CHECKING:
     from maidenflight.flights.reading import Flights
@@ -21,7 +22,10 @@ if TYPE_CHECKING:
 @options.output("File to write; standard output unless given.")
 @options.overwrite
 def drone(name: str, output: Path | None, overwrite: bool) -> None:
-    """Print a drone's parameters as TOML: a named drone (crazyflie) or a file, checked."""
+    """Print a drone's parameters as TOML.
+
+    NAME is a named drone (crazyflie) or a TOML file, which is checked.
+    """
     from maidenflight import parameters
 
     text = parameters.to_toml(parameters.read(name), Path(name).stem)
@@ -44,6 +48,14 @@ def _bounds(_: click.Context, __: click.Parameter, given: tuple[str, ...]) -> di
             raise click.BadParameter(f"{entry!r}; expected NAME=LOWER,UPPER, such as latency=0,0.03.") from error
         pairs[name] = (low, high)
     return pairs
+
+
+_commands = click.option(
+    "--commands",
+    type=click.Choice(["held", "sampled"]),
+    help="What commands stand for in logs that do not say it: held by a policy until the next row, or samples of the firmware's faster PID,"
+    " as which they are taken unless given. Taken the wrong way, latency is half a row off.",
+)
 
 
 @click.command()
@@ -78,16 +90,21 @@ def _bounds(_: click.Context, __: click.Parameter, given: tuple[str, ...]) -> di
     type=options.Range(min=10.0),
     help="Flight to use; of more, stretches of every flight are.",
 )
+@_commands
 @options.seed
 @options.as_json
 @options.overwrite
 def identify(logs: Path, output: Path, over: str | None, start: str, seed: int, as_json: bool, overwrite: bool, **settings: Any) -> None:
-    """Identify a drone's parameters from LOGS, a flight log or a folder of them."""
+    """Identify a drone's parameters from LOGS.
+
+    LOGS is a flight log or a folder of them.
+    """
     options.must_be_new(output, overwrite)
     from maidenflight import workflow
 
     options.must_be_new(workflow.evaluations_beside(output), overwrite)
     names = over if over in (None, "auto") else [name.strip() for name in over.split(",") if name.strip()]
+    _must_be_known([*(names if isinstance(names, list) else []), *settings["bounds"]])
     with terminal.progress("identify", None) as move:
         flights, found = workflow.identify_from(
             logs,
@@ -96,19 +113,34 @@ def identify(logs: Path, output: Path, over: str | None, start: str, seed: int, 
             names,
             start,
             **settings,
-            on_file=lambda done, of: move(done, of, "reading flights"),
+            on_file=lambda done, of: move(done, of, "reading flights") if done < of else move(0, None, "compiling"),
             on_evaluation=lambda done, of: move(done, of or None, "evaluations" if of else f"{done} evaluations"),
             on_step=lambda step: move(0, None, f"{step.group} {'kept' if step.kept else 'not kept'}: {step.gain:+.4f} nats a row"),
         )
-    _print_notes(found.notes)
+    options.print_notes(found.notes)
 
     def text() -> None:
         _print_flights(flights, found.windows)
         terminal.bought(found)
         terminal.estimates(found)
-        print(f"objective {found.objective:.4g} after {found.evaluations} evaluations in {found.seconds:.1f} s; written to {output}")
+        terminal.kept(found, start)
+        terminal.reached_objective(found, start)
+        print(f"written to {output}")
 
     options.emit(as_json, _identification_content(flights, found) | {"output": str(output)}, text)
+
+
+def _must_be_known(names: Iterable[str]) -> None:
+    """Refuses what is no parameter, with those that may be meant: the whole list is long."""
+    from difflib import get_close_matches
+
+    from maidenflight.parameters import COMPONENTS
+
+    for name in names:
+        if name not in COMPONENTS:
+            alike = [*(known for known in COMPONENTS if name and name in known), *get_close_matches(name, COMPONENTS, 3)]
+            meant = f" Did you mean {' or '.join(dict.fromkeys(alike[:3]))}?" if alike else ""
+            raise InputError(f"unknown parameter {name!r}.{meant} All are in what this prints: maidenflight drone crazyflie.")
 
 
 def _identification_content(flights: "Flights", found: "Identification") -> dict[str, Any]:
@@ -148,16 +180,20 @@ def _times(_: click.Context, __: click.Parameter, given: str) -> list[float]:
 @click.argument("logs", type=options.PATH)
 @options.output("CSV file for the errors and their intervals.", "validation.csv")
 @click.option("--horizons", default="0.1,0.25,0.5", show_default=True, callback=_times, help="How far ahead to predict, seconds.")
+@_commands
 @options.seed
 @options.as_json
 @options.overwrite
-def validate(drone_: str, logs: Path, output: Path, horizons: list[float], seed: int, as_json: bool, overwrite: bool) -> None:
+def validate(
+    drone_: str, logs: Path, output: Path, horizons: list[float], commands: str | None, seed: int, as_json: bool, overwrite: bool
+) -> None:
     """Validate a DRONE on LOGS that it was not identified from.
 
     DRONE is a TOML file or a name, LOGS a flight log or a folder of them. From every tenth row the drone is simulated with the
     recorded commands alone; the table tells how far it is from the flight then. Beside it stand the paper's Crazyflie and the
     prediction that nothing changes: position, velocity, attitude and body rates stay as they are.
     """
+    _must_be_a_drone(drone_, logs)
     windows = output.with_name(f"{output.stem}_windows.csv")
     options.must_be_new(output, overwrite)
     options.must_be_new(windows, overwrite)
@@ -165,9 +201,15 @@ def validate(drone_: str, logs: Path, output: Path, horizons: list[float], seed:
 
     with terminal.progress("validate", None) as move:
         flights, errors, notes = workflow.validate_with(
-            drone_, logs, seed, output, horizons, lambda done, of: move(done, of, "reading flights")
+            drone_,
+            logs,
+            seed,
+            output,
+            horizons,
+            lambda done, of: move(done, of, "reading flights") if done < of else move(0, None, "compiling and predicting"),
+            commands,
         )
-    _print_notes(notes)
+    options.print_notes(notes)
     simulated = any(flight.simulated for flight in flights)
     content = {
         "errors": errors.to_dicts(),
@@ -186,6 +228,13 @@ def validate(drone_: str, logs: Path, output: Path, horizons: list[float], seed:
     options.emit(as_json, content, text)
 
 
+def _must_be_a_drone(given: str, logs: Path) -> None:
+    """Refuses logs in a drone's place, and a file that is not there."""
+    if Path(given).is_dir() or given.endswith((".csv", ".csv.gz", ".parquet")):
+        raise InputError(f"{given}: not a drone; DRONE comes before LOGS, as in: maidenflight validate {logs} {given}.")
+    options.must_exist(given)
+
+
 def _flights_content(flights: "Flights") -> dict[str, Any]:
     return {
         "files": len(flights.paths),
@@ -197,17 +246,12 @@ def _flights_content(flights: "Flights") -> dict[str, Any]:
 
 
 def _print_flights(flights: "Flights", windows: int) -> None:
-    print(f"{len(flights.paths)} files, {len(flights)} usable pieces of flight, {flights.duration:.0f} s; {windows} windows")
+    print(f"{len(flights.paths)} files, {len(flights)} usable pieces of flight, {flights.duration:.0f} s; {windows} windows of rows")
     if flights.notes:
-        print(f"{len(flights.notes)} notes on what was dropped, the first: {flights.notes[0]}")
+        terminal.notes(flights.notes)
     if flights.refused:
         print(f"{len(flights.refused)} files refused:", file=sys.stderr)
         for reason in flights.refused[:3]:
             print(f"  {reason}", file=sys.stderr)
         if len(flights.refused) > 3:
             print(f"  and {len(flights.refused) - 3} more; --json lists them all", file=sys.stderr)
-
-
-def _print_notes(notes: Iterable[str]) -> None:
-    for note in notes:
-        print(f"note: {note}", file=sys.stderr)

@@ -56,7 +56,7 @@ def insisting() -> Iterator[None]:
 
 @contextmanager
 def resumable(checkpoint: Path) -> Iterator[None]:
-    """Says how to go on where work is interrupted that a checkpoint, a file or a folder, holds."""
+    """Says how to go on where work is interrupted that a checkpoint, a file or a folder, holds; or that it holds nothing yet."""
     again = shlex.join(
         ["maidenflight", *(argument for argument in sys.argv[1:] if argument not in ("--resume", "--overwrite")), "--resume"]
     )
@@ -64,7 +64,9 @@ def resumable(checkpoint: Path) -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         if not checkpoint.exists():
-            raise
+            anew = shlex.join(["maidenflight", *sys.argv[1:]])
+            print(f"maidenflight: interrupted before anything was reached. Start again with: {anew}", file=sys.stderr)
+            sys.exit(130)
         print(f"maidenflight: interrupted; {checkpoint} holds what was reached. Go on with: {again}", file=sys.stderr)
         sys.exit(130)
     except WriteError as error:

@@ -1,7 +1,8 @@
 """Options that commands share, and what every command does about them."""
 
 import json
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +53,18 @@ def randomization(*words: str) -> Callable[[click.Context, click.Parameter, str 
     return read
 
 
+def must_exist(drone: str) -> None:
+    """Refuses a drone's TOML file that is not there, before anything heavy is imported.
+
+    Raises:
+        InputError: there is no such file.
+    """
+    if drone.endswith(".toml") and not Path(drone).exists():
+        raise InputError(
+            f"{drone}: no such drone. Identify one (maidenflight identify LOGS -o {drone}), or give another file, or the name crazyflie."
+        )
+
+
 def must_be_new(path: Path, overwrite: bool, resume: bool | None = None) -> None:
     """Refuses to write into a folder that holds something, over a file, or where another process is about to; keeps the place for us.
 
@@ -73,6 +86,12 @@ def must_be_new(path: Path, overwrite: bool, resume: bool | None = None) -> None
         if resume is not None:
             ways.insert(1, "go on with what was interrupted there by --resume")
         raise InputError(f"{path}: already there. {', '.join(ways)}.")
+
+
+def print_notes(notes: Iterable[str]) -> None:
+    """Prints what the user should know of a result, on standard error."""
+    for note in notes:
+        print(f"note: {note}", file=sys.stderr)
 
 
 def emit(as_json: bool, content: dict[str, Any], text: Callable[[], None]) -> None:

@@ -75,9 +75,10 @@ def record(
     as_json: bool,
     overwrite: bool,
 ) -> None:
-    """Record flights at 100 Hz, flown by the firmware's position PID: on a virtual drone (simulated), or with --uri on a real Crazyflie.
+    """Record flights, of a virtual drone or a real Crazyflie.
 
-    A real drone takes off, follows the task's reference and lands. Ctrl-C lands it, a second Ctrl-C stops its motors. Every row is on disk
+    They are flown by the firmware's position PID and logged at 100 Hz: on a virtual drone (simulated), or with --uri on a real one. A
+    real drone takes off, follows the task's reference and lands. Ctrl-C lands it, a second Ctrl-C stops its motors. Every row is on disk
     as soon as it has come; logs are added to the folder and never replaced.
     """
     given = {name for name in context.params if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE}
@@ -93,7 +94,8 @@ def record(
     options.must_be_new(output, overwrite)
     from maidenflight import workflow
 
-    with terminal.progress("record", None):
+    with terminal.progress("record", None) as move:
+        move(0, None, "compiling and flying")
         written = workflow.record(workflow.reality(reality), seed, output, output / "reality.toml", count, duration, excitation)
     content = {"flights": [str(path) for path in written], "truth": str(output / "reality.toml"), "simulated": True}
     options.emit(as_json, content, lambda: print(f"{count} simulated flights of {duration:g} s in {output}/; the truth is in reality.toml"))
@@ -116,9 +118,10 @@ def record(
 @options.seed
 @options.as_json
 def fly(uri: str, output: Path, as_json: bool, **asked: Any) -> None:
-    """Fly the policy on board a real Crazyflie, between a take-off and a landing by the firmware's PID.
+    """Fly the policy on board a real Crazyflie.
 
-    The exported app must be on the drone. Ctrl-C hands back to the PID and lands, a second Ctrl-C stops the motors.
+    The firmware's PID takes off before it and lands after it. The exported app must be on the drone. Ctrl-C hands back to the PID and
+    lands, a second Ctrl-C stops the motors.
     """
     _fly_really(uri, output, as_json, steps=0.0, policy=True, **asked)
 

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,7 @@ from maidenflight.cli.interruption import resumable
 from maidenflight.training.scoreboards import BOARDS
 
 if TYPE_CHECKING:
+    from maidenflight.training.evaluation import Evaluation
     from maidenflight.training.train import Progress
 
 
@@ -28,7 +30,8 @@ if TYPE_CHECKING:
 @click.option(
     "--updates",
     type=click.IntRange(1, 10**6),
-    help="Gradient steps, or epochs of PPO; as many as the control structure needs unless given.",
+    help="Gradient steps, or epochs of PPO. Unless given: 1500 for pwm, 1200 for attitude_rate and attitude; of these twice as many"
+    " for hover, three times for figure_eight; 600 for PPO.",
 )
 @click.option(
     "--randomize",
@@ -82,10 +85,12 @@ def train(
     as_json: bool,
     overwrite: bool,
 ) -> None:
-    """Train policies around a drone, by gradients through the simulator or by PPO.
+    """Train policies around a drone.
 
-    Interrupted, by Ctrl-C or anything else, it loses at most what it learned since the last score: give the same command with --resume.
+    They learn by gradients through the simulator, or by PPO. Interrupted, by Ctrl-C or anything else, it loses at most what it learned
+    since the last score: give the same command with --resume.
     """
+    options.must_exist(drone_)
     options.must_be_new(output, overwrite, resume)
     cores.as_devices()
     from maidenflight import workflow
@@ -105,9 +110,10 @@ def train(
             rate = (progress.steps - heard[0].steps) / (time.perf_counter() - began) if heard else None
             began = began if heard else time.perf_counter()
             heard.append(progress)
-            move(progress.update, settings.updates, terminal.scores(progress, rate))
+            terminal.scored(move, progress, settings.updates, rate)
             watch(progress)
 
+        move(0, settings.updates, "compiling, until the first score")
         workflow.train_for(drone_, seed, output, count, settings, randomize, hear, control, task, resume, boards, history, heading)
     scores = _scores(heard, count)
     content = {"policies": [str(output / f"policy_{number}.json") for number in range(1, count + 1)], "scores": scores}
@@ -118,15 +124,27 @@ def train(
             for number, score in enumerate(scores, 1)
         ]
         terminal.table("Trained policies", ["policy", "return", "survival", "position error"], rows)
+        if falling := [row[0] for row, score in zip(rows, scores, strict=True) if score["survival"] < _FLIES]:
+            print(f"note: {', '.join(falling)} hardly ever last an episode; train with more --updates, or see docs/training.md.")
         print(f"written to {output}/")
 
     options.emit(as_json, content, text)
 
 
+_FLIES = 0.1
+"""Survival below which a policy is said not to fly."""
+
+
 def _scores(heard: list["Progress"], count: int) -> list[dict[str, float]]:
-    """Each policy's at its best."""
-    best = [max((progress.score for progress in heard), key=lambda score: float(score.episode_return[number])) for number in range(count)]
-    return [{name: round(float(value[number]), 6) for name, value in score._asdict().items()} for number, score in enumerate(best)]
+    """Each policy's at its best, which is the one that training keeps."""
+
+    def best(number: int) -> "Evaluation":
+        return reduce(lambda old, new: new if bool(new.beats(old)[number]) else old, (progress.score for progress in heard))
+
+    return [
+        {name: round(float(value[number]), 6) for name, value in score._asdict().items()}
+        for number, score in enumerate(map(best, range(count)))
+    ]
 
 
 @contextmanager

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 @click.argument("policies", nargs=-1, type=options.PATH)
 @options.output("Folder for the flights.", "transfer")
 @click.option("--reality", "realities", multiple=True, help=f"Where: {options.REALITIES}; may be repeated (virtual:7 unless given).")
-@click.option("--task", type=click.Choice(options.TASKS), help="What they fly (circle unless given).")
+@click.option("--task", type=click.Choice(options.TASKS), help="What they fly (what they were trained for unless given).")
 @click.option("--trials", type=click.IntRange(1, 1000), help="Flights of each policy in each reality (3 unless given).")
 @click.option("--duration", type=options.Range(0.1, 600.0), help="Longest flight, seconds (20 unless given).")
 @click.option(
@@ -44,9 +44,10 @@ def transfer(
     as_json: bool,
     overwrite: bool,
 ) -> None:
-    """Fly POLICIES (files or folders), or those of a matrix, in realities that they have not seen; all of it simulated.
+    """Fly POLICIES in simulated realities that they have not seen.
 
-    Policies are ours, or the authors' in files whose names begin with a control structure; all of one call are of one kind.
+    POLICIES are files or folders, or with --matrix those of a matrix. They are ours, or the authors' in files whose names begin with a
+    control structure; all of one call are of one kind.
     """
     if settings is not None:
         if policies or realities or any(given is not None for given in (task, trials, duration, seed)):
@@ -58,14 +59,31 @@ def transfer(
     options.must_be_new(output, overwrite)
     from maidenflight import workflow
 
-    with terminal.progress("transfer", None):
+    with terminal.progress("transfer", None) as move:
         places = [workflow.reality(name) for name in realities or ("virtual:7",)]
-        flown = workflow.transfer_to(policies, places, seed or 0, output, trials or 3, duration or 20.0, task or "circle")
-    content = {"flights": flown.table.to_dicts(), "simulated": True, "output": str(output)}
+        files = workflow.policy_files(policies)
+        task, notes = workflow.task_to_fly(files, task)
+        options.print_notes(notes)
+        move(0, None, "compiling and flying")
+        flown = workflow.transfer_to(policies, places, seed or 0, output, trials or 3, duration or 20.0, task)
+    summary, best = workflow.transfer_summary(flown), workflow.best_policy(flown, files)
+    content = {
+        "flights": flown.table.to_dicts(),
+        "summary": summary.to_dicts(),
+        "best": str(best),
+        "task": task,
+        "notes": notes,
+        "simulated": True,
+        "output": str(output),
+    }
 
     def text() -> None:
-        terminal.flights(flown)
-        print(f"written to {output}/")
+        if flown.table.height <= terminal.FEW:
+            terminal.flights(flown)
+        terminal.by_policy(summary)
+        if len(files) > 1:
+            terminal.best([best], "longest mean flight; among equals the smallest mean error")
+        print(f"written to {output}/, a row a flight in flights.csv")
 
     options.emit(as_json, content, text)
 
@@ -128,16 +146,21 @@ def predict(
     as_json: bool,
     overwrite: bool,
 ) -> None:
-    """Predict how long POLICIES (files or folders) would fly on the real drone.
+    """Predict how long POLICIES would fly on the real drone.
 
-    Policies of maidenflight and of Gronauer et al., of all control structures together, fly the circle on the identified drone as the
-    authors' drone ran them: at their rate, by its firmware, from hover, until a guard trips. All of it is simulated.
+    POLICIES are files or folders. Those of maidenflight and of Gronauer et al., of all control structures together, fly the circle on the
+    identified drone as the authors' drone ran them: at their rate, by its firmware, from hover, until a guard trips. All of it is
+    simulated.
     """
+    options.must_exist(drone_)
     options.must_be_new(output, overwrite)
     cores.as_devices()
     from maidenflight import workflow
 
+    _, notes = workflow.task_to_fly(workflow.policy_files(policies), "circle")
+    options.print_notes(notes)
     with terminal.progress("predict", None) as move:
+        move(0, None, "compiling")
         files, flown = workflow.predict_with(
             drone_,
             policies,
@@ -151,11 +174,18 @@ def predict(
             on_policy=lambda done, of: move(done, of, "policies flown"),
         )
 
+    told = _flight_times_content(files, flown)
+    longest = max(entry["mean_duration"] for entry in told)
+    best = [file for file, entry in zip(files, told, strict=True) if entry["mean_duration"] == longest]
+
     def text() -> None:
         terminal.flight_times(flown)
+        if len(files) > 1:
+            terminal.best(best, f"longest mean, {longest:.2f} s")
         print(f"written to {output}")
 
-    options.emit(as_json, {"policies": _flight_times_content(files, flown), "simulated": True, "output": str(output)}, text)
+    content = {"policies": told, "best": str(best[0]), "notes": notes, "simulated": True, "output": str(output)}
+    options.emit(as_json, content, text)
 
 
 def _flight_times_content(files: list[Path], flown: "DataFrame") -> list[dict[str, Any]]:

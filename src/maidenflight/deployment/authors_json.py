@@ -165,11 +165,12 @@ def read_policy(path: StrPath, control: str | None = None) -> Policy:
     Raises:
         InputError: no such file, neither kind of policy, or nothing says what an authors' policy commands.
     """
-    text = text_of(path)
+    text = _text_of(Path(path))
     try:
         content = inputs.from_json(text)
     except ValueError as error:
-        raise InputError(f"{path}: not a policy, ours or the authors': not valid JSON ({error}).") from error
+        damage = f" ({error})" if Path(path).suffix == ".json" else ""
+        raise InputError(f"{path}: not a policy, ours or the authors': not valid JSON{damage}. {_SUCH_AS}") from error
     keys = content.keys() if isinstance(content, dict) else set()
     if "format" in keys and content["format"] == FORMAT:
         return from_json(text, str(path))
@@ -182,6 +183,19 @@ def read_policy(path: StrPath, control: str | None = None) -> Policy:
             f"{', '.join(CONTROLS)}, or give --control."
         )
     return from_authors_json(text, str(path), control)
+
+
+_SUCH_AS = "Give a policy file, such as policies/policy_1.json, which maidenflight train writes."
+
+
+def _text_of(path: Path) -> str:
+    """Text of a policy file; a folder and a path that leads nowhere are told in our words."""
+    if path.is_dir():
+        first = min(path.glob("*.json"), default=None)
+        raise InputError(f"{path}: a folder, not a policy. {f'Give one file of it, such as {first}.' if first else _SUCH_AS}")
+    if not path.exists():
+        raise InputError(f"{path}: cannot be read as a policy: no such file. {_SUCH_AS}")
+    return text_of(path)
 
 
 def _control_of(path: Path) -> str | None:

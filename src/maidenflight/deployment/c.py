@@ -23,6 +23,7 @@ from maidenflight import __version__, results
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
 from maidenflight.policy import Policy, from_json, to_json
+from maidenflight.simulator.battery import COUNTS
 from maidenflight.simulator.environment import ACTION_SIZE, OBSERVATION_SIZE
 
 
@@ -39,9 +40,9 @@ class Commands(NamedTuple):
 
 _MOTORS = """
 Motors: 1 front right, 2 back right, 3 back left, 4 front left; 1 and 3 turn counter-clockwise, seen from above. A command u is the
-wanted share in [0, 1] of a motor's full thrust; u = 1 is 60000 of the firmware's 65535 counts before battery compensation (Crazyflie
-firmware 2021.10). An action a gives u = (clip(a, -1, 1) + 1) / 2."""
-_THRUST = """collective thrust as a share of the motors' full thrust, 1 for 60000 of the firmware's 65535 counts, and"""
+wanted share in [0, 1] of a motor's full thrust; u = 1 is $full of the firmware's 65535 counts before battery compensation. An action a
+gives u = (clip(a, -1, 1) + 1) / 2."""
+_THRUST = """collective thrust as a share of the motors' full thrust, 1 for $full of the firmware's 65535 counts, and"""
 _FIRMWARE = (
     """The firmware's PIDs follow them. Its commander takes degrees, and its pitch has the other sign: give it -command[2] 180 / pi."""
 )
@@ -80,7 +81,9 @@ Numbers = NDArray[np.float32]
 Layers = list[tuple[Numbers, Numbers]]
 
 
-def export_c(policy: Policy, directory: StrPath, *, seed: int = 0, record: Mapping[str, Any] | None = None) -> list[Path]:
+def export_c(
+    policy: Policy, directory: StrPath, *, seed: int = 0, record: Mapping[str, Any] | None = None, full: float = COUNTS
+) -> list[Path]:
     """Writes a policy as `policy.h` and `policy.c`. The same policy, seed and record give the same bytes.
 
     Args:
@@ -88,6 +91,7 @@ def export_c(policy: Policy, directory: StrPath, *, seed: int = 0, record: Mappi
         directory: where to write; made if missing.
         seed: random seed of the golden vectors.
         record: how the policy was made, for the header's comment.
+        full: counts of a Crazyflie's firmware that u = 1 stands for, for the header's comment.
 
     Returns:
         The files written: the header and the source.
@@ -108,7 +112,7 @@ def export_c(policy: Policy, directory: StrPath, *, seed: int = 0, record: Mappi
         "hash": hashlib.sha256(text.encode()).hexdigest(),
         "record": _comment(record),
         "control": policy.control,
-        "commands": _wrapped(commands.told),
+        "commands": _wrapped(commands.told.replace("$full", f"{full:g}")),
         "level": commands.level,
         "drive": "drive_motors" if policy.control == "pwm" else "follow",
         "rate": policy.rate,

@@ -74,7 +74,7 @@ def export_crazyflie(
         "drive": _text(f"src/{policy.control}.drive"),
     }
     folder = Path(directory)
-    code = export_c(policy, folder / "src", seed=seed, record=record)
+    code = export_c(policy, folder / "src", seed=seed, record=record, full=full)
     made = {name: _text(name) for name in _VERBATIM}
     made |= {name: Template(_text(f"{name}.template")).substitute(content) for name in ("src/maidenflight.c", "README.md")}
     return [*code, *(results.write(folder / name, text) for name, text in made.items())]

@@ -79,8 +79,8 @@ def end_of_flight(rows: Rows, period: float) -> tuple[int, str]:
 
 
 def transfer(
-    policies: Sequence[Policy],
-    realities: Sequence[VirtualDrone],
+    policies: Sequence[Policy] | Policy,
+    realities: Sequence[VirtualDrone] | VirtualDrone,
     trials: int = 3,
     key: Array | None = None,
     *,
@@ -94,8 +94,8 @@ def transfer(
     Each flight starts from hover within 2 cm of the reference's start, as when a drone hands over from its PID.
 
     Args:
-        policies: policies of one control structure and layer sizes.
-        realities: where to fly them.
+        policies: policies of one control structure and layer sizes, or one.
+        realities: where to fly them; one or more.
         trials: flights of each policy in each reality.
         key: random key; `jax.random.key(0)` unless given.
         task: the circle of the paper unless given.
@@ -106,6 +106,10 @@ def transfer(
     Raises:
         InputError: no policy, no reality, or policies of different shapes.
     """
+    policies = [policies] if isinstance(policies, Policy) else policies
+    realities = [realities] if isinstance(realities, VirtualDrone) else realities
+    _check_kinds(policies, Policy, "policy.read(FILE)")
+    _check_kinds(realities, VirtualDrone, "mf.virtual_drone(7) or mf.VirtualDrone(NAME, PARAMETERS)")
     if not policies or not realities or trials < 1:
         raise InputError("a transfer needs at least one policy, one reality and one trial.")
     shapes = {(policy.control, policy.rate, policy.history, policy.layer_sizes) for policy in policies}
@@ -113,7 +117,10 @@ def transfer(
         raise InputError(f"policies of different kinds ({'; '.join(map(str, sorted(shapes)))}); transfer each kind by itself.")
     controller = controller or control.CONTROLLERS[policies[0].control]()
     if policies[0].rate != controller.action_rate:
-        raise InputError(f"policies of {policies[0].rate} Hz; {policies[0].control} control acts at {controller.action_rate} Hz.")
+        raise InputError(
+            f"{policies[0].control} policies of {policies[0].rate} Hz; the controller given, {controller.name}, acts at"
+            f" {controller.action_rate} Hz. Give the one that they were trained for."
+        )
     key = jax.random.key(0) if key is None else key
     names = list(names or (f"policy_{number}" for number in range(1, len(policies) + 1)))
     plan = [(policy, trial) for policy in range(len(policies)) for trial in range(trials)]
@@ -130,6 +137,12 @@ def transfer(
             rows.append({"flight": len(rows) + 1, "policy": names[policy], "reality": reality.name, "trial": trial + 1, **row})
             flights.append(logged)
     return Transfer(polars.DataFrame(rows), tuple(flights))
+
+
+def _check_kinds(given: Sequence[Any], kind: type, way: str) -> None:
+    for one in given:
+        if not isinstance(one, kind):
+            raise InputError(f"{str(one)[:60]!r} is no {kind.__name__}; expected what {way} gives.")
 
 
 def _one_flight(

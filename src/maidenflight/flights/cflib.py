@@ -21,6 +21,7 @@ from maidenflight.errors import InputError
 from maidenflight.flights import compensation, tables
 from maidenflight.flights.log import Flight
 from maidenflight.flights.tables import Table
+from maidenflight.simulator.battery import MOST_COUNTS
 
 CLOCKS = ("timestamp", "time", "t")
 """Names of the column of time, in any case; ms if its steps are 1 or more, else s."""
@@ -146,6 +147,8 @@ def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], 
         battery=volts.astype(np.float32),
         setpoint=(signal(SETPOINT) if SETPOINT in optional else np.full((len(volts), 3), np.nan)).astype(np.float32),
         held=False,
+        full=MOST_COUNTS,
+        assumed=True,
     )
     return [(flight, time)], [compensation.note(table.name, law)]
 

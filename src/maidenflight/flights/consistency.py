@@ -104,6 +104,19 @@ def _correlation(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return first.T @ second / np.maximum(scale, 1e-9)
 
 
+_SCALES = {
+    np.pi / 180: " It looks like rad where the format has deg, as a Crazyflie's own log has.",
+    180 / np.pi: " It looks like deg where the format has rad.",
+    1000.0: " It looks like mm where the format has m.",
+    0.001: " It looks like m where the format has mm.",
+}
+
+
+def _looks_like(scale: float) -> str:
+    """Which units were taken for each other, if a scale tells."""
+    return next((said for known, said in _SCALES.items() if 0.9 < scale / known < 1.1), "")
+
+
 def _judged(relation: Relation) -> Iterator[str]:
     match = _correlation(relation.first, relation.second)
     one, two = relation.first.std(axis=0), relation.second.std(axis=0)
@@ -127,7 +140,7 @@ def _judged(relation: Relation) -> Iterator[str]:
         elif lively > relation.least and own[axis] > 0.8 and lively > 4 * quiet:
             yield (
                 f"{relation.says} is {one[axis] / two[axis]:.3g} times {relation.shows} in {name} (correlation {own[axis]:.2f} {over});"
-                " expected 1 in SI units. Convert one."
+                f" expected 1.{_looks_like(one[axis] / two[axis])} Convert one."
             )
         elif lively > 3 * relation.least and quiet < 1e-6:
             still = relation.says if one[axis] == quiet else relation.shows

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from maidenflight.errors import InputError
 from maidenflight.flights import tables
 from maidenflight.flights.tables import Table
 from maidenflight.inputs import StrPath
+from maidenflight.simulator.battery import COUNTS, MOST_COUNTS
 
 FAMILY = "# maidenflight flight"
 MARK = f"{FAMILY} 1"
@@ -64,6 +66,10 @@ class Flight:
     """Whether each command held until the next row (a policy at the log's rate), or is a sample of a faster loop (a PID)."""
     simulated: str = ""
     """Name of the virtual drone that flew it; empty for a real flight."""
+    full: float = COUNTS
+    """Counts of a Crazyflie's firmware, before battery compensation, that u = 1 stands for."""
+    assumed: bool = False
+    """Whether `held` is a guess, because the log does not say."""
     lead: int = 0
     """Rows at the beginning that are there for their commands only, in a stretch of a longer flight; see `sampling`."""
 
@@ -101,6 +107,7 @@ def to_csv(flight: Flight, record: Mapping[str, Any] | None = None) -> str:
         f"{MARK}: {_LEGEND}",
         f"# commands: {'held' if flight.held else 'sampled'}",
         f"# simulated: {flight.simulated or 'no'}",
+        *([] if flight.full == COUNTS else [f"# full: {flight.full:g}"]),
         f"# record: {json.dumps(dict(record or {}))}",
     ]
     return "\n".join(head) + "\n" + frame.write_csv(float_precision=7)
@@ -114,6 +121,14 @@ def write(path: StrPath, flight: Flight, record: Mapping[str, Any] | None = None
 def from_csv(text: str, name: str) -> Flight:
     """Reads a flight in our format as if its rows were equally spaced; see `timed`."""
     return timed(tables.from_text(text, name))[0]
+
+
+def _full(table: Table) -> float:
+    said = table.head.get("full", f"{COUNTS:g}")
+    with suppress(ValueError):
+        if 0.0 < float(said) <= MOST_COUNTS:
+            return float(said)
+    raise InputError(f"{table.name}: full = {said[:20]!r}; expected the counts that u = 1 stands for, above 0 and at most {MOST_COUNTS:g}.")
 
 
 def recognises(table: Table) -> bool:
@@ -157,6 +172,7 @@ def timed(table: Table) -> tuple[Flight, Float[np.ndarray, "N"]]:
         period=float(np.round(np.median(np.diff(known)), 6)) if len(known) > 1 else 0.01,
         held=table.head["commands"] == "held",
         simulated="" if simulated == "no" else simulated,
+        full=_full(table),
         battery=column["battery"].astype(np.float32),
         **arrays,
     )

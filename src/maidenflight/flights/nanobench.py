@@ -23,6 +23,7 @@ from scipy.spatial.transform import Rotation
 from maidenflight.flights import compensation, tables
 from maidenflight.flights.log import Flight
 from maidenflight.flights.tables import Table
+from maidenflight.simulator.battery import MOST_COUNTS
 
 VICON = ("px", "py", "pz", "vx", "vy", "vz", "roll", "pitch", "yaw")
 GYRO = ("imu_gyro_x", "imu_gyro_y", "imu_gyro_z")
@@ -75,6 +76,7 @@ def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], 
         battery=volts.astype(np.float32),
         setpoint=columns(*SETPOINT).astype(np.float32),
         held=False,
+        full=MOST_COUNTS,
     )
     with np.errstate(invalid="ignore"):  # what is not finite is refused by checking
         time = column["t"] - column["t"][0]

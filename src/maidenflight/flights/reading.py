@@ -57,11 +57,15 @@ class Flights:
 
     flights: tuple[Flight, ...]
     notes: tuple[str, ...]
-    """What was dropped, and why, one line each."""
+    """What was dropped, and why, and what was assumed, one line each."""
     paths: tuple[Path, ...]
     """The files read."""
     refused: tuple[str, ...] = ()
     """Files of the folder that could not be used, each with its reason."""
+
+    def __repr__(self) -> str:
+        rates = ", ".join(f"{1 / period:g} Hz" for period in sorted({flight.period for flight in self.flights}, reverse=True))
+        return f"<{len(self)} pieces of flight, {self.duration:.1f} s at {rates}, of {len(self.paths)} files; notes: {len(self.notes)}>"
 
     def __len__(self) -> int:
         return len(self.flights)
@@ -75,8 +79,16 @@ class Flights:
         return sum(flight.duration for flight in self.flights)
 
 
+COMMANDS = ("held", "sampled")
+"""What a logged command may stand for; see docs/flight-log.md."""
+
+
 def read_flights(
-    path: StrPath, on_file: Callable[[int, int], None] | None = None, most: float = math.inf, history: int = HISTORY
+    path: StrPath,
+    on_file: Callable[[int, int], None] | None = None,
+    most: float = math.inf,
+    history: int = HISTORY,
+    commands: str | None = None,
 ) -> Flights:
     """Reads and checks flights.
 
@@ -85,6 +97,9 @@ def read_flights(
         on_file: called with (files read, files found), for a progress bar.
         most: flight to keep [s]. Of more, stretches of every flight are kept, one file being in memory beside them.
         history: rows of commands that a window of a stretch has before it.
+        commands: one of `COMMANDS`, whatever the logs say: "held" if a policy at the log's rate commanded the motors. Logs of a
+            Crazyflie's variables do not say, and are taken as "sampled", as of the firmware's PID, unless given. Taken the wrong way,
+            latency is half a row off.
 
     Returns:
         Gapless pieces of flights in which the drone flies, in the order of the files' names. Of a folder, with the files that were
@@ -94,17 +109,32 @@ def read_flights(
         InputError: nothing there; a single file that is damaged, contradicts itself or is in an unknown format; or nothing usable
             in the whole set.
     """
+    if commands not in (*COMMANDS, None):
+        raise InputError(f"commands {commands!r}; expected {' or '.join(COMMANDS)}.")
     path = Path(path)
     paths, refused = _files(path)
     seen = _Seen([], [], [], refused)
-    flights, duration = sampled(_read(paths, path.is_file(), seen, on_file), most, history)
+    read = (_said(flight, commands, seen) for flight in _read(paths, path.is_file(), seen, on_file))
+    flights, duration = sampled(read, most, history)
     if not flights:
-        raise InputError(_nothing(path, len(seen.paths), [*seen.refused, *seen.notes, *seen.others]))
+        raise InputError(_nothing(path, len(seen.paths) + len(seen.refused), [*seen.refused, *seen.notes, *seen.others]))
     kept = Flights(tuple(flights), (*seen.others, *seen.notes), tuple(seen.paths), tuple(seen.refused))
     if duration <= most:
         return kept
     note = f"{kept.duration:.0f} of {duration:.0f} s of flight used, stretches of every flight; more takes more memory and time"
     return replace(kept, notes=(note, *kept.notes))
+
+
+def _said(flight: Flight, commands: str | None, seen: "_Seen") -> Flight:
+    """A flight whose log does not say what a command stands for, as told; or a note that it is a guess."""
+    if commands:
+        return replace(flight, held=commands == "held", assumed=False)
+    if flight.assumed:
+        note = (
+            f"{flight.name}: commands taken as samples of the firmware's PID; if a policy held each until the next row, say --commands held"
+        )
+        seen.notes.extend([] if note in seen.notes else [note])
+    return flight
 
 
 class _Seen(NamedTuple):
@@ -130,7 +160,7 @@ def _read(paths: list[Path], alone: bool, seen: _Seen, on_file: Callable[[int, i
 
 
 def _of_file(file: Path, alone: bool, seen: _Seen) -> list[Flight]:
-    table = tables.read(file, f"{file.parent.name}/{file.name}")
+    table = tables.read(file, "/".join(filter(None, (file.parent.name, file.name))))
     kind = next((kind for kind in FORMATS if kind.recognises(table)), None)
     if kind is not None:
         flights, dropped = _checked(table, kind)

@@ -4,6 +4,8 @@ Importing this package registers them and imports no JAX. Gymnasium does it by i
 `gymnasium.make("maidenflight.gym:maidenflight/Circle-v0")`.
 """
 
+from importlib.util import find_spec
+
 from maidenflight.errors import InputError
 
 TASKS = {"Hover": "hover", "Circle": "circle", "TakeOff": "take_off", "Tracking": "tracking"}
@@ -14,7 +16,7 @@ def register() -> None:
     """Registers `maidenflight/Hover-v0`, `Circle-v0`, `TakeOff-v0` and `Tracking-v0`, unless that has been done.
 
     Raises:
-        InputError: Gymnasium is not installed.
+        InputError: Gymnasium or Pillow is not installed.
     """
     try:
         from gymnasium.envs import registration
@@ -24,6 +26,8 @@ def register() -> None:
         raise InputError(
             "gymnasium is not installed, but maidenflight.gym needs it. Install it: pip install 'maidenflight[gym]'."
         ) from error
+    if find_spec("PIL") is None:
+        raise InputError("pillow is not installed, but maidenflight.gym needs it. Install it: pip install 'maidenflight[gym]'.")
     for name, task in TASKS.items():
         if f"maidenflight/{name}-v0" not in registration.registry:
             registration.register(

@@ -1,15 +1,20 @@
 """What identification finds: every parameter with its interval, and the drones that the flights leave possible."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
 import polars
 
+from maidenflight import parameters
+from maidenflight.errors import InputError
+from maidenflight.flights.log import Flight
 from maidenflight.identification.selection import Step
+from maidenflight.inputs import StrPath
 from maidenflight.parameters import Parameters, replace
 from maidenflight.simulator.randomization import Ensemble
 
@@ -43,6 +48,41 @@ class Estimate:
 
 
 @dataclass(frozen=True)
+class Source:
+    """The flights that an identification rests on."""
+
+    flights: int
+    """How many; stretches of one count as one."""
+    seconds: float
+    """Flight that was used [s]."""
+    simulated: bool
+    """Whether any of it was."""
+    commands: str
+    """What logged commands stood for: `held`, `sampled` or `held and sampled`; see `Flight.held`."""
+    full: float
+    """Counts of a Crazyflie's firmware that u = 1 stands for; see `Flight.full`."""
+
+
+def source_of(flights: Sequence[Flight]) -> Source:
+    """What is to be remembered of flights.
+
+    Raises:
+        InputError: u = 1 stands for different thrusts in them.
+    """
+    kinds = {flight.full: flight.name for flight in flights}
+    if len(kinds) > 1:
+        told = ", ".join(f"{full:g} in {name}" for full, name in sorted(kinds.items()))
+        raise InputError(f"flights in which a command of 1 stands for different counts of the firmware ({told}); identify from one kind.")
+    return Source(
+        flights=len({flight.name for flight in flights}),
+        seconds=round(sum(flight.duration for flight in flights), 2),
+        simulated=any(flight.simulated for flight in flights),
+        commands=" and ".join(sorted({"held" if flight.held else "sampled" for flight in flights})),
+        full=next(iter(kinds)),
+    )
+
+
+@dataclass(frozen=True)
 class Identification:
     """What flights tell of a drone."""
 
@@ -56,6 +96,8 @@ class Identification:
     start_objective: float
     """The same at the start."""
     windows: int
+    source: Source
+    """What it rests on."""
     evaluations: int
     seconds: float
     history: polars.DataFrame
@@ -68,6 +110,29 @@ class Identification:
     """Noise found in the flights, as fields of `parameters`; empty where it was not sought."""
     notes: tuple[str, ...]
     """What the user should know of the result."""
+
+    def __str__(self) -> str:
+        """A line a parameter, SI units: value, 95 % interval, spread between stretches of flight."""
+        rows = [
+            f"{self.kind} of {self.source.flights} flights, {self.source.seconds:.0f} s; SI units: value, 95 % interval, between stretches"
+        ]
+        for name, estimate in self.estimates.items():
+            low, high = estimate.interval
+            rows.append(f"{name:24}{estimate.value:12.4g}  [{low:.4g}, {high:.4g}]  {estimate.spread:.2g}")
+        return "\n".join([*rows, *(f"note: {note}" for note in self.notes)])
+
+    def write(self, path: StrPath, record: Mapping[str, Any] | None = None) -> Path:
+        """Writes the drone as a TOML file, with intervals and posterior, as `maidenflight identify` does.
+
+        Args:
+            path: the file.
+            record: how it was made; see `results.record`.
+
+        Raises:
+            WriteError: the file cannot be written.
+        """
+        tables = {"identification": self.to_table(), "posterior": self.posterior_table(), "record": dict(record or {})}
+        return parameters.write(path, self.parameters, tables)
 
     @property
     def ensemble(self) -> Ensemble:
@@ -83,6 +148,7 @@ class Identification:
             "objective": round(self.objective, 6),
             "windows": self.windows,
             "evaluations": self.evaluations,
+            **dataclasses.asdict(self.source),
         }
         for name, estimate in self.estimates.items():
             table[name] = {

@@ -18,7 +18,7 @@ from maidenflight.flights.log import Flight
 from maidenflight.flights.windows import BLOCK, HISTORY, windows
 from maidenflight.identification import bayesian, gradient, likelihood, one_step, posterior
 from maidenflight.identification.bayesian import PAPER_BOUNDS, Box
-from maidenflight.identification.estimates import Estimate, Identification
+from maidenflight.identification.estimates import Estimate, Identification, source_of
 from maidenflight.identification.objective import DISCOUNT, NormalEquations, Objective
 from maidenflight.identification.selection import FIRST, Step
 from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, Quantity, check, crazyflie, replace
@@ -92,6 +92,9 @@ def identify(
         )
     if over != AUTO and isinstance(over, str):
         over = [over]
+    if not flights:
+        raise InputError("no flights to identify from; give at least one.")
+    source_of(flights)
     seed = jax.random.bits(jax.random.key(0) if key is None else key, (2,))
     generator = np.random.default_rng(np.asarray(seed).tolist())
     if objective == "likelihood":
@@ -125,8 +128,6 @@ def _by_likelihood(
         if on_evaluation is not None:
             on_evaluation(done, 0)
 
-    if not flights:
-        raise InputError("no flights to identify from; give at least one.")
     found = likelihood.maximise(
         flights, lambda some: _box(some, searched), names, start, history, evaluations, trials, generator, count, on_step
     )
@@ -138,6 +139,7 @@ def _by_likelihood(
         kind="likelihood",
         objective=found.value,
         start_objective=found.start_value,
+        source=source_of(flights),
         windows=found.rows // (one_step.LENGTH - one_step.ORDER),
         evaluations=sum(len(values) for _, values in found.runs),
         seconds=0.0,
@@ -145,7 +147,7 @@ def _by_likelihood(
         draws=dict(zip(box.names, box.values(found.draws).T, strict=True)),
         bought=found.bought,
         noise=found.noise,
-        notes=tuple(_notes(box, found.optimum, found.stretches)),
+        notes=(*_notes(box, found.optimum, found.stretches), *_doubts(found.noise, flights)),
     )
 
 
@@ -214,6 +216,7 @@ def _by_replay(
         kind="replay",
         objective=float(losses.min()),
         start_objective=objective(start),
+        source=source_of(flights),
         windows=objective.size,
         evaluations=len(losses),
         seconds=0.0,
@@ -293,6 +296,21 @@ def _history(box: Box, runs: list[tuple[np.ndarray, np.ndarray]], drawn: posteri
         number = 0 if trial > len(runs) else trial
         parts.append(polars.DataFrame({"trial": np.full(len(losses), number), **columns, "objective": losses}))
     return polars.concat(parts)
+
+
+RESTLESS = 0.08
+"""Noise of motors beyond which it is not theirs: real Crazyflies have 0.03 to 0.04 of full thrust."""
+
+
+def _doubts(noise: Mapping[str, float], flights: Sequence[Flight]) -> list[str]:
+    """What makes the result doubtful although its intervals are narrow."""
+    found = noise.get("actuator_noise", 0.0)
+    if found < RESTLESS or all(flight.held for flight in flights):
+        return []
+    return [
+        f"motors seem to differ from their commands by {found:.2f} of full thrust, too much for motors: the log's commands are samples of a"
+        " faster loop, so that lag and inertia cannot be trusted. Fly a policy at the log's rate, or record with more excitation."
+    ]
 
 
 def _notes(box: Box, optimum: np.ndarray, blocks: int) -> list[str]:

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.flights.log import Flight
-from maidenflight.flights.windows import SHORTEST_HISTORY, windows
+from maidenflight.flights.windows import HISTORY, SHORTEST_HISTORY, windows
 from maidenflight.identification import gradient, one_step, posterior, selection
 from maidenflight.identification.bayesian import Box
 from maidenflight.identification.noise_levels import noise_levels
@@ -177,6 +177,21 @@ def maximise(
         rows=int(everything.rows),
         start_value=everything(start),
     )
+
+
+def log_likelihood(flights: Sequence[Flight], drone: Parameters, history: int = HISTORY) -> float:
+    """Mean log likelihood of a row [nats]: how well one-step predictions by a drone foresee flights, under the noise that suits them best.
+
+    Args:
+        flights: checked flights of one rate.
+        drone: the drone; its noise does not count.
+        history: rows of commands before a window, from which its motors' speed is inferred.
+
+    Raises:
+        InputError: too little flight.
+    """
+    cut = windows(flights, one_step.LENGTH, every=one_step.LENGTH, history=history)
+    return -OneStep(cut, flights[0].period, max(1, round(flights[0].period / _FINE)))(drone)
 
 
 def _split(flights: Sequence[Flight]) -> tuple[list[Flight], list[Flight]]:

@@ -231,4 +231,4 @@ def _on_grid(flight: Flight, time: Float[np.ndarray, "N"], name: str, simulated:
             values = getattr(flight, group)
             fields[group] = np.full((place[-1] + 1, *values.shape[1:]), np.nan, np.float32)
             fields[group][place] = values[first]
-    return Flight(name=name, period=PERIOD, held=False, simulated=simulated, **fields)
+    return Flight(name=name, period=PERIOD, held=False, simulated=simulated, full=flight.full, **fields)

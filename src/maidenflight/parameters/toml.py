@@ -11,7 +11,7 @@ import tomlkit
 from maidenflight import inputs, results
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
-from maidenflight.parameters.named import DRONES
+from maidenflight.parameters.named import DRONES, crazyflie
 from maidenflight.parameters.quantities import QUANTITIES, Parameters, check, plain
 
 FORMAT = 2
@@ -39,11 +39,15 @@ def to_toml(parameters: Parameters, name: str, extra: Mapping[str, Any] | None =
     document.add("format", tomlkit.item(FORMAT))
     document.add("name", tomlkit.item(name))
     tables: dict[str, Any] = {}
+    paper = crazyflie()
     for field_name, quantity in QUANTITIES.items():
         if quantity.table not in tables:
             tables[quantity.table] = tomlkit.table()
-        entry = tomlkit.item(plain(getattr(parameters, field_name)))
-        entry.comment(f"{quantity.symbol} [{quantity.unit}] {quantity.meaning} ({quantity.source})")
+        value, known = plain(getattr(parameters, field_name)), plain(getattr(paper, field_name))
+        entry = tomlkit.item(value)
+        # The source is of the named drone's value, not of another.
+        source = quantity.source if value == known else f"crazyflie: {known}, {quantity.source}"
+        entry.comment(f"{quantity.symbol} [{quantity.unit}] {quantity.meaning} ({source})")
         tables[quantity.table].add(field_name, entry)
     for title, table in tables.items():
         document.add(tomlkit.nl())

@@ -127,8 +127,14 @@ def _row(panel: Panel, flights: polars.DataFrame, place: int, step: float) -> st
 
 def _legend(rows: polars.DataFrame, labels: dict[str, str]) -> list[tuple[str, str]]:
     used = rows["colour"].unique(maintain_order=True).to_list()
+    boxed = int(rows.group_by("row", "panel").len()["len"].max() or 0) >= BOXED  # type: ignore[arg-type]
     entries = [
-        (svg.fill("M2 0H22V12H2Z", "faint", colour) + svg.stroke("M12 0V12", "heavy", colour), labels[colour])
+        (
+            svg.fill("M2 0H22V12H2Z", "faint", colour) + svg.stroke("M12 0V12", "heavy", colour)
+            if boxed
+            else svg.stroke("M12 6h0", "spots", colour),
+            labels[colour],
+        )
         for colour in used
         if colour in labels
     ]

@@ -5,6 +5,7 @@ from html import escape
 import polars
 
 from maidenflight.experiments import flight_times, matrix
+from maidenflight.identification.prediction import NOTHING_CHANGES
 from maidenflight.reporting import tables
 from maidenflight.reporting.run import Run, viewable
 from maidenflight.reporting.tables import Cell
@@ -105,12 +106,14 @@ def errors(run: Run) -> str:
     if run.validation is None:
         return ""
     shown = {"position": (100.0, "cm"), "velocity": (1.0, "m/s"), "attitude": (57.29578, "°"), "body_rates": (1.0, "rad/s")}
+    simplest = {row["horizon"]: row for row in run.validation.iter_rows(named=True) if row["model"] == NOTHING_CHANGES}
     rows = []
     for row in run.validation.iter_rows(named=True):
         told = [Cell(f"{row['horizon']:g}", row["horizon"]), tables.words(row["model"])]
         for name, (scale, _) in shown.items():
             low, high = (f"{scale * row[f'{name}_{end}']:#.3g}".removesuffix(".") for end in ("low", "high"))
-            told.append(Cell(f"{scale * row[name]:#.3g}".removesuffix(".") + f" <small>{low} .. {high}</small>", row[name]))
+            worse = " *" if row["horizon"] in simplest and row[name] > simplest[row["horizon"]][name] else ""
+            told.append(Cell(f"{scale * row[name]:#.3g}".removesuffix(".") + f"{worse} <small>{low} .. {high}</small>", row[name]))
         rows.append(("", told))
     heads = [("horizon", "Ahead [s]"), ("model", "Model")]
     heads += [(name, f"{name.replace('_', ' ').capitalize()} [{unit}]") for name, (_, unit) in shown.items()]

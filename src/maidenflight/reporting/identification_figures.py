@@ -37,6 +37,8 @@ WIDE, NARROW = 1072, 343
 """Widths of the report on a screen and on a phone, less its margins [px]."""
 SMALLEST = 62.0
 """Side of a panel of the corner plot; where one would be smaller, fewer parameters are shown [px]."""
+MOST = 8
+"""Parameters that the corner plot shows at most; of more, letters and clouds are too small to read."""
 SHOWN = 200
 """Draws that a panel of the corner plot shows as dots; histograms, intervals and correlations count all of them."""
 STRONG = 0.5
@@ -65,7 +67,7 @@ def corner(
 ) -> str:
     """Draws of a posterior, each parameter against each other, with their distributions on the diagonal.
 
-    Where not all parameters fit the width, those with the strongest correlations are shown, and the note below says how many these are.
+    Where there are more than `MOST` or than fit the width, those with the strongest correlations are shown, and the note below says so.
 
     Args:
         draws: N values by parameter [SI], names as in `parameters.COMPONENTS`; an entry of each belongs together.
@@ -83,7 +85,7 @@ def corner(
         raise InputError("draws of a posterior that are not finite; leave them out.")
     left, foot = 80.0, 84.0
     correlation = _correlations(np.array(list(values.values())))
-    kept = _most_correlated(correlation, max(int((width - left) // SMALLEST), 2))
+    kept = _most_correlated(correlation, min(max(int((width - left) // SMALLEST), 2), MOST))
     shown = [_marginal(name, values[name], (optimum or {}).get(name, np.nan), level) for name in (list(values)[place] for place in kept)]
     entries = [(svg.fill("M2 0H22V12H2Z", "faint", "blue"), f"central {100 * level:.0f} %, ends at the axes")]
     entries += [(svg.stroke("M12 0V12", "line", "orange"), "optimum")] if optimum else []
@@ -170,9 +172,9 @@ def _cloud(panel: Panel, x: _Marginal, y: _Marginal, correlation: float) -> str:
         return content
     # In the corner that a cloud of this correlation leaves free.
     place, anchor = (4.0, "start") if correlation >= 0 else (panel.width - 4.0, "end")
-    return content + svg.text(
-        place, 13, svg.written(correlation, 2), f"small halo {'strong' if abs(correlation) >= STRONG else ''}", anchor
-    )
+    size = "" if panel.width > 100 else "small "
+    look = f"{size}halo{' strong' if abs(correlation) >= STRONG else ''}"
+    return content + svg.text(place, 15 if panel.width > 100 else 13, svg.written(correlation, 2), look, anchor)
 
 
 def _below(shown: _Marginal, left: float, foot: float, side: float) -> str:

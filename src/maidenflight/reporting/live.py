@@ -4,6 +4,8 @@ What is shown goes to the viewer, which is started, or into a file for it. A dro
 of the moment, thrusts as arrows, and time series beside it.
 """
 
+import os
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
@@ -22,6 +24,10 @@ if TYPE_CHECKING:
     from maidenflight.policy import Policy
     from maidenflight.training.train import Progress
 
+_DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
+"""Variables that tell of a display on Linux."""
+_LONGEST_WAIT = 10.0
+"""For a viewer to take what it was sent [s]."""
 TABBED = 12
 """Flights that have a tab of their own; the others are in the picture of all."""
 TIME = "time"
@@ -82,12 +88,14 @@ def training(fly: Callable[["Policy"], Flight], path: Path | None = None) -> Ite
         WriteError: the file cannot be written.
     """
     rerun, blueprint = _packages()
-    began = 0.0
+    began, seen = 0.0, True
     with _recording(rerun, path, _training_view(blueprint)) as recording:
         _describe(rerun, recording, "best")
 
         def show(progress: "Progress") -> None:
-            nonlocal began
+            nonlocal began, seen
+            if not seen:
+                return
             recording.set_time(STEPS, sequence=int(progress.steps))
             recording.set_time(TIME, duration=began)
             for name, values in progress.score._asdict().items():
@@ -100,7 +108,9 @@ def training(fly: Callable[["Policy"], Flight], path: Path | None = None) -> Ite
                     recording.send_blueprint(_training_view(blueprint, flown))
                 _log_flight(rerun, recording, "best", flown, began, static=False)
                 began += flown.duration + 0.5
-            recording.flush()
+            seen = _sent(recording)
+            if not seen:
+                print("the viewer is gone; training goes on without it", file=sys.stderr)
 
         yield show
 
@@ -131,6 +141,11 @@ def _packages() -> tuple[Any, Any]:
 @contextmanager
 def _recording(rerun: Any, path: Path | None, layout: Any) -> Iterator[Any]:
     """A stream into the viewer or a file, closed at the end."""
+    if path is None and sys.platform == "linux" and not any(os.environ.get(name) for name in _DISPLAYS):
+        raise InputError(
+            "the viewer needs a display, and there is none. Write a file instead, with -o FILE.rrd (train: --view FILE.rrd), and open it"
+            " where there is one: rerun FILE.rrd"
+        )
     recording = rerun.RecordingStream("maidenflight")
     if path is None:
         recording.spawn(default_blueprint=layout)
@@ -145,8 +160,17 @@ def _recording(rerun: Any, path: Path | None, layout: Any) -> Iterator[Any]:
     try:
         yield recording
     finally:
-        recording.flush()
+        _sent(recording)
         recording.disconnect()
+
+
+def _sent(recording: Any) -> bool:
+    """Whether all that was logged has reached the viewer or the file; without waiting for a viewer that was closed."""
+    try:
+        recording.flush(timeout_sec=_LONGEST_WAIT)
+    except RuntimeError:
+        return False
+    return True
 
 
 def _word(name: str) -> str:

@@ -13,7 +13,7 @@ from string import Template
 from maidenflight import __version__, results
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.inputs import StrPath
-from maidenflight.reporting import parts, records, sections, text, viewer
+from maidenflight.reporting import key_figures, lead, records, sections, text, unshown, viewer
 from maidenflight.reporting import run as runs
 from maidenflight.reporting.run import Run
 
@@ -24,7 +24,7 @@ _SECTIONS: tuple[tuple[str, str, Callable[[Run], str]], ...] = (
     ("predicted", "Predicted flight times", sections.predicted),
     ("flights", "Test flights", sections.flights),
     ("recorded", "Recorded flights", sections.recorded),
-    ("reproduce", "Reproduce", lambda run: records.seconds(run) + records.records(run)),
+    ("reproduce", "Reproduce", lambda run: records.seconds(run) + records.records(run) + unshown.told(run.unshown)),
 )
 """Anchor, title and content of the page's sections; one of which nothing is known is left out."""
 
@@ -52,10 +52,10 @@ def to_html(run: Run) -> str:
     held = viewer.held(run)
     scripts = ["page.js", *(["scene.js", "traces.js", "viewer.js"] if held else [])]
     return Template(_file("page.html")).substitute(
-        title=escape(parts.title(run)),
-        badge=f"<span class=badge>{parts.kind(run)}</span>" if parts.kind(run) else "",
-        lead=parts.lead(run),
-        figures=parts.key_figures(run),
+        title=escape(lead.title(run)),
+        badge=f"<span class=badge>{lead.kind(run)}</span>" if lead.kind(run) else "",
+        lead=lead.lead(run),
+        figures=key_figures.key_figures(run),
         links="".join(f'<a href="#{name}">{title}</a>' for name, title, _ in drawn),
         sections="\n".join(f'<section id="{name}"><h2>{title}</h2>{content}</section>' for name, title, content in drawn),
         version=__version__,

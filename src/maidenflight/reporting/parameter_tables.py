@@ -5,9 +5,10 @@ from html import escape
 import numpy as np
 import polars
 
-from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, component
-from maidenflight.reporting import literature, tables, text
-from maidenflight.reporting.run import Run
+from maidenflight.flights.windows import BLOCK
+from maidenflight.parameters import COMPONENTS, QUANTITIES, component
+from maidenflight.reporting import identification_tables, literature, tables, text
+from maidenflight.reporting.run import Estimate, Run, true_ends
 from maidenflight.reporting.tables import Cell
 
 _RANGES = {
@@ -33,23 +34,13 @@ def _written(value: float, digits: int) -> str:
     return f"{value:.{digits}f}".replace("-", "\N{MINUS SIGN}")
 
 
-def true_ends(reality: Parameters, name: str) -> tuple[float, float]:
-    """What is true of a parameter [SI]: from and to, where the simulation has two values for what the model has one for."""
-    if name == "motor_time_constant":
-        return float(reality.motor_time_constant), float(reality.motor_time_constant * reality.motor_slowdown)
-    if name == "latency":
-        return float(reality.latency), float(reality.latency + reality.estimator_delay + reality.gyro_lag)
-    same = float(component(reality, name))
-    return same, same
-
-
-def _truth(reality: Parameters, name: str, scale: float) -> Cell:
+def _truth(run: Run, name: str, scale: float) -> Cell:
     """The truth with its meaning where it is a range."""
-    ends = true_ends(reality, name)
+    ends = true_ends(run, name)
     if name not in _RANGES or np.isclose(*ends):
         return Cell(text.number(ends[0] * scale), ends[0])
     parts = zip(ends, _RANGES[name], strict=True)
-    return Cell(" .. ".join(f"{end * text.factor(name):.1f} <small>({word})</small>" for end, word in parts), ends[0])
+    return Cell(" ..<br>".join(f"{end * text.factor(name):.1f} <small>({word})</small>" for end, word in parts), ends[0])
 
 
 def _head(name: str, unit: str) -> Cell:
@@ -71,7 +62,9 @@ def estimates(run: Run) -> str:
     """The identified parameters beside the truth, the paper and others."""
     if not run.estimates:
         return ""
+    spread = any(found.spread is not None for found in run.estimates.values())
     heads = [("parameter", "Parameter"), ("value", "Identified"), ("interval", "95 % interval")]
+    heads += [("spread", "Between stretches")] if spread else []
     heads += [("truth", "Truth")] if run.reality is not None else []
     heads += [("paper", "Paper"), ("others", "Others")]
     rows, file = [], []
@@ -81,26 +74,35 @@ def estimates(run: Run) -> str:
         paper, others = literature.of_the_paper(name), [each.value for each in literature.published(name)]
         cells = [_head(name, unit), Cell(f"<b>{value}</b>", found.value)]
         cells.append(Cell(f"{low} .. {high}", found.interval[0]))
-        cells += [_truth(run.reality, name, scale)] if run.reality is not None else []
+        cells += [_spread(found, scale)] if spread else []
+        cells += [_truth(run, name, scale)] if run.reality is not None else []
         cells += [Cell(text.number(paper * scale), paper), _range(others, scale)]
         rows.append(("", cells))
-        ends = true_ends(run.reality, name) if run.reality is not None else (None, None)
+        ends = true_ends(run, name) if run.reality is not None else (None, None)
         file.append(
             {"parameter": name, "unit": text.quantity(name).unit, "value": found.value, "low": found.interval[0], "high": found.interval[1]}
+            | ({"spread": found.spread} if spread else {})
             | {"truth": ends[0], "truth_to": ends[1], "paper": paper}
             | {"others_from": min(others, default=None), "others_to": max(others, default=None)}
         )
-    told = (
-        " The truth may lie outside it where the virtual drone has effects that the model lacks, such as a sagging battery, drag or"
-        " motors that slow down more slowly than they speed up."
-        if run.reality is not None
+    between = (
+        f" Between stretches: how far the parameter moves from one stretch of {BLOCK:g} s to the next (standard deviation), by itself or"
+        " for what the model lacks, beyond chance; a single flight may be as far off."
+        if spread
         else ""
     )
     return (
         tables.sortable("estimates", heads, rows, polars.DataFrame(file, infer_schema_length=None))
         + "<p class=note>The interval comes from how stretches of flight differ: it shows how much the result depends on the flights"
-        f" recorded, not how well the model fits.{told} Paper: {literature.PAPER}, a real Crazyflie 2.1, another drone than this.</p>"
+        f" recorded, not how well the model fits.{between}{identification_tables.missed(run)}"
+        f" Paper: {literature.PAPER}, a real Crazyflie 2.1, another drone than this.</p>"
     )
+
+
+def _spread(found: Estimate, scale: float) -> Cell:
+    if found.spread is None:
+        return Cell(text.NOTHING, float("nan"))
+    return Cell(f"{found.spread * scale:.{text.places(found.spread * scale) if found.spread else 0}f}", found.spread)
 
 
 def _range(values: list[float], scale: float) -> Cell:

@@ -13,14 +13,16 @@ from typing import Any
 import numpy as np
 import polars
 
-from maidenflight import inputs, parameters
+from maidenflight import inputs, parameters, results
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.flights import log
 from maidenflight.flights.log import Flight
 from maidenflight.identification import prediction
 from maidenflight.parameters import COMPONENTS, Parameters
-from maidenflight.policy import numbers
+from maidenflight.reporting import identified, unshown
+from maidenflight.reporting.identified import SIMULATED, UNKNOWN, Kinds, Origin
+from maidenflight.reporting.identified import Estimate as Estimate
 
 FLIGHT_COLUMNS: dict[str, Any] = {
     "flight": polars.Int64,
@@ -69,15 +71,6 @@ MOST = 300
 
 
 @dataclass(frozen=True)
-class Estimate:
-    """An identified parameter, SI units."""
-
-    value: float
-    interval: tuple[float, float]
-    """95 %."""
-
-
-@dataclass(frozen=True)
 class Run:
     """What is known of a run; a part that is missing is `None` or empty."""
 
@@ -89,6 +82,8 @@ class Run:
     """How many there are."""
     drone: Parameters | None = None
     estimates: Mapping[str, Estimate] = field(default_factory=dict)
+    origin: Origin = field(default_factory=Origin)
+    """The flights that they come from."""
     objective: str = "replay"
     """Which objective the identification searched, `replay` or `likelihood`."""
     search: polars.DataFrame | None = None
@@ -99,6 +94,8 @@ class Run:
     """Errors of open-loop predictions; see `prediction_error`."""
     windows: polars.DataFrame | None = None
     """Some windows, logged and predicted; see `predicted_windows`."""
+    predicted: Kinds = UNKNOWN
+    """Whether the flights of both were of a simulated drone."""
     policies: int = 0
     controls: Mapping[str, str] = field(default_factory=dict)
     """Control structure of each policy, by the policy's name, where it is known."""
@@ -114,6 +111,8 @@ class Run:
     """How each file was made, by the file's name."""
     seconds: Mapping[str, float] = field(default_factory=dict)
     """Wall time of each stage."""
+    unshown: Mapping[str, list[str]] = field(default_factory=dict)
+    """Names of what else the folder holds, by kind."""
 
     @property
     def known(self) -> bool:
@@ -151,17 +150,22 @@ def read(folder: Path) -> Run:
     flights = _logs(_numbered(tested.glob("flight_*.csv")), records) if table is not None else ()
     if table is not None and flights and len(flights) != table.height:
         raise InputError(f"{tested}: {len(flights)} flight logs, but flights.csv has {table.height} rows. Run the transfer again.")
+    validation = _table(folder / "validation.csv", ERROR_COLUMNS, records)
+    windows = _table(folder / "validation_windows.csv", WINDOW_COLUMNS, records)
+    told = _kinds(recorded, recorded_flights, found_by, records, reality is not None)
     found = Run(
         reality=reality,
         recorded=recorded_flights,
         logs=len(recorded),
         drone=drone,
-        estimates=_estimates(found_by, folder / "drone.toml"),
-        objective=_objective(found_by, folder / "drone.toml"),
+        estimates=identified.estimates(found_by, folder / "drone.toml"),
+        origin=identified.origin(found_by, told[0]),
+        objective=identified.objective(found_by, folder / "drone.toml"),
         search=_search(folder / "identification.csv"),
-        posterior=_posterior(found_by, folder / "drone.toml"),
-        validation=_table(folder / "validation.csv", ERROR_COLUMNS, records),
-        windows=_table(folder / "validation_windows.csv", WINDOW_COLUMNS, records),
+        posterior=identified.posterior(found_by, folder / "drone.toml"),
+        validation=validation,
+        windows=windows,
+        predicted=told[1],
         policies=len(policies),
         controls={name: str(content["control"]) for name, content in policies.items() if "control" in content},
         training=_table(trained / "training.csv", TRAINING_COLUMNS),
@@ -170,6 +174,7 @@ def read(folder: Path) -> Run:
         prediction=_table(folder / "prediction.csv", PREDICTION_COLUMNS, records),
         records=records,
         seconds=_seconds(folder / "demo.json"),
+        unshown=unshown.find(folder, {tested, trained, home}),
     )
     if not found.known:
         raise InputError(
@@ -177,6 +182,21 @@ def read(folder: Path) -> Run:
             " validation.csv, policies/, policy_*.json, transfer/, flights.csv, prediction.csv or flight logs."
         )
     return found
+
+
+def _kinds(
+    logs: Sequence[Path], flights: Sequence[Flight], drone: Mapping[str, Any], records: Mapping[str, Mapping[str, Any]], virtual: bool
+) -> tuple[Kinds, Kinds]:
+    """Kinds of the flights that the drone was identified from, and of those that were predicted: by their logs, where these lie here."""
+    known: dict[str, bool | None] = {results.digest(path): bool(flight.simulated) for path, flight in zip(logs, flights, strict=False)}
+    otherwise = SIMULATED if virtual or (known and all(known.values())) else UNKNOWN
+    used = identified.inputs(drone.get("record"))
+    found = identified.kinds_of(used, known, otherwise)
+    own = identified.origin(drone, found).kinds
+    if len(own) == 1:
+        known |= dict.fromkeys(used, *own)
+    predicted = identified.inputs(records.get("validation.csv") or records.get("validation_windows.csv"))
+    return found, identified.kinds_of(predicted, known, otherwise if own <= otherwise else UNKNOWN)
 
 
 def holds_flights(folder: Path) -> bool:
@@ -242,49 +262,6 @@ def _drone(path: Path, records: dict[str, Mapping[str, Any]]) -> Parameters | No
         raise InputError(f"{path}: not valid TOML: {error}.") from error
     _keep(records, path, record)
     return parameters.from_toml(text, str(path))
-
-
-def _estimates(content: Mapping[str, Any], path: Path) -> dict[str, Estimate]:
-    found = {}
-    for name, entry in _identification(content, path).items():
-        if name in COMPONENTS and isinstance(entry, dict):
-            interval = entry.get("interval")
-            numbers = [entry.get("value"), *(interval if isinstance(interval, list) else [])]
-            sound = len(numbers) == 3 and all(type(number) in (int, float) and -1e30 < number < 1e30 for number in numbers)
-            if not sound or numbers[1] > numbers[2]:
-                raise InputError(f"{path}: [identification.{name}] needs value = a number and interval = [lower, upper]. Identify again.")
-            found[name] = Estimate(float(numbers[0]), (float(numbers[1]), float(numbers[2])))
-    return found
-
-
-def _identification(content: Mapping[str, Any], path: Path) -> dict[str, Any]:
-    told = content.get("identification", {})
-    if not isinstance(told, dict):
-        raise InputError(f"{path}: identification is a value, expected a table [identification]. Identify again.")
-    return told
-
-
-def _objective(content: Mapping[str, Any], path: Path) -> str:
-    kind = _identification(content, path).get("kind", "replay")
-    if kind not in ("replay", "likelihood"):
-        raise InputError(f"{path}: [identification] kind = {kind!r}, expected 'replay' or 'likelihood'. Identify again.")
-    return kind
-
-
-def _posterior(content: Mapping[str, Any], path: Path) -> dict[str, np.ndarray]:
-    told = content.get("posterior")
-    if told is None:
-        return {}
-    try:
-        names = [name for name in told["names"] if name in COMPONENTS]
-        draws = numbers(told["draws"]).astype(np.float64)
-        shape = (max(len(draws), 1), len(names))
-        sound = len(set(names)) == len(told["names"]) > 0 and draws.shape == shape and np.isfinite(draws).all()
-    except (KeyError, TypeError, ValueError, OverflowError):
-        names, draws, sound = [], np.empty(0), False
-    if not sound:
-        raise InputError(f"{path}: [posterior] needs names = parameters and draws = [[a number for each of them], ...]. Identify again.")
-    return {name: draws[:, place] for place, name in enumerate(names)}
 
 
 def _logs(paths: Sequence[Path], records: dict[str, Mapping[str, Any]]) -> tuple[Flight, ...]:
@@ -369,8 +346,19 @@ def truth(run: Run) -> tuple[tuple[float, float], ...]:
     if run.reality is None:
         return ()
     lag, delay = float(run.reality.motor_time_constant), float(run.reality.latency)
-    slow, late = lag * float(run.reality.motor_slowdown), delay + float(run.reality.estimator_delay + run.reality.gyro_lag)
+    (_, slow), (_, late) = true_ends(run, "motor_time_constant"), true_ends(run, "latency")
     return ((lag, delay), (slow, delay), (slow, late), (lag, late))
+
+
+def true_ends(run: Run, name: str) -> tuple[float, float]:
+    """What is true of a parameter of a virtual drone [SI]: from and to, where the drone has two values for what the model has one for."""
+    assert run.reality is not None
+    same = float(parameters.component(run.reality, name))
+    if name == "motor_time_constant" and "motor_slowdown" not in run.estimates:
+        return same, same * float(run.reality.motor_slowdown)
+    if name == "latency":
+        return same, same + float(run.reality.estimator_delay + run.reality.gyro_lag)
+    return same, same
 
 
 def usable(flight: Flight) -> slice:

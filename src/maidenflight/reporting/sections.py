@@ -1,13 +1,22 @@
 """The page's sections as HTML, each with its pictures, captions and tables; empty where nothing is known."""
 
 from collections.abc import Callable
-from html import escape
 from importlib import resources
 from string import Template
 
 import polars
 
-from maidenflight.reporting import flight_figures, flight_tables, literature_figure, parameter_tables, text, training_figures, viewer
+from maidenflight.reporting import (
+    flight_figures,
+    flight_tables,
+    identification_tables,
+    lead,
+    literature_figure,
+    parameter_tables,
+    text,
+    training_figures,
+    viewer,
+)
 from maidenflight.reporting import identification_figures as pictures
 from maidenflight.reporting import run as runs
 from maidenflight.reporting.run import Run
@@ -25,7 +34,9 @@ def _picture(name: str, draw: Callable[[float], str], caption: str) -> str:
 def parameters(run: Run) -> str:
     """What was identified, and how sure it is."""
     return (
-        parameter_tables.estimates(run)
+        identification_tables.flights(run)
+        + parameter_tables.estimates(run)
+        + identification_tables.bought(run)
         + _literature(run)
         + parameter_tables.others(run)
         + _valley(run)
@@ -38,7 +49,7 @@ def _literature(run: Run) -> str:
     shown = {name: found for name, found in run.estimates.items() if literature_figure.comparable(name) and found.value > 0}
     if not shown:
         return ""
-    truth = {name: parameter_tables.true_ends(run.reality, name) for name in shown} if run.reality is not None else {}
+    truth = {name: runs.true_ends(run, name) for name in shown} if run.reality is not None else {}
     caption = (
         "Each row is a parameter, on the purple line where it equals the paper's value; the axis is logarithmic. Grey dots are"
         " what others give for a Crazyflie; the table below names them. They differ by more than any interval, with batteries,"
@@ -63,6 +74,10 @@ def _valley(run: Run) -> str:
 def _box_told(run: Run) -> str:
     if not runs.truth(run):
         return ""
+    if "motor_slowdown" in run.estimates:
+        return (
+            " The green line is the truth, which has two delays: that of the commands, and that with the estimator's and the gyro's added."
+        )
     return (
         " The green box is the truth, which has two time constants, for motors speeding up and slowing down, and two delays, that of"
         " the commands and that with the estimator's and the gyro's added."
@@ -100,7 +115,10 @@ def prediction(run: Run) -> str:
     if errors is not None:
         caption = (
             "Root mean squares over windows of flights, each predicted from its measured start and the recorded commands alone; bands:"
-            " 95 % intervals over stretches of flight. A line above the dotted one does worse than predicting that nothing changes."
+            " 95 % intervals over stretches of flight. A line above the dotted one, * in the table, does worse than predicting that nothing"
+            " changes. With the recorded commands alone, without the feedback that kept it level, any model of a quadrotor soon tips over,"
+            " while the flight stayed about level: that line is hard to beat beyond 0.1 s. Compare drones with each other, by the first"
+            " rows; the likelihood of flights held out tells them apart better."
         )
         shown += _held_out(run) + _picture("horizons", lambda width: pictures.horizons(errors, width), caption) + flight_tables.errors(run)
     if windows is not None:
@@ -155,8 +173,7 @@ def flights(run: Run) -> str:
     """Test flights: in space, in a table and in box plots."""
     if run.table is None:
         return ""
-    simulated = sorted({flight.simulated for flight in run.flights if flight.simulated})
-    where = f"<p class=tag>Simulated, on virtual drone {escape(', '.join(simulated))}.</p>" if simulated else ""
+    where = f"<p class=tag>Simulated, {lead.flown_on(run)}.</p>" if lead.flown_on(run) else ""
     viewed = f"<h3>In flight</h3>{_viewer(run)}" if runs.viewable(run) else ""
     rows = run.table.with_columns(panel=polars.col("reality"))
     if flight_tables.is_matrix(run):
@@ -182,7 +199,10 @@ def _boxes_told(rows: polars.DataFrame, keys: tuple[str, ...]) -> str:
     most = rows.group_by(keys).len()["len"].max()
     if int(most or 0) < flight_figures.BOXED:  # type: ignore[arg-type]
         return ""
-    return " Boxes hold the middle half of the flights, the thick line is their median; whiskers end at most 1.5 boxes away."
+    return (
+        " Boxes hold the middle half of the flights, the thick line is their median; whiskers end at most 1.5 boxes away. Where most"
+        " flights last equally long, the line is all that there is of the box."
+    )
 
 
 def _times(name: str, title: str, rows: polars.DataFrame, caption: str) -> str:

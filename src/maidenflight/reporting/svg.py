@@ -158,7 +158,7 @@ def written(value: float, decimals: int) -> str:
     return shown.replace("-", "\N{MINUS SIGN}") if float(shown) else shown.removeprefix("-")
 
 
-def axes(panel: Panel, below: str | None, beside: str, few: int = 6, left: bool = True) -> tuple[str, str]:
+def axes(panel: Panel, below: str | None, beside: str, few: int = 6, left: bool = True, room: float = 35) -> tuple[str, str]:
     """Numbers and names along a panel's lower and left edges, and the grid within it, which is to be drawn first.
 
     Args:
@@ -167,6 +167,7 @@ def axes(panel: Panel, below: str | None, beside: str, few: int = 6, left: bool 
         beside: name of the left axis as SVG.
         few: most numbers along the lower axis.
         left: whether there are numbers along the left axis.
+        room: from the left axis to its name [px].
     """
     x, across = ticks(*panel.x, few)
     y, up = ticks(*panel.y, max(2, min(6, int(panel.height / 32))))
@@ -181,7 +182,7 @@ def axes(panel: Panel, below: str | None, beside: str, few: int = 6, left: bool 
         levels = zip(panel.down(y), up, strict=True)
         outside += [text(panel.left - 6, panel.top + min(max(place, 6), panel.height - 2) + 4.5, name, "", "end") for place, name in levels]
     if beside:
-        outside.append(text(panel.left - 35, panel.top + panel.height / 2, beside, "", "middle", turn=True))
+        outside.append(text(panel.left - room, panel.top + panel.height / 2, beside, "", "middle", turn=True))
     lines = "".join(f"M{_number(place)} 0V{_number(panel.height)}" for place in panel.across(x))
     lines += "".join(f"M0 {_number(place)}H{_number(panel.width)}" for place in panel.down(y))
     return "".join(outside), f'<path class="grid" d="{lines}"/>' if lines else ""

@@ -32,22 +32,26 @@ class Trace {
     const tall = height - FOOT - 6, lane = this.stacked ? tall / this.lines.length : tall;
     const across = time => EDGE + (time / duration) * (width - EDGE - 1);
     const rule = (value, y) => {
-      pen.fillStyle = colour(value === 0 || this.stacked ? "line" : "grid");
+      pen.fillStyle = colour(value === 0 ? "line" : "grid");
       pen.fillRect(EDGE, Math.round(y), width - EDGE, 1);
     };
-    const word = (text, x, y, align) => {
-      Object.assign(pen, {fillStyle: colour("soft"), textAlign: align});
+    const word = (text, x, y, align, shade = "soft") => {
+      Object.assign(pen, {fillStyle: colour(shade), textAlign: align});
       pen.fillText(text, x, y);
     };
     const step = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 60].find(size => duration / size <= 6) || 300;
     for (let time = 0; time <= duration * 1.001; time += step) word(+time.toFixed(2), Math.min(across(time), width - 12), height - 7, "center");
     this.lines.forEach((line, number) => {
-      const top = 6 + (this.stacked ? number * lane : 0), room = this.stacked ? lane - 6 : lane;
+      const top = 6 + (this.stacked ? number * lane : 0), room = this.stacked ? lane - 10 : lane;
       const up = value => top + room * (1 - (value - this.low) / (this.high - this.low));
       if (this.stacked || !number) {
-        for (const value of this.stacked ? [this.low] : [this.low, (this.low + this.high) / 2, this.high]) rule(value, up(value));
-        if (this.stacked) word(line.name, EDGE - 8, top + room / 2, "right");
-        else for (const value of [this.low, (this.low + this.high) / 2, this.high]) word(String(+value.toFixed(1)).replace("-", "−"), EDGE - 8, up(value), "right");
+        const levels = this.stacked ? [this.low, this.high] : [this.low, (this.low + this.high) / 2, this.high];
+        for (const value of levels) {
+          rule(value, up(value));
+          const inward = this.stacked ? (value === this.high ? 4 : -4) : 0; // clear of the next lane's
+          word(String(+value.toFixed(1)).replace("-", "−"), EDGE - 8, up(value) + inward, "right");
+        }
+        if (this.stacked) word(line.name, 0, top + room / 2, "left", line.colour);
       }
       pen.beginPath();
       line.values.forEach((value, i) => pen.lineTo(across(i * line.period), up(value)));

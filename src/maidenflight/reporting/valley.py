@@ -75,14 +75,14 @@ def valley(
 
     legend, tall = svg.legend(svg.TITLE, width, _legend(float(best.sum()), bool(known), bool(contours), bool(truth)))
     ranges = (svg.margin(seen[:, side], floor=0.0) for side in range(2))
-    panel = Panel(48, svg.TITLE + tall + 8, width - 56, max(0.42 * width, 270), *ranges)
+    panel = Panel(56, svg.TITLE + tall + 8, width - 64, max(0.42 * width, 270), *ranges)
     content = [svg.evaluations(panel, points[chosen], colour) for colour, chosen in _classes(above).items()]
     content.append(svg.line(panel, best.sum() - np.array(panel.y), panel.y, "thin dashed", "soft"))
     content += [_contour(panel, level, curve) for level, curve in contours.items()]
     sides = np.array([1e3 * np.array(known[name].interval) for name in _DELAYS]).T if known else None
     content.append(_marked(panel, best, paper, box, sides))
     note, deep = svg.paragraph(0, panel.top + panel.height + 46, width, _fit_told(fitted, len(names) - 2))
-    axes = svg.axes(panel, f"motor time constant {svg.symbol(_DELAYS[0])} [ms]", f"latency {svg.symbol(_DELAYS[1])} [ms]")
+    axes = svg.axes(panel, f"motor time constant {svg.symbol(_DELAYS[0])} [ms]", f"latency {svg.symbol(_DELAYS[1])} [ms]", room=42)
     parts = [legend, axes[0], svg.framed(panel, [axes[1], *content], "valley"), note]
     return svg.picture(width, panel.top + panel.height + 50 + deep, "The valley of the objective", parts)
 
@@ -177,12 +177,12 @@ def cloud(
         [*entries, *_marks(float(best.sum()), True, bool(truth), "" if inside else f" ({paper[0]:g} ms, {paper[1]:g} ms) is far outside")],
     )
     ranges = (svg.margin(seen[:, side], floor=0.0) for side in range(2))
-    panel = Panel(48, svg.TITLE + tall + 8, width - 56, max(0.36 * width, 270), *ranges)
+    panel = Panel(56, svg.TITLE + tall + 8, width - 64, max(0.36 * width, 270), *ranges)
     content = [svg.dots(panel, points[:, 0], points[:, 1], "fine", "blue")]
     content.append(svg.line(panel, best.sum() - np.array(panel.y), panel.y, "thin dashed", "soft"))
     content += [svg.line(panel, curve[:, 0], curve[:, 1], "" if share == SHARES[1] else "thin", "blue") for share, curve in curves.items()]
     content.append(_marked(panel, best, paper, box, sides))
-    outside, grid = svg.axes(panel, f"motor time constant {svg.symbol(_DELAYS[0])} [ms]", f"latency {svg.symbol(_DELAYS[1])} [ms]")
+    outside, grid = svg.axes(panel, f"motor time constant {svg.symbol(_DELAYS[0])} [ms]", f"latency {svg.symbol(_DELAYS[1])} [ms]", room=42)
     parts = [legend, outside, svg.framed(panel, [grid, *content], "valley")]
     return svg.picture(width, panel.top + panel.height + 46, "The valley of the objective", parts)
 

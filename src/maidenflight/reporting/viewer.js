@@ -47,7 +47,7 @@ function traces(flight) {
   const made = [
     ["attitude", {title: "Attitude", unit: "°", decimals: 1, low: -steepest, high: steepest,
       lines: ["roll", "pitch", "yaw"].map((name, i) => line(name, ["blue", "orange", "green"][i], degrees[i]))}],
-    ["command", {title: "Motor commands", unit: "", decimals: 2, low: 0, high: 1, stacked: true,
+    ["command", {title: "Motor commands", unit: "1: full thrust", decimals: 2, low: 0, high: 1, stacked: true,
       lines: flight.command.map((column, i) => line(String(i + 1), ["blue", "orange", "green", "purple"][i], column))}],
   ];
   if (flight.hasReference) made.unshift(["error", {...error, lines: [line("error", "blue", flight.error.map(value => value * 100))]}]);

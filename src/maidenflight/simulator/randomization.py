@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array
 
 from maidenflight.errors import InputError
-from maidenflight.parameters import QUANTITIES, Parameters, replace
+from maidenflight.parameters import QUANTITIES, Parameters, check, replace
 
 PAPER_FIELDS = ("thrust_to_weight", "time_step", "mass", "inertia", "motor_time_constant", "torque_to_thrust", "torque_offset")
 """What the paper randomizes (Gronauer et al. 2022, sec. Simulation Environment, Domain Randomization)."""
@@ -128,11 +128,11 @@ def relative_box(nominal: Parameters, fraction: float = 0.10, fields: Sequence[s
         fields: names of the fields to randomize.
 
     Raises:
-        ValueError: the fraction is out of range.
-        InputError: a field is unknown.
+        InputError: the fraction is out of range, a field is unknown, or the drone is none that could be.
     """
     if not 0 <= fraction < 1:
-        raise ValueError(f"fraction = {fraction}, expected a share in [0, 1).")
+        raise InputError(f"fraction = {fraction}, expected a share in [0, 1).")
+    check(nominal)
     ones = jax.tree.map(lambda leaf: np.ones(np.shape(leaf), np.float32), nominal)
     lower, upper = (
         replace(ones, **{name: getattr(ones, name, np.float32(1)) * np.float32(1 + side * fraction) for name in fields}) for side in (-1, 1)

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from maidenflight.errors import InputError
 from maidenflight.parameters import Parameters
 from maidenflight.simulator import dynamics, noise, rotations, trajectories
 from maidenflight.simulator.dynamics import State
@@ -348,8 +349,21 @@ def tracking(trajectory: Trajectory, duration: float, farthest: float = FARTHEST
         farthest: distance from the set-point [m] at which an episode fails.
         latest_start: episodes start on the trajectory's clock uniformly up to this time [s]: a period, for a closed curve.
 
+    Raises:
+        InputError: the trajectory does not make three numbers of a time by functions of `jax.numpy`, or the duration is not above 0.
+
     Source: reward, failure and all start values but velocity as in `circle`.
     """
+    if not duration > 0.0:
+        raise InputError(f"duration = {duration} s of an episode; expected more than 0.")
+    try:
+        shape = jax.eval_shape(trajectory, jnp.zeros(())).shape
+    except (TypeError, AttributeError, jax.errors.JAXTypeError) as error:
+        raise InputError(
+            f"the trajectory is no function of time that JAX can follow; write it with jax.numpy, without if ({error})."
+        ) from error
+    if shape != (3,):
+        raise InputError(f"the trajectory gives an array of shape {shape} at a time; expected 3 numbers, a position [m].")
     reset = _starting(trajectory, CIRCLE_START, latest_start, moving=True)
     reward, failed, danger = (partial(judge, farthest=farthest) for judge in (paper_reward, strayed, straying))
     return Task("tracking", trajectory, reset, reward, failed, duration, danger=danger)

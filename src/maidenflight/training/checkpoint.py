@@ -29,17 +29,38 @@ _DAMAGED = (
 
 
 def fingerprint(words: Mapping[str, Any], numbers: Any) -> str:
-    """What tells one training from another.
+    """What tells one training from another: a hash, and the words themselves in one line, so that it can be told what differs.
 
     Args:
         words: plain values.
         numbers: a pytree of arrays, compared to the last bit.
     """
-    text = hashlib.sha256(json.dumps(words, sort_keys=True).encode())
+    said = json.dumps(words, sort_keys=True)
+    text = hashlib.sha256(said.encode())
     for leaf in tree.leaves(numbers):
         array = np.asarray(leaf)
         text.update(f"{array.dtype} {array.shape}".encode() + array.tobytes())
-    return text.hexdigest()[:16]
+    return f"{text.hexdigest()[:16]} {said}"
+
+
+def _difference(found: str, told: str) -> str:
+    """What differs between two fingerprints, in words; nothing where they do not say."""
+    if found == told:
+        return ""
+    try:
+        before, now = (_flat(json.loads(one.partition(" ")[2])) for one in (found, told))
+    except (ValueError, AttributeError, RecursionError):
+        return ""
+    names = [name for name in {**before, **now} if before.get(name) != now.get(name)]
+    if not names:
+        return ": it had another seed, drone, or randomization"
+    return ": " + ", ".join(f"{name} was {json.dumps(before.get(name))} and is {json.dumps(now.get(name))}" for name in names)
+
+
+def _flat(words: Mapping[str, Any]) -> dict[str, Any]:
+    """Words with those of settings beside them."""
+    words = dict(words)
+    return {**words.pop("settings", {}), **words}
 
 
 def save(path: str | PathLike[str], state: Any, told: str) -> None:
@@ -90,5 +111,5 @@ def restored(path: str | PathLike[str], start: Callable[[], T], told: str) -> T:
         )
     sound = whole and all(leaf.shape == shape.shape and leaf.dtype == shape.dtype for leaf, shape in zip(leaves, shapes, strict=True))
     if found != told or not sound:
-        raise InputError(f"{path}: a checkpoint of another training. {remedy}")
+        raise InputError(f"{path}: a checkpoint of another training{_difference(found, told)}. {remedy}")
     return tree.unflatten(structure, [jax.numpy.asarray(leaf) for leaf in leaves])

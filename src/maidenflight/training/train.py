@@ -96,7 +96,7 @@ class _Course(NamedTuple):
 
     learners: Any
     best: Policy
-    best_return: Array
+    best_score: Evaluation
     scores: Evaluation
     """Of every score so far and to come: E x P, not a number where it is still to come."""
     scored: Array
@@ -127,7 +127,7 @@ def train(
         history: H, instants that a policy sees: the last so many. The first layer grows with it.
 
     Returns:
-        For each key the policy of the best score, in the keys' order. Cost grows linearly with keys and updates.
+        For each key the policy of the best score (`Evaluation.beats`), in the keys' order. Cost grows linearly with keys and updates.
 
     Raises:
         InputError: policies cannot be made for this control structure or history; the drones' time step does not divide its period;
@@ -137,6 +137,15 @@ def train(
     if type(settings) not in METHODS:
         known = ", ".join(kind.__name__ for kind in METHODS)
         raise InputError(f"{type(settings).__name__} are not settings of a method of training; known are {known}.")
+    if settings.updates < 1:
+        raise InputError(f"updates = {settings.updates}; expected 1 or more.")
+    for given, kind, way in ((task, Task, "mf.circle()"), (controller, Controller, "mf.pwm()")):
+        if not isinstance(given, kind):
+            raise InputError(f"{str(given)[:60]} is no {kind.__name__}; expected what {way} gives.")
+    if not hasattr(box, "centre"):
+        raise InputError(f"{type(box).__name__} is no distribution of drones; expected what mf.relative_box(DRONE) gives.")
+    if not (isinstance(keys, jax.Array) and jnp.issubdtype(keys.dtype, jax.dtypes.prng_key) and keys.ndim == 1):
+        raise InputError("keys must be random keys, one a policy: jax.random.split(jax.random.key(0), 3).")
     if controller.name not in CONTROLS:
         raise InputError(f"control structure {controller.name} cannot be trained for; expected one of {', '.join(CONTROLS)}.")
     if history < 1:
@@ -148,7 +157,8 @@ def train(
     def start() -> _Course:
         learners = begin(simulated, settings, box, keys)
         nothing = Evaluation(*(jnp.full((len(ends), len(keys)), jnp.nan) for _ in Evaluation._fields))
-        return _Course(learners, learners.policy, jnp.full(len(keys), -jnp.inf), nothing, jnp.zeros((), jnp.int32))
+        worst = Evaluation(*(jnp.full(len(keys), -jnp.inf) for _ in Evaluation._fields))
+        return _Course(learners, learners.policy, worst, nothing, jnp.zeros((), jnp.int32))
 
     def report(course: _Course, number: int) -> None:
         if on_progress is not None:
@@ -179,7 +189,7 @@ def train(
 
 def _ahead(course: _Course, learners: Any, scores: Evaluation) -> _Course:
     """The course after one more score; of each policy the better one is kept."""
-    better = scores.episode_return > course.best_return
+    better = scores.beats(course.best_score)
 
     def chosen(new: Array, old: Array) -> Array:
         return jnp.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)
@@ -187,7 +197,7 @@ def _ahead(course: _Course, learners: Any, scores: Evaluation) -> _Course:
     return _Course(
         learners,
         best=tree.map(chosen, learners.policy, course.best),
-        best_return=chosen(scores.episode_return, course.best_return),
+        best_score=tree.map(chosen, scores, course.best_score),
         scores=tree.map(lambda rows, now: rows.at[course.scored].set(now), course.scores, scores),
         scored=course.scored + 1,
     )

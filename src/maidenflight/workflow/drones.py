@@ -2,6 +2,7 @@
 
 import dataclasses
 import tomllib
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,10 @@ POSSIBLE = 256
 """Drones drawn from a box, of which each predicted flight flies one."""
 
 
+_WITH_SEED = (*KINDS, "pybullet")
+"""Kinds of realities that a seed makes."""
+
+
 def reality(name: str) -> VirtualDrone:
     """A virtual drone by name.
 
@@ -44,12 +49,17 @@ def reality(name: str) -> VirtualDrone:
         InputError: none of these, or PyBullet is not installed.
     """
     kind, _, seed = name.partition(":")
-    if kind in (*KINDS, "pybullet") and name != kind:
+    if kind in _WITH_SEED and not Path(name).exists():
         if not seed.isdecimal():
             raise InputError(f"{name}: expected {kind}:SEED with a whole number, such as {kind}:7.")
         if kind == "pybullet":
             return dataclasses.replace(virtual_drone(int(seed)), name=f"pybullet-{int(seed)}", integrator=Bullet(DAMPING, DAMPING))
         return virtual_drone(int(seed), kind)
+    if name not in parameters.DRONES and not Path(name).exists():
+        meant = get_close_matches(kind, [*_WITH_SEED, *parameters.DRONES], 1)
+        hint = f" Did you mean {f'{meant[0]}:{seed or 7}' if meant[0] in _WITH_SEED else meant[0]}?" if meant else ""
+        expected = ", ".join(f"{one}:SEED" for one in _WITH_SEED)
+        raise InputError(f"{name}: no such reality.{hint} Expected {expected}, a drone's TOML file, or {' or '.join(parameters.DRONES)}.")
     return VirtualDrone(Path(name).stem, parameters.replace(parameters.read(name), time_step=0.001))
 
 

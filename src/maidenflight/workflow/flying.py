@@ -9,7 +9,6 @@ import polars
 
 from maidenflight import parameters, policy, results
 from maidenflight.deployment.authors_json import read_policy
-from maidenflight.errors import InputError
 from maidenflight.experiments import matrix
 from maidenflight.experiments.as_flown import AS_FLOWN, FIRMWARE
 from maidenflight.experiments.flight_times import predict_flight_times
@@ -25,6 +24,7 @@ from maidenflight.reporting import run
 from maidenflight.simulator import control, tasks
 from maidenflight.simulator.virtual_drone import VirtualDrone
 from maidenflight.workflow.drones import possible_drones, reality, usual_randomization
+from maidenflight.workflow.policies import names, policy_files, read_as
 
 CELLS = "policies"
 """In the folder of a matrix: a folder of policies for each of its cells."""
@@ -35,21 +35,6 @@ _ZERO_SHOT = (
 )
 
 _PREDICTION = "# maidenflight prediction 1: simulated flights of given policies as the authors' drone ran them, a row a flight; duration s"
-
-
-def policy_files(given: Sequence[StrPath]) -> list[Path]:
-    """The policy files among files and folders.
-
-    Raises:
-        InputError: a path does not exist, or a folder holds no policy.
-    """
-    files: list[Path] = []
-    for path in map(Path, given):
-        found = sorted(path.glob("*.json")) if path.is_dir() else [path]
-        if not found:
-            raise InputError(f"{path}: no policies (.json) in this folder. Train some: maidenflight train -o {path}.")
-        files += found
-    return files
 
 
 def transfer_to(
@@ -64,8 +49,7 @@ def transfer_to(
     """Flies policies, ours or the authors', in realities; writes `flights.csv` with a row a flight, and every flight's log."""
     files = policy_files(given)
     policies = [read_policy(path) for path in files]
-    names = [path.stem for path in files]
-    flown = transfer(policies, realities, trials, jax.random.key(seed), task=tasks.TASKS[task](), duration=duration, names=names)
+    flown = transfer(policies, realities, trials, jax.random.key(seed), task=tasks.TASKS[task](), duration=duration, names=names(files))
     settings = {"task": task, "realities": [drone.name for drone in realities], "trials": trials, "duration": duration}
     made = results.record(seed=seed, inputs=files, settings=settings)
     written = [log.write(Path(folder) / f"{flight.name}.csv", flight, made) for flight in flown.flights]
@@ -153,12 +137,12 @@ def predict_with(
         The policy files, and what `predict_flight_times` gives, policies in the order of the files.
 
     Raises:
-        InputError: a file is no policy, or the drone has no posterior.
+        InputError: a file is no policy, or one of ours of another structure; or the drone has no posterior.
     """
     randomization = usual_randomization(drone) if randomization is None else randomization
     drones = possible_drones(drone, randomization, seed)
-    files = list(dict.fromkeys(policy_files(given)))
-    policies = [read_policy(path, structure) for path in files]
+    files = policy_files(given)
+    policies = [read_as(path, structure) for path in files]
     flown = predict_flight_times(
         policies,
         drones,
@@ -166,7 +150,7 @@ def predict_with(
         trials=trials,
         duration=duration,
         structures=AS_FLOWN if firmware == FIRMWARE else control.CONTROLLERS,
-        names=_names(files),
+        names=names(files),
         on_policy=on_policy,
     )
     inputs = [drone, *files] if Path(drone).is_file() else files
@@ -177,21 +161,21 @@ def predict_with(
     return files, flown
 
 
-def _names(files: Sequence[Path]) -> list[str]:
-    """Files without their ending, each with as many of its folders as tell all of them apart."""
-    parts = [path.absolute().with_suffix("").parts for path in files]
-    for depth in range(1, max(map(len, parts)) + 1):
-        names = ["/".join(part[-depth:]) for part in parts]
-        if len(set(names)) == len(names):
-            return names
-    return [str(path) for path in files]
-
-
 def best_policy(flown: Transfer, files: Sequence[Path]) -> Path:
-    """The policy that flew longest and, among equals, closest."""
+    """The policy that flew longest and, among equals, closest; of what `transfer_to` gives, and the files that it flew."""
     order = flown.table.group_by("policy").agg(polars.col("duration").mean(), polars.col("position_error").mean())
     name = order.sort(["duration", "position_error", "policy"], descending=[True, False, False])["policy"][0]
-    return next(path for path in files if path.stem == name)
+    return next(path for path, called in zip(files, names(files), strict=True) if called == name)
+
+
+def transfer_summary(flown: Transfer) -> polars.DataFrame:
+    """One row a policy and reality: flights, how many of them reached the time limit, mean duration [s], mean position_error [m]."""
+    return flown.table.group_by("policy", "reality", maintain_order=True).agg(
+        polars.len().alias("flights"),
+        (polars.col("end_reason") == "time limit").sum().alias("time_limit"),
+        polars.col("duration").mean(),
+        polars.col("position_error").mean(),
+    )
 
 
 def flights_to_view(path: StrPath) -> Sequence[Flight]:

@@ -9,10 +9,11 @@ import polars
 
 from maidenflight import parameters, results
 from maidenflight.flights import log, recording
-from maidenflight.flights.reading import MOST, Flights, read_flights
+from maidenflight.flights.reading import COMMANDS, MOST, Flights, read_flights
 from maidenflight.flights.windows import HISTORY
 from maidenflight.identification.estimates import Identification
 from maidenflight.identification.identify import METHODS, OBJECTIVES, identify
+from maidenflight.identification.likelihood import log_likelihood
 from maidenflight.identification.prediction import predicted_windows, prediction_error
 from maidenflight.identification.selection import Step
 from maidenflight.inputs import StrPath
@@ -62,15 +63,16 @@ def identify_from(
     bounds: Mapping[str, tuple[float, float]] | None = None,
     method: str = METHODS[0],
     most_seconds: float = MOST,
+    commands: str | None = None,
     on_file: Callable[[int, int], None] | None = None,
     on_evaluation: Callable[[int, int], None] | None = None,
     on_step: Callable[[Step], None] | None = None,
 ) -> tuple[Flights, Identification]:
     """Identifies a drone from logs; writes `output` (TOML) and, to `evaluations_beside` it, every evaluation.
 
-    Of more than `most_seconds` of flight, stretches of every flight are used.
+    Of more than `most_seconds` of flight, stretches of every flight are used. `commands`: see `read_flights`.
     """
-    flights = read_flights(logs, on_file, most_seconds, history)
+    flights = read_flights(logs, on_file, most_seconds, history, commands)
     found = identify(
         flights,
         over,
@@ -94,38 +96,51 @@ def identify_from(
         "evaluations": evaluations,
         "trials": trials,
         "most_seconds": most_seconds,
+        "commands": commands,
         "bounds": {name: list(pair) for name, pair in (bounds or {}).items()},
     }
     if objective == "replay":
         settings |= {"length": length, "method": method}
     made = results.record(seed=seed, inputs=flights.paths, settings=settings)
-    tables = {"identification": found.to_table(), "posterior": found.posterior_table(), "record": made}
-    parameters.write(output, found.parameters, tables)
+    found.write(output, made)
     results.write(evaluations_beside(output), found.history.write_csv(float_precision=9))
     return flights, found
 
 
 def validate_with(
-    drone: StrPath, logs: StrPath, seed: int, output: StrPath, horizons: Sequence[float], on_file: Callable[[int, int], None] | None = None
+    drone: StrPath,
+    logs: StrPath,
+    seed: int,
+    output: StrPath,
+    horizons: Sequence[float],
+    on_file: Callable[[int, int], None] | None = None,
+    commands: str | None = None,
 ) -> tuple[Flights, polars.DataFrame, list[str]]:
     """Predicts flights with a drone and with the paper's Crazyflie; writes the errors to `output` as CSV.
 
     Beside it, as `NAME_windows.csv`, it writes a few windows row by row. Of more than `MOST` seconds of flight, stretches are predicted.
+    `commands`: see `read_flights`; what the drone was identified from unless given.
 
     Returns:
         The flights, the errors as `prediction_error` gives them, and notes for the user.
     """
     models = {Path(drone).name: parameters.read(drone), "paper's crazyflie": parameters.crazyflie()}
-    flights = read_flights(logs, on_file, MOST)
-    table = prediction_error(flights, models, horizons, key=jax.random.key(seed))
+    known = table(drone, "identification").get("commands")
+    flights = read_flights(logs, on_file, MOST, commands=commands)
+    if commands is None and known in COMMANDS and all(flight.assumed for flight in flights):
+        flights = read_flights(logs, None, MOST, commands=known)
+    errors = prediction_error(flights, models, horizons, key=jax.random.key(seed))
     drawn = predicted_windows(flights, models, max(horizons), key=jax.random.key(seed))
     inputs = [drone] if Path(drone).is_file() else []
     settings = {"drone": Path(drone).name, "horizons": list(horizons)}
     made = results.record(seed=seed, inputs=[*inputs, *flights.paths], settings=settings)
-    results.write_table(output, _VALIDATION, made, table.write_csv(float_precision=9))
+    results.write_table(output, _VALIDATION, made, errors.write_csv(float_precision=9))
     beside = Path(output).with_name(f"{Path(output).stem}_windows.csv")
     results.write_table(beside, _WINDOWS, made, drawn.write_csv(float_precision=6))
-    return flights, table, _not_held_out(drone, flights) if inputs else []
+    likelihoods = {name: log_likelihood(flights.flights, model) for name, model in models.items()}
+    told = ", ".join(f"{name} {value:.2f}" for name, value in likelihoods.items())
+    judged = f"log likelihood of a row [nats], of two drones the better one has more: {told}"
+    return flights, errors, [judged, *(_not_held_out(drone, flights) if inputs else [])]
 
 
 def _not_held_out(drone: StrPath, flights: Flights) -> list[str]:

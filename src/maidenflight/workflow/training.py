@@ -21,7 +21,7 @@ from maidenflight.training import scoreboards
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.ppo import PPO
 from maidenflight.training.train import Progress, Settings, recorded, train
-from maidenflight.workflow.drones import randomized
+from maidenflight.workflow.drones import randomized, table
 
 CHECKPOINT = "training.npz"
 """In the folder of policies: training that is under way; gone once they are written."""
@@ -112,6 +112,7 @@ def train_for(
         "randomization": randomization,
         "policies": count,
         "history": history,
+        "full": table(drone, "identification").get("full"),
         "heading": heading or None,
         **recorded(settings),
     }

@@ -1,0 +1,71 @@
+"""What a run folder holds beside what its page shows, so that nothing is left out without a word."""
+
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import suppress
+from html import escape
+from pathlib import Path
+
+from maidenflight import inputs
+
+_KINDS = {"flights.csv": "test flights", "policy_*.json": "policies", "flight_*.csv": "flight logs"}
+"""What a folder holds, by the names of the files in it."""
+_MOST = 20
+"""Names of a kind that are told."""
+
+
+def find(folder: Path, shown: Collection[Path]) -> dict[str, list[str]]:
+    """Names of folders and files of a run that a page does not show, by what they hold.
+
+    Args:
+        folder: of the run.
+        shown: folders that the page shows.
+    """
+    found: dict[str, list[str]] = {}
+    for kind, name in (*_folders(folder, shown), *_files(folder)):
+        found.setdefault(kind, []).append(name)
+    return found
+
+
+def _folders(folder: Path, shown: Collection[Path]) -> Iterator[tuple[str, str]]:
+    for place in sorted(folder.iterdir()):
+        if place.is_dir() and place not in shown:
+            held = next((kind for names, kind in _KINDS.items() if next(place.glob(names), None) is not None), "")
+            if held:
+                yield held, f"{place.name}/"
+
+
+def _files(folder: Path) -> Iterator[tuple[str, str]]:
+    for own, kind in (("prediction.csv", "predicted flights"), ("validation.csv", "prediction errors")):
+        for path in sorted(folder.glob(f"{own.removesuffix('.csv')}*.csv")):
+            if path.name not in (own, "validation_windows.csv") and _begins(path, f"# maidenflight {own.removesuffix('.csv')} "):
+                yield kind, path.name
+    for path in sorted(folder.glob("*.toml")):
+        if path.name != "drone.toml" and _identified(path):
+            yield "identified drones", path.name
+
+
+def _begins(path: Path, words: str) -> bool:
+    with suppress(OSError, UnicodeDecodeError):
+        return any(line.startswith(words) for line in inputs.comments(path))
+    return False
+
+
+def _identified(path: Path) -> bool:
+    with suppress(OSError, UnicodeDecodeError):
+        return "\n[identification]" in inputs.text(path)
+    return False
+
+
+def told(found: Mapping[str, list[str]]) -> str:
+    """The names in a line of the page."""
+    if not found:
+        return ""
+    parts = [f"{kind}: {escape(', '.join(names[:_MOST]))}{_more(names)}" for kind, names in found.items()]
+    return (
+        f"<p class=note>Also in this folder, but not on this page: {'; '.join(parts)}."
+        " <code>maidenflight report FOLDER</code> makes a page of one of these folders.</p>"
+    )
+
+
+def _more(names: list[str]) -> str:
+    return f" and {len(names) - _MOST} more" if len(names) > _MOST else ""

@@ -1,0 +1,87 @@
+"""Policies by the words of a command line: which files, what they command, what they were trained for."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from maidenflight import inputs, policy
+from maidenflight.deployment.authors_json import read_policy
+from maidenflight.errors import InputError
+from maidenflight.inputs import StrPath
+from maidenflight.policy import Policy
+from maidenflight.simulator import tasks
+
+USUAL = "circle"
+"""Task of policies that do not say what they were trained for, as the authors' do not."""
+
+
+def policy_files(given: Sequence[StrPath]) -> list[Path]:
+    """The policy files among files and folders, each once.
+
+    Raises:
+        InputError: a path does not exist, or a folder holds no policy.
+    """
+    files: list[Path] = []
+    for path in map(Path, given):
+        found = sorted(path.glob("*.json")) if path.is_dir() else [path]
+        if not found:
+            raise InputError(f"{path}: no policies (.json) in this folder. Train some: maidenflight train -o {path}.")
+        files += found
+    return list(dict.fromkeys(files))
+
+
+def names(files: Sequence[Path]) -> list[str]:
+    """Files without their ending, each with as many of its folders as tell all of them apart."""
+    parts = [path.absolute().with_suffix("").parts for path in files]
+    for depth in range(1, max(map(len, parts)) + 1):
+        called = ["/".join(part[-depth:]) for part in parts]
+        if len(set(called)) == len(called):
+            return called
+    return [str(path) for path in files]
+
+
+def read_as(path: StrPath, structure: str | None) -> Policy:
+    """Reads a policy, ours or the authors'.
+
+    Args:
+        path: the file.
+        structure: what an authors' policy commands; what its file's name says unless given.
+
+    Raises:
+        InputError: the file is no policy, or one of ours that says that it commands something else.
+    """
+    read = read_policy(path, structure)
+    if structure not in (None, read.control):
+        raise InputError(
+            f"{path}: a {read.control} policy, as its file says, not {structure}. Leave out --control, which is for the authors' policies."
+        )
+    return read
+
+
+def trained_for(path: StrPath) -> str | None:
+    """Name of the task that a policy of ours was trained for; nothing where its file does not say, or it is one of the authors'."""
+    try:
+        content = inputs.from_json(policy.text_of(path))
+        return str(content["record"]["settings"]["task"])
+    except (ValueError, LookupError, TypeError):
+        return None
+
+
+def task_to_fly(files: Sequence[Path], asked: str | None) -> tuple[str, list[str]]:
+    """What policies are to fly, and notes for the user.
+
+    Args:
+        files: policy files.
+        asked: name of a task; unless given, the one that all the files that say so were trained for.
+
+    Returns:
+        The name of a task, and a note where policies were trained for another.
+    """
+    told = {name: task for name, path in zip(names(files), files, strict=True) if (task := trained_for(path)) is not None}
+    trained = set(told.values())
+    flown = asked or (trained.pop() if len(trained) == 1 and trained <= tasks.TASKS.keys() else USUAL)
+    others = {name: task for name, task in told.items() if task != flown}
+    if not others:
+        return flown, []
+    first = ", ".join(f"{name} for {task}" for name, task in list(others.items())[:3])
+    more = f" and {len(others) - 3} more for others" if len(others) > 3 else ""
+    return flown, [f"they fly the task {flown}, but were trained for another: {first}{more}."]
