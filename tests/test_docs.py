@@ -182,8 +182,8 @@ def test_every_command_that_a_page_shows_is_one_that_there_is() -> None:
 def test_the_commands_of_the_zero_shot_page_run(monkeypatch: pytest.MonkeyPatch) -> None:
     told = """
         realities = ["near:7"]
-        motor_time_constant = [0.04, 0.08]
-        latency = [0.0, 0.015]
+        motor_time_constant = [0.08]
+        latency = [0.015]
         policies = 3
         trials = 1
         duration = 0.5
