@@ -18,7 +18,7 @@ from maidenflight.flights.log import Flight
 from maidenflight.flights.windows import BLOCK, HISTORY, windows
 from maidenflight.identification import bayesian, gradient, likelihood, one_step, posterior
 from maidenflight.identification.bayesian import PAPER_BOUNDS, Box
-from maidenflight.identification.estimates import Estimate, Identification, source_of
+from maidenflight.identification.estimates import Estimate, Identification, Source, source_of
 from maidenflight.identification.objective import DISCOUNT, NormalEquations, Objective
 from maidenflight.identification.selection import FIRST, Step
 from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, Quantity, check, crazyflie, replace
@@ -94,20 +94,21 @@ def identify(
         over = [over]
     if not flights:
         raise InputError("no flights to identify from; give at least one.")
-    source_of(flights)
+    source = source_of(flights)
     seed = jax.random.bits(jax.random.key(0) if key is None else key, (2,))
     generator = np.random.default_rng(np.asarray(seed).tolist())
     if objective == "likelihood":
-        found = _by_likelihood(flights, over, start, history, evaluations, trials, bounds or {}, generator, on_evaluation, on_step)
+        found = _by_likelihood(flights, source, over, start, history, evaluations, trials, bounds or {}, generator, on_evaluation, on_step)
     else:
         found = _by_replay(
-            flights, over, start, length, history, evaluations, trials, bounds or {}, discount, method, generator, on_evaluation
+            flights, source, over, start, length, history, evaluations, trials, bounds or {}, discount, method, generator, on_evaluation
         )
     return dataclasses.replace(found, seconds=time.perf_counter() - began)
 
 
 def _by_likelihood(
     flights: Sequence[Flight],
+    source: Source,
     over: Sequence[str],
     start: Parameters,
     history: int,
@@ -139,7 +140,7 @@ def _by_likelihood(
         kind="likelihood",
         objective=found.value,
         start_objective=found.start_value,
-        source=source_of(flights),
+        source=source,
         windows=found.rows // (one_step.LENGTH - one_step.ORDER),
         evaluations=sum(len(values) for _, values in found.runs),
         seconds=0.0,
@@ -153,6 +154,7 @@ def _by_likelihood(
 
 def _by_replay(
     flights: Sequence[Flight],
+    source: Source,
     over: Sequence[str],
     start: Parameters,
     length: int,
@@ -216,7 +218,7 @@ def _by_replay(
         kind="replay",
         objective=float(losses.min()),
         start_objective=objective(start),
-        source=source_of(flights),
+        source=source,
         windows=objective.size,
         evaluations=len(losses),
         seconds=0.0,

@@ -114,8 +114,7 @@ def maximise(
     period = flights[0].period
 
     def of(some: Sequence[Flight], step: float = _COARSE, every: int = 1) -> OneStep:
-        cut = windows(some, one_step.LENGTH, every=one_step.LENGTH, history=history)
-        return OneStep(type(cut)(*(array[::every] for array in cut)), period, max(1, round(period / step)))
+        return _objective(some, history, step, every)
 
     def fit(objectives: Sequence[OneStep], names: Sequence[str], first: Parameters, at_random: bool = False, close: float = 0.0) -> _Fit:
         """Climbs on one objective after another, on each until a step gains less than `_CLOSE`, or than `close` a row."""
@@ -190,8 +189,13 @@ def log_likelihood(flights: Sequence[Flight], drone: Parameters, history: int = 
     Raises:
         InputError: too little flight.
     """
-    cut = windows(flights, one_step.LENGTH, every=one_step.LENGTH, history=history)
-    return -OneStep(cut, flights[0].period, max(1, round(flights[0].period / _FINE)))(drone)
+    return -_objective(flights, history, _FINE)(drone)
+
+
+def _objective(flights: Sequence[Flight], history: int, step: float, every: int = 1) -> OneStep:
+    """The objective on every so many windows, in physics steps of about so many seconds."""
+    cut, period = windows(flights, one_step.LENGTH, every=one_step.LENGTH, history=history), flights[0].period
+    return OneStep(type(cut)(*(array[::every] for array in cut)), period, max(1, round(period / step)))
 
 
 def _split(flights: Sequence[Flight]) -> tuple[list[Flight], list[Flight]]:

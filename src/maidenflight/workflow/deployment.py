@@ -1,17 +1,15 @@
 """A policy for other programs."""
 
-from contextlib import suppress
 from pathlib import Path
 
-from maidenflight import policy, results
+from maidenflight import results
 from maidenflight.deployment.authors_json import export_authors_json
 from maidenflight.deployment.c import export_c
 from maidenflight.deployment.crazyflie import export_crazyflie
 from maidenflight.deployment.onnx import export_onnx
-from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
 from maidenflight.simulator.battery import COUNTS, MOST_COUNTS
-from maidenflight.workflow.policies import read_as
+from maidenflight.workflow.policies import read_as, trained_with
 
 
 def export(path: StrPath, folder: StrPath, seed: int, to: str = "c", structure: str | None = None) -> list[Path]:
@@ -45,8 +43,7 @@ def export(path: StrPath, folder: StrPath, seed: int, to: str = "c", structure: 
 
 def _full(path: StrPath) -> float:
     """Counts of the firmware that u = 1 stood for in the flights of the drone that a policy was trained for; the paper's where not told."""
-    with suppress(InputError):
-        said = policy.record(path).get("settings", {}).get("full")
-        if isinstance(said, int | float) and not isinstance(said, bool) and 0.0 < said <= MOST_COUNTS:
-            return float(said)
+    said = trained_with(path).get("full")
+    if isinstance(said, int | float) and not isinstance(said, bool) and 0.0 < said <= MOST_COUNTS:
+        return float(said)
     return COUNTS

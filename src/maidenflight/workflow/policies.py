@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from maidenflight import inputs, policy
 from maidenflight.deployment.authors_json import read_policy
@@ -59,11 +60,17 @@ def read_as(path: StrPath, structure: str | None) -> Policy:
 
 def trained_for(path: StrPath) -> str | None:
     """Name of the task that a policy of ours was trained for; nothing where its file does not say, or it is one of the authors'."""
+    task = trained_with(path).get("task")
+    return None if task is None else str(task)
+
+
+def trained_with(path: StrPath) -> dict[str, Any]:
+    """Settings with which a policy of ours was trained; empty where its file does not say, or it is one of the authors'."""
     try:
-        content = inputs.from_json(policy.text_of(path))
-        return str(content["record"]["settings"]["task"])
+        settings = inputs.from_json(policy.text_of(path))["record"]["settings"]
     except (ValueError, LookupError, TypeError):
-        return None
+        return {}
+    return settings if isinstance(settings, dict) else {}
 
 
 def task_to_fly(files: Sequence[Path], asked: str | None) -> tuple[str, list[str]]:
