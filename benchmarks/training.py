@@ -1,8 +1,8 @@
 """Measures what training reaches, how fast and in how much memory; writes tables, recipes and learning curves into docs/training.md.
 
 Every policy is scored on 1,000 episodes that it has not seen: noise, drones drawn within +-10 % of a Crazyflie with a motor lag of 80 ms
-and a latency of 20 ms, the task's own start, no exploration. The ceiling is the share of these starts from which any sequence of actions
-that was found, in full knowledge of the drone and without noise, keeps the drone within the task's bounds.
+and a latency of 20 ms, the task's own start, no exploration. The ceiling is the share of these very starts from which any sequence of
+actions that was found, in full knowledge of the drone and without noise, keeps the drone within the task's bounds.
 
 A look at less than all leaves the page alone: `python benchmarks/training.py --only pwm_hover --updates 30 --picture look.svg`.
 """
@@ -22,6 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 import polars
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from page import write
 
 from maidenflight.parameters import Parameters, crazyflie, noiseless, replace
@@ -35,7 +36,7 @@ from maidenflight.training.train import Progress, train
 from maidenflight.workflow import settings_for
 
 CORES = len(os.sched_getaffinity(0))
-SEEDS, EPISODES, STARTS, LOOK_AHEAD, IMPROVEMENTS = 5, 1000, 256, 1.6, 200
+SEEDS, EPISODES, UNSEEN, LOOK_AHEAD, IMPROVEMENTS = 5, 1000, 1234, 1.6, 200
 DRONES: dict[str, dict[str, Any]] = {"paper's": {}, "authors', 30 g": {"thrust_to_weight": np.float32(1.725 * 28 / 30)}}
 """The authors' published thrust-to-weight ratio is of 28 g, and the drone that they simulate has 30."""
 
@@ -47,6 +48,8 @@ class Recipe(NamedTuple):
     task: str = "circle"
     drone: str = "paper's"
     """A name in `DRONES`."""
+    history: int = 2
+    """Instants that a policy sees."""
 
     @property
     def title(self) -> str:
@@ -62,14 +65,15 @@ class Recipe(NamedTuple):
     def command(self) -> str:
         """What trains the same policies from a drone's file."""
         drone = "drone.toml" if self.drone == "paper's" else "drone_30g.toml"
-        return f"maidenflight train --drone {drone} --policies {SEEDS} -o {self.name} --control {self.control} --task {self.task}"
+        command = f"maidenflight train --drone {drone} --policies {SEEDS} -o {self.name} --control {self.control} --task {self.task}"
+        return command if self.history == 2 else f"{command} --history {self.history}"
 
 
 RECIPES = {
     recipe.name: recipe
     for recipe in (
         Recipe("pwm"),
-        Recipe("attitude_rate"),
+        Recipe("attitude_rate", history=4),
         Recipe("attitude"),
         Recipe("attitude", drone="authors', 30 g"),
         *(Recipe("pwm", task) for task in ("figure_eight", "hover", "take_off")),
@@ -99,8 +103,11 @@ def trained(recipe: Recipe, drones: RelativeBox, updates: int | None) -> tuple[t
     settings = settings_for(recipe.control, recipe.task, updates=updates)
     task, controller = tasks.TASKS[recipe.task](), control.CONTROLLERS[recipe.control]()
     keys = jax.random.split(jax.random.key(0), SEEDS)
-    policies = train(task, controller, drones, keys, settings, lambda progress: heard.append((time.perf_counter() - began, progress)))
-    return policies, heard
+
+    def hear(progress: Progress) -> None:
+        heard.append((time.perf_counter() - began, progress))
+
+    return train(task, controller, drones, keys, settings, hear, history=recipe.history), heard
 
 
 def curves(heard: list[tuple[float, Progress]]) -> polars.DataFrame:
@@ -116,13 +123,15 @@ def curves(heard: list[tuple[float, Progress]]) -> polars.DataFrame:
 def survivable(simulated: Environment, drones: RelativeBox, policy: Policy) -> float:
     """The share of starts from which a sequence of actions is found that keeps the drone within the task's bounds.
 
-    The first guess is what a trained policy does; Adam improves it by the gradient through the simulator.
+    The first guess is what a trained policy does; Adam improves it by the gradient through the simulator. Drones and starts are those of
+    `scored`, so that a policy and its ceiling differ by what it does and by the noise, not by luck.
     """
     periods = round(LOOK_AHEAD * simulated.controller.action_rate)
-    keys = jax.random.split(jax.random.key(77), STARTS)
+    cores = NamedSharding(Mesh(np.array(jax.devices()), ("starts",)), PartitionSpec("starts"))
+    keys = jax.device_put(jax.random.split(jax.random.key(UNSEEN), EPISODES), cores)
 
     def one(key: jax.Array) -> jax.Array:
-        drone_key, reset_key = jax.random.split(key)
+        drone_key, reset_key = jax.random.split(jax.random.split(key)[0])  # as `evaluate` and `launch` do
         drone: Parameters = noiseless(drones.draw(drone_key))
         first = environment.reset(simulated, drone, reset_key)
 
@@ -160,7 +169,7 @@ def survivable(simulated: Environment, drones: RelativeBox, policy: Policy) -> f
 
 def scored(simulated: Environment, drones: RelativeBox, policies: tuple[Policy, ...]) -> list[Any]:
     """Scores on episodes that no policy has seen."""
-    return [evaluate(simulated, policy, drones, jax.random.key(1234), EPISODES) for policy in policies]
+    return [evaluate(simulated, policy, drones, jax.random.key(UNSEEN), EPISODES) for policy in policies]
 
 
 def spread(values: list[float], worst: Callable[..., float], form: str) -> str:
@@ -172,7 +181,8 @@ def measure(recipe: Recipe, updates: int | None) -> Measured:
     """Trains and scores; to be called in a process of its own, for memory counts from the process's start."""
     jax.config.update("jax_num_cpu_devices", CORES)
     drones = box(recipe)
-    simulated = Environment.matching(drones.centre, tasks.TASKS[recipe.task](), control.CONTROLLERS[recipe.control]())
+    task, controller = tasks.TASKS[recipe.task](), control.CONTROLLERS[recipe.control]()
+    simulated = Environment.matching(drones.centre, task, controller, history=recipe.history)
     policies, heard = trained(recipe, drones, updates)
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20  # GiB, before the scores add theirs
     scores = scored(simulated, drones, policies)

@@ -168,8 +168,8 @@ def test_the_help_of_training_tells_how_many_updates_are_usual() -> None:
     assert isinstance(option, click.Option)
     told = option.help or ""
     usual = {structure: workflow.settings_for(structure, "circle").updates for structure in ("pwm", "attitude_rate", "attitude")}
-    assert f"{usual['pwm']} for pwm, {usual['attitude_rate']} for attitude_rate and attitude;" in told
-    assert usual["attitude_rate"] == usual["attitude"]
+    assert f"{usual['pwm']} for pwm and attitude_rate, {usual['attitude']} for attitude;" in told
+    assert usual["attitude_rate"] == usual["pwm"]
     for structure, count in usual.items():
         for task, times, word in (("hover", 2, "twice as many for hover"), ("figure_eight", 3, "three times for figure_eight")):
             assert workflow.settings_for(structure, task).updates == times * count

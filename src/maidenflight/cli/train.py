@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 @click.option(
     "--updates",
     type=click.IntRange(1, 10**6),
-    help="Gradient steps, or epochs of PPO. Unless given: 1500 for pwm, 1200 for attitude_rate and attitude; of these twice as many"
+    help="Gradient steps, or epochs of PPO. Unless given: 1500 for pwm and attitude_rate, 1200 for attitude; of these twice as many"
     " for hover, three times for figure_eight; 600 for PPO.",
 )
 @click.option(

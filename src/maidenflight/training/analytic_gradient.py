@@ -1,8 +1,9 @@
 """Learning through the differentiable simulator: the gradient of the return with respect to the network, by backpropagation.
 
 Each update flies a batch of drones for a short horizon from where they are, differentiates the mean reward through physics,
-latency, sensors and network, and takes one Adam step; the drones fly on, and those that failed or whose time is up start anew,
-each as another drone. Short horizons keep the gradients of a chaotic system small (Xu et al. 2022, SHAC, there with a critic).
+latency, sensors and network, and takes one step, Muon's for the weights of hidden layers and Adam's for the rest; the drones fly on,
+and those that failed or whose time is up start anew, each as another drone. Short horizons keep the gradients of a chaotic system
+small (Xu et al. 2022, SHAC, there with a critic).
 """
 
 from dataclasses import dataclass
@@ -39,6 +40,8 @@ class AnalyticGradient:
     """Control periods through which one gradient is taken."""
     learning_rate: float = 3e-3
     """Adam's first step size; it falls to 2 % of that along a cosine."""
+    hidden_rate: float = 0.02
+    """Muon's first step size, which falls alike, for the weights of the hidden layers (Jordan et al. 2024); 0: Adam learns them too."""
     gradient_norm: float = 1.0
     """Longer gradients are shortened to this norm."""
     hidden: tuple[int, ...] = (50, 50)
@@ -77,8 +80,21 @@ class _Learner(NamedTuple):
 
 
 def _optimiser(settings: AnalyticGradient) -> optax.GradientTransformation:
-    schedule = optax.cosine_decay_schedule(settings.learning_rate, settings.updates, alpha=0.02)
-    return optax.chain(optax.clip_by_global_norm(settings.gradient_norm), optax.adam(schedule))
+    def falling(first: float) -> optax.Schedule:
+        return optax.cosine_decay_schedule(first, settings.updates, alpha=0.02)
+
+    def orthogonalised(network: Any) -> Any:
+        # Not the last layer: it begins small, and steps of one size in all directions throw the actions far out of their range.
+        (*hidden, _), biases = network
+        return (*[optax.contrib.MuonDimensionNumbers() for _ in hidden], None), (None,) * len(biases)
+
+    adam = optax.adam(falling(settings.learning_rate))
+    muon = optax.contrib.muon(
+        falling(settings.hidden_rate),
+        adam_learning_rate=falling(settings.learning_rate),
+        muon_weight_dimension_numbers=orthogonalised,
+    )
+    return optax.chain(optax.clip_by_global_norm(settings.gradient_norm), muon if settings.hidden_rate > 0 else adam)
 
 
 _LAID = _Learner(EVERYWHERE, EVERYWHERE, LAID)  # type: ignore[arg-type]
@@ -137,7 +153,7 @@ def _update(simulated: Environment, settings: AnalyticGradient, box: Distributio
     usable = jnp.isfinite(optax.tree.norm(gradient))
     gradient = tree.map(lambda g: jnp.where(usable, g, 0.0), gradient)
     with jax.numpy_dtype_promotion("standard"):  # optax mixes integers and floats, whatever its user has set
-        changes, optimiser = _optimiser(settings).update(gradient, learner.optimiser)
+        changes, optimiser = _optimiser(settings).update(gradient, learner.optimiser, learner.policy.network)
     policy = learner.policy.with_network(optax.apply_updates(learner.policy.network, changes))  # type: ignore[arg-type]
 
     setpoints = jax.vmap(simulated.task.reference)(episodes.time)
