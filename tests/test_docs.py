@@ -26,7 +26,7 @@ from maidenflight.simulator.tasks import Task
 from maidenflight.simulator.virtual_drone import VirtualDrone
 
 ROOT = Path(__file__).parent.parent
-QUICK = mf.AnalyticGradient(updates=2, evaluations=1, drones=4, horizon=4, episodes=4)
+QUICK = mf.AnalyticGradient(updates=2, evaluations=1, drones=4, horizon=4, episodes=4, hidden_rate=0.0)
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 LESS_WORK = {
     "record": ["--flights", "2", "--duration", "4"],
@@ -193,6 +193,7 @@ def test_the_commands_of_the_zero_shot_page_run(monkeypatch: pytest.MonkeyPatch)
         horizon = 4
         evaluations = 1
         episodes = 4
+        hidden_rate = 0
     """
     for command in blocks("docs/zero-shot.md", "sh")[0].splitlines():
         words = shlex.split(command, comments=True)

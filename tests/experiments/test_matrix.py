@@ -29,6 +29,7 @@ horizon = 2
 evaluations = 1
 episodes = 2
 hidden = [8]
+hidden_rate = 0
 """
 
 
