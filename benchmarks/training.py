@@ -7,6 +7,7 @@ actions that was found, in full knowledge of the drone and without noise, keeps 
 A look at less than all leaves the page alone: `python benchmarks/training.py --only pwm_hover --updates 30 --picture look.svg`.
 """
 
+import dataclasses
 import multiprocessing
 import os
 import resource
@@ -25,12 +26,13 @@ import polars
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from page import write
 
-from maidenflight.parameters import Parameters, crazyflie, noiseless, replace
+from maidenflight.parameters import crazyflie, noiseless, replace
 from maidenflight.policy import Policy
 from maidenflight.reporting.training_figures import learning_curves
 from maidenflight.simulator import control, environment, tasks
 from maidenflight.simulator.environment import Environment, Episode
 from maidenflight.simulator.randomization import RelativeBox, relative_box
+from maidenflight.simulator.rollout import launch
 from maidenflight.training.evaluation import evaluate
 from maidenflight.training.train import Progress, train
 from maidenflight.workflow import settings_for
@@ -129,11 +131,10 @@ def survivable(simulated: Environment, drones: RelativeBox, policy: Policy) -> f
     periods = round(LOOK_AHEAD * simulated.controller.action_rate)
     cores = NamedSharding(Mesh(np.array(jax.devices()), ("starts",)), PartitionSpec("starts"))
     keys = jax.device_put(jax.random.split(jax.random.key(UNSEEN), EPISODES), cores)
+    quiet = dataclasses.replace(drones, nominal=noiseless(drones.nominal))
 
     def one(key: jax.Array) -> jax.Array:
-        drone_key, reset_key = jax.random.split(jax.random.split(key)[0])  # as `evaluate` and `launch` do
-        drone: Parameters = noiseless(drones.draw(drone_key))
-        first = environment.reset(simulated, drone, reset_key)
+        first, drone = launch(simulated, quiet, jax.random.split(key)[0])  # the key that `evaluate` launches by
 
         def by_policy(episode: Episode, _: None) -> tuple[Episode, jax.Array]:
             action = policy(environment.observation(episode))

@@ -25,12 +25,11 @@ def test_an_update_changes_the_network_and_nothing_else_of_a_policy(structure: s
     policy = after.policy
     assert (policy.control, policy.rate, policy.history) == (structure, rate, 2)
     np.testing.assert_array_equal(policy.observation_mean, before.policy.observation_mean)
-    steps = [np.asarray(new - old) for old, new in zip(before.policy.weights, policy.weights, strict=True)]
-    for step in steps:
-        # Adam's first step is 1 to 1.5 times its rate in every weight, Muon's its rate in every direction, as well as five iterations tell.
-        moved = np.abs(step).max(axis=(1, 2)) if step is steps[-1] else np.linalg.norm(step, ord=2, axis=(1, 2))
-        expected = settings.learning_rate if step is steps[-1] else settings.hidden_rate
-        assert ((moved > 0.5 * expected) & (moved < 1.6 * expected)).all(), moved
+    *hidden, last = [np.asarray(new - old) for old, new in zip(before.policy.weights, policy.weights, strict=True)]
+    # Adam's first step is 1 to 1.5 times its rate in every weight, Muon's its rate in every direction, as well as five iterations tell.
+    moved = [(np.linalg.norm(step, ord=2, axis=(1, 2)), settings.hidden_rate) for step in hidden]
+    for far, expected in [*moved, (np.abs(last).max(axis=(1, 2)), settings.learning_rate)]:
+        assert ((far > 0.5 * expected) & (far < 1.6 * expected)).all(), far
     again = analytic_gradient.learn(world, settings, box, before, keys, 0, 1)
     for one, other in zip(jax.tree.leaves(after), jax.tree.leaves(again), strict=True):
         np.testing.assert_array_equal(one, other)

@@ -88,13 +88,12 @@ def _optimiser(settings: AnalyticGradient) -> optax.GradientTransformation:
         (*hidden, _), biases = network
         return (*[optax.contrib.MuonDimensionNumbers() for _ in hidden], None), (None,) * len(biases)
 
-    adam = optax.adam(falling(settings.learning_rate))
-    muon = optax.contrib.muon(
-        falling(settings.hidden_rate),
-        adam_learning_rate=falling(settings.learning_rate),
-        muon_weight_dimension_numbers=orthogonalised,
-    )
-    return optax.chain(optax.clip_by_global_norm(settings.gradient_norm), muon if settings.hidden_rate > 0 else adam)
+    adams = falling(settings.learning_rate)
+    if settings.hidden_rate > 0:
+        rule = optax.contrib.muon(falling(settings.hidden_rate), adam_learning_rate=adams, muon_weight_dimension_numbers=orthogonalised)
+    else:
+        rule = optax.adam(adams)
+    return optax.chain(optax.clip_by_global_norm(settings.gradient_norm), rule)
 
 
 _LAID = _Learner(EVERYWHERE, EVERYWHERE, LAID)  # type: ignore[arg-type]
