@@ -35,6 +35,23 @@ def test_an_update_changes_the_network_and_nothing_else_of_a_policy(structure: s
         np.testing.assert_array_equal(one, other)
 
 
+def test_without_a_rate_for_hidden_layers_adam_steps_everywhere_and_its_steps_shrink() -> None:
+    settings = AnalyticGradient(updates=50, learning_rate=0.01, hidden_rate=0.0)
+    network = untrained(jax.random.key(0), (8, 8), 2, control.pwm()).network
+    rule = analytic_gradient._optimiser(settings)
+    with jax.numpy_dtype_promotion("standard"):
+        state, steps = rule.init(network), []
+        slope = jax.tree.map(jnp.ones_like, network)
+        for _ in range(settings.updates + 1):
+            step, state = rule.update(slope, state, network)
+            steps.append(step)
+    # Of a constant slope Adam's every step is its rate (Kingma and Ba 2015, sec. 2.1): here a cosine from the first to 2 % of it.
+    for leaf in jax.tree.leaves(steps[0]):
+        np.testing.assert_allclose(leaf, -0.01, rtol=1e-3)
+    for leaf in jax.tree.leaves(steps[-1]):
+        np.testing.assert_allclose(leaf, -0.0002, rtol=1e-3)
+
+
 def test_gradient_through_the_simulator_is_the_slope_of_the_cost() -> None:
     simulated, drone = Environment(), noiseless(crazyflie())
     settings = AnalyticGradient(horizon=12)
