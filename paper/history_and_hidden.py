@@ -71,7 +71,7 @@ def box(plan: argparse.Namespace) -> RelativeBox:
 def studied(kind: Kind, plan: argparse.Namespace) -> Studied:
     """Trains policies of one kind, scores them and flies them."""
     drones, task, controller = box(plan), tasks.circle(), control.CONTROLLERS[plan.control]()
-    settings = replace(SETTINGS[plan.control], hidden=kind.hidden, hidden_rate=0.0)  # Adam alone, as docs/training.md was measured
+    settings = replace(SETTINGS[plan.control], hidden=kind.hidden)
     settings = settings if plan.updates is None else replace(settings, updates=plan.updates)
     keys = jax.random.split(jax.random.key(plan.seed), plan.seeds)
     began = time.perf_counter()
