@@ -1,4 +1,6 @@
-"""A chart of lines on logarithmic axes as SVG, by hand: no package that this project needs draws to a file."""
+"""A chart of lines on logarithmic axes as SVG, by hand: no package that this project needs draws to
+a file.
+"""
 
 from html import escape
 from math import ceil, floor, log10
@@ -21,22 +23,42 @@ def lines(curves: dict[str, dict[int, float]], across: str, up: str) -> str:
         return TOP + (high - log10(value)) / (high - low) * (HEIGHT - TOP - BOTTOM)
 
     parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" font-family="sans-serif" font-size="12" fill="#2d3748">',
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" '
+        'font-family="sans-serif" font-size="12" fill="#2d3748">',
         f'<rect width="{WIDTH}" height="{HEIGHT}" fill="white"/>',
     ]
     for power in range(low, high + 1):
         level = y(10.0**power)
         parts.append(f'<path d="M{LEFT} {level:.1f}H{WIDTH - RIGHT}" stroke="#d4dbe4"/>')
-        parts.append(f'<text x="{LEFT - 6}" y="{level + 4:.1f}" text-anchor="end">{_short(10.0**power)}</text>')
+        parts.append(
+            f'<text x="{LEFT - 6}" y="{level + 4:.1f}" '
+            f'text-anchor="end">{_short(10.0**power)}</text>'
+        )
     for place in sorted(set(places)):
-        parts.append(f'<text x="{x(place):.1f}" y="{HEIGHT - BOTTOM + 18}" text-anchor="middle">{place:,}</text>')
-    parts.append(f'<text x="{(LEFT + WIDTH - RIGHT) / 2}" y="{HEIGHT - 8}" text-anchor="middle">{escape(across)}</text>')
-    parts.append(f'<text transform="translate(14 {(TOP + HEIGHT - BOTTOM) / 2}) rotate(-90)" text-anchor="middle">{escape(up)}</text>')
+        parts.append(
+            f'<text x="{x(place):.1f}" y="{HEIGHT - BOTTOM + 18}" '
+            f'text-anchor="middle">{place:,}</text>'
+        )
+    parts.append(
+        f'<text x="{(LEFT + WIDTH - RIGHT) / 2}" y="{HEIGHT - 8}" '
+        f'text-anchor="middle">{escape(across)}</text>'
+    )
+    parts.append(
+        f'<text transform="translate(14 {(TOP + HEIGHT - BOTTOM) / 2}) rotate(-90)" '
+        f'text-anchor="middle">{escape(up)}</text>'
+    )
     for number, (name, curve) in enumerate(curves.items()):
         colour, height = COLOURS[number % len(COLOURS)], TOP + 14 + 20 * number
-        points = " ".join(f"{x(place):.1f},{y(value):.1f}" for place, value in sorted(curve.items()))
-        parts.append(f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="2.5"/>')
-        parts.append(f'<path d="M{WIDTH - RIGHT + 14} {height - 4}h18" stroke="{colour}" stroke-width="2.5"/>')
+        points = " ".join(
+            f"{x(place):.1f},{y(value):.1f}" for place, value in sorted(curve.items())
+        )
+        parts.append(
+            f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="2.5"/>'
+        )
+        parts.append(
+            f'<path d="M{WIDTH - RIGHT + 14} {height - 4}h18" stroke="{colour}" '
+            'stroke-width="2.5"/>'
+        )
         parts.append(f'<text x="{WIDTH - RIGHT + 38}" y="{height}">{escape(name)}</text>')
     return "\n".join([*parts, "</svg>\n"])
 

@@ -1,4 +1,6 @@
-"""crazyflow's side of `simulator.py`, for a Python that has crazyflow: the same requests and answers as `maidenflight_speed.py`."""
+"""crazyflow's side of `simulator.py`, for a Python that has crazyflow: the same requests and
+answers as `maidenflight_speed.py`.
+"""
 
 # pyright: reportMissingImports=false
 import os
@@ -28,16 +30,28 @@ def simulation(series: str, batch: int, devices: int = 1) -> Any:
     """Rotor velocities or body rates commanded, first principles, Euler, 500 Hz, float32."""
     control = {"motor": Control.rotor_vel, "rate": Control.body_rate}[series]
     mesh = world_mesh(jax.devices()[:devices]) if devices > 1 else None
-    sim = Sim(n_worlds=batch, control=control, dynamics=Dynamics.first_principles, integrator=Integrator.euler, freq=500, mesh=mesh)
+    sim = Sim(
+        n_worlds=batch,
+        control=control,
+        dynamics=Dynamics.first_principles,
+        integrator=Integrator.euler,
+        freq=500,
+        mesh=mesh,
+    )
     if series == "motor":
         sim.rotor_vel_control(np.full((batch, 1, 4), 15000.0, np.float32))
     else:
-        sim.body_rate_control(np.broadcast_to(np.array([0.0, 0.0, 0.0, 0.3], np.float32), (batch, 1, 4)))
+        sim.body_rate_control(
+            np.broadcast_to(np.array([0.0, 0.0, 0.0, 0.3], np.float32), (batch, 1, 4))
+        )
     return sim
 
 
 def prepare(series: str, batch: int, layout: str) -> Prepared | None:
-    """A call that simulates, and the physics steps that it counts for; nothing where the layout does not fit the batch."""
+    """A call that simulates, and the physics steps that it counts for.
+
+    Nothing where the layout does not fit the batch.
+    """
     if batch % LAYOUTS[layout]:
         return None
     sim, turns = simulation(series, batch, LAYOUTS[layout]), max(min(2**20 // batch, 1024), 64)
@@ -57,7 +71,10 @@ def first() -> None:
 
 
 def memory() -> None:
-    """Peak memory [MB] of a process that steps 1,000 worlds; crazyflow has no noise, reward or randomization here."""
+    """Peak memory [MB] of a process that steps 1,000 worlds.
+
+    Crazyflow has no noise, reward or randomization here.
+    """
     sim = simulation("rate", 1000)
     sim.step(64)
     jax.block_until_ready(sim.data.states.pos)
@@ -65,7 +82,9 @@ def memory() -> None:
 
 
 def single() -> None:
-    """Steps a second of crazyflow's figure-eight environment with one drone, which resets itself."""
+    """Steps a second of crazyflow's figure-eight environment with one drone, which resets
+    itself.
+    """
     import crazyflow.envs  # noqa: F401  registers
     import gymnasium
 
@@ -82,4 +101,6 @@ def single() -> None:
 
 
 if __name__ == "__main__":
-    {"first": first, "memory": memory, "single": single}[sys.argv[1]]() if len(sys.argv) > 1 else serve(prepare)
+    {"first": first, "memory": memory, "single": single}[sys.argv[1]]() if len(
+        sys.argv
+    ) > 1 else serve(prepare)

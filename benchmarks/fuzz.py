@@ -1,9 +1,11 @@
 """Feeds damaged files to everything that reads files, and counts what comes of it.
 
-`python benchmarks/fuzz.py` reads 100,000 inputs and writes the table of docs/reliability.md; `--inputs 2000 --output none` is a look.
-A reader may accept a file or raise `InputError` with one short line. What counts against it: any other exception, a warning or a dead
-process (crash); an answer that takes longer than `LONGEST` (hang); and a file accepted that holds something else than before, or nothing
-that its documentation allows (silent acceptance). Input n of a reader is always the same: `--reader NAME --only n` reads it again.
+`python benchmarks/fuzz.py` reads 100,000 inputs and writes the table of docs/reliability.md;
+`--inputs 2000 --output none` is a look. A reader may accept a file or raise `InputError` with one
+short line. What counts against it: any other exception, a warning or a dead process (crash); an
+answer that takes longer than `LONGEST` (hang); and a file accepted that holds something else than
+before, or nothing that its documentation allows (silent acceptance). Input n of a reader is always
+the same: `--reader NAME --only n` reads it again.
 """
 
 import multiprocessing
@@ -40,7 +42,8 @@ from maidenflight.errors import InputError
 LONGEST = 5.0
 """Time that a reader may take [s]."""
 PATIENCE = 30.0
-"""Time after which a process that says nothing is ended [s]: it waits where no signal reaches it."""
+"""Time after which a process that says nothing is ended [s]: it waits where no signal reaches
+it."""
 LINE = 2000
 """Characters that an error may have."""
 SPECIAL = 0.03
@@ -62,10 +65,10 @@ class Counts:
     faults: dict[str, list[int]] = field(default_factory=dict)
     """Inputs, by what was wrong."""
 
-    def add(self, number: int, outcome: str, fault: str, seconds: float) -> None:
+    def add(self, number: int, step_result: str, fault: str, seconds: float) -> None:
         """Counts one input."""
         self.inputs += 1
-        setattr(self, outcome, getattr(self, outcome) + 1)
+        setattr(self, step_result, getattr(self, step_result) + 1)
         self.slowest = max(self.slowest, seconds)
         if fault:
             self.faults.setdefault(fault, []).append(number)
@@ -114,7 +117,13 @@ def put(path: Path, good: Good, damaged: Damaged) -> None:
         beside.write_bytes(good.content)
         path.symlink_to(beside)
     else:
-        path.symlink_to({"link to itself": path, "link to nothing": path / "nothing", "link to a device": "/dev/zero"}[damaged.what])
+        path.symlink_to(
+            {
+                "link to itself": path,
+                "link to nothing": path / "nothing",
+                "link to a device": "/dev/zero",
+            }[damaged.what]
+        )
 
 
 def removed(path: Path) -> None:
@@ -129,7 +138,8 @@ def removed(path: Path) -> None:
 def tried(reader: Reader, number: int, seed: int, folder: Path) -> tuple[str, str, float]:
     """Reads one input: what came of it, what was wrong, and how long it took [s].
 
-    `folder` holds what the reader needs beside its file; the file that the input took the place of is put back.
+    `folder` holds what the reader needs beside its file; the file that the input took the place of
+    is put back.
     """
     good, damaged = drawn(reader, seed, number)
     path = folder / good.place
@@ -140,31 +150,48 @@ def tried(reader: Reader, number: int, seed: int, folder: Path) -> tuple[str, st
         with warnings.catch_warnings(), at_most(LONGEST):
             warnings.simplefilter("error")
             value = reader.read(folder, path)
-        outcome, fault = "accepted", ""
+        step_result, fault = "accepted", ""
     except InputError as error:
-        outcome, fault = "refused", unreadable(str(error))
-        outcome = "crashes" if fault else outcome
+        step_result, fault = "refused", unreadable(str(error))
+        step_result = "crashes" if fault else step_result
     except Late:
-        outcome, fault = "hangs", f"longer than {LONGEST:g} s"
+        step_result, fault = "hangs", f"longer than {LONGEST:g} s"
     except (KeyboardInterrupt, SystemExit):
         raise
     except BaseException as error:  # polars' panics are no exceptions to Python
-        outcome, fault = "crashes", f"{type(error).__name__} at {_place(error)}: {str(error)[:80]!r}"
+        step_result, fault = (
+            "crashes",
+            f"{type(error).__name__} at {_place(error)}: {str(error)[:80]!r}",
+        )
     seconds = time.perf_counter() - began
-    if outcome == "accepted":
+    if step_result == "accepted":
         verdict = ANY if reader.lenient else damaged.verdict
-        before = _good(reader, good.place, reader.good.index(good)) if verdict in (SAME, PREFIX, TOLD) else None
+        before = (
+            _good(reader, good.place, reader.good.index(good))
+            if verdict in (SAME, PREFIX, TOLD)
+            else None
+        )
         fault = reader.unsound(value) or misread(reader, before, value, verdict)
-        outcome = "silent" if fault else outcome
+        step_result = "silent" if fault else step_result
     removed(path)
     if good.place in reader.around:
         path.write_bytes(reader.around[good.place])
-    return outcome, f"{fault} ({damaged.what.split(':')[0].split(' at ')[0]})" if fault else "", seconds
+    return (
+        step_result,
+        f"{fault} ({damaged.what.split(':')[0].split(' at ')[0]})" if fault else "",
+        seconds,
+    )
 
 
 def unreadable(said: str) -> str:
     """What is wrong with an error's words."""
-    return "an error of several lines" if "\n" in said else "an error that is too long" if len(said) > LINE else ""
+    return (
+        "an error of several lines"
+        if "\n" in said
+        else "an error that is too long"
+        if len(said) > LINE
+        else ""
+    )
 
 
 def misread(reader: Reader, before: Any, value: Any, verdict: str) -> str:
@@ -174,11 +201,21 @@ def misread(reader: Reader, before: Any, value: Any, verdict: str) -> str:
     if before is None:
         return ""
     old, new = reader.told(before), reader.told(value)
-    if verdict == SAME and not (len(old) == len(new) and all(_equal(one, other) for one, other in zip(old, new, strict=True))):
+    if verdict == SAME and not (
+        len(old) == len(new)
+        and all(_equal(one, other) for one, other in zip(old, new, strict=True))
+    ):
         return "other than before"
-    if verdict == PREFIX and not all(_begins(one, other) for one, other in zip(old[3:4], new[3:4], strict=True)):
+    if verdict == PREFIX and not all(
+        _begins(one, other) for one, other in zip(old[3:4], new[3:4], strict=True)
+    ):
         return "no beginning of what was before"
-    if verdict == TOLD and new and len(new[0]) < len(old[0]) and len(reader.notes(value)) <= len(reader.notes(before)):
+    if (
+        verdict == TOLD
+        and new
+        and len(new[0]) < len(old[0])
+        and len(reader.notes(value)) <= len(reader.notes(before))
+    ):
         return "rows lost without a word"
     return ""
 
@@ -192,7 +229,11 @@ def _begins(whole: np.ndarray, part: np.ndarray) -> bool:
 
 
 def _place(error: BaseException) -> str:
-    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if "maidenflight" in frame.filename]
+    frames = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if "maidenflight" in frame.filename
+    ]
     return f"{Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else "?"
 
 
@@ -235,7 +276,9 @@ def _worker(name: str, numbers: range, seed: int, answers: Connection) -> None:
         for number in numbers:
             answer = tried(reader, number, seed, folder)
             # A machine that is busy may be slow; a reader that waits does so again.
-            answers.send((number, *(tried(reader, number, seed, folder) if answer[0] == "hangs" else answer)))
+            answers.send(
+                (number, *(tried(reader, number, seed, folder) if answer[0] == "hangs" else answer))
+            )
 
 
 def counted(reader: Reader, inputs: int, seed: int) -> Counts:
@@ -244,7 +287,9 @@ def counted(reader: Reader, inputs: int, seed: int) -> Counts:
     context = multiprocessing.get_context("spawn")
     while counts.inputs < inputs:
         ours, theirs = context.Pipe(duplex=False)
-        process = context.Process(target=_worker, args=(reader.name, range(counts.inputs, inputs), seed, theirs))
+        process = context.Process(
+            target=_worker, args=(reader.name, range(counts.inputs, inputs), seed, theirs)
+        )
         process.start()
         theirs.close()
         try:
@@ -268,11 +313,24 @@ def counted(reader: Reader, inputs: int, seed: int) -> Counts:
 def table(found: dict[str, Counts]) -> str:
     """The table of the page."""
     total = Counts()
-    titles = ("reader", "inputs", "accepted", "refused", "crashes", "hangs", "silent acceptances", "slowest [ms]")
+    titles = (
+        "reader",
+        "inputs",
+        "accepted",
+        "refused",
+        "crashes",
+        "hangs",
+        "silent acceptances",
+        "slowest [ms]",
+    )
     lines = [f"| {' | '.join(titles)} |", "|" + "---|" * len(titles)]
     for name, one in [*found.items(), ("**all**", total)]:
         numbers = (one.inputs, one.accepted, one.refused, one.crashes, one.hangs, one.silent)
-        lines.append(f"| {name} | " + " | ".join(f"{number:,}" for number in numbers) + f" | {1000 * one.slowest:.0f} |")
+        lines.append(
+            f"| {name} | "
+            + " | ".join(f"{number:,}" for number in numbers)
+            + f" | {1000 * one.slowest:.0f} |"
+        )
         for part in ("inputs", "accepted", "refused", "crashes", "hangs", "silent"):
             setattr(total, part, getattr(total, part) + getattr(one, part))
         total.slowest = max(total.slowest, one.slowest)
@@ -284,22 +342,40 @@ def table(found: dict[str, Counts]) -> str:
 @click.option("--seed", default=0, show_default=True)
 @click.option("--reader", "wanted", help="One reader alone, by a part of its name.")
 @click.option("--only", type=int, help="One input alone, by its number.")
-@click.option("--output", default="docs/reliability.md", show_default=True, help="Page to write; none for a look.")
+@click.option(
+    "--output",
+    default="docs/reliability.md",
+    show_default=True,
+    help="Page to write; none for a look.",
+)
 def main(inputs: int, seed: int, wanted: str | None, only: int | None, output: str) -> None:
     """Reads and counts."""
-    chosen = [reader for reader in known_readers().values() if wanted is None or wanted in reader.name]
+    chosen = [
+        reader for reader in known_readers().values() if wanted is None or wanted in reader.name
+    ]
     if only is not None:
         good, damaged = drawn(chosen[0], seed, only)
         shutil.rmtree("/tmp/fuzzed", ignore_errors=True)
         put(Path("/tmp/fuzzed") / good.place, good, damaged)
         with laid(chosen[0]) as folder:
-            print(damaged.what, damaged.verdict, f"/tmp/fuzzed/{good.place}", tried(chosen[0], only, seed, folder))
+            print(
+                damaged.what,
+                damaged.verdict,
+                f"/tmp/fuzzed/{good.place}",
+                tried(chosen[0], only, seed, folder),
+            )
         return
     whole, found, faults = sum(reader.weight for reader in chosen), {}, Counter[str]()
     for reader in chosen:
-        counts = found[reader.name] = counted(reader, max(1, round(inputs * reader.weight / whole)), seed)
+        counts = found[reader.name] = counted(
+            reader, max(1, round(inputs * reader.weight / whole)), seed
+        )
         bad = counts.crashes + counts.hangs + counts.silent
-        print(f"{reader.name}: {counts.inputs} inputs, {counts.accepted} accepted, {counts.refused} refused, {bad} at fault", flush=True)
+        print(
+            f"{reader.name}: {counts.inputs} inputs, {counts.accepted} accepted, {counts.refused} "
+            f"refused, {bad} at fault",
+            flush=True,
+        )
         for fault, numbers in sorted(counts.faults.items(), key=lambda entry: -len(entry[1])):
             print(f"    {len(numbers)} x {fault}, such as {numbers[:3]}", flush=True)
             faults[fault] += len(numbers)

@@ -1,8 +1,10 @@
-"""Damage to files, drawn at random but seeded: to their bytes, to cells and columns of tables, to values and keys of JSON and TOML.
+"""Damage to files, drawn at random but seeded: to their bytes, to cells and columns of tables, to
+values and keys of JSON and TOML.
 
-Each piece of damage says what a reader may make of it: refuse it (`REFUSED`), take it for what was there before (`SAME`), for a beginning
-of that (`PREFIX`), for no fewer rows than before unless a note tells (`TOLD`), or for anything that is sound in itself (`ANY`). A reader
-may refuse whatever is damaged.
+Each piece of damage says what a reader may make of it: refuse it (`REFUSED`), take it for what was
+there before (`SAME`), for a beginning of that (`PREFIX`), for no fewer rows than before unless a
+note tells (`TOLD`), or for anything that is sound in itself (`ANY`). A reader may refuse whatever
+is damaged.
 """
 
 import json
@@ -35,7 +37,14 @@ class Kind(NamedTuple):
     """Verdict on other bytes in places; `SAME` where a check sum guards all of it."""
 
 
-SPECIAL = ("folder", "pipe", "link to itself", "link to nothing", "link to a device", "link to the file")
+SPECIAL = (
+    "folder",
+    "pipe",
+    "link to itself",
+    "link to nothing",
+    "link to a device",
+    "link to the file",
+)
 """What may stand in a file's place."""
 
 
@@ -46,7 +55,10 @@ def special(generator: random.Random) -> Damaged:
 
 
 def of_bytes(generator: random.Random, good: bytes, other: bytes, kind: Kind) -> Damaged:
-    """The bytes of a good file, damaged; `other` is another good file, of which parts may come in."""
+    """The bytes of a good file, damaged.
+
+    `other` is another good file, of which parts may come in.
+    """
     where, length = generator.randrange(len(good)), generator.choice((1, 2, 7, 64, 999))
     before, after = good[:where], good[where:]
 
@@ -62,7 +74,10 @@ def of_bytes(generator: random.Random, good: bytes, other: bytes, kind: Kind) ->
 
     makes: dict[str, tuple[str, Callable[[], bytes]]] = {
         "bits flipped": (kind.flipped, flipped),
-        "bytes overwritten": (kind.flipped, lambda: before + generator.randbytes(min(length, len(after))) + after[length:]),
+        "bytes overwritten": (
+            kind.flipped,
+            lambda: before + generator.randbytes(min(length, len(after))) + after[length:],
+        ),
         "bytes put in": (kind.flipped, lambda: before + generator.randbytes(length) + after),
         "bytes lost": (kind.flipped, lambda: before + after[length:]),
         "a part repeated": (kind.flipped, lambda: before + after[:length] + after),
@@ -71,9 +86,15 @@ def of_bytes(generator: random.Random, good: bytes, other: bytes, kind: Kind) ->
         "zeros": (kind.flipped, lambda: before + bytes(length) + after[length:]),
         "a tail of zeros": (kind.flipped, lambda: good + bytes(length)),
         "noise": (REFUSED, lambda: generator.randbytes(length)),
-        "empty": (REFUSED, lambda: generator.choice((b"", b"\n", b"\n\n\n", b" ", b"\xef\xbb\xbf", b"\x00"))),
+        "empty": (
+            REFUSED,
+            lambda: generator.choice((b"", b"\n", b"\n\n\n", b" ", b"\xef\xbb\xbf", b"\x00")),
+        ),
         "cut": (kind.truncated, lambda: before),
-        "the end cut": (kind.truncated, lambda: good[: -min(generator.randint(2, 80), len(good) - 1)]),
+        "the end cut": (
+            kind.truncated,
+            lambda: good[: -min(generator.randint(2, 80), len(good) - 1)],
+        ),
     }
     what = generator.choice([*makes, "bits flipped", "cut", "the end cut"])
     verdict, make = makes[what]
@@ -98,13 +119,50 @@ def of_encoding(generator: random.Random, good: bytes) -> Damaged:
 
 
 CELLS = (
-    *("nan", "NaN", "inf", "-inf", "1e400", "-1e400", "1e39", "-1", "0", "1e-320", "", " ", "abc", "true", "null", "None", "0x10", "1_0"),
-    *("1" * 400, "9" * 5000, "a" * 20_000, "1,2", '"', '"1"', "'", "#", "\x00", "\uff11", "2024-05-01", "1.5.2", "--1", "\r", "\u2028"),
+    *(
+        "nan",
+        "NaN",
+        "inf",
+        "-inf",
+        "1e400",
+        "-1e400",
+        "1e39",
+        "-1",
+        "0",
+        "1e-320",
+        "",
+        " ",
+        "abc",
+        "true",
+        "null",
+        "None",
+        "0x10",
+        "1_0",
+    ),
+    *(
+        "1" * 400,
+        "9" * 5000,
+        "a" * 20_000,
+        "1,2",
+        '"',
+        '"1"',
+        "'",
+        "#",
+        "\x00",
+        "\uff11",
+        "2024-05-01",
+        "1.5.2",
+        "--1",
+        "\r",
+        "\u2028",
+    ),
 )
 """What may stand in a cell instead of a number."""
 
 
-def of_table(generator: random.Random, good: bytes, needed: Sequence[str], shown: Sequence[str] = ()) -> Damaged:
+def of_table(
+    generator: random.Random, good: bytes, needed: Sequence[str], shown: Sequence[str] = ()
+) -> Damaged:
     """A CSV with comment lines above its header, damaged in cells, columns or rows.
 
     Args:
@@ -115,10 +173,19 @@ def of_table(generator: random.Random, good: bytes, needed: Sequence[str], shown
     """
     lines = good.decode().rstrip("\n").split("\n")
     first = next(number for number, line in enumerate(lines) if not line.startswith("#"))
-    comments, names, rows = lines[:first], lines[first].split(","), [line.split(",") for line in lines[first + 1 :]]
-    column = generator.choice([number for number, name in enumerate(names) if not needed or name in needed])
+    comments, names, rows = (
+        lines[:first],
+        lines[first].split(","),
+        [line.split(",") for line in lines[first + 1 :]],
+    )
+    column = generator.choice(
+        [number for number, name in enumerate(names) if not needed or name in needed]
+    )
     other, row = generator.randrange(len(names)), generator.randrange(len(rows))
-    odd, factor = generator.choice(CELLS), generator.choice((-1.0, 0.0, 1e-3, 57.3, 1000.0, 65535.0, 1e30, 1e300))
+    odd, factor = (
+        generator.choice(CELLS),
+        generator.choice((-1.0, 0.0, 1e-3, 57.3, 1000.0, 65535.0, 1e30, 1e300)),
+    )
 
     def scaled(cells: list[str]) -> list[str]:
         try:
@@ -140,32 +207,94 @@ def of_table(generator: random.Random, good: bytes, needed: Sequence[str], shown
     few = generator.sample(range(len(rows)), min(len(rows), generator.choice((1, 3, 20))))
     joined = "\n".join
     ops: dict[str, tuple[str, Callable[[], tuple[list[str], list[str], list[list[str]]]]]] = {
-        "a cell": (TOLD, lambda: (comments, names, [put(cells) if number == row else cells for number, cells in enumerate(rows)])),
-        "some cells": (TOLD, lambda: (comments, names, [put(cells) if number in few else cells for number, cells in enumerate(rows)])),
+        "a cell": (
+            TOLD,
+            lambda: (
+                comments,
+                names,
+                [put(cells) if number == row else cells for number, cells in enumerate(rows)],
+            ),
+        ),
+        "some cells": (
+            TOLD,
+            lambda: (
+                comments,
+                names,
+                [put(cells) if number in few else cells for number, cells in enumerate(rows)],
+            ),
+        ),
         "a column": (ANY, lambda: (comments, names, [put(cells) for cells in rows])),
         "a column scaled": (ANY, lambda: (comments, names, [scaled(cells) for cells in rows])),
-        "a column missing": (lost, lambda: (comments, without(names), [without(cells) for cells in rows])),
-        "a column renamed": (lost, lambda: (comments, [*names[:column], names[column] + "_", *names[column + 1 :]], rows)),
+        "a column missing": (
+            lost,
+            lambda: (comments, without(names), [without(cells) for cells in rows]),
+        ),
+        "a column renamed": (
+            lost,
+            lambda: (comments, [*names[:column], names[column] + "_", *names[column + 1 :]], rows),
+        ),
         "a column twice": (
             REFUSED if names[column] in (needed or shown) else ANY,
             lambda: (comments, [*names, names[column]], [[*cells, "1"] for cells in rows]),
         ),
         "names of columns swapped": (ANY, lambda: (comments, swapped(list(names)), rows)),
-        "columns and their names swapped": (SAME, lambda: (comments, swapped(list(names)), [swapped(list(cells)) for cells in rows])),
-        "rows lost": (ANY, lambda: (comments, names, [cells for number, cells in enumerate(rows) if number not in few] or rows)),
+        "columns and their names swapped": (
+            SAME,
+            lambda: (comments, swapped(list(names)), [swapped(list(cells)) for cells in rows]),
+        ),
+        "rows lost": (
+            ANY,
+            lambda: (
+                comments,
+                names,
+                [cells for number, cells in enumerate(rows) if number not in few] or rows,
+            ),
+        ),
         "all rows lost": (REFUSED, lambda: (comments, names, [])),
-        "rows repeated": (ANY, lambda: (comments, names, [cells for number, cells in enumerate(rows) for _ in range(1 + (number in few))])),
+        "rows repeated": (
+            ANY,
+            lambda: (
+                comments,
+                names,
+                [cells for number, cells in enumerate(rows) for _ in range(1 + (number in few))],
+            ),
+        ),
         "rows turned": (ANY, lambda: (comments, names, rows[:row] + rows[row:][::-1])),
-        "a row cut": (ANY, lambda: (comments, names, [cells[:column] if number == row else cells for number, cells in enumerate(rows)])),
-        "a cell too many": (REFUSED, lambda: (comments, names, [*rows[:row], [*rows[row], "1"], *rows[row + 1 :]])),
+        "a row cut": (
+            ANY,
+            lambda: (
+                comments,
+                names,
+                [cells[:column] if number == row else cells for number, cells in enumerate(rows)],
+            ),
+        ),
+        "a cell too many": (
+            REFUSED,
+            lambda: (comments, names, [*rows[:row], [*rows[row], "1"], *rows[row + 1 :]]),
+        ),
         "the header again": (REFUSED, lambda: (comments, names, [*rows[:row], names, *rows[row:]])),
         "no header": (REFUSED, lambda: (comments, rows[0], rows[1:] or rows)),
         "a comment lost": (ANY, lambda: (comments[1:], names, rows)),
-        "a comment too many": (ANY, lambda: (["# " + odd.replace("\r", ""), *comments], names, rows)),
-        "another's comments": (ANY, lambda: ([comment[: generator.randint(1, 60)] for comment in comments], names, rows)),
-        "semicolons": (REFUSED, lambda: (comments, [";".join(names)], [[";".join(cells)] for cells in rows])),
-        "spaces": (TOLD, lambda: (comments, names, [[f" {cell} " for cell in cells] for cells in rows])),
-        "quotation marks": (TOLD, lambda: (comments, names, [[f'"{cell}"' for cell in cells] for cells in rows])),
+        "a comment too many": (
+            ANY,
+            lambda: (["# " + odd.replace("\r", ""), *comments], names, rows),
+        ),
+        "another's comments": (
+            ANY,
+            lambda: ([comment[: generator.randint(1, 60)] for comment in comments], names, rows),
+        ),
+        "semicolons": (
+            REFUSED,
+            lambda: (comments, [";".join(names)], [[";".join(cells)] for cells in rows]),
+        ),
+        "spaces": (
+            TOLD,
+            lambda: (comments, names, [[f" {cell} " for cell in cells] for cells in rows]),
+        ),
+        "quotation marks": (
+            TOLD,
+            lambda: (comments, names, [[f'"{cell}"' for cell in cells] for cells in rows]),
+        ),
     }
     what = generator.choice([*ops, "a cell", "a cell", "some cells"])
     verdict, make = ops[what]
@@ -176,15 +305,56 @@ def of_table(generator: random.Random, good: bytes, needed: Sequence[str], shown
 
 _RAW = "@raw@"
 LEAVES: tuple[Any, ...] = (
-    *(f"{_RAW}{token}" for token in ("NaN", "Infinity", "-Infinity", "1e400", "1" * 5000, "[" * 3000 + "]" * 3000)),
-    *(None, True, False, "", "text", "0.5", "a" * 100_000, "\u0000", "a\nb", [], {}, [[]], [1.0, [2.0]], {"a": 1}, 10**30),
+    *(
+        f"{_RAW}{token}"
+        for token in ("NaN", "Infinity", "-Infinity", "1e400", "1" * 5000, "[" * 3000 + "]" * 3000)
+    ),
+    *(
+        None,
+        True,
+        False,
+        "",
+        "text",
+        "0.5",
+        "a" * 100_000,
+        "\u0000",
+        "a\nb",
+        [],
+        {},
+        [[]],
+        [1.0, [2.0]],
+        {"a": 1},
+        10**30,
+    ),
 )
 """What can never stand for a number that is needed."""
-NUMBERS: tuple[Any, ...] = (-1, 0, 1, -0.0, 2**31, 2**63, 1e-320, 1e-30, 1e38, 1e39, 1e300, -1e300, 0.5, 2.5, 1000, 1001)
+NUMBERS: tuple[Any, ...] = (
+    -1,
+    0,
+    1,
+    -0.0,
+    2**31,
+    2**63,
+    1e-320,
+    1e-30,
+    1e38,
+    1e39,
+    1e300,
+    -1e300,
+    0.5,
+    2.5,
+    1000,
+    1001,
+)
 """Numbers, which may or may not make sense."""
 
 
-def of_tree(generator: random.Random, good: dict[str, Any], needed: Callable[[tuple[Any, ...]], bool], language: str) -> Damaged:
+def of_tree(
+    generator: random.Random,
+    good: dict[str, Any],
+    needed: Callable[[tuple[Any, ...]], bool],
+    language: str,
+) -> Damaged:
     """A tree of tables, lists and values, damaged in one place and written as JSON or TOML.
 
     Args:
@@ -233,7 +403,9 @@ def of_tree(generator: random.Random, good: dict[str, Any], needed: Callable[[tu
         return ANY
 
     makes: dict[str, Callable[[], str]] = {
-        "a value of another type": lambda: replaced(generator.choice(LEAVES), wanted if number else ANY),
+        "a value of another type": lambda: replaced(
+            generator.choice(LEAVES), wanted if number else ANY
+        ),
         "another number": lambda: replaced(generator.choice(NUMBERS), ANY),
         "a value in a list": lambda: replaced([old], wanted),
         "a key missing": removed,
@@ -244,7 +416,11 @@ def of_tree(generator: random.Random, good: dict[str, Any], needed: Callable[[tu
     }
     what = generator.choice([*makes, "a value of another type", "another number"])
     verdict = makes[what]()
-    return Damaged(_written(tree, language).encode("utf-8", "surrogatepass"), f"{what} at {'.'.join(map(str, path))[:40]}", verdict)
+    return Damaged(
+        _written(tree, language).encode("utf-8", "surrogatepass"),
+        f"{what} at {'.'.join(map(str, path))[:40]}",
+        verdict,
+    )
 
 
 def _somewhere(generator: random.Random, tree: Any) -> tuple[Any, ...]:
@@ -267,7 +443,11 @@ def _written(tree: Any, language: str) -> str:
         text = json.dumps(tree)
     else:
         text = tomlkit.dumps(_without_none(tree))
-        text = text.replace(f"{_RAW}NaN", f"{_RAW}nan").replace(f"{_RAW}Infinity", f"{_RAW}inf").replace(f"{_RAW}-Infinity", f"{_RAW}-inf")
+        text = (
+            text.replace(f"{_RAW}NaN", f"{_RAW}nan")
+            .replace(f"{_RAW}Infinity", f"{_RAW}inf")
+            .replace(f"{_RAW}-Infinity", f"{_RAW}-inf")
+        )
     return _unquoted(text).replace("@twice@", "")
 
 
@@ -275,7 +455,13 @@ def _without_none(tree: Any) -> Any:
     """TOML has no null; an empty table comes nearest."""
     if isinstance(tree, dict):
         return {name: _without_none(value) for name, value in tree.items()}
-    return [_without_none(value) for value in tree] if isinstance(tree, list) else {} if tree is None else tree
+    return (
+        [_without_none(value) for value in tree]
+        if isinstance(tree, list)
+        else {}
+        if tree is None
+        else tree
+    )
 
 
 def _unquoted(text: str) -> str:

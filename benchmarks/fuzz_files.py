@@ -1,4 +1,6 @@
-"""Readers of single files, for the fuzzer: drones, policies, settings, way-points, a real flight's rows, checkpoints and records."""
+"""Readers of single files, for the fuzzer: drones, policies, settings, way-points, a real flight's
+rows, checkpoints and records.
+"""
 
 import io
 import json
@@ -38,8 +40,15 @@ def drone(**extra: Any) -> bytes:
     return parameters.to_toml(parameters.crazyflie(), "made", extra).encode()
 
 
-ESTIMATES = {"kind": "replay", "latency": {"value": 0.018, "interval": [0.01, 0.02]}, "mass": {"value": 0.028, "interval": [0.02, 0.03]}}
-POSTERIOR = {"names": ["latency", "torque_bias_x"], "draws": [[0.018, 1e-5], [0.019, 0.0], [0.017, 2e-5]]}
+ESTIMATES = {
+    "kind": "replay",
+    "latency": {"value": 0.018, "interval": [0.01, 0.02]},
+    "mass": {"value": 0.028, "interval": [0.02, 0.03]},
+}
+POSTERIOR = {
+    "names": ["latency", "torque_bias_x"],
+    "draws": [[0.018, 1e-5], [0.019, 0.0], [0.017, 2e-5]],
+}
 RECORD = {"version": "0.1.0", "seed": 3, "settings": {"drone": "crazyflie"}}
 _TABLES = {quantity.table for quantity in QUANTITIES.values()}
 
@@ -52,8 +61,15 @@ def unsound_drone(read: Parameters) -> str:
     """Bounds and shapes, without `parameters.check`."""
     for name, quantity in QUANTITIES.items():
         value = np.asarray(getattr(read, name))
-        within = np.isfinite(value) & (value >= np.float32(quantity.lower)) & (value <= np.float32(quantity.upper))
-        if value.shape[-1:] != ((3,) if quantity.size == 3 else value.shape[-1:]) or not within.all():
+        within = (
+            np.isfinite(value)
+            & (value >= np.float32(quantity.lower))
+            & (value <= np.float32(quantity.upper))
+        )
+        if (
+            value.shape[-1:] != ((3,) if quantity.size == 3 else value.shape[-1:])
+            or not within.all()
+        ):
             return f"{name} = {value}"
     return ""
 
@@ -62,21 +78,39 @@ def small_policy(control: str = "pwm", history: int = 1) -> policies.Policy:
     """A policy with few numbers."""
     made = policies.untrained(jax.random.key(0), (3,), history)
     rate = {"pwm": 100, "attitude_rate": 50, "attitude": 25}[control]
-    return type(made)(made.weights, made.biases, made.observation_mean, made.observation_deviation, control, rate, history)
+    return type(made)(
+        made.weights,
+        made.biases,
+        made.observation_mean,
+        made.observation_std,
+        control,
+        rate,
+        history,
+    )
 
 
 def policy_told(read: policies.Policy) -> list[np.ndarray]:
     words = np.array([read.control, str(read.rate), str(read.history)])
-    return [words, *map(np.asarray, (*read.weights, *read.biases, read.observation_mean, read.observation_deviation))]
+    return [
+        words,
+        *map(
+            np.asarray,
+            (*read.weights, *read.biases, read.observation_mean, read.observation_std),
+        ),
+    ]
 
 
 def unsound_policy(read: policies.Policy) -> str:
     arrays = policy_told(read)[1:]
     sizes = (20 * read.history, *(len(bias) for bias in read.biases))
     faults = {
-        "a number that is none": not all(np.isfinite(array).all() and array.dtype == np.float32 for array in arrays),
-        "shapes": [weight.shape for weight in read.weights] != list(zip(sizes[1:], sizes[:-1], strict=True)) or sizes[-1] != 4,
-        "a deviation": not (np.asarray(read.observation_deviation) > 0).all(),
+        "a number that is none": not all(
+            np.isfinite(array).all() and array.dtype == np.float32 for array in arrays
+        ),
+        "shapes": [weight.shape for weight in read.weights]
+        != list(zip(sizes[1:], sizes[:-1], strict=True))
+        or sizes[-1] != 4,
+        "a deviation": not (np.asarray(read.observation_std) > 0).all(),
         "a control structure": read.control not in policies.CONTROLS,
         "a rate": type(read.rate) is not int or not 1 <= read.rate <= 1000,
     }
@@ -108,13 +142,20 @@ def matrix_told(read: matrix.Matrix) -> list[np.ndarray]:
 
 
 def unsound_matrix(read: matrix.Matrix) -> str:
-    """Times that drones can have, counts that can be counted, and settings that training can use."""
+    """Times that drones can have, counts that can be counted, and settings that training can
+    use.
+    """
     lag, delay = QUANTITIES["motor_time_constant"], QUANTITIES["latency"]
     faults = {
-        "motor_time_constant": not all(lag.lower <= value <= lag.upper for value in read.motor_time_constant),
+        "motor_time_constant": not all(
+            lag.lower <= value <= lag.upper for value in read.motor_time_constant
+        ),
         "latency": not all(delay.lower <= value <= delay.upper for value in read.latency),
-        "a time twice": any(len(set(times)) < len(times) for times in (read.motor_time_constant, read.latency)),
-        "realities": not read.realities or not all(isinstance(name, str) for name in read.realities),
+        "a time twice": any(
+            len(set(times)) < len(times) for times in (read.motor_time_constant, read.latency)
+        ),
+        "realities": not read.realities
+        or not all(isinstance(name, str) for name in read.realities),
         "randomization": not 0 <= read.randomization <= 0.9,
         "policies": not 1 <= read.policies <= 1000,
         "trials": not 1 <= read.trials <= 1000,
@@ -123,7 +164,11 @@ def unsound_matrix(read: matrix.Matrix) -> str:
     }
     found = [fault for fault, there in faults.items() if there]
     for kind, settings in read.controls.items():
-        found += [f"{kind} {name} = {value}" for name, value in vars(settings).items() if not _sensible(value)]
+        found += [
+            f"{kind} {name} = {value}"
+            for name, value in vars(settings).items()
+            if not _sensible(value)
+        ]
     return found[0] if found else ""
 
 
@@ -152,7 +197,13 @@ def file_readers() -> list[Reader]:
         Reader(
             "drone, TOML with a posterior",
             1,
-            (Good("drone.toml", drone(posterior=POSTERIOR), tree_damaged(toml, _posterior_needs, "toml", Kind(ANY))),),
+            (
+                Good(
+                    "drone.toml",
+                    drone(posterior=POSTERIOR),
+                    tree_damaged(toml, _posterior_needs, "toml", Kind(ANY)),
+                ),
+            ),
             lambda _, path: workflow.possible_drones(path, workflow.POSTERIOR, 0),
             drone_told,
             unsound_drone,
@@ -160,7 +211,13 @@ def file_readers() -> list[Reader]:
         Reader(
             "policy, JSON",
             10,
-            (Good("policy.json", ours, tree_damaged(json.loads, lambda path: path[0] != "record", "json", whole)),),
+            (
+                Good(
+                    "policy.json",
+                    ours,
+                    tree_damaged(json.loads, lambda path: path[0] != "record", "json", whole),
+                ),
+            ),
             lambda _, path: (read_policy(path), policies.record(path))[0],
             policy_told,
             unsound_policy,
@@ -168,7 +225,13 @@ def file_readers() -> list[Reader]:
         Reader(
             "policy of the authors, JSON",
             8,
-            (Good("attitude_1.json", authors_file, tree_damaged(json.loads, lambda _: True, "json", whole)),),
+            (
+                Good(
+                    "attitude_1.json",
+                    authors_file,
+                    tree_damaged(json.loads, lambda _: True, "json", whole),
+                ),
+            ),
             lambda _, path: read_policy(path),
             policy_told,
             unsound_policy,
@@ -181,10 +244,39 @@ def file_readers() -> list[Reader]:
             matrix_told,
             unsound_matrix,
         ),
-        Reader("way-points, CSV", 4, (_waypoints(),), lambda _, path: read_waypoints(path), lambda read: [np.array(read)], _unsound_points),
-        Reader("rows of a real flight", 6, (_rows(),), lambda _, path: rows.to_flight(path), _rows_told, _unsound_rows),
-        Reader("checkpoint", 8, (_checkpoint(),), _restored, lambda read: [np.asarray(leaf) for leaf in read], lambda _: ""),
-        Reader("record in a table", 4, (_told(),), lambda _, path: results.told(path), lambda _: [], _unsound_record, lenient=True),
+        Reader(
+            "way-points, CSV",
+            4,
+            (_waypoints(),),
+            lambda _, path: read_waypoints(path),
+            lambda read: [np.array(read)],
+            _unsound_points,
+        ),
+        Reader(
+            "rows of a real flight",
+            6,
+            (_rows(),),
+            lambda _, path: rows.to_flight(path),
+            _rows_told,
+            _unsound_rows,
+        ),
+        Reader(
+            "checkpoint",
+            8,
+            (_checkpoint(),),
+            _restored,
+            lambda read: [np.asarray(leaf) for leaf in read],
+            lambda _: "",
+        ),
+        Reader(
+            "record in a table",
+            4,
+            (_told(),),
+            lambda _, path: results.told(path),
+            lambda _: [],
+            _unsound_record,
+            lenient=True,
+        ),
     ]
 
 
@@ -201,13 +293,20 @@ def _matrix_needs(path: tuple[Any, ...]) -> bool:
 
 
 def _waypoints() -> Good:
-    text = "time,x,y,z\n" + "".join(f"{0.5 * number},{0.1 * number:.3f},{0.05 * number:.3f},1.0\n" for number in range(12))
+    text = "time,x,y,z\n" + "".join(
+        f"{0.5 * number},{0.1 * number:.3f},{0.05 * number:.3f},1.0\n" for number in range(12)
+    )
     return Good("points.csv", text.encode(), table_damaged(("time", "x", "y", "z"), ANY))
 
 
 def _unsound_points(read: Any) -> str:
     table = np.array(read)
-    sound = table.ndim == 2 and table.shape[1] == 4 and np.isfinite(table).all() and (np.diff(table[:, 0]) > 0).all()
+    sound = (
+        table.ndim == 2
+        and table.shape[1] == 4
+        and np.isfinite(table).all()
+        and (np.diff(table[:, 0]) > 0).all()
+    )
     return "" if sound else "way-points"
 
 
@@ -217,10 +316,20 @@ def _rows() -> Good:
     for number in range(ROWS):
         state = [str(number % 97 + place) for place in range(9)] + ["0.0", "0.0", "0.0", "1.0"]
         motors = ["30000", "30001", "30002", "30003", "0.0", "0.0", "1.0", "30000.0", "3900", "31"]
-        lines.append(f"{5000 + 10 * number},{0.01 * number:.4f}," + ",".join([*state, *[""] * len(motors)]))
-        lines.append(f"{5000 + 10 * number},{0.01 * number:.4f}," + ",".join([*[""] * len(state), *motors]))
-    head = f'{rows.MARK}: made\n# simulated: no\n# record: {{"seed": 1}}\n' + ",".join(["timestamp", "received", *names])
-    return Good("flight_01.rows", (head + "\n" + "\n".join(lines) + "\n").encode(), table_damaged(("timestamp", *names), ANY))
+        lines.append(
+            f"{5000 + 10 * number},{0.01 * number:.4f}," + ",".join([*state, *[""] * len(motors)])
+        )
+        lines.append(
+            f"{5000 + 10 * number},{0.01 * number:.4f}," + ",".join([*[""] * len(state), *motors])
+        )
+    head = f'{rows.MARK}: made\n# simulated: no\n# record: {{"seed": 1}}\n' + ",".join(
+        ["timestamp", "received", *names]
+    )
+    return Good(
+        "flight_01.rows",
+        (head + "\n" + "\n".join(lines) + "\n").encode(),
+        table_damaged(("timestamp", *names), ANY),
+    )
 
 
 def _rows_told(read: Any) -> list[np.ndarray]:
@@ -232,7 +341,10 @@ def _unsound_rows(read: Any) -> str:
     arrays = _rows_told(read)
     if not isinstance(record, dict):
         return "a record"
-    if any(len(array) != len(flight) or np.isinf(array).any() for array in arrays) or len(flight) > 100_000:
+    if (
+        any(len(array) != len(flight) or np.isinf(array).any() for array in arrays)
+        or len(flight) > 100_000
+    ):
         return "rows"
     command = flight.command[np.isfinite(flight.command)]
     return "a command" if ((command < 0) | (command > 1)).any() else ""
@@ -252,7 +364,9 @@ def _fresh() -> State:
 def _checkpoint() -> Good:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "training.npz")
-        checkpoint.save(path, State(np.arange(20, dtype=np.float32).reshape(4, 5), np.int32(7)), "mine")
+        checkpoint.save(
+            path, State(np.arange(20, dtype=np.float32).reshape(4, 5), np.int32(7)), "mine"
+        )
         content = path.read_bytes()
     return Good("training.npz", content, _npz)
 
@@ -262,7 +376,14 @@ def _npz(generator: random.Random, good: bytes, other: bytes) -> Damaged:
         return damage.of_bytes(generator, good, other, Kind(REFUSED, SAME))
     arrays = dict(np.load(io.BytesIO(good)))
     name = generator.choice(list(arrays))
-    odd = (np.zeros(3), np.array("text"), np.array([None, {}], object), np.zeros((0, 5)), np.float64(1), np.array([b"\x00"]))
+    odd = (
+        np.zeros(3),
+        np.array("text"),
+        np.array([None, {}], object),
+        np.zeros((0, 5)),
+        np.float64(1),
+        np.array([b"\x00"]),
+    )
     if generator.random() < 0.5:
         arrays[name] = generator.choice(odd)
     else:

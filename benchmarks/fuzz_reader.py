@@ -51,7 +51,9 @@ def made(name: str) -> Any:
     return importlib.import_module(name)
 
 
-def table_damaged(needed: Sequence[str], truncated: str, shown: Sequence[str] = ()) -> Callable[[random.Random, bytes, bytes], Damaged]:
+def table_damaged(
+    needed: Sequence[str], truncated: str, shown: Sequence[str] = ()
+) -> Callable[[random.Random, bytes, bytes], Damaged]:
     """How a CSV is damaged."""
 
     def damaged(generator: random.Random, good: bytes, other: bytes) -> Damaged:
@@ -66,7 +68,10 @@ def table_damaged(needed: Sequence[str], truncated: str, shown: Sequence[str] = 
 
 
 def tree_damaged(
-    parse: Callable[[bytes], dict[str, Any]], needed: Callable[[tuple[Any, ...]], bool], language: str, kind: Kind
+    parse: Callable[[bytes], dict[str, Any]],
+    needed: Callable[[tuple[Any, ...]], bool],
+    language: str,
+    kind: Kind,
 ) -> Callable[[random.Random, bytes, bytes], Damaged]:
     """How a file of JSON or TOML is damaged."""
     known = cache(parse)

@@ -6,7 +6,16 @@ from pathlib import Path
 
 import numpy as np
 from fuzz_damage import ANY, REFUSED, Kind
-from fuzz_files import ESTIMATES, POSTERIOR, RECORD, drone, drone_needs, small_policy, toml, unsound_drone
+from fuzz_files import (
+    ESTIMATES,
+    POSTERIOR,
+    RECORD,
+    drone,
+    drone_needs,
+    small_policy,
+    toml,
+    unsound_drone,
+)
 from fuzz_reader import Good, Reader, made, table_damaged, tree_damaged
 
 import maidenflight.policy as policies
@@ -38,8 +47,24 @@ def run_readers() -> list[Reader]:
             damaged = tree_damaged(toml, drone_needs, "toml", Kind(ANY))
         good.append(Good(place, content, damaged))
     return [
-        Reader("run folder", 10, tuple(good), lambda folder, _: runs.read(folder), lambda _: [], unsound_run, around=around),
-        Reader("run folder, to its page", 3, tuple(good), _paged, lambda _: [], _unsound_page, around=around),
+        Reader(
+            "run folder",
+            10,
+            tuple(good),
+            lambda folder, _: runs.read(folder),
+            lambda _: [],
+            unsound_run,
+            around=around,
+        ),
+        Reader(
+            "run folder, to its page",
+            3,
+            tuple(good),
+            _paged,
+            lambda _: [],
+            _unsound_page,
+            around=around,
+        ),
     ]
 
 
@@ -55,7 +80,8 @@ def run_folder() -> dict[str, bytes]:
         "drone.toml": drone(identification=ESTIMATES, posterior=POSTERIOR, record=RECORD),
         "identification.csv": b"trial,motor_time_constant,latency,objective\n1,0.08,0.018,5.0\n1,0.09,0.017,6.0\n1,0.07,0.015,7.0\n",
         "validation.csv": f"# errors\n# record: {json.dumps(RECORD)}\n{tests.errors().write_csv()}".encode(),
-        "validation_windows.csv": f"# windows\n# record: {json.dumps(RECORD)}\n{tests.windows().write_csv()}".encode(),
+        "validation_windows.csv": "# windows\n# record: "
+        f"{json.dumps(RECORD)}\n{tests.windows().write_csv()}".encode(),
         "policies/policy_1.json": policies.to_json(small_policy(), RECORD).encode(),
         "policies/training.csv": b"steps,policy,episode_return,survival,position_error\n1000,1,-9.0,0.5,0.1\n2000,1,-5.0,1.0,0.02\n",
         "demo.json": b'{"seed": 7, "stages": {"record": 1.5, "train": 3.0}}',
@@ -63,26 +89,43 @@ def run_folder() -> dict[str, bytes]:
     }
     table = tests.flown().table.head(2)
     around["transfer/flights.csv"] = table.write_csv().encode()
-    return around | {f"transfer/flight_{number:02d}.csv": log.to_csv(tests.circling(0.4), RECORD).encode() for number in (1, 2)}
+    return around | {
+        f"transfer/flight_{number:02d}.csv": log.to_csv(tests.circling(0.4), RECORD).encode()
+        for number in (1, 2)
+    }
 
 
 def unsound_run(read: runs.Run) -> str:
     """What the page is drawn from must be numbers where numbers are promised."""
     drones = [found for found in (read.reality, read.drone) if found is not None]
     wrong = next(filter(None, map(unsound_drone, drones)), "")
-    numbers = [entry for estimate in read.estimates.values() for entry in (estimate.value, *estimate.interval)]
+    numbers = [
+        entry
+        for estimate in read.estimates.values()
+        for entry in (estimate.value, *estimate.interval)
+    ]
     faults = {
-        "estimates": not np.isfinite(numbers).all() or any(one.interval[0] > one.interval[1] for one in read.estimates.values()),
+        "estimates": not np.isfinite(numbers).all()
+        or any(one.interval[0] > one.interval[1] for one in read.estimates.values()),
         "posterior": not all(np.isfinite(draws).all() for draws in read.posterior.values()),
         "objective": read.objective not in ("replay", "likelihood"),
         "a period": not all(0 < flight.period < 1 for flight in (*read.recorded, *read.flights)),
-        "seconds": not all(np.isfinite(seconds) and seconds >= 0 for seconds in read.seconds.values()),
-        "durations": read.table is not None and not (read.table["duration"].is_finite() & (read.table["duration"] >= 0)).all(),
-        "nothing where something was": read.table is None or read.drone is None or not read.policies,
+        "seconds": not all(
+            np.isfinite(seconds) and seconds >= 0 for seconds in read.seconds.values()
+        ),
+        "durations": read.table is not None
+        and not (read.table["duration"].is_finite() & (read.table["duration"] >= 0)).all(),
+        "nothing where something was": read.table is None
+        or read.drone is None
+        or not read.policies,
     }
     return wrong or next((fault for fault, there in faults.items() if there), "")
 
 
 def _unsound_page(text: str) -> str:
     pictures = "".join(re.findall(r"<svg.*?</svg>", text, re.DOTALL))
-    return "a picture with numbers that are none" if re.search(r'[" ,(-](nan|inf)[" ,)]', pictures) else ""
+    return (
+        "a picture with numbers that are none"
+        if re.search(r'[" ,(-](nan|inf)[" ,)]', pictures)
+        else ""
+    )

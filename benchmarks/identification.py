@@ -1,6 +1,8 @@
-"""Measures how fast maidenflight identifies a drone from as much flight as the paper had, and writes a part of docs/benchmarks.md.
+"""Measures how fast maidenflight identifies a drone from as much flight as the paper had, and
+writes a part of docs/benchmarks.md.
 
-The flights are simulated, so that anybody can run it; the authors' real ones are read too where they are given.
+The flights are simulated, so that anybody can run it; the authors' real ones are read too where
+they are given.
 """
 
 import os
@@ -35,9 +37,11 @@ FLIGHTS, DURATION, SEED = 121, 32.0, 0
 TRUTH = {"thrust_to_weight": 1.72, "motor_time_constant": 0.09, "latency": 0.015}
 """xi of the simulated drone, as a Crazyflie's."""
 AUTHORS = 570.0
-"""Seconds that one evaluation takes the authors' code on one core: measured on fewer windows and scaled to 37,673 of 50 rows."""
+"""Seconds that one evaluation takes the authors' code on one core: measured on fewer windows and
+scaled to 37,673 of 50 rows."""
 BARS = {"evaluation": 0.5, "bayesian": 240.0, "identify": 60.0}
-"""Most seconds: an evaluation on windows of 50 rows; 250 evaluations of Bayesian optimisation; `identify` from the files on."""
+"""Most seconds: an evaluation on windows of 50 rows; 250 evaluations of Bayesian optimisation;
+`identify` from the files on."""
 BOX = Box(tuple(PAPER_BOUNDS), *(tuple(ends) for ends in zip(*PAPER_BOUNDS.values(), strict=True)))
 
 
@@ -58,7 +62,10 @@ class Search:
 
 def drone(unit: np.ndarray) -> Parameters:
     values = BOX.values(unit)
-    return replace(crazyflie(), **{name: np.float32(value) for name, value in zip(BOX.names, values, strict=True)})
+    return replace(
+        crazyflie(),
+        **{name: np.float32(value) for name, value in zip(BOX.names, values, strict=True)},
+    )
 
 
 def cached_windows(folder: Path, length: int, flights: int) -> Windows:
@@ -74,7 +81,10 @@ def cached_windows(folder: Path, length: int, flights: int) -> Windows:
 
 
 def timed(computations: Sequence[Callable[[np.ndarray], object]], repeats: int) -> np.ndarray:
-    """Seconds of computations, a row for each of some points, after one that compiles; in turn, so that what else runs falls on all."""
+    """Seconds of computations, a row for each of some points, after one that compiles.
+
+    In turn, so that what else runs falls on all.
+    """
     generator = np.random.default_rng(SEED)
     taken = np.empty((repeats + 1, len(computations)))
     for row, point in zip(taken, generator.random((repeats + 1, 3)), strict=True):
@@ -111,14 +121,18 @@ class Clock:
 def bayesian_search(objective: Objective, evaluations: int, seed: int) -> Search:
     clock, began = Clock(objective), time.perf_counter()
     _, losses = bayesian.minimise(clock.loss, 3, evaluations, np.random.default_rng(seed))
-    return Search(time.perf_counter() - began, clock.inside, len(losses), len(losses), float(losses.min()))
+    return Search(
+        time.perf_counter() - began, clock.inside, len(losses), len(losses), float(losses.min())
+    )
 
 
 def gradient_search(objective: Objective, seed: int, derivatives: float) -> Search:
     """One start; `derivatives` is what derivatives on all windows cost, in evaluations."""
     clock, began = Clock(objective), time.perf_counter()
     kinks = gradient.kinks(BOX, float(objective.time_step))
-    _, losses = gradient.minimise(clock.loss, clock.equations, objective.size, kinks, 60, np.random.default_rng(seed))
+    _, losses = gradient.minimise(
+        clock.loss, clock.equations, objective.size, kinks, 60, np.random.default_rng(seed)
+    )
     cost = clock.plain + derivatives * clock.with_derivatives
     return Search(time.perf_counter() - began, clock.inside, len(losses), cost, float(losses.min()))
 
@@ -127,8 +141,12 @@ def judged(seconds: float, bar: str) -> str:
     return f"at most {BARS[bar]:g} s | {'yes' if seconds <= BARS[bar] else '**no**'}"
 
 
-def measure_evaluations(objectives: dict[int, Objective], repeats: int) -> tuple[list[str], float, float]:
-    """Rows of the table, the seconds of an evaluation on the longest windows, and how many of them derivatives cost."""
+def measure_evaluations(
+    objectives: dict[int, Objective], repeats: int
+) -> tuple[list[str], float, float]:
+    """Rows of the table, the seconds of an evaluation on the longest windows, and how many of them
+    derivatives cost.
+    """
     rows, plain, ratio = [], 0.0, 0.0
     for length, objective in objectives.items():
 
@@ -142,34 +160,52 @@ def measure_evaluations(objectives: dict[int, Objective], repeats: int) -> tuple
         plain, ratio = float(np.median(taken[:, 0])), float(np.median(taken[:, 1] / taken[:, 0]))
         bar = judged(plain, "evaluation") if length == max(objectives) else "- | -"
         what = f"{objective.size:,} windows of {length} rows"
-        rows.append(f"| one evaluation, {what} | {plain:.3f} s (fastest {taken[:, 0].min():.3f} s) | {bar} |")
-        rows.append(f"| the same with derivatives for three parameters | {np.median(taken[:, 1]):.2f} s, {ratio:.1f} evaluations | - | - |")
+        rows.append(
+            f"| one evaluation, {what} | {plain:.3f} s (fastest {taken[:, 0].min():.3f} s) | "
+            f"{bar} |"
+        )
+        rows.append(
+            f"| the same with derivatives for three parameters | {np.median(taken[:, 1]):.2f} s, "
+            f"{ratio:.1f} evaluations | - | - |"
+        )
     return rows, plain, ratio
 
 
-def measure_searches(objective: Objective, evaluations: int, starts: int, ratio: float) -> tuple[list[str], str]:
+def measure_searches(
+    objective: Objective, evaluations: int, starts: int, ratio: float
+) -> tuple[list[str], str]:
     """Rows of the table for both optimisers, and a sentence that compares them."""
     theirs = bayesian_search(objective, evaluations, SEED)
     ours = [gradient_search(objective, seed, ratio) for seed in range(starts)]
-    seconds, cost = (statistics.median(getattr(search, what) for search in ours) for what in ("seconds", "cost"))
+    seconds, cost = (
+        statistics.median(getattr(search, what) for search in ours) for what in ("seconds", "cost")
+    )
     above = max(search.lowest for search in ours) / theirs.lowest - 1
     bar = judged(theirs.seconds, "bayesian") if evaluations == 250 else "- | -"
-    own = f"{theirs.seconds:.0f} s, of these {theirs.seconds - theirs.inside:.1f} s the optimiser's own"
+    own = (
+        f"{theirs.seconds:.0f} s, of these {theirs.seconds - theirs.inside:.1f} s the "
+        "optimiser's own"
+    )
     rows = [
         f"| {evaluations} evaluations of Bayesian optimisation | {own} | {bar} |",
-        f"| gradients, median of {starts} starts | {seconds:.1f} s, {cost:.1f} evaluations' worth | - | - |",
+        f"| gradients, median of {starts} starts | {seconds:.1f} s, {cost:.1f} evaluations' worth "
+        "| - | - |",
     ]
     worst = max(search.cost for search in ours)
     told = f"{100 * abs(above):.4f} % {'above' if above > 0 else 'below'}"
     said = (
-        f"The gradient method's {starts} random starts cost at most {worst:.1f} evaluations each, derivatives counted at their measured"
-        f" cost. The worst of them ends at an objective {told} the one that {evaluations} Bayesian evaluations reach."
+        f"The gradient method's {starts} random starts cost at most {worst:.1f} evaluations each, "
+        "derivatives counted at their measured"
+        f" cost. The worst of them ends at an objective {told} the one that {evaluations} "
+        "Bayesian evaluations reach."
     )
     return rows, said
 
 
 def measure_authors(folder: Path | None) -> list[str]:
-    """Rows of the table: `identify` from real files on, as it is unless told otherwise and by the paper's objective."""
+    """Rows of the table: `identify` from real files on, as it is unless told otherwise and by the
+    paper's objective.
+    """
     rows = []
     for objective, told in (("likelihood", "as it is"), ("replay", "by replay")):
         what = f"`identify` {told}, on the authors' 108 PWM flights, reading and intervals included"
@@ -180,19 +216,27 @@ def measure_authors(folder: Path | None) -> list[str]:
         found = identify(read_flights(folder), objective=objective)
         seconds = time.perf_counter() - began
         values = ", ".join(f"{found.estimates[name].value:.4g}" for name in PAPER_BOUNDS)
-        rows.append(f"| {what} | {seconds:.1f} s ({found.windows:,} windows; {values}) | {judged(seconds, 'identify')} |")
+        rows.append(
+            f"| {what} | {seconds:.1f} s ({found.windows:,} windows; {values}) | "
+            f"{judged(seconds, 'identify')} |"
+        )
     return rows
 
 
 def measure_real_searches(folder: Path | None, evaluations: int, starts: int) -> list[str]:
-    """Rows of a table: both optimisers on the authors' real flights under each control structure."""
+    """Rows of a table: both optimisers on the authors' real flights under each control
+    structure.
+    """
     rows = [
-        "| flights | derivatives cost | gradients: evaluations' worth | their objective over the Bayesian one, less 1 |",
+        "| flights | derivatives cost | gradients: evaluations' worth | their objective over the "
+        "Bayesian one, less 1 |",
         "|---|---|---|---|",
     ]
     for structure in ("pwm", "attitude_rate", "attitude"):
         if folder is None or not (folder / structure).is_dir():
-            rows.append(f"| {structure} | not measured: give the folder of all with --structures | - | - |")
+            rows.append(
+                f"| {structure} | not measured: give the folder of all with --structures | - | - |"
+            )
             continue
         objective = Objective(windows(read_flights(folder / structure), 50), 0.01)
         _, _, ratio = measure_evaluations({50: objective}, 5)
@@ -200,44 +244,88 @@ def measure_real_searches(folder: Path | None, evaluations: int, starts: int) ->
         ours = [gradient_search(objective, seed, ratio) for seed in range(starts)]
         costs = ", ".join(f"{search.cost:.1f}" for search in ours)
         above = ", ".join(f"{search.lowest / theirs.lowest - 1:+.1e}" for search in ours)
-        rows.append(f"| {structure}, {objective.size:,} windows of 50 rows | {ratio:.1f} | {costs} | {above} |")
+        rows.append(
+            f"| {structure}, {objective.size:,} windows of 50 rows | {ratio:.1f} | {costs} | "
+            f"{above} |"
+        )
     return rows
 
 
 def machine() -> str:
     model = re.search(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text())
-    return f"{os.cpu_count()} cores of {model[1] if model else 'an unknown CPU'}; load before the run {os.getloadavg()[0]:.1f}."
+    return (
+        f"{os.cpu_count()} cores of {model[1] if model else 'an unknown CPU'}; load before the "
+        f"run {os.getloadavg()[0]:.1f}."
+    )
 
 
 @click.command()
-@click.option("--quick", is_flag=True, help="Little flight and few evaluations; for a look, not for the page.")
-@click.option("--authors", type=click.Path(path_type=Path), help="Folder of the authors' real PWM flights.")
 @click.option(
-    "--structures", type=click.Path(path_type=Path), help="Folder of pwm/, attitude_rate/, attitude/: measures only searches there."
+    "--quick", is_flag=True, help="Little flight and few evaluations; for a look, not for the page."
 )
-@click.option("--cache", type=click.Path(path_type=Path), default=Path(tempfile.gettempdir()) / "maidenflight-benchmark", show_default=True)
-@click.option("--output", type=click.Path(path_type=Path, exists=True), default=PAGE, show_default=True)
-def main(quick: bool, authors: Path | None, structures: Path | None, cache: Path, output: Path) -> None:
-    """Measures identification and writes its tables into the page OUTPUT; with --structures, prints a table instead."""
+@click.option(
+    "--authors", type=click.Path(path_type=Path), help="Folder of the authors' real PWM flights."
+)
+@click.option(
+    "--structures",
+    type=click.Path(path_type=Path),
+    help="Folder of pwm/, attitude_rate/, attitude/: measures only searches there.",
+)
+@click.option(
+    "--cache",
+    type=click.Path(path_type=Path),
+    default=Path(tempfile.gettempdir()) / "maidenflight-benchmark",
+    show_default=True,
+)
+@click.option(
+    "--output", type=click.Path(path_type=Path, exists=True), default=PAGE, show_default=True
+)
+def main(
+    quick: bool, authors: Path | None, structures: Path | None, cache: Path, output: Path
+) -> None:
+    """Measures identification and writes its tables into the page OUTPUT.
+
+    With --structures, prints a table instead.
+    """
     if structures is not None:
-        click.echo("\n".join(measure_real_searches(structures, 20 if quick else 250, 2 if quick else 5)))
+        click.echo(
+            "\n".join(measure_real_searches(structures, 20 if quick else 250, 2 if quick else 5))
+        )
         return
     where, repeats, flights = machine(), 3 if quick else 9, 4 if quick else FLIGHTS
     lengths = (10, 30, 50)
-    objectives = {length: Objective(cached_windows(cache, length, flights), 0.01) for length in lengths}
+    objectives = {
+        length: Objective(cached_windows(cache, length, flights), 0.01) for length in lengths
+    }
     rows, seconds, ratio = measure_evaluations(objectives, repeats)
     click.echo("\n".join(rows))
-    searches, said = measure_searches(objectives[max(lengths)], 20 if quick else 250, 2 if quick else 5, ratio)
+    searches, said = measure_searches(
+        objectives[max(lengths)], 20 if quick else 250, 2 if quick else 5, ratio
+    )
     click.echo("\n".join(searches))
-    table = ["| what | time | bar | reached |", "|---|---|---|---|", *rows, *searches, *measure_authors(authors)]
+    table = [
+        "| what | time | bar | reached |",
+        "|---|---|---|---|",
+        *rows,
+        *searches,
+        *measure_authors(authors),
+    ]
     compared = (
-        f"One evaluation takes the authors' code about {AUTHORS:.0f} s on one core, by PyBullet, measured on fewer windows and scaled to"
+        f"One evaluation takes the authors' code about {AUTHORS:.0f} s on one core, by PyBullet, "
+        "measured on fewer windows and scaled to"
         f" {WINDOWS:,} of 50 rows: {AUTHORS / seconds:,.0f} times as long as here on all cores."
     )
     if quick:
         click.echo("\n".join([*table, "", said]))
         return
-    write(output, {"identification-machine": where, "identification": "\n".join(table), "identification-compared": f"{said}\n{compared}"})
+    write(
+        output,
+        {
+            "identification-machine": where,
+            "identification": "\n".join(table),
+            "identification-compared": f"{said}\n{compared}",
+        },
+    )
     click.echo("\n".join([*table, "", said, compared]))
 
 

@@ -1,9 +1,12 @@
-"""Ctrl-C at random moments of every command that computes, and what it leaves: exit code, words, files.
+"""Ctrl-C at random moments of every command that computes, and what it leaves: exit code, words,
+files.
 
-`python benchmarks/interrupted_commands.py` prints each interruption and writes the table of docs/reliability.md. Every command does little
-work, with compiled programs kept as the command line keeps them. Half of the interruptions fall on a run into a new place, half on one
-that may replace the results of an earlier run (`--overwrite`, of another seed). After each, every file there must be whole, byte for byte
-what the earlier run or an undisturbed one wrote, and of the earlier results none may be missing.
+`python benchmarks/interrupted_commands.py` prints each interruption and writes the table of
+docs/reliability.md. Every command does little work, with compiled programs kept as the command line
+keeps them. Half of the interruptions fall on a run into a new place, half on one that may replace
+the results of an earlier run (`--overwrite`, of another seed). After each, every file there must be
+whole, byte for byte what the earlier run or an undisturbed one wrote, and of the earlier results
+none may be missing.
 """
 
 import os
@@ -37,30 +40,64 @@ class Command(NamedTuple):
 
 COMMANDS = (
     Command("record", ("--flights", "2", "--duration", "2"), "made/flights"),
-    Command("identify", ("flights", "--over", "thrust_to_weight,latency", "--evaluations", "11", "--trials", "1"), "made/drone.toml"),
-    Command("train", ("--drone", "crazyflie", "--task", "hover", "--policies", "1", "--updates", "30"), "made/policies"),
+    Command(
+        "identify",
+        ("flights", "--over", "thrust_to_weight,latency", "--evaluations", "11", "--trials", "1"),
+        "made/drone.toml",
+    ),
+    Command(
+        "train",
+        ("--drone", "crazyflie", "--task", "hover", "--policies", "1", "--updates", "30"),
+        "made/policies",
+    ),
     Command("transfer", ("policies", "--trials", "2", "--duration", "1"), "made/transfer"),
-    Command("predict", ("policies", "--drone", "crazyflie", "--trials", "2", "--duration", "1"), "made/prediction.csv"),
+    Command(
+        "predict",
+        ("policies", "--drone", "crazyflie", "--trials", "2", "--duration", "1"),
+        "made/prediction.csv",
+    ),
     Command("export", ("policies/policy_1.json",), "made/firmware"),
     Command("report", (".",), "made/report.html", seeded=False),
 )
 
 
-def begun(command: Command, folder: Path, cache: Path, seed: int, overwrite: bool) -> subprocess.Popen[str]:
+def begun(
+    command: Command, folder: Path, cache: Path, seed: int, overwrite: bool
+) -> subprocess.Popen[str]:
     """A command in a process of its own, in a folder."""
-    line = [sys.executable, "-m", "maidenflight", command.name, *command.arguments, "-o", command.output]
+    line = [
+        sys.executable,
+        "-m",
+        "maidenflight",
+        command.name,
+        *command.arguments,
+        "-o",
+        command.output,
+    ]
     line += ["--seed", str(seed)] if command.seeded else []
     line += ["--overwrite"] if overwrite else []
-    environment = {**os.environ, "JAX_COMPILATION_CACHE_DIR": str(cache), "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.5"}
-    return subprocess.Popen(line, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    environment = {
+        **os.environ,
+        "JAX_COMPILATION_CACHE_DIR": str(cache),
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.5",
+    }
+    return subprocess.Popen(
+        line, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
 
 
 def files(folder: Path) -> dict[str, bytes]:
     """All files below a folder."""
-    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
 
 
-def undisturbed(command: Command, place: Path, cache: Path, seed: int) -> tuple[dict[str, bytes], float]:
+def undisturbed(
+    command: Command, place: Path, cache: Path, seed: int
+) -> tuple[dict[str, bytes], float]:
     """What a command writes, and how long it takes [s].
 
     Raises:
@@ -76,7 +113,9 @@ def undisturbed(command: Command, place: Path, cache: Path, seed: int) -> tuple[
     return made, time.perf_counter() - began
 
 
-def interrupted(command: Command, place: Path, cache: Path, after: float, overwrite: bool) -> tuple[int, str]:
+def interrupted(
+    command: Command, place: Path, cache: Path, after: float, overwrite: bool
+) -> tuple[int, str]:
     """Sends SIGINT some seconds after the start; exit code and what was said."""
     process = begun(command, place, cache, 0, overwrite)
     try:
@@ -87,12 +126,21 @@ def interrupted(command: Command, place: Path, cache: Path, after: float, overwr
     return process.returncode, said
 
 
-def wrong(code: int, said: str, left: dict[str, bytes], old: dict[str, bytes], new: dict[str, bytes]) -> list[str]:
-    """What an interruption should not have left or said; one that falls into Python's leaving comes after all is done and told."""
+def wrong(
+    code: int, said: str, left: dict[str, bytes], old: dict[str, bytes], new: dict[str, bytes]
+) -> list[str]:
+    """What an interruption should not have left or said.
+
+    One that falls into Python's leaving comes after all is done and told.
+    """
     if code == -signal.SIGINT and said.strip() == "" and left == new:
         return []
     told = [line for line in said.splitlines() if line.startswith("maidenflight: interrupted")]
-    odd = [name for name, content in left.items() if content not in (old.get(name), new.get(name)) and Path(name).name != CHECKPOINT]
+    odd = [
+        name
+        for name, content in left.items()
+        if content not in (old.get(name), new.get(name)) and Path(name).name != CHECKPOINT
+    ]
     lost = [name for name in old if name not in left]
     faults = {
         f"exit code {code}": code != 130,
@@ -106,9 +154,19 @@ def wrong(code: int, said: str, left: dict[str, bytes], old: dict[str, bytes], n
 @click.command()
 @click.option("--moments", default=42, show_default=True, type=click.IntRange(1))
 @click.option("--seed", default=0, show_default=True, help="Of the moments.")
-@click.option("--earliest", default=0.2, show_default=True, help="Seconds that Python itself may take to start.")
+@click.option(
+    "--earliest",
+    default=0.2,
+    show_default=True,
+    help="Seconds that Python itself may take to start.",
+)
 @click.option("--command", "wanted", multiple=True, help="These commands alone; may be repeated.")
-@click.option("--output", default="docs/reliability.md", show_default=True, help="Page to write; none for a look.")
+@click.option(
+    "--output",
+    default="docs/reliability.md",
+    show_default=True,
+    help="Page to write; none for a look.",
+)
 def main(moments: int, seed: int, earliest: float, wanted: tuple[str, ...], output: str) -> None:
     """Interrupts and looks."""
     chosen = [command for command in COMMANDS if not wanted or command.name in wanted]
@@ -137,13 +195,24 @@ def main(moments: int, seed: int, earliest: float, wanted: tuple[str, ...], outp
                 counts[command.name] += 1
                 bad[command.name] += bool(faults)
                 print(
-                    f"{command.name} after {after:.2f} s{', over earlier results' * overwrite}: {'; '.join(faults) or 'as promised'}",
+                    f"{command.name} after {after:.2f} s{', over earlier results' * overwrite}: "
+                    f"{'; '.join(faults) or 'as promised'}",
                     flush=True,
                 )
             shutil.rmtree(place / "made", ignore_errors=True)
-    rows = [f"| {name} | {counts[name]} | {usual[name]:.1f} | {counts[name] - bad[name]} |" for name in usual]
+    rows = [
+        f"| {name} | {counts[name]} | {usual[name]:.1f} | {counts[name] - bad[name]} |"
+        for name in usual
+    ]
     total = f"| **all** | {counts.total()} | | {counts.total() - bad.total()} |"
-    text = "\n".join(["| command | interruptions | undisturbed [s] | as promised |", "|---|---|---|---|", *rows, total])
+    text = "\n".join(
+        [
+            "| command | interruptions | undisturbed [s] | as promised |",
+            "|---|---|---|---|",
+            *rows,
+            total,
+        ]
+    )
     print(text)
     if output != "none":
         write(Path(output), {"interruptions": text})

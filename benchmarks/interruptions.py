@@ -1,8 +1,11 @@
-"""Kills `maidenflight train` at random moments, resumes it each time, and compares its files with those of an undisturbed training.
+"""Kills `maidenflight train` at random moments, resumes it each time, and compares its files with
+those of an undisturbed training.
 
-`python benchmarks/interruptions.py` prints where each kill fell and ends with exit code 1 if a file differs in a single byte. Every second
-kill waits for its moment and then for the next file to be written, for writing takes milliseconds of a training and chance alone would
-seldom meet it. Programs are compiled once and kept in JAX's cache; the first training, with which all others are compared, compiles them.
+`python benchmarks/interruptions.py` prints where each kill fell and ends with exit code 1 if a file
+differs in a single byte. Every second kill waits for its moment and then for the next file to be
+written, for writing takes milliseconds of a training and chance alone would seldom meet it.
+Programs are compiled once and kept in JAX's cache; the first training, with which all others are
+compared, compiles them.
 """
 
 import os
@@ -33,8 +36,19 @@ def begun(arguments: list[str], folder: Path, cache: Path, resume: bool) -> subp
         "JAX_PERSISTENT_COMPILATION_CACHE_MIN_COMPILE_TIME_SECS": "0",
         "JAX_PERSISTENT_COMPILATION_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
     }
-    command = [sys.executable, "-m", "maidenflight", "train", *arguments, "-o", str(folder), *(["--resume"] if resume else [])]
-    return subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    command = [
+        sys.executable,
+        "-m",
+        "maidenflight",
+        "train",
+        *arguments,
+        "-o",
+        str(folder),
+        *(["--resume"] if resume else []),
+    ]
+    return subprocess.Popen(
+        command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    )
 
 
 def ended(process: subprocess.Popen[str]) -> None:
@@ -49,7 +63,10 @@ def ended(process: subprocess.Popen[str]) -> None:
 
 
 def killed(process: subprocess.Popen[str], folder: Path, after: float, writing: bool) -> bool:
-    """Kills a training some seconds after its start, or at the next writing of a file after that; whether it still ran."""
+    """Kills a training some seconds after its start, or at the next writing of a file after that.
+
+    Whether it still ran.
+    """
     end, old = time.perf_counter() + after, set(results.leftovers(folder))
     while process.poll() is None and time.perf_counter() < end:
         time.sleep(min(0.05, max(0.0, end - time.perf_counter())))
@@ -94,10 +111,21 @@ def moments(seed: int, longest: float) -> Iterator[float]:
 @click.option("--kills", default=20, show_default=True, type=click.IntRange(1))
 @click.option("--seed", default=0, show_default=True, help="Of the moments.")
 @click.option("--updates", default=60, show_default=True, type=click.IntRange(1))
-@click.option("--method", default="gradient", show_default=True, type=click.Choice(["gradient", "ppo"]))
+@click.option(
+    "--method", default="gradient", show_default=True, type=click.Choice(["gradient", "ppo"])
+)
 def main(kills: int, seed: int, updates: int, method: str) -> None:
     """Kills, resumes and compares."""
-    arguments = ["--drone", "crazyflie", "--policies", "2", "--updates", str(updates), "--method", method]
+    arguments = [
+        "--drone",
+        "crazyflie",
+        "--policies",
+        "2",
+        "--updates",
+        str(updates),
+        "--method",
+        method,
+    ]
     with tempfile.TemporaryDirectory() as made:
         cache, undisturbed = Path(made) / "cache", Path(made) / "undisturbed"
         ended(begun(arguments, undisturbed, cache, resume=False))
@@ -106,7 +134,11 @@ def main(kills: int, seed: int, updates: int, method: str) -> None:
         ended(begun(arguments, Path(made) / "cached", cache, resume=False))
         usual = time.perf_counter() - began
         different = int(contents(Path(made) / "cached") != expected)
-        print(f"undisturbed: {usual:.1f} s; the same bytes with programs from the cache: {not different}", flush=True)
+        print(
+            f"undisturbed: {usual:.1f} s; the same bytes with programs from the cache: "
+            f"{not different}",
+            flush=True,
+        )
         where: Counter[str] = Counter()
         trainings, after = 0, moments(seed, 1.15 * usual)
         while where.total() < kills:
@@ -120,13 +152,17 @@ def main(kills: int, seed: int, updates: int, method: str) -> None:
                     what = met(folder, before)
                     where[what] += 1
                     print(f"kill {where.total()}, training {trainings}: {what}", flush=True)
-                # After a kill between the checkpoint's removal and the end there is nothing left to do.
+                # After a kill between the checkpoint's removal and the end there is nothing left to
+                # do.
                 over = (folder / "training.csv").exists() and not (folder / CHECKPOINT).exists()
             if not over:
                 ended(begun(arguments, folder, cache, (folder / CHECKPOINT).exists()))
             same = contents(folder) == expected
             different += not same
-            print(f"training {trainings} ended with the same bytes in {', '.join(expected)}: {same}", flush=True)
+            print(
+                f"training {trainings} ended with the same bytes in {', '.join(expected)}: {same}",
+                flush=True,
+            )
     told = ", ".join(f"{count} while {what}" for what, count in where.most_common())
     print(f"{where.total()} kills ({told}), {trainings} trainings ended, {different} differed")
     sys.exit(int(different > 0))

@@ -1,10 +1,12 @@
 """maidenflight's side of `simulator.py`: measures what it is asked for.
 
-`python maidenflight_speed.py` answers one JSON object a line, `{"series", "batch", "layout", "seconds"}`, with a rate. With the name of
-a single measurement (`first`, `memory`, `single`) it makes that one and leaves.
+`python maidenflight_speed.py` answers one JSON object a line, `{"series", "batch", "layout",
+"seconds"}`, with a rate. With the name of a single measurement (`first`, `memory`, `single`) it
+makes that one and leaves.
 
-XLA runs a program of small arrays on one core. So drones are laid on as many CPU devices as there are cores, and each device takes them
-in chunks that fit its cache. Everything is open to the compiler's eyes only as it is in training: parameters are arguments.
+XLA runs a program of small arrays on one core. So drones are laid on as many CPU devices as there
+are cores, and each device takes them in chunks that fit its cache. Everything is open to the
+compiler's eyes only as it is in training: parameters are arguments.
 """
 
 import os
@@ -33,10 +35,16 @@ from maidenflight.simulator.randomization import relative_box  # noqa: E402
 from maidenflight.simulator.rollout import launch, practise  # noqa: E402
 from maidenflight.simulator.sensors import Measurement  # noqa: E402
 
-LAYOUTS = {"one core": (1, 0), "all cores": (CORES, 0), "all cores, by 256": (CORES, 256), "all cores, by 1,024": (CORES, 1024)}
+LAYOUTS = {
+    "one core": (1, 0),
+    "all cores": (CORES, 0),
+    "all cores, by 256": (CORES, 256),
+    "all cores, by 1,024": (CORES, 1024),
+}
 """CPU devices, and drones that a device simulates at once; 0: all of its share."""
 FRESH = 2
-"""Drones prepared for those whose episode ends, for each that flies, anew for each call: one launch every `HORIZON` / 2 steps."""
+"""Drones prepared for those whose episode ends, for each that flies, anew for each call: one launch
+every `HORIZON` / 2 steps."""
 COMMANDS = 10
 """Commands of the rate PID an action of 50 Hz."""
 HORIZON = 64
@@ -47,7 +55,10 @@ Run = Callable[[Any, Any], Any]
 
 
 def motor_level(shared: Parameters, own: Any, commands: int, steps: int = 2) -> Any:
-    """One drone whose motors are commanded at 100 Hz: motor lag, delay line, rigid body; 5 ms a physics step."""
+    """One drone whose motors are commanded at 100 Hz: motor lag, delay line, rigid body.
+
+    5 ms a physics step.
+    """
 
     def hold(flown: Any, _: None) -> tuple[Any, None]:
         state, line = flown
@@ -59,7 +70,9 @@ def motor_level(shared: Parameters, own: Any, commands: int, steps: int = 2) -> 
 
 
 def rate_pid(shared: Parameters, own: Any, commands: int) -> Any:
-    """One drone whose body rates the firmware's PID holds at 500 Hz: PID, motor lag, delay line, rigid body; 2 ms a physics step."""
+    """One drone whose body rates the firmware's PID holds at 500 Hz: PID, motor lag, delay line,
+    rigid body; 2 ms a physics step.
+    """
     controller = control.attitude_rate()
 
     def act(flown: Any, _: None) -> tuple[Any, None]:
@@ -71,7 +84,10 @@ def rate_pid(shared: Parameters, own: Any, commands: int) -> Any:
             memory, command = controller.command(memory, own["action"], exact, jnp.zeros(3))
             place = COMMANDS - 1 - number
             line = latency.put(line, rotor_speed_command(command), place)
-            return ((environment.drive(dynamics.euler, state, line, 1, shared, newest=place), line), memory), None
+            return (
+                (environment.drive(dynamics.euler, state, line, 1, shared, newest=place), line),
+                memory,
+            ), None
 
         roomy = (state, latency.with_room(line, COMMANDS)), memory
         ((state, roomier), memory), _ = jax.lax.scan(hold, roomy, jnp.arange(COMMANDS))
@@ -82,16 +98,28 @@ def rate_pid(shared: Parameters, own: Any, commands: int) -> Any:
 
 
 def training(shared: Any, own: Any, steps: int) -> Any:
-    """One drone in training: policy, noise, randomization, reward, termination, reset; 100 Hz PWM."""
+    """One drone in training: policy, noise, randomization, reward, termination, reset.
+
+    100 Hz PWM.
+    """
     world, weights = Environment(), shared["weights"]
 
     def policy(seen: jax.Array) -> jax.Array:
         return jnp.tanh(weights @ seen)
 
     key, fresh_key, fly_key = jax.random.split(own["key"], 3)
-    fresh = own["fresh"] if "fresh" in own else jax.vmap(partial(launch, world, shared["box"]))(jax.random.split(fresh_key, FRESH))
-    drone, (before, outcome) = practise(world, policy, own["drone"], fresh, fly_key, steps)
-    told = (jax.vmap(environment.observation)(before), outcome.reward, outcome.terminated, outcome.truncated)
+    fresh = (
+        own["fresh"]
+        if "fresh" in own
+        else jax.vmap(partial(launch, world, shared["box"]))(jax.random.split(fresh_key, FRESH))
+    )
+    drone, (before, step_result) = practise(world, policy, own["drone"], fresh, fly_key, steps)
+    told = (
+        jax.vmap(environment.observation)(before),
+        step_result.reward,
+        step_result.terminated,
+        step_result.truncated,
+    )
     return {"key": key, "drone": drone, "told": told}
 
 
@@ -117,13 +145,21 @@ def drones(series: str, batch: int) -> tuple[Any, Any]:
         flown = state, jnp.broadcast_to(state.rotor_speed, (latency.slots(1 / rate), 4))
         if series == "motor":
             return {"flown": flown, "command": state.rotor_speed}
-        return {"flown": (flown, jax.tree.map(jnp.asarray, control.attitude_rate().init())), "action": jnp.array([0.1, 0.0, 0.0, 0.0])}
+        return {
+            "flown": (flown, jax.tree.map(jnp.asarray, control.attitude_rate().init())),
+            "action": jnp.array([0.1, 0.0, 0.0, 0.0]),
+        }
 
     return shared, jax.jit(jax.vmap(one))(keys)
 
 
-SERIES: dict[str, tuple[Callable[..., Any], int]] = {"motor": (motor_level, 2), "rate": (rate_pid, 1), "training": (training, 1)}
-"""One drone's function, and the steps that are counted a turn of its loop: physics steps, in training steps of the environment."""
+SERIES: dict[str, tuple[Callable[..., Any], int]] = {
+    "motor": (motor_level, 2),
+    "rate": (rate_pid, 1),
+    "training": (training, 1),
+}
+"""One drone's function, and the steps that are counted a turn of its loop: physics steps, in
+training steps of the environment."""
 
 
 def in_chunks(run: Run, size: int) -> Run:
@@ -139,19 +175,37 @@ def in_chunks(run: Run, size: int) -> Run:
 
 
 def prepare(series: str, batch: int, layout: str) -> Prepared | None:
-    """A call that simulates, and the steps that it counts for; nothing where the layout does not fit the batch."""
+    """A call that simulates, and the steps that it counts for.
+
+    Nothing where the layout does not fit the batch.
+    """
     devices, size = LAYOUTS[layout]
     if batch % devices or (size and batch // devices <= size):
         return None
     one, counted = SERIES[series]
-    turns = max(min(HORIZON, 2**20 // batch), 16) if series == "training" else max(min(2**20 // batch, 1024), 64)
-    run: Run = jax.vmap(partial(one, **{"steps" if series == "training" else "commands": turns}), in_axes=(None, 0))
+    turns = (
+        max(min(HORIZON, 2**20 // batch), 16)
+        if series == "training"
+        else max(min(2**20 // batch, 1024), 64)
+    )
+    run: Run = jax.vmap(
+        partial(one, **{"steps" if series == "training" else "commands": turns}), in_axes=(None, 0)
+    )
     run = in_chunks(run, size) if size else run
     shared, own = drones(series, batch)
     if devices > 1:
-        mesh, split, whole = Mesh(np.array(jax.devices()[:devices]), ("drones",)), PartitionSpec("drones"), PartitionSpec()
-        own, shared = jax.device_put(own, NamedSharding(mesh, split)), jax.device_put(shared, NamedSharding(mesh, whole))
-        run = jax.shard_map(run, mesh=mesh, in_specs=(whole, split), out_specs=split, check_vma=False)
+        mesh, split, whole = (
+            Mesh(np.array(jax.devices()[:devices]), ("drones",)),
+            PartitionSpec("drones"),
+            PartitionSpec(),
+        )
+        own, shared = (
+            jax.device_put(own, NamedSharding(mesh, split)),
+            jax.device_put(shared, NamedSharding(mesh, whole)),
+        )
+        run = jax.shard_map(
+            run, mesh=mesh, in_specs=(whole, split), out_specs=split, check_vma=False
+        )
     compiled = jax.jit(run)
 
     def call() -> None:
@@ -165,23 +219,33 @@ def prepare(series: str, batch: int, layout: str) -> Prepared | None:
 def first() -> None:
     """The first step of a fresh process."""
     world, parameters, key = Environment(), crazyflie(), jax.random.key(0)
-    episode = jax.jit(environment.reset, static_argnums=0)(world, parameters, key)
-    _, outcome = jax.jit(environment.step, static_argnums=0)(world, episode, np.zeros(4, np.float32), parameters, key)
-    print(float(outcome.reward))
+    env_state = jax.jit(environment.reset, static_argnums=0)(world, parameters, key)
+    _, step_result = jax.jit(environment.step, static_argnums=0)(
+        world, env_state, np.zeros(4, np.float32), parameters, key
+    )
+    print(float(step_result.reward))
 
 
 def memory() -> None:
-    """Peak memory [MB] of a process that flies 1,000 drones in training and keeps rewards and ends; set up without eager JAX."""
+    """Peak memory [MB] of a process that flies 1,000 drones in training and keeps rewards and ends.
+
+    Set up without eager JAX.
+    """
     generator, world, box = np.random.default_rng(0), Environment(), relative_box(crazyflie())
-    bits, weights = generator.integers(0, 2**32, (1000, 2), dtype=np.uint32), generator.normal(0.0, 0.1, (4, 40)).astype(np.float32)
+    bits, weights = (
+        generator.integers(0, 2**32, (1000, 2), dtype=np.uint32),
+        generator.normal(0.0, 0.1, (4, 40)).astype(np.float32),
+    )
 
     def begin(bits: jax.Array) -> Any:
         return launch(world, box, jax.random.wrap_key_data(bits))
 
     def fly(weights: jax.Array, drone: Any, fresh: Any, bits: jax.Array) -> Any:
         key = jax.random.wrap_key_data(bits)
-        drone, (_, outcome) = practise(world, lambda seen: jnp.tanh(weights @ seen), drone, fresh, key, HORIZON)
-        return drone, outcome.reward, outcome.terminated, outcome.truncated
+        drone, (_, step_result) = practise(
+            world, lambda seen: jnp.tanh(weights @ seen), drone, fresh, key, HORIZON
+        )
+        return drone, step_result.reward, step_result.terminated, step_result.truncated
 
     first = jax.jit(jax.vmap(begin))(bits)
     fresh = jax.tree.map(lambda leaf: np.asarray(leaf)[:, None], first)
@@ -212,4 +276,6 @@ def single() -> None:
 
 
 if __name__ == "__main__":
-    {"first": first, "memory": memory, "single": single}[sys.argv[1]]() if len(sys.argv) > 1 else serve(prepare)
+    {"first": first, "memory": memory, "single": single}[sys.argv[1]]() if len(
+        sys.argv
+    ) > 1 else serve(prepare)

@@ -1,4 +1,6 @@
-"""What the measured sides of `simulator.py` have in common: answering requests, one JSON object a line. Needs no package."""
+"""What the measured sides of `simulator.py` have in common: answering requests, one JSON object a
+line. Needs no package.
+"""
 
 import json
 import os
@@ -21,9 +23,12 @@ def rate(call: Callable[[], Any], steps: int, seconds: float) -> float:
 
 
 def serve(prepare: Callable[[str, int, str], Prepared | None]) -> None:
-    """Answers `{"series", "batch", "layout", "seconds"}` with a rate until there are no more; `null` where the layout does not fit.
+    """Answers `{"series", "batch", "layout", "seconds"}` with a rate until there are no more.
 
-    What was prepared for another batch is forgotten, and what others print goes to the standard error.
+    `null` where the layout does not fit.
+
+    What was prepared for another batch is forgotten, and what others print goes to the standard
+    error.
     """
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
@@ -36,7 +41,9 @@ def serve(prepare: Callable[[str, int, str], Prepared | None]) -> None:
             prepared[name] = prepare(*name)
             warm(prepared[name])
         ready = prepared[name]
-        answers.write(json.dumps({"rate": rate(*ready, asked["seconds"]) if ready else None}) + "\n")
+        answers.write(
+            json.dumps({"rate": rate(*ready, asked["seconds"]) if ready else None}) + "\n"
+        )
         answers.flush()
 
 

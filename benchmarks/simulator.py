@@ -1,7 +1,9 @@
-"""Measures how fast maidenflight simulates, crazyflow beside it, and writes the tables of docs/benchmarks.md.
+"""Measures how fast maidenflight simulates, crazyflow beside it, and writes the tables of
+docs/benchmarks.md.
 
-Both sides run in processes of their own and are asked in turn, so that what else the machine does falls on both. Every figure is a
-median; the batch and the layout at which a side is best are found first and measured anew.
+Both sides run in processes of their own and are asked in turn, so that what else the machine does
+falls on both. Every figure is a median; the batch and the layout at which a side is best are found
+first and measured anew.
 """
 
 import json
@@ -52,14 +54,28 @@ class Bar:
         """Whether it is reached."""
         if ours is None or (self.ratio and theirs is None):
             return "not measured"
-        met = ours >= self.least if self.least else ours <= self.most if self.most else ours >= (self.ratio or 0) * (theirs or 0)
+        met = (
+            ours >= self.least
+            if self.least
+            else ours <= self.most
+            if self.most
+            else ours >= (self.ratio or 0) * (theirs or 0)
+        )
         return "yes" if met else "**no**"
 
 
 BARS = {
     "motor": Bar("motor commands: motor lag, latency, rigid body", "physics steps/s", ratio=5.0),
-    "rate": Bar("body rates held by the firmware's PID at 500 Hz, motor lag, latency, rigid body", "physics steps/s", ratio=4.0),
-    "training": Bar("training: the same, noise, randomization, reward, termination, reset, 100 Hz PWM", "environment steps/s", least=1e6),
+    "rate": Bar(
+        "body rates held by the firmware's PID at 500 Hz, motor lag, latency, rigid body",
+        "physics steps/s",
+        ratio=4.0,
+    ),
+    "training": Bar(
+        "training: the same, noise, randomization, reward, termination, reset, 100 Hz PWM",
+        "environment steps/s",
+        least=1e6,
+    ),
     "single": Bar("one drone through `gymnasium.make`, resets included", "steps/s", least=20e3),
     "first": Bar("start of the process to its first step", "s", most=3.0),
     "memory": Bar("peak memory of a process with 1,000 drones in training", "MB", most=400.0),
@@ -80,7 +96,9 @@ def figure(value: float | None) -> str:
 class Side:
     """One of the two that are measured: a Python, a script and a process of it that answers."""
 
-    def __init__(self, python: str, script: str, layouts: Sequence[str], series: Sequence[str]) -> None:
+    def __init__(
+        self, python: str, script: str, layouts: Sequence[str], series: Sequence[str]
+    ) -> None:
         """Starts the process at the first question."""
         self.command, self.layouts, self.series = [python, str(FOLDER / script)], layouts, series
         self._process: subprocess.Popen[str] | None = None
@@ -89,12 +107,20 @@ class Side:
         """Steps a second; nothing where the layout does not fit the batch."""
         if self._process is None:
             self._process = subprocess.Popen(
-                self.command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=environment()
+                self.command,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                text=True,
+                env=environment(),
             )
         process = self._process
         assert process.stdin is not None
         assert process.stdout is not None
-        process.stdin.write(json.dumps({"series": series, "batch": batch, "layout": layout, "seconds": seconds}) + "\n")
+        process.stdin.write(
+            json.dumps({"series": series, "batch": batch, "layout": layout, "seconds": seconds})
+            + "\n"
+        )
         process.stdin.flush()
         # A package may print while it is imported.
         answer = next((line for line in process.stdout if line.startswith("{")), None)
@@ -106,7 +132,9 @@ class Side:
         """What a fresh process tells in its last line, and the seconds until then."""
         start = time.perf_counter()
         command = [*self.command, what]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=environment()) as process:
+        with subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=environment()
+        ) as process:
             assert process.stdout is not None
             lines = [(line, time.perf_counter() - start) for line in process.stdout]
         if process.returncode or not lines:
@@ -121,8 +149,14 @@ class Side:
 
 
 def environment() -> dict[str, str]:
-    """Variables of the measured processes: no compiled program from the disk, no threads asked for by others."""
-    return {name: value for name, value in os.environ.items() if not name.startswith(("JAX_", "XLA_", "OMP_"))} | {
+    """Variables of the measured processes: no compiled program from the disk, no threads asked for
+    by others.
+    """
+    return {
+        name: value
+        for name, value in os.environ.items()
+        if not name.startswith(("JAX_", "XLA_", "OMP_"))
+    } | {
         "JAX_ENABLE_COMPILATION_CACHE": "false",
         "JAX_PLATFORMS": "cpu",
     }
@@ -140,7 +174,12 @@ class Found:
     """Steps a second by series, side and batch."""
 
 
-def medians(sides: dict[str, Side], asked: dict[str, list[tuple[str, int, str]]], repeats: int, seconds: float) -> dict[Any, float]:
+def medians(
+    sides: dict[str, Side],
+    asked: dict[str, list[tuple[str, int, str]]],
+    repeats: int,
+    seconds: float,
+) -> dict[Any, float]:
     """Median rate of each question to each side, all asked in turn."""
     told: dict[Any, list[float]] = {}
     for _ in range(repeats):
@@ -152,23 +191,45 @@ def medians(sides: dict[str, Side], asked: dict[str, list[tuple[str, int, str]]]
     return {question: statistics.median(rates) for question, rates in told.items()}
 
 
-def measure_rates(sides: dict[str, Side], batches: list[int], repeats: int, seconds: float) -> Found:
+def measure_rates(
+    sides: dict[str, Side], batches: list[int], repeats: int, seconds: float
+) -> Found:
     """Sweeps over the batches, and both sides anew at their best."""
     found = Found()
     for series in SERIES:
         taking_part = {name: side for name, side in sides.items() if series in side.series}
         rates: dict[Any, float] = {}
         for batch in batches:
-            asked = {name: [(series, batch, layout) for layout in side.layouts] for name, side in taking_part.items()}
+            asked = {
+                name: [(series, batch, layout) for layout in side.layouts]
+                for name, side in taking_part.items()
+            }
             rates |= medians(sides, asked, max(2, repeats // 2), seconds)
-            best = {name: max(rate for (who, asked), rate in rates.items() if who == name and asked[1] == batch) for name in taking_part}
-            click.echo(f"{series:9} {batch:6} " + "  ".join(f"{name} {figure(rate)}" for name, rate in best.items()))
+            best = {
+                name: max(
+                    rate
+                    for (who, asked), rate in rates.items()
+                    if who == name and asked[1] == batch
+                )
+                for name in taking_part
+            }
+            click.echo(
+                f"{series:9} {batch:6} "
+                + "  ".join(f"{name} {figure(rate)}" for name, rate in best.items())
+            )
             for name, rate in best.items():
                 found.sweep.setdefault(series, {}).setdefault(name, {})[batch] = rate
-        winners = {name: max((r, asked) for (who, asked), r in rates.items() if who == name)[1] for name in taking_part}
-        final = medians(sides, {name: [question] for name, question in winners.items()}, repeats, 2 * seconds)
+        winners = {
+            name: max((r, asked) for (who, asked), r in rates.items() if who == name)[1]
+            for name in taking_part
+        }
+        final = medians(
+            sides, {name: [question] for name, question in winners.items()}, repeats, 2 * seconds
+        )
         found.figures[series] = {name: final[name, question] for name, question in winners.items()}
-        found.details[series] = {name: f"{question[1]:,} drones, {question[2]}" for name, question in winners.items()}
+        found.details[series] = {
+            name: f"{question[1]:,} drones, {question[2]}" for name, question in winners.items()
+        }
     return found
 
 
@@ -180,27 +241,45 @@ def measure_processes(sides: dict[str, Side], found: Found, repeats: int) -> Non
             answer, seconds = side.once(what)
             told[name].append(seconds if what == "first" else answer)
         found.figures[what] = {name: statistics.median(values) for name, values in told.items()}
-        click.echo(f"{what:16} " + "  ".join(f"{name} {figure(value)}" for name, value in found.figures[what].items()))
+        click.echo(
+            f"{what:16} "
+            + "  ".join(f"{name} {figure(value)}" for name, value in found.figures[what].items())
+        )
 
 
 def bars_table(found: Found) -> str:
     """The bars and what was reached."""
-    rows = [f"| what | maidenflight | crazyflow {VERSION} | ratio | bar | reached |", "|---|---|---|---|---|---|"]
+    rows = [
+        f"| what | maidenflight | crazyflow {VERSION} | ratio | bar | reached |",
+        "|---|---|---|---|---|---|",
+    ]
     for what, bar in BARS.items():
-        ours, theirs = (found.figures.get(what, {}).get(name) for name in ("maidenflight", "crazyflow"))
+        ours, theirs = (
+            found.figures.get(what, {}).get(name) for name in ("maidenflight", "crazyflow")
+        )
         ratio = f"{ours / theirs:.1f}" if ours and theirs else "-"
         missing = "has none" if what == "training" else "not measured"
         cells = [figure(ours) if ours else "not measured", figure(theirs) if theirs else missing]
-        rows.append(f"| {bar.what} [{bar.unit}] | {cells[0]} | {cells[1]} | {ratio} | {bar.told()} | {bar.reached(ours, theirs)} |")
+        rows.append(
+            f"| {bar.what} [{bar.unit}] | {cells[0]} | {cells[1]} | {ratio} | {bar.told()} | "
+            f"{bar.reached(ours, theirs)} |"
+        )
     return "\n".join(rows)
 
 
 def sweep_table(found: Found) -> str:
     """Steps a second against the number of drones."""
     columns = [(series, name) for series in found.sweep for name in found.sweep[series]]
-    rows = ["| drones | " + " | ".join(f"{SERIES[series]}, {name}" for series, name in columns) + " |", "|---:" * (len(columns) + 1) + "|"]
+    rows = [
+        "| drones | " + " | ".join(f"{SERIES[series]}, {name}" for series, name in columns) + " |",
+        "|---:" * (len(columns) + 1) + "|",
+    ]
     for batch in sorted({batch for series, name in columns for batch in found.sweep[series][name]}):
-        rows.append(f"| {batch:,} | " + " | ".join(figure(found.sweep[series][name].get(batch)) for series, name in columns) + " |")
+        rows.append(
+            f"| {batch:,} | "
+            + " | ".join(figure(found.sweep[series][name].get(batch)) for series, name in columns)
+            + " |"
+        )
     return "\n".join(rows)
 
 
@@ -213,8 +292,10 @@ def growth(found: Found) -> str:
         linear = [batch for batch, rate in rates.items() if rate > 0.7 * max(rates.values())]
         end = f"to {max(linear):,}" if max(linear) < most else "on"
         sentences.append(
-            f"- {words}: {1e6 * least / rates[least]:.3g} us with {least:,} drone, {1e6 * most / rates[most]:.3g} us with {most:,}; "
-            f"in proportion to their number, within 30 % of the best rate, from {min(linear):,} drones {end}."
+            f"- {words}: {1e6 * least / rates[least]:.3g} us with {least:,} drone, "
+            f"{1e6 * most / rates[most]:.3g} us with {most:,}; "
+            f"in proportion to their number, within 30 % of the best rate, from {min(linear):,} "
+            f"drones {end}."
         )
     return "\n".join(sentences)
 
@@ -224,13 +305,17 @@ def machine(repeats: int, processes: int) -> str:
     model = re.search(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text())
     cores, load = len(os.sched_getaffinity(0)), os.getloadavg()
     return (
-        f"{cores} cores of {model[1] if model else 'an unknown CPU'}; load before the run {load[0]:.1f}. "
+        f"{cores} cores of {model[1] if model else 'an unknown CPU'}; load before the run "
+        f"{load[0]:.1f}. "
         f"Medians of {repeats} answers of 0.4 s, and of {processes} processes."
     )
 
 
 def crazyflow_python(given: str | None) -> str | None:
-    """A Python that has crazyflow, installed into a folder beside this file unless one is given; nothing where that fails."""
+    """A Python that has crazyflow, installed into a folder beside this file unless one is given.
+
+    Nothing where that fails.
+    """
     if given:
         return given
     folder = FOLDER / ".crazyflow"
@@ -238,7 +323,9 @@ def crazyflow_python(given: str | None) -> str | None:
     if not (folder / "installed").exists():
         click.echo(f"installing crazyflow {VERSION} into {folder} ...")
         venv.create(folder, with_pip=True, clear=True)
-        if subprocess.run([python, "-m", "pip", "install", "--quiet", f"crazyflow=={VERSION}"], check=False).returncode:
+        if subprocess.run(
+            [python, "-m", "pip", "install", "--quiet", f"crazyflow=={VERSION}"], check=False
+        ).returncode:
             return None
         (folder / "installed").touch()
     return str(python)
@@ -247,20 +334,35 @@ def crazyflow_python(given: str | None) -> str | None:
 def details(found: Found) -> str:
     """At which batches both were best."""
     return "\n".join(
-        f"- {SERIES[series]}: " + "; ".join(f"{name} at {where}" for name, where in sides.items()) + "."
+        f"- {SERIES[series]}: "
+        + "; ".join(f"{name} at {where}" for name, where in sides.items())
+        + "."
         for series, sides in found.details.items()
     )
 
 
 @click.command()
-@click.option("--quick", is_flag=True, help="Few batches and repeats; for a look, not for the page.")
-@click.option("--output", type=click.Path(path_type=Path, exists=True), default=FOLDER.parent / "docs" / "benchmarks.md", show_default=True)
-@click.option("--crazyflow", help=f"A Python that has crazyflow {VERSION}; installed into benchmarks/.crazyflow unless given.")
+@click.option(
+    "--quick", is_flag=True, help="Few batches and repeats; for a look, not for the page."
+)
+@click.option(
+    "--output",
+    type=click.Path(path_type=Path, exists=True),
+    default=FOLDER.parent / "docs" / "benchmarks.md",
+    show_default=True,
+)
+@click.option(
+    "--crazyflow",
+    help=f"A Python that has crazyflow {VERSION}; installed into benchmarks/.crazyflow unless "
+    "given.",
+)
 def main(quick: bool, output: Path, crazyflow: str | None) -> None:
     """Measures both and writes the tables into the page OUTPUT and a chart beside it."""
     repeats, processes = (3, 1) if quick else (9, 5)
     where = machine(repeats, processes)
-    sides = {"maidenflight": Side(sys.executable, "maidenflight_speed.py", list(LAYOUTS), list(SERIES))}
+    sides = {
+        "maidenflight": Side(sys.executable, "maidenflight_speed.py", list(LAYOUTS), list(SERIES))
+    }
     python = crazyflow_python(crazyflow)
     if python:
         sides["crazyflow"] = Side(python, "crazyflow_speed.py", THEIR_LAYOUTS, ["motor", "rate"])
@@ -268,9 +370,19 @@ def main(quick: bool, output: Path, crazyflow: str | None) -> None:
     for side in sides.values():
         side.close()
     measure_processes(sides, found, processes)
-    curves = {f"{SERIES[series]}, {name}": rates for series, named in found.sweep.items() for name, rates in named.items()}
+    curves = {
+        f"{SERIES[series]}, {name}": rates
+        for series, named in found.sweep.items()
+        for name, rates in named.items()
+    }
     output.with_suffix(".svg").write_text(chart.lines(curves, "drones", "steps a second"))
-    parts = {"machine": where, "bars": bars_table(found), "best": details(found), "sweep": sweep_table(found), "growth": growth(found)}
+    parts = {
+        "machine": where,
+        "bars": bars_table(found),
+        "best": details(found),
+        "sweep": sweep_table(found),
+        "growth": growth(found),
+    }
     write(output, parts)
     click.echo("\n" + parts["bars"])
 

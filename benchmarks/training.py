@@ -1,11 +1,15 @@
-"""Measures what training reaches, how fast and in how much memory; writes tables, recipes and learning curves into docs/training.md.
+"""Measures what training reaches, how fast and in how much memory.
 
-Every policy is scored on 1,000 episodes that it has not seen: noise, drones drawn within +-10 % of a Crazyflie with a motor lag of 80 ms
-and a latency of 20 ms, the task's own start, no exploration. The ceiling is the share of these very episodes, noise and all, in which any
-sequence of actions that was found, in full knowledge of the drone and of the noise to come, keeps the drone within the task's bounds; the
-other ceiling is that of the same starts without noise.
+Writes tables, recipes and learning curves into docs/training.md.
 
-A look at less than all leaves the page alone: `python benchmarks/training.py --only pwm_hover --updates 30 --picture look.svg`.
+Every policy is scored on 1,000 episodes that it has not seen: noise, drones drawn within +-10 % of
+a Crazyflie with a motor lag of 80 ms and a latency of 20 ms, the task's own start, no exploration.
+The ceiling is the share of these very episodes, noise and all, in which any sequence of actions
+that was found, in full knowledge of the drone and of the noise to come, keeps the drone within the
+task's bounds; the other ceiling is that of the same starts without noise.
+
+A look at less than all leaves the page alone: `python benchmarks/training.py --only pwm_hover
+--updates 30 --picture look.svg`.
 """
 
 import dataclasses
@@ -31,7 +35,7 @@ from maidenflight.parameters import crazyflie, noiseless, replace
 from maidenflight.policy import Policy
 from maidenflight.reporting.training_figures import learning_curves
 from maidenflight.simulator import control, environment, tasks
-from maidenflight.simulator.environment import Environment, Episode
+from maidenflight.simulator.environment import Environment, EnvState
 from maidenflight.simulator.randomization import RelativeBox, relative_box
 from maidenflight.simulator.rollout import launch
 from maidenflight.training.evaluation import evaluate
@@ -40,8 +44,12 @@ from maidenflight.workflow import settings_for
 
 CORES = len(os.sched_getaffinity(0))
 SEEDS, EPISODES, UNSEEN, LOOK_AHEAD, IMPROVEMENTS = 5, 1000, 1234, 1.6, 200
-DRONES: dict[str, dict[str, Any]] = {"paper's": {}, "authors', 30 g": {"thrust_to_weight": np.float32(1.725 * 28 / 30)}}
-"""The authors' published thrust-to-weight ratio is of 28 g, and the drone that they simulate has 30."""
+DRONES: dict[str, dict[str, Any]] = {
+    "paper's": {},
+    "authors', 30 g": {"thrust_to_weight": np.float32(1.725 * 28 / 30)},
+}
+"""The authors' published thrust-to-weight ratio is of 28 g, and the drone that they simulate has
+30."""
 
 
 class Recipe(NamedTuple):
@@ -68,7 +76,10 @@ class Recipe(NamedTuple):
     def command(self) -> str:
         """What trains the same policies from a drone's file."""
         drone = "drone.toml" if self.drone == "paper's" else "drone_30g.toml"
-        command = f"maidenflight train --drone {drone} --policies {SEEDS} -o {self.name} --control {self.control} --task {self.task}"
+        command = (
+            f"maidenflight train --drone {drone} --policies {SEEDS} -o {self.name} "
+            f"--control {self.control} --task {self.task}"
+        )
         return command if self.history == 2 else f"{command} --history {self.history}"
 
 
@@ -95,11 +106,20 @@ class Measured(NamedTuple):
 
 def box(recipe: Recipe) -> RelativeBox:
     """Drones within +-10 %, in steps that fit the control structure."""
-    centre = replace(crazyflie(), motor_time_constant=np.float32(0.08), latency=np.float32(0.02), **DRONES[recipe.drone])
-    return relative_box(control.in_fitting_steps(centre, control.CONTROLLERS[recipe.control]()), 0.10)
+    centre = replace(
+        crazyflie(),
+        motor_time_constant=np.float32(0.08),
+        latency=np.float32(0.02),
+        **DRONES[recipe.drone],
+    )
+    return relative_box(
+        control.in_fitting_steps(centre, control.CONTROLLERS[recipe.control]()), 0.10
+    )
 
 
-def trained(recipe: Recipe, drones: RelativeBox, updates: int | None) -> tuple[tuple[Policy, ...], list[tuple[float, Progress]]]:
+def trained(
+    recipe: Recipe, drones: RelativeBox, updates: int | None
+) -> tuple[tuple[Policy, ...], list[tuple[float, Progress]]]:
     """Policies of all seeds in one call, and when which score was heard [s]."""
     heard: list[tuple[float, Progress]] = []
     began = time.perf_counter()
@@ -118,37 +138,53 @@ def curves(heard: list[tuple[float, Progress]]) -> polars.DataFrame:
     rows = []
     for seconds, progress in heard:
         for number in range(SEEDS):
-            scores = {name: float(values[number]) for name, values in progress.score._asdict().items()}
-            rows.append({"seconds": seconds, "update": progress.update, "steps": progress.steps, "policy": number + 1, **scores})
+            scores = {
+                name: float(values[number]) for name, values in progress.score._asdict().items()
+            }
+            rows.append(
+                {
+                    "seconds": seconds,
+                    "update": progress.update,
+                    "steps": progress.steps,
+                    "policy": number + 1,
+                    **scores,
+                }
+            )
     return polars.DataFrame(rows)
 
 
-def survivable(simulated: Environment, drones: RelativeBox, policy: Policy) -> float:
-    """The share of episodes in which a sequence of actions is found that keeps the drone within the task's bounds.
+def survivable(env: Environment, drones: RelativeBox, policy: Policy) -> float:
+    """The share of episodes in which a sequence of actions is found that keeps the drone within the
+    task's bounds.
 
-    The first guess is what a trained policy does; Adam improves it by the gradient through the simulator. Drones, starts and the noise of
-    each period are those of `scored`, so that a policy and its ceiling differ by what it does, not by luck; over noiseless drones the noise
-    is gone, and the drones and starts are the same.
+    The first guess is what a trained policy does; Adam improves it by the gradient through the
+    simulator. Drones, starts and the noise of each period are those of `scored`, so that a policy
+    and its ceiling differ by what it does, not by luck; over noiseless drones the noise is gone,
+    and the drones and starts are the same.
     """
-    rate = simulated.controller.action_rate
-    periods, all_periods = round(LOOK_AHEAD * rate), round(simulated.task.duration * rate)
+    rate = env.controller.action_rate
+    periods, all_periods = round(LOOK_AHEAD * rate), round(env.task.duration * rate)
     cores = NamedSharding(Mesh(np.array(jax.devices()), ("starts",)), PartitionSpec("starts"))
     keys = jax.device_put(jax.random.split(jax.random.key(UNSEEN), EPISODES), cores)
 
     def one(key: jax.Array) -> jax.Array:
         launch_key, key = jax.random.split(key)  # as `evaluate` and `rollout` split it
-        first, drone = launch(simulated, drones, launch_key)
+        first, drone = launch(env, drones, launch_key)
         noise = jax.random.split(key, all_periods)[:periods]
 
-        def by_policy(episode: Episode, key: jax.Array) -> tuple[Episode, jax.Array]:
-            action = policy(environment.observation(episode))
-            return environment.step(simulated, episode, action, drone, key)[0], jnp.clip(action, -1.0, 1.0)
+        def by_policy(env_state: EnvState, key: jax.Array) -> tuple[EnvState, jax.Array]:
+            action = policy(environment.observation(env_state))
+            return environment.step(env, env_state, action, drone, key)[0], jnp.clip(
+                action, -1.0, 1.0
+            )
 
         def farthest(actions: jax.Array) -> tuple[jax.Array, jax.Array]:
-            def fly(episode: Episode, now: tuple[jax.Array, jax.Array]) -> tuple[Episode, jax.Array]:
+            def fly(
+                env_state: EnvState, now: tuple[jax.Array, jax.Array]
+            ) -> tuple[EnvState, jax.Array]:
                 action, key = now
-                after, outcome = environment.step(simulated, episode, action, drone, key)
-                return after, outcome.position_error
+                after, step_result = environment.step(env, env_state, action, drone, key)
+                return after, step_result.position_error
 
             errors = jax.lax.scan(fly, first, (jnp.clip(actions, -1.0, 1.0), noise))[1]
             errors = jnp.where(jnp.isfinite(errors), errors, 10.0)
@@ -157,13 +193,16 @@ def survivable(simulated: Environment, drones: RelativeBox, policy: Policy) -> f
 
         optimiser = optax.adam(0.03)
 
-        def improve(memory: tuple[jax.Array, Any, jax.Array], _: None) -> tuple[tuple[jax.Array, Any, jax.Array], None]:
+        def improve(
+            memory: tuple[jax.Array, Any, jax.Array], _: None
+        ) -> tuple[tuple[jax.Array, Any, jax.Array], None]:
             actions, state, best = memory
             slope, worst = jax.grad(farthest, has_aux=True)(actions)
             slope = jnp.where(jnp.isfinite(slope), slope, 0.0)
             with jax.numpy_dtype_promotion("standard"):
                 change, state = optimiser.update(slope / (jnp.linalg.norm(slope) + 1e-6), state)
-            return (jnp.clip(optax.apply_updates(actions, change), -1.0, 1.0), state, jnp.minimum(best, worst)), None  # type: ignore[arg-type]
+            moved: Any = optax.apply_updates(actions, change)
+            return (jnp.clip(moved, -1.0, 1.0), state, jnp.minimum(best, worst)), None
 
         _, actions = jax.lax.scan(by_policy, first, noise)
         start = (actions, optimiser.init(actions), jnp.asarray(jnp.inf))
@@ -173,9 +212,9 @@ def survivable(simulated: Environment, drones: RelativeBox, policy: Policy) -> f
     return float(jnp.mean(worst < tasks.FARTHEST))
 
 
-def scored(simulated: Environment, drones: RelativeBox, policies: tuple[Policy, ...]) -> list[Any]:
+def scored(env: Environment, drones: RelativeBox, policies: tuple[Policy, ...]) -> list[Any]:
     """Scores on episodes that no policy has seen."""
-    return [evaluate(simulated, policy, drones, jax.random.key(UNSEEN), EPISODES) for policy in policies]
+    return [evaluate(env, policy, drones, jax.random.key(UNSEEN), EPISODES) for policy in policies]
 
 
 def spread(values: list[float], worst: Callable[..., float], form: str) -> str:
@@ -184,20 +223,29 @@ def spread(values: list[float], worst: Callable[..., float], form: str) -> str:
 
 
 def measure(recipe: Recipe, updates: int | None) -> Measured:
-    """Trains and scores; to be called in a process of its own, for memory counts from the process's start."""
+    """Trains and scores.
+
+    To be called in a process of its own, for memory counts from the process's start.
+    """
     jax.config.update("jax_num_cpu_devices", CORES)
     drones = box(recipe)
     task, controller = tasks.TASKS[recipe.task](), control.CONTROLLERS[recipe.control]()
-    simulated = Environment.matching(drones.centre, task, controller, history=recipe.history)
+    env = Environment.matching(drones.centre, task, controller, history=recipe.history)
     policies, heard = trained(recipe, drones, updates)
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20  # GiB, before the scores add theirs
-    scores = scored(simulated, drones, policies)
+    memory = (
+        resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    )  # GiB, before the scores add theirs
+    scores = scored(env, drones, policies)
     (first, begun), (last, done) = heard[0], heard[-1]
     rate = f"{(done.steps - begun.steps) / (last - first) / 1e3:.0f} k" if len(heard) > 1 else "-"
     quiet = dataclasses.replace(drones, nominal=noiseless(drones.nominal))
-    ceilings = [survivable(simulated, each, policies[0]) for each in (drones, quiet)] if recipe.task == "circle" else []
+    ceilings = (
+        [survivable(env, each, policies[0]) for each in (drones, quiet)]
+        if recipe.task == "circle"
+        else []
+    )
     cells = [
-        f"{recipe.control}, {simulated.controller.action_rate} Hz, {recipe.task}, {recipe.drone} drone",
+        f"{recipe.control}, {env.controller.action_rate} Hz, {recipe.task}, {recipe.drone} drone",
         spread([float(score.episode_return) for score in scores], min, ".1f"),
         spread([float(score.survival) for score in scores], min, ".1%"),
         " / ".join(f"{ceiling:.1%}" for ceiling in ceilings) or "-",
@@ -215,17 +263,43 @@ HEAD = """| policies | return | survival | ceiling / without noise | distance [c
 
 def drawn(measured: dict[str, Measured]) -> str:
     """The picture of the recipes' learning curves."""
-    title = f"Return of {SEEDS} policies each over the time of training on {CORES} cores, compiling included"
-    return learning_curves({RECIPES[name].title: each.curves for name, each in measured.items()}, ["episode_return"], "seconds", 840, title)
+    title = (
+        f"Return of {SEEDS} policies each over the time of training on {CORES} cores, "
+        "compiling included"
+    )
+    return learning_curves(
+        {RECIPES[name].title: each.curves for name, each in measured.items()},
+        ["episode_return"],
+        "seconds",
+        840,
+        title,
+    )
 
 
 @click.command()
-@click.option("--output", type=click.Path(path_type=Path, exists=True), default=Path(__file__).parents[1] / "docs" / "training.md")
-@click.option("--only", "chosen", multiple=True, type=click.Choice(list(RECIPES)), help="This recipe, for a look; may be repeated.")
+@click.option(
+    "--output",
+    type=click.Path(path_type=Path, exists=True),
+    default=Path(__file__).parents[1] / "docs" / "training.md",
+)
+@click.option(
+    "--only",
+    "chosen",
+    multiple=True,
+    type=click.Choice(list(RECIPES)),
+    help="This recipe, for a look; may be repeated.",
+)
 @click.option("--updates", type=click.IntRange(1), help="Train with so few updates, for a look.")
-@click.option("--picture", type=click.Path(path_type=Path), help="Of a look: SVG file for the learning curves; none unless given.")
+@click.option(
+    "--picture",
+    type=click.Path(path_type=Path),
+    help="Of a look: SVG file for the learning curves; none unless given.",
+)
 def main(output: Path, chosen: tuple[str, ...], updates: int | None, picture: Path | None) -> None:
-    """Trains five policies of each kind and writes what came of them into the page OUTPUT; a look at less leaves the page alone."""
+    """Trains five policies of each kind and writes what came of them into the page OUTPUT.
+
+    A look at less leaves the page alone.
+    """
     measured: dict[str, Measured] = {}
     click.echo(HEAD)
     for name in chosen or RECIPES:
@@ -244,7 +318,8 @@ def main(output: Path, chosen: tuple[str, ...], updates: int | None, picture: Pa
             "training": "\n".join([HEAD, *(each.row for each in measured.values())]),
             "training-machine": f"{CORES} cores; load at the end {os.getloadavg()[0]:.1f}.",
             "training-recipes": recipes(),
-            "training-curves": f"![Return over the time of training, a panel a recipe]({picture.name})",
+            "training-curves": "![Return over the time of training, a panel a "
+            f"recipe]({picture.name})",
         },
     )
 

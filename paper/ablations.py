@@ -1,10 +1,13 @@
-"""The claims of the paper's Discussion, each tried with its effect: what of training and of the drone do zero-shot flights depend on?
+"""The claims of the paper's Discussion, each tried with its effect: what of training and of the
+drone do zero-shot flights depend on?
 
-`python paper/ablations.py -o ablations` trains policies around a drone, five seeds each: as the paper did, and then with one thing changed
-at a time: penalties of actions, the range of attitude rates, and what the simulation knows of motor lag and latency. It flies each of them
-in virtual realities and on the drone itself, and those trained as the paper's also on drones with other parts, or drawn from the posterior
-of an identified drone. `flights.csv` has a row a flight, `ablations.svg` shows effects with 95 % intervals over policies. Stopped, it goes
-on where it was by the same command; what has flown is kept by variant, and only the picture is drawn anew.
+`python paper/ablations.py -o ablations` trains policies around a drone, five seeds each: as the
+paper did, and then with one thing changed at a time: penalties of actions, the range of attitude
+rates, and what the simulation knows of motor lag and latency. It flies each of them in virtual
+realities and on the drone itself, and those trained as the paper's also on drones with other parts,
+or drawn from the posterior of an identified drone. `flights.csv` has a row a flight,
+`ablations.svg` shows effects with 95 % intervals over policies. Stopped, it goes on where it was by
+the same command; what has flown is kept by variant, and only the picture is drawn anew.
 
 Source: Gronauer et al. 2022, sec. Discussion.
 """
@@ -52,13 +55,14 @@ QUICK = {
     "pwm": AnalyticGradient(updates=400, hidden_rate=0.0),
     "attitude_rate": AnalyticGradient(updates=300, horizon=32, hidden_rate=0.0),
 }
-"""Settings of training, by control structure: a quarter as long as the command line's, and by Adam alone, as docs/zero-shot.md was
-measured."""
+"""Settings of training, by control structure: a quarter as long as the command line's, and by Adam
+alone, as docs/zero-shot.md was measured."""
 NO_LAG = 0.0025
-"""T_m [s] of a motor without lag: in steps of 5 ms the trapezoidal rule then reaches the command at the end of the step, and a shorter
-one would overshoot."""
+"""T_m [s] of a motor without lag: in steps of 5 ms the trapezoidal rule then reaches the command at
+the end of the step, and a shorter one would overshoot."""
 LIMIT = 0.01
-"""A command within this of 0 or 1 is at its limit; steps of the motors' 8-bit timers are as large at full thrust."""
+"""A command within this of 0 or 1 is at its limit; steps of the motors' 8-bit timers are as large
+at full thrust."""
 ITSELF = "itself"
 """The reality that is the very drone of `--drone`."""
 BASELINE = "as the paper"
@@ -77,7 +81,8 @@ class Variant(NamedTuple):
     highest_rate: float = HIGHEST_RATE
     """[deg/s]."""
     motor_time_constant: float | None = None
-    """Of the drone in the middle of the training box [s], where it is not the true one; `latency` likewise."""
+    """Of the drone in the middle of the training box [s], where it is not the true one; `latency`
+    likewise."""
     latency: float | None = None
 
     @property
@@ -127,7 +132,10 @@ class Parts(NamedTuple):
     """Standard deviation of each motor's thrust at hover, as a share of it."""
 
 
-_PROPELLERS, _MOTORS = {"thrust_to_weight": 0.15, "torque_to_thrust": 0.30}, {"motor_time_constant": 0.30}
+_PROPELLERS, _MOTORS = (
+    {"thrust_to_weight": 0.15, "torque_to_thrust": 0.30},
+    {"motor_time_constant": 0.30},
+)
 PARTS = {
     "other propellers": Parts(_PROPELLERS),
     "other motors": Parts(_MOTORS),
@@ -135,26 +143,39 @@ PARTS = {
     "unequal motors, 10 %": Parts({}, imbalance=0.10),
     "all parts, 5 %": Parts(_PROPELLERS | _MOTORS, imbalance=0.05),
 }
-"""Ours: half wider to three times as wide as the training box. Between the published flights roll and pitch trims scatter by 1.1e-4 and
-1.5e-4 N m, which is what motors that differ by 3 and 4 % make."""
+"""Ours: half wider to three times as wide as the training box. Between the published flights roll
+and pitch trims scatter by 1.1e-4 and 1.5e-4 N m, which is what motors that differ by 3 and 4 %
+make."""
 POSTERIOR, TRIM = "posterior", "trims between flights"
 
 
 def with_other_parts(drone: Parameters, parts: Parts, generator: np.random.Generator) -> Parameters:
     """One drone with other propellers or motors."""
-    factors = {name: component(drone, name) * np.float32(generator.uniform(1 - half, 1 + half)) for name, half in parts.factors.items()}
-    forces = np.full(4, drone.mass * drone.gravity / 4) * (1.0 + parts.imbalance * generator.standard_normal(4))
+    factors = {
+        name: component(drone, name) * np.float32(generator.uniform(1 - half, 1 + half))
+        for name, half in parts.factors.items()
+    }
+    forces = np.full(4, drone.mass * drone.gravity / 4) * (
+        1.0 + parts.imbalance * generator.standard_normal(4)
+    )
     even = np.full(4, forces.sum() / 4)
     changed = replace(drone, **factors)
-    torques = (np.stack([np.asarray(axis) for axis in dynamics.torque(each, changed)]) for each in (forces, even))  # type: ignore[arg-type]
-    uneven, none = torques
+    pairs: Any = (forces, even)
+    uneven, none = (
+        np.stack([np.asarray(axis) for axis in dynamics.torque(each, changed)]) for each in pairs
+    )
     return parameters.check(
-        replace(changed, torque_bias=np.asarray(drone.torque_bias + uneven - none, np.float32)), "a drone of other parts"
+        replace(changed, torque_bias=np.asarray(drone.torque_bias + uneven - none, np.float32)),
+        "a drone of other parts",
     )
 
 
-def other_drones(drone: Parameters, file: str, draws: int, seed: int) -> dict[str, list[Parameters]]:
-    """Drones that resemble the one of a file: from its posterior and with its flights' trims where it tells them, and with other parts."""
+def other_drones(
+    drone: Parameters, file: str, draws: int, seed: int
+) -> dict[str, list[Parameters]]:
+    """Drones that resemble the one of a file: from its posterior and with its flights' trims where
+    it tells them, and with other parts.
+    """
     content = tomllib.loads(Path(file).read_text(encoding="utf-8")) if Path(file).is_file() else {}
     groups: dict[str, list[Parameters]] = {}
     if "posterior" in content:
@@ -167,7 +188,10 @@ def other_drones(drone: Parameters, file: str, draws: int, seed: int) -> dict[st
 
 
 def _first(drones: Ensemble, count: int) -> list[Parameters]:
-    return [jax.tree.map(lambda leaf, place=place: np.asarray(leaf)[place], drones.drones) for place in range(count)]
+    return [
+        jax.tree.map(lambda leaf, place=place: np.asarray(leaf)[place], drones.drones)
+        for place in range(count)
+    ]
 
 
 def _number(name: str) -> int:
@@ -176,7 +200,12 @@ def _number(name: str) -> int:
 
 
 def trained(
-    variant: Variant, nominal: Parameters, settings: AnalyticGradient, seeds: int, made: dict[str, Any], folder: Path
+    variant: Variant,
+    nominal: Parameters,
+    settings: AnalyticGradient,
+    seeds: int,
+    made: dict[str, Any],
+    folder: Path,
 ) -> list[Policy]:
     """Policies of a variant: those that the folder holds, or new ones that it holds then.
 
@@ -185,19 +214,34 @@ def trained(
     """
 
     def learn() -> Sequence[Policy]:
-        keys = jax.random.split(jax.random.fold_in(jax.random.key(made["seed"]), _number(variant.folder)), seeds)
-        task = tasks.circle(action_penalty=variant.action_penalty, action_rate_penalty=variant.action_rate_penalty)
-        return train(task, variant.controller(), relative_box(variant.drone(nominal), RANDOMIZATION), keys, settings)
+        keys = jax.random.split(
+            jax.random.fold_in(jax.random.key(made["seed"]), _number(variant.folder)), seeds
+        )
+        task = tasks.circle(
+            action_penalty=variant.action_penalty, action_rate_penalty=variant.action_rate_penalty
+        )
+        return train(
+            task,
+            variant.controller(),
+            relative_box(variant.drone(nominal), RANDOMIZATION),
+            keys,
+            settings,
+        )
 
     return policy.kept(folder / variant.folder, seeds, made, learn)
 
 
 def _same(found: Any, made: Mapping[str, Any], path: Path) -> None:
     if found != results.plain(made):
-        raise InputError(f"{path}: from a run with other settings or of another version. Choose another folder with -o.")
+        raise InputError(
+            f"{path}: from a run with other settings or of another version. Choose another folder "
+            "with -o."
+        )
 
 
-def actions(flown: Policy, flights: Sequence[Flight], levels: Float[np.ndarray, "F 4"]) -> list[Float[np.ndarray, "N 4"]]:
+def actions(
+    flown: Policy, flights: Sequence[Flight], levels: Float[np.ndarray, "F 4"]
+) -> list[Float[np.ndarray, "N 4"]]:
     """What a policy did in its flights, from what their logs say that it saw; not clipped.
 
     Args:
@@ -207,13 +251,25 @@ def actions(flown: Policy, flights: Sequence[Flight], levels: Float[np.ndarray, 
     """
     longest = max(len(flight) for flight in flights)
     # Flights that have ended stay what they were last, which is cut off again.
-    seen = np.stack([np.pad(_seen(flight), ((0, longest - len(flight)), (0, 0)), mode="edge") for flight in flights])
-    layers = [(np.asarray(weight), np.asarray(bias)) for weight, bias in zip(flown.weights, flown.biases, strict=True)]
-    mean, deviation = np.asarray(flown.observation_mean), np.asarray(flown.observation_deviation)
+    seen = np.stack(
+        [
+            np.pad(_seen(flight), ((0, longest - len(flight)), (0, 0)), mode="edge")
+            for flight in flights
+        ]
+    )
+    layers = [
+        (np.asarray(weight), np.asarray(bias))
+        for weight, bias in zip(flown.weights, flown.biases, strict=True)
+    ]
+    mean, deviation = np.asarray(flown.observation_mean), np.asarray(flown.observation_std)
     action, history, done = np.asarray(levels), None, []
     for row in seen.swapaxes(0, 1):
         instant = np.concatenate([row, action], axis=1)
-        history = np.tile(instant, flown.history) if history is None else np.concatenate([history[:, instant.shape[1] :], instant], axis=1)
+        history = (
+            np.tile(instant, flown.history)
+            if history is None
+            else np.concatenate([history[:, instant.shape[1] :], instant], axis=1)
+        )
         values = (history - mean) / deviation
         for weight, bias in layers[:-1]:
             values = np.maximum(values @ weight.T + bias, 0.0)
@@ -229,7 +285,10 @@ def _seen(flight: Flight) -> Float[np.ndarray, "N 16"]:
     flips = np.where(np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0, -1.0, 1.0)
     signs = np.cumprod(np.concatenate([[1.0 if quaternions[0, 3] >= 0 else -1.0], flips]))
     error = flight.setpoint - flight.position
-    return np.concatenate([flight.position, quaternions * signs[:, None], flight.velocity, flight.body_rates, error], axis=1)
+    return np.concatenate(
+        [flight.position, quaternions * signs[:, None], flight.velocity, flight.body_rates, error],
+        axis=1,
+    )
 
 
 class Activity(NamedTuple):
@@ -258,26 +317,55 @@ def flown(
     duration: float,
     key: jax.Array,
 ) -> polars.DataFrame:
-    """A row a flight: variant, control, policy, reality, drone (its number in the reality), trial, what `transfer` tells, and `Activity`.
+    """A row a flight: variant, control, policy, reality, drone (its number in the reality), trial,
+    what `transfer` tells, and `Activity`.
 
     All variants start alike and meet the same noise, as far as the key is the same.
     """
     controller = variant.controller()
-    places = {one.name: (name, number, one) for name, drones in realities.items() for number, one in enumerate(drones, 1)}
+    places = {
+        one.name: (name, number, one)
+        for name, drones in realities.items()
+        for number, one in enumerate(drones, 1)
+    }
     names = [str(number) for number in range(1, len(policies) + 1)]
-    made = transfer(policies, [one for *_, one in places.values()], trials, key, controller=controller, duration=duration, names=names)
-    levels = {name: np.asarray(controller.level(dynamics.hover_command(one.parameters))) for name, (*_, one) in places.items()}
+    made = transfer(
+        policies,
+        [one for *_, one in places.values()],
+        trials,
+        key,
+        controller=controller,
+        duration=duration,
+        names=names,
+    )
+    levels = {
+        name: np.asarray(controller.level(dynamics.hover_command(one.parameters)))
+        for name, (*_, one) in places.items()
+    }
     done: dict[int, Float[np.ndarray, "N 4"]] = {}
     for name, one in zip(names, policies, strict=True):
         own = [number for number, pilot in enumerate(made.table["policy"]) if pilot == name]
         begun = np.stack([levels[made.table["reality"][number]] for number in own])
-        done |= dict(zip(own, actions(one, [made.flights[number] for number in own], begun), strict=True))
+        done |= dict(
+            zip(own, actions(one, [made.flights[number] for number in own], begun), strict=True)
+        )
     rows = []
-    for place, (row, flight) in enumerate(zip(made.table.iter_rows(named=True), made.flights, strict=True)):
+    for place, (row, flight) in enumerate(
+        zip(made.table.iter_rows(named=True), made.flights, strict=True)
+    ):
         reality, number, _ = places[row["reality"]]
         ended = {name: row[name] for name in ("duration", "end_reason", "position_error")}
-        told = {name: round(value, 6) for name, value in activity(done[place], flight.command)._asdict().items()}
-        begun = {"variant": variant.name, "control": variant.control, "policy": int(row["policy"]), "reality": reality, "drone": number}
+        told = {
+            name: round(value, 6)
+            for name, value in activity(done[place], flight.command)._asdict().items()
+        }
+        begun = {
+            "variant": variant.name,
+            "control": variant.control,
+            "policy": int(row["policy"]),
+            "reality": reality,
+            "drone": number,
+        }
         rows.append({**begun, "trial": row["trial"], **ended, **told})
     return polars.DataFrame(rows)
 
@@ -302,24 +390,39 @@ MEASURES = (
 
 
 def by_policy(flights: polars.DataFrame) -> polars.DataFrame:
-    """Means of a policy's flights in a reality, a row a policy; all but the duration are means over time."""
+    """Means of a policy's flights in a reality, a row a policy.
+
+    All but the duration are means over time.
+    """
     weight = polars.col("duration")
-    others = [((polars.col(each.column) * weight).sum() / weight.sum()).alias(each.column) for each in MEASURES[1:]]
-    return flights.group_by("control", "variant", "reality", "policy", maintain_order=True).agg(*others, weight.mean().alias("duration"))
+    others = [
+        ((polars.col(each.column) * weight).sum() / weight.sum()).alias(each.column)
+        for each in MEASURES[1:]
+    ]
+    return flights.group_by("control", "variant", "reality", "policy", maintain_order=True).agg(
+        *others, weight.mean().alias("duration")
+    )
 
 
 def effects(flights: polars.DataFrame) -> polars.DataFrame:
     """Of everything that was changed, in the order of the flights.
 
     Returns:
-        control, variant, reality, measure, policies, mean, effect, low, high (95 % interval), in the units of `MEASURES`. A variant's
-        effect is the difference to the baseline of its control structure in the same reality (Welch's interval, policies are the
-        sample); that of drones which resemble the one trained for is the mean difference to the flights of the same policies on that
-        one. An interval is not a number where no policy differs from another.
+        control, variant, reality, measure, policies, mean, effect, low, high (95 % interval), in
+        the units of `MEASURES`. A variant's effect is the difference to the baseline of its control
+        structure in the same reality (Welch's interval, policies are the sample); that of drones
+        which resemble the one trained for is the mean difference to the flights of the same
+        policies on that one. An interval is not a number where no policy differs from another.
     """
     means, rows = by_policy(flights), []
-    for structure, name, reality in means.select("control", "variant", "reality").unique(maintain_order=True).iter_rows():
-        own = means.filter((polars.col("control") == structure) & (polars.col("variant") == name) & (polars.col("reality") == reality))
+    for structure, name, reality in (
+        means.select("control", "variant", "reality").unique(maintain_order=True).iter_rows()
+    ):
+        own = means.filter(
+            (polars.col("control") == structure)
+            & (polars.col("variant") == name)
+            & (polars.col("reality") == reality)
+        )
         paired = reality in (POSTERIOR, TRIM, *PARTS)
         base = means.filter(
             (polars.col("control") == structure)
@@ -328,18 +431,36 @@ def effects(flights: polars.DataFrame) -> polars.DataFrame:
         )
         for each in MEASURES:
             values, others = (each.scale * frame[each.column].to_numpy() for frame in (own, base))
-            low, high = (np.nan, np.nan) if name == BASELINE and not paired else _interval(values, others, paired)
+            low, high = (
+                (np.nan, np.nan)
+                if name == BASELINE and not paired
+                else _interval(values, others, paired)
+            )
             effect = float(values.mean() - others.mean())
-            told = {"control": structure, "variant": name, "reality": reality, "measure": each.column, "policies": len(values)}
-            rows.append({**told, "mean": float(values.mean()), "effect": effect, "low": low, "high": high})
+            told = {
+                "control": structure,
+                "variant": name,
+                "reality": reality,
+                "measure": each.column,
+                "policies": len(values),
+            }
+            rows.append(
+                {**told, "mean": float(values.mean()), "effect": effect, "low": low, "high": high}
+            )
     return polars.DataFrame(rows)
 
 
-def _interval(values: Float[np.ndarray, "n"], others: Float[np.ndarray, "m"], paired: bool) -> tuple[float, float]:
+def _interval(
+    values: Float[np.ndarray, "n"], others: Float[np.ndarray, "m"], paired: bool
+) -> tuple[float, float]:
     """Of the difference of means."""
     with warnings.catch_warnings():  # of policies that do not differ, which give no interval
         warnings.simplefilter("ignore", RuntimeWarning)
-        found: Any = stats.ttest_rel(values, others) if paired else stats.ttest_ind(values, others, equal_var=False)
+        found: Any = (
+            stats.ttest_rel(values, others)
+            if paired
+            else stats.ttest_ind(values, others, equal_var=False)
+        )
         low, high = found.confidence_interval(0.95)
     return (float(low), float(high)) if low < high else (np.nan, np.nan)
 
@@ -350,32 +471,67 @@ LABELS, COLUMN, ROW = 176, 158, 24
 
 
 def chart(table: polars.DataFrame, drone: str) -> str:
-    """Effects as dots with their intervals, as SVG: a block a control structure and kind of change, a panel a measure."""
-    changed = table.filter((polars.col("variant") != BASELINE) | ~polars.col("reality").is_in(_trained_in(table)))
+    """Effects as dots with their intervals, as SVG: a block a control structure and kind of change,
+    a panel a measure.
+    """
+    changed = table.filter(
+        (polars.col("variant") != BASELINE) | ~polars.col("reality").is_in(_trained_in(table))
+    )
     realities = _trained_in(table)
     colours = dict(zip(realities, COLOURS, strict=False))
-    samples = [(_sample(colours[name]), "on the drone itself" if name == ITSELF else f"in {name}") for name in realities]
-    told = "Dots: difference of means over policies; whiskers: its 95 % interval. Left of the line is less than"
-    words, deep = svg.paragraph(0, svg.TITLE, LABELS + len(MEASURES) * COLUMN, f"{told} without the change.")
+    samples = [
+        (_sample(colours[name]), "on the drone itself" if name == ITSELF else f"in {name}")
+        for name in realities
+    ]
+    told = (
+        "Dots: difference of means over policies; whiskers: its 95 % interval. Left of the "
+        "line is less than"
+    )
+    words, deep = svg.paragraph(
+        0, svg.TITLE, LABELS + len(MEASURES) * COLUMN, f"{told} without the change."
+    )
     legend, tall = svg.legend(svg.TITLE + deep + 8, LABELS + len(MEASURES) * COLUMN, samples)
     parts, top = [words, legend], svg.TITLE + deep + tall + 44.0
-    ranges = {each.column: _range(changed.filter(polars.col("measure") == each.column)) for each in MEASURES}
+    ranges = {
+        each.column: _range(changed.filter(polars.col("measure") == each.column))
+        for each in MEASURES
+    }
     for structure in table["control"].unique(maintain_order=True):
         for trained_otherwise in (True, False):
-            kind = polars.col("variant") != BASELINE if trained_otherwise else polars.col("variant") == BASELINE
+            kind = (
+                polars.col("variant") != BASELINE
+                if trained_otherwise
+                else polars.col("variant") == BASELINE
+            )
             block = changed.filter(kind & (polars.col("control") == structure))
             if block.is_empty():
                 continue
-            rows = block["variant" if trained_otherwise else "reality"].unique(maintain_order=True).to_list()
-            title = f"{structure.replace('_', ' ')}: {'trained otherwise' if trained_otherwise else 'flown on other drones'}"
+            rows = (
+                block["variant" if trained_otherwise else "reality"]
+                .unique(maintain_order=True)
+                .to_list()
+            )
+            title = (
+                f"{structure.replace('_', ' ')}: "
+                f"{'trained otherwise' if trained_otherwise else 'flown on other drones'}"
+            )
             parts += list(_block(block, title, rows, top, ranges, colours, trained_otherwise))
             top += ROW * len(rows) + 82
-    return svg.picture(LABELS + len(MEASURES) * COLUMN, top - 34, f"What zero-shot flights depend on: drone {drone}", parts)
+    return svg.picture(
+        LABELS + len(MEASURES) * COLUMN,
+        top - 34,
+        f"What zero-shot flights depend on: drone {drone}",
+        parts,
+    )
 
 
 def _trained_in(table: polars.DataFrame) -> list[str]:
     """Realities in which all variants flew."""
-    return table.filter(polars.col("variant") != BASELINE)["reality"].unique(maintain_order=True).to_list()
+    return (
+        table.filter(polars.col("variant") != BASELINE)["reality"]
+        .unique(maintain_order=True)
+        .to_list()
+    )
 
 
 def _sample(colour: str) -> str:
@@ -400,62 +556,137 @@ def _block(
     for place, name in enumerate(rows):
         yield svg.text(0, top + ROW * (place + 0.5) + 4.5, escape(name))
     for number, each in enumerate(MEASURES):
-        panel = Panel(LABELS + number * COLUMN, top, COLUMN - 18, ROW * len(rows), ranges[each.column], (len(rows) - 0.5, -0.5))
+        panel = Panel(
+            LABELS + number * COLUMN,
+            top,
+            COLUMN - 18,
+            ROW * len(rows),
+            ranges[each.column],
+            (len(rows) - 0.5, -0.5),
+        )
         values, names = svg.ticks(*panel.x, 4)
         for across, name in zip(panel.across(values), names, strict=True):
-            yield svg.text(panel.left + min(max(float(across), 8.0), panel.width - 8.0), top + panel.height + 17, name, "", "middle")
-        yield svg.text(panel.left + panel.width / 2, top + panel.height + 34, f"{each.title} [{each.unit}]", "", "middle")
+            yield svg.text(
+                panel.left + min(max(float(across), 8.0), panel.width - 8.0),
+                top + panel.height + 17,
+                name,
+                "",
+                "middle",
+            )
+        yield svg.text(
+            panel.left + panel.width / 2,
+            top + panel.height + 34,
+            f"{each.title} [{each.unit}]",
+            "",
+            "middle",
+        )
         own = block.filter(polars.col("measure") == each.column)
-        yield svg.framed(panel, _whiskers(panel, own, rows, colours, trained_otherwise), f"{title} {each.column}")
+        yield svg.framed(
+            panel, _whiskers(panel, own, rows, colours, trained_otherwise), f"{title} {each.column}"
+        )
 
 
 def _whiskers(
-    panel: Panel, own: polars.DataFrame, rows: Sequence[str], colours: Mapping[str, str], trained_otherwise: bool
+    panel: Panel,
+    own: polars.DataFrame,
+    rows: Sequence[str],
+    colours: Mapping[str, str],
+    trained_otherwise: bool,
 ) -> Iterable[str]:
-    grid = "".join(f"M{across:.1f} 0V{panel.height:.1f}" for across in panel.across(svg.ticks(*panel.x, 4)[0]))
+    grid = "".join(
+        f"M{across:.1f} 0V{panel.height:.1f}" for across in panel.across(svg.ticks(*panel.x, 4)[0])
+    )
     yield f'<path class="grid" d="{grid}"/>'
     nothing = float(panel.across(0.0))
     yield svg.stroke(f"M{nothing:.1f} 0V{panel.height:.1f}", "thin", "soft")
-    shifts = dict(zip(colours, np.linspace(-0.2, 0.2, len(colours)) if len(colours) > 1 else [0.0], strict=True))
+    shifts = dict(
+        zip(
+            colours,
+            np.linspace(-0.2, 0.2, len(colours)) if len(colours) > 1 else [0.0],
+            strict=True,
+        )
+    )
     for row in own.iter_rows(named=True):
         # Flights on other drones are compared with those on the drone itself.
         reality = row["reality"] if trained_otherwise else ITSELF
-        place = rows.index(row["variant"] if trained_otherwise else row["reality"]) + (shifts[reality] if trained_otherwise else 0.0)
+        place = rows.index(row["variant"] if trained_otherwise else row["reality"]) + (
+            shifts[reality] if trained_otherwise else 0.0
+        )
         if np.isfinite([row["low"], row["high"]]).all():
             yield svg.line(panel, [row["low"], row["high"]], [place, place], "", colours[reality])
         yield svg.dots(panel, [row["effect"]], [place], "spots", colours[reality])
 
 
 def summary(table: polars.DataFrame) -> polars.DataFrame:
-    """A row a control structure, variant and reality: policies, mean flight time, and of each measure mean and effect with interval."""
+    """A row a control structure, variant and reality: policies, mean flight time, and of each
+    measure mean and effect with interval.
+    """
     rows: dict[tuple[str, str, str], dict[str, Any]] = {}
     plain = {each.column: each for each in MEASURES}
     for row in table.iter_rows(named=True):
         each = plain[row["measure"]]
         kept = rows.setdefault(
             (row["control"], row["variant"], row["reality"]),
-            {**{name: row[name] for name in ("control", "variant", "reality")}, "n": row["policies"]},
+            {
+                **{name: row[name] for name in ("control", "variant", "reality")},
+                "n": row["policies"],
+            },
         )
-        mean, effect, low, high = (f"{row[name]:+.{each.decimals}f}" for name in ("mean", "effect", "low", "high"))
+        mean, effect, low, high = (
+            f"{row[name]:+.{each.decimals}f}" for name in ("mean", "effect", "low", "high")
+        )
         unchanged = row["variant"] == BASELINE and row["reality"] not in (POSTERIOR, TRIM, *PARTS)
         # Where policies do not differ among themselves there is nothing to tell an interval from.
         interval = f" ({low} to {high})" if np.isfinite([row["low"], row["high"]]).all() else ""
-        kept[f"{each.title} [{each.unit}]"] = mean.removeprefix("+") + ("" if unchanged else f"   {effect}{interval}")
+        kept[f"{each.title} [{each.unit}]"] = mean.removeprefix("+") + (
+            "" if unchanged else f"   {effect}{interval}"
+        )
     return polars.DataFrame(list(rows.values()))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Trains, flies, writes, prints and draws."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", "--output", type=Path, required=True, help="folder for policies, flights.csv and ablations.svg")
-    parser.add_argument("--drone", default="crazyflie", help="drone to train around: a name or a TOML file (crazyflie)")
-    elsewhere = "where to fly beside the drone itself, as `maidenflight transfer` takes it; may be repeated (virtual:7)"
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        required=True,
+        help="folder for policies, flights.csv and ablations.svg",
+    )
+    parser.add_argument(
+        "--drone",
+        default="crazyflie",
+        help="drone to train around: a name or a TOML file (crazyflie)",
+    )
+    elsewhere = (
+        "where to fly beside the drone itself, as `maidenflight transfer` takes it; may "
+        "be repeated (virtual:7)"
+    )
     parser.add_argument("--reality", action="append", help=elsewhere)
-    parser.add_argument("--control", action="append", choices=list(QUICK), help="a control structure; may be repeated (both)")
-    parser.add_argument("--seeds", type=int, default=5, help="policies of each variant (default: 5)")
-    parser.add_argument("--trials", type=int, default=3, help="flights of each policy and drone (default: 3)")
-    parser.add_argument("--draws", type=int, default=8, help="drones with other parts, of each kind (default: 8)")
-    parser.add_argument("--duration", type=float, default=LONGEST, help="longest flight, seconds (default: %(default)g)")
+    parser.add_argument(
+        "--control",
+        action="append",
+        choices=list(QUICK),
+        help="a control structure; may be repeated (both)",
+    )
+    parser.add_argument(
+        "--seeds", type=int, default=5, help="policies of each variant (default: 5)"
+    )
+    parser.add_argument(
+        "--trials", type=int, default=3, help="flights of each policy and drone (default: 3)"
+    )
+    parser.add_argument(
+        "--draws", type=int, default=8, help="drones with other parts, of each kind (default: 8)"
+    )
+    parser.add_argument(
+        "--duration",
+        type=float,
+        default=LONGEST,
+        help="longest flight, seconds (default: %(default)g)",
+    )
     parser.add_argument("--updates", type=int, help="of training, for both control structures")
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args(arguments)
@@ -471,27 +702,44 @@ def run(given: argparse.Namespace) -> None:
     """All of it, for given arguments."""
     nominal = parameters.read(given.drone)
     home = VirtualDrone(ITSELF, replace(nominal, time_step=np.float32(0.001)))
-    realities = {one.name: [one] for one in [home, *(workflow.reality(name) for name in given.reality or ["virtual:7"])]}
+    realities = {
+        one.name: [one]
+        for one in [home, *(workflow.reality(name) for name in given.reality or ["virtual:7"])]
+    }
     others = other_drones(home.parameters, given.drone, given.draws, given.seed)
     inputs = [given.drone] if Path(given.drone).is_file() else []
-    said = {"drone": Path(given.drone).stem, "policies": given.seeds, "randomization": RANDOMIZATION}
+    said = {
+        "drone": Path(given.drone).stem,
+        "policies": given.seeds,
+        "randomization": RANDOMIZATION,
+    }
 
     def record(settings: Mapping[str, Any]) -> dict[str, Any]:
         return results.record(seed=given.seed, inputs=inputs, settings={**said, **settings})
 
     chosen = [one for one in VARIANTS if one.control in (given.control or QUICK)]
     updates = {kind: given.updates or settings.updates for kind, settings in QUICK.items()}
-    settings = {one: replaced(QUICK[one.control], updates=updates[one.control], excess=one.excess) for one in chosen}
+    settings = {
+        one: replaced(QUICK[one.control], updates=updates[one.control], excess=one.excess)
+        for one in chosen
+    }
     made = {one: record({**one._asdict(), **recorded(settings[one])}) for one in chosen}
-    flying: dict[str, Any] = {name: getattr(given, name) for name in ("trials", "draws", "duration")}
+    flying: dict[str, Any] = {
+        name: getattr(given, name) for name in ("trials", "draws", "duration")
+    }
     flying |= {"realities": list(realities), "others": list(others)}
     tables = []
     with terminal.progress("ablations", len(chosen)) as move:
         for number, one in enumerate(chosen):
             move(number, len(chosen), f"{one.control}, {one.name}")
-            path, wanted = given.output / "flights" / f"{one.folder}.csv", record({**made[one]["settings"], **flying})
+            path, wanted = (
+                given.output / "flights" / f"{one.folder}.csv",
+                record({**made[one]["settings"], **flying}),
+            )
             if not path.exists():
-                policies = trained(one, nominal, settings[one], given.seeds, made[one], given.output / "policies")
+                policies = trained(
+                    one, nominal, settings[one], given.seeds, made[one], given.output / "policies"
+                )
                 rows = polars.concat(_all_flights(one, policies, realities, others, given))
                 results.write_table(path, _FLIGHTS, wanted, rows.write_csv())
             tables.append(read_flights(path, wanted))
@@ -501,11 +749,19 @@ def run(given: argparse.Namespace) -> None:
     found = effects(flights)
     results.write(given.output / "ablations.svg", chart(found, Path(given.drone).stem))
     with polars.Config(
-        tbl_cols=-1, tbl_rows=-1, tbl_width_chars=300, fmt_str_lengths=60, tbl_hide_column_data_types=True, tbl_hide_dataframe_shape=True
+        tbl_cols=-1,
+        tbl_rows=-1,
+        tbl_width_chars=300,
+        fmt_str_lengths=60,
+        tbl_hide_column_data_types=True,
+        tbl_hide_dataframe_shape=True,
     ):
         print(summary(found))
     if POSTERIOR not in others:
-        print(f"{given.drone} has no posterior: give the file of an identified drone to fly on what its logs leave possible.")
+        print(
+            f"{given.drone} has no posterior: give the file of an identified drone to fly on what "
+            "its logs leave possible."
+        )
 
 
 def _all_flights(
@@ -516,11 +772,30 @@ def _all_flights(
     given: argparse.Namespace,
 ) -> Iterator[polars.DataFrame]:
     key = jax.random.key(given.seed)
-    yield flown(one, policies, realities, given.trials, given.duration, jax.random.fold_in(key, _number("realities")))
+    yield flown(
+        one,
+        policies,
+        realities,
+        given.trials,
+        given.duration,
+        jax.random.fold_in(key, _number("realities")),
+    )
     if one.name == BASELINE:
         for name, drones in others.items():
-            group = {name: [VirtualDrone(f"{name}, {number}", drone) for number, drone in enumerate(drones, 1)]}
-            yield flown(one, policies, group, given.trials, given.duration, jax.random.fold_in(key, _number(name)))
+            group = {
+                name: [
+                    VirtualDrone(f"{name}, {number}", drone)
+                    for number, drone in enumerate(drones, 1)
+                ]
+            }
+            yield flown(
+                one,
+                policies,
+                group,
+                given.trials,
+                given.duration,
+                jax.random.fold_in(key, _number(name)),
+            )
 
 
 def read_flights(path: Path, made: Mapping[str, Any]) -> polars.DataFrame:
@@ -534,13 +809,16 @@ def read_flights(path: Path, made: Mapping[str, Any]) -> polars.DataFrame:
     try:
         found = json.loads(head[-1]) if head else None
     except ValueError as error:
-        raise InputError(f"{path}: not a table of this script ({error}). Choose another folder with -o.") from error
+        raise InputError(
+            f"{path}: not a table of this script ({error}). Choose another folder with -o."
+        ) from error
     _same(found, made, path)
     return polars.read_csv(io.StringIO(text), comment_prefix="#")
 
 
 _FLIGHTS = (
-    "# maidenflight ablations 1: simulated, a row a flight; duration s, position_error m, beyond = share of actions with |a| > 1,"
+    "# maidenflight ablations 1: simulated, a row a flight; duration s, position_error m, beyond "
+    "= share of actions with |a| > 1,"
     " change = mean |u_t - u_(t-1)| a control period, at_limits = share of motor commands at 0 or 1"
 )
 

@@ -1,9 +1,12 @@
-"""The paper's study of how many instants a policy should see, and one of how large its hidden layers should be.
+"""The paper's study of how many instants a policy should see, and one of how large its hidden
+layers should be.
 
-`python paper/history_and_hidden.py` trains policies of each history H in {1, 2, 4, 6, 8} and, with H = 2, of each size of the hidden layers
-by gradients through the simulator, over drones within 10 % of a Crazyflie with a motor lag of 80 ms and a latency of 20 ms or of `--drone`.
-It scores them on episodes that they have not seen and flies them in a virtual reality that they have not seen. The paper names the
-histories and says that H = 2 performed best, without numbers; it had trained by PPO, with other drones.
+`python paper/history_and_hidden.py` trains policies of each history H in {1, 2, 4, 6, 8} and, with
+H = 2, of each size of the hidden layers by gradients through the simulator, over drones within 10 %
+of a Crazyflie with a motor lag of 80 ms and a latency of 20 ms or of `--drone`. It scores them on
+episodes that they have not seen and flies them in a virtual reality that they have not seen. The
+paper names the histories and says that H = 2 performed best, without numbers; it had trained by
+PPO, with other drones.
 """
 
 import argparse
@@ -54,7 +57,8 @@ class Studied(NamedTuple):
     """What came of one kind."""
 
     policies: polars.DataFrame
-    """A row a policy: history, hidden, policy, parameters, episode_return, survival, position_error [m], flight_time [s]."""
+    """A row a policy: history, hidden, policy, parameters, episode_return, survival, position_error
+    [m], flight_time [s]."""
     seconds: float
     """Of training, compiling included."""
 
@@ -62,7 +66,9 @@ class Studied(NamedTuple):
 def box(plan: argparse.Namespace) -> RelativeBox:
     """Drones to train over, in steps that fit the control structure."""
     if plan.drone is None:
-        centre = parameters.replace(parameters.crazyflie(), motor_time_constant=np.float32(0.08), latency=np.float32(0.02))
+        centre = parameters.replace(
+            parameters.crazyflie(), motor_time_constant=np.float32(0.08), latency=np.float32(0.02)
+        )
     else:
         centre = parameters.read(plan.drone)
     return relative_box(control.in_fitting_steps(centre, control.CONTROLLERS[plan.control]()), 0.10)
@@ -77,10 +83,21 @@ def studied(kind: Kind, plan: argparse.Namespace) -> Studied:
     began = time.perf_counter()
     policies = train(task, controller, drones, keys, settings, history=kind.history)
     seconds = time.perf_counter() - began
-    simulated = Environment.matching(drones.centre, task, controller, history=kind.history)
-    scores = [evaluate(simulated, policy, drones, jax.random.key(1234), plan.episodes) for policy in policies]
-    flown = transfer(policies, [virtual_drone(7)], plan.trials, jax.random.key(plan.seed), task=task, duration=plan.duration)
-    times = flown.table.group_by("policy", maintain_order=True).agg(polars.col("duration").mean())["duration"]
+    env = Environment.matching(drones.centre, task, controller, history=kind.history)
+    scores = [
+        evaluate(env, policy, drones, jax.random.key(1234), plan.episodes) for policy in policies
+    ]
+    flown = transfer(
+        policies,
+        [virtual_drone(7)],
+        plan.trials,
+        jax.random.key(plan.seed),
+        task=task,
+        duration=plan.duration,
+    )
+    times = flown.table.group_by("policy", maintain_order=True).agg(polars.col("duration").mean())[
+        "duration"
+    ]
     rows = [
         {
             "history": kind.history,
@@ -90,7 +107,9 @@ def studied(kind: Kind, plan: argparse.Namespace) -> Studied:
             **{name: float(value) for name, value in score._asdict().items()},
             "flight_time": flight_time,
         }
-        for number, (policy, score, flight_time) in enumerate(zip(policies, scores, times, strict=True), 1)
+        for number, (policy, score, flight_time) in enumerate(
+            zip(policies, scores, times, strict=True), 1
+        )
     ]
     found = Studied(polars.DataFrame(rows), seconds)
     print(row(f"H = {kind.history}, {kind.size}", found), file=sys.stderr, flush=True)
@@ -103,9 +122,13 @@ def count(policy: Policy) -> int:
 
 
 def table(first: str, named: dict[str, Studied]) -> str:
-    """Means over policies, and in brackets the worst, as Markdown; `first` heads the column of names."""
+    """Means over policies, and in brackets the worst, as Markdown.
+
+    `first` heads the column of names.
+    """
     lines = [
-        f"| {first} | weights | return | survival | distance [cm] | zero-shot flight [s] | training [s] |",
+        f"| {first} | weights | return | survival | distance [cm] | zero-shot flight [s] | "
+        "training [s] |",
         "|---|---:|---:|---:|---:|---:|---:|",
     ]
     return "\n".join([*lines, *(row(name, found) for name, found in named.items())])
@@ -128,18 +151,46 @@ def row(name: str, found: Studied) -> str:
 
 def planned(arguments: Sequence[str] | None) -> argparse.Namespace:
     """What the command line asks for."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--histories", type=int, nargs="*", default=HISTORIES, help="H (default: the paper's 1 2 4 6 8)")
-    parser.add_argument("--hidden", nargs="*", default=SIZES, help=f"hidden layers (default: {' '.join(SIZES)})")
-    parser.add_argument("--control", default="pwm", choices=CONTROLS, help="control structure (default: pwm)")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--histories",
+        type=int,
+        nargs="*",
+        default=HISTORIES,
+        help="H (default: the paper's 1 2 4 6 8)",
+    )
+    parser.add_argument(
+        "--hidden", nargs="*", default=SIZES, help=f"hidden layers (default: {' '.join(SIZES)})"
+    )
+    parser.add_argument(
+        "--control", default="pwm", choices=CONTROLS, help="control structure (default: pwm)"
+    )
     parser.add_argument("--drone", help="TOML file of a drone, or its name")
-    parser.add_argument("--updates", type=int, help="gradient steps; as many as the control structure needs unless given")
+    parser.add_argument(
+        "--updates",
+        type=int,
+        help="gradient steps; as many as the control structure needs unless given",
+    )
     parser.add_argument("--seeds", type=int, default=3, help="policies of each kind (default: 3)")
-    parser.add_argument("--episodes", type=int, default=1000, help="episodes of a score (default: 1000)")
-    parser.add_argument("--trials", type=int, default=10, help="zero-shot flights of each policy (default: 10)")
-    parser.add_argument("--duration", type=float, default=20.0, help="longest of them [s] (default: 20)")
+    parser.add_argument(
+        "--episodes", type=int, default=1000, help="episodes of a score (default: 1000)"
+    )
+    parser.add_argument(
+        "--trials", type=int, default=10, help="zero-shot flights of each policy (default: 10)"
+    )
+    parser.add_argument(
+        "--duration", type=float, default=20.0, help="longest of them [s] (default: 20)"
+    )
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("-o", "--output", type=Path, default=Path("history_and_hidden.csv"), help="(default: %(default)s)")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        default=Path("history_and_hidden.csv"),
+        help="(default: %(default)s)",
+    )
     plan = parser.parse_args(arguments)
     try:
         plan.sizes = [tuple(map(int, size.split("x"))) for size in plan.hidden]
@@ -160,7 +211,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(table("hidden layers", {kind.size: found[kind] for kind in sizes}), end="\n\n")
     names = ("control", "updates", "seeds", "episodes", "trials", "duration")
     drone = {} if plan.drone is None else {"drone": Path(plan.drone).name}
-    settings = {name: getattr(plan, name) for name in names} | {"reality": virtual_drone(7).name} | drone
+    settings = (
+        {name: getattr(plan, name) for name in names} | {"reality": virtual_drone(7).name} | drone
+    )
     inputs = [Path(plan.drone)] if plan.drone is not None and Path(plan.drone).is_file() else []
     record = json.dumps(results.record(seed=plan.seed, inputs=inputs, settings=settings))
     # How long training took is not written: the same seed gives the same bytes.

@@ -1,9 +1,12 @@
-"""How well a drone's parameters predict the flight times of the authors' policies on the real drone.
+"""How well a drone's parameters predict the flight times of the authors' policies on the real
+drone.
 
-`python paper/predict_flights.py --authors ../shared/data/authors --drone drone.toml` flies every published policy in simulation, prints how
-predicted and measured mean flight times agree, control structure by control structure, beside how one real flight agrees with the others of
-its policy, and what share of real flights lies within the band of 10 to 90 % of the predicted ones (80 % if predictions were right, more
-where many reach the time limit), and draws predicted over measured times as SVG. `--json` prints one object instead of the table.
+`python paper/predict_flights.py --authors ../shared/data/authors --drone drone.toml` flies every
+published policy in simulation, prints how predicted and measured mean flight times agree, control
+structure by control structure, beside how one real flight agrees with the others of its policy, and
+what share of real flights lies within the band of 10 to 90 % of the predicted ones (80 % if
+predictions were right, more where many reach the time limit), and draws predicted over measured
+times as SVG. `--json` prints one object instead of the table.
 """
 
 import argparse
@@ -36,20 +39,36 @@ def published(folder: Path) -> tuple[dict[str, Policy], polars.DataFrame]:
     try:
         archive, flights = np.load(folder / "policies.npz"), polars.read_csv(folder / "flights.csv")
     except OSError as error:
-        raise InputError(f"{folder}: not the authors' data ({error}). Give the folder with policies.npz and flights.csv.") from error
+        raise InputError(
+            f"{folder}: not the authors' data ({error}). Give the folder with policies.npz and "
+            "flights.csv."
+        ) from error
     policies = {}
-    for place, (kind, number) in enumerate(zip(archive["control"].tolist(), archive["policy"].tolist(), strict=True)):
-        weights, biases = (tuple(archive[f"{name}{layer}"][place] for layer in range(3)) for name in "Wb")
+    for place, (kind, number) in enumerate(
+        zip(archive["control"].tolist(), archive["policy"].tolist(), strict=True)
+    ):
+        weights, biases = (
+            tuple(archive[f"{name}{layer}"][place] for layer in range(3)) for name in "Wb"
+        )
         deviation = archive["observation_std"][place] + np.float32(EPSILON)
         policies[f"{kind}/{number}"] = Policy(
-            weights, biases, archive["observation_mean"][place], deviation, control=kind, rate=RATES[kind]
+            weights,
+            biases,
+            archive["observation_mean"][place],
+            deviation,
+            control=kind,
+            rate=RATES[kind],
         )
-    name = polars.concat_str("control", polars.col("policy").cast(polars.String), separator="/").alias("name")
+    name = polars.concat_str(
+        "control", polars.col("policy").cast(polars.String), separator="/"
+    ).alias("name")
     return policies, flights.select(name, "control", "flight_time_s")
 
 
 def one_against_others(flights: polars.DataFrame) -> Agreement:
-    """How one real flight tells the mean of the other flights of its policy: what noise alone leaves of agreement."""
+    """How one real flight tells the mean of the other flights of its policy: what noise alone
+    leaves of agreement.
+    """
     single, others = [], []
     for (_,), own in flights.group_by("name", maintain_order=True):
         times = own["flight_time_s"].to_numpy()
@@ -59,18 +78,33 @@ def one_against_others(flights: polars.DataFrame) -> Agreement:
 
 
 def within_band(compared: polars.DataFrame, flights: polars.DataFrame) -> float:
-    """Share of real flights no shorter than the 10 % quantile of their policy's predicted flights and no longer than the 90 % quantile."""
-    joined = flights.join(compared.select("policy", "quantile_10", "quantile_90"), left_on="name", right_on="policy")
+    """Share of real flights no shorter than the 10 % quantile of their policy's predicted flights
+    and no longer than the 90 % quantile.
+    """
+    joined = flights.join(
+        compared.select("policy", "quantile_10", "quantile_90"), left_on="name", right_on="policy"
+    )
     flown = joined["flight_time_s"].to_numpy()
-    return float(np.mean((joined["quantile_10"].to_numpy() <= flown) & (flown <= joined["quantile_90"].to_numpy())))
+    return float(
+        np.mean(
+            (joined["quantile_10"].to_numpy() <= flown)
+            & (flown <= joined["quantile_90"].to_numpy())
+        )
+    )
 
 
 def table(compared: polars.DataFrame, flights: polars.DataFrame) -> polars.DataFrame:
     """Agreement of each control structure and of all, and its noise floor."""
     rows = []
     for kind in [*COLOURS, "all"]:
-        chosen, own = (part if kind == "all" else part.filter(polars.col("control") == kind) for part in (compared, flights))
-        found, floor = agreement(chosen["mean"].to_numpy(), chosen["measured"].to_numpy()), one_against_others(own)
+        chosen, own = (
+            part if kind == "all" else part.filter(polars.col("control") == kind)
+            for part in (compared, flights)
+        )
+        found, floor = (
+            agreement(chosen["mean"].to_numpy(), chosen["measured"].to_numpy()),
+            one_against_others(own),
+        )
         rows.append(
             {
                 "control": kind,
@@ -90,7 +124,10 @@ def table(compared: polars.DataFrame, flights: polars.DataFrame) -> polars.DataF
 
 
 def chart(compared: polars.DataFrame) -> str:
-    """Predicted over measured mean flight times as SVG; a bar spans the predictions' 10 % to 90 %."""
+    """Predicted over measured mean flight times as SVG.
+
+    A bar spans the predictions' 10 % to 90 %.
+    """
 
     def x(seconds: float) -> float:
         return MARGIN + seconds / LONGEST * (SIZE - 2 * MARGIN)
@@ -100,50 +137,114 @@ def chart(compared: polars.DataFrame) -> str:
 
     low, high = MARGIN, SIZE - MARGIN
     parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {SIZE} {SIZE}" font-family="sans-serif" font-size="12" fill="#2d3748">',
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {SIZE} {SIZE}" '
+        'font-family="sans-serif" font-size="12" fill="#2d3748">',
         f'<rect width="{SIZE}" height="{SIZE}" fill="white"/>',
         f'<path d="M{low} {high}L{high} {low}" stroke="#d4dbe4"/>',
     ]
     for seconds in range(0, 21, 5):
-        parts.append(f'<text x="{x(seconds):.1f}" y="{high + 18}" text-anchor="middle">{seconds}</text>')
-        parts.append(f'<text x="{low - 8}" y="{y(seconds) + 4:.1f}" text-anchor="end">{seconds}</text>')
+        parts.append(
+            f'<text x="{x(seconds):.1f}" y="{high + 18}" text-anchor="middle">{seconds}</text>'
+        )
+        parts.append(
+            f'<text x="{low - 8}" y="{y(seconds) + 4:.1f}" text-anchor="end">{seconds}</text>'
+        )
     parts.append(f'<path d="M{low} {low}V{high}H{high}" fill="none" stroke="#2d3748"/>')
-    parts.append(f'<text x="{SIZE / 2}" y="{SIZE - 8}" text-anchor="middle">measured mean flight time [s]</text>')
-    parts.append(f'<text transform="translate(16 {SIZE / 2}) rotate(-90)" text-anchor="middle">predicted mean flight time [s]</text>')
+    parts.append(
+        f'<text x="{SIZE / 2}" y="{SIZE - 8}" text-anchor="middle">measured mean flight time '
+        "[s]</text>"
+    )
+    parts.append(
+        f'<text transform="translate(16 {SIZE / 2}) rotate(-90)" text-anchor="middle">predicted '
+        "mean flight time [s]</text>"
+    )
     for row in compared.iter_rows(named=True):
         across, colour = x(row["measured"]), COLOURS[row["control"]]
         bar = f"M{across:.1f} {y(row['quantile_10']):.1f}V{y(row['quantile_90']):.1f}"
         parts.append(f'<path d="{bar}" stroke="{colour}" stroke-opacity="0.25"/>')
         parts.append(
-            f'<circle cx="{across:.1f}" cy="{y(row["mean"]):.1f}" r="3.5" fill="{colour}"><title>{escape(row["policy"])}</title></circle>'
+            f'<circle cx="{across:.1f}" cy="{y(row["mean"]):.1f}" r="3.5" '
+            f'fill="{colour}"><title>{escape(row["policy"])}</title></circle>'
         )
     for number, (kind, colour) in enumerate(COLOURS.items()):
         parts.append(f'<circle cx="{low + 90 * number}" cy="24" r="4" fill="{colour}"/>')
-        parts.append(f'<text x="{low + 8 + 90 * number}" y="28">{escape(kind.replace("_", " "))}</text>')
+        parts.append(
+            f'<text x="{low + 8 + 90 * number}" y="28">{escape(kind.replace("_", " "))}</text>'
+        )
     return "\n".join([*parts, "</svg>\n"])
 
 
 def main() -> None:
     """Reads, flies, prints and draws."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--authors", type=Path, required=True, help="folder with policies.npz and flights.csv")
-    parser.add_argument("--drone", default="crazyflie", help="TOML file of a drone, or its name (default: crazyflie)")
-    parser.add_argument("--as-it-is", action="store_true", help="fly the drone itself, not one of its trims in each flight")
-    parser.add_argument("--trials", type=int, default=16, help="flights of each policy (default: 16)")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--authors", type=Path, required=True, help="folder with policies.npz and flights.csv"
+    )
+    parser.add_argument(
+        "--drone",
+        default="crazyflie",
+        help="TOML file of a drone, or its name (default: crazyflie)",
+    )
+    parser.add_argument(
+        "--as-it-is",
+        action="store_true",
+        help="fly the drone itself, not one of its trims in each flight",
+    )
+    parser.add_argument(
+        "--trials", type=int, default=16, help="flights of each policy (default: 16)"
+    )
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", action="store_true", help="print one JSON object: the table's rows, and a row a policy")
-    parser.add_argument("--chart", type=Path, default=Path("predicted_flights.svg"), help="where to draw (default: %(default)s)")
+    parser.add_argument(
+        "--json",
+        action="store_true",
+        help="print one JSON object: the table's rows, and a row a policy",
+    )
+    parser.add_argument(
+        "--chart",
+        type=Path,
+        default=Path("predicted_flights.svg"),
+        help="where to draw (default: %(default)s)",
+    )
     given = parser.parse_args()
     try:
         policies, flights = published(given.authors)
-        drone = workflow.possible_drones(given.drone, 0.0 if given.as_it_is else workflow.usual_randomization(given.drone), given.seed)
-        flown = predict_flight_times(list(policies.values()), drone, jax.random.key(given.seed), trials=given.trials, names=list(policies))
-        measured = flights.group_by("name").agg(polars.col("flight_time_s").mean().alias("measured")).rename({"name": "policy"})
+        drone = workflow.possible_drones(
+            given.drone,
+            0.0 if given.as_it_is else workflow.usual_randomization(given.drone),
+            given.seed,
+        )
+        flown = predict_flight_times(
+            list(policies.values()),
+            drone,
+            jax.random.key(given.seed),
+            trials=given.trials,
+            names=list(policies),
+        )
+        measured = (
+            flights.group_by("name")
+            .agg(polars.col("flight_time_s").mean().alias("measured"))
+            .rename({"name": "policy"})
+        )
         compared = summary(flown).join(measured, on="policy", maintain_order="left")
         if given.json:
-            print(json.dumps({"agreement": table(compared, flights).to_dicts(), "policies": compared.to_dicts()}))
+            print(
+                json.dumps(
+                    {
+                        "agreement": table(compared, flights).to_dicts(),
+                        "policies": compared.to_dicts(),
+                    }
+                )
+            )
         else:
-            with polars.Config(tbl_cols=-1, tbl_rows=-1, tbl_width_chars=200, float_precision=2, tbl_hide_column_data_types=True):
+            with polars.Config(
+                tbl_cols=-1,
+                tbl_rows=-1,
+                tbl_width_chars=200,
+                float_precision=2,
+                tbl_hide_column_data_types=True,
+            ):
                 print(table(compared, flights))
         results.write(given.chart, chart(compared))
     except InputError as error:

@@ -1,17 +1,23 @@
-"""Which randomization of training transfers best, and do policies that are trained around an identified drone fly?
+"""Which randomization of training transfers best, and do policies that are trained around an
+identified drone fly?
 
-`python paper/randomization.py --drone drone.toml -o randomization` trains policies of each control structure about an identified drone: on
-the drone itself (`none`), on a box of +-10 % about it (`box`, the paper's fields) and on the drones that its flights leave possible
-(`posterior`), each as `maidenflight train` does it but half as long; and by a `recipe` that shall transfer: over a box that also covers
-trims and drones unlike it (`wide_box`), for longer, and with a price on turning away (`facing`). Each policy flies 200 times on drones of
-the posterior and 200 times with the trims that differ from flight to flight, as real flights would be flown, and 16 times in each of some
-realities that training has not seen. It writes `flights.csv` with a row a flight and `randomization.svg`, and prints shares of flights that
-reach 20 s, differences between randomizations with their intervals, and whether a policy of each structure reaches 20 s in 95 % of its
-flights everywhere. Stopped, it goes on where it was by the same command.
+`python paper/randomization.py --drone drone.toml -o randomization` trains policies of each control
+structure about an identified drone: on the drone itself (`none`), on a box of +-10 % about it
+(`box`, the paper's fields) and on the drones that its flights leave possible (`posterior`), each as
+`maidenflight train` does it but half as long; and by a `recipe` that shall transfer: over a box
+that also covers trims and drones unlike it (`wide_box`), for longer, and with a price on turning
+away (`facing`). Each policy flies 200 times on drones of the posterior and 200 times with the trims
+that differ from flight to flight, as real flights would be flown, and 16 times in each of some
+realities that training has not seen. It writes `flights.csv` with a row a flight and
+`randomization.svg`, and prints shares of flights that reach 20 s, differences between
+randomizations with their intervals, and whether a policy of each structure reaches 20 s in 95 % of
+its flights everywhere. Stopped, it goes on where it was by the same command.
 
-Policies are flown under the firmware that they were trained for, and, in rows whose place ends in `2021.10`, as the authors' drone flew.
+Policies are flown under the firmware that they were trained for, and, in rows whose place ends in
+`2021.10`, as the authors' drone flew.
 
-Source of the task, the guards and the box: Gronauer et al. 2022, sec. Simulation Environment and sec. Zero-Shot Experiments.
+Source of the task, the guards and the box: Gronauer et al. 2022, sec. Simulation Environment and
+sec. Zero-Shot Experiments.
 """
 
 import argparse
@@ -72,9 +78,11 @@ QUICK = {
     "attitude_rate": AnalyticGradient(updates=600, horizon=32, hidden_rate=0.0),
     "attitude": AnalyticGradient(updates=600, horizon=32, hidden_rate=0.0),
 }
-"""Settings of training, by control structure: half as long as the command line's, or less, and by Adam alone, as docs/zero-shot.md was
-measured."""
-RECIPE = {kind: replaced(settings, updates=settings.updates * 2) for kind, settings in QUICK.items()}
+"""Settings of training, by control structure: half as long as the command line's, or less, and by
+Adam alone, as docs/zero-shot.md was measured."""
+RECIPE = {
+    kind: replaced(settings, updates=settings.updates * 2) for kind, settings in QUICK.items()
+}
 """Those of the recipe: drones that differ more take longer to learn."""
 CELLS = [Cell(kind, randomization) for kind in QUICK for randomization in COLOURS]
 
@@ -97,26 +105,42 @@ RANDOMIZATIONS = {"none": 0.0, "box": BOX, "posterior": workflow.POSTERIOR, "rec
 """As `maidenflight train --randomize` takes them."""
 
 
-def trained(cell: Cell, drone: str, settings: AnalyticGradient, seeds: int, seed: int, folder: Path) -> list[Policy]:
+def trained(
+    cell: Cell, drone: str, settings: AnalyticGradient, seeds: int, seed: int, folder: Path
+) -> list[Policy]:
     """Policies of a cell: those that the folder holds, or new ones that it holds then.
 
     Raises:
-        InputError: the folder holds policies of other settings, or the drone's file does not tell what the cell asks for.
+        InputError: the folder holds policies of other settings, or the drone's file does not tell
+            what the cell asks for.
     """
     controller = control.CONTROLLERS[cell.control]()
     drones = workflow.randomized(drone, RANDOMIZATIONS[cell.randomization], controller)
     priced = {"heading": HEADING} if cell.randomization == "recipe" else {}
-    said = {**cell._asdict(), "drones": str(drones), **priced, "policies": seeds, **recorded(settings)}
+    said = {
+        **cell._asdict(),
+        "drones": str(drones),
+        **priced,
+        "policies": seeds,
+        **recorded(settings),
+    }
     made = results.record(seed=seed, inputs=[drone], settings=said)
-    # What a cell's policies are depends neither on the other cells nor on what an interrupted run left.
+    # What a cell's policies are depends neither on the other cells nor on what an interrupted run
+    # left.
     keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), CELLS.index(cell)), seeds)
-    return policy.kept(folder / cell.name, seeds, made, lambda: train(task_of(cell.randomization), controller, drones, keys, settings))
+    return policy.kept(
+        folder / cell.name,
+        seeds,
+        made,
+        lambda: train(task_of(cell.randomization), controller, drones, keys, settings),
+    )
 
 
 FLOWN = {"posterior": workflow.POSTERIOR, "trim": workflow.TRIMS}
 """Places that `predict_flight_times` flies: drones about the identified one, by name."""
 OLD = " 2021.10"
-"""What the names of places end in where policies fly as the authors' drone ran them, not as they were trained."""
+"""What the names of places end in where policies fly as the authors' drone ran them, not as they
+were trained."""
 
 
 def places_of(kind: str, realities: Sequence[str]) -> list[str]:
@@ -125,10 +149,12 @@ def places_of(kind: str, realities: Sequence[str]) -> list[str]:
 
 
 def fly(place: str, policies: Mapping[str, Policy], given: argparse.Namespace) -> polars.DataFrame:
-    """Flights of policies of one control structure in one place: policy, trial, duration [s], end_reason.
+    """Flights of policies of one control structure in one place: policy, trial, duration [s],
+    end_reason.
 
     Args:
-        place: a key of `FLOWN`, with or without `OLD`; or a reality, as `workflow.reality` takes it.
+        place: a key of `FLOWN`, with or without `OLD`; or a reality, as `workflow.reality` takes
+            it.
         policies: by name.
         given: the command line's arguments.
 
@@ -136,19 +162,35 @@ def fly(place: str, policies: Mapping[str, Policy], given: argparse.Namespace) -
         InputError: the drone's file does not tell of such drones, or there is no such reality.
     """
     # Random numbers depend neither on the other places nor on their order.
-    key = jax.random.fold_in(jax.random.key(given.seed), int.from_bytes(hashlib.sha256(place.removesuffix(OLD).encode()).digest()[:4]))
+    key = jax.random.fold_in(
+        jax.random.key(given.seed),
+        int.from_bytes(hashlib.sha256(place.removesuffix(OLD).encode()).digest()[:4]),
+    )
     many, names = list(policies.values()), list(policies)
     if place.removesuffix(OLD) in FLOWN:
         drones = workflow.possible_drones(given.drone, FLOWN[place.removesuffix(OLD)], given.seed)
         structures = AS_FLOWN if place.endswith(OLD) else control.CONTROLLERS
-        table = predict_flight_times(many, drones, key, trials=given.flights, duration=given.duration, names=names, structures=structures)
+        table = predict_flight_times(
+            many,
+            drones,
+            key,
+            trials=given.flights,
+            duration=given.duration,
+            names=names,
+            structures=structures,
+        )
     else:
-        table = transfer(many, [workflow.reality(place)], given.trials, key, duration=given.duration, names=names).table
+        table = transfer(
+            many, [workflow.reality(place)], given.trials, key, duration=given.duration, names=names
+        ).table
     return table.select("policy", "trial", "duration", "end_reason")
 
 
-def flown(place: str, kind: str, policies: Mapping[str, Policy], given: argparse.Namespace) -> polars.DataFrame:
-    """What `fly` gives, kept in a file: the file's flights where it is of the same policies and settings, or new ones.
+def flown(
+    place: str, kind: str, policies: Mapping[str, Policy], given: argparse.Namespace
+) -> polars.DataFrame:
+    """What `fly` gives, kept in a file: the file's flights where it is of the same policies and
+    settings, or new ones.
 
     Raises:
         InputError: the file is of other policies or settings; and see `fly`.
@@ -157,10 +199,19 @@ def flown(place: str, kind: str, policies: Mapping[str, Policy], given: argparse
     files = [given.output / "policies" / f"{name}.json" for name in policies]
     trials = given.flights if place.removesuffix(OLD) in FLOWN else given.trials
     reality = [place] if Path(place).is_file() else []
-    settings = {"place": Path(place).name, "trials": trials, "duration": given.duration, "policies": list(policies)}
-    made = results.plain(results.record(seed=given.seed, inputs=[given.drone, *files, *reality], settings=settings))
+    settings = {
+        "place": Path(place).name,
+        "trials": trials,
+        "duration": given.duration,
+        "policies": list(policies),
+    }
+    made = results.plain(
+        results.record(seed=given.seed, inputs=[given.drone, *files, *reality], settings=settings)
+    )
     if path.exists() and results.told(path) != made:
-        raise InputError(f"{path}: flights of other policies or settings. Choose another folder with -o.")
+        raise InputError(
+            f"{path}: flights of other policies or settings. Choose another folder with -o."
+        )
     if not path.exists():
         table = fly(place, policies, given)
         results.write_table(path, _FLIGHTS, made, table.write_csv(float_precision=2))
@@ -168,18 +219,28 @@ def flown(place: str, kind: str, policies: Mapping[str, Policy], given: argparse
 
 
 class Interval(NamedTuple):
-    """A number and the ends of its 95 % interval; they are not numbers where there is one policy."""
+    """A number and the ends of its 95 % interval.
+
+    They are not numbers where there is one policy.
+    """
 
     value: float
     low: float
     high: float
 
     def __str__(self) -> str:
-        return f"{self.value:.2f}" if math.isnan(self.low) else f"{self.value:.2f} [{self.low:.2f}, {self.high:.2f}]"
+        return (
+            f"{self.value:.2f}"
+            if math.isnan(self.low)
+            else f"{self.value:.2f} [{self.low:.2f}, {self.high:.2f}]"
+        )
 
 
 def mean_of(values: Float[np.ndarray, "n"]) -> Interval:
-    """Mean over policies, with Student's interval. Policies that are all equal say nothing of how others differ: it has no width."""
+    """Mean over policies, with Student's interval.
+
+    Policies that are all equal say nothing of how others differ: it has no width.
+    """
     if len(values) < 2 or np.ptp(values) == 0:
         end = math.nan if len(values) < 2 else float(values[0])
         return Interval(float(values[0]), end, end)
@@ -188,7 +249,10 @@ def mean_of(values: Float[np.ndarray, "n"]) -> Interval:
 
 
 def difference(first: Float[np.ndarray, "n"], second: Float[np.ndarray, "m"]) -> Interval:
-    """How much larger the mean of the second policies is, with Welch's interval; none where no policy differs from its like."""
+    """How much larger the mean of the second policies is, with Welch's interval.
+
+    None where no policy differs from its like.
+    """
     value = float(np.mean(second) - np.mean(first))
     if min(len(first), len(second)) < 2 or np.ptp(first) == np.ptp(second) == 0:
         return Interval(value, math.nan, math.nan)
@@ -199,18 +263,32 @@ def difference(first: Float[np.ndarray, "n"], second: Float[np.ndarray, "m"]) ->
 
 
 def by_policy(flights: polars.DataFrame, longest: float) -> polars.DataFrame:
-    """A row a policy and place: control, randomization, place, number, flights, share that reached the longest time, mean duration [s]."""
+    """A row a policy and place: control, randomization, place, number, flights, share that reached
+    the longest time, mean duration [s].
+    """
     duration = polars.col("duration")
-    told = [polars.len().alias("flights"), (duration >= longest - 1e-6).mean().alias("share"), duration.mean().alias("mean")]
-    return flights.group_by("control", "randomization", "place", "number", maintain_order=True).agg(*told)
+    told = [
+        polars.len().alias("flights"),
+        (duration >= longest - 1e-6).mean().alias("share"),
+        duration.mean().alias("mean"),
+    ]
+    return flights.group_by("control", "randomization", "place", "number", maintain_order=True).agg(
+        *told
+    )
 
 
 def summary(flights: polars.DataFrame, longest: float) -> polars.DataFrame:
-    """A row a control structure, place and randomization: shares of flights that reached the longest time, times, and why others ended."""
+    """A row a control structure, place and randomization: shares of flights that reached the
+    longest time, times, and why others ended.
+    """
     rows = []
-    for (kind, place, randomization), part in flights.group_by("control", "place", "randomization", maintain_order=True):
+    for (kind, place, randomization), part in flights.group_by(
+        "control", "place", "randomization", maintain_order=True
+    ):
         policies = by_policy(part, longest)
-        short = part.filter(polars.col("duration") < longest - 1e-6)["end_reason"].value_counts(sort=True)
+        short = part.filter(polars.col("duration") < longest - 1e-6)["end_reason"].value_counts(
+            sort=True
+        )
         share, mean = (mean_of(policies[name].to_numpy()) for name in ("share", "mean"))
         rows.append(
             {
@@ -219,27 +297,44 @@ def summary(flights: polars.DataFrame, longest: float) -> polars.DataFrame:
                 "randomization": randomization,
                 "policies": policies.height,
                 "flights": part.height,
-                "share of 20 s": str(Interval(share.value, max(share.low, 0.0), min(share.high, 1.0))),
+                "share of 20 s": str(
+                    Interval(share.value, max(share.low, 0.0), min(share.high, 1.0))
+                ),
                 "worst policy": policies["share"].min(),
                 "mean [s]": mean.value,
-                "most end by": f"{short['end_reason'][0]} ({short['count'][0]})" if short.height else "",
+                "most end by": f"{short['end_reason'][0]} ({short['count'][0]})"
+                if short.height
+                else "",
             }
         )
     return polars.DataFrame(rows)
 
 
 def differences(flights: polars.DataFrame, longest: float) -> polars.DataFrame:
-    """A row a control structure and place: what each randomization adds to the share of the one before it, over policies."""
+    """A row a control structure and place: what each randomization adds to the share of the one
+    before it, over policies.
+    """
     rows = []
-    for (kind, place), part in by_policy(flights, longest).group_by("control", "place", maintain_order=True):
-        shares = {name: group["share"].to_numpy() for (name,), group in part.group_by("randomization", maintain_order=True)}
-        pairs = {f"{second} - {first}": str(difference(shares[first], shares[second])) for first, second in pairwise(shares)}
-        rows.append({"control": kind, "place": place, "policies": min(map(len, shares.values())), **pairs})
+    for (kind, place), part in by_policy(flights, longest).group_by(
+        "control", "place", maintain_order=True
+    ):
+        shares = {
+            name: group["share"].to_numpy()
+            for (name,), group in part.group_by("randomization", maintain_order=True)
+        }
+        pairs = {
+            f"{second} - {first}": str(difference(shares[first], shares[second]))
+            for first, second in pairwise(shares)
+        }
+        rows.append(
+            {"control": kind, "place": place, "policies": min(map(len, shares.values())), **pairs}
+        )
     return polars.DataFrame(rows)
 
 
 def best_policies(flights: polars.DataFrame, longest: float) -> polars.DataFrame:
-    """The policy of each control structure whose least share over all places is the greatest: its shares, and where it misses the bar.
+    """The policy of each control structure whose least share over all places is the greatest: its
+    shares, and where it misses the bar.
 
     Places of the authors' drone (`OLD`) do not count: policies are not trained for it.
     """
@@ -250,11 +345,23 @@ def best_policies(flights: polars.DataFrame, longest: float) -> polars.DataFrame
             polars.col("share").min().alias("least"), polars.col("share").mean().alias("all")
         )
         best = least.sort("least", "all", descending=True, maintain_order=True).row(0, named=True)
-        own = part.filter((polars.col("randomization") == best["randomization"]) & (polars.col("number") == best["number"]))
-        missed = [f"{row['place']} {row['share']:.2f}" for row in own.iter_rows(named=True) if row["share"] < BAR]
+        own = part.filter(
+            (polars.col("randomization") == best["randomization"])
+            & (polars.col("number") == best["number"])
+        )
+        missed = [
+            f"{row['place']} {row['share']:.2f}"
+            for row in own.iter_rows(named=True)
+            if row["share"] < BAR
+        ]
         told = "yes" if not missed else f"no: {', '.join(missed)}"
         rows.append(
-            {"control": kind, "policy": f"{best['randomization']} {best['number']}", "least share": best["least"], "meets it": told}
+            {
+                "control": kind,
+                "policy": f"{best['randomization']} {best['number']}",
+                "least share": best["least"],
+                "meets it": told,
+            }
         )
     return polars.DataFrame(rows)
 
@@ -264,12 +371,15 @@ STEP, HIGH = 84, 170
 
 
 def chart(flights: polars.DataFrame, longest: float) -> str:
-    """Share of flights that reached the longest time as SVG: a panel a control structure, a column a place, a colour a randomization.
+    """Share of flights that reached the longest time as SVG: a panel a control structure, a column
+    a place, a colour a randomization.
 
     A dot is a policy, a line the mean of its randomization.
     """
     policies = by_policy(flights, longest)
-    kinds, places = (policies[name].unique(maintain_order=True).to_list() for name in ("control", "place"))
+    kinds, places = (
+        policies[name].unique(maintain_order=True).to_list() for name in ("control", "place")
+    )
     places.sort(key=lambda place: place.endswith(OLD))
     chosen = [name for name in COLOURS if name in policies["randomization"]]
     samples = [(svg.stroke("M0 6H24", "line", COLOURS[name]), name) for name in chosen]
@@ -289,37 +399,94 @@ def chart(flights: polars.DataFrame, longest: float) -> str:
         own = policies.filter(polars.col("control") == kind)
         parts.append(svg.framed(panel, _dots(panel, own, places, chosen), kind))
         top += HIGH + 82
-    return svg.picture(wide, top - 34, f"Flights that reach {longest:g} s, by what policies were trained over", parts)
+    return svg.picture(
+        wide,
+        top - 34,
+        f"Flights that reach {longest:g} s, by what policies were trained over",
+        parts,
+    )
 
 
-def _dots(panel: Panel, policies: polars.DataFrame, places: Sequence[str], chosen: Sequence[str]) -> Iterator[str]:
+def _dots(
+    panel: Panel, policies: polars.DataFrame, places: Sequence[str], chosen: Sequence[str]
+) -> Iterator[str]:
     bar = float(panel.down(100 * BAR))
     yield svg.stroke(f"M0 {bar:.1f}H{panel.width:.1f}", "thin dashed", "line")
     apart = 0.8 / len(chosen)
     for number, place in enumerate(places):
         for order, name in enumerate(chosen):
-            shares = policies.filter((polars.col("place") == place) & (polars.col("randomization") == name))["share"]
+            shares = policies.filter(
+                (polars.col("place") == place) & (polars.col("randomization") == name)
+            )["share"]
             shares = 100 * shares.sort().to_numpy()
             if len(shares) == 0:
                 continue
             middle = number + apart * (order - (len(chosen) - 1) / 2)
-            (left, level), (right, _) = (panel.at(middle + side * 0.36 * apart, float(np.mean(shares))) for side in (-1, 1))
+            (left, level), (right, _) = (
+                panel.at(middle + side * 0.36 * apart, float(np.mean(shares))) for side in (-1, 1)
+            )
             yield svg.stroke(f"M{left:.1f} {level:.1f}H{right:.1f}", "line faded", COLOURS[name])
-            yield svg.dots(panel, middle + 0.22 * apart * np.linspace(-1, 1, len(shares)), shares, "edge", COLOURS[name])
+            yield svg.dots(
+                panel,
+                middle + 0.22 * apart * np.linspace(-1, 1, len(shares)),
+                shares,
+                "edge",
+                COLOURS[name],
+            )
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Trains, flies, writes, draws and prints."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--drone", required=True, help="the identified drone's TOML file")
-    parser.add_argument("-o", "--output", type=Path, required=True, help="folder for policies, flights.csv and randomization.svg")
-    parser.add_argument("--realities", nargs="+", default=REALITIES, help="as `maidenflight transfer` takes them (default: %(default)s)")
-    parser.add_argument("--control", action="append", choices=list(QUICK), help="a control structure; may be repeated (all three)")
-    parser.add_argument("--randomization", action="append", choices=list(COLOURS), help="a randomization; may be repeated (all four)")
-    parser.add_argument("--seeds", type=int, default=3, help="policies of each cell (default: %(default)s)")
-    parser.add_argument("--flights", type=int, default=200, help="of each policy on drones about the identified one (default: %(default)s)")
-    parser.add_argument("--trials", type=int, default=16, help="flights of each policy in each reality (default: %(default)s)")
-    parser.add_argument("--duration", type=float, default=LONGEST, help="longest flight, seconds (default: %(default)g)")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        required=True,
+        help="folder for policies, flights.csv and randomization.svg",
+    )
+    parser.add_argument(
+        "--realities",
+        nargs="+",
+        default=REALITIES,
+        help="as `maidenflight transfer` takes them (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--control",
+        action="append",
+        choices=list(QUICK),
+        help="a control structure; may be repeated (all three)",
+    )
+    parser.add_argument(
+        "--randomization",
+        action="append",
+        choices=list(COLOURS),
+        help="a randomization; may be repeated (all four)",
+    )
+    parser.add_argument(
+        "--seeds", type=int, default=3, help="policies of each cell (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--flights",
+        type=int,
+        default=200,
+        help="of each policy on drones about the identified one (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--trials",
+        type=int,
+        default=16,
+        help="flights of each policy in each reality (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--duration",
+        type=float,
+        default=LONGEST,
+        help="longest flight, seconds (default: %(default)g)",
+    )
     parser.add_argument("--updates", type=int, help="of training, for all control structures")
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args(arguments)
@@ -333,16 +500,25 @@ def run(given: argparse.Namespace) -> None:
     """All of it, for given arguments.
 
     Raises:
-        InputError: the drone is no file that `maidenflight identify` wrote, or what earlier runs left is of other settings.
+        InputError: the drone is no file that `maidenflight identify` wrote, or what earlier runs
+            left is of other settings.
     """
     if not Path(given.drone).is_file():
-        raise InputError(f"{given.drone}: no such file. Give a drone.toml that `maidenflight identify` wrote.")
+        raise InputError(
+            f"{given.drone}: no such file. Give a drone.toml that `maidenflight identify` wrote."
+        )
     if min(given.seeds, given.flights, given.trials) < 1 or given.duration <= 0:
-        raise InputError("at least one policy, flight and trial, and a duration above 0 s, are needed.")
+        raise InputError(
+            "at least one policy, flight and trial, and a duration above 0 s, are needed."
+        )
     for place in given.realities:
         workflow.reality(place)
     kinds = [kind for kind in QUICK if kind in (given.control or QUICK)]
-    cells = [cell for cell in CELLS if cell.control in kinds and cell.randomization in (given.randomization or COLOURS)]
+    cells = [
+        cell
+        for cell in CELLS
+        if cell.control in kinds and cell.randomization in (given.randomization or COLOURS)
+    ]
     total = len(cells) + sum(len(places_of(kind, given.realities)) for kind in kinds)
     done, tables = 0, []
     with terminal.progress("randomization", total) as move:
@@ -351,15 +527,24 @@ def run(given: argparse.Namespace) -> None:
             for cell in [cell for cell in cells if cell.control == kind]:
                 move(done, total, f"training {cell.name}")
                 settings = settings_of(cell, given.updates)
-                several = trained(cell, given.drone, settings, given.seeds, given.seed, given.output / "policies")
+                several = trained(
+                    cell, given.drone, settings, given.seeds, given.seed, given.output / "policies"
+                )
                 own += [(cell, number, one) for number, one in enumerate(several, 1)]
                 done += 1
             policies = {f"{cell.name}/policy_{number}": one for cell, number, one in own}
-            told = [{"policy": name, **cell._asdict(), "number": number} for name, (cell, number, _) in zip(policies, own, strict=True)]
+            told = [
+                {"policy": name, **cell._asdict(), "number": number}
+                for name, (cell, number, _) in zip(policies, own, strict=True)
+            ]
             for place in places_of(kind, given.realities):
                 move(done, total, f"flying {kind} in {place}")
                 table = polars.DataFrame(told).with_columns(place=polars.lit(place))
-                tables.append(table.join(flown(place, kind, policies, given), on="policy", maintain_order="left").drop("policy"))
+                tables.append(
+                    table.join(
+                        flown(place, kind, policies, given), on="policy", maintain_order="left"
+                    ).drop("policy")
+                )
                 done += 1
     flights = polars.concat(tables)
     said = {
@@ -370,21 +555,32 @@ def run(given: argparse.Namespace) -> None:
         "policies": {cell.name: given.seeds for cell in cells},
     }
     made = results.record(seed=given.seed, inputs=[given.drone], settings=said)
-    results.write_table(given.output / "flights.csv", _FLIGHTS, made, flights.write_csv(float_precision=2))
+    results.write_table(
+        given.output / "flights.csv", _FLIGHTS, made, flights.write_csv(float_precision=2)
+    )
     results.write(given.output / "randomization.svg", chart(flights, given.duration))
     with polars.Config(
-        tbl_cols=-1, tbl_rows=-1, tbl_width_chars=200, fmt_str_lengths=80, float_precision=2, tbl_hide_column_data_types=True
+        tbl_cols=-1,
+        tbl_rows=-1,
+        tbl_width_chars=200,
+        fmt_str_lengths=80,
+        float_precision=2,
+        tbl_hide_column_data_types=True,
     ):
         print("Means over policies, 95 % intervals over policies")
         print(summary(flights, given.duration))
         print("Differences of shares, 95 % intervals over policies (Welch)")
         print(differences(flights, given.duration))
-        print(f"The best policy of each control structure: does it reach {given.duration:g} s in {BAR:.0%} of its flights everywhere?")
+        print(
+            f"The best policy of each control structure: does it reach {given.duration:g} s in "
+            f"{BAR:.0%} of its flights everywhere?"
+        )
         print(best_policies(flights, given.duration))
 
 
 _FLIGHTS = (
-    "# maidenflight randomization flights 1: simulated, a row a flight; control structure, randomization and number of the policy,"
+    "# maidenflight randomization flights 1: simulated, a row a flight; control structure, "
+    "randomization and number of the policy,"
     " place where it flew, duration s"
 )
 

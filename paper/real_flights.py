@@ -1,6 +1,8 @@
-"""Real flights judge drones twice: by the likelihood of flights held out, and by how long held-out policies fly.
+"""Real flights judge drones twice: by the likelihood of flights held out, and by how long held-out
+policies fly.
 
-Seven of ten policies' flights make the drones, the others' judge them. No flight time is used for anything but judging.
+Seven of ten policies' flights make the drones, the others' judge them. No flight time is used for
+anything but judging.
 
     python paper/real_flights.py --authors ../shared/data/authors -o real_flights
 
@@ -39,7 +41,16 @@ from maidenflight.policy import Policy
 STRUCTURES = ("pwm", "attitude_rate", "attitude")
 PERIOD, STEPS = 0.01, 5
 HELD_OUT = 0.3
-TRAP = (*FIRST, "inertia_x", "inertia_y", "rotational_damping", "drag_x", "drag_y", "drag_z", "motor_slowdown")
+TRAP = (
+    *FIRST,
+    "inertia_x",
+    "inertia_y",
+    "rotational_damping",
+    "drag_x",
+    "drag_y",
+    "drag_z",
+    "spin_down_ratio",
+)
 """Parameters that a replay inflates, because whatever damps hides what it cannot foresee."""
 
 
@@ -52,19 +63,36 @@ def split(flights: Sequence[Flight], seed: int) -> tuple[list[Flight], list[Flig
     """Flights of seven of ten policies, and of the others."""
     numbers = sorted({policy_of(flight) for flight in flights})
     chosen = np.random.default_rng(seed).permutation(numbers)[: round(HELD_OUT * len(numbers))]
-    return [flight for flight in flights if policy_of(flight) not in chosen], [flight for flight in flights if policy_of(flight) in chosen]
+    return [flight for flight in flights if policy_of(flight) not in chosen], [
+        flight for flight in flights if policy_of(flight) in chosen
+    ]
 
 
-def one_step_likelihood(drones: Mapping[str, Parameters], training: Sequence[Flight], judged: Sequence[Flight]) -> dict[str, float]:
-    """Log likelihood of a row of held-out flights, the noise model fitted to the training flights [nats]."""
-    made, held = (OneStep(windows(part, one_step.LENGTH, every=one_step.LENGTH), PERIOD, STEPS) for part in (training, judged))
-    return {name: -held.per_block(drone, made.noise_model(drone)).sum() / held.rows for name, drone in drones.items()}
+def one_step_likelihood(
+    drones: Mapping[str, Parameters], training: Sequence[Flight], judged: Sequence[Flight]
+) -> dict[str, float]:
+    """Log likelihood of a row of held-out flights, the noise model fitted to the training flights
+    [nats].
+    """
+    made, held = (
+        OneStep(windows(part, one_step.LENGTH, every=one_step.LENGTH), PERIOD, STEPS)
+        for part in (training, judged)
+    )
+    return {
+        name: -held.per_block(drone, made.noise_model(drone)).sum() / held.rows
+        for name, drone in drones.items()
+    }
 
 
 def multi_step_likelihood(
-    drones: Mapping[str, Parameters], training: Sequence[Flight], judged: Sequence[Flight], rows: int
+    drones: Mapping[str, Parameters],
+    training: Sequence[Flight],
+    judged: Sequence[Flight],
+    rows: int,
 ) -> dict[str, float]:
-    """Log density of velocity, attitude and body rates some rows ahead, with the mean and covariance of the training flights' errors."""
+    """Log density of velocity, attitude and body rates some rows ahead, with the mean and
+    covariance of the training flights' errors.
+    """
     made, held = (windows(part, rows) for part in (training, judged))
     found = {}
     for name, drone in drones.items():
@@ -81,31 +109,62 @@ def multi_step_likelihood(
 
 
 def as_flown(found: Identification) -> Parameters:
-    """The drones that `maidenflight predict` flies: other trims in each flight, where the flights told how they differ."""
+    """The drones that `maidenflight predict` flies: other trims in each flight, where the flights
+    told how they differ.
+    """
     if not set(TRIM) & set(found.estimates):
         return found.parameters
     return trim_ensemble(found.parameters, found.to_table(), "flights").drones
 
 
-def flight_times(drones: Mapping[str, Parameters], policies: Mapping[str, Policy], flights: polars.DataFrame, seed: int) -> list[dict]:
-    """Agreement of predicted and real mean flight times, by control structure and together; last, that of one real flight."""
+def flight_times(
+    drones: Mapping[str, Parameters],
+    policies: Mapping[str, Policy],
+    flights: polars.DataFrame,
+    seed: int,
+) -> list[dict]:
+    """Agreement of predicted and real mean flight times, by control structure and together.
+
+    Last, that of one real flight.
+    """
     names = list(policies)
     real = dict(flights.group_by("name").agg(polars.col("flight_time_s").mean()).iter_rows())
     measured = np.array([real[name] for name in names])
     flown = {
-        drone: summary(predict_flight_times(list(policies.values()), parameters, jax.random.key(seed), names=names))["mean"].to_numpy()
+        drone: summary(
+            predict_flight_times(
+                list(policies.values()), parameters, jax.random.key(seed), names=names
+            )
+        )["mean"].to_numpy()
         for drone, parameters in drones.items()
     }
     rows = []
     for kind in (*STRUCTURES, "all"):
         chosen = np.array([kind == "all" or name.startswith(f"{kind}/") for name in names])
-        own = flights.filter(polars.col("name").is_in([name for name, one in zip(names, chosen, strict=True) if one]))
+        own = flights.filter(
+            polars.col("name").is_in([name for name, one in zip(names, chosen, strict=True) if one])
+        )
         found = {drone: agreement(mean[chosen], measured[chosen]) for drone, mean in flown.items()}
         means = {drone: float(mean[chosen].mean()) for drone, mean in flown.items()}
-        found["one real flight against the others"], means["one real flight against the others"] = one_against_others(own), float("nan")
+        found["one real flight against the others"], means["one real flight against the others"] = (
+            one_against_others(own),
+            float("nan"),
+        )
         for drone, one in found.items():
-            said = {"spearman": one.spearman, "pearson": one.pearson, "mean absolute error": one.mean_absolute_error}
-            rows.append({"control": kind, "policies": int(chosen.sum()), "drone": drone, **said, "predicted mean": means[drone]})
+            said = {
+                "spearman": one.spearman,
+                "pearson": one.pearson,
+                "mean absolute error": one.mean_absolute_error,
+            }
+            rows.append(
+                {
+                    "control": kind,
+                    "policies": int(chosen.sum()),
+                    "drone": drone,
+                    **said,
+                    "predicted mean": means[drone],
+                }
+            )
         rows[-1]["predicted mean"] = float(measured[chosen].mean())
     return rows
 
@@ -113,7 +172,10 @@ def flight_times(drones: Mapping[str, Parameters], policies: Mapping[str, Policy
 def show(title: str, rows: Sequence[Mapping[str, Any]]) -> str:
     """Prints a table; returns it as Markdown."""
     heads = list(rows[0])
-    cells = [[f"{value:.3g}" if isinstance(value, float) else str(value) for value in row.values()] for row in rows]
+    cells = [
+        [f"{value:.3g}" if isinstance(value, float) else str(value) for value in row.values()]
+        for row in rows
+    ]
     table = Table(*heads, title=title, title_justify="left")
     for row in cells:
         table.add_row(*row)
@@ -136,19 +198,33 @@ def parameter_rows(found: Mapping[str, Identification]) -> list[dict[str, str]]:
         row = {"parameter": name}
         for title, one in found.items():
             estimate = one.estimates.get(name)
-            row[title] = "" if estimate is None else f"{estimate.value:.4g} [{estimate.interval[0]:.4g}, {estimate.interval[1]:.4g}]"
+            row[title] = (
+                ""
+                if estimate is None
+                else f"{estimate.value:.4g} [{estimate.interval[0]:.4g}, "
+                f"{estimate.interval[1]:.4g}]"
+            )
         rows.append(row)
     return rows
 
 
 def nanobench(folder: Path, seed: int) -> list[str]:
-    """The same tables, but for flight times, of NanoBench's PID flights: two of three files make the drones, the third judges."""
+    """The same tables, but for flight times, of NanoBench's PID flights: two of three files make
+    the drones, the third judges.
+    """
     flights = list(read_flights(folder))
     files = sorted({flight.name.split(" ")[0] for flight in flights})
     judging = set(files[2::3])
-    training, judged = ([flight for flight in flights if (flight.name.split(" ")[0] in judging) == held] for held in (False, True))
+    training, judged = (
+        [flight for flight in flights if (flight.name.split(" ")[0] in judging) == held]
+        for held in (False, True)
+    )
     key = jax.random.key(seed)
-    wide = {"thrust_to_weight": (1.01, 2.5), "motor_time_constant": (0.01, 0.5), "latency": (0.0, 0.05)}
+    wide = {
+        "thrust_to_weight": (1.01, 2.5),
+        "motor_time_constant": (0.01, 0.5),
+        "latency": (0.0, 0.05),
+    }
     found = {
         "chosen by likelihood": identify(training, AUTO, key, trials=1),
         "three by replay": identify(training, FIRST, key, objective="replay", bounds=wide),
@@ -156,10 +232,21 @@ def nanobench(folder: Path, seed: int) -> list[str]:
     drones = {**{name: one.parameters for name, one in found.items()}, "paper": mf.crazyflie()}
     ones = one_step_likelihood(drones, training, judged)
     many = {rows: multi_step_likelihood(drones, training, judged, rows) for rows in (10, 25, 50)}
-    judge = [{"drone": name, "one step": ones[name], **{f"{rows * 10} ms": many[rows][name] for rows in many}} for name in drones]
+    judge = [
+        {
+            "drone": name,
+            "one step": ones[name],
+            **{f"{rows * 10} ms": many[rows][name] for rows in many},
+        }
+        for name in drones
+    ]
     return [
         show("NanoBench: drones", parameter_rows(found)),
-        show(f"NanoBench: log likelihood of {len(judged)} held-out pieces of flight [nats a row or window]", judge),
+        show(
+            f"NanoBench: log likelihood of {len(judged)} held-out pieces of flight [nats a row or "
+            "window]",
+            judge,
+        ),
         show("NanoBench: open loop, held out [m, m/s, deg, rad/s]", open_loop(judged, drones)),
     ]
 
@@ -167,24 +254,51 @@ def nanobench(folder: Path, seed: int) -> list[str]:
 def open_loop(flights: Sequence[Flight], drones: Mapping[str, Parameters]) -> list[dict[str, Any]]:
     """Errors of open-loop predictions, by horizon."""
     errors = mf.prediction_error(flights, drones)
-    return errors.select("model", "horizon", "position", "velocity", polars.col("attitude").degrees(), "body_rates").to_dicts()
+    return errors.select(
+        "model", "horizon", "position", "velocity", polars.col("attitude").degrees(), "body_rates"
+    ).to_dicts()
 
 
 def main() -> None:
     """Runs the whole comparison."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--authors", type=Path, default=Path("../shared/data/authors"), help="the authors' flights and policies")
-    parser.add_argument("--nanobench", type=Path, help="NanoBench's flights, for tables of them alone")
-    parser.add_argument("-o", "--output", type=Path, default=Path("real_flights"), help="folder for tables and drones")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--authors",
+        type=Path,
+        default=Path("../shared/data/authors"),
+        help="the authors' flights and policies",
+    )
+    parser.add_argument(
+        "--nanobench", type=Path, help="NanoBench's flights, for tables of them alone"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        default=Path("real_flights"),
+        help="folder for tables and drones",
+    )
     parser.add_argument("--seed", type=int, default=0, help="of the split")
     given = parser.parse_args()
     if given.nanobench is not None:
-        results.write(given.output / "nanobench.md", "\n\n".join(nanobench(given.nanobench, given.seed)) + "\n")
+        results.write(
+            given.output / "nanobench.md",
+            "\n\n".join(nanobench(given.nanobench, given.seed)) + "\n",
+        )
         return
-    everything = {structure: list(read_flights(given.authors / "flights" / structure)) for structure in STRUCTURES}
+    everything = {
+        structure: list(read_flights(given.authors / "flights" / structure))
+        for structure in STRUCTURES
+    }
     parts = {structure: split(flights, given.seed) for structure, flights in everything.items()}
     training, judged = parts["pwm"]
-    held = {f"{structure}/{policy_of(flight)}" for structure, (_, flights) in parts.items() for flight in flights}
+    held = {
+        f"{structure}/{policy_of(flight)}"
+        for structure, (_, flights) in parts.items()
+        for flight in flights
+    }
     policies, flown = published(given.authors)
     policies = {name: policy for name, policy in policies.items() if name in held}
 
@@ -195,30 +309,62 @@ def main() -> None:
         "three by replay": identify(training, FIRST, key, objective="replay"),
         "ten by replay (the trap)": identify(
             training, TRAP, key, objective="replay", trials=1, bounds={
-                "motor_slowdown": (0.5, 4.0), "inertia_x": (6e-6, 1e-4), "inertia_y": (6e-6, 1e-4), "rotational_damping": (0.0, 1e-3),
+                "spin_down_ratio": (0.5, 4.0), "inertia_x": (6e-6, 1e-4), "inertia_y": (6e-6, 1e-4), "rotational_damping": (0.0, 1e-3),
                 "drag_x": (0.0, 3.0), "drag_y": (0.0, 3.0), "drag_z": (0.0, 3.0),
             },
         ),
     }  # fmt: skip
     drones = {name: one.parameters for name, one in found.items()}
     drones["paper"] = mf.crazyflie()
-    texts = [show("Drones identified from seven of ten PWM policies' flights", parameter_rows(found))]
+    texts = [
+        show("Drones identified from seven of ten PWM policies' flights", parameter_rows(found))
+    ]
     bought = [
-        {"group": step.group, "gain": step.gain, "error": step.error, "kept": step.kept} for step in found["chosen by likelihood"].bought
+        {"group": step.group, "gain": step.gain, "error": step.error, "kept": step.kept}
+        for step in found["chosen by likelihood"].bought
     ]
     texts.append(show("What each group bought [nats a row, held-out flights]", bought))
     ones = one_step_likelihood(drones, training, judged)
     many = {rows: multi_step_likelihood(drones, training, judged, rows) for rows in (10, 25, 50)}
-    judge = [{"drone": name, "one step": ones[name], **{f"{rows * 10} ms": many[rows][name] for rows in many}} for name in drones]
-    texts.append(show(f"First judge: log likelihood of {len(judged)} held-out PWM flights [nats a row or window]", judge))
+    judge = [
+        {
+            "drone": name,
+            "one step": ones[name],
+            **{f"{rows * 10} ms": many[rows][name] for rows in many},
+        }
+        for name in drones
+    ]
+    texts.append(
+        show(
+            f"First judge: log likelihood of {len(judged)} held-out PWM flights [nats a row or "
+            "window]",
+            judge,
+        )
+    )
     flying = {**drones, **{name: as_flown(one) for name, one in found.items()}}
-    texts.append(show("Second judge: flight times of held-out policies [s]", flight_times(flying, policies, flown, given.seed)))
-    texts.append(show("Open loop, held-out PWM flights [m, m/s, deg, rad/s]", open_loop(judged, drones)))
-    by_structure = {structure: identify(flights, AUTO, key, trials=1) for structure, flights in everything.items()}
-    by_structure["together"] = identify([flight for flights in everything.values() for flight in flights], AUTO, key, trials=1)
+    texts.append(
+        show(
+            "Second judge: flight times of held-out policies [s]",
+            flight_times(flying, policies, flown, given.seed),
+        )
+    )
+    texts.append(
+        show("Open loop, held-out PWM flights [m, m/s, deg, rad/s]", open_loop(judged, drones))
+    )
+    by_structure = {
+        structure: identify(flights, AUTO, key, trials=1)
+        for structure, flights in everything.items()
+    }
+    by_structure["together"] = identify(
+        [flight for flights in everything.values() for flight in flights], AUTO, key, trials=1
+    )
     texts.append(show("By control structure, all flights", parameter_rows(by_structure)))
     for name, one in {**found, **by_structure}.items():
-        parameters.write(given.output / f"{name.replace(' ', '_')}.toml", one.parameters, {"identification": one.to_table()})
+        parameters.write(
+            given.output / f"{name.replace(' ', '_')}.toml",
+            one.parameters,
+            {"identification": one.to_table()},
+        )
     results.write(given.output / "real_flights.md", "\n\n".join(texts) + "\n")
 
 

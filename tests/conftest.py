@@ -1,10 +1,14 @@
-"""Strict JAX, so that no shape or dtype is guessed, and the same examples from hypothesis on every run; the authors' data where it is."""
+"""Strict JAX, so that no shape or dtype is guessed, and the same examples from hypothesis on every
+run; the authors' data where it is."""
 
 import os
 from pathlib import Path
 
-# Compilation is most of what tests take: what one process compiled the others read, and so does the next run.
-os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1] / ".pytest_cache" / "xla"))
+# Compilation is most of what tests take: what one process compiled the others read, and so does the
+# next run.
+os.environ.setdefault(
+    "JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1] / ".pytest_cache" / "xla")
+)
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
 
 import jax
@@ -14,7 +18,9 @@ from hypothesis import settings
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 
-settings.register_profile("reproducible", derandomize=True, deadline=None, max_examples=25, database=None)
+settings.register_profile(
+    "reproducible", derandomize=True, deadline=None, max_examples=25, database=None
+)
 settings.load_profile("reproducible")
 
 

@@ -37,7 +37,9 @@ def imported(source: str) -> set[str]:
             assert node.level == 0, "imports are absolute"
             names |= {f"{node.module}.{alias.name}" for alias in node.names}
     parts = [name.split(".") for name in names]
-    return {part[1] for part in parts if part[0] == "maidenflight" and len(part) > 1} - {"__version__"}
+    return {part[1] for part in parts if part[0] == "maidenflight" and len(part) > 1} - {
+        "__version__"
+    }
 
 
 def forbidden(importer: str, target: str) -> bool:
@@ -46,14 +48,20 @@ def forbidden(importer: str, target: str) -> bool:
     return importer in FREE or {importer, target} <= APART or RANK[target] >= RANK[importer]
 
 
-MODULES = [path.relative_to(ROOT) for path in sorted(ROOT.rglob("*.py")) if path.parent != ROOT or not path.name.startswith("__")]
+MODULES = [
+    path.relative_to(ROOT)
+    for path in sorted(ROOT.rglob("*.py"))
+    if path.parent != ROOT or not path.name.startswith("__")
+]
 
 
 @pytest.mark.parametrize("module", MODULES, ids=str)
 def test_a_module_imports_only_earlier_stages(module):
     importer = module.parts[0].removesuffix(".py")
     assert importer in RANK.keys() | FREE, f"{importer} has no place in the order of the stages"
-    wrong = [target for target in imported((ROOT / module).read_text()) if forbidden(importer, target)]
+    wrong = [
+        target for target in imported((ROOT / module).read_text()) if forbidden(importer, target)
+    ]
     assert not wrong, f"{module} imports {wrong}"
 
 

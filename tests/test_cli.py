@@ -16,10 +16,25 @@ from maidenflight import cli, parameters, policy, results, terminal
 from maidenflight.cli import cache
 from maidenflight.flights import reading
 
-COMMANDS = ("demo", "drone", "record", "fly", "identify", "validate", "train", "transfer", "predict", "export", "report", "view")
+COMMANDS = (
+    "demo",
+    "drone",
+    "record",
+    "fly",
+    "identify",
+    "validate",
+    "train",
+    "transfer",
+    "predict",
+    "export",
+    "report",
+    "view",
+)
 
 
-def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *arguments: Any) -> tuple[int, str, str]:
+def run(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *arguments: Any
+) -> tuple[int, str, str]:
     """Exit code, standard output and standard error of a command, run in this process."""
     monkeypatch.setattr(sys, "argv", ["maidenflight", *map(str, arguments)])
     try:
@@ -40,14 +55,19 @@ def test_every_command_explains_itself(command: str, monkeypatch: Any, capsys: A
 
 
 def test_help_imports_nothing_heavy() -> None:
-    heavy = "jax cflib onnx onnxruntime numpy scipy sklearn polars rerun rich optax tomlkit gymnasium pybullet tensorboardX wandb".split()
+    heavy = (
+        "jax cflib onnx onnxruntime numpy scipy sklearn polars rerun rich optax tomlkit "
+        "gymnasium pybullet tensorboardX wandb"
+    ).split()
     program = (
         "import sys; sys.argv = ['maidenflight', 'identify', '--help']\n"
         "from maidenflight import cli\n"
         "try: cli.main()\n"
         f"finally: print('HEAVY', [name for name in {heavy} if name in sys.modules])"
     )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
     assert "HEAVY []" in done.stdout, done.stdout + done.stderr
 
 
@@ -60,7 +80,12 @@ def test_help_starts_within_a_fifth_of_a_second_of_python_itself() -> None:
             before = os.times()
             subprocess.run([sys.executable, *arguments], capture_output=True, check=True)
             after = os.times()
-            times.append(after.children_user - before.children_user + after.children_system - before.children_system)
+            times.append(
+                after.children_user
+                - before.children_user
+                + after.children_system
+                - before.children_system
+            )
         return min(times)
 
     assert fastest("-m", "maidenflight", "train", "--help") - fastest("-c", "pass") < 0.2
@@ -76,10 +101,16 @@ def test_help_starts_within_a_fifth_of_a_second_of_python_itself() -> None:
         (["validate", "{tmp}/no.toml", "{tmp}/empty", "-o", "{tmp}/v.csv"], "no such drone"),
         (["validate", "crazyflie", "{tmp}/empty", "-o", "{tmp}/v.csv"], "no flight logs"),
         (["validate", "crazyflie", "{tmp}/empty", "-o", "{tmp}/odd.csv"], "already there"),
-        (["validate", "crazyflie", "{tmp}/empty", "-o", "{tmp}/v.csv", "--horizons", "soon"], "expected seconds"),
+        (
+            ["validate", "crazyflie", "{tmp}/empty", "-o", "{tmp}/v.csv", "--horizons", "soon"],
+            "expected seconds",
+        ),
         (["train", "--drone", "{tmp}/no.toml", "-o", "{tmp}/p"], "no such drone"),
         (["train", "--drone", "{tmp}/bad.toml", "-o", "{tmp}/p"], "missing"),
-        (["train", "--drone", "crazyflie", "-o", "{tmp}/p", "--randomize", "posterior"], "crazyflie: no usable [posterior] table"),
+        (
+            ["train", "--drone", "crazyflie", "-o", "{tmp}/p", "--randomize", "posterior"],
+            "crazyflie: no usable [posterior] table",
+        ),
         (["train", "-o", "{tmp}/p", "--randomize", "much"], "posterior"),
         (["transfer", "{tmp}/empty", "-o", "{tmp}/t"], "no policies"),
         (["transfer", "{tmp}/odd.csv", "-o", "{tmp}/t"], "not valid JSON"),
@@ -88,16 +119,43 @@ def test_help_starts_within_a_fifth_of_a_second_of_python_itself() -> None:
         (["transfer", "-o", "{tmp}/t"], "Give policies"),
         (["transfer", "{tmp}/odd.csv", "--resume", "-o", "{tmp}/t"], "Only a matrix is resumed"),
         (["transfer", "--matrix", "{tmp}/odd.csv", "-o", "{tmp}/t"], "not settings of a matrix"),
-        (["transfer", "--matrix", "{tmp}/odd.csv", "--trials", "3", "-o", "{tmp}/t"], "Give --matrix alone"),
+        (
+            ["transfer", "--matrix", "{tmp}/odd.csv", "--trials", "3", "-o", "{tmp}/t"],
+            "Give --matrix alone",
+        ),
         (["transfer", "--matrix", "{tmp}/odd.csv", "-o", "{tmp}"], "--resume"),
         (["predict", "{tmp}/empty", "--drone", "crazyflie", "-o", "{tmp}/p.csv"], "no policies"),
-        (["predict", "{tmp}/none.json", "--drone", "crazyflie", "-o", "{tmp}/p.csv"], "none.json: cannot be read"),
-        (["predict", "{tmp}/odd.csv", "--drone", "crazyflie", "-o", "{tmp}/p.csv"], "odd.csv: not a policy"),
-        (["predict", "{tmp}/other", "--drone", "crazyflie", "-o", "{tmp}/p.csv"], "notes.json: not a policy"),
-        (["predict", "{tmp}/other", "--drone", "crazyflie", "-o", "{tmp}/odd.csv"], "already there"),
-        (["predict", "{tmp}/other", "--drone", "{tmp}/no.toml", "-o", "{tmp}/p.csv"], "no such drone"),
         (
-            ["predict", "{tmp}/other", "--drone", "crazyflie", "--randomize", "posterior", "-o", "{tmp}/p.csv"],
+            ["predict", "{tmp}/none.json", "--drone", "crazyflie", "-o", "{tmp}/p.csv"],
+            "none.json: cannot be read",
+        ),
+        (
+            ["predict", "{tmp}/odd.csv", "--drone", "crazyflie", "-o", "{tmp}/p.csv"],
+            "odd.csv: not a policy",
+        ),
+        (
+            ["predict", "{tmp}/other", "--drone", "crazyflie", "-o", "{tmp}/p.csv"],
+            "notes.json: not a policy",
+        ),
+        (
+            ["predict", "{tmp}/other", "--drone", "crazyflie", "-o", "{tmp}/odd.csv"],
+            "already there",
+        ),
+        (
+            ["predict", "{tmp}/other", "--drone", "{tmp}/no.toml", "-o", "{tmp}/p.csv"],
+            "no such drone",
+        ),
+        (
+            [
+                "predict",
+                "{tmp}/other",
+                "--drone",
+                "crazyflie",
+                "--randomize",
+                "posterior",
+                "-o",
+                "{tmp}/p.csv",
+            ],
             "no usable [posterior] table",
         ),
         (["export", "{tmp}/no.json", "-o", "{tmp}/c"], "cannot be read"),
@@ -107,24 +165,34 @@ def test_help_starts_within_a_fifth_of_a_second_of_python_itself() -> None:
         (["drone", "swan"], "no such drone"),
         (["fly"], "--uri"),
         (["soar"], "No such command"),
-        (["record", "--uri", "udp://127.0.0.1:9", "--reality", "virtual:1"], "--reality is for virtual drones"),
+        (
+            ["record", "--uri", "udp://127.0.0.1:9", "--reality", "virtual:1"],
+            "--reality is for virtual drones",
+        ),
         (["record", "--height", "1"], "--height is for a real drone (--uri)"),
         (["record", "--recover", "-o", "{tmp}/nowhere"], "no such folder"),
     ],
 )
-def test_a_mistake_gives_one_line_and_exit_code_2(arguments: list[str], says: str, tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+def test_a_mistake_gives_one_line_and_exit_code_2(
+    arguments: list[str], says: str, tmp_path: Path, monkeypatch: Any, capsys: Any
+) -> None:
     for folder in ("empty", "full", "other"):
         (tmp_path / folder).mkdir()
     (tmp_path / "other" / "notes.json").write_text('{"format": "another"}')
     (tmp_path / "full" / "mine.txt").write_text("keep me")
     (tmp_path / "odd.csv").write_text("a,b\n1,2\n")
     (tmp_path / "bad.toml").write_text("format = 1\n")
-    code, out, err = run(monkeypatch, capsys, *(argument.format(tmp=tmp_path) for argument in arguments))
+    code, out, err = run(
+        monkeypatch, capsys, *(argument.format(tmp=tmp_path) for argument in arguments)
+    )
     assert code == 2
     assert says in err
     assert "Traceback" not in err
     assert out == ""
-    assert len([line for line in err.splitlines() if line.startswith(("maidenflight:", "Error:"))]) == 1
+    assert (
+        len([line for line in err.splitlines() if line.startswith(("maidenflight:", "Error:"))])
+        == 1
+    )
     assert (tmp_path / "full" / "mine.txt").read_text() == "keep me"
 
 
@@ -134,10 +202,23 @@ def test_a_drone_is_printed_and_read_back(tmp_path: Path, monkeypatch: Any, caps
     assert parameters.to_toml(parameters.from_toml(out), "crazyflie") == out
     assert run(monkeypatch, capsys, "drone", "crazyflie", "-o", tmp_path / "mine.toml")[0] == 0
     assert run(monkeypatch, capsys, "drone", "crazyflie", "-o", tmp_path / "mine.toml")[0] == 2
-    assert run(monkeypatch, capsys, "drone", tmp_path / "mine.toml", "-o", tmp_path / "mine.toml", "--overwrite")[0] == 0
+    assert (
+        run(
+            monkeypatch,
+            capsys,
+            "drone",
+            tmp_path / "mine.toml",
+            "-o",
+            tmp_path / "mine.toml",
+            "--overwrite",
+        )[0]
+        == 0
+    )
 
 
-def test_the_line_from_logs_to_report_in_json(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+def test_the_line_from_logs_to_report_in_json(
+    tmp_path: Path, monkeypatch: Any, capsys: Any
+) -> None:
     def said(*arguments: Any) -> dict[str, Any]:
         code, out, err = run(monkeypatch, capsys, *arguments, "--json")
         assert code == 0, err
@@ -166,7 +247,18 @@ def test_the_line_from_logs_to_report_in_json(tmp_path: Path, monkeypatch: Any, 
     assert [Path(path).name for path in trained["policies"]] == ["policy_1.json", "policy_2.json"]
     assert policy.read(trained["policies"][0]).layer_sizes == (40, 50, 50, 4)
 
-    flown = said("transfer", policies, "--reality", "virtual:3", "-o", tmp_path / "transfer", "--trials", 2, "--duration", 0.5)
+    flown = said(
+        "transfer",
+        policies,
+        "--reality",
+        "virtual:3",
+        "-o",
+        tmp_path / "transfer",
+        "--trials",
+        2,
+        "--duration",
+        0.5,
+    )
     assert len(flown["flights"]) == 4
     assert {"duration", "end_reason", "position_error"} <= set(flown["flights"][0])
 
@@ -178,35 +270,89 @@ def test_the_line_from_logs_to_report_in_json(tmp_path: Path, monkeypatch: Any, 
     assert "simulated" in page.read_text()
 
 
-def test_flight_times_of_ours_and_the_authors_policies_are_predicted(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
-    ours, theirs, drone, output = tmp_path / "ours", tmp_path / "attitude_rate_007.json", tmp_path / "drone.toml", tmp_path / "p.csv"
+def test_flight_times_of_ours_and_the_authors_policies_are_predicted(
+    tmp_path: Path, monkeypatch: Any, capsys: Any
+) -> None:
+    ours, theirs, drone, output = (
+        tmp_path / "ours",
+        tmp_path / "attitude_rate_007.json",
+        tmp_path / "drone.toml",
+        tmp_path / "p.csv",
+    )
     for number in range(3):
         policy.write(ours / f"policy_{number}.json", policy.untrained(jax.random.key(number), (8,)))
     still = {"type": "standard", "weights": [[0.0] * 40] * 4, "biases": [0.0] * 4}
-    theirs.write_text(json.dumps({"check_sum": "0.0", "scaling_parameters": [[0.0] * 40, [1.0] * 40], "activation": "relu", "0": still}))
-    tables = {"posterior": {"names": ["latency"], "draws": [[0.001], [0.03]]}, "identification": {"torque_bias_x": {"spread": 3e-4}}}
+    theirs.write_text(
+        json.dumps(
+            {
+                "check_sum": "0.0",
+                "scaling_parameters": [[0.0] * 40, [1.0] * 40],
+                "activation": "relu",
+                "0": still,
+            }
+        )
+    )
+    tables = {
+        "posterior": {"names": ["latency"], "draws": [[0.001], [0.03]]},
+        "identification": {"torque_bias_x": {"spread": 3e-4}},
+    }
     parameters.write(drone, parameters.crazyflie(), tables)
-    arguments = ("predict", theirs, ours, ours / "policy_1.json", "--drone", drone, "-o", output, "--duration", 2, "--trials", 5)
+    arguments = (
+        "predict",
+        theirs,
+        ours,
+        ours / "policy_1.json",
+        "--drone",
+        drone,
+        "-o",
+        output,
+        "--duration",
+        2,
+        "--trials",
+        5,
+    )
 
     code, out, err = run(monkeypatch, capsys, *arguments, "--json")
     assert code == 0, err
     said = json.loads(out)
     assert (said["simulated"], said["output"]) == (True, str(output))
-    assert [entry["file"] for entry in said["policies"]] == [str(theirs), *(str(ours / f"policy_{number}.json") for number in range(3))]
-    assert [entry["control"] for entry in said["policies"]] == ["attitude_rate", "pwm", "pwm", "pwm"]
+    assert [entry["file"] for entry in said["policies"]] == [
+        str(theirs),
+        *(str(ours / f"policy_{number}.json") for number in range(3)),
+    ]
+    assert [entry["control"] for entry in said["policies"]] == [
+        "attitude_rate",
+        "pwm",
+        "pwm",
+        "pwm",
+    ]
     flown = polars.read_csv(output, comment_prefix="#")
     assert flown.columns == ["policy", "control", "trial", "duration", "end_reason"]
-    for entry, name in zip(said["policies"], ("attitude_rate_007", "policy_0", "policy_1", "policy_2"), strict=True):
+    for entry, name in zip(
+        said["policies"], ("attitude_rate_007", "policy_0", "policy_1", "policy_2"), strict=True
+    ):
         own = flown.filter(polars.col("policy") == name)
         assert own.height == sum(entry["end_reasons"].values()) == 5
-        assert entry["mean_duration"] == pytest.approx(np.mean(own["duration"].to_numpy()), abs=1e-6)
+        assert entry["mean_duration"] == pytest.approx(
+            np.mean(own["duration"].to_numpy()), abs=1e-6
+        )
         assert set(entry["quantiles"]) == {"0.1", "0.25", "0.5", "0.75", "0.9"}
         assert list(entry["quantiles"].values()) == sorted(entry["quantiles"].values())
         assert entry["quantiles"]["0.5"] == np.median(own["duration"].to_numpy())
         assert entry["end_reasons"] == dict(own["end_reason"].value_counts().rows())
     made = json.loads(output.read_text().splitlines()[1].removeprefix("# record: "))
-    assert [one.split(" ")[0] for one in made["inputs"]] == ["drone.toml", theirs.name, *(f"policy_{number}.json" for number in range(3))]
-    assert made["settings"] == {"drone": "drone.toml", "trials": 5, "duration": 2.0, "randomization": "trim", "firmware": "2021.10"}
+    assert [one.split(" ")[0] for one in made["inputs"]] == [
+        "drone.toml",
+        theirs.name,
+        *(f"policy_{number}.json" for number in range(3)),
+    ]
+    assert made["settings"] == {
+        "drone": "drone.toml",
+        "trials": 5,
+        "duration": 2.0,
+        "randomization": "trim",
+        "firmware": "2021.10",
+    }
 
     first = output.read_bytes()
     code, out, err = run(monkeypatch, capsys, *arguments)
@@ -216,46 +362,129 @@ def test_flight_times_of_ours_and_the_authors_policies_are_predicted(tmp_path: P
     code, out, err = run(monkeypatch, capsys, *arguments, "--overwrite")
     assert code == 0, err
     assert output.read_bytes() == first
-    for words in ("Predicted flight times, simulated", "attitude_rate_007", "policy_2", "10 %", "50 %", "90 %", "of 5", str(output)):
+    for words in (
+        "Predicted flight times, simulated",
+        "attitude_rate_007",
+        "policy_2",
+        "10 %",
+        "50 %",
+        "90 %",
+        "of 5",
+        str(output),
+    ):
         assert words in out
     for randomization in ("posterior", "0.2", "0"):
-        assert run(monkeypatch, capsys, *arguments, "--overwrite", "--randomize", randomization)[0] == 0
+        assert (
+            run(monkeypatch, capsys, *arguments, "--overwrite", "--randomize", randomization)[0]
+            == 0
+        )
         assert output.read_bytes() != first
 
 
-def test_policies_are_trained_over_what_flights_leave_possible(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+def test_policies_are_trained_over_what_flights_leave_possible(
+    tmp_path: Path, monkeypatch: Any, capsys: Any
+) -> None:
     logs, drone, policies = tmp_path / "recorded", tmp_path / "drone.toml", tmp_path / "policies"
-    assert run(monkeypatch, capsys, "record", "-o", logs, "--reality", "virtual:3", "--flights", 2, "--duration", 4)[0] == 0
+    assert (
+        run(
+            monkeypatch,
+            capsys,
+            "record",
+            "-o",
+            logs,
+            "--reality",
+            "virtual:3",
+            "--flights",
+            2,
+            "--duration",
+            4,
+        )[0]
+        == 0
+    )
 
-    code, _, err = run(monkeypatch, capsys, "identify", logs, "-o", drone, "--over", "auto", "--objective", "replay")
+    code, _, err = run(
+        monkeypatch,
+        capsys,
+        "identify",
+        logs,
+        "-o",
+        drone,
+        "--over",
+        "auto",
+        "--objective",
+        "replay",
+    )
     assert code == 2
     assert "chosen by likelihood only" in err
     assert not drone.exists()
 
     code, out, err = run(
-        monkeypatch, capsys, "identify", logs, "-o", drone, "--over", "thrust_to_weight,inertia_x", "--trials", 1, "--json"
+        monkeypatch,
+        capsys,
+        "identify",
+        logs,
+        "-o",
+        drone,
+        "--over",
+        "thrust_to_weight,inertia_x",
+        "--trials",
+        1,
+        "--json",
     )
     assert code == 0, err
     assert set(json.loads(out)["parameters"]) == {"thrust_to_weight", "inertia_x"}
     written = tomllib.loads(drone.read_text())
-    assert written["identification"]["kind"] == written["record"]["settings"]["objective"] == "likelihood"
+    assert (
+        written["identification"]["kind"]
+        == written["record"]["settings"]["objective"]
+        == "likelihood"
+    )
     assert written["posterior"]["names"] == ["thrust_to_weight", "inertia_x"]
 
-    trained = ("train", "--drone", drone, "-o", policies, "--policies", 1, "--updates", 2, "--randomize", "posterior", "--json")
+    trained = (
+        "train",
+        "--drone",
+        drone,
+        "-o",
+        policies,
+        "--policies",
+        1,
+        "--updates",
+        2,
+        "--randomize",
+        "posterior",
+        "--json",
+    )
     code, out, err = run(monkeypatch, capsys, *trained)
     assert code == 0, err
     made = json.loads((policies / "policy_1.json").read_text())["record"]["settings"]
     assert made["randomization"] == "posterior"
     assert "heading" not in made
-    code, out, err = run(monkeypatch, capsys, *trained[:-2], "wide", "--heading", 0.1, "--overwrite")
+    code, out, err = run(
+        monkeypatch, capsys, *trained[:-2], "wide", "--heading", 0.1, "--overwrite"
+    )
     assert code == 0, err
     made = json.loads((policies / "policy_1.json").read_text())["record"]["settings"]
     assert (made["randomization"], made["heading"]) == ("wide", 0.1)
 
 
-def test_training_that_is_interrupted_says_how_to_go_on_and_does(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+def test_training_that_is_interrupted_says_how_to_go_on_and_does(
+    tmp_path: Path, monkeypatch: Any, capsys: Any
+) -> None:
     folder, whole = tmp_path / "stopped", tmp_path / "whole"
-    what = ("train", "--drone", "crazyflie", "--task", "hover", "--policies", 1, "--updates", 3, "--log", "tensorboard")
+    what = (
+        "train",
+        "--drone",
+        "crazyflie",
+        "--task",
+        "hover",
+        "--policies",
+        1,
+        "--updates",
+        3,
+        "--log",
+        "tensorboard",
+    )
     scores = terminal.scores
 
     def interrupt(*_: Any) -> str:
@@ -281,7 +510,11 @@ def test_training_that_is_interrupted_says_how_to_go_on_and_does(tmp_path: Path,
     for place, further in ((folder, ["--resume"]), (whole, [])):
         code, _, err = run(monkeypatch, capsys, *what, "-o", place, *further)
         assert code == 0, err
-    assert sorted(path.name for path in folder.iterdir()) == ["policy_1.json", "tensorboard", "training.csv"]
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "policy_1.json",
+        "tensorboard",
+        "training.csv",
+    ]
     for name in ("policy_1.json", "training.csv"):
         assert (folder / name).read_bytes() == (whole / name).read_bytes()
     shown = scalars(folder / "tensorboard" / "policy_1")
@@ -289,12 +522,24 @@ def test_training_that_is_interrupted_says_how_to_go_on_and_does(tmp_path: Path,
     assert len(shown) == 3 * polars.read_csv(folder / "training.csv").height
 
 
-@pytest.mark.parametrize(("board", "package"), [("tensorboard", "tensorboardX"), ("wandb", "wandb")])
+@pytest.mark.parametrize(
+    ("board", "package"), [("tensorboard", "tensorboardX"), ("wandb", "wandb")]
+)
 def test_a_board_whose_package_is_missing_is_said_before_training_begins(
     board: str, package: str, tmp_path: Path, monkeypatch: Any, capsys: Any
 ) -> None:
     monkeypatch.setitem(sys.modules, package, None)
-    code, out, err = run(monkeypatch, capsys, "train", "--drone", "crazyflie", "-o", tmp_path / "policies", "--log", board)
+    code, out, err = run(
+        monkeypatch,
+        capsys,
+        "train",
+        "--drone",
+        "crazyflie",
+        "-o",
+        tmp_path / "policies",
+        "--log",
+        board,
+    )
     assert (code, out, len(err.splitlines())) == (2, "", 1)
     assert f"pip install 'maidenflight[{board}]'" in err
     assert not (tmp_path / "policies").exists()
@@ -302,12 +547,35 @@ def test_a_board_whose_package_is_missing_is_said_before_training_begins(
 
 def test_a_drone_is_validated(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
     logs, output, drone = tmp_path / "recorded", tmp_path / "validation.csv", tmp_path / "mine.toml"
-    assert run(monkeypatch, capsys, "record", "-o", logs, "--reality", "virtual:3", "--flights", 2, "--duration", 4)[0] == 0
+    assert (
+        run(
+            monkeypatch,
+            capsys,
+            "record",
+            "-o",
+            logs,
+            "--reality",
+            "virtual:3",
+            "--flights",
+            2,
+            "--duration",
+            4,
+        )[0]
+        == 0
+    )
     assert run(monkeypatch, capsys, "drone", "crazyflie", "-o", drone)[0] == 0
     arguments = ["validate", drone, logs, "-o", output, "--horizons", "0.05,0.3"]
     code, out, err = run(monkeypatch, capsys, *arguments)
     assert code == 0, err
-    for said in ("mine.toml", "paper's crazyflie", "nothing changes", "0.05 s", "0.3 s", "simulated", str(output)):
+    for said in (
+        "mine.toml",
+        "paper's crazyflie",
+        "nothing changes",
+        "0.05 s",
+        "0.3 s",
+        "simulated",
+        str(output),
+    ):
         assert said in out
     assert err.startswith("note: log likelihood of a row")
     assert len(err.splitlines()) == 1
@@ -321,29 +589,60 @@ def test_a_drone_is_validated(tmp_path: Path, monkeypatch: Any, capsys: Any) -> 
     written = polars.read_csv(output, comment_prefix="#")
     for row, entry in zip(written.iter_rows(named=True), said["errors"], strict=True):
         assert row == pytest.approx(entry, abs=1e-8)
-    mine, papers = (written.filter(polars.col("model") == name).drop("model") for name in ("mine.toml", "paper's crazyflie"))
+    mine, papers = (
+        written.filter(polars.col("model") == name).drop("model")
+        for name in ("mine.toml", "paper's crazyflie")
+    )
     assert mine.equals(papers)
     assert "mine.toml sha256:" in output.read_text()
     assert list(reading.read_flights(tmp_path).paths) == sorted(logs.glob("*.csv"))
 
     for horizons, expected in (("0,0.1", "horizons"), ("9", "no flight is long enough")):
-        code, out, err = run(monkeypatch, capsys, "validate", drone, logs, "-o", tmp_path / "v.csv", "--horizons", horizons)
+        code, out, err = run(
+            monkeypatch,
+            capsys,
+            "validate",
+            drone,
+            logs,
+            "-o",
+            tmp_path / "v.csv",
+            "--horizons",
+            horizons,
+        )
         assert (code, out, len(err.splitlines())) == (2, "", 1)
         assert expected in err
     assert not (tmp_path / "v.csv").exists()
 
 
-def test_flights_that_made_the_drone_are_called_no_test(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+def test_flights_that_made_the_drone_are_called_no_test(
+    tmp_path: Path, monkeypatch: Any, capsys: Any
+) -> None:
     logs, drone = tmp_path / "recorded", tmp_path / "drone.toml"
-    run(monkeypatch, capsys, "record", "-o", logs, "--reality", "virtual:3", "--flights", 2, "--duration", 4)
+    run(
+        monkeypatch,
+        capsys,
+        "record",
+        "-o",
+        logs,
+        "--reality",
+        "virtual:3",
+        "--flights",
+        2,
+        "--duration",
+        4,
+    )
     made = results.record(seed=0, inputs=[logs / "flight_01.csv"], settings={})
     parameters.write(drone, parameters.crazyflie(), {"record": made})
-    code, _, err = run(monkeypatch, capsys, "validate", drone, logs, "-o", tmp_path / "v.csv", "--horizons", "0.1")
+    code, _, err = run(
+        monkeypatch, capsys, "validate", drone, logs, "-o", tmp_path / "v.csv", "--horizons", "0.1"
+    )
     assert code == 0
     assert "identified from 1 of these 2 files" in err
 
 
-def test_compiled_programs_are_kept_by_processor_and_the_oldest_go(tmp_path: Path, monkeypatch: Any) -> None:
+def test_compiled_programs_are_kept_by_processor_and_the_oldest_go(
+    tmp_path: Path, monkeypatch: Any
+) -> None:
     monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     cache.keep_compiled()
@@ -363,7 +662,9 @@ def test_compiled_programs_are_kept_by_processor_and_the_oldest_go(tmp_path: Pat
     assert os.environ["JAX_COMPILATION_CACHE_DIR"] != str(folder)
 
 
-def test_where_programs_cannot_be_kept_or_are_kept_elsewhere_nothing_happens(tmp_path: Path, monkeypatch: Any) -> None:
+def test_where_programs_cannot_be_kept_or_are_kept_elsewhere_nothing_happens(
+    tmp_path: Path, monkeypatch: Any
+) -> None:
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "")
     cache.keep_compiled()
     assert os.environ["JAX_COMPILATION_CACHE_DIR"] == ""

@@ -18,9 +18,17 @@ def test_the_cores_are_those_that_this_process_may_use(monkeypatch: pytest.Monke
 
 
 def test_each_core_becomes_a_device_and_a_jax_that_runs_is_left_alone() -> None:
-    program = "from maidenflight import cores\nimport jax\ncores.count = lambda: 3\n{}cores.as_devices()\nprint(jax.device_count())"
+    program = (
+        "from maidenflight import cores\nimport jax\ncores.count = lambda: "
+        "3\n{}cores.as_devices()\nprint(jax.device_count())"
+    )
     found = [
-        subprocess.run([sys.executable, "-c", program.format(first)], capture_output=True, text=True, check=True).stdout.strip()
+        subprocess.run(
+            [sys.executable, "-c", program.format(first)],
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout.strip()
         for first in ("", "jax.device_count()\n")
     ]
     assert found[0] == "3"

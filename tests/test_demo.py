@@ -31,7 +31,9 @@ def test_every_stage_runs_in_order_and_leaves_its_results(runs: tuple[Demo, Demo
     stages = ["record", "identify", "train", "transfer", "export", "report"]
     assert HEARD[:6] == stages
     assert list(result.seconds) == stages
-    written = {str(path.relative_to(result.folder)) for path in result.folder.rglob("*") if path.is_file()}
+    written = {
+        str(path.relative_to(result.folder)) for path in result.folder.rglob("*") if path.is_file()
+    }
     assert written == {
         *("reality.toml", "drone.toml", "identification.csv", "demo.json", "report.html"),
         *(f"recorded/flight_0{number}.csv" for number in (1, 2)),
@@ -53,7 +55,9 @@ def test_the_same_seed_gives_the_same_bytes(runs: tuple[Demo, Demo]) -> None:
         for path in sorted(one.rglob("*"))
         if path.is_file() and path.read_bytes() != (two / path.relative_to(one)).read_bytes()
     ]
-    assert set(different) <= {"demo.json", "report.html"}, "only these two tell how long the stages took"
+    assert set(different) <= {"demo.json", "report.html"}, (
+        "only these two tell how long the stages took"
+    )
 
 
 def test_results_name_no_place_and_no_time(runs: tuple[Demo, Demo]) -> None:

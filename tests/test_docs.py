@@ -26,7 +26,9 @@ from maidenflight.simulator.tasks import Task
 from maidenflight.simulator.virtual_drone import VirtualDrone
 
 ROOT = Path(__file__).parent.parent
-QUICK = mf.AnalyticGradient(updates=2, evaluations=1, drones=4, horizon=4, episodes=4, hidden_rate=0.0)
+QUICK = mf.AnalyticGradient(
+    updates=2, evaluations=1, drones=4, horizon=4, episodes=4, hidden_rate=0.0
+)
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 LESS_WORK = {
     "record": ["--flights", "2", "--duration", "4"],
@@ -48,9 +50,16 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_python_of_the_readme_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for number, flight in enumerate(mf.record(mf.virtual_drone(7), jax.random.key(0), flights=2, duration=4.0)):
+    for number, flight in enumerate(
+        mf.record(mf.virtual_drone(7), jax.random.key(0), flights=2, duration=4.0)
+    ):
         log.write(f"run/recorded/flight_{number}.csv", flight)
-    monkeypatch.setattr(mf, "identify", partial(mf.identify, over=["thrust_to_weight", "latency"], evaluations=15, trials=1), raising=False)
+    monkeypatch.setattr(
+        mf,
+        "identify",
+        partial(mf.identify, over=["thrust_to_weight", "latency"], evaluations=15, trials=1),
+        raising=False,
+    )
     monkeypatch.setattr(mf, "train", partial(mf.train, settings=QUICK), raising=False)
     monkeypatch.setattr(mf, "transfer", partial(mf.transfer, duration=0.5), raising=False)
     (snippet,) = blocks("README.md", "python")
@@ -72,7 +81,12 @@ def test_the_python_of_the_simulators_page_runs() -> None:
 
 
 def test_the_commands_of_the_readme_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    commands = [line for block in blocks("README.md", "sh") for line in block.splitlines() if line.startswith("maidenflight ")]
+    commands = [
+        line
+        for block in blocks("README.md", "sh")
+        for line in block.splitlines()
+        if line.startswith("maidenflight ")
+    ]
     assert len(commands) >= 6
     for line in commands:
         arguments = shlex.split(line, comments=True)
@@ -83,7 +97,11 @@ def test_the_commands_of_the_readme_run(tmp_path: Path, monkeypatch: pytest.Monk
 
 def test_the_make_targets_that_the_pages_name_exist() -> None:
     makefile = (ROOT / "Makefile").read_text()
-    named = {name for page in ("README.md", "CONTRIBUTING.md") for name in re.findall(r"\bmake (\w+)", (ROOT / page).read_text())}
+    named = {
+        name
+        for page in ("README.md", "CONTRIBUTING.md")
+        for name in re.findall(r"\bmake (\w+)", (ROOT / page).read_text())
+    }
     assert {"demo", "test"} <= named
     assert all(f"\n{name}:" in makefile for name in named)
 
@@ -101,7 +119,10 @@ def test_pages_link_only_to_what_exists_and_name_only_files_that_exist() -> None
         text = page.read_text()
         for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", text):
             assert (page.parent / target).exists(), (page.name, target)
-        for named in re.findall(r"`(?:python )?((?:paper|benchmarks|examples|tests|docs|src/maidenflight)/[\w./-]+\.\w+)", text):
+        for named in re.findall(
+            r"`(?:python )?((?:paper|benchmarks|examples|tests|docs|src/maidenflight)/[\w./-]+\.\w+)",
+            text,
+        ):
             assert (ROOT / named).exists(), (page.name, named)
 
 
@@ -114,7 +135,9 @@ def test_all_public_names_resolve() -> None:
     assert np.isfinite(float(parameters.crazyflie().mass))
 
 
-def test_the_python_of_the_training_page_runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_the_python_of_the_training_page_runs(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(mf, "AnalyticGradient", lambda updates: QUICK, raising=False)
     (snippet,) = blocks("docs/training.md", "python")
@@ -124,11 +147,18 @@ def test_the_python_of_the_training_page_runs(monkeypatch: pytest.MonkeyPatch, t
     assert Path("training.npz").exists()
 
 
-def test_the_python_of_the_transfer_page_runs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_python_of_the_transfer_page_runs(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     for path in ("policies/policy_1.json", "attitude_rate_066.json"):
         policy.write(path, policy.untrained(jax.random.key(0)))
     parameters.write("drone.toml", parameters.crazyflie(), {})
-    monkeypatch.setattr(mf, "predict_flight_times", partial(mf.predict_flight_times, trials=2, duration=0.5), raising=False)
+    monkeypatch.setattr(
+        mf,
+        "predict_flight_times",
+        partial(mf.predict_flight_times, trials=2, duration=0.5),
+        raising=False,
+    )
     (snippet,) = blocks("docs/transfer.md", "python")
     names: dict[str, Any] = {}
     exec(compile(snippet, "docs/transfer.md", "exec"), names)
@@ -136,10 +166,19 @@ def test_the_python_of_the_transfer_page_runs(monkeypatch: pytest.MonkeyPatch, c
     assert "quantile_90" in capsys.readouterr().out
 
 
-def test_the_python_of_the_identification_page_runs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    for number, flight in enumerate(mf.record(mf.virtual_drone(7), jax.random.key(0), flights=2, duration=4.0)):
+def test_the_python_of_the_identification_page_runs(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for number, flight in enumerate(
+        mf.record(mf.virtual_drone(7), jax.random.key(0), flights=2, duration=4.0)
+    ):
         log.write(f"run/recorded/flight_{number}.csv", flight)
-    monkeypatch.setattr(mf, "identify", partial(mf.identify, over=["thrust_to_weight", "latency"], evaluations=15, trials=1), raising=False)
+    monkeypatch.setattr(
+        mf,
+        "identify",
+        partial(mf.identify, over=["thrust_to_weight", "latency"], evaluations=15, trials=1),
+        raising=False,
+    )
     (snippet,) = blocks("docs/identification.md", "python")
     names: dict[str, Any] = {}
     exec(compile(snippet, "docs/identification.md", "exec"), names)
@@ -148,7 +187,9 @@ def test_the_python_of_the_identification_page_runs(monkeypatch: pytest.MonkeyPa
     assert len(names["drones"].drones.mass) > 100
 
 
-def test_the_python_and_the_commands_of_the_realities_page_run(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_python_and_the_commands_of_the_realities_page_run(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     pytest.importorskip("pybullet")
     (snippet,) = blocks("docs/realities.md", "python")
     policies = [policy.untrained(jax.random.key(0))]
@@ -157,7 +198,11 @@ def test_the_python_and_the_commands_of_the_realities_page_run(monkeypatch: pyte
     exec(compile(snippet, "docs/realities.md", "exec"), names)
     assert set(names["flown"].table["reality"]) == {"virtual-7", "worn-7"}
     policy.write("policies/policy_1.json", policies[0])
-    commands = [line for line in blocks("docs/realities.md", "sh")[0].splitlines() if line.startswith("maidenflight ")]
+    commands = [
+        line
+        for line in blocks("docs/realities.md", "sh")[0].splitlines()
+        if line.startswith("maidenflight ")
+    ]
     assert len(commands) == 2
     for line in commands:
         arguments = shlex.split(line, comments=True)
@@ -169,7 +214,9 @@ def test_the_python_and_the_commands_of_the_realities_page_run(monkeypatch: pyte
 def test_every_command_that_a_page_shows_is_one_that_there_is() -> None:
     shown = 0
     for page in ["README.md", *(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md"))]:
-        for line in [line for block in blocks(page, "sh") for line in block.replace("\\\n", " ").splitlines()]:
+        for line in [
+            line for block in blocks(page, "sh") for line in block.replace("\\\n", " ").splitlines()
+        ]:
             words = shlex.split(line, comments=True)
             if words[:1] != ["maidenflight"]:
                 continue
@@ -210,7 +257,10 @@ def test_the_commands_of_the_zero_shot_page_run(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_the_commands_of_the_pilots_guide_are_ones_that_there_are() -> None:
-    lines = [shlex.split(line, comments=True) for line in re.findall(r"^maidenflight .*", (ROOT / "docs/pilot.md").read_text(), re.M)]
+    lines = [
+        shlex.split(line, comments=True)
+        for line in re.findall(r"^maidenflight .*", (ROOT / "docs/pilot.md").read_text(), re.M)
+    ]
     assert {words[1] for words in lines} >= {"record", "fly", "identify", "train", "predict"}
     for words in lines:
         command = cli.commands.commands[words[1]]
@@ -223,7 +273,9 @@ def less_work(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def with_less(name: str, **less: Any) -> None:
         verb = getattr(mf, name)
-        monkeypatch.setattr(mf, name, lambda *given, **named: verb(*given, **{**named, **less}), raising=False)
+        monkeypatch.setattr(
+            mf, name, lambda *given, **named: verb(*given, **{**named, **less}), raising=False
+        )
 
     with_less("record", flights=2, duration=4.0)
     with_less("identify", over=["thrust_to_weight", "latency"], evaluations=15, trials=1)
@@ -231,12 +283,15 @@ def less_work(monkeypatch: pytest.MonkeyPatch) -> None:
     with_less("transfer", trials=3, duration=0.5)
 
 
-def traced_training(task: Task, controller: Controller, box: Distribution, keys: Array) -> list[Policy]:
-    """In the place of training: the slope of a control period is traced, not compiled, and policies that know nothing come back."""
-    world = mf.Environment.matching(box.centre, task, controller)
+def traced_training(
+    task: Task, controller: Controller, box: Distribution, keys: Array
+) -> list[Policy]:
+    """In the place of training: the slope of a control period is traced, not compiled, and policies
+    that know nothing come back."""
+    env = mf.Environment.matching(box.centre, task, controller)
 
     def value(action: Array, key: Array) -> Array:
-        return mf.step(world, mf.reset(world, box.draw(key), key), action, box.draw(key), key)[1].reward
+        return mf.step(env, mf.reset(env, box.draw(key), key), action, box.draw(key), key)[1].reward
 
     jax.eval_shape(jax.grad(value), np.zeros(4, np.float32), keys[0])
     return [policy.untrained(key, controller=controller) for key in keys]
@@ -246,10 +301,10 @@ def traced_flights(policies: list[Policy], realities: list[VirtualDrone], **give
     """In the place of flights: their first half second is traced, not compiled."""
     task, controller = given.get("task", mf.circle()), given.get("controller", mf.pwm())
     for reality in realities:
-        world = reality.environment(task, controller)
+        env = reality.environment(task, controller)
 
-        def fly(key: Array, drone: mf.Parameters, world: mf.Environment = world) -> Any:
-            return mf.rollout(world, policies[0], mf.reset(world, drone, key), drone, key, steps=50)
+        def fly(key: Array, drone: mf.Parameters, env: mf.Environment = env) -> Any:
+            return mf.rollout(env, policies[0], mf.reset(env, drone, key), drone, key, steps=50)
 
         jax.eval_shape(fly, jax.random.key(0), reality.parameters)
 
@@ -257,7 +312,10 @@ def traced_flights(policies: list[Policy], realities: list[VirtualDrone], **give
 def recipes() -> dict[str, str]:
     """The Python of each section of the recipes' page."""
     sections = re.split(r"^## ", (ROOT / "docs/recipes.md").read_text(), flags=re.M)[1:]
-    return {section.split("\n")[0]: re.findall(r"^```python\n(.*?)^```", section, re.M | re.S)[0] for section in sections}
+    return {
+        section.split("\n")[0]: re.findall(r"^```python\n(.*?)^```", section, re.M | re.S)[0]
+        for section in sections
+    }
 
 
 @pytest.mark.parametrize("title", ["My drone", "My logs", "My task", "My controller", "My reality"])
@@ -271,8 +329,16 @@ def test_a_recipe_is_short_and_runs(title: str, monkeypatch: pytest.MonkeyPatch)
         monkeypatch.setattr(mf, "transfer", traced_flights)
     if title == "My logs":
         (flight,) = mf.record(mf.virtual_drone(7), jax.random.key(0))[:1]
-        table = np.hstack([flight.position, flight.velocity, flight.attitude, flight.body_rates, flight.command])
-        np.savetxt("my_log.csv", table, delimiter=",", comments="", header="x,y,z,vx,vy,vz,roll,pitch,yaw,p,q,r,m1,m2,m3,m4")
+        table = np.hstack(
+            [flight.position, flight.velocity, flight.attitude, flight.body_rates, flight.command]
+        )
+        np.savetxt(
+            "my_log.csv",
+            table,
+            delimiter=",",
+            comments="",
+            header="x,y,z,vx,vy,vz,roll,pitch,yaw,p,q,r,m1,m2,m3,m4",
+        )
     names: dict[str, Any] = {}
     exec(compile(snippet, "docs/recipes.md", "exec"), names)
     if title == "My reality":
@@ -305,14 +371,20 @@ def test_the_cells_of_the_notebook_run_and_it_stores_no_outputs() -> None:
     assert Path("firmware/policy.c").exists()
 
 
-def test_the_papers_page_names_functions_and_tests_that_there_are_and_every_equation_that_the_code_cites() -> None:
+def test_the_papers_page_names_functions_and_tests_that_there_are_and_every_equation_that_the_code_cites() -> (
+    None
+):
     text = (ROOT / "docs/paper.md").read_text()
     tests = {path.name: path.read_text() for path in (ROOT / "tests").rglob("test_*.py")}
     named = re.findall(r"`(test_\w+\.py)::(test_\w+)`", text)
     assert len(named) > 30
     for file, test in named:
         assert f"def {test}(" in tests[file], (file, test)
-    cited = {label for path in (ROOT / "src").rglob("*.py") for label in re.findall(r"\beq:[\w-]+", path.read_text())}
+    cited = {
+        label
+        for path in (ROOT / "src").rglob("*.py")
+        for label in re.findall(r"\beq:[\w-]+", path.read_text())
+    }
     rows = [line for line in text.splitlines() if line.startswith("| `eq:")]
     assert {row.split("`")[1] for row in rows} == cited
     assert all("](api/" in row and "::test_" in row for row in rows)
@@ -324,17 +396,29 @@ def shown(page: Path) -> set[str]:
 
 
 def test_links_into_the_api_lead_to_what_its_page_shows() -> None:
-    links = {link for page in PAGES for link in re.findall(r"(\w+)\.md#(maidenflight\.[\w.]+)", page.read_text())}
+    links = {
+        link
+        for page in PAGES
+        for link in re.findall(r"(\w+)\.md#(maidenflight\.[\w.]+)", page.read_text())
+    }
     assert len(links) > 40
     for page, name in sorted(links):
-        assert any(name.startswith(f"{module}.") for module in shown(ROOT / f"docs/api/{page}.md")), (page, name)
+        assert any(
+            name.startswith(f"{module}.") for module in shown(ROOT / f"docs/api/{page}.md")
+        ), (page, name)
         assert pkgutil.resolve_name(name) is not None
 
 
 def test_the_api_shows_every_module_and_its_index_every_public_name() -> None:
     source = ROOT / "src/maidenflight"
-    modules = {path.stem for path in source.iterdir() if path.suffix == ".py" or (path / "__init__.py").exists()}
-    public = {f"maidenflight.{name}" for name in modules if not name.startswith("_")} - {"maidenflight.cli"}
+    modules = {
+        path.stem
+        for path in source.iterdir()
+        if path.suffix == ".py" or (path / "__init__.py").exists()
+    }
+    public = {f"maidenflight.{name}" for name in modules if not name.startswith("_")} - {
+        "maidenflight.cli"
+    }
     assert set().union(*(shown(page) for page in (ROOT / "docs/api").glob("*.md"))) == public
     index = (ROOT / "docs/api/index.md").read_text()
     assert all(f"[`{name}`]" in index for name in mf.__all__ if name != "__version__")

@@ -23,8 +23,8 @@ def test_damaged_files_are_refused_or_mean_what_they_meant(name: str) -> None:
     reader = fuzz.known_readers()[name]
     with fuzz.laid(reader) as folder:
         for number in range(6 if "page" in name or "posterior" in name else 20):
-            outcome, fault, _ = fuzz.tried(reader, number, 5, folder)
-            assert outcome in ("accepted", "refused"), f"input {number}: {fault}"
+            step_result, fault, _ = fuzz.tried(reader, number, 5, folder)
+            assert step_result in ("accepted", "refused"), f"input {number}: {fault}"
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -35,14 +35,25 @@ def test_good_files_are_accepted_and_sound(name: str) -> None:
 
 
 @pytest.mark.parametrize("what", fuzz_damage.SPECIAL)
-@pytest.mark.parametrize("name", ["policy, JSON", "checkpoint", "flight log, ours", "way-points, CSV", "settings of a matrix, TOML"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "policy, JSON",
+        "checkpoint",
+        "flight log, ours",
+        "way-points, CSV",
+        "settings of a matrix, TOML",
+    ],
+)
 def test_what_is_no_file_is_refused_at_once(name: str, what: str, monkeypatch: Any) -> None:
     reader = fuzz.known_readers()[name]
     verdict = fuzz_damage.SAME if what == "link to the file" else fuzz_damage.REFUSED
-    monkeypatch.setattr(fuzz, "drawn", lambda *_: (reader.good[0], fuzz_damage.Damaged(None, what, verdict)))
+    monkeypatch.setattr(
+        fuzz, "drawn", lambda *_: (reader.good[0], fuzz_damage.Damaged(None, what, verdict))
+    )
     with fuzz.laid(reader) as folder:
-        outcome, fault, seconds = fuzz.tried(reader, 0, 0, folder)
-    assert outcome == ("accepted" if what == "link to the file" else "refused"), fault
+        step_result, fault, seconds = fuzz.tried(reader, 0, 0, folder)
+    assert step_result == ("accepted" if what == "link to the file" else "refused"), fault
     assert seconds < 1
 
 
@@ -66,9 +77,20 @@ def test_a_reader_that_fails_waits_or_believes_all_is_noticed(monkeypatch: Any) 
     with fuzz.laid(reader) as folder:
         for expected, read in reads.items():
             wrong = reader._replace(read=read)
-            monkeypatch.setattr(fuzz, "drawn", lambda *_: (reader.good[0], fuzz_damage.Damaged(b"{}", "x", fuzz_damage.REFUSED)))
+            monkeypatch.setattr(
+                fuzz,
+                "drawn",
+                lambda *_: (reader.good[0], fuzz_damage.Damaged(b"{}", "x", fuzz_damage.REFUSED)),
+            )
             if expected == "hangs":
-                monkeypatch.setattr(fuzz, "drawn", lambda *_: (reader.good[0], fuzz_damage.Damaged(reader.good[0].content, "x", "any")))
+                monkeypatch.setattr(
+                    fuzz,
+                    "drawn",
+                    lambda *_: (
+                        reader.good[0],
+                        fuzz_damage.Damaged(reader.good[0].content, "x", "any"),
+                    ),
+                )
             assert fuzz.tried(wrong, 0, 0, folder)[0] == expected
 
 
@@ -78,13 +100,19 @@ def test_an_input_is_the_same_every_time() -> None:
     assert fuzz.drawn(reader, 0, 17) != fuzz.drawn(reader, 1, 17)
     generator = random.Random(0)
     tree = {"a": {"b": [1.0, 2.0]}, "c": 3}
-    assert all(fuzz_damage.of_tree(generator, tree, lambda _: True, "json").content for _ in range(50))
+    assert all(
+        fuzz_damage.of_tree(generator, tree, lambda _: True, "json").content for _ in range(50)
+    )
     assert tree == {"a": {"b": [1.0, 2.0]}, "c": 3}
 
 
 @pytest.mark.parametrize(
     ("text", "says"),
-    [('{"a": 1, "a": 2}', "'a' stands twice"), ('[{"b": {"c": 1, "c": 1}}]', "'c' stands twice"), ("[" * 100_000, "too deep")],
+    [
+        ('{"a": 1, "a": 2}', "'a' stands twice"),
+        ('[{"b": {"c": 1, "c": 1}}]', "'c' stands twice"),
+        ("[" * 100_000, "too deep"),
+    ],
     ids=["twice", "twice below", "deep"],
 )
 def test_json_says_everything_once_and_ends(text: str, says: str) -> None:

@@ -39,14 +39,20 @@ def flown(environment, steps, seed=None):
     given = [observation]
     for action in actions(steps):
         observation, reward, terminated, truncated, info = environment.step(action)
-        given.append(np.array([*observation, reward, terminated, truncated, *([info["duration"]] if info else [])]))
+        given.append(
+            np.array(
+                [*observation, reward, terminated, truncated, *([info["duration"]] if info else [])]
+            )
+        )
         if terminated or truncated:
             given.append(environment.reset()[0])
     return given
 
 
 def same(one, other):
-    return len(one) == len(other) and all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
+    return len(one) == len(other) and all(
+        np.array_equal(a, b) for a, b in zip(one, other, strict=True)
+    )
 
 
 @pytest.mark.parametrize("control", ["pwm", "attitude_rate"])
@@ -117,7 +123,9 @@ def test_failure_is_termination_and_says_why():
     assert info["end_reason"] == "position error"
     assert reward < -50
     assert not truncated
-    assert abs(info["duration"] - 0.01 * count) < 0.0011 * count, "the time step is randomized by up to 10 %"
+    assert abs(info["duration"] - 0.01 * count) < 0.0011 * count, (
+        "the time step is randomized by up to 10 %"
+    )
 
 
 @pytest.mark.parametrize("make", [gymnasium.make, gymnasium.make_vec])
@@ -130,9 +138,16 @@ def test_an_action_that_is_no_number_is_told(make):
 
 def test_many_drones_fly_as_each_does_alone_with_its_seed():
     """Against Gymnasium's own vector environment, through several ends and new beginnings."""
-    ours, theirs = gymnasium.make_vec(CIRCLE, num_envs=3), gymnasium.make_vec(CIRCLE, num_envs=3, vectorization_mode="sync")
+    ours, theirs = (
+        gymnasium.make_vec(CIRCLE, num_envs=3),
+        gymnasium.make_vec(CIRCLE, num_envs=3, vectorization_mode="sync"),
+    )
     assert type(ours).__name__ == "QuadrotorVectorEnv"
-    assert ours.metadata["autoreset_mode"] is theirs.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+    assert (
+        ours.metadata["autoreset_mode"]
+        is theirs.metadata["autoreset_mode"]
+        is AutoresetMode.NEXT_STEP
+    )
     assert ours.observation_space == theirs.observation_space
     assert ours.action_space == theirs.action_space
     np.testing.assert_allclose(ours.reset(seed=7)[0], theirs.reset(seed=7)[0], atol=1e-6)
@@ -188,7 +203,10 @@ def test_the_picture_shows_the_drone_where_it_is():
     for _ in range(22):
         environment.step(-np.ones(4))
     after = environment.render()
-    rows = [np.flatnonzero((picture < 90).all(axis=2).any(axis=1)[60:]).mean() for picture in (before, after)]
+    rows = [
+        np.flatnonzero((picture < 90).all(axis=2).any(axis=1)[60:]).mean()
+        for picture in (before, after)
+    ]
     assert rows[1] > rows[0] + 10, "motors off: the dark body went down"
     assert gymnasium.make(CIRCLE).unwrapped.render() is None
 
@@ -219,11 +237,18 @@ def test_equal_environments_share_their_compiled_functions():
 
 def test_way_points_of_a_file_are_a_task(tmp_path):
     (tmp_path / "way.csv").write_text("time,x,y,z\n0,0,0,1\n2,0.5,0,1\n3.5,0.5,0.5,1\n")
-    task = arguments.world("tracking", "pwm", None, "2026.08", 2, {"waypoints": tmp_path / "way.csv"})[0].task
+    task = arguments.world(
+        "tracking", "pwm", None, "2026.08", 2, {"waypoints": tmp_path / "way.csv"}
+    )[0].task
     assert task.duration == 3.5
     np.testing.assert_allclose(task.reference(jnp.float32(1.0)), [0.25, 0, 1], atol=1e-6)
     curve = trajectories.pentagram()
-    assert arguments.world("tracking", "pwm", None, "2026.08", 2, {"trajectory": curve})[0].task.reference is curve
+    assert (
+        arguments.world("tracking", "pwm", None, "2026.08", 2, {"trajectory": curve})[
+            0
+        ].task.reference
+        is curve
+    )
 
 
 @pytest.mark.parametrize(
@@ -271,17 +296,31 @@ def test_a_step_out_of_order_or_of_the_wrong_shape_is_told():
 
 
 def run(code, *paths):
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env={"PYTHONPATH": ":".join(map(str, paths))})
+    return subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        env={"PYTHONPATH": ":".join(map(str, paths))},
+    )
 
 
 def test_importing_the_package_or_naming_it_registers_the_environments_without_jax():
-    code = f"import sys, maidenflight.gym, gymnasium; assert set({IDS}) <= gymnasium.registry.keys(); assert 'jax' not in sys.modules"
-    for lines in (code, "import gymnasium; gymnasium.make('maidenflight.gym:maidenflight/Circle-v0')"):
+    code = (
+        f"import sys, maidenflight.gym, gymnasium; assert set({IDS}) <= "
+        "gymnasium.registry.keys(); assert 'jax' not in sys.modules"
+    )
+    for lines in (
+        code,
+        "import gymnasium; gymnasium.make('maidenflight.gym:maidenflight/Circle-v0')",
+    ):
         done = run(lines, Path(maidenflight.__file__).parents[1])
         assert (done.returncode, done.stderr) == (0, "")
     maidenflight.gym.register()
 
 
 def test_without_gymnasium_one_line_says_what_to_install():
-    missing = run("import sys; sys.modules['gymnasium'] = None; import maidenflight.gym", Path(maidenflight.__file__).parents[1])
+    missing = run(
+        "import sys; sys.modules['gymnasium'] = None; import maidenflight.gym",
+        Path(maidenflight.__file__).parents[1],
+    )
     assert missing.stderr.splitlines()[-1].endswith("Install it: pip install 'maidenflight[gym]'.")

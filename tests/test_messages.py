@@ -26,8 +26,14 @@ from test_cli import run
 
 @pytest.fixture
 def trained(tmp_path: Path) -> Path:
-    """Policies of ours: two for the circle, one for hovering with the name of one of these, and one that does not say."""
-    for place, task in (("circle/policy_1", "circle"), ("circle/policy_2", "circle"), ("hover/policy_1", "hover"), ("mute/policy_3", None)):
+    """Policies of ours: two for the circle, one for hovering with the name of one of these, and one
+    that does not say."""
+    for place, task in (
+        ("circle/policy_1", "circle"),
+        ("circle/policy_2", "circle"),
+        ("hover/policy_1", "hover"),
+        ("mute/policy_3", None),
+    ):
         made = {"settings": {"task": task}} if task else {}
         policy.write(tmp_path / f"{place}.json", policy.untrained(jax.random.key(0), (3,)), made)
     return tmp_path
@@ -50,32 +56,63 @@ def test_the_list_of_commands_is_shown_where_none_is_given(monkeypatch: Any, cap
     ("arguments", "says"),
     [
         (["train", "--drone", "{tmp}/no.toml"], "maidenflight identify LOGS -o {tmp}/no.toml"),
-        (["predict", "{tmp}/circle", "--drone", "{tmp}/no.toml"], "maidenflight identify LOGS -o {tmp}/no.toml"),
+        (
+            ["predict", "{tmp}/circle", "--drone", "{tmp}/no.toml"],
+            "maidenflight identify LOGS -o {tmp}/no.toml",
+        ),
         (["validate", "{tmp}", "drone.toml"], "as in: maidenflight validate drone.toml {tmp}."),
         (["validate", "{tmp}/no.toml", "{tmp}"], "maidenflight identify LOGS"),
-        (["identify", "{tmp}", "--over", "thrust", "-o", "{tmp}/d.toml"], "Did you mean thrust_to_weight"),
+        (
+            ["identify", "{tmp}", "--over", "thrust", "-o", "{tmp}/d.toml"],
+            "Did you mean thrust_to_weight",
+        ),
         (["identify", "{tmp}", "--over", "latncy", "-o", "{tmp}/d.toml"], "Did you mean latency?"),
         (["identify", "{tmp}", "--bounds", "qqq=0,1", "-o", "{tmp}/d.toml"], "'qqq'. All are in"),
-        (["transfer", "{tmp}/circle", "--reality", "virtal:3", "-o", "{tmp}/t"], "Did you mean virtual:3? Expected near:SEED"),
-        (["transfer", "{tmp}/circle", "--reality", "virtual", "-o", "{tmp}/t"], "such as virtual:7"),
-        (["transfer", "{tmp}/circle", "--reality", "crazyfly", "-o", "{tmp}/t"], "Did you mean crazyflie?"),
-        (["export", "{tmp}/circle", "-o", "{tmp}/c"], "Give one file of it, such as {tmp}/circle/policy_1.json"),
+        (
+            ["transfer", "{tmp}/circle", "--reality", "virtal:3", "-o", "{tmp}/t"],
+            "Did you mean virtual:3? Expected near:SEED",
+        ),
+        (
+            ["transfer", "{tmp}/circle", "--reality", "virtual", "-o", "{tmp}/t"],
+            "such as virtual:7",
+        ),
+        (
+            ["transfer", "{tmp}/circle", "--reality", "crazyfly", "-o", "{tmp}/t"],
+            "Did you mean crazyflie?",
+        ),
+        (
+            ["export", "{tmp}/circle", "-o", "{tmp}/c"],
+            "Give one file of it, such as {tmp}/circle/policy_1.json",
+        ),
         (["export", "{tmp}/no.json", "-o", "{tmp}/c"], "no such file. Give a policy file, such as"),
         (
             ["export", "{tmp}/circle/policy_1.json", "--control", "attitude", "-o", "{tmp}/c"],
             "a pwm policy, as its file says, not attitude",
         ),
         (
-            ["predict", "{tmp}/circle", "--drone", "crazyflie", "--control", "attitude", "-o", "{tmp}/p"],
+            [
+                "predict",
+                "{tmp}/circle",
+                "--drone",
+                "crazyflie",
+                "--control",
+                "attitude",
+                "-o",
+                "{tmp}/p",
+            ],
             "not attitude. Leave out --control",
         ),
         (["train", "--updates", "x"], "Options: maidenflight train --help."),
         (["soar"], "No such command 'soar'. Options: maidenflight --help."),
     ],
 )
-def test_a_mistake_says_what_may_be_meant(arguments: list[str], says: str, trained: Path, monkeypatch: Any, capsys: Any) -> None:
+def test_a_mistake_says_what_may_be_meant(
+    arguments: list[str], says: str, trained: Path, monkeypatch: Any, capsys: Any
+) -> None:
     monkeypatch.chdir(trained)
-    code, out, err = run(monkeypatch, capsys, *(argument.format(tmp=trained) for argument in arguments))
+    code, out, err = run(
+        monkeypatch, capsys, *(argument.format(tmp=trained) for argument in arguments)
+    )
     assert (code, out, len(err.splitlines())) == (2, "", 1)
     assert err.startswith("maidenflight: ")
     assert says.format(tmp=trained) in err
@@ -89,7 +126,9 @@ def test_what_is_no_policy_is_told_without_the_words_of_a_parser(tmp_path: Path)
 
 
 def test_policies_fly_what_they_were_trained_for(trained: Path) -> None:
-    circle, hover, mute = (workflow.policy_files([trained / name]) for name in ("circle", "hover", "mute"))
+    circle, hover, mute = (
+        workflow.policy_files([trained / name]) for name in ("circle", "hover", "mute")
+    )
     assert workflow.task_to_fly(circle, None) == ("circle", [])
     assert workflow.task_to_fly(hover, None) == ("hover", [])
     assert workflow.task_to_fly(mute, None) == ("circle", [])
@@ -107,10 +146,20 @@ def test_policies_fly_what_they_were_trained_for(trained: Path) -> None:
 def test_the_best_policy_is_told_from_one_of_the_same_name(trained: Path) -> None:
     files = workflow.policy_files([trained / "circle", trained / "hover", trained / "hover"])
     assert policies.names(files) == ["circle/policy_1", "circle/policy_2", "hover/policy_1"]
-    rows = [("circle/policy_1", 3.0, 0.1), ("circle/policy_2", 20.0, 0.2), ("hover/policy_1", 20.0, 0.1)]
+    rows = [
+        ("circle/policy_1", 3.0, 0.1),
+        ("circle/policy_2", 20.0, 0.2),
+        ("hover/policy_1", 20.0, 0.1),
+    ]
     table = polars.DataFrame(
         [
-            {"policy": name, "reality": "virtual-7", "duration": duration, "position_error": error, "end_reason": reason}
+            {
+                "policy": name,
+                "reality": "virtual-7",
+                "duration": duration,
+                "position_error": error,
+                "end_reason": reason,
+            }
             for name, duration, error in rows
             for reason in ("tilt", "time limit")
         ]
@@ -118,7 +167,14 @@ def test_the_best_policy_is_told_from_one_of_the_same_name(trained: Path) -> Non
     flown = Transfer(table, ())
     assert workflow.best_policy(flown, files) == files[2]
     summary = workflow.transfer_summary(flown)
-    assert summary.columns == ["policy", "reality", "flights", "time_limit", "duration", "position_error"]
+    assert summary.columns == [
+        "policy",
+        "reality",
+        "flights",
+        "time_limit",
+        "duration",
+        "position_error",
+    ]
     assert summary.row(1) == ("circle/policy_2", "virtual-7", 2, 1, 20.0, 0.2)
 
 
@@ -136,8 +192,19 @@ def test_a_policy_and_reality_have_a_row(capsys: Any) -> None:
 
 
 def test_equal_notes_are_said_once(capsys: Any) -> None:
-    terminal.notes(["a.csv: battery assumed", "b.csv: battery empty", "c.csv: battery assumed", "10 of 20 s used"])
-    assert capsys.readouterr().out.splitlines() == ["  2 files: battery assumed", "  b.csv: battery empty", "  10 of 20 s used"]
+    terminal.notes(
+        [
+            "a.csv: battery assumed",
+            "b.csv: battery empty",
+            "c.csv: battery assumed",
+            "10 of 20 s used",
+        ]
+    )
+    assert capsys.readouterr().out.splitlines() == [
+        "  2 files: battery assumed",
+        "  b.csv: battery empty",
+        "  10 of 20 s used",
+    ]
     terminal.notes([f"a.csv: {number} rows dropped" for number in range(8)])
     said = capsys.readouterr().out.splitlines()
     assert len(said) == 7
@@ -145,7 +212,9 @@ def test_equal_notes_are_said_once(capsys: Any) -> None:
 
 
 def test_how_sure_a_gain_is_cannot_be_told_from_one_stretch(capsys: Any) -> None:
-    found: Any = SimpleNamespace(bought=(Step("drag", 0.0018, 0.0, True), Step("inertia", 0.01, 1e-19, True)))
+    found: Any = SimpleNamespace(
+        bought=(Step("drag", 0.0018, 0.0, True), Step("inertia", 0.01, 1e-19, True))
+    )
     terminal.bought(found)
     out = capsys.readouterr().out
     assert out.count("+- ??????") == 2
@@ -167,11 +236,17 @@ def test_the_help_of_training_tells_how_many_updates_are_usual() -> None:
     (option,) = [one for one in cli.commands.commands["train"].params if one.name == "updates"]
     assert isinstance(option, click.Option)
     told = option.help or ""
-    usual = {structure: workflow.settings_for(structure, "circle").updates for structure in ("pwm", "attitude_rate", "attitude")}
+    usual = {
+        structure: workflow.settings_for(structure, "circle").updates
+        for structure in ("pwm", "attitude_rate", "attitude")
+    }
     assert f"{usual['pwm']} for pwm and attitude_rate, {usual['attitude']} for attitude;" in told
     assert usual["attitude_rate"] == usual["pwm"]
     for structure, count in usual.items():
-        for task, times, word in (("hover", 2, "twice as many for hover"), ("figure_eight", 3, "three times for figure_eight")):
+        for task, times, word in (
+            ("hover", 2, "twice as many for hover"),
+            ("figure_eight", 3, "three times for figure_eight"),
+        ):
             assert workflow.settings_for(structure, task).updates == times * count
             assert word in told
     assert f"{workflow.settings_for('pwm', 'circle', 'ppo').updates} for PPO" in told
@@ -182,16 +257,28 @@ def test_a_checkpoint_of_other_settings_says_which(tmp_path: Path) -> None:
     words = {"settings": {"updates": 300, "drones": 4}, "history": 2}
     checkpoint.save(path, state, checkpoint.fingerprint(words, state))
     for others, numbers, says in (
-        ({**words, "settings": {"updates": 500, "drones": 4}}, state, r"another training: updates was 300 and is 500\. Give"),
+        (
+            {**words, "settings": {"updates": 500, "drones": 4}},
+            state,
+            r"another training: updates was 300 and is 500\. Give",
+        ),
         ({**words, "history": 3}, state, r"another training: history was 2 and is 3\. Give"),
-        (words, state + 1, r"another training: it had another seed, drone, or randomization\. Give"),
+        (
+            words,
+            state + 1,
+            r"another training: it had another seed, drone, or randomization\. Give",
+        ),
     ):
         with pytest.raises(InputError, match=says):
             checkpoint.restored(path, lambda: state, checkpoint.fingerprint(others, numbers))
-    np.testing.assert_array_equal(checkpoint.restored(path, lambda: state, checkpoint.fingerprint(words, state)), state)
+    np.testing.assert_array_equal(
+        checkpoint.restored(path, lambda: state, checkpoint.fingerprint(words, state)), state
+    )
 
 
-def test_ctrl_c_before_the_first_score_says_that_nothing_was_reached(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+def test_ctrl_c_before_the_first_score_says_that_nothing_was_reached(
+    tmp_path: Path, monkeypatch: Any, capsys: Any
+) -> None:
     def interrupted(*_arguments: Any, **_options: Any) -> None:
         raise KeyboardInterrupt
 
@@ -199,7 +286,10 @@ def test_ctrl_c_before_the_first_score_says_that_nothing_was_reached(tmp_path: P
     what = ["train", "--drone", "crazyflie", "-o", str(tmp_path / "made"), "--overwrite"]
     code, out, err = run(monkeypatch, capsys, *what)
     assert (code, out) == (130, "")
-    assert err == f"maidenflight: interrupted before anything was reached. Start again with: maidenflight {' '.join(what)}\n"
+    assert (
+        err == "maidenflight: interrupted before anything was reached. Start again with: "
+        f"maidenflight {' '.join(what)}\n"
+    )
 
 
 def test_estimates_have_units_to_read_and_say_what_they_rest_on(capsys: Any) -> None:
@@ -209,7 +299,13 @@ def test_estimates_have_units_to_read_and_say_what_they_rest_on(capsys: Any) -> 
     }
     noise = {"position_walk": 0.0924, "velocity_noise": 0.0, "actuator_noise": 0.02}
     fit = {"objective": -14.82, "start_objective": -13.42, "evaluations": 8, "seconds": 107.2}
-    found: Any = SimpleNamespace(estimates=estimates, noise=noise, parameters=parameters.crazyflie(), kind="likelihood", **fit)
+    found: Any = SimpleNamespace(
+        estimates=estimates,
+        noise=noise,
+        parameters=parameters.crazyflie(),
+        kind="likelihood",
+        **fit,
+    )
     terminal.estimates(found)
     terminal.kept(found, "crazyflie")
     terminal.reached_objective(found, "crazyflie")
@@ -218,7 +314,10 @@ def test_estimates_have_units_to_read_and_say_what_they_rest_on(capsys: Any) -> 
     assert re.search(r"torque_bias_x +-58\.83 +-97\.05 \.\. -23\.16 +110 +1e-6 N m", out)
     assert "kept from crazyflie: mass 28 g and arm length 39.6 mm" in out
     assert "noise found: position_walk 0.0924 m/sqrt(s), actuator_noise 0.02\n" in out
-    assert "log likelihood 14.82 nats a row (13.42 for crazyflie; more is better), after 8 evaluations of it in 107.2 s" in out
+    assert (
+        "log likelihood 14.82 nats a row (13.42 for crazyflie; more is better), after 8 "
+        "evaluations of it in 107.2 s" in out
+    )
     found.kind = "replay"
     terminal.estimates(found, {"latency": "7 + 3 sensors", "torque_bias_x": "-6e-05"})
     out = capsys.readouterr().out

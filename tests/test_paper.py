@@ -35,8 +35,11 @@ def table_2() -> Any:
     return script("table_2")
 
 
-def test_table_2_stands_beside_the_papers_and_the_truth(table_2: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Virtual flights and, from files, others in two folders, of which one is called as a control structure is."""
+def test_table_2_stands_beside_the_papers_and_the_truth(
+    table_2: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Virtual flights and, from files, others in two folders, of which one is called as a control
+    structure is."""
     (flight,) = table_2.virtual_flights(7, 1, 6.0)
     log.write(tmp_path / "logs" / "pwm" / "flight.csv", flight, {})
     small = ["--small", "--lengths", "30", "--trials", "1", "--flights", "1", "--evaluations", "12"]
@@ -60,22 +63,47 @@ def predict_flights() -> Any:
     return script("predict_flights")
 
 
-def test_calibration_is_the_share_of_real_flights_within_their_policys_band(predict_flights: Any) -> None:
-    compared = polars.DataFrame({"policy": ["a", "b"], "quantile_10": [1.0, 5.0], "quantile_90": [2.0, 20.0]})
-    flights = polars.DataFrame({"name": ["b", "a", "a", "a", "b"], "flight_time_s": [4.9, 0.9, 1.0, 1.5, 20.0]})
+def test_calibration_is_the_share_of_real_flights_within_their_policys_band(
+    predict_flights: Any,
+) -> None:
+    compared = polars.DataFrame(
+        {"policy": ["a", "b"], "quantile_10": [1.0, 5.0], "quantile_90": [2.0, 20.0]}
+    )
+    flights = polars.DataFrame(
+        {"name": ["b", "a", "a", "a", "b"], "flight_time_s": [4.9, 0.9, 1.0, 1.5, 20.0]}
+    )
     assert predict_flights.within_band(compared, flights) == pytest.approx(3 / 5)
 
 
 def test_a_value_lies_below_inside_or_above_an_interval(table_2: Any) -> None:
-    assert [table_2.where(value, 1.0, 2.0) for value in (0.9, 1.0, 1.5, 2.0, 2.1)] == ["below", "inside", "inside", "inside", "above"]
+    assert [table_2.where(value, 1.0, 2.0) for value in (0.9, 1.0, 1.5, 2.0, 2.1)] == [
+        "below",
+        "inside",
+        "inside",
+        "inside",
+        "above",
+    ]
 
 
-def test_history_and_hidden_layers_are_studied(tmp_path: Path, monkeypatch: Any, capsys: pytest.CaptureFixture[str]) -> None:
+def test_history_and_hidden_layers_are_studied(
+    tmp_path: Path, monkeypatch: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
     """One kind that stands in both tables, because each compiles anew."""
     study = script("history_and_hidden")
     monkeypatch.setattr(study, "HIDDEN", (8, 8))
     monkeypatch.setattr(study, "HISTORY", 3)
-    few = ["--updates", "1", "--seeds", "2", "--episodes", "4", "--trials", "2", "--duration", "0.3"]
+    few = [
+        "--updates",
+        "1",
+        "--seeds",
+        "2",
+        "--episodes",
+        "4",
+        "--trials",
+        "2",
+        "--duration",
+        "0.3",
+    ]
     study.main([*few, "--histories", "3", "--hidden", "8x8", "-o", str(tmp_path / "study.csv")])
     data = polars.read_csv(tmp_path / "study.csv", comment_prefix="#")
     assert data["history"].to_list() == [3, 3]
@@ -111,14 +139,33 @@ def test_figure_4_draws_the_flights_of_a_matrix_and_draws_them_again_from_the_ta
         episodes = 2
     """
     (tmp_path / "matrix.toml").write_text(told)
-    published = {"in_paper": [1, 0], "control": ["pwm"] * 2, "trained_motor_time_constant_s": [0.08] * 2, "trained_latency_s": [0.015] * 2}
-    polars.DataFrame({**published, "flight_time_s": [26.0, 1.0]}).write_csv(tmp_path / "flights.csv")
-    arguments = ["--settings", str(tmp_path / "matrix.toml"), "--authors", str(tmp_path), "--small", "-o", str(tmp_path / "made")]
+    published = {
+        "in_paper": [1, 0],
+        "control": ["pwm"] * 2,
+        "trained_motor_time_constant_s": [0.08] * 2,
+        "trained_latency_s": [0.015] * 2,
+    }
+    polars.DataFrame({**published, "flight_time_s": [26.0, 1.0]}).write_csv(
+        tmp_path / "flights.csv"
+    )
+    arguments = [
+        "--settings",
+        str(tmp_path / "matrix.toml"),
+        "--authors",
+        str(tmp_path),
+        "--small",
+        "-o",
+        str(tmp_path / "made"),
+    ]
     figure_4.main(arguments)
     assert polars.read_csv(tmp_path / "made" / "flights.csv", comment_prefix="#").height == 4 * 2
     picture = tmp_path / "made" / "figure_4.svg"
     drawn = picture.read_text()
-    assert all(f'data-panel="{name} {latency}"' in drawn for name in ("near-7", "real") for latency in (0, 15))
+    assert all(
+        f'data-panel="{name} {latency}"' in drawn
+        for name in ("near-7", "real")
+        for latency in (0, 15)
+    )
     assert "T_m 80 ms" in capsys.readouterr().out
     picture.unlink()
     shutil.rmtree(tmp_path / "made" / "policies")
@@ -127,9 +174,18 @@ def test_figure_4_draws_the_flights_of_a_matrix_and_draws_them_again_from_the_ta
     assert not (tmp_path / "made" / "policies").exists()
 
 
-def test_only_flights_of_the_paper_are_drawn_beside_ours_and_no_longer_than_20_s(figure_4: Any, tmp_path: Path) -> None:
-    published = {"in_paper": [1, 0], "control": ["pwm"] * 2, "trained_motor_time_constant_s": [0.08] * 2, "trained_latency_s": [0.015] * 2}
-    polars.DataFrame({**published, "flight_time_s": [26.0, 1.0]}).write_csv(tmp_path / "flights.csv")
+def test_only_flights_of_the_paper_are_drawn_beside_ours_and_no_longer_than_20_s(
+    figure_4: Any, tmp_path: Path
+) -> None:
+    published = {
+        "in_paper": [1, 0],
+        "control": ["pwm"] * 2,
+        "trained_motor_time_constant_s": [0.08] * 2,
+        "trained_latency_s": [0.015] * 2,
+    }
+    polars.DataFrame({**published, "flight_time_s": [26.0, 1.0]}).write_csv(
+        tmp_path / "flights.csv"
+    )
     assert figure_4.published(tmp_path)["duration"].to_list() == [20.0]
     with pytest.raises(figure_4.InputError, match="authors' data"):
         figure_4.published(tmp_path / "nothing")
@@ -141,32 +197,62 @@ def yaw_trim() -> Any:
 
 
 def turned(yaw: float, rows: int) -> polars.DataFrame:
-    """What the authors' drone logs at a command of 0.6 and a yaw command; for 0.4 s first, at another."""
+    """What the authors' drone logs at a command of 0.6 and a yaw command; for 0.4 s first, at
+    another."""
     volts = np.full((rows, 1), 3.75)
-    commands = 0.6 + np.where(np.arange(rows)[:, None] < 40, 0.3, yaw) * np.array([-1.0, 1.0, -1.0, 1.0])
-    values = dict.fromkeys(authors.COLUMNS, np.zeros(rows)) | {"bat": volts[:, 0], "time": 0.01 * np.arange(rows)}
-    values |= {f"mot{motor}": ratio for motor, ratio in enumerate(65536 * battery.motor_ratio(commands, volts).T)}
+    commands = 0.6 + np.where(np.arange(rows)[:, None] < 40, 0.3, yaw) * np.array(
+        [-1.0, 1.0, -1.0, 1.0]
+    )
+    values = dict.fromkeys(authors.COLUMNS, np.zeros(rows)) | {
+        "bat": volts[:, 0],
+        "time": 0.01 * np.arange(rows),
+    }
+    values |= {
+        f"mot{motor}": ratio
+        for motor, ratio in enumerate(65536 * battery.motor_ratio(commands, volts).T)
+    }
     return polars.DataFrame(values)
 
 
 def test_the_yaw_trim_of_a_policys_own_logs_explains_its_flight_times(
     yaw_trim: Any, tmp_path: Path, monkeypatch: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Flights that last 20 s less 1 s per 1e-5 N m; policy 9 flies another control structure, 4 too short
-    to tell, so that it flies the drone as it is."""
+    """Flights that last 20 s less 1 s per 1e-5 N m; policy 9 flies another control structure, 4 too
+    short to tell, so that it flies the drone as it is."""
     yaws, lengths = {1: -0.02, 2: -0.1, 3: 0.0, 4: 0.0}, {1: 300, 2: 120, 3: 200, 4: 45}
-    shapes = {"W0": (8, 40), "W1": (8, 8), "W2": (4, 8), "b0": (8,), "b1": (8,), "b2": (4,), "observation_mean": (40,)}
-    arrays: dict[str, Any] = {name: np.zeros((5, *shape), np.float32) for name, shape in shapes.items()}
-    arrays |= {"observation_std": np.ones((5, 40), np.float32), "control": np.array(["attitude_rate"] * 4 + ["pwm"])}
+    shapes = {
+        "W0": (8, 40),
+        "W1": (8, 8),
+        "W2": (4, 8),
+        "b0": (8,),
+        "b1": (8,),
+        "b2": (4,),
+        "observation_mean": (40,),
+    }
+    arrays: dict[str, Any] = {
+        name: np.zeros((5, *shape), np.float32) for name, shape in shapes.items()
+    }
+    arrays |= {
+        "observation_std": np.ones((5, 40), np.float32),
+        "control": np.array(["attitude_rate"] * 4 + ["pwm"]),
+    }
     np.savez(tmp_path / "policies.npz", policy=np.array([*yaws, 9]), **arrays)
-    rows = [("attitude_rate", number, lengths[number] / 100 + more) for number in yaws for more in (0.0, 0.5)]
-    polars.DataFrame(rows, ["control", "policy", "flight_time_s"], orient="row").write_csv(tmp_path / "flights.csv")
+    rows = [
+        ("attitude_rate", number, lengths[number] / 100 + more)
+        for number in yaws
+        for more in (0.0, 0.5)
+    ]
+    polars.DataFrame(rows, ["control", "policy", "flight_time_s"], orient="row").write_csv(
+        tmp_path / "flights.csv"
+    )
     for number, yaw in yaws.items():
         folder = tmp_path / "flights" / "attitude_rate" / f"policy_{number:03d}"
         folder.mkdir(parents=True)
         turned(yaw, lengths[number]).write_csv(folder / "flight_1.csv")
 
-    def flown(policies: Any, drone: Any, key: Any, *, trials: int, names: list[str]) -> polars.DataFrame:
+    def flown(
+        policies: Any, drone: Any, key: Any, *, trials: int, names: list[str]
+    ) -> polars.DataFrame:
         assert len(policies) == len(names)
         lasting = 20.0 - 1e5 * float(drone.torque_bias[2])
         one = {"control": "attitude_rate", "trial": 1, "duration": lasting, "end_reason": "tilt"}
@@ -179,16 +265,32 @@ def test_the_yaw_trim_of_a_policys_own_logs_explains_its_flight_times(
     drone = parameters.read("crazyflie")
     full = drone.torque_to_thrust * drone.thrust_to_weight * drone.mass * drone.gravity
     *told_of, too_short = told["policies"]
-    assert (too_short["policy"], too_short["yaw_counts"], too_short["own_trim"]) == ("attitude_rate/4", None, 20.0)
-    assert [row["policy"] for row in told_of] == ["attitude_rate/1", "attitude_rate/2", "attitude_rate/3"]
+    assert (too_short["policy"], too_short["yaw_counts"], too_short["own_trim"]) == (
+        "attitude_rate/4",
+        None,
+        20.0,
+    )
+    assert [row["policy"] for row in told_of] == [
+        "attitude_rate/1",
+        "attitude_rate/2",
+        "attitude_rate/3",
+    ]
     for row, yaw, measured in zip(told_of, (-0.02, -0.1, 0.0), (3.25, 1.45, 2.25), strict=True):
-        assert row["yaw_counts"] == pytest.approx(60000 * yaw, abs=200)  # half a step of the motors' timers
+        assert row["yaw_counts"] == pytest.approx(
+            60000 * yaw, abs=200
+        )  # half a step of the motors' timers
         assert row["trim"] == pytest.approx(-full * row["yaw_counts"] / 60000, rel=1e-4, abs=1e-9)
         assert row["measured"] == pytest.approx(measured)
         assert row["as_it_is"] == 20.0
         assert row["own_trim"] == pytest.approx(20.0 - 1e5 * row["trim"], abs=1e-4)
-    assert [row["prediction"] for row in told["agreement"]] == ["as_it_is", "own_trim", "one real flight against the others"]
-    flown_for, measured_for = ([row[name] for row in told["policies"]] for name in ("own_trim", "measured"))
+    assert [row["prediction"] for row in told["agreement"]] == [
+        "as_it_is",
+        "own_trim",
+        "one real flight against the others",
+    ]
+    flown_for, measured_for = (
+        [row[name] for row in told["policies"]] for name in ("own_trim", "measured")
+    )
     ranks = np.corrcoef(stats.rankdata(flown_for), stats.rankdata(measured_for))
     assert told["agreement"][1]["Spearman"] == pytest.approx(ranks[0, 1])
 

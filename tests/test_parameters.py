@@ -1,4 +1,5 @@
-"""Parameters keep their physical meaning from Python to TOML and back, and a wrong file is refused in words."""
+"""Parameters keep their physical meaning from Python to TOML and back, and a wrong file is refused
+in words."""
 
 import dataclasses
 import re
@@ -64,7 +65,13 @@ def test_every_quantity_says_what_it_is(name):
 
 def test_the_crazyflie_has_the_constants_of_the_papers_appendix():
     drone = crazyflie()
-    appendix = {"gravity": 9.81, "arm_length": 0.0396, "mass": 0.028, "torque_to_thrust": 5.96e-3, "torque_offset": 1.56e-5}
+    appendix = {
+        "gravity": 9.81,
+        "arm_length": 0.0396,
+        "mass": 0.028,
+        "torque_to_thrust": 5.96e-3,
+        "torque_offset": 1.56e-5,
+    }
     for name, value in appendix.items():
         assert getattr(drone, name) == np.float32(value), name
     np.testing.assert_array_equal(drone.inertia, np.array([1.33e-5, 1.33e-5, 2.64e-5], np.float32))
@@ -72,8 +79,14 @@ def test_the_crazyflie_has_the_constants_of_the_papers_appendix():
 
 def test_the_crazyflie_lacks_what_the_papers_model_lacks():
     drone = crazyflie()
-    assert drone.motor_slowdown == 1
-    for name in ("motor_coasting", "drag", "estimator_delay", "battery_resistance", "battery_discharge"):
+    assert drone.spin_down_ratio == 1
+    for name in (
+        "motor_coasting",
+        "drag",
+        "estimator_delay",
+        "battery_resistance",
+        "battery_discharge",
+    ):
         assert not np.any(getattr(drone, name)), name
 
 
@@ -111,22 +124,56 @@ def edited(name, value):
         pytest.param(edited("format", 3), "format = 3, expected 2", id="later format"),
         pytest.param(edited("mass", None), "missing mass", id="missing"),
         pytest.param(
-            edited("mass", "0.028\nmas = 1.0"), r"unknown key 'mas' in \[body\]; did you mean 'mass' in \[body\]\?", id="misspelt"
+            edited("mass", "0.028\nmas = 1.0"),
+            r"unknown key 'mas' in \[body\]; did you mean 'mass' in \[body\]\?",
+            id="misspelt",
         ),
-        pytest.param(edited("mass", "0.028\nzzz = 1.0"), r"unknown key 'zzz' in \[body\]\.", id="unknown"),
         pytest.param(
-            edited("mass", "0.028\nlatency = 0.01"), r"unknown key 'latency' in \[body\]; did you mean .* \[motors\]", id="wrong table"
+            edited("mass", "0.028\nzzz = 1.0"), r"unknown key 'zzz' in \[body\]\.", id="unknown"
         ),
-        pytest.param("format = 2\nbody = 3\n", r"body is a value, expected a table \[body\]", id="value for a table"),
+        pytest.param(
+            edited("mass", "0.028\nlatency = 0.01"),
+            r"unknown key 'latency' in \[body\]; did you mean .* \[motors\]",
+            id="wrong table",
+        ),
+        pytest.param(
+            "format = 2\nbody = 3\n",
+            r"body is a value, expected a table \[body\]",
+            id="value for a table",
+        ),
         pytest.param(edited("mass", '"28 g"'), "mass = '28 g', expected a number", id="text"),
         pytest.param(edited("mass", "true"), "mass = True, expected a number", id="truth value"),
-        pytest.param(edited("mass", "[0.028, 0.028]"), "mass has 2 values, expected 1", id="list for a number"),
-        pytest.param(edited("mass", "{ kg = 0.028 }"), "mass = .*, expected a number", id="table for a number"),
-        pytest.param(edited("inertia", "1e-5"), "inertia has 1 values, expected 3", id="number for a list"),
-        pytest.param(edited("inertia", "[1e-5, 1e-5]"), "inertia has shape .*, expected 3", id="too few"),
-        pytest.param(edited("inertia", '[1e-5, 1e-5, "x"]'), "inertia = .*, expected 3 numbers", id="text in a list"),
-        pytest.param(edited("inertia", "[1e-5, 1e-5, 13.3]"), r"inertia = \[1e-05, 1e-05, 13.3\] kg m2 is outside", id="one out of range"),
-        pytest.param(edited("mass", "28.0"), r"mass = 28.0 kg is outside its physical range \[0.005, 5\]. Check the unit", id="grams"),
+        pytest.param(
+            edited("mass", "[0.028, 0.028]"),
+            "mass has 2 values, expected 1",
+            id="list for a number",
+        ),
+        pytest.param(
+            edited("mass", "{ kg = 0.028 }"),
+            "mass = .*, expected a number",
+            id="table for a number",
+        ),
+        pytest.param(
+            edited("inertia", "1e-5"), "inertia has 1 values, expected 3", id="number for a list"
+        ),
+        pytest.param(
+            edited("inertia", "[1e-5, 1e-5]"), "inertia has shape .*, expected 3", id="too few"
+        ),
+        pytest.param(
+            edited("inertia", '[1e-5, 1e-5, "x"]'),
+            "inertia = .*, expected 3 numbers",
+            id="text in a list",
+        ),
+        pytest.param(
+            edited("inertia", "[1e-5, 1e-5, 13.3]"),
+            r"inertia = \[1e-05, 1e-05, 13.3\] kg m2 is outside",
+            id="one out of range",
+        ),
+        pytest.param(
+            edited("mass", "28.0"),
+            r"mass = 28.0 kg is outside its physical range \[0.005, 5\]. Check the unit",
+            id="grams",
+        ),
         pytest.param(edited("mass", "-0.028"), "mass = -0.028 kg is outside", id="negative"),
         pytest.param(edited("mass", "nan"), "mass = nan kg is outside", id="nan"),
         pytest.param(edited("mass", "inf"), "mass = inf kg is outside", id="infinite"),
@@ -184,10 +231,16 @@ def test_what_passes_the_check_can_be_written_and_read():
 
 def test_replace_changes_one_field_and_refuses_an_unknown_one():
     heavier = replace(crazyflie(), mass=0.03)
-    changed = [name for name in FIELDS if not np.array_equal(getattr(heavier, name), getattr(crazyflie(), name))]
+    changed = [
+        name
+        for name in FIELDS
+        if not np.array_equal(getattr(heavier, name), getattr(crazyflie(), name))
+    ]
     assert changed == ["mass"]
     assert heavier.mass.dtype == np.float32
-    with pytest.raises(InputError, match="unknown parameter 'weight'; known are thrust_to_weight, "):
+    with pytest.raises(
+        InputError, match="unknown parameter 'weight'; known are thrust_to_weight, "
+    ):
         replace(crazyflie(), weight=0.03)
 
 
@@ -199,8 +252,17 @@ def test_parameters_are_frozen_and_every_field_is_traced():
 
 def test_noiseless_silences_the_noise_and_nothing_else():
     quiet, drone = noiseless(crazyflie()), crazyflie()
-    changed = {name for name in FIELDS if not np.array_equal(getattr(quiet, name), getattr(drone, name))}
-    sensors = {"position_noise", "position_noise_uniform", "velocity_noise", "attitude_noise", "attitude_noise_uniform", "gyro_noise"}
+    changed = {
+        name for name in FIELDS if not np.array_equal(getattr(quiet, name), getattr(drone, name))
+    }
+    sensors = {
+        "position_noise",
+        "position_noise_uniform",
+        "velocity_noise",
+        "attitude_noise",
+        "attitude_noise_uniform",
+        "gyro_noise",
+    }
     assert changed == sensors | {"actuator_noise", "gyro_turn_on_bias", "gyro_bias_walk"}
     assert all(getattr(quiet, name) == 0 for name in changed)
 
@@ -222,7 +284,9 @@ def test_every_single_number_of_a_drone_is_a_component_once():
 def test_components_put_one_by_one_make_the_drone_they_were_read_from(drone, other):
     """Each component by hand from its field, and all of them back into another drone."""
     for name in COMPONENTS:
-        field, axis = (name[:-2], "xyz".index(name[-1])) if name[:-2] in QUANTITIES else (name, None)
+        field, axis = (
+            (name[:-2], "xyz".index(name[-1])) if name[:-2] in QUANTITIES else (name, None)
+        )
         value = np.asarray(getattr(drone, field))
         assert component(drone, name) == (value if axis is None else value[axis])
     rebuilt = replace(other, **{name: component(drone, name) for name in COMPONENTS})
@@ -240,7 +304,10 @@ def test_a_component_is_replaced_and_its_neighbours_are_kept():
 def test_a_component_is_replaced_in_each_drone_of_a_batch():
     batch = jax.tree.map(lambda leaf: np.stack([leaf] * 4), crazyflie())
     values = np.linspace(1e-5, 2e-5, 4, dtype=np.float32)
-    for drones in (replace(batch, inertia_x=values), replace(replace(batch, inertia_x=np.float32(1e-5)), inertia_x=values)):
+    for drones in (
+        replace(batch, inertia_x=values),
+        replace(replace(batch, inertia_x=np.float32(1e-5)), inertia_x=values),
+    ):
         assert drones.inertia.shape == (4, 3)
         np.testing.assert_array_equal(component(drones, "inertia_x"), values)
         np.testing.assert_array_equal(drones.inertia[:, 1:], batch.inertia[:, 1:])

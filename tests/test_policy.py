@@ -21,7 +21,10 @@ def noisy(key, hidden, history):
     made = untrained(key, hidden, history)
     leaves, structure = jax.tree.flatten(made)
     keys = jax.random.split(key, len(leaves))
-    leaves = [leaf + jax.random.uniform(k, leaf.shape, minval=1e-7, maxval=1e-3) for leaf, k in zip(leaves, keys, strict=True)]
+    leaves = [
+        leaf + jax.random.uniform(k, leaf.shape, minval=1e-7, maxval=1e-3)
+        for leaf, k in zip(leaves, keys, strict=True)
+    ]
     return jax.tree.unflatten(structure, leaves)
 
 
@@ -35,11 +38,15 @@ def test_a_policy_reads_back_bit_by_bit(tmp_path, hidden, history):
     assert jax.tree.structure(back) == jax.tree.structure(made)
     for old, new in zip(jax.tree.leaves(made), jax.tree.leaves(back), strict=True):
         assert new.dtype == np.float32
-        np.testing.assert_array_equal(np.asarray(old).view(np.uint32), np.asarray(new).view(np.uint32))
+        np.testing.assert_array_equal(
+            np.asarray(old).view(np.uint32), np.asarray(new).view(np.uint32)
+        )
     assert back.layer_sizes == (20 * history, *hidden, 4)
 
 
-@pytest.mark.parametrize(("control", "rate"), [("pwm", 100), ("attitude_rate", 50), ("attitude", 25), ("attitude", 100)])
+@pytest.mark.parametrize(
+    ("control", "rate"), [("pwm", 100), ("attitude_rate", 50), ("attitude", 25), ("attitude", 100)]
+)
 def test_a_policy_reads_back_with_its_control_structure_and_rate(control, rate):
     back = from_json(to_json(dataclasses.replace(noisy(KEY, (3,), 1), control=control, rate=rate)))
     assert (back.control, back.rate) == (control, rate)
@@ -47,10 +54,18 @@ def test_a_policy_reads_back_with_its_control_structure_and_rate(control, rate):
 
 def test_extreme_float32_numbers_survive():
     made = untrained(KEY, (), 1)
-    values = np.array([np.finfo(np.float32).max, np.finfo(np.float32).tiny, -0.0, 1e-45, 1 / 3], np.float32)
+    values = np.array(
+        [np.finfo(np.float32).max, np.finfo(np.float32).tiny, -0.0, 1e-45, 1 / 3], np.float32
+    )
     weight = np.zeros((4, 20), np.float32)
     weight[0, :5] = values
-    made = Policy((jnp.asarray(weight),), made.biases, made.observation_mean, made.observation_deviation, history=1)
+    made = Policy(
+        (jnp.asarray(weight),),
+        made.biases,
+        made.observation_mean,
+        made.observation_std,
+        history=1,
+    )
     back = np.asarray(from_json(to_json(made)).weights[0])
     np.testing.assert_array_equal(back.view(np.uint32), weight.view(np.uint32))
 
@@ -58,7 +73,7 @@ def test_extreme_float32_numbers_survive():
 def test_a_policy_is_affine_layers_with_relu_between_them():
     made = noisy(KEY, (7, 5), 1)
     seen = np.asarray(jax.random.normal(KEY, (20,)))
-    values = (seen - np.asarray(made.observation_mean)) / np.asarray(made.observation_deviation)
+    values = (seen - np.asarray(made.observation_mean)) / np.asarray(made.observation_std)
     for number, (weight, bias) in enumerate(zip(made.weights, made.biases, strict=True)):
         values = np.asarray(weight) @ values + np.asarray(bias)
         values = values if number == 2 else np.maximum(values, 0)
@@ -70,7 +85,9 @@ def test_an_untrained_policy_has_the_papers_layers_and_bounded_weights():
     assert [weight.shape for weight in made.weights] == [(50, 40), (50, 50), (4, 50)]
     assert [bias.shape for bias in made.biases] == [(50,), (50,), (4,)]
     assert (made.control, made.rate, made.history) == ("pwm", 100, 2)
-    for weight, bound in zip(made.weights, (np.sqrt(6 / 40), np.sqrt(6 / 50), 0.1 * np.sqrt(6 / 50)), strict=True):
+    for weight, bound in zip(
+        made.weights, (np.sqrt(6 / 40), np.sqrt(6 / 50), 0.1 * np.sqrt(6 / 50)), strict=True
+    ):
         assert 0.9 * bound < np.abs(weight).max() <= bound * (1 + 1e-6)
     assert not any(np.any(bias) for bias in made.biases)
     np.testing.assert_array_equal(made.observation_mean[:20], made.observation_mean[20:])
@@ -83,7 +100,17 @@ def test_different_keys_make_different_policies():
 
 
 @pytest.mark.parametrize(
-    "field", ["format", "control", "rate", "history", "activation", "observation_mean", "observation_deviation", "layers"]
+    "field",
+    [
+        "format",
+        "control",
+        "rate",
+        "history",
+        "activation",
+        "observation_mean",
+        "observation_std",
+        "layers",
+    ],
 )
 @pytest.mark.parametrize("wrong", [..., None, "text", [], {}, -1, 3.5, True])
 def test_a_damaged_field_is_refused(field, wrong):
@@ -92,7 +119,9 @@ def test_a_damaged_field_is_refused(field, wrong):
 
 
 @pytest.mark.parametrize("field", ["weights", "biases"])
-@pytest.mark.parametrize("wrong", [..., None, "text", [], {}, 1.0, [1.0, [2.0]], [[[1.0]]], [1.0, 2.0], [[1.0, 2.0]]])
+@pytest.mark.parametrize(
+    "wrong", [..., None, "text", [], {}, 1.0, [1.0, [2.0]], [[[1.0]]], [1.0, 2.0], [[1.0, 2.0]]]
+)
 def test_a_damaged_layer_is_refused(field, wrong):
     with pytest.raises(InputError, match=r"^here: "):
         from_json(damaged(SMALL, "layers", 0, field, to=wrong), "here")
@@ -111,25 +140,71 @@ def test_a_damaged_layer_is_refused(field, wrong):
             id="control",
         ),
         pytest.param(
-            json.dumps(SMALL | {"control": "attitude", "rate": 30}), "rate = 30, expected one that divides the 500 Hz", id="PID rate"
+            json.dumps(SMALL | {"control": "attitude", "rate": 30}),
+            "rate = 30, expected one that divides the 500 Hz",
+            id="PID rate",
         ),
-        pytest.param(damaged(SMALL, "activation", to="tanh"), "activation = 'tanh', expected 'relu'", id="activation"),
-        pytest.param(damaged(SMALL, "rate", to=0), "rate = 0, expected a whole number from 1 to 1000", id="rate"),
-        pytest.param(damaged(SMALL, "history", to=2), r"the normaliser has \(20,\) values, expected 40", id="history"),
+        pytest.param(
+            damaged(SMALL, "activation", to="tanh"),
+            "activation = 'tanh', expected 'relu'",
+            id="activation",
+        ),
+        pytest.param(
+            damaged(SMALL, "rate", to=0),
+            "rate = 0, expected a whole number from 1 to 1000",
+            id="rate",
+        ),
+        pytest.param(
+            damaged(SMALL, "history", to=2),
+            r"the normaliser has \(20,\) values, expected 40",
+            id="history",
+        ),
         pytest.param(damaged(SMALL, "layers", to=[]), "no layers", id="no layers"),
-        pytest.param(damaged(SMALL, "layers", to=SMALL["layers"][:1]), "3 outputs, expected 4", id="layer lost"),
-        pytest.param(damaged(SMALL, "layers", to=SMALL["layers"][::-1]), r"layer 1 has weights \(4, 3\)", id="layers turned"),
-        pytest.param(damaged(SMALL, "layers", 0, "weights", 2, 5, to=float("nan")), "not a finite number", id="nan weight"),
-        pytest.param(damaged(SMALL, "layers", 1, "biases", 0, to=float("inf")), "not a finite number", id="infinite bias"),
-        pytest.param(damaged(SMALL, "observation_mean", 0, to=float("nan")), "not a finite number", id="nan mean"),
-        pytest.param(damaged(SMALL, "observation_deviation", 3, to=0.0), "deviation is not positive", id="zero deviation"),
-        pytest.param(damaged(SMALL, "observation_deviation", 3, to=-1.0), "deviation is not positive", id="negative deviation"),
+        pytest.param(
+            damaged(SMALL, "layers", to=SMALL["layers"][:1]),
+            "3 outputs, expected 4",
+            id="layer lost",
+        ),
+        pytest.param(
+            damaged(SMALL, "layers", to=SMALL["layers"][::-1]),
+            r"layer 1 has weights \(4, 3\)",
+            id="layers turned",
+        ),
+        pytest.param(
+            damaged(SMALL, "layers", 0, "weights", 2, 5, to=float("nan")),
+            "not a finite number",
+            id="nan weight",
+        ),
+        pytest.param(
+            damaged(SMALL, "layers", 1, "biases", 0, to=float("inf")),
+            "not a finite number",
+            id="infinite bias",
+        ),
+        pytest.param(
+            damaged(SMALL, "observation_mean", 0, to=float("nan")),
+            "not a finite number",
+            id="nan mean",
+        ),
+        pytest.param(
+            damaged(SMALL, "observation_std", 3, to=0.0),
+            "deviation is not positive",
+            id="zero deviation",
+        ),
+        pytest.param(
+            damaged(SMALL, "observation_std", 3, to=-1.0),
+            "deviation is not positive",
+            id="negative deviation",
+        ),
         pytest.param(
             damaged(SMALL, "layers", 0, "weights", 0, 0, to=1e39),
             "here: ",
             id="more than float32 holds",
         ),
-        pytest.param(damaged(SMALL, "layers", 0, "weights", 0, 0, to=10**400), "here: ", id="more than float64 holds"),
+        pytest.param(
+            damaged(SMALL, "layers", 0, "weights", 0, 0, to=10**400),
+            "here: ",
+            id="more than float64 holds",
+        ),
         pytest.param(
             json.dumps(SMALL).replace('"rate": 100', '"rate": 1' + "0" * 5000),
             "here: ",
@@ -140,7 +215,9 @@ def test_a_damaged_layer_is_refused(field, wrong):
             "here: ",
             id="text for a number",
         ),
-        pytest.param(damaged(SMALL, "layers", 0, "weights", 0, 0, to=None), "here: ", id="no number"),
+        pytest.param(
+            damaged(SMALL, "layers", 0, "weights", 0, 0, to=None), "here: ", id="no number"
+        ),
     ],
 )
 def test_a_wrong_policy_file_is_refused_with_its_cause(text, message):

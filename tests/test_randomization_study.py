@@ -26,11 +26,23 @@ def study() -> Any:
     return script("randomization")
 
 
-def flights(control: str, randomization: str, place: str, shares: Sequence[float]) -> polars.DataFrame:
+def flights(
+    control: str, randomization: str, place: str, shares: Sequence[float]
+) -> polars.DataFrame:
     """Four flights a policy, of which a share reaches 20 s and the others tilt after 8 s."""
     rows = [
-        {"control": control, "randomization": randomization, "number": number, "place": place, "trial": trial}
-        | ({"duration": 20.0, "end_reason": "time limit"} if trial <= 4 * share else {"duration": 8.0, "end_reason": "tilt"})
+        {
+            "control": control,
+            "randomization": randomization,
+            "number": number,
+            "place": place,
+            "trial": trial,
+        }
+        | (
+            {"duration": 20.0, "end_reason": "time limit"}
+            if trial <= 4 * share
+            else {"duration": 8.0, "end_reason": "tilt"}
+        )
         for number, share in enumerate(shares, 1)
         for trial in range(1, 5)
     ]
@@ -51,7 +63,8 @@ def test_intervals_are_over_policies(study: Any) -> None:
 
 
 def test_the_best_policy_is_the_one_whose_worst_place_is_best(study: Any) -> None:
-    """A place of another firmware does not count; a policy may be good in the mean and miss the bar all the same."""
+    """A place of another firmware does not count; a policy may be good in the mean and miss the bar
+    all the same."""
     table = polars.concat(
         [
             flights("pwm", "none", "posterior", [1.0, 1.0]),
@@ -63,22 +76,35 @@ def test_the_best_policy_is_the_one_whose_worst_place_is_best(study: Any) -> Non
             flights("attitude", "box", "virtual:1", [0.5, 0.75]),
         ]
     )
-    assert study.best_policies(table, 20.0).rows() == [("pwm", "box 1", 1.0, "yes"), ("attitude", "box 2", 0.75, "no: virtual:1 0.75")]
+    assert study.best_policies(table, 20.0).rows() == [
+        ("pwm", "box 1", 1.0, "yes"),
+        ("attitude", "box 2", 0.75, "no: virtual:1 0.75"),
+    ]
     told = study.summary(table, 20.0).row(1, named=True)
     assert (told["place"], told["policies"], told["flights"]) == ("virtual:1", 2, 8)
     assert told["share of 20 s"] == "0.50 [0.00, 1.00]"
     assert (told["worst policy"], told["mean [s]"], told["most end by"]) == (0.25, 14.0, "tilt (4)")
-    (posterior, virtual) = study.differences(table.filter(polars.col("control") == "pwm"), 20.0).rows(named=True)
+    (posterior, virtual) = study.differences(
+        table.filter(polars.col("control") == "pwm"), 20.0
+    ).rows(named=True)
     assert posterior["box - none"].startswith("-0.25 [")
     assert virtual["box - none"].startswith("0.25 [")
 
 
 def identified(folder: Path) -> Path:
-    """A drone's file as `identify` writes it, with two drones of the posterior and a spread of two trims."""
+    """A drone's file as `identify` writes it, with two drones of the posterior and a spread of two
+    trims."""
     names, draws = ["thrust_to_weight", "latency"], [[1.6, 0.01], [1.7, 0.012]]
-    spreads = {"torque_bias_x": {"value": 0.0, "spread": 1e-5}, "torque_bias_z": {"value": 0.0, "spread": 2e-5}}
+    spreads = {
+        "torque_bias_x": {"value": 0.0, "spread": 1e-5},
+        "torque_bias_z": {"value": 0.0, "spread": 2e-5},
+    }
     drone = parameters.crazyflie()
-    return parameters.write(folder / "drone.toml", drone, {"identification": spreads, "posterior": {"names": names, "draws": draws}})
+    return parameters.write(
+        folder / "drone.toml",
+        drone,
+        {"identification": spreads, "posterior": {"names": names, "draws": draws}},
+    )
 
 
 def test_drones_of_each_randomization_are_about_the_identified_one_and_the_recipes_task_pays_for_turning_away(
@@ -110,12 +136,45 @@ def test_policies_train_and_fly_and_a_second_run_draws_from_the_tables(
     settings = study.AnalyticGradient(updates=1, drones=2, horizon=2, hidden=(8,), episodes=2)
     monkeypatch.setattr(study, "QUICK", {"pwm": settings})
     made = tmp_path / "made"
-    few = ["--seeds", "2", "--flights", "3", "--trials", "2", "--duration", "0.3", "--randomization", "posterior"]
-    arguments = ["--drone", str(identified(tmp_path)), "-o", str(made), "--control", "pwm", *few, "--realities", "virtual:1"]
+    few = [
+        "--seeds",
+        "2",
+        "--flights",
+        "3",
+        "--trials",
+        "2",
+        "--duration",
+        "0.3",
+        "--randomization",
+        "posterior",
+    ]
+    arguments = [
+        "--drone",
+        str(identified(tmp_path)),
+        "-o",
+        str(made),
+        "--control",
+        "pwm",
+        *few,
+        "--realities",
+        "virtual:1",
+    ]
     study.main(arguments)
     table = polars.read_csv(made / "flights.csv", comment_prefix="#")
-    assert table.columns == ["control", "randomization", "number", "place", "trial", "duration", "end_reason"]
-    assert table.group_by("place", maintain_order=True).len().rows() == [("posterior", 6), ("trim", 6), ("virtual:1", 4)]
+    assert table.columns == [
+        "control",
+        "randomization",
+        "number",
+        "place",
+        "trial",
+        "duration",
+        "end_reason",
+    ]
+    assert table.group_by("place", maintain_order=True).len().rows() == [
+        ("posterior", 6),
+        ("trim", 6),
+        ("virtual:1", 4),
+    ]
     assert table["duration"].is_between(0.01, 0.3).all()
     assert 'data-panel="pwm"' in (made / "randomization.svg").read_text()
     assert "share of 20 s" in capsys.readouterr().out
@@ -134,7 +193,9 @@ def test_policies_train_and_fly_and_a_second_run_draws_from_the_tables(
         assert "other" in capsys.readouterr().err
 
 
-def test_what_cannot_be_done_is_told_before_training(study: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_cannot_be_done_is_told_before_training(
+    study: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     file = str(identified(tmp_path))
     cases = {
         "no such file": ["--drone", "crazyflie"],
@@ -149,18 +210,31 @@ def test_what_cannot_be_done_is_told_before_training(study: Any, tmp_path: Path,
 
 
 def test_policies_fly_under_the_structure_that_is_asked_for() -> None:
-    """One that turns the motors off: the drone falls 0.25 m within half a second; with none named it flies as the authors' did."""
+    """One that turns the motors off: the drone falls 0.25 m within half a second; with none named
+    it flies as the authors' did."""
     hover = 2 * float(dynamics.hover_command(parameters.crazyflie())) - 1
     made = jax.tree.map(jnp.zeros_like, untrained(jax.random.key(0), (8,)))
-    hovering = dataclasses.replace(made, biases=(made.biases[0], jnp.full(4, hover)), observation_deviation=jnp.ones(40))
+    hovering = dataclasses.replace(
+        made, biases=(made.biases[0], jnp.full(4, hover)), observation_std=jnp.ones(40)
+    )
 
     def off(memory: None, *_: Any) -> tuple[None, jax.Array]:
         return memory, jnp.zeros(4)
 
     few = {"trials": 2, "duration": 1.0, "farthest": 0.25}
-    structures = {"default": None, "current": control.CONTROLLERS, "off": {"pwm": lambda: control.pwm()._replace(command=off)}}
+    structures = {
+        "default": None,
+        "current": control.CONTROLLERS,
+        "off": {"pwm": lambda: control.pwm()._replace(command=off)},
+    }
     flown = {
-        name: predict_flight_times([hovering], parameters.crazyflie(), jax.random.key(0), **few, **({"structures": one} if one else {}))
+        name: predict_flight_times(
+            [hovering],
+            parameters.crazyflie(),
+            jax.random.key(0),
+            **few,
+            **({"structures": one} if one else {}),
+        )
         for name, one in structures.items()
     }
     assert flown["default"].equals(flown["current"])

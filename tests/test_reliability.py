@@ -1,4 +1,5 @@
-"""Outputs: nothing is written over that was not made for it, a place that cannot be written keeps what it held, and two runs do not mix."""
+"""Outputs: nothing is written over that was not made for it, a place that cannot be written keeps
+what it held, and two runs do not mix."""
 
 import errno
 import gc
@@ -37,7 +38,9 @@ WRITES = re.compile(
 )
 
 
-@pytest.mark.parametrize("module", sorted(str(path.relative_to(SOURCE)) for path in SOURCE.rglob("*.py")))
+@pytest.mark.parametrize(
+    "module", sorted(str(path.relative_to(SOURCE)) for path in SOURCE.rglob("*.py"))
+)
 def test_files_are_written_in_one_place(module: str) -> None:
     text = re.sub(r'""".*?"""', "", (SOURCE / module).read_text(), flags=re.DOTALL)
     assert module in FREE or not WRITES.search(text), "write it with results.write"
@@ -47,7 +50,11 @@ def test_files_are_written_in_one_place(module: str) -> None:
 def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a policy and what a report can be made of."""
     folder = tmp_path_factory.mktemp("small")
-    policy.write(folder / "policies" / "policy_1.json", policy.untrained(jax.random.key(0), (3,)), {"seed": 1})
+    policy.write(
+        folder / "policies" / "policy_1.json",
+        policy.untrained(jax.random.key(0), (3,)),
+        {"seed": 1},
+    )
     parameters.write(folder / "drone.toml", parameters.crazyflie())
     return folder
 
@@ -71,12 +78,18 @@ def asked(command: str, small: Path, place: Path) -> list[str]:
 
 
 def files(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
 
 
 @pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.parametrize("what", ["file", "folder", "link"])
-def test_nothing_is_written_over_what_is_there(command: str, what: str, small: Path, tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+def test_nothing_is_written_over_what_is_there(
+    command: str, what: str, small: Path, tmp_path: Path, monkeypatch: Any, capsys: Any
+) -> None:
     place = tmp_path / "mine"
     if what == "file":
         place.write_text("my thesis")
@@ -94,9 +107,13 @@ def test_nothing_is_written_over_what_is_there(command: str, what: str, small: P
 
 
 @pytest.mark.parametrize(
-    ("command", "beside"), [("identify", "made_identification.csv"), ("validate", "made_windows.csv")], ids=["identify", "validate"]
+    ("command", "beside"),
+    [("identify", "made_identification.csv"), ("validate", "made_windows.csv")],
+    ids=["identify", "validate"],
 )
-def test_nor_over_the_second_file(command: str, beside: str, small: Path, tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+def test_nor_over_the_second_file(
+    command: str, beside: str, small: Path, tmp_path: Path, monkeypatch: Any, capsys: Any
+) -> None:
     (tmp_path / beside).write_text("my thesis")
     code, _, err = run(monkeypatch, capsys, *asked(command, small, tmp_path / "made.csv"))
     assert code == 2
@@ -104,19 +121,26 @@ def test_nor_over_the_second_file(command: str, beside: str, small: Path, tmp_pa
     assert files(tmp_path) == {beside: b"my thesis"}
 
 
-def test_a_report_replaces_a_report(small: Path, tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+def test_a_report_replaces_a_report(
+    small: Path, tmp_path: Path, monkeypatch: Any, capsys: Any
+) -> None:
     for _ in range(2):
         assert run(monkeypatch, capsys, *asked("report", small, tmp_path / "page.html"))[0] == 0
     (tmp_path / "page.html").write_text("my thesis")
     assert run(monkeypatch, capsys, *asked("report", small, tmp_path / "page.html"))[0] == 2
-    assert run(monkeypatch, capsys, *asked("report", small, tmp_path / "page.html"), "--overwrite")[0] == 0
+    assert (
+        run(monkeypatch, capsys, *asked("report", small, tmp_path / "page.html"), "--overwrite")[0]
+        == 0
+    )
 
 
 QUICK = ("drone", "export", "report")
 """Commands that write without compiling; the others write in the same way."""
 
 
-@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS, errno.EACCES, errno.EIO, errno.EDQUOT])
+@pytest.mark.parametrize(
+    "number", [errno.ENOSPC, errno.EROFS, errno.EACCES, errno.EIO, errno.EDQUOT]
+)
 @pytest.mark.parametrize("call", ["mkstemp", "fsync", "replace"])
 @pytest.mark.parametrize("command", QUICK)
 def test_a_place_that_cannot_be_written_gives_one_line_and_keeps_what_it_held(
@@ -140,7 +164,9 @@ def test_a_place_that_cannot_be_written_gives_one_line_and_keeps_what_it_held(
 
 @pytest.mark.parametrize("command", QUICK)
 @pytest.mark.parametrize("place", ["file/below", "/proc/1/below", "/dev/null/below"])
-def test_a_place_that_is_no_folder_is_told(command: str, place: str, small: Path, tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+def test_a_place_that_is_no_folder_is_told(
+    command: str, place: str, small: Path, tmp_path: Path, monkeypatch: Any, capsys: Any
+) -> None:
     (tmp_path / "file").write_text("mine")
     code, out, err = run(monkeypatch, capsys, *asked(command, small, tmp_path / place))
     assert (code, out, len(err.splitlines())) == (2, "", 1)
@@ -157,9 +183,13 @@ time.sleep(60)
 """
 
 
-def test_two_runs_in_one_place_do_not_mix(small: Path, tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+def test_two_runs_in_one_place_do_not_mix(
+    small: Path, tmp_path: Path, monkeypatch: Any, capsys: Any
+) -> None:
     place = tmp_path / "made"
-    other = subprocess.Popen([sys.executable, "-c", _HOLDS, str(place)], stdout=subprocess.PIPE, text=True)
+    other = subprocess.Popen(
+        [sys.executable, "-c", _HOLDS, str(place)], stdout=subprocess.PIPE, text=True
+    )
     assert other.stdout is not None
     assert other.stdout.readline() == "held\n"
     try:
@@ -192,7 +222,9 @@ def test_a_place_given_back_leaves_nothing(tmp_path: Path, monkeypatch: Any) -> 
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_place_that_is_given_back_while_another_asks_for_it_is_claimed_anew(tmp_path: Path, monkeypatch: Any) -> None:
+def test_a_place_that_is_given_back_while_another_asks_for_it_is_claimed_anew(
+    tmp_path: Path, monkeypatch: Any
+) -> None:
     import fcntl
 
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
@@ -211,26 +243,44 @@ def test_a_place_that_is_given_back_while_another_asks_for_it_is_claimed_anew(tm
 
 
 @pytest.mark.parametrize("option", ["--duration", "--excitation"])
-def test_a_number_that_is_none_is_refused(option: str, tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+def test_a_number_that_is_none_is_refused(
+    option: str, tmp_path: Path, monkeypatch: Any, capsys: Any
+) -> None:
     code, _, err = run(monkeypatch, capsys, "record", "-o", tmp_path / "made", option, "nan")
     assert code == 2
     assert "is not a number" in err
 
 
-@pytest.mark.parametrize("command", [name for name in COMMANDS if name not in ("drone", "report", "demo", "train")])
-def test_ctrl_c_is_one_line_and_130(command: str, small: Path, tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+@pytest.mark.parametrize(
+    "command", [name for name in COMMANDS if name not in ("drone", "report", "demo", "train")]
+)
+def test_ctrl_c_is_one_line_and_130(
+    command: str, small: Path, tmp_path: Path, monkeypatch: Any, capsys: Any
+) -> None:
     def interrupted(*_arguments: Any, **_options: Any) -> None:
         raise KeyboardInterrupt
 
-    for name in ("record", "identify_from", "validate_with", "transfer_to", "predict_with", "export"):
+    for name in (
+        "record",
+        "identify_from",
+        "validate_with",
+        "transfer_to",
+        "predict_with",
+        "export",
+    ):
         monkeypatch.setattr(workflow, name, interrupted)
     code, out, err = run(monkeypatch, capsys, *asked(command, small, tmp_path / "made"))
     assert (code, out) == (130, "")
-    assert err.strip() == "maidenflight: interrupted; finished files are complete, the rest was not written."
+    assert (
+        err.strip()
+        == "maidenflight: interrupted; finished files are complete, the rest was not written."
+    )
     assert files(tmp_path) == {}
 
 
-def test_ctrl_c_in_a_callback_of_the_garbage_collector_is_not_lost(monkeypatch: Any, capsys: Any) -> None:
+def test_ctrl_c_in_a_callback_of_the_garbage_collector_is_not_lost(
+    monkeypatch: Any, capsys: Any
+) -> None:
     def collecting(phase: str, _told: Any) -> None:
         if phase == "start" and not fired:
             fired.append(1)
@@ -253,8 +303,11 @@ def test_ctrl_c_in_a_callback_of_the_garbage_collector_is_not_lost(monkeypatch: 
 
 
 @pytest.mark.parametrize("sent", [True, False])
-def test_ctrl_c_that_an_extension_module_turns_into_an_import_error_is_not_lost(sent: bool, monkeypatch: Any, capsys: Any) -> None:
-    """As jaxlib does when it falls into its start; an import that fails by itself stays what it is."""
+def test_ctrl_c_that_an_extension_module_turns_into_an_import_error_is_not_lost(
+    sent: bool, monkeypatch: Any, capsys: Any
+) -> None:
+    """As jaxlib does when it falls into its start; an import that fails by itself stays what it
+    is."""
 
     def importing(*_given: Any) -> None:
         try:
@@ -277,4 +330,6 @@ def test_ctrl_c_that_an_extension_module_turns_into_an_import_error_is_not_lost(
 
 def test_a_record_that_is_no_record_is_none(tmp_path: Path) -> None:
     for text in ("[" * 100_000, "3", '{"a": 1, "a": 2}', json.dumps([1])):
-        assert results.told(results.write(tmp_path / "table.csv", f"# record: {text}\na\n1\n")) is None
+        assert (
+            results.told(results.write(tmp_path / "table.csv", f"# record: {text}\na\n1\n")) is None
+        )

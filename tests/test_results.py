@@ -1,4 +1,5 @@
-"""A result file is whole or not there, and its record says where it comes from without saying on which machine."""
+"""A result file is whole or not there, and its record says where it comes from without saying on
+which machine."""
 
 import os
 import re
@@ -30,7 +31,9 @@ def test_a_failed_write_leaves_the_old_content_and_no_other_file(tmp_path, monke
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(results.os, call, full)
-    with pytest.raises(InputError, match=r"file\.txt: cannot be written \(No space left on device\).*-o"):
+    with pytest.raises(
+        InputError, match=r"file\.txt: cannot be written \(No space left on device\).*-o"
+    ):
         results.write(path, "new")
     monkeypatch.undo()
     assert path.read_text() == "old"
@@ -63,13 +66,20 @@ def test_a_record_names_version_seed_inputs_and_settings_but_no_absolute_path(tm
     assert str(tmp_path) not in str(made)
 
 
-def test_a_record_of_a_file_in_the_working_folder_does_not_look_like_an_absolute_path(tmp_path, monkeypatch):
+def test_a_record_of_a_file_in_the_working_folder_does_not_look_like_an_absolute_path(
+    tmp_path, monkeypatch
+):
     monkeypatch.chdir(results.write(tmp_path / "circle.csv", "abc").parent)
-    assert not re.search(r"(^|['\"\s])/", str(results.record(seed=None, inputs=["circle.csv"], settings={})))
+    assert not re.search(
+        r"(^|['\"\s])/", str(results.record(seed=None, inputs=["circle.csv"], settings={}))
+    )
 
 
 def test_without_randomness_and_inputs_a_record_has_neither(tmp_path):
-    assert results.record(seed=None, inputs=[], settings={}) == {"version": __version__, "settings": {}}
+    assert results.record(seed=None, inputs=[], settings={}) == {
+        "version": __version__,
+        "settings": {},
+    }
 
 
 @pytest.mark.parametrize(
@@ -87,15 +97,30 @@ def test_a_tables_record_is_found_in_its_comments(tmp_path, text, record):
 
 
 def test_tables_of_an_earlier_run_of_the_same_kind_go_and_nothing_else(tmp_path):
-    earlier, now = ({"seed": seed, "settings": {"flights": 2 - seed, "duration": 1.0}} for seed in (0, 1))
-    for name, record in {"flight_1": now, "flight_2": earlier, "other": {"settings": {"uri": "radio://"}}, "odd": {"settings": 3}}.items():
+    earlier, now = (
+        {"seed": seed, "settings": {"flights": 2 - seed, "duration": 1.0}} for seed in (0, 1)
+    )
+    for name, record in {
+        "flight_1": now,
+        "flight_2": earlier,
+        "other": {"settings": {"uri": "radio://"}},
+        "odd": {"settings": 3},
+    }.items():
         results.write_table(tmp_path / f"{name}.csv", "# a table", record, "time\n0.0\n")
     (tmp_path / "mine.csv").write_text("time,x\n0,1\n")
     (tmp_path / "binary.csv").write_bytes(b"# \xff")
     results.remove_older([tmp_path / "flight_1.csv"], now)
-    assert sorted(path.stem for path in tmp_path.iterdir()) == ["binary", "flight_1", "mine", "odd", "other"]
+    assert sorted(path.stem for path in tmp_path.iterdir()) == [
+        "binary",
+        "flight_1",
+        "mine",
+        "odd",
+        "other",
+    ]
 
 
 def test_comments_are_read_and_what_follows_is_not(tmp_path):
-    (tmp_path / "table.csv").write_bytes(b'# a\r\n# record: {"seed": 1}\ntime\n' + b"0.0\n" * 10_000 + b"\xff")
+    (tmp_path / "table.csv").write_bytes(
+        b'# a\r\n# record: {"seed": 1}\ntime\n' + b"0.0\n" * 10_000 + b"\xff"
+    )
     assert results.told(tmp_path / "table.csv") == {"seed": 1}

@@ -40,7 +40,8 @@ if TYPE_CHECKING:
     from maidenflight.training.ppo import PPO as PPO
     from maidenflight.training.train import train as train
 
-# Each public name lives in one module, which is imported when the name is first used: `import maidenflight` costs no JAX.
+# Each public name lives in one module, which is imported when the name is first used: `import
+# maidenflight` costs no JAX.
 _PUBLIC = {
     "AnalyticGradient": "training.analytic_gradient",
     "Environment": "simulator.environment",

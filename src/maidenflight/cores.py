@@ -10,9 +10,12 @@ def count() -> int:
 
 
 def as_devices() -> None:
-    """Makes JAX see each core as a device, over which drones are laid; XLA uses one core for arrays this small.
+    """Makes JAX see each core as a device, over which drones are laid.
 
-    To be called before JAX does anything. Where it runs already, as in a notebook, its devices stay what they are.
+    XLA uses one core for arrays this small.
+
+    To be called before JAX does anything. Where it runs already, as in a notebook, its devices stay
+    what they are.
     """
     import jax
 

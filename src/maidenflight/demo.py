@@ -1,4 +1,6 @@
-"""The whole line in one go, on a virtual drone: record, identify, train, fly unseen, export, report."""
+"""The whole line in one go, on a virtual drone: record, identify, train, fly unseen, export,
+report.
+"""
 
 import json
 import time
@@ -70,7 +72,8 @@ class Listener:
 def demo(folder: Path, seed: int, plan: Plan, listener: Listener) -> Demo:
     """Runs every stage on the virtual drone of a seed and writes all results into a folder.
 
-    Identification and training see only the recorded flights; the truth is read again only for the summary.
+    Identification and training see only the recorded flights; the truth is read again only for the
+    summary.
     """
     seconds: dict[str, float] = {}
     drone = workflow.reality(f"virtual:{seed}")
@@ -85,7 +88,9 @@ def demo(folder: Path, seed: int, plan: Plan, listener: Listener) -> Demo:
     recorded = folder / "recorded"
     run(
         "record",
-        lambda: workflow.record(drone, seed, recorded, folder / "reality.toml", plan.flights, plan.duration, 0.06),
+        lambda: workflow.record(
+            drone, seed, recorded, folder / "reality.toml", plan.flights, plan.duration, 0.06
+        ),
     )
     _, found = run(
         "identify",
@@ -103,15 +108,27 @@ def demo(folder: Path, seed: int, plan: Plan, listener: Listener) -> Demo:
     policies = folder / "policies"
     run(
         "train",
-        lambda: workflow.train_for(folder / "drone.toml", seed, policies, plan.policies, plan.learner, 0.10, listener.training),
+        lambda: workflow.train_for(
+            folder / "drone.toml",
+            seed,
+            policies,
+            plan.policies,
+            plan.learner,
+            0.10,
+            listener.training,
+        ),
     )
     flown = run(
         "transfer",
-        lambda: workflow.transfer_to([policies], [drone], seed, folder / "transfer", plan.flight_trials, plan.longest),
+        lambda: workflow.transfer_to(
+            [policies], [drone], seed, folder / "transfer", plan.flight_trials, plan.longest
+        ),
     )
     best = workflow.best_policy(flown, workflow.policy_files([policies]))
     run("export", lambda: workflow.export(best, folder / "firmware", seed))
-    results.write(folder / "demo.json", json.dumps({"seed": seed, "stages": seconds}, indent=1) + "\n")
+    results.write(
+        folder / "demo.json", json.dumps({"seed": seed, "stages": seconds}, indent=1) + "\n"
+    )
     page = run("report", lambda: report(folder, folder / "report.html"))
     return Demo(drone.parameters, found, flown, seconds, folder, page, best)
 

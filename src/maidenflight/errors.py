@@ -10,13 +10,16 @@ LONGEST = 1500
 class InputError(ValueError):
     """Something that the user gave is wrong.
 
-    The message says what is wrong (with the value), what is expected and what to do; the command line prints it on one line
-    and exits with code 2. It is one line; of one that is too long the middle is left out.
+    The message says what is wrong (with the value), what is expected and what to do; the command
+    line prints it on one line and exits with code 2. It is one line; of one that is too long the
+    middle is left out.
     """
 
     def __init__(self, message: str) -> None:
         line = " ".join(message.splitlines())
-        super().__init__(line if len(line) <= LONGEST else f"{line[: LONGEST - 400]} ... {line[-390:]}")
+        super().__init__(
+            line if len(line) <= LONGEST else f"{line[: LONGEST - 400]} ... {line[-390:]}"
+        )
 
 
 class WriteError(InputError):
@@ -25,6 +28,10 @@ class WriteError(InputError):
     def __init__(self, path: str | PathLike[str], error: OSError) -> None:
         self.wrong = f"{path}: cannot be written ({error.strerror})."
         """What is wrong, a sentence."""
-        self.remedy = "Free space there" if error.errno in (errno.ENOSPC, errno.EDQUOT) else "Make that place writable"
+        self.remedy = (
+            "Free space there"
+            if error.errno in (errno.ENOSPC, errno.EDQUOT)
+            else "Make that place writable"
+        )
         """What to do before the same is tried again; a sentence may go on after it."""
         super().__init__(f"{self.wrong} {self.remedy}, or choose another place with -o.")

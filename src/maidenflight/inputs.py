@@ -1,8 +1,9 @@
-"""What all files that are read have in common: they are ordinary files, and what they say they say once.
+"""What all files that are read have in common: they are ordinary files, and what they say they say
+once.
 
-The functions are those of the standard library, with its exceptions; but a pipe that nobody writes to and a device without an end are
-refused instead of waited for, a key that stands twice is refused instead of the last one taken, and brackets a thousand deep are an error
-of the text like any other.
+The functions are those of the standard library, with its exceptions; but a pipe that nobody writes
+to and a device without an end are refused instead of waited for, a key that stands twice is refused
+instead of the last one taken, and brackets a thousand deep are an error of the text like any other.
 """
 
 import errno

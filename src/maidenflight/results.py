@@ -1,6 +1,8 @@
-"""What every result file has in common: it is written whole or not at all, and it says where it comes from.
+"""What every result file has in common: it is written whole or not at all, and it says where it
+comes from.
 
-A record never holds the time of day, a host name or an absolute path, so the same seed gives the same bytes.
+A record never holds the time of day, a host name or an absolute path, so the same seed gives the
+same bytes.
 """
 
 import hashlib
@@ -21,7 +23,8 @@ _LEFTOVER = re.compile(r"\..+\.[a-z0-9_]{8}\.part")
 
 
 def write(path: StrPath, content: str | bytes) -> Path:
-    """Writes a file atomically: a reader sees the old content or the new, never a part, also after a power cut.
+    """Writes a file atomically: a reader sees the old content or the new, never a part, also after
+    a power cut.
 
     Args:
         path: where to write; missing folders are made.
@@ -38,7 +41,9 @@ def write(path: StrPath, content: str | bytes) -> Path:
     temporary: str | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        descriptor, temporary = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
+        descriptor, temporary = tempfile.mkstemp(
+            prefix=f".{path.name}.", suffix=".part", dir=path.parent
+        )
         with os.fdopen(descriptor, "wb") as file:
             file.write(payload)
             # Without this a power cut could leave the new name with none of the new content.
@@ -56,7 +61,8 @@ def write(path: StrPath, content: str | bytes) -> Path:
 
 
 def claim(path: StrPath) -> Callable[[], None]:
-    """Keeps other processes of this computer and user from writing to a place that is asked for like this.
+    """Keeps other processes of this computer and user from writing to a place that is asked for
+    like this.
 
     Args:
         path: a file or a folder; it need not be there, and nothing is written to it.
@@ -80,7 +86,10 @@ def claim(path: StrPath) -> Callable[[], None]:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
         os.close(descriptor)
-        raise InputError(f"{path}: another maidenflight is writing there. Wait for it, or choose another place with -o.") from None
+        raise InputError(
+            f"{path}: another maidenflight is writing there. Wait for it, or choose another place "
+            "with -o."
+        ) from None
     if not _is(lock, descriptor):  # who had it has just removed it
         os.close(descriptor)
         return claim(path)
@@ -102,16 +111,24 @@ def _is(path: Path, descriptor: int) -> bool:
 
 
 def remove_older(written: Sequence[StrPath], record: Mapping[str, Any]) -> None:
-    """Removes tables beside those just written that an earlier run of the same kind left and this one did not replace.
+    """Removes tables beside those just written that an earlier run of the same kind left and this
+    one did not replace.
 
     Args:
         written: CSV files of one folder.
-        record: how they were made; what an earlier run wrote has a record that names the same settings.
+        record: how they were made; what an earlier run wrote has a record that names the same
+            settings.
     """
     kept = {Path(path) for path in written}
-    for path in {beside for folder in {path.parent for path in kept} for beside in folder.glob("*.csv")} - kept:
+    for path in {
+        beside for folder in {path.parent for path in kept} for beside in folder.glob("*.csv")
+    } - kept:
         older = told(path)
-        if older is not None and isinstance(older.get("settings"), dict) and older["settings"].keys() == record["settings"].keys():
+        if (
+            older is not None
+            and isinstance(older.get("settings"), dict)
+            and older["settings"].keys() == record["settings"].keys()
+        ):
             path.unlink()
 
 
@@ -126,7 +143,9 @@ def digest(path: StrPath) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()[:16]
 
 
-def record(*, seed: int | None, inputs: Sequence[StrPath], settings: Mapping[str, Any]) -> dict[str, Any]:
+def record(
+    *, seed: int | None, inputs: Sequence[StrPath], settings: Mapping[str, Any]
+) -> dict[str, Any]:
     """What a result file says of its own making.
 
     Args:
@@ -135,7 +154,8 @@ def record(*, seed: int | None, inputs: Sequence[StrPath], settings: Mapping[str
         settings: every setting that shapes the result, plain values only.
 
     Returns:
-        Plain dictionaries, ready for TOML or JSON: `version`, `seed`, `inputs` (name and hash), `settings`.
+        Plain dictionaries, ready for TOML or JSON: `version`, `seed`, `inputs` (name and hash),
+        `settings`.
     """
     made: dict[str, Any] = {"version": __version__}
     if seed is not None:
@@ -152,7 +172,9 @@ def plain(record: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def write_table(path: StrPath, heading: str, record: Mapping[str, Any], rows: str) -> Path:
-    """Writes a CSV file with a line that says what it is and its record in comments above; `told` finds the record again.
+    """Writes a CSV file with a line that says what it is and its record in comments above.
+
+    `told` finds the record again.
 
     Args:
         path: where to write.
@@ -167,7 +189,10 @@ def write_table(path: StrPath, heading: str, record: Mapping[str, Any], rows: st
 
 
 def told(path: StrPath) -> dict[str, Any] | None:
-    """The record in the comments of a CSV file, as a line `# record: ` of JSON; nothing where there is no such file or line."""
+    """The record in the comments of a CSV file, as a line `# record: ` of JSON.
+
+    Nothing where there is no such file or line.
+    """
     with suppress(OSError, ValueError):
         for line in inputs.comments(path):
             if line.startswith("# record: "):

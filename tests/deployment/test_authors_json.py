@@ -53,7 +53,10 @@ def check_sum(layers):
 
 MADE = {
     "check_sum": check_sum(LAYERS),
-    "scaling_parameters": [GENERATOR.normal(size=40).tolist(), GENERATOR.uniform(0, 1, 40).tolist()],
+    "scaling_parameters": [
+        GENERATOR.normal(size=40).tolist(),
+        GENERATOR.uniform(0, 1, 40).tolist(),
+    ],
     "activation": "relu",
     **{str(number): layer for number, layer in enumerate(LAYERS)},
 }
@@ -65,11 +68,12 @@ def made(hidden=(8,), control="pwm", history=2):
     random = np.random.default_rng(len(sizes))
     return policy.Policy(
         weights=tuple(
-            jnp.asarray(random.normal(size=(after, before)), jnp.float32) for before, after in zip(sizes[:-1], sizes[1:], strict=True)
+            jnp.asarray(random.normal(size=(after, before)), jnp.float32)
+            for before, after in zip(sizes[:-1], sizes[1:], strict=True)
         ),
         biases=tuple(jnp.asarray(random.normal(size=size), jnp.float32) for size in sizes[1:]),
         observation_mean=jnp.asarray(random.normal(size=sizes[0]), jnp.float32),
-        observation_deviation=jnp.asarray(random.uniform(0.01, 2.0, sizes[0]), jnp.float32),
+        observation_std=jnp.asarray(random.uniform(0.01, 2.0, sizes[0]), jnp.float32),
         control=control,
         rate=RATES[control],
         history=history,
@@ -87,11 +91,14 @@ def onnx_actions(given, observations):
 def same(one, other):
     """Whether two policies are the same, to the last bit."""
     return jax.tree.structure(one) == jax.tree.structure(other) and all(
-        np.array_equal(first, second) for first, second in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True)
+        np.array_equal(first, second)
+        for first, second in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True)
     )
 
 
-@pytest.mark.parametrize(("control", "rate"), [("pwm", 100), ("attitude_rate", 50), ("attitude", 25)])
+@pytest.mark.parametrize(
+    ("control", "rate"), [("pwm", 100), ("attitude_rate", 50), ("attitude", 25)]
+)
 def test_a_policy_is_read_with_its_scaling_and_the_rate_of_its_control_structure(control, rate):
     made = from_authors_json(json.dumps(MADE), "here", control)
     assert (made.control, made.rate, made.history, made.layer_sizes) == (control, rate, 2, SIZES)
@@ -111,18 +118,52 @@ def test_a_policy_is_read_with_its_scaling_and_the_rate_of_its_control_structure
         pytest.param("[" * 100_000, "not valid JSON", id="too deep"),
         pytest.param("[]", "not one of the authors' policies", id="another file"),
         pytest.param(damaged(MADE, "check_sum", to=...), "check_sum", id="no check sum"),
-        pytest.param(damaged(MADE, "check_sum", to="nan"), "a weight was changed", id="check sum not a number"),
+        pytest.param(
+            damaged(MADE, "check_sum", to="nan"),
+            "a weight was changed",
+            id="check sum not a number",
+        ),
         pytest.param(damaged(MADE, "check_sum", to=None), "damaged policy", id="check sum none"),
-        pytest.param(damaged(MADE, "activation", to="tanh"), "activation = 'tanh', expected 'relu'", id="activation"),
-        pytest.param(damaged(MADE, "2", "biases", 3, to=LAYERS[2]["biases"][3] + 1e-3), "a weight was changed", id="changed bias"),
-        pytest.param(damaged(MADE, "2", "weights", 0, 0, to=float("nan")), "a weight was changed", id="nan weight"),
-        pytest.param(damaged(MADE, "1", "type", to="csrproduct"), "expected layers of type 'standard'", id="sparse"),
+        pytest.param(
+            damaged(MADE, "activation", to="tanh"),
+            "activation = 'tanh', expected 'relu'",
+            id="activation",
+        ),
+        pytest.param(
+            damaged(MADE, "2", "biases", 3, to=LAYERS[2]["biases"][3] + 1e-3),
+            "a weight was changed",
+            id="changed bias",
+        ),
+        pytest.param(
+            damaged(MADE, "2", "weights", 0, 0, to=float("nan")),
+            "a weight was changed",
+            id="nan weight",
+        ),
+        pytest.param(
+            damaged(MADE, "1", "type", to="csrproduct"),
+            "expected layers of type 'standard'",
+            id="sparse",
+        ),
         pytest.param(damaged(MADE, "1", to=...), "damaged policy", id="layer lost"),
-        pytest.param(damaged(MADE, "1", "weights", to="text"), "expected lists of numbers", id="text"),
+        pytest.param(
+            damaged(MADE, "1", "weights", to="text"), "expected lists of numbers", id="text"
+        ),
         pytest.param(damaged(MADE, "1", "biases", to=[1.0]), "damaged policy", id="bias lost"),
-        pytest.param(damaged(MADE, "0", to=LAYERS[1]), "a layer's inputs are not the outputs", id="wrong layer"),
-        pytest.param(damaged(MADE, "scaling_parameters", to=[[0.0] * 40]), "damaged policy", id="no deviation"),
-        pytest.param(damaged(MADE, "scaling_parameters", to=[[0.0] * 20, [1.0] * 20]), "expected", id="scaling of another size"),
+        pytest.param(
+            damaged(MADE, "0", to=LAYERS[1]),
+            "a layer's inputs are not the outputs",
+            id="wrong layer",
+        ),
+        pytest.param(
+            damaged(MADE, "scaling_parameters", to=[[0.0] * 40]),
+            "damaged policy",
+            id="no deviation",
+        ),
+        pytest.param(
+            damaged(MADE, "scaling_parameters", to=[[0.0] * 20, [1.0] * 20]),
+            "expected",
+            id="scaling of another size",
+        ),
     ],
 )
 def test_what_is_not_such_a_policy_or_was_changed_is_refused(text, message):
@@ -132,13 +173,22 @@ def test_what_is_not_such_a_policy_or_was_changed_is_refused(text, message):
 
 
 def test_every_weight_that_counts_in_the_check_sum_is_guarded():
-    """A unit that is silent for ones hides the weights into it and out of it; no other change of 1 % of a deviation passes."""
+    """A unit that is silent for ones hides the weights into it and out of it; no other change of 1
+    % of a deviation passes."""
     passed = []
     for number, layer in enumerate(LAYERS):
         for row, column in np.ndindex(*np.shape(layer["weights"])):
-            text = damaged(MADE, str(number), "weights", row, column, to=layer["weights"][row][column] + 0.01)
+            text = damaged(
+                MADE, str(number), "weights", row, column, to=layer["weights"][row][column] + 0.01
+            )
             wrong = json.loads(text)
-            differs = abs(float(check_sum([wrong[str(place)] for place in range(3)])) - float(MADE["check_sum"])) > 1e-3
+            differs = (
+                abs(
+                    float(check_sum([wrong[str(place)] for place in range(3)]))
+                    - float(MADE["check_sum"])
+                )
+                > 1e-3
+            )
             if differs:
                 with pytest.raises(InputError, match="a weight was changed"):
                     from_authors_json(text, "here", "pwm")
@@ -147,7 +197,9 @@ def test_every_weight_that_counts_in_the_check_sum_is_guarded():
 
 
 def test_an_unknown_control_structure_or_file_is_refused(tmp_path):
-    with pytest.raises(InputError, match="control = 'position_pid', expected one of pwm, attitude_rate, attitude"):
+    with pytest.raises(
+        InputError, match="control = 'position_pid', expected one of pwm, attitude_rate, attitude"
+    ):
         from_authors_json(json.dumps(MADE), "here", "position_pid")
     with pytest.raises(InputError, match="cannot be read as a policy"):
         read_authors_json(tmp_path / "none.json", "pwm")
@@ -164,7 +216,9 @@ def test_an_unknown_control_structure_or_file_is_refused(tmp_path):
         ("pwm_024.json", "attitude", "attitude"),
     ],
 )
-def test_a_name_a_folder_or_the_caller_says_what_an_authors_policy_commands(tmp_path, name, given, control):
+def test_a_name_a_folder_or_the_caller_says_what_an_authors_policy_commands(
+    tmp_path, name, given, control
+):
     path = tmp_path / name
     path.parent.mkdir(exist_ok=True)
     path.write_text(json.dumps(MADE))
@@ -187,14 +241,22 @@ def test_our_policies_are_told_from_the_authors_by_content(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "control", "number"), [("pwm_024", "pwm", 24), ("attitude_rate_066", "attitude_rate", 66), ("attitude_021", "attitude", 21)]
+    ("name", "control", "number"),
+    [
+        ("pwm_024", "pwm", 24),
+        ("attitude_rate_066", "attitude_rate", 66),
+        ("attitude_021", "attitude", 21),
+    ],
 )
 def test_published_files_hold_the_networks_that_flew(shared_data, name, control, number):
     made = read_authors_json(shared_data / "authors/json_models" / f"{name}.json", control)
     archive = np.load(shared_data / "authors/policies.npz")
     (place,) = np.flatnonzero((archive["control"] == control) & (archive["policy"] == number))
     expected = [archive[f"{kind}{layer}"][place] for kind in "Wb" for layer in range(3)]
-    expected += [archive["observation_mean"][place], archive["observation_std"][place] + np.float32(1e-5)]
+    expected += [
+        archive["observation_mean"][place],
+        archive["observation_std"][place] + np.float32(1e-5),
+    ]
     for given, wanted in zip(jax.tree.leaves(made), expected, strict=True):
         np.testing.assert_array_equal(given, wanted)
 
@@ -207,14 +269,20 @@ def test_our_policies_read_back_from_the_authors_json_as_they_were():
 
 
 def test_deviations_read_back_to_the_last_bit_or_to_one_rounding_where_there_is_none():
-    drawn = np.exp(GENERATOR.uniform(np.log(1.001e-5), np.log(1e6), 4000)).astype(np.float32).reshape(100, 40)
+    drawn = (
+        np.exp(GENERATOR.uniform(np.log(1.001e-5), np.log(1e6), 4000))
+        .astype(np.float32)
+        .reshape(100, 40)
+    )
     drawn[0, :3] = np.float32(1e-5), np.float32(9e-5), np.nextafter(np.float32(9e-5), np.float32(1))
     given = made(())
     read = np.array(
         [
             from_authors_json(
-                to_authors_json(dataclasses.replace(given, observation_deviation=jnp.asarray(row))), "here", "pwm"
-            ).observation_deviation
+                to_authors_json(dataclasses.replace(given, observation_std=jnp.asarray(row))),
+                "here",
+                "pwm",
+            ).observation_std
             for row in drawn
         ]
     )
@@ -227,18 +295,29 @@ def test_what_the_authors_json_holds_is_written_as_they_write_it():
     given = from_authors_json(json.dumps(MADE), "here", "pwm")
     content = json.loads(to_authors_json(given))
     assert list(content) == list(MADE)
-    assert [content[name] for name in ("activation", "0", "1", "2")] == [MADE[name] for name in ("activation", "0", "1", "2")]
+    assert [content[name] for name in ("activation", "0", "1", "2")] == [
+        MADE[name] for name in ("activation", "0", "1", "2")
+    ]
     assert isinstance(content["check_sum"], str)
     assert float(content["check_sum"]) == pytest.approx(float(MADE["check_sum"]), rel=1e-6)
-    np.testing.assert_array_equal(content["scaling_parameters"][0], np.float32(MADE["scaling_parameters"][0]))
-    np.testing.assert_allclose(content["scaling_parameters"][1], MADE["scaling_parameters"][1], atol=1e-7)
+    np.testing.assert_array_equal(
+        content["scaling_parameters"][0], np.float32(MADE["scaling_parameters"][0])
+    )
+    np.testing.assert_allclose(
+        content["scaling_parameters"][1], MADE["scaling_parameters"][1], atol=1e-7
+    )
 
 
 def test_one_changed_number_of_what_we_wrote_is_refused():
     given = made()
     content = json.loads(to_authors_json(given))
     awake = int(np.argmax(given.weights[0].sum(axis=1) + given.biases[0]))
-    for place in (("0", "weights", awake, 7), ("0", "biases", awake), ("1", "weights", 3, awake), ("1", "biases", 2)):
+    for place in (
+        ("0", "weights", awake, 7),
+        ("0", "biases", awake),
+        ("1", "weights", 3, awake),
+        ("1", "biases", 2),
+    ):
         with pytest.raises(InputError, match="a weight was changed"):
             from_authors_json(damaged(content, *place, to=2.5), "here", "pwm")
 
@@ -246,13 +325,27 @@ def test_one_changed_number_of_what_we_wrote_is_refused():
 def test_what_the_authors_json_cannot_hold_is_refused(tmp_path):
     fine = made()
     for wrong, message in (
-        (dataclasses.replace(fine, rate=50), "rate = 50, but the authors' drone runs pwm policies at 100 Hz"),
+        (
+            dataclasses.replace(fine, rate=50),
+            "rate = 50, but the authors' drone runs pwm policies at 100 Hz",
+        ),
         (dataclasses.replace(fine, control="attitude", rate=100), "attitude policies at 25 Hz"),
         (made(history=3), "history = 3, but the authors' policies see 2 instants"),
         (made((4,) * 7), "8 layers, but the authors' firmware takes at most 7"),
-        (dataclasses.replace(fine, observation_deviation=jnp.full(40, 9e-6)), "deviation is 9e-06, but the authors' files hold none below"),
-        (dataclasses.replace(fine, weights=tuple(jnp.full(weight.shape, 3e38) for weight in fine.weights)), "check sum overflows"),
-        (dataclasses.replace(fine, biases=(jnp.full(8, jnp.nan), *fine.biases[1:])), "not a finite number"),
+        (
+            dataclasses.replace(fine, observation_std=jnp.full(40, 9e-6)),
+            "deviation is 9e-06, but the authors' files hold none below",
+        ),
+        (
+            dataclasses.replace(
+                fine, weights=tuple(jnp.full(weight.shape, 3e38) for weight in fine.weights)
+            ),
+            "check sum overflows",
+        ),
+        (
+            dataclasses.replace(fine, biases=(jnp.full(8, jnp.nan), *fine.biases[1:])),
+            "not a finite number",
+        ),
         (dataclasses.replace(fine, control="motor"), "control = 'motor', expected one of"),
     ):
         with pytest.raises(InputError, match=message):
@@ -297,13 +390,22 @@ def test_published_files_are_written_byte_for_byte_and_guarded(shared_data, name
 
 @pytest.mark.parametrize(
     ("name", "most"),
-    [("pwm_021", 0.005), ("pwm_024", 0.035), ("attitude_rate_066", 0.012), ("attitude_007", 0.01), ("attitude_021", 0.065)],
+    [
+        ("pwm_021", 0.005),
+        ("pwm_024", 0.035),
+        ("attitude_rate_066", 0.012),
+        ("attitude_007", 0.01),
+        ("attitude_021", 0.065),
+    ],
 )
-def test_published_policies_exported_give_what_their_drones_logged(shared_data, tmp_path, name, most):
+def test_published_policies_exported_give_what_their_drones_logged(
+    shared_data, tmp_path, name, most
+):
     """In C step by step, in ONNX all at once; measured are medians of flights.
 
-    What is left is float16, of the logs and of the drone's sums. Two of the published files are odd: the outputs of pwm_024 were logged
-    0.03 off in all flights, those of attitude_021 0.05, and one flight of that was not flown by it.
+    What is left is float16, of the logs and of the drone's sums. Two of the published files are
+    odd: the outputs of pwm_024 were logged 0.03 off in all flights, those of attitude_021 0.05, and
+    one flight of that was not flown by it.
     """
     path = shared_data / "authors/json_models" / f"{name}.json"
     given = read_policy(path if path.exists() else written_anew(shared_data, tmp_path, name))
@@ -312,15 +414,26 @@ def test_published_policies_exported_give_what_their_drones_logged(shared_data, 
     assert drone is None or drone.self_test()
     number = name.rpartition("_")[2]
     errors, rounded = [], []
-    for path in sorted((shared_data / "authors/flights" / given.control / f"policy_{number}").glob("*.csv.gz")):
+    for path in sorted(
+        (shared_data / "authors/flights" / given.control / f"policy_{number}").glob("*.csv.gz")
+    ):
         table = tables.read(path, path.name)
         flight = authors.flights(table)[0][0][0]
         column = tables.numbers(table, authors.COLUMNS)
         logged = np.stack([column[f"n{output}"] for output in range(4)], axis=1).astype(np.float32)
         taken = np.roll(logged, rows, axis=0)
-        quaternion = np.asarray(QUATERNIONS(jnp.asarray(np.resize(flight.attitude, (2200, 3)))))[: len(logged)]
+        quaternion = np.asarray(QUATERNIONS(jnp.asarray(np.resize(flight.attitude, (2200, 3)))))[
+            : len(logged)
+        ]
         seen: list[Any] = [flight.position, flight.velocity, quaternion, flight.body_rates]
-        parts = (flight.position, quaternion, flight.velocity, flight.body_rates, flight.setpoint - flight.position, taken)
+        parts = (
+            flight.position,
+            quaternion,
+            flight.velocity,
+            flight.body_rates,
+            flight.setpoint - flight.position,
+            taken,
+        )
         instants = np.concatenate(parts, axis=1).astype(np.float32)
         anew = np.flatnonzero(np.any(np.diff(logged, axis=0) != 0, axis=1)) + 1
         assert np.all(np.diff(anew) == rows)
@@ -334,7 +447,9 @@ def test_published_policies_exported_give_what_their_drones_logged(shared_data, 
             stepped = []
             for row in (anew[0] - rows, *anew):
                 drone.state.action[:] = taken[row].tolist()
-                assert drone.step(Measurement(*(part[row] for part in seen)), flight.setpoint[row])[0]
+                assert drone.step(Measurement(*(part[row] for part in seen)), flight.setpoint[row])[
+                    0
+                ]
                 stepped.append(drone.action)
             np.testing.assert_allclose(stepped[1:], actions, rtol=1e-5, atol=1e-5)
     assert len(errors) == 3
@@ -343,10 +458,17 @@ def test_published_policies_exported_give_what_their_drones_logged(shared_data, 
 
 
 def in_float16(given, observations):
-    """A network as the authors' firmware computes it: scaling without the 1e-5, and every sum, rounded to float16."""
-    mean, deviation = (np.asarray(array) for array in (given.observation_mean, given.observation_deviation - EPSILON))
-    values = (observations.astype(np.float16) - mean.astype(np.float16)) / deviation.astype(np.float16)
-    for number, (weight, bias) in enumerate(zip(*(map(np.asarray, arrays) for arrays in given.network), strict=True)):
+    """A network as the authors' firmware computes it: scaling without the 1e-5, and every sum,
+    rounded to float16."""
+    mean, deviation = (
+        np.asarray(array) for array in (given.observation_mean, given.observation_std - EPSILON)
+    )
+    values = (observations.astype(np.float16) - mean.astype(np.float16)) / deviation.astype(
+        np.float16
+    )
+    for number, (weight, bias) in enumerate(
+        zip(*(map(np.asarray, arrays) for arrays in given.network), strict=True)
+    ):
         values = np.maximum(values, 0) if number else values
         total = np.zeros((len(values), len(bias)), np.float16)
         for column, weights in enumerate(weight.T.astype(np.float16)):
@@ -364,7 +486,7 @@ def written_anew(shared_data, folder, name):
         weights=tuple(jnp.asarray(archive[f"W{layer}"][place]) for layer in range(3)),
         biases=tuple(jnp.asarray(archive[f"b{layer}"][place]) for layer in range(3)),
         observation_mean=jnp.asarray(archive["observation_mean"][place]),
-        observation_deviation=jnp.asarray(archive["observation_std"][place] + np.float32(1e-5)),
+        observation_std=jnp.asarray(archive["observation_std"][place] + np.float32(1e-5)),
         control=control,
         rate=RATES[control],
     )

@@ -1,4 +1,5 @@
-"""The exported C computes what Python computes, remembers what the simulator remembers and refuses to fly when damaged."""
+"""The exported C computes what Python computes, remembers what the simulator remembers and refuses
+to fly when damaged."""
 
 import ctypes
 import dataclasses
@@ -6,13 +7,20 @@ import hashlib
 import re
 import shutil
 import subprocess
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from maidenflight.deployment.c import COMMANDS, GOLDEN_COUNT, checksum, export_c, golden_observations
+from maidenflight.deployment.c import (
+    COMMANDS,
+    GOLDEN_COUNT,
+    checksum,
+    export_c,
+    golden_observations,
+)
 from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie
 from maidenflight.policy import to_json, untrained
@@ -21,12 +29,22 @@ from maidenflight.simulator.control import CONTROLLERS
 from maidenflight.simulator.rollout import rollout
 from maidenflight.simulator.sensors import Measurement
 
-STRICT = ("-Wall", "-Wextra", "-Wpedantic", "-Werror", "-std=c99", "-Wconversion", "-Wdouble-promotion")
+STRICT = (
+    "-Wall",
+    "-Wextra",
+    "-Wpedantic",
+    "-Werror",
+    "-std=c99",
+    "-Wconversion",
+    "-Wdouble-promotion",
+)
 COMPILERS = [name for name in ("gcc", "clang") if shutil.which(name)]
 NETWORKS = [((50, 50), 2), ((13, 7), 1), ((13, 7), 3), ((64,), 2), ((), 1)]
 NUMBERS = np.ctypeslib.ndpointer(np.float32, flags="C_CONTIGUOUS")
 
-pytestmark = pytest.mark.skipif(not COMPILERS, reason="no C compiler (gcc or clang) on this machine")
+pytestmark = pytest.mark.skipif(
+    not COMPILERS, reason="no C compiler (gcc or clang) on this machine"
+)
 
 
 class Now(ctypes.Structure):
@@ -42,18 +60,33 @@ class Flown:
     def __init__(self, directory, history, level="-O3", compiler=None):
         """Compiles `policy.c` of a directory, warnings being errors."""
         target = directory / f"policy{level}.so"
-        command = [compiler or COMPILERS[0], *STRICT, level, "-shared", "-fPIC", "policy.c", "-o", target]
+        command = [
+            compiler or COMPILERS[0],
+            *STRICT,
+            level,
+            "-shared",
+            "-fPIC",
+            "policy.c",
+            "-o",
+            target,
+        ]
         found = subprocess.run(command, cwd=directory, capture_output=True, text=True)
         assert (found.returncode, found.stderr) == (0, "")
 
         class State(ctypes.Structure):
-            _fields_ = [("history", ctypes.c_float * 20 * history), ("action", ctypes.c_float * 4), ("begun", ctypes.c_bool)]
+            _fields_ = [
+                ("history", ctypes.c_float * 20 * history),
+                ("action", ctypes.c_float * 4),
+                ("begun", ctypes.c_bool),
+            ]
 
         self.library, self.state = ctypes.CDLL(str(target)), State()
         self.library.mf_network.argtypes = [NUMBERS, NUMBERS]
         self.library.mf_policy_reset.argtypes = [ctypes.POINTER(State), NUMBERS]
         self.library.mf_policy_step.argtypes = [ctypes.POINTER(State), ctypes.POINTER(Now), NUMBERS]
-        self.library.mf_policy_step.restype = self.library.mf_policy_self_test.restype = ctypes.c_bool
+        self.library.mf_policy_step.restype = self.library.mf_policy_self_test.restype = (
+            ctypes.c_bool
+        )
         self.self_test = self.library.mf_policy_self_test
 
     def network(self, observations):
@@ -67,8 +100,16 @@ class Flown:
 
     def step(self, measurement, setpoint):
         """Whether all was finite, and the commands."""
-        parts = (measurement.position, measurement.quaternion, measurement.velocity, measurement.body_rates, setpoint)
-        now = Now(*(field(*np.asarray(part).tolist()) for (_, field), part in zip(Now._fields_, parts, strict=True)))  # pyright: ignore[reportAssignmentType]
+        parts = (
+            measurement.position,
+            measurement.quaternion,
+            measurement.velocity,
+            measurement.body_rates,
+            setpoint,
+        )
+        kinds: list[Any] = [field[1] for field in Now._fields_]
+        values = [kind(*np.asarray(part).tolist()) for kind, part in zip(kinds, parts, strict=True)]
+        now = Now(*values)
         command = np.full(4, np.nan, np.float32)
         return self.library.mf_policy_step(self.state, now, command), command
 
@@ -77,13 +118,19 @@ class Flown:
 
 
 def restless(hidden=(50, 50), history=2, controller=None):
-    """A policy with biases, whose actions are of order 1, sometimes beyond; weak in the last action, lest a flight run away."""
+    """A policy with biases, whose actions are of order 1, sometimes beyond; weak in the last
+    action, lest a flight run away."""
     policy = untrained(jax.random.key(3), hidden, history, controller)
     keys = jax.random.split(jax.random.key(4), len(policy.biases))
-    biases = tuple(jax.random.normal(key, bias.shape) * 0.3 for key, bias in zip(keys, policy.biases, strict=True))
-    deviation = policy.observation_deviation * jnp.tile(jnp.where(jnp.arange(20) < 16, 1.0, 10.0), history)
+    biases = tuple(
+        jax.random.normal(key, bias.shape) * 0.3
+        for key, bias in zip(keys, policy.biases, strict=True)
+    )
+    deviation = policy.observation_std * jnp.tile(
+        jnp.where(jnp.arange(20) < 16, 1.0, 10.0), history
+    )
     weights = (*policy.weights[:-1], 5.0 * policy.weights[-1])
-    return dataclasses.replace(policy, weights=weights, biases=biases, observation_deviation=deviation)
+    return dataclasses.replace(policy, weights=weights, biases=biases, observation_std=deviation)
 
 
 def walk(steps, seed=0):
@@ -92,22 +139,36 @@ def walk(steps, seed=0):
     drift = np.cumsum(random.normal(size=(steps, 16)) * 0.02, axis=0).astype(np.float32)
     quaternion = drift[:, 3:7] + np.array([0, 0, 0, 1], np.float32)
     quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
-    moments = zip(drift[:, :3] + np.array([0, 0, 1], np.float32), drift[:, 7:10], quaternion, 5 * drift[:, 10:13], strict=True)
-    return [Measurement(*moment) for moment in moments], drift[:, 13:] + np.array([0, 0, 1], np.float32)
+    moments = zip(
+        drift[:, :3] + np.array([0, 0, 1], np.float32),
+        drift[:, 7:10],
+        quaternion,
+        5 * drift[:, 10:13],
+        strict=True,
+    )
+    return [Measurement(*moment) for moment in moments], drift[:, 13:] + np.array(
+        [0, 0, 1], np.float32
+    )
 
 
 @pytest.fixture
 def flown(tmp_path):
     """Exports and compiles."""
-    return lambda policy, level="-O3", compiler=None: Flown(export_c(policy, tmp_path)[0].parent, policy.history, level, compiler)
+    return lambda policy, level="-O3", compiler=None: Flown(
+        export_c(policy, tmp_path)[0].parent, policy.history, level, compiler
+    )
 
 
 @pytest.mark.parametrize(("hidden", "history"), NETWORKS)
-@pytest.mark.parametrize(("compiler", "level"), [(name, level) for name in COMPILERS for level in ("-O3", "-Os")])
-def test_network_computes_what_python_computes_and_passes_its_self_test(flown, hidden, history, compiler, level):
+@pytest.mark.parametrize(
+    ("compiler", "level"), [(name, level) for name in COMPILERS for level in ("-O3", "-Os")]
+)
+def test_network_computes_what_python_computes_and_passes_its_self_test(
+    flown, hidden, history, compiler, level
+):
     policy = restless(hidden, history)
     spread = np.random.default_rng(1).normal(size=(10_000, 20 * history)).astype(np.float32)
-    observations = np.asarray(policy.observation_mean) + np.asarray(policy.observation_deviation) * spread
+    observations = np.asarray(policy.observation_mean) + np.asarray(policy.observation_std) * spread
     expected = np.asarray(jax.vmap(policy)(jnp.asarray(observations)))
     drone = flown(policy, level, compiler)
     error = np.abs(drone.network(observations) - expected)
@@ -117,17 +178,26 @@ def test_network_computes_what_python_computes_and_passes_its_self_test(flown, h
 
 
 @pytest.mark.parametrize("compiler", COMPILERS)
-@pytest.mark.parametrize(("structure", "history"), [("pwm", 1), ("pwm", 2), ("pwm", 3), *((name, 2) for name in COMMANDS if name != "pwm")])
+@pytest.mark.parametrize(
+    ("structure", "history"),
+    [("pwm", 1), ("pwm", 2), ("pwm", 3), *((name, 2) for name in COMMANDS if name != "pwm")],
+)
 def test_500_steps_remember_what_python_remembers(flown, structure, history, compiler):
     policy = restless(history=history, controller=CONTROLLERS[structure]())
     commanded = COMMANDS[structure]
-    drone, act, observe = flown(policy, compiler=compiler), jax.jit(lambda seen: policy(seen)), jax.jit(environment.observe)
+    drone, act, observe = (
+        flown(policy, compiler=compiler),
+        jax.jit(lambda seen: policy(seen)),
+        jax.jit(environment.observe),
+    )
     action = np.full(4, 0.1, np.float32)
     drone.reset(action)
     memory, actions = None, []
     for measurement, setpoint in zip(*walk(500), strict=True):
         instant = observe(measurement, setpoint, action)
-        memory = np.tile(instant, (history, 1)) if memory is None else np.vstack([memory[1:], instant])
+        memory = (
+            np.tile(instant, (history, 1)) if memory is None else np.vstack([memory[1:], instant])
+        )
         action = act(memory.reshape(-1))
         finite, command = drone.step(measurement, setpoint)
         assert finite
@@ -143,10 +213,10 @@ def test_500_steps_remember_what_python_remembers(flown, structure, history, com
 def test_an_episode_of_the_simulator_is_seen_as_the_simulator_sees_it(flown):
     policy, world, parameters = untrained(jax.random.key(5)), environment.Environment(), crazyflie()
     begin_key, key = jax.random.split(jax.random.key(6))
-    episode = environment.reset(world, parameters, begin_key)
-    _, (episodes, _) = rollout(world, policy, episode, parameters, key, 30)
+    env_state = environment.reset(world, parameters, begin_key)
+    _, (episodes, _) = rollout(world, policy, env_state, parameters, key, 30)
     drone = flown(policy)
-    drone.reset(episode.action)
+    drone.reset(env_state.action)
     for number in range(30):
         measurement = Measurement(*(part[number] for part in episodes.measurement))
         drone.step(measurement, world.task.reference(episodes.time[number]))
@@ -183,11 +253,16 @@ def test_commands_are_clipped_and_the_remembered_action_is_not(flown):
     ("attitude_rate", [-0.5, -3.0, 0.5, 1.0], 0.25, [-60.0, 30.0, 60.0]),
     ("attitude", [-3.0, -1.0, 0.5, 0.1], 35 / 60, [-10.0, 5.0, 1.0]),
 ])  # fmt: skip
-def test_set_points_are_those_that_the_simulated_pids_are_given(flown, structure, action, thrust, turns):
+def test_set_points_are_those_that_the_simulated_pids_are_given(
+    flown, structure, action, thrust, turns
+):
     controller = CONTROLLERS[structure]()
     policy = untrained(jax.random.key(0), (), controller=controller)
     still = tuple(0 * weight for weight in policy.weights)
-    drone, (measurements, setpoints) = flown(dataclasses.replace(policy, weights=still, biases=(jnp.array(action),))), walk(1)
+    drone, (measurements, setpoints) = (
+        flown(dataclasses.replace(policy, weights=still, biases=(jnp.array(action),))),
+        walk(1),
+    )
     drone.reset(np.zeros(4))
     finite, command = drone.step(measurements[0], setpoints[0])
     assert finite
@@ -201,9 +276,14 @@ def test_the_action_that_keeps_level_asks_for_hover_and_nothing_else(flown, stru
     policy = untrained(jax.random.key(0), (), controller=controller)
     level = controller.level(jnp.float32(0.6))
     still = tuple(0 * weight for weight in policy.weights)
-    drone, (measurements, setpoints) = flown(dataclasses.replace(policy, weights=still, biases=(level,))), walk(1)
+    drone, (measurements, setpoints) = (
+        flown(dataclasses.replace(policy, weights=still, biases=(level,))),
+        walk(1),
+    )
     drone.reset(np.zeros(4))
-    np.testing.assert_allclose(drone.step(measurements[0], setpoints[0])[1], [0.6, 0, 0, 0], atol=1e-6)
+    np.testing.assert_allclose(
+        drone.step(measurements[0], setpoints[0])[1], [0.6, 0, 0, 0], atol=1e-6
+    )
 
 
 @pytest.mark.parametrize("poison", [np.nan, np.inf, -np.inf])
@@ -212,7 +292,9 @@ def test_a_number_that_is_not_finite_stops_the_motors_and_is_not_remembered(flow
     drone.reset(np.zeros(4))
     drone.step(measurements[0], setpoints[0])
     action = drone.action
-    finite, command = drone.step(measurements[1]._replace(velocity=np.array([0, poison, 0], np.float32)), setpoints[1])
+    finite, command = drone.step(
+        measurements[1]._replace(velocity=np.array([0, poison, 0], np.float32)), setpoints[1]
+    )
     assert not finite
     assert command.tolist() == [0, 0, 0, 0]
     assert np.array_equal(drone.action, action)
@@ -222,7 +304,18 @@ def test_a_number_that_is_not_finite_stops_the_motors_and_is_not_remembered(flow
 
 
 @pytest.mark.parametrize(
-    "table", ["mean", "deviation", "centre", "span", "weights_1", "biases_2", "weights_3", "golden_observations", "golden_actions"]
+    "table",
+    [
+        "mean",
+        "deviation",
+        "centre",
+        "span",
+        "weights_1",
+        "biases_2",
+        "weights_3",
+        "golden_observations",
+        "golden_actions",
+    ],
 )
 def test_self_test_fails_when_one_number_is_damaged(tmp_path, table):
     _, source = export_c(restless((13, 7)), tmp_path)
@@ -264,20 +357,30 @@ def test_same_policy_and_seed_give_the_same_bytes(tmp_path):
 @pytest.mark.parametrize("compiler", COMPILERS)
 @pytest.mark.parametrize("level", ["-O0", "-O2", "-O3", "-Os"])
 def test_every_compiler_and_level_is_silent_and_agrees(tmp_path, compiler, level):
-    export_c(restless((6,), 1), tmp_path, record={"note": "ends */ /* here ??/ or not", "path": "a" * 300})
+    export_c(
+        restless((6,), 1),
+        tmp_path,
+        record={"note": "ends */ /* here ??/ or not", "path": "a" * 300},
+    )
     assert Flown(tmp_path, 1, level, compiler).self_test()
 
 
-@pytest.mark.parametrize(("structure", "act"), [("pwm", "drive_motors"), ("attitude_rate", "follow"), ("attitude", "follow")])
+@pytest.mark.parametrize(
+    ("structure", "act"),
+    [("pwm", "drive_motors"), ("attitude_rate", "follow"), ("attitude", "follow")],
+)
 def test_the_header_s_example_compiles(tmp_path, structure, act):
-    header, _ = export_c(untrained(jax.random.key(0), (8,), controller=CONTROLLERS[structure]()), tmp_path)
+    header, _ = export_c(
+        untrained(jax.random.key(0), (8,), controller=CONTROLLERS[structure]()), tmp_path
+    )
     found = re.search(r"Example:\n(.*?)\n \*/", header.read_text(), re.DOTALL)
     assert found is not None
     example = found[1]
     body = "\n".join(line.removeprefix(" *") for line in example.splitlines())
     names = "thrust_to_weight, x, y, z, qx, qy, qz, qw, vx, vy, vz, p, q, r, goal_x, goal_y, goal_z"
     (tmp_path / "example.c").write_text(
-        f'#include "policy.h"\nextern float {names};\nbool next_period(float);\nvoid {act}(const float *);\nbool fly(void);\n'
+        f'#include "policy.h"\nextern float {names};\nbool next_period(float);\nvoid {act}(const '
+        "float *);\nbool fly(void);\n"
         f"bool fly(void)\n{{\n{body}\n    return true;\n}}\n"
     )
     subprocess.run([COMPILERS[0], *STRICT, "-c", "example.c"], cwd=tmp_path, check=True)
@@ -286,9 +389,20 @@ def test_the_header_s_example_compiles(tmp_path, structure, act):
 def test_what_cannot_be_exported_is_refused(tmp_path):
     policy = restless()
     for wrong, message in (
-        (dataclasses.replace(policy, control="motor"), "control = 'motor', but C can be written only for 'pwm' or 'attitude_rate' or"),
-        (dataclasses.replace(policy, biases=(*policy.biases[:-1], jnp.array([0, 0, jnp.nan, 0]))), "not a finite number"),
-        (dataclasses.replace(policy, weights=(*policy.weights[:-1], jnp.full((4, 50), 3e38))), "overflows float32"),
+        (
+            dataclasses.replace(policy, control="motor"),
+            "control = 'motor', but C can be written only for 'pwm' or 'attitude_rate' or",
+        ),
+        (
+            dataclasses.replace(
+                policy, biases=(*policy.biases[:-1], jnp.array([0, 0, jnp.nan, 0]))
+            ),
+            "not a finite number",
+        ),
+        (
+            dataclasses.replace(policy, weights=(*policy.weights[:-1], jnp.full((4, 50), 3e38))),
+            "overflows float32",
+        ),
         (jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), policy), "expected"),
     ):
         with pytest.raises(InputError, match=message):

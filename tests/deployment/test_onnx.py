@@ -1,4 +1,5 @@
-"""The ONNX model computes what Python computes, in other hands; damaged policies are exported to nothing."""
+"""The ONNX model computes what Python computes, in other hands; damaged policies are exported to
+nothing."""
 
 import dataclasses
 import hashlib
@@ -30,8 +31,12 @@ ROOT = Path(__file__).parents[2]
 TURN, LEAN = np.radians(60.0), np.radians(10.0)
 COMMANDED = {
     "pwm": lambda a: (a + 1) / 2,
-    "attitude_rate": lambda a: np.stack([(a[:, 0] + 1) / 2, TURN * a[:, 1], TURN * a[:, 2], TURN * a[:, 3]], axis=1),
-    "attitude": lambda a: np.stack([0.75 + a[:, 0] / 6, LEAN * a[:, 1], LEAN * a[:, 2], LEAN * a[:, 3]], axis=1),
+    "attitude_rate": lambda a: np.stack(
+        [(a[:, 0] + 1) / 2, TURN * a[:, 1], TURN * a[:, 2], TURN * a[:, 3]], axis=1
+    ),
+    "attitude": lambda a: np.stack(
+        [0.75 + a[:, 0] / 6, LEAN * a[:, 1], LEAN * a[:, 2], LEAN * a[:, 3]], axis=1
+    ),
 }
 """What clipped actions command."""
 RATES = {"pwm": 100, "attitude_rate": 50, "attitude": 25}
@@ -47,10 +52,13 @@ def made(control="pwm", hidden=(50, 50), history=2):
         return jnp.asarray(deviation * random.normal(size=shape), jnp.float32)
 
     return policy.Policy(
-        weights=tuple(drawn(before**-0.5, after, before) for before, after in zip(sizes[:-1], sizes[1:], strict=True)),
+        weights=tuple(
+            drawn(before**-0.5, after, before)
+            for before, after in zip(sizes[:-1], sizes[1:], strict=True)
+        ),
         biases=tuple(drawn(0.3, size) for size in sizes[1:]),
         observation_mean=drawn(1.0, sizes[0]),
-        observation_deviation=jnp.exp(drawn(1.0, sizes[0])),
+        observation_std=jnp.exp(drawn(1.0, sizes[0])),
         control=control,
         rate=RATES[control],
         history=history,
@@ -61,7 +69,9 @@ def computed(model, observations):
     """Commands and actions as onnxruntime computes them."""
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
-    return onnxruntime.InferenceSession(model, options).run(["command", "action"], {"observation": observations})
+    return onnxruntime.InferenceSession(model, options).run(
+        ["command", "action"], {"observation": observations}
+    )
 
 
 @pytest.mark.parametrize(
@@ -78,12 +88,14 @@ def computed(model, observations):
 def test_the_model_computes_what_python_computes(control, hidden, history):
     one = made(control, hidden, history)
     spread = np.random.default_rng(1).normal(size=(10_000, 20 * history)).astype(np.float32)
-    observations = np.asarray(one.observation_mean) + np.asarray(one.observation_deviation) * spread
+    observations = np.asarray(one.observation_mean) + np.asarray(one.observation_std) * spread
     expected = np.asarray(ACTIONS(one, jnp.asarray(observations)))
     command, action = computed(to_onnx(one), observations)
     assert command.dtype == action.dtype == np.float32
     assert np.all(np.abs(action - expected) <= 1e-5 * np.maximum(1.0, np.abs(expected)))
-    np.testing.assert_allclose(command, COMMANDED[control](np.clip(expected, -1, 1)), rtol=0, atol=1e-5)
+    np.testing.assert_allclose(
+        command, COMMANDED[control](np.clip(expected, -1, 1)), rtol=0, atol=1e-5
+    )
     assert (np.abs(expected) > 1).any()
 
 
@@ -96,7 +108,10 @@ def test_the_model_is_sound_and_says_what_it_is():
         for value in (*model.graph.input, *model.graph.output)
     }
     assert shapes == {"observation": ["batch", 60], "command": ["batch", 4], "action": ["batch", 4]}
-    assert (model.ir_version, [(entry.domain, entry.version) for entry in model.opset_import]) == (IR, [("", OPSET)])
+    assert (model.ir_version, [(entry.domain, entry.version) for entry in model.opset_import]) == (
+        IR,
+        [("", OPSET)],
+    )
     told = {entry.key: entry.value for entry in model.metadata_props}
     assert json.loads(told.pop("record")) == {"seed": 3, "inputs": ["policy_1.json"]}
     assert "at most 10 deg" in told.pop("command")
@@ -111,7 +126,9 @@ def test_the_model_is_sound_and_says_what_it_is():
 
 
 def test_the_same_policy_and_record_give_the_same_bytes():
-    assert to_onnx(made(), {"seed": 1}) == to_onnx(made(), {"seed": 1}) != to_onnx(made(), {"seed": 2})
+    assert (
+        to_onnx(made(), {"seed": 1}) == to_onnx(made(), {"seed": 1}) != to_onnx(made(), {"seed": 2})
+    )
 
 
 @pytest.mark.parametrize("poison", [np.nan, np.inf, -np.inf])
@@ -133,7 +150,9 @@ def test_an_action_that_overflows_gives_no_command():
 
 def test_without_the_package_one_error_says_how_to_install_it(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "onnx", None)
-    with pytest.raises(InputError, match=r"onnx is not installed.*pip install 'maidenflight\[onnx\]'"):
+    with pytest.raises(
+        InputError, match=r"onnx is not installed.*pip install 'maidenflight\[onnx\]'"
+    ):
         export_onnx(made(), tmp_path)
     assert not list(tmp_path.iterdir())
 
@@ -142,8 +161,14 @@ def test_what_makes_no_sense_is_refused(tmp_path):
     one = made()
     for wrong, message in (
         (dataclasses.replace(one, control="motor"), "control = 'motor', expected one of"),
-        (dataclasses.replace(one, biases=(*one.biases[:-1], jnp.array([0, 0, jnp.nan, 0]))), "not a finite number"),
-        (dataclasses.replace(one, weights=(*one.weights[:-1], jnp.full((4, 50), 3e38))), "overflows float32"),
+        (
+            dataclasses.replace(one, biases=(*one.biases[:-1], jnp.array([0, 0, jnp.nan, 0]))),
+            "not a finite number",
+        ),
+        (
+            dataclasses.replace(one, weights=(*one.weights[:-1], jnp.full((4, 50), 3e38))),
+            "overflows float32",
+        ),
         (jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), one), "expected"),
     ):
         with pytest.raises(InputError, match=message):
@@ -175,7 +200,7 @@ THEIRS = {
         damaged(OURS, "layers", 0, "weights", 0, 0, to=1e39).encode(),
         damaged(OURS, "layers", 1, "biases", to=[[]]).encode(),
         damaged(OURS, "layers", to={}).encode(),
-        damaged(OURS, "observation_deviation", 3, to=0).encode(),
+        damaged(OURS, "observation_std", 3, to=0).encode(),
         damaged(THEIRS, "0", "weights", 0, 0, to=1.0).encode(),
         damaged(THEIRS, "0", "weights", 0, to="weights").encode(),
         damaged(THEIRS, "scaling_parameters", 1, 0, to=-1.0).encode(),
@@ -213,7 +238,10 @@ def test_the_command_exports_both_kinds_of_policies_to_everything(tmp_path, monk
         (["mine.json", "--to", "authors"], ["authors_policy/pwm_mine.json"]),
         (["theirs.json", "--control", "attitude", "-o", "a"], ["a/policy.h", "a/policy.c"]),
         (["theirs.json", "--control", "attitude", "--to", "onnx", "-o", "b"], ["b/policy.onnx"]),
-        (["theirs.json", "--control", "attitude", "--to", "authors", "-o", "c"], ["c/attitude_theirs.json"]),
+        (
+            ["theirs.json", "--control", "attitude", "--to", "authors", "-o", "c"],
+            ["c/attitude_theirs.json"],
+        ),
         (["authors_policy/pwm_mine.json", "--to", "onnx", "-o", "d"], ["d/policy.onnx"]),
     ):
         code, output = said(monkeypatch, capsys, "export", *arguments, "--json")
@@ -233,7 +261,12 @@ def test_the_command_exports_both_kinds_of_policies_to_everything(tmp_path, monk
 def test_c_is_what_is_exported_unless_told_and_as_before(tmp_path):
     path = policy.write(tmp_path / "policy_1.json", untrained(jax.random.key(0), (8,)))
     given = workflow.export(path, tmp_path / "given", 7)
-    expected = export_c(policy.read(path), tmp_path / "expected", seed=7, record=results.record(seed=7, inputs=[path], settings={}))
+    expected = export_c(
+        policy.read(path),
+        tmp_path / "expected",
+        seed=7,
+        record=results.record(seed=7, inputs=[path], settings={}),
+    )
     assert [file.read_bytes() for file in given] == [file.read_bytes() for file in expected]
 
 
@@ -242,14 +275,19 @@ def test_help_imports_no_onnx():
         "import sys; sys.argv = ['maidenflight', 'export', '--help']\n"
         "from maidenflight import cli\n"
         "try: cli.main()\n"
-        "finally: print('HEAVY', [name for name in ('onnx', 'onnxruntime', 'jax') if name in sys.modules])"
+        "finally: print('HEAVY', [name for name in ('onnx', 'onnxruntime', 'jax') if name in "
+        "sys.modules])"
     )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
     assert "HEAVY []" in done.stdout, done.stdout + done.stderr
 
 
 def blocks(language):
-    return re.findall(rf"^```{language}\n(.*?)^```", (ROOT / "docs/export.md").read_text(), re.M | re.S)
+    return re.findall(
+        rf"^```{language}\n(.*?)^```", (ROOT / "docs/export.md").read_text(), re.M | re.S
+    )
 
 
 def test_the_commands_and_the_code_of_the_page_run(tmp_path, monkeypatch, capsys):
@@ -268,6 +306,8 @@ def test_the_commands_and_the_code_of_the_page_run(tmp_path, monkeypatch, capsys
     if compiler:
         (snippet,) = blocks("c")
         Path("firmware/main.c").write_text(snippet)
-        subprocess.run([compiler, *STRICT, "main.c", "policy.c", "-o", "fly"], cwd="firmware", check=True)
+        subprocess.run(
+            [compiler, *STRICT, "main.c", "policy.c", "-o", "fly"], cwd="firmware", check=True
+        )
         spoken = subprocess.run(["firmware/fly"], capture_output=True, text=True, check=True).stdout
         assert len(re.findall(r"0\.\d+", spoken)) == 4

@@ -1,7 +1,9 @@
-"""The exported C on an emulated STM32F405, the Crazyflie's processor: what it computes, what it refuses, what it costs.
+"""The exported C on an emulated STM32F405, the Crazyflie's processor: what it computes, what it
+refuses, what it costs.
 
-QEMU's `netduinoplus2` runs the flash image. It counts instructions and knows nothing of the pipeline or of the flash's wait states, so
-what is held here is a number of instructions and not a time.
+QEMU's `netduinoplus2` runs the flash image. It counts instructions and knows nothing of the
+pipeline or of the flash's wait states, so what is held here is a number of instructions and not a
+time.
 """
 
 import shutil
@@ -23,18 +25,48 @@ from maidenflight.simulator.control import CONTROLLERS
 from maidenflight.simulator.sensors import Measurement
 
 HERE = Path(__file__).parent / "target"
-TOOLS = ("arm-none-eabi-gcc", "arm-none-eabi-objcopy", "arm-none-eabi-nm", "arm-none-eabi-size", "qemu-system-arm")
+TOOLS = (
+    "arm-none-eabi-gcc",
+    "arm-none-eabi-objcopy",
+    "arm-none-eabi-nm",
+    "arm-none-eabi-size",
+    "qemu-system-arm",
+)
 MISSING = [name for name in TOOLS if not shutil.which(name)]
-PROCESSOR = ("-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard", "-ffreestanding")
+PROCESSOR = (
+    "-mcpu=cortex-m4",
+    "-mthumb",
+    "-mfpu=fpv4-sp-d16",
+    "-mfloat-abi=hard",
+    "-ffreestanding",
+)
 """The firmware's flags, and no library."""
 EMULATOR = (
-    *("qemu-system-arm", "-M", "netduinoplus2", "-display", "none", "-monitor", "none", "-serial", "null"),
-    *("-semihosting-config", "enable=on,target=native", "-icount", "shift=0", "-kernel", "image.bin"),
+    *(
+        "qemu-system-arm",
+        "-M",
+        "netduinoplus2",
+        "-display",
+        "none",
+        "-monitor",
+        "none",
+        "-serial",
+        "null",
+    ),
+    *(
+        "-semihosting-config",
+        "enable=on,target=native",
+        "-icount",
+        "shift=0",
+        "-kernel",
+        "image.bin",
+    ),
 )
 FLASH_BEGIN = 0x08000000
 OBSERVATIONS, HISTORIES, STEPS = 10_000, 4, 500
 TICKS_PER_INSTRUCTION = 0.168
-"""With `-icount shift=0` an instruction takes 1 ns of the emulator's time, and SysTick counts 168 MHz."""
+"""With `-icount shift=0` an instruction takes 1 ns of the emulator's time, and SysTick counts 168
+MHz."""
 INSTRUCTIONS = 16_000
 """Bar of a whole step: the network and what stands around it."""
 FLASH, RAM = 24_000, 2_000
@@ -44,7 +76,8 @@ pytestmark = pytest.mark.skipif(bool(MISSING), reason=f"not on this machine: {',
 
 
 class Flown(NamedTuple):
-    """What Python and the board made of the same observations and histories; actions (10_000, 4), the rest (4, 500, ...)."""
+    """What Python and the board made of the same observations and histories; actions (10_000, 4),
+    the rest (4, 500, ...)."""
 
     actions: np.ndarray
     history: np.ndarray
@@ -53,7 +86,8 @@ class Flown(NamedTuple):
 
 
 class Board(NamedTuple):
-    """A folder with the built object and image, what was computed there, and what Python computes."""
+    """A folder with the built object and image, what was computed there, and what Python
+    computes."""
 
     folder: Path
     board: Flown
@@ -67,7 +101,15 @@ def built(policy: Policy, folder: Path) -> None:
     export_c(policy, folder)
     compiler = ("arm-none-eabi-gcc", *PROCESSOR, "-Os")
     linking = ("-nostdlib", "-T", HERE / "stm32f405.ld", "-o", "image.elf")
-    plain = ("-std=gnu11", "-Wall", "-Wextra", "-Werror", "-fno-tree-loop-distribute-patterns", f"-DSTEPS={STEPS}", "-I.")
+    plain = (
+        "-std=gnu11",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        "-fno-tree-loop-distribute-patterns",
+        f"-DSTEPS={STEPS}",
+        "-I.",
+    )
     for command in (
         (*compiler, *STRICT, "-c", "policy.c"),
         (*compiler, *plain, HERE / "startup.c", HERE / "main.c", "policy.o", *linking),
@@ -84,17 +126,40 @@ def run(folder: Path) -> bool:
     return np.fromfile(folder / "verdict", np.uint32).tolist() == [1]
 
 
-def flown_in_python(policy: Policy, observations: np.ndarray, last: np.ndarray, moments: Measurement, setpoints: jax.Array) -> Flown:
+def flown_in_python(
+    policy: Policy,
+    observations: np.ndarray,
+    last: np.ndarray,
+    moments: Measurement,
+    setpoints: jax.Array,
+) -> Flown:
     """All histories at once, each step from what the step before remembered."""
-    act, observe, commands = jax.jit(jax.vmap(policy)), jax.jit(jax.vmap(environment.observe)), COMMANDS[policy.control]
+    act, observe, commands = (
+        jax.jit(jax.vmap(policy)),
+        jax.jit(jax.vmap(environment.observe)),
+        COMMANDS[policy.control],
+    )
     memory, action, flown = None, jnp.asarray(last), []
     for step in range(STEPS):
         now = Measurement(*(part[:, step] for part in moments))
         instant = np.asarray(observe(now, setpoints[:, step], action))[:, None]
-        memory = np.repeat(instant, policy.history, axis=1) if memory is None else np.concatenate([memory[:, 1:], instant], axis=1)
+        memory = (
+            np.repeat(instant, policy.history, axis=1)
+            if memory is None
+            else np.concatenate([memory[:, 1:], instant], axis=1)
+        )
         action = act(jnp.asarray(memory.reshape(len(memory), -1)))
-        flown.append((memory, action, np.array(commands.centre) + np.array(commands.span) * np.clip(action, -1, 1)))
-    return Flown(np.asarray(jax.vmap(policy)(jnp.asarray(observations))), *(np.stack(part, axis=1) for part in zip(*flown, strict=True)))
+        flown.append(
+            (
+                memory,
+                action,
+                np.array(commands.centre) + np.array(commands.span) * np.clip(action, -1, 1),
+            )
+        )
+    return Flown(
+        np.asarray(jax.vmap(policy)(jnp.asarray(observations))),
+        *(np.stack(part, axis=1) for part in zip(*flown, strict=True)),
+    )
 
 
 @pytest.fixture(scope="module", params=list(COMMANDS))
@@ -104,19 +169,41 @@ def flown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     policy = restless(controller=CONTROLLERS[request.param]())
     built(policy, folder)
     spread = random.normal(size=(OBSERVATIONS, len(policy.observation_mean)))
-    observations = (np.asarray(policy.observation_mean) + np.asarray(policy.observation_deviation) * spread).astype(np.float32)
+    observations = (
+        np.asarray(policy.observation_mean) + np.asarray(policy.observation_std) * spread
+    ).astype(np.float32)
     last = random.uniform(-1, 1, (HISTORIES, 4)).astype(np.float32)
     walks = [walk(STEPS, seed) for seed in range(HISTORIES)]
-    moments = Measurement(*(jnp.array([[moment[place] for moment in moments] for moments, _ in walks]) for place in range(4)))
+    moments = Measurement(
+        *(
+            jnp.array([[moment[place] for moment in moments] for moments, _ in walks])
+            for place in range(4)
+        )
+    )
     setpoints = jnp.array([points for _, points in walks])
-    seen = np.concatenate([moments.position, moments.quaternion, moments.velocity, moments.body_rates, setpoints], axis=-1)
+    seen = np.concatenate(
+        [moments.position, moments.quaternion, moments.velocity, moments.body_rates, setpoints],
+        axis=-1,
+    )
     (folder / "observations").write_bytes(observations.tobytes())
-    (folder / "histories").write_bytes(np.hstack([last, seen.reshape(HISTORIES, -1)]).astype(np.float32).tobytes())
+    (folder / "histories").write_bytes(
+        np.hstack([last, seen.reshape(HISTORIES, -1)]).astype(np.float32).tobytes()
+    )
     assert run(folder)
     actions = np.fromfile(folder / "actions", np.float32).reshape(OBSERVATIONS, 4)
     steps = np.fromfile(folder / "flown", np.float32).reshape(HISTORIES, STEPS, 48)
-    board = Flown(actions, steps[..., :40].reshape(HISTORIES, STEPS, 2, 20), steps[..., 40:44], steps[..., 44:])
-    return Board(folder, board, flown_in_python(policy, observations, last, moments, setpoints), np.fromfile(folder / "costs", np.uint32))
+    board = Flown(
+        actions,
+        steps[..., :40].reshape(HISTORIES, STEPS, 2, 20),
+        steps[..., 40:44],
+        steps[..., 44:],
+    )
+    return Board(
+        folder,
+        board,
+        flown_in_python(policy, observations, last, moments, setpoints),
+        np.fromfile(folder / "costs", np.uint32),
+    )
 
 
 def test_the_board_computes_and_remembers_what_python_does(flown: Board):
@@ -130,25 +217,50 @@ def test_a_step_stays_within_its_instructions_flash_and_memory(flown: Board):
     loop, calls, network, step, state, stack_of_step, stack_of_self_test = flown.costs.tolist()
     assert loop == pytest.approx(200_000 * TICKS_PER_INSTRUCTION, rel=1e-4)
     network, step = (ticks / TICKS_PER_INSTRUCTION / calls for ticks in (network, step))
-    found = subprocess.run(["arm-none-eabi-size", "policy.o"], cwd=flown.folder, capture_output=True, text=True, check=True)
+    found = subprocess.run(
+        ["arm-none-eabi-size", "policy.o"],
+        cwd=flown.folder,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     text, data, bss = (int(number) for number in found.stdout.splitlines()[1].split()[:3])
     stack = max(stack_of_step, stack_of_self_test)
-    print(f"network {network:.1f}, step {step:.1f} instructions; text {text}, data {data}, bss {bss}, state {state}, stack {stack} bytes")
+    print(
+        f"network {network:.1f}, step {step:.1f} instructions; text {text}, data {data}, bss "
+        f"{bss}, state {state}, stack {stack} bytes"
+    )
     assert network < step <= INSTRUCTIONS
     assert text + data <= FLASH
     assert data + bss + state + stack <= RAM
 
 
 def test_the_object_needs_no_library(flown: Board):
-    found = subprocess.run(["arm-none-eabi-nm", "-u", "policy.o"], cwd=flown.folder, capture_output=True, text=True, check=True)
+    found = subprocess.run(
+        ["arm-none-eabi-nm", "-u", "policy.o"],
+        cwd=flown.folder,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     assert found.stdout == ""
 
 
 @pytest.fixture
 def damaged(flown: Board, tmp_path: Path) -> Callable[[str], bool]:
-    """Boots the image with the last bit of a table's first number turned; whether the self test passed."""
-    listed = subprocess.run(["arm-none-eabi-nm", "image.elf"], cwd=flown.folder, capture_output=True, text=True, check=True)
-    addresses = {name: int(address, 16) for address, _, name in (line.split() for line in listed.stdout.splitlines())}
+    """Boots the image with the last bit of a table's first number turned; whether the self test
+    passed."""
+    listed = subprocess.run(
+        ["arm-none-eabi-nm", "image.elf"],
+        cwd=flown.folder,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    addresses = {
+        name: int(address, 16)
+        for address, _, name in (line.split() for line in listed.stdout.splitlines())
+    }
     image = (flown.folder / "image.bin").read_bytes()
 
     def passes(table: str) -> bool:

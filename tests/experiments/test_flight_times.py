@@ -1,4 +1,5 @@
-"""Flight times follow from physics and guards, and tell of the real ones what the authors' logs allow."""
+"""Flight times follow from physics and guards, and tell of the real ones what the authors' logs
+allow."""
 
 import dataclasses
 import subprocess
@@ -32,7 +33,11 @@ SHORT = {"trials": 3, "duration": 3.0}
 def constant(action: tuple[float, ...], kind: str = "pwm") -> Policy:
     """A policy that always does the same."""
     made = jax.tree.map(jnp.zeros_like, untrained(KEY, (8,)))
-    made = dataclasses.replace(made, biases=(made.biases[0], jnp.array(action, jnp.float32)), observation_deviation=jnp.ones(40))
+    made = dataclasses.replace(
+        made,
+        biases=(made.biases[0], jnp.array(action, jnp.float32)),
+        observation_std=jnp.ones(40),
+    )
     return dataclasses.replace(made, control=kind, rate=RATES[kind])
 
 
@@ -44,8 +49,12 @@ def restless(kind: str, number: int) -> Policy:
 
 
 @pytest.mark.parametrize("kind", ["pwm", "attitude_rate"])
-@pytest.mark.parametrize(("farthest", "reason"), [(0.25, "position error"), (0.6, "position error"), (2.5, "height")])
-def test_a_drone_that_cuts_its_motors_falls_as_newton_says_until_the_guard_trips(kind: str, farthest: float, reason: str) -> None:
+@pytest.mark.parametrize(
+    ("farthest", "reason"), [(0.25, "position error"), (0.6, "position error"), (2.5, "height")]
+)
+def test_a_drone_that_cuts_its_motors_falls_as_newton_says_until_the_guard_trips(
+    kind: str, farthest: float, reason: str
+) -> None:
     drone = noiseless(crazyflie())
     lag, delay = float(drone.motor_time_constant), float(drone.latency)
     time = np.arange(0, 2, 1e-3)
@@ -56,21 +65,33 @@ def test_a_drone_that_cuts_its_motors_falls_as_newton_says_until_the_guard_trips
     away = np.sqrt(height**2 + (0.25 * (1 - np.cos(angle))) ** 2 + (0.25 * np.sin(angle)) ** 2)
     expected = time[np.argmax((away > farthest) | (height > 1.0))]
     fallen = predict_flight_times(
-        [constant((-1, 0, 0, 0) if kind != "pwm" else (-1,) * 4, kind)], drone, KEY, start=STILL, farthest=farthest, **SHORT
+        [constant((-1, 0, 0, 0) if kind != "pwm" else (-1,) * 4, kind)],
+        drone,
+        KEY,
+        start=STILL,
+        farthest=farthest,
+        **SHORT,
     )
     assert set(fallen["end_reason"]) == {reason}
     np.testing.assert_allclose(fallen["duration"], expected, atol=0.011)
 
 
 def test_a_policy_that_rolls_at_60_deg_a_second_meets_the_tilt_guard_after_half_a_second() -> None:
-    rolled = predict_flight_times([constant((0.2, 1.0, 0.0, 0.0), "attitude_rate")], noiseless(crazyflie()), KEY, start=STILL, **SHORT)
+    rolled = predict_flight_times(
+        [constant((0.2, 1.0, 0.0, 0.0), "attitude_rate")],
+        noiseless(crazyflie()),
+        KEY,
+        start=STILL,
+        **SHORT,
+    )
     assert set(rolled["end_reason"]) == {"tilt"}
     assert rolled["duration"].is_between(0.45, 0.7).all()
 
 
 @pytest.mark.parametrize("output", [0.5, 1.3])
 def test_attitude_is_asked_for_without_clipping(output: float) -> None:
-    """Rate PIDs get 6 + 3 x 2 ms times 10 deg; the first tick's derivative saturates them, the second's does not."""
+    """Rate PIDs get 6 + 3 x 2 ms times 10 deg; the first tick's derivative saturates them, the
+    second's does not."""
     flown = as_flown.attitude_as_flown()
     level = Measurement(jnp.zeros(3), jnp.zeros(3), jnp.array([0.0, 0.0, 0.0, 1.0]), jnp.zeros(3))
     memory, action = flown.init(), jnp.array([0.0, output, 0.0, 0.0])
@@ -78,7 +99,9 @@ def test_attitude_is_asked_for_without_clipping(output: float) -> None:
     _, command = flown.command(memory, action, level, jnp.zeros(3))
     wanted = [6 * 10 * output + 3 * 10 * output * 0.002 * tick for tick in (1, 2)]
     torque = 250 * wanted[1] + 500 * sum(wanted) * 0.002 + 2.5 * (wanted[1] - wanted[0]) / 0.002
-    counts = np.clip(45000 + np.trunc(min(torque, 32767.0) / 2) * np.array([-1, -1, 1, 1]), 0, 60000)
+    counts = np.clip(
+        45000 + np.trunc(min(torque, 32767.0) / 2) * np.array([-1, -1, 1, 1]), 0, 60000
+    )
     np.testing.assert_allclose(np.asarray(command) * 60000, counts, atol=2)
 
 
@@ -95,47 +118,66 @@ def test_attitude_is_asked_for_without_clipping(output: float) -> None:
         ((0.0, 0.0, 0.0), (0.0, np.nan, 0.0), (0.0, 0.0, 1.0), "not finite"),
     ],
 )
-def test_the_guard_is_the_papers_on_what_the_sensors_tell(attitude: tuple, body_rates: tuple, position: tuple, reason: str) -> None:
+def test_the_guard_is_the_papers_on_what_the_sensors_tell(
+    attitude: tuple, body_rates: tuple, position: tuple, reason: str
+) -> None:
     place = jnp.array(position, jnp.float32)
     seen = Measurement(
-        place, jnp.zeros(3), rotations.from_attitude(jnp.radians(jnp.array(attitude))), jnp.radians(jnp.array(body_rates, jnp.float32))
+        place,
+        jnp.zeros(3),
+        rotations.from_attitude(jnp.radians(jnp.array(attitude))),
+        jnp.radians(jnp.array(body_rates, jnp.float32)),
     )
-    simulated = Environment()
-    begun = environment.begin(simulated, dynamics.at_hover(place, crazyflie()), jnp.zeros(()), crazyflie(), KEY)
-    found = flight_times.guard(begun._replace(measurement=seen), jnp.array([0.0, 0.0, 1.0]), jnp.float32(2.5))
+    env = Environment()
+    begun = environment.begin(
+        env, dynamics.at_hover(place, crazyflie()), jnp.zeros(()), crazyflie(), KEY
+    )
+    found = flight_times.guard(
+        begun._replace(measurement=seen), jnp.array([0.0, 0.0, 1.0]), jnp.float32(2.5)
+    )
     assert tasks.END_REASONS[int(found)] == reason
 
 
 def test_yaw_rate_is_the_rate_pids_own_set_point() -> None:
-    """The counts of the first tick: 120 and 16.7 times 60 deg/s, and all thrust asked for beside it."""
+    """The counts of the first tick: 120 and 16.7 times 60 deg/s, and all thrust asked for beside
+    it."""
     flown = as_flown.attitude_rate_as_flown()
     level = Measurement(jnp.zeros(3), jnp.zeros(3), jnp.array([0.0, 0.0, 0.0, 1.0]), jnp.zeros(3))
     _, command = flown.command(flown.init(), jnp.array([0.0, 0.0, 0.0, 1.0]), level, jnp.zeros(3))
     yaw = np.trunc(120 * 60 + 16.7 * 60 * 0.002)
-    np.testing.assert_allclose(np.asarray(command) * 60000, 30000 + yaw * np.array([-1, 1, -1, 1]), atol=0.01)
+    np.testing.assert_allclose(
+        np.asarray(command) * 60000, 30000 + yaw * np.array([-1, 1, -1, 1]), atol=0.01
+    )
 
 
 def test_policies_see_the_history_and_hold_the_actions_of_their_own_rate() -> None:
-    """As in an environment that acts at that rate: its layout is held against the drone's logs. Only the guard looks more often."""
+    """As in an environment that acts at that rate: its layout is held against the drone's logs.
+    Only the guard looks more often."""
     structure = as_flown.attitude_as_flown()._replace(action_rate=25)
     policies = [restless("attitude", number) for number in range(4)]
     drone = replace(noiseless(crazyflie()), time_step=control.time_step(structure))
-    simulated = Environment.matching(drone, tasks.circle(), structure)
-    state = flight_times._first_state(simulated, drone, STILL, KEY)
+    env = Environment.matching(drone, tasks.circle(), structure)
+    state = flight_times._first_state(env, drone, STILL, KEY)
 
     @jax.jit
     def fly(policy: Policy) -> jax.Array:
-        def one(episode: environment.Episode, _: None) -> tuple[environment.Episode, jax.Array]:
-            after = environment.step(simulated, episode, policy(environment.observation(episode)), drone, KEY)[0]
+        def one(env_state: environment.EnvState, _: None) -> tuple[environment.EnvState, jax.Array]:
+            after = environment.step(
+                env, env_state, policy(environment.observation(env_state)), drone, KEY
+            )[0]
             return after, jnp.max(jnp.abs(rotations.to_attitude(after.measurement.quaternion)[:2]))
 
-        first = environment.begin(simulated, state, jnp.zeros(()), drone, KEY)
+        first = environment.begin(env, state, jnp.zeros(()), drone, KEY)
         return jax.lax.scan(one, first, None, length=75)[1]
 
-    flown = predict_flight_times(policies, drone, KEY, start=STILL, farthest=1e6, trials=1, duration=3.0)
+    flown = predict_flight_times(
+        policies, drone, KEY, start=STILL, farthest=1e6, trials=1, duration=3.0
+    )
     assert flown["end_reason"].to_list() == ["tilt"] * 4
     for policy, duration in zip(policies, flown["duration"].to_list(), strict=True):
-        assert int(np.argmax(np.asarray(fly(policy)) > np.radians(30))) + 1 == np.ceil(round(duration * 100) / 4)
+        assert int(np.argmax(np.asarray(fly(policy)) > np.radians(30))) + 1 == np.ceil(
+            round(duration * 100) / 4
+        )
 
 
 def test_a_seed_gives_the_same_flights_and_another_seed_others() -> None:
@@ -152,7 +194,8 @@ def times(flown: polars.DataFrame) -> list:
 
 
 def test_a_policys_flights_are_its_own_whoever_flies_beside_it() -> None:
-    """Also policies of other sizes, histories and control structures, more trials, and less time."""
+    """Also policies of other sizes, histories and control structures, more trials, and less
+    time."""
     policies = [restless(kind, number) for kind in ("pwm", "attitude") for number in range(3)]
     policies.insert(1, untrained(KEY))
     assert policies[0].layer_sizes != policies[1].layer_sizes
@@ -160,7 +203,9 @@ def test_a_policys_flights_are_its_own_whoever_flies_beside_it() -> None:
     together = predict_flight_times(policies, crazyflie(), KEY, names=names, **SHORT)
     assert together["policy"].unique(maintain_order=True).to_list() == names
     for name, policy in zip(names, policies, strict=True):
-        alone = predict_flight_times([policy], crazyflie(), KEY, names=[name], trials=5, duration=3.0)
+        alone = predict_flight_times(
+            [policy], crazyflie(), KEY, names=[name], trials=5, duration=3.0
+        )
         assert times(alone)[:3] == times(together.filter(polars.col("policy") == name))
     cut = predict_flight_times(policies, crazyflie(), KEY, names=names, trials=3, duration=0.5)
     assert cut["duration"].to_list() == [min(duration, 0.5) for duration in together["duration"]]
@@ -169,11 +214,20 @@ def test_a_policys_flights_are_its_own_whoever_flies_beside_it() -> None:
 
 def test_many_policies_of_many_trials_are_told_of_as_they_land() -> None:
     policies, told = [restless("pwm", number) for number in range(12)], []
-    flown = predict_flight_times(policies, crazyflie(), KEY, trials=20, duration=3.0, on_policy=lambda *done: told.append(done))
+    flown = predict_flight_times(
+        policies,
+        crazyflie(),
+        KEY,
+        trials=20,
+        duration=3.0,
+        on_policy=lambda *done: told.append(done),
+    )
     assert told == [(number, 12) for number in range(1, 13)]
     assert flown.height == 240
     assert flown["trial"].to_list() == list(range(1, 21)) * 12
-    few = predict_flight_times(policies[-1:], crazyflie(), KEY, trials=20, duration=3.0, names=["policy_12"])
+    few = predict_flight_times(
+        policies[-1:], crazyflie(), KEY, trials=20, duration=3.0, names=["policy_12"]
+    )
     assert times(flown.tail(20)) == times(few)
 
 
@@ -189,9 +243,18 @@ assert jax.device_count() == 2
 
 
 def test_two_devices_give_what_one_gives() -> None:
-    done = subprocess.run([sys.executable, "-c", DEVICES, str(Path(__file__).parent)], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", DEVICES, str(Path(__file__).parent)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
-    alone = times(predict_flight_times([restless("pwm", number) for number in range(3)], crazyflie(), KEY, **SHORT))
+    alone = times(
+        predict_flight_times(
+            [restless("pwm", number) for number in range(3)], crazyflie(), KEY, **SHORT
+        )
+    )
     assert done.stdout.strip() == str(alone)
 
 
@@ -205,8 +268,13 @@ def test_an_ensemble_of_equal_drones_is_the_drone_and_of_unequal_ones_each_in_tu
     assert flown.equals(predict_flight_times(policies, stacked(*[crazyflie()] * 5), KEY, **SHORT))
     weak, strong = (noiseless(replace(crazyflie(), thrust_to_weight=ratio)) for ratio in (1.0, 1.6))
     hover = [constant((0.25,) * 4)] * 2
-    single = [predict_flight_times(hover, drone, KEY, start=STILL, **SHORT)["duration"].to_list() for drone in (weak, strong)]
-    mixed = predict_flight_times(hover, stacked(weak, strong), KEY, start=STILL, **SHORT)["duration"].to_list()
+    single = [
+        predict_flight_times(hover, drone, KEY, start=STILL, **SHORT)["duration"].to_list()
+        for drone in (weak, strong)
+    ]
+    mixed = predict_flight_times(hover, stacked(weak, strong), KEY, start=STILL, **SHORT)[
+        "duration"
+    ].to_list()
     assert len({single[0][0], single[1][0]}) == 2
     assert set(mixed) == {single[0][0], single[1][0]}
 
@@ -245,7 +313,10 @@ def test_agreement_is_scipys_with_ties_and_mean_absolute_error() -> None:
     assert agreement(np.arange(5.0), 2 * np.arange(5.0)).spearman == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize(("predicted", "measured"), [([1.0], [1.0]), ([1.0, 2.0], [1.0]), ([1.0, np.nan], [1.0, 2.0]), ([], [])])
+@pytest.mark.parametrize(
+    ("predicted", "measured"),
+    [([1.0], [1.0]), ([1.0, 2.0], [1.0]), ([1.0, np.nan], [1.0, 2.0]), ([], [])],
+)
 def test_what_cannot_be_compared_is_refused(predicted: list[float], measured: list[float]) -> None:
     with pytest.raises(InputError, match="expected two equal rows"):
         agreement(np.array(predicted), np.array(measured))
@@ -259,10 +330,16 @@ def test_what_cannot_be_compared_is_refused(predicted: list[float], measured: li
         ([constant((0,) * 4)], {"names": ["a", "b"]}, "2 names"),
         ([constant((0,) * 4)] * 2, {"names": ["a", "a"]}, "a name for each"),
         ([constant((0,) * 4)], {"duration": 0.001}, "at least 0.01 s"),
-        ([dataclasses.replace(constant((0,) * 4), rate=30)], {"names": ["slow.json"]}, "slow.json: pwm at 30 Hz, which does not divide"),
+        (
+            [dataclasses.replace(constant((0,) * 4), rate=30)],
+            {"names": ["slow.json"]},
+            "slow.json: pwm at 30 Hz, which does not divide",
+        ),
     ],
 )
-def test_what_cannot_be_flown_is_refused(policies: list[Policy], settings: dict, message: str) -> None:
+def test_what_cannot_be_flown_is_refused(
+    policies: list[Policy], settings: dict, message: str
+) -> None:
     with pytest.raises(InputError, match=message):
         predict_flight_times(policies, crazyflie(), KEY, **settings)
 
@@ -272,20 +349,33 @@ def published(folder: Path, kind: str) -> tuple[list[Policy], np.ndarray]:
     archive, flights = np.load(folder / "policies.npz"), polars.read_csv(folder / "flights.csv")
     policies, means = [], []
     for place in np.flatnonzero(archive["control"] == kind):
-        weights, biases = (tuple(archive[f"{name}{layer}"][place] for layer in range(3)) for name in "Wb")
-        scaling = archive["observation_mean"][place], archive["observation_std"][place] + np.float32(1e-5)
+        weights, biases = (
+            tuple(archive[f"{name}{layer}"][place] for layer in range(3)) for name in "Wb"
+        )
+        scaling = (
+            archive["observation_mean"][place],
+            archive["observation_std"][place] + np.float32(1e-5),
+        )
         policies.append(Policy(weights, biases, *scaling, control=kind, rate=RATES[kind]))
-        own = flights.filter((polars.col("control") == kind) & (polars.col("policy") == int(archive["policy"][place])))
+        own = flights.filter(
+            (polars.col("control") == kind)
+            & (polars.col("policy") == int(archive["policy"][place]))
+        )
         means.append(np.mean(own["flight_time_s"].to_numpy()))
     return policies, np.array(means)
 
 
-def test_a_drone_of_three_parameters_ranks_the_published_pwm_policies_as_their_flights_did(shared_data: Path) -> None:
+def test_a_drone_of_three_parameters_ranks_the_published_pwm_policies_as_their_flights_did(
+    shared_data: Path,
+) -> None:
     """0.89 and 3.5 s measured; the paper's drone misses their times by 5.8 s."""
     policies, measured = published(shared_data / "authors", "pwm")
     drone = replace(crazyflie(), thrust_to_weight=1.50, motor_time_constant=0.080, latency=0.010)
     found, papers = (
-        agreement(summary(predict_flight_times(policies, flown, KEY, trials=4))["mean"].to_numpy(), measured)
+        agreement(
+            summary(predict_flight_times(policies, flown, KEY, trials=4))["mean"].to_numpy(),
+            measured,
+        )
         for flown in (drone, crazyflie())
     )
     assert found.spearman > 0.8

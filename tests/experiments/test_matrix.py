@@ -1,4 +1,5 @@
-"""The matrix: what its file may say, that it goes on where it was, and that policies fly at their structure's own rate."""
+"""The matrix: what its file may say, that it goes on where it was, and that policies fly at their
+structure's own rate."""
 
 import json
 from pathlib import Path
@@ -41,7 +42,13 @@ def put(folder: Path, text: str) -> Path:
 def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, polars.DataFrame, list[str]]:
     folder, said = tmp_path_factory.mktemp("matrix"), []
     asked = matrix.read(put(folder, TINY))
-    return folder, workflow.transfer_matrix(asked, folder / "made", lambda done, of, what: said.append(f"{done}/{of} {what}")), said
+    return (
+        folder,
+        workflow.transfer_matrix(
+            asked, folder / "made", lambda done, of, what: said.append(f"{done}/{of} {what}")
+        ),
+        said,
+    )
 
 
 def test_the_papers_matrices_are_the_papers() -> None:
@@ -51,8 +58,13 @@ def test_the_papers_matrices_are_the_papers() -> None:
     assert paper.rates == {"pwm": 100, "attitude_rate": 50, "attitude": 25}
     assert authors.rates == {"attitude_rate": 100, "attitude": 100}
     # As far ahead in time, whatever the rate.
-    assert paper.controls["attitude_rate"].horizon / 50 == authors.controls["attitude_rate"].horizon / 100
-    assert {cell._replace(control="") for cell in paper.cells} == {cell._replace(control="") for cell in authors.cells}
+    assert (
+        paper.controls["attitude_rate"].horizon / 50
+        == authors.controls["attitude_rate"].horizon / 100
+    )
+    assert {cell._replace(control="") for cell in paper.cells} == {
+        cell._replace(control="") for cell in authors.cells
+    }
 
 
 def test_a_row_a_flight(flown: Any) -> None:
@@ -60,11 +72,17 @@ def test_a_row_a_flight(flown: Any) -> None:
     assert table.height == 2 * 2 * 2 * 2
     assert set(table["reality"]) == {"near-7", "far-7"}
     assert set(table["training_rate"]) == {100}
-    assert table.group_by("motor_time_constant", "number", "reality").len()["len"].to_list() == [2] * 8
+    assert (
+        table.group_by("motor_time_constant", "number", "reality").len()["len"].to_list() == [2] * 8
+    )
     # At 25 Hz a flight lasts a whole number of 40 ms.
     periods = table["duration"].to_numpy() / 0.04
     np.testing.assert_allclose(periods, np.round(periods), atol=1e-6)
-    assert said == ["0/2 training attitude_40ms_0ms", "1/2 training attitude_80ms_0ms", "2/2 flying"]
+    assert said == [
+        "0/2 training attitude_40ms_0ms",
+        "1/2 training attitude_80ms_0ms",
+        "2/2 flying",
+    ]
 
 
 def test_policies_are_kept_as_they_were_trained(flown: Any) -> None:
@@ -72,12 +90,16 @@ def test_policies_are_kept_as_they_were_trained(flown: Any) -> None:
     files = sorted((folder / "made" / "policies").glob("*/*.json"))
     assert len(files) == 4
     kept = [policy.read(file) for file in files]
-    assert {(one.control, one.rate, one.layer_sizes) for one in kept} == {("attitude", 100, (40, 8, 4))}
+    assert {(one.control, one.rate, one.layer_sizes) for one in kept} == {
+        ("attitude", 100, (40, 8, 4))
+    }
     assert len({np.asarray(one.weights[0]).tobytes() for one in kept}) == 4
     assert policy.record(files[0])["settings"]["training_rate"] == 100
 
 
-def test_what_was_interrupted_goes_on_to_the_same_table(flown: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_was_interrupted_goes_on_to_the_same_table(
+    flown: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder, _, _ = flown
     asked, table = matrix.read(folder / "matrix.toml"), folder / "made" / "flights.csv"
     before = table.read_bytes()
@@ -99,9 +121,16 @@ def test_what_was_interrupted_goes_on_to_the_same_table(flown: Any, monkeypatch:
 
 
 @pytest.mark.parametrize(
-    ("old", "new"), [("policies = 2", "policies = 1"), ("updates = 2", "updates = 3"), ("policies", "drone = 'd.toml'\npolicies")]
+    ("old", "new"),
+    [
+        ("policies = 2", "policies = 1"),
+        ("updates = 2", "updates = 3"),
+        ("policies", "drone = 'd.toml'\npolicies"),
+    ],
 )
-def test_other_settings_in_the_same_folder_are_refused(flown: Any, monkeypatch: pytest.MonkeyPatch, old: str, new: str) -> None:
+def test_other_settings_in_the_same_folder_are_refused(
+    flown: Any, monkeypatch: pytest.MonkeyPatch, old: str, new: str
+) -> None:
     folder, _, _ = flown
     monkeypatch.chdir(folder)
     parameters.write("d.toml", parameters.crazyflie(), {})
@@ -122,14 +151,24 @@ def test_the_cells_of_a_table() -> None:
         }
     )
     (row,) = matrix.by_cell(table).to_dicts()
-    assert (row["policies"], row["flights"], row["mean"], row["median"], row["share"]) == (2, 4, 6.5, 2.5, 0.25)
+    assert (row["policies"], row["flights"], row["mean"], row["median"], row["share"]) == (
+        2,
+        4,
+        6.5,
+        2.5,
+        0.25,
+    )
 
 
 def test_a_sketch_is_shorter_and_a_cell_says_what_it_depends_on() -> None:
     paper = matrix.read(PAPER / "zero_shot.toml")
     small = paper.sketch()
     assert small.policies == 1
-    assert {kind: one.updates for kind, one in small.controls.items()} == {"pwm": 266, "attitude_rate": 200, "attitude": 200}
+    assert {kind: one.updates for kind, one in small.controls.items()} == {
+        "pwm": 266,
+        "attitude_rate": 200,
+        "attitude": 200,
+    }
     cell = paper.cells[4]
     assert cell.name == "pwm_80ms_15ms"
     assert json.loads(json.dumps(paper.said(cell))) == paper.said(cell)
@@ -157,7 +196,9 @@ def test_a_sketch_is_shorter_and_a_cell_says_what_it_depends_on() -> None:
         ("[control.attitude]", "[controls.attitude]", "no control structure"),
     ],
 )
-def test_a_file_that_makes_no_sense_is_refused_in_words(tmp_path: Path, old: str, new: str, words: str) -> None:
+def test_a_file_that_makes_no_sense_is_refused_in_words(
+    tmp_path: Path, old: str, new: str, words: str
+) -> None:
     with pytest.raises(InputError, match=words):
         matrix.read(put(tmp_path, TINY.replace(old, new)))
 

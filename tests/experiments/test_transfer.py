@@ -17,7 +17,10 @@ def rows(**changes: tuple[int, int, float]) -> Rows:
     """A perfect flight of 100 periods but for entries (from row, column, value) of named fields."""
     length = 100
     widths = {"ratio": 4, "battery": 0}
-    fields = {name: np.zeros((length, widths.get(name, 3)) if widths.get(name, 3) else length) for name in Rows._fields}
+    fields = {
+        name: np.zeros((length, widths.get(name, 3)) if widths.get(name, 3) else length)
+        for name in Rows._fields
+    }
     for name, (start, column, value) in changes.items():
         fields[name][start:, column] = value
     return Rows(**fields)  # type: ignore[arg-type]
@@ -33,7 +36,9 @@ def rows(**changes: tuple[int, int, float]) -> Rows:
         ("true_body_rates", np.radians(-801.0), "body rate"),
     ],
 )
-def test_each_guard_ends_the_flight_in_the_period_it_trips(field: str, value: float, reason: str) -> None:
+def test_each_guard_ends_the_flight_in_the_period_it_trips(
+    field: str, value: float, reason: str
+) -> None:
     assert end_of_flight(rows(**{field: (40, 1, value)}), 0.01) == (41, reason)
 
 
@@ -47,7 +52,9 @@ def test_each_guard_ends_the_flight_in_the_period_it_trips(field: str, value: fl
         ("true_body_rates", 2, np.radians(900.0)),
     ],
 )
-def test_within_the_guards_a_flight_lasts_to_the_time_limit(field: str, column: int, value: float) -> None:
+def test_within_the_guards_a_flight_lasts_to_the_time_limit(
+    field: str, column: int, value: float
+) -> None:
     assert end_of_flight(rows(**{field: (0, column, value)}), 0.01) == (100, "time limit")
 
 
@@ -62,10 +69,15 @@ def test_every_policy_flies_every_reality_and_the_logs_match_the_table() -> None
     again = transfer(POLICIES, realities, trials=2, key=jax.random.key(0), duration=0.6)
     assert flown.table.equals(again.table)
     assert flown.table.select("policy", "reality", "trial").rows() == [
-        (policy, reality, trial) for reality in ("virtual-1", "virtual-2") for policy in ("policy_1", "policy_2") for trial in (1, 2)
+        (policy, reality, trial)
+        for reality in ("virtual-1", "virtual-2")
+        for policy in ("policy_1", "policy_2")
+        for trial in (1, 2)
     ]
     assert flown.table["flight"].to_list() == list(range(1, 9))
-    for flight, duration, reality in zip(flown.flights, flown.table["duration"], flown.table["reality"], strict=True):
+    for flight, duration, reality in zip(
+        flown.flights, flown.table["duration"], flown.table["reality"], strict=True
+    ):
         assert flight.duration == pytest.approx(duration)
         assert flight.held
         assert flight.simulated == reality
@@ -90,13 +102,23 @@ def test_policies_of_different_shapes_and_empty_lists_are_refused() -> None:
 @pytest.mark.parametrize(
     ("policies", "realities", "words"),
     [
-        (["policy_1.json"], [virtual_drone(1)], r"'policy_1\.json' is no Policy; expected what policy\.read"),
-        (POLICIES[0], ["virtual:7"], r"'virtual:7' is no VirtualDrone; expected what mf\.virtual_drone\(7\)"),
+        (
+            ["policy_1.json"],
+            [virtual_drone(1)],
+            r"'policy_1\.json' is no Policy; expected what policy\.read",
+        ),
+        (
+            POLICIES[0],
+            ["virtual:7"],
+            r"'virtual:7' is no VirtualDrone; expected what mf\.virtual_drone\(7\)",
+        ),
         (POLICIES, [crazyflie()], "is no VirtualDrone"),
     ],
     ids=["policy", "reality", "parameters"],
 )
-def test_what_is_no_policy_or_no_reality_is_refused_in_words(policies, realities, words: str) -> None:
+def test_what_is_no_policy_or_no_reality_is_refused_in_words(
+    policies, realities, words: str
+) -> None:
     with pytest.raises(InputError, match=words):
         transfer(policies, realities)
 
@@ -107,5 +129,8 @@ def test_one_policy_and_one_reality_need_no_list() -> None:
 
 
 def test_a_controller_of_another_rate_is_named() -> None:
-    with pytest.raises(InputError, match="pwm policies of 100 Hz; the controller given, attitude_rate, acts at 50 Hz"):
+    with pytest.raises(
+        InputError,
+        match="pwm policies of 100 Hz; the controller given, attitude_rate, acts at 50 Hz",
+    ):
         transfer(POLICIES, [virtual_drone(1)], controller=attitude_rate())

@@ -1,4 +1,5 @@
-"""The authors' logs: commands recovered through the battery, flights told apart, and the signs and units that we believe in."""
+"""The authors' logs: commands recovered through the battery, flights told apart, and the signs and
+units that we believe in."""
 
 import gzip
 
@@ -67,7 +68,16 @@ def test_commands_of_a_cascade_below_the_network_are_samples():
 def test_columns_keep_their_meaning():
     columns = authors_columns()
     flight = one(columns)
-    rows = np.concatenate([flight.position, flight.velocity, flight.attitude, flight.body_rates, flight.battery[:, None]], axis=1)
+    rows = np.concatenate(
+        [
+            flight.position,
+            flight.velocity,
+            flight.attitude,
+            flight.body_rates,
+            flight.battery[:, None],
+        ],
+        axis=1,
+    )
     np.testing.assert_array_equal(rows, np.float32(columns[:, [*range(12), 20]]))
     assert (flight.period, len(flight), flight.simulated) == (0.01, 400, "")
 
@@ -75,7 +85,9 @@ def test_columns_keep_their_meaning():
 def test_columns_are_found_by_name_not_by_place():
     columns, names = authors_columns(), AUTHORS.split(",")
     order = np.random.default_rng(2).permutation(len(names))
-    text = authors_text(columns[:, order]).replace(AUTHORS, ",".join(names[place] for place in order))
+    text = authors_text(columns[:, order]).replace(
+        AUTHORS, ",".join(names[place] for place in order)
+    )
     (flight,) = authors.from_csv(text, "made")
     np.testing.assert_array_equal(flight.command, one(columns).command)
     np.testing.assert_array_equal(flight.position, one(columns).position)
@@ -92,7 +104,10 @@ def test_the_setpoint_is_the_circle_that_began_with_the_clock(begins):
 def test_time_that_runs_backwards_begins_another_flight():
     first, second = authors_columns(rows=130, seed=1), authors_columns(rows=90, seed=2)
     flights = authors.from_csv(authors_text(np.concatenate([first, second])), "made")
-    assert [(len(flight), flight.name) for flight in flights] == [(130, "made part 1"), (90, "made part 2")]
+    assert [(len(flight), flight.name) for flight in flights] == [
+        (130, "made part 1"),
+        (90, "made part 2"),
+    ]
     np.testing.assert_array_equal(flights[1].position, np.float32(second[:, :3]))
     np.testing.assert_array_equal(flights[1].setpoint, one(second).setpoint)
 
@@ -109,7 +124,9 @@ def real(shared_data):
 
 
 def moving_mean(values, rows):
-    return np.stack([np.convolve(column, np.full(rows, 1 / rows), mode="valid") for column in values.T], axis=1)
+    return np.stack(
+        [np.convolve(column, np.full(rows, 1 / rows), mode="valid") for column in values.T], axis=1
+    )
 
 
 def correlation(one, other):
@@ -134,7 +151,10 @@ def test_the_real_command_is_the_networks_own(shared_data):
         text = gzip.decompress(file.read_bytes()).decode()
         table = np.loadtxt(text.splitlines()[1:], delimiter=",", ndmin=2)
         network, motor = table[:, 12:16], table[:, 16:20]
-        error = np.concatenate([flight.command for flight in authors.from_csv(text, file.name)]) - (np.clip(network, -1, 1) + 1) / 2
+        error = (
+            np.concatenate([flight.command for flight in authors.from_csv(text, file.name)])
+            - (np.clip(network, -1, 1) + 1) / 2
+        )
         assert np.median(np.abs(error[motor < 65280])) < 0.005, file
 
 
@@ -144,11 +164,15 @@ def test_real_velocity_is_the_change_of_position(real):
     slopes = [(flight.position[rows:] - flight.position[:-rows]) / (rows * 0.01) for flight in long]
     means = [moving_mean((flight.velocity[1:] + flight.velocity[:-1]) / 2, rows) for flight in long]
     for axis, least in enumerate((0.85, 0.85, 0.9)):
-        assert correlation([slope[:, axis] for slope in slopes], [mean[:, axis] for mean in means]) > least
+        assert (
+            correlation([slope[:, axis] for slope in slopes], [mean[:, axis] for mean in means])
+            > least
+        )
 
 
 @pytest.mark.parametrize(
-    ("axis", "signs", "lag", "least"), [(0, [-1, -1, 1, 1], 4, 0.5), (1, [-1, 1, 1, -1], 4, 0.5), (2, [-1, 1, -1, 1], 0, 0.4)]
+    ("axis", "signs", "lag", "least"),
+    [(0, [-1, -1, 1, 1], 4, 0.5), (1, [-1, 1, 1, -1], 4, 0.5), (2, [-1, 1, -1, 1], 0, 0.4)],
 )
 def test_real_motors_turn_the_drone_the_way_of_the_papers_torques(real, axis, signs, lag, least):
     accelerations, torques = [], []

@@ -1,4 +1,5 @@
-"""Logs by the firmware's variables: every spelling means the same flight, and what is missing is named."""
+"""Logs by the firmware's variables: every spelling means the same flight, and what is missing is
+named."""
 
 import numpy as np
 import polars
@@ -29,32 +30,55 @@ def columns(law=compensation.PLUS, rows=ROWS):
     quaternion = Rotation.from_euler("ZYX", flight.attitude[:, ::-1]).as_quat()
     roll, pitch, yaw = flight.attitude.T / DEGREE
     table = {"timestamp": 5000 + 10 * np.arange(rows)}
-    table |= {f"stateEstimate.{axis}": flight.position[:, number] for number, axis in enumerate("xyz")}
-    table |= {f"stateEstimate.v{axis}": flight.velocity[:, number] for number, axis in enumerate("xyz")}
-    table |= {f"stateEstimateZ.{axis}": np.round(1000 * flight.position[:, number]) for number, axis in enumerate("xyz")}
-    table |= {f"stateEstimateZ.v{axis}": np.round(1000 * flight.velocity[:, number]) for number, axis in enumerate("xyz")}
+    table |= {
+        f"stateEstimate.{axis}": flight.position[:, number] for number, axis in enumerate("xyz")
+    }
+    table |= {
+        f"stateEstimate.v{axis}": flight.velocity[:, number] for number, axis in enumerate("xyz")
+    }
+    table |= {
+        f"stateEstimateZ.{axis}": np.round(1000 * flight.position[:, number])
+        for number, axis in enumerate("xyz")
+    }
+    table |= {
+        f"stateEstimateZ.v{axis}": np.round(1000 * flight.velocity[:, number])
+        for number, axis in enumerate("xyz")
+    }
     table |= {"stateEstimate.roll": roll, "stateEstimate.pitch": -pitch, "stateEstimate.yaw": yaw}
     table |= {"stabilizer.roll": roll, "stabilizer.pitch": -pitch, "stabilizer.yaw": yaw}
     table |= {f"stateEstimate.q{axis}": quaternion[:, number] for number, axis in enumerate("xyzw")}
     table |= {"stateEstimateZ.quat": np.array([compress(value) for value in quaternion])}
-    table |= {f"gyro.{axis}": flight.body_rates[:, number] / DEGREE for number, axis in enumerate("xyz")}
+    table |= {
+        f"gyro.{axis}": flight.body_rates[:, number] / DEGREE for number, axis in enumerate("xyz")
+    }
     signs = {"rateRoll": 1000, "ratePitch": -1000, "rateYaw": 1000}
-    table |= {f"stateEstimateZ.{name}": sign * flight.body_rates[:, number] for number, (name, sign) in enumerate(signs.items())}
+    table |= {
+        f"stateEstimateZ.{name}": sign * flight.body_rates[:, number]
+        for number, (name, sign) in enumerate(signs.items())
+    }
     table |= {f"motor.m{motor + 1}": np.round(65535 * ratio[:, motor]) for motor in range(4)}
     table |= {f"pwm.m{motor + 1}_pwm": np.round(65535 * ratio[:, motor]) for motor in range(4)}
     table |= {"pm.vbat": volts, "pm.vbatMV": np.round(1000 * volts)}
-    table |= {f"ctrltarget.{axis}": np.full(rows, value) for axis, value in zip("xyz", (0.0, 0.0, 1.0), strict=True)}
+    table |= {
+        f"ctrltarget.{axis}": np.full(rows, value)
+        for axis, value in zip("xyz", (0.0, 0.0, 1.0), strict=True)
+    }
     return table | {"controller.cmd_thrust": 65535 * flight.command.mean(axis=1)}
 
 
 def compress(quaternion):
-    """The firmware's quatcompress: two bits for the largest component, sign and nine bits for each other."""
+    """The firmware's quatcompress: two bits for the largest component, sign and nine bits for each
+    other."""
     largest = int(np.abs(quaternion).argmax())
     negative = quaternion[largest] < 0
     code = largest
     for number, value in enumerate(quaternion):
         if number != largest:
-            code = (code << 10) | (int((value < 0) ^ negative) << 9) | int(511 * abs(value) / np.sqrt(0.5) + 0.5)
+            code = (
+                (code << 10)
+                | (int((value < 0) ^ negative) << 9)
+                | int(511 * abs(value) / np.sqrt(0.5) + 0.5)
+            )
     return code
 
 
@@ -62,13 +86,23 @@ COMMON = ("timestamp", "pm.vbat", *(f"motor.m{motor}" for motor in (1, 2, 3, 4))
 STATE = tuple(f"stateEstimate.{name}" for name in ("x", "y", "z", "vx", "vy", "vz"))
 GYRO = ("gyro.x", "gyro.y", "gyro.z")
 EULER = tuple(f"stateEstimate.{name}" for name in ("roll", "pitch", "yaw"))
-SHORT = tuple(f"stateEstimateZ.{name}" for name in ("x", "y", "z", "vx", "vy", "vz", "quat", "rateRoll", "ratePitch", "rateYaw"))
+SHORT = tuple(
+    f"stateEstimateZ.{name}"
+    for name in ("x", "y", "z", "vx", "vy", "vz", "quat", "rateRoll", "ratePitch", "rateYaw")
+)
 SETS = {
     "degrees": (*COMMON, *STATE, *EULER, *GYRO),
     "quaternion": (*COMMON, *STATE, *(f"stateEstimate.q{axis}" for axis in "xyzw"), *GYRO),
     "stabilizer": (*COMMON, *STATE, "stabilizer.roll", "stabilizer.pitch", "stabilizer.yaw", *GYRO),
     "compressed": (*COMMON, *SHORT),
-    "millivolts": (*COMMON[:1], "pm.vbatMV", *(f"pwm.m{motor}_pwm" for motor in (1, 2, 3, 4)), *STATE, *EULER, *GYRO),
+    "millivolts": (
+        *COMMON[:1],
+        "pm.vbatMV",
+        *(f"pwm.m{motor}_pwm" for motor in (1, 2, 3, 4)),
+        *STATE,
+        *EULER,
+        *GYRO,
+    ),
 }
 
 
@@ -84,9 +118,17 @@ def test_every_spelling_is_the_same_flight(name):
     flight, time, notes = one(polars.DataFrame(columns()).select(SETS[name]))
     made = driven(ROWS)
     np.testing.assert_allclose(time, 0.01 * np.arange(ROWS), atol=1e-9)
-    tolerances = {"position": 6e-4, "velocity": 6e-4, "attitude": 4e-3, "body_rates": 1e-5, "command": 2e-3}
+    tolerances = {
+        "position": 6e-4,
+        "velocity": 6e-4,
+        "attitude": 4e-3,
+        "body_rates": 1e-5,
+        "command": 2e-3,
+    }
     for group, tolerance in tolerances.items():
-        np.testing.assert_allclose(getattr(flight, group), getattr(made, group), atol=tolerance, err_msg=group)
+        np.testing.assert_allclose(
+            getattr(flight, group), getattr(made, group), atol=tolerance, err_msg=group
+        )
     assert (flight.period, flight.held, flight.simulated) == (0.01, False, "")
     assert np.isnan(flight.setpoint).all()
     assert "assumed" in notes[0]
@@ -94,7 +136,13 @@ def test_every_spelling_is_the_same_flight(name):
 
 @pytest.mark.parametrize("law", [compensation.PLUS, "legacy propellers", compensation.NONE])
 def test_the_logged_thrust_tells_the_compensation(law):
-    wanted = [*SETS["degrees"], "controller.cmd_thrust", "ctrltarget.x", "ctrltarget.y", "ctrltarget.z"]
+    wanted = [
+        *SETS["degrees"],
+        "controller.cmd_thrust",
+        "ctrltarget.x",
+        "ctrltarget.y",
+        "ctrltarget.z",
+    ]
     flight, _, notes = one(polars.DataFrame(columns(law)).select(wanted))
     assert notes == [f"made: battery compensation of the {law} (as its thrust command tells)"]
     np.testing.assert_allclose(flight.command, driven(ROWS).command, atol=3e-3)
@@ -123,7 +171,9 @@ def test_blocks_stamped_alike_are_laid_together_and_a_rare_battery_is_held():
     estimate = frame.select("timestamp", *STATE, *EULER)
     motors = frame.select("timestamp", *GYRO, *COMMON[2:])
     power = frame.select("timestamp", "pm.vbat")[::50]
-    apart = polars.concat([estimate, motors, power], how="diagonal").sort("timestamp", maintain_order=True)
+    apart = polars.concat([estimate, motors, power], how="diagonal").sort(
+        "timestamp", maintain_order=True
+    )
     flight = one(apart)[0]
     whole = one(frame)[0]
     assert len(flight) == ROWS
@@ -134,8 +184,13 @@ def test_blocks_stamped_alike_are_laid_together_and_a_rare_battery_is_held():
 
 def test_blocks_stamped_apart_are_refused():
     frame = polars.DataFrame(columns()).select(SETS["degrees"])
-    estimate, rest = frame.select("timestamp", *STATE, *EULER), frame.select("timestamp", *GYRO, *COMMON[1:])
-    apart = polars.concat([estimate, rest.with_columns(polars.col("timestamp") + 3)], how="diagonal").sort("timestamp")
+    estimate, rest = (
+        frame.select("timestamp", *STATE, *EULER),
+        frame.select("timestamp", *GYRO, *COMMON[1:]),
+    )
+    apart = polars.concat(
+        [estimate, rest.with_columns(polars.col("timestamp") + 3)], how="diagonal"
+    ).sort("timestamp")
     with pytest.raises(InputError, match=r"only 0 of 1200 rows hold all signals.*by their time"):
         one(apart)
 
@@ -148,7 +203,10 @@ def test_blocks_stamped_apart_are_refused():
         ("motor.m3", r"missing PWM \(motor.m1"),
         ("pm.vbat", r"missing battery \(pm.vbat or pm.vbatMV\)"),
         ("stateEstimate.vz", r"missing velocity \(stateEstimate.vx"),
-        ("stateEstimate.yaw", r"missing attitude \(stateEstimate.qx.*stateEstimateZ.quat.*stabilizer.roll"),
+        (
+            "stateEstimate.yaw",
+            r"missing attitude \(stateEstimate.qx.*stateEstimateZ.quat.*stabilizer.roll",
+        ),
     ],
 )
 def test_what_is_missing_is_named_with_what_would_do(gone, words):
@@ -187,7 +245,10 @@ def test_what_a_command_stands_for_is_a_guess_that_is_told_or_what_one_is_told(t
     polars.DataFrame(columns()).select(SETS["degrees"]).write_csv(tmp_path / "one.csv")
     guessed, told = read_flights(tmp_path), read_flights(tmp_path, commands="held")
     assert [(flight.held, flight.assumed) for flight in guessed] == [(False, True)]
-    assert any("commands taken as samples of the firmware's PID; if a policy held each" in note for note in guessed.notes)
+    assert any(
+        "commands taken as samples of the firmware's PID; if a policy held each" in note
+        for note in guessed.notes
+    )
     assert [(flight.held, flight.assumed) for flight in told] == [(True, False)]
     assert not any("taken as samples" in note for note in told.notes)
     assert guessed.flights[0].full == 65535.0

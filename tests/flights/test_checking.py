@@ -1,4 +1,5 @@
-"""Checking: a fault costs its own rows and a note, a wrong unit costs the file, and a clean flight costs nothing."""
+"""Checking: a fault costs its own rows and a note, a wrong unit costs the file, and a clean flight
+costs nothing."""
 
 from dataclasses import replace
 
@@ -36,7 +37,12 @@ def test_a_clean_flight_passes_whole_and_without_notes():
 FAULTS = [
     *[
         (group, 2, value, f"not a finite number in {name}")
-        for group, name in (("position", "position_z"), ("velocity", "velocity_z"), ("attitude", "yaw"), ("body_rates", "body_rate_z"))
+        for group, name in (
+            ("position", "position_z"),
+            ("velocity", "velocity_z"),
+            ("attitude", "yaw"),
+            ("body_rates", "body_rate_z"),
+        )
         for value in (np.nan, np.inf)
     ],
     ("command", 3, np.nan, "not a finite number in command_4"),
@@ -75,7 +81,11 @@ BOLD = [
 @pytest.mark.parametrize(("group", "column", "value", "rows"), BOLD)
 def test_what_is_only_bold_or_unknown_is_kept(group, column, value, rows):
     unknown = np.full_like(getattr(calm(rows=200), group), value)
-    flight = replace(calm(rows=200), **{group: unknown}) if column is ... else spoilt(group, column, value, rows)
+    flight = (
+        replace(calm(rows=200), **{group: unknown})
+        if column is ...
+        else spoilt(group, column, value, rows)
+    )
     kept, notes = checking.pieces(flight)
     assert ([len(piece) for piece in kept], notes) == ([200], [])
 
@@ -86,17 +96,26 @@ def test_a_row_with_two_faults_is_counted_once():
 
 
 def test_faults_at_both_ends_leave_the_middle():
-    flight = spoilt("position", 2, 0.02, slice(0, 30), spoilt("command", slice(None), 0.0, slice(180, 200)))
+    flight = spoilt(
+        "position", 2, 0.02, slice(0, 30), spoilt("command", slice(None), 0.0, slice(180, 200))
+    )
     kept, notes = checking.pieces(flight)
     assert [len(piece) for piece in kept] == [150]
-    assert notes == ["calm: 30 rows dropped: below 0.1 m (first: row 1)", "calm: 20 rows dropped: motors off (first: row 181)"]
+    assert notes == [
+        "calm: 30 rows dropped: below 0.1 m (first: row 1)",
+        "calm: 20 rows dropped: motors off (first: row 181)",
+    ]
 
 
-@pytest.mark.parametrize(("shortest", "lengths"), [(50, [80, 114]), (80, [80, 114]), (81, [114]), (115, [])])
+@pytest.mark.parametrize(
+    ("shortest", "lengths"), [(50, [80, 114]), (80, [80, 114]), (81, [114]), (115, [])]
+)
 def test_pieces_that_are_too_short_are_dropped_with_a_note(shortest, lengths):
     kept, notes = checking.pieces(spoilt("position", 2, 0.0), shortest=shortest)
     assert [len(piece) for piece in kept] == lengths
-    what = {0: [], 1: ["80 rows dropped: a piece"], 2: ["194 rows dropped: 2 pieces"]}[2 - len(lengths)]
+    what = {0: [], 1: ["80 rows dropped: a piece"], 2: ["194 rows dropped: 2 pieces"]}[
+        2 - len(lengths)
+    ]
     assert notes[1:] == [f"calm: {words} shorter than {shortest * 0.01:g} s" for words in what]
 
 
@@ -123,7 +142,10 @@ def test_a_flight_without_one_finite_number_has_no_pieces():
     empty = np.full((200, 3), np.nan, np.float32)
     kept, notes = checking.pieces(calm(rows=200, position=empty, attitude=empty))
     assert kept == []
-    assert notes == ["calm: 200 rows dropped: not a finite number in position_x, position_y, position_z ... (first: row 1)"]
+    assert notes == [
+        "calm: 200 rows dropped: not a finite number in position_x, position_y, position_z ... "
+        "(first: row 1)"
+    ]
 
 
 def clock(rows=200):
@@ -143,7 +165,9 @@ def test_missing_rows_and_time_running_backwards_cut_the_flight(jump):
     kept, notes = checking.pieces(calm(rows=200), time)
     assert [len(piece) for piece in kept] == [70, 130]
     assert same(kept[1], part(calm(rows=200), 70, 200))
-    assert notes == [f"calm: cut at 1 jumps of time (largest {0.01 + jump:.3f} s at t = 0.69 s, row 71)"]
+    assert notes == [
+        f"calm: cut at 1 jumps of time (largest {0.01 + jump:.3f} s at t = 0.69 s, row 71)"
+    ]
 
 
 def test_jitter_of_less_than_half_a_period_cuts_nothing():
@@ -151,7 +175,9 @@ def test_jitter_of_less_than_half_a_period_cuts_nothing():
     assert len(checking.pieces(calm(rows=200), clock() + jitter)[0]) == 1
 
 
-@pytest.mark.parametrize("time", [np.cumsum(np.tile([0.001, 0.02, 0.1, 0.4], 50)), np.zeros(200), clock()[::-1]])
+@pytest.mark.parametrize(
+    "time", [np.cumsum(np.tile([0.001, 0.02, 0.1, 0.4], 50)), np.zeros(200), clock()[::-1]]
+)
 def test_rows_at_no_steady_rate_are_refused(time):
     with pytest.raises(InputError, match="not equally spaced"):
         checking.pieces(calm(rows=200, period=float(np.median(np.diff(time)))), time)
@@ -173,14 +199,20 @@ def test_a_log_that_stands_still_loses_those_rows():
     flight = calm(rows=300)
     held = np.minimum(np.arange(300), 100) + np.maximum(np.arange(300) - 150, 0)
     stuck = replace(
-        flight, **{group: getattr(flight, group)[held] for group in ("position", "velocity", "attitude", "body_rates", "command")}
+        flight,
+        **{
+            group: getattr(flight, group)[held]
+            for group in ("position", "velocity", "attitude", "body_rates", "command")
+        },
     )
     kept, notes = checking.pieces(stuck)
     assert notes == ["calm: 50 rows dropped: every column stands still (first: row 102)"]
     assert [len(piece) for piece in kept] == [101, 149]
 
 
-@pytest.mark.parametrize(("group", "words"), [("position", "position jumps"), ("attitude", "attitude jumps")])
+@pytest.mark.parametrize(
+    ("group", "words"), [("position", "position jumps"), ("attitude", "attitude jumps")]
+)
 def test_a_jump_of_the_estimate_costs_one_row_and_cuts_there(group, words):
     flight = calm(rows=300)
     jumped = getattr(flight, group).copy()
@@ -195,7 +227,10 @@ def test_a_jump_of_the_estimate_costs_one_row_and_cuts_there(group, words):
 def test_a_weak_battery_is_told_and_kept():
     kept, notes = checking.pieces(calm(rows=200, battery=np.full(200, 2.6, np.float32)))
     assert len(kept[0]) == 200
-    assert notes == ["calm: 200 rows kept with the battery below 2.8 V, where the firmware can no longer make up for it"]
+    assert notes == [
+        "calm: 200 rows kept with the battery below 2.8 V, where the firmware can no longer make "
+        "up for it"
+    ]
 
 
 @given(cuts=arrays(bool, 40), rows=arrays(bool, 40))

@@ -1,4 +1,5 @@
-"""Consistency: contradictions are found in any motion, and what is merely quiet, short or noisy raises no alarm."""
+"""Consistency: contradictions are found in any motion, and what is merely quiet, short or noisy
+raises no alarm."""
 
 from dataclasses import replace
 from typing import Any
@@ -18,7 +19,11 @@ def test_a_true_flight_contradicts_nothing(seed, rows):
     assert consistency.contradictions([calm(rows, seed)]) == []
 
 
-@given(seed=st.integers(0, 10**6), group=st.sampled_from(["velocity", "attitude", "body_rates"]), axis=st.integers(0, 2))
+@given(
+    seed=st.integers(0, 10**6),
+    group=st.sampled_from(["velocity", "attitude", "body_rates"]),
+    axis=st.integers(0, 2),
+)
 def test_a_turned_sign_is_found(seed, group, axis):
     signs = np.ones(3, np.float32)
     signs[axis] = -1
@@ -44,14 +49,22 @@ def test_motors_in_another_order_are_found_and_the_right_order_is_told(seed, ord
 def test_noise_alone_is_no_contradiction(seed):
     generator = np.random.default_rng(seed)
     groups = ("position", "velocity", "attitude", "body_rates")
-    noise: dict[str, Any] = {group: generator.normal(0, 0.3, (900, 3)).astype(np.float32) for group in groups}
+    noise: dict[str, Any] = {
+        group: generator.normal(0, 0.3, (900, 3)).astype(np.float32) for group in groups
+    }
     assert consistency.contradictions([calm(900, **noise)]) == []
 
 
 def test_a_hover_is_too_quiet_to_judge():
     flight = calm(900)
-    still = {group: getattr(flight, group) * np.float32(-0.01) for group in ("velocity", "attitude", "body_rates")}
-    assert consistency.contradictions([replace(flight, position=0.01 * flight.position + 1, **still)]) == []
+    still = {
+        group: getattr(flight, group) * np.float32(-0.01)
+        for group in ("velocity", "attitude", "body_rates")
+    }
+    assert (
+        consistency.contradictions([replace(flight, position=0.01 * flight.position + 1, **still)])
+        == []
+    )
 
 
 def test_pieces_are_judged_together_but_not_across_their_gaps():

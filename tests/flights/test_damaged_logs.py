@@ -1,4 +1,5 @@
-"""Damaged logs: each is made from a good one, and each is refused, or loses rows, in words that name the file and the place."""
+"""Damaged logs: each is made from a good one, and each is refused, or loses rows, in words that
+name the file and the place."""
 
 import gzip
 import io
@@ -53,21 +54,30 @@ def columns(**changes: Callable[[polars.Expr], polars.Expr] | polars.Expr):
     given = good()
     head, body = given.split("\n")[:4], given.split("\n", 4)[4]
     frame = polars.read_csv(io.StringIO(body))
-    frame = frame.with_columns(**{name: change(polars.col(name)) if callable(change) else change for name, change in changes.items()})
+    frame = frame.with_columns(
+        **{
+            name: change(polars.col(name)) if callable(change) else change
+            for name, change in changes.items()
+        }
+    )
     return "\n".join(head) + "\n" + frame.write_csv(float_precision=7)
 
 
 def flight(**groups: Callable[[np.ndarray], np.ndarray]):
     """The good flight with whole groups of columns changed."""
     made = driven(ROWS)
-    return log.to_csv(replace(made, **{group: change(getattr(made, group)) for group, change in groups.items()}))
+    return log.to_csv(
+        replace(made, **{group: change(getattr(made, group)) for group, change in groups.items()})
+    )
 
 
 def shuffled():
     made, rows = driven(ROWS), np.random.default_rng(0).permutation(ROWS)
     groups = ("position", "velocity", "attitude", "body_rates", "command")
     large = replace(
-        made, position=made.position * np.array([4, 4, 1], np.float32), velocity=made.velocity * np.array([4, 4, 1], np.float32)
+        made,
+        position=made.position * np.array([4, 4, 1], np.float32),
+        velocity=made.velocity * np.array([4, 4, 1], np.float32),
     )
     return log.to_csv(replace(large, **{group: getattr(large, group)[rows] for group in groups}))
 
@@ -85,65 +95,176 @@ REFUSED: dict[str, tuple[Callable[[], str | bytes], str]] = {
     "zeros": (lambda: b"\x00" * 500, r"line 1 is binary"),
     "an empty file": (lambda: b"", r"the file is empty"),
     "blank lines only": (lambda: b"\n\n\n", r"the file is empty"),
-    "a header and nothing else": (lambda: lines(lambda all_: all_[:5]), r"no rows below the header in line 5"),
+    "a header and nothing else": (
+        lambda: lines(lambda all_: all_[:5]),
+        r"no rows below the header in line 5",
+    ),
     "a truncated gzip": (lambda: gzip.compress(good().encode())[:-500], r"cannot be read"),
-    "a gzip of a gzip": (lambda: gzip.compress(gzip.compress(good().encode())), r"compressed twice"),
+    "a gzip of a gzip": (
+        lambda: gzip.compress(gzip.compress(good().encode())),
+        r"compressed twice",
+    ),
     "Parquet cut in half": (lambda: b"PAR1" + b"\x00" * 300, r"not a readable Parquet file"),
     "UTF-16": (lambda: good().encode("utf-16"), r"UTF-16.*UTF-8"),
-    "Latin letters": (lambda: good().encode().replace(b"simulated: no", b"simulated: \xe9"), r"line 3 is not UTF-8"),
+    "Latin letters": (
+        lambda: good().encode().replace(b"simulated: no", b"simulated: \xe9"),
+        r"line 3 is not UTF-8",
+    ),
     "semicolons": (lambda: good().replace(",", ";"), r"semicolons in line 5"),
     "tabs": (lambda: good().replace(",", "\t"), r"tabs in line 5"),
-    "decimal commas": (lambda: lines(lambda all_: [line.replace(",", ";").replace(".", ",") for line in all_]), r"semicolons in line"),
-    "a header twice": (lambda: lines(lambda all_: all_.insert(100, all_[4])), r"column time .*'time' in line 101.*Split them"),
-    "a column twice": (lambda: good().replace("roll,pitch,yaw", "roll,roll,yaw"), r"column 'roll' is there twice in line 5"),
-    "no header": (lambda: lines(lambda all_: all_.pop(4)), r"line 5 holds numbers, expected the columns' names"),
-    "no first line": (lambda: lines(lambda all_: all_.pop(0)), r"line 1 is not '# maidenflight flight 1'"),
-    "another version": (lambda: good().replace("flight 1:", "flight 9:"), r"line 1 is not '# maidenflight flight 1' but '.*flight 9"),
-    "no word on commands": (lambda: lines(lambda all_: all_.pop(1)), r"line 2 is not '# commands: held'"),
-    "a column missing": (lambda: good().replace("body_rate_y", "other"), r"missing column body_rate_y"),
-    "a cell too many": (lambda: lines(lambda all_: all_.__setitem__(50, all_[50] + ",1")), r"line 51 has 22 cells, the header 21"),
-    "a word in a number's place": (lambda: cell(30, "velocity_y", "fast"), rf"column velocity_y .*'fast' in line {FIRST + 29}"),
-    "dates for times": (lambda: cell(1, "time", "2024-05-01 12:00:00"), r"column time .*'2024-05-01 12:00:00' in line 6"),
-    "time in milliseconds": (lambda: columns(time=lambda c: c * 1000), r"rows are 10 s apart.*milliseconds"),
-    "time reversed": (lambda: columns(time=lambda c: c.reverse()), r"runs backwards \(from row 2\)"),
+    "decimal commas": (
+        lambda: lines(lambda all_: [line.replace(",", ";").replace(".", ",") for line in all_]),
+        r"semicolons in line",
+    ),
+    "a header twice": (
+        lambda: lines(lambda all_: all_.insert(100, all_[4])),
+        r"column time .*'time' in line 101.*Split them",
+    ),
+    "a column twice": (
+        lambda: good().replace("roll,pitch,yaw", "roll,roll,yaw"),
+        r"column 'roll' is there twice in line 5",
+    ),
+    "no header": (
+        lambda: lines(lambda all_: all_.pop(4)),
+        r"line 5 holds numbers, expected the columns' names",
+    ),
+    "no first line": (
+        lambda: lines(lambda all_: all_.pop(0)),
+        r"line 1 is not '# maidenflight flight 1'",
+    ),
+    "another version": (
+        lambda: good().replace("flight 1:", "flight 9:"),
+        r"line 1 is not '# maidenflight flight 1' but '.*flight 9",
+    ),
+    "no word on commands": (
+        lambda: lines(lambda all_: all_.pop(1)),
+        r"line 2 is not '# commands: held'",
+    ),
+    "a column missing": (
+        lambda: good().replace("body_rate_y", "other"),
+        r"missing column body_rate_y",
+    ),
+    "a cell too many": (
+        lambda: lines(lambda all_: all_.__setitem__(50, all_[50] + ",1")),
+        r"line 51 has 22 cells, the header 21",
+    ),
+    "a word in a number's place": (
+        lambda: cell(30, "velocity_y", "fast"),
+        rf"column velocity_y .*'fast' in line {FIRST + 29}",
+    ),
+    "dates for times": (
+        lambda: cell(1, "time", "2024-05-01 12:00:00"),
+        r"column time .*'2024-05-01 12:00:00' in line 6",
+    ),
+    "time in milliseconds": (
+        lambda: columns(time=lambda c: c * 1000),
+        r"rows are 10 s apart.*milliseconds",
+    ),
+    "time reversed": (
+        lambda: columns(time=lambda c: c.reverse()),
+        r"runs backwards \(from row 2\)",
+    ),
     "time constant": (lambda: columns(time=lambda c: c * 0), r"stands still \(from row 2\)"),
-    "time missing in a row": (lambda: cell(42, "time", ""), r"time is not a finite number in row 42"),
+    "time missing in a row": (
+        lambda: cell(42, "time", ""),
+        r"time is not a finite number in row 42",
+    ),
     "time shuffled": (lambda: columns(time=lambda c: c.shuffle(3)), r"not equally spaced"),
-    "degrees": (lambda: flight(attitude=signs(57.3, 57.3, 57.3)), r"roll, pitch .*expected rad, it looks like degrees"),
-    "degrees a second": (lambda: flight(body_rates=signs(57.3, 57.3, 57.3)), r"body_rate.*(expected rad/s|times the change of attitude)"),
+    "degrees": (
+        lambda: flight(attitude=signs(57.3, 57.3, 57.3)),
+        r"roll, pitch .*expected rad, it looks like degrees",
+    ),
+    "degrees a second": (
+        lambda: flight(body_rates=signs(57.3, 57.3, 57.3)),
+        r"body_rate.*(expected rad/s|times the change of attitude)",
+    ),
     "yaw rate in degrees a second": (lambda: flight(body_rates=signs(1, 1, 57.3)), r"body_rate"),
-    "millimetres": (lambda: flight(position=signs(1e3, 1e3, 1e3)), r"position .*expected m, it looks like millimetres"),
-    "centimetres": (lambda: flight(position=signs(100, 100, 100)), r"position and velocity contradict each other in \d+ of 899 rows"),
-    "millimetres a second": (lambda: flight(velocity=signs(1e3, 1e3, 1e3)), r"velocity .*millimetres a second"),
-    "velocity in g": (lambda: flight(velocity=signs(1 / 9.81, 1 / 9.81, 1 / 9.81)), r"velocity is 0\.10\d times the change of position"),
-    "PWM counts": (lambda: flight(command=signs(65535, 65535, 65535, 65535)), r"command .*PWM counts"),
+    "millimetres": (
+        lambda: flight(position=signs(1e3, 1e3, 1e3)),
+        r"position .*expected m, it looks like millimetres",
+    ),
+    "centimetres": (
+        lambda: flight(position=signs(100, 100, 100)),
+        r"position and velocity contradict each other in \d+ of 899 rows",
+    ),
+    "millimetres a second": (
+        lambda: flight(velocity=signs(1e3, 1e3, 1e3)),
+        r"velocity .*millimetres a second",
+    ),
+    "velocity in g": (
+        lambda: flight(velocity=signs(1 / 9.81, 1 / 9.81, 1 / 9.81)),
+        r"velocity is 0\.10\d times the change of position",
+    ),
+    "PWM counts": (
+        lambda: flight(command=signs(65535, 65535, 65535, 65535)),
+        r"command .*PWM counts",
+    ),
     "actions": (lambda: flight(command=lambda u: 2 * u - 1.6), r"command .*actions a in \[-1, 1\]"),
-    "millivolts": (lambda: columns(battery=lambda c: c * 1000), r"battery .*expected V, it looks like millivolts"),
+    "millivolts": (
+        lambda: columns(battery=lambda c: c * 1000),
+        r"battery .*expected V, it looks like millivolts",
+    ),
     "rows shuffled": (lambda: shuffled(), r"contradict each other in \d+ of"),
     "nose up": (lambda: flight(attitude=signs(1, -1, 1)), r"opposite signs in y .*nose up"),
-    "nose up, rate too": (lambda: flight(attitude=signs(1, -1, 1), body_rates=signs(1, -1, 1)), r"tilt have opposite signs in x .*nose up"),
-    "roll the other way": (lambda: flight(attitude=signs(-1, 1, 1)), r"body_rate and the change of attitude have opposite signs in x"),
-    "yaw rate the other way": (lambda: flight(body_rates=signs(1, 1, -1)), r"body_rate .*opposite signs in z"),
-    "z down": (lambda: flight(velocity=signs(1, 1, -1)), r"velocity and the change of position have opposite signs in z"),
-    "x and y swapped in velocity": (lambda: flight(velocity=order(1, 0, 2)), r"velocity in x and y look swapped"),
+    "nose up, rate too": (
+        lambda: flight(attitude=signs(1, -1, 1), body_rates=signs(1, -1, 1)),
+        r"tilt have opposite signs in x .*nose up",
+    ),
+    "roll the other way": (
+        lambda: flight(attitude=signs(-1, 1, 1)),
+        r"body_rate and the change of attitude have opposite signs in x",
+    ),
+    "yaw rate the other way": (
+        lambda: flight(body_rates=signs(1, 1, -1)),
+        r"body_rate .*opposite signs in z",
+    ),
+    "z down": (
+        lambda: flight(velocity=signs(1, 1, -1)),
+        r"velocity and the change of position have opposite signs in z",
+    ),
+    "x and y swapped in velocity": (
+        lambda: flight(velocity=order(1, 0, 2)),
+        r"velocity in x and y look swapped",
+    ),
     "x and y swapped in both": (
         lambda: flight(velocity=order(1, 0, 2), position=order(1, 0, 2)),
         r"change of velocity in x and y look swapped",
     ),
-    "roll and pitch swapped": (lambda: flight(attitude=order(1, 0, 2)), r"body_rate in x and y look swapped"),
-    "motors turned by one": (lambda: flight(command=order(1, 2, 3, 0)), r"motors look permuted: in the order command_4, command_1"),
+    "roll and pitch swapped": (
+        lambda: flight(attitude=order(1, 0, 2)),
+        r"body_rate in x and y look swapped",
+    ),
+    "motors turned by one": (
+        lambda: flight(command=order(1, 2, 3, 0)),
+        r"motors look permuted: in the order command_4, command_1",
+    ),
     "motors from the back": (lambda: flight(command=order(2, 3, 0, 1)), r"motors look permuted"),
     "motors mirrored": (lambda: flight(command=order(3, 2, 1, 0)), r"motors look permuted"),
     "columns shuffled": (
         lambda: lines(lambda all_: all_.__setitem__(4, ",".join(np.roll(all_[4].split(","), 3)))),
         r"not equally spaced|time is not a finite number|rows are",
     ),
-    "body rates and velocity confused": (lambda: flight(velocity=lambda v: driven(ROWS).body_rates), r"velocity"),
-    "a gyro that is dead": (lambda: flight(body_rates=signs(0, 0, 0)), r"body_rate_x, body_rate_y, body_rate_z never change in 900 rows"),
-    "one gyro that is dead": (lambda: flight(body_rates=signs(1, 0, 1)), r"body_rate never changes in y"),
-    "commands constant": (lambda: flight(command=lambda u: 0 * u + 0.6), r"command_1.* never change"),
+    "body rates and velocity confused": (
+        lambda: flight(velocity=lambda v: driven(ROWS).body_rates),
+        r"velocity",
+    ),
+    "a gyro that is dead": (
+        lambda: flight(body_rates=signs(0, 0, 0)),
+        r"body_rate_x, body_rate_y, body_rate_z never change in 900 rows",
+    ),
+    "one gyro that is dead": (
+        lambda: flight(body_rates=signs(1, 0, 1)),
+        r"body_rate never changes in y",
+    ),
+    "commands constant": (
+        lambda: flight(command=lambda u: 0 * u + 0.6),
+        r"command_1.* never change",
+    ),
     "one row": (lambda: lines(lambda all_: all_[:6]), r"no usable flight.*1 rows dropped"),
-    "all NaN": (lambda: flight(velocity=lambda v: v * np.nan), r"no usable flight.*900 rows dropped: not a finite number in velocity_x"),
+    "all NaN": (
+        lambda: flight(velocity=lambda v: v * np.nan),
+        r"no usable flight.*900 rows dropped: not a finite number in velocity_x",
+    ),
     "on the ground": (
         lambda: flight(position=lambda p: p * np.array([1, 1, 0], np.float32)),
         r"900 rows dropped: below 0\.1 m \(first: row 1\)",
@@ -173,7 +294,11 @@ def bad_rows(group: str, rows: slice, value: float):
 
 
 TOLD: dict[str, tuple[Callable[[], str | bytes], str, int]] = {
-    "a last line that is cut": (lambda: good()[:-60], rf"1 row dropped: the last line \({FIRST + ROWS - 1}\) is cut off", ROWS - 1),
+    "a last line that is cut": (
+        lambda: good()[:-60],
+        rf"1 row dropped: the last line \({FIRST + ROWS - 1}\) is cut off",
+        ROWS - 1,
+    ),
     "a line cut in the middle": (
         lambda: lines(lambda all_: all_.__setitem__(305, all_[305][:40])),
         r"1 rows dropped: not a finite",
@@ -184,19 +309,31 @@ TOLD: dict[str, tuple[Callable[[], str | bytes], str, int]] = {
         r"cut at 1 jumps of time \(largest 0\.210 s .*row 301",
         880,
     ),
-    "a huge number": (lambda: cell(300, "position_x", "1e300"), r"1 rows dropped: not a finite number in position_x \(first: row 300", 899),
+    "a huge number": (
+        lambda: cell(300, "position_x", "1e300"),
+        r"1 rows dropped: not a finite number in position_x \(first: row 300",
+        899,
+    ),
     "a tail of tumbling": (
         lambda: bad_rows("attitude", slice(800, None), 2.0),
         r"100 rows dropped: tilt above 60 deg \(first: row 801",
         800,
     ),
-    "two flights glued": (lambda: lines(lambda all_: all_ + all_[5:]), r"cut at 1 jumps of time \(largest -8\.990 s", 2 * ROWS),
+    "two flights glued": (
+        lambda: lines(lambda all_: all_ + all_[5:]),
+        r"cut at 1 jumps of time \(largest -8\.990 s",
+        2 * ROWS,
+    ),
     "a jump of the estimate": (
         lambda: bad_rows("position", slice(450, None), 3.0),
         r"1 rows dropped: position jumps .*first: row 451",
         899,
     ),
-    "a gap in one column": (lambda: bad_rows("command", slice(10, 20), np.nan), r"10 rows dropped: not a finite number in command_1", 880),
+    "a gap in one column": (
+        lambda: bad_rows("command", slice(10, 20), np.nan),
+        r"10 rows dropped: not a finite number in command_1",
+        880,
+    ),
 }
 
 
@@ -236,7 +373,9 @@ def test_a_folder_with_bad_logs_still_gives_the_good_ones_and_says_so(tmp_path, 
     (tmp_path / "results.csv").write_text("policy,return\n1,2\n")
     for number, what in enumerate(REFUSED):
         content = REFUSED[what][0]()
-        (tmp_path / f"bad_{number:02d}.csv").write_bytes(content if isinstance(content, bytes) else content.encode())
+        (tmp_path / f"bad_{number:02d}.csv").write_bytes(
+            content if isinstance(content, bytes) else content.encode()
+        )
     read = read_flights(tmp_path)
     assert [len(piece) for piece in read] == [ROWS, ROWS]
     told = [said for said in (*read.refused, *read.notes) if "bad_" in said]
@@ -260,12 +399,16 @@ def test_what_is_no_file_is_told_or_ignored(tmp_path):
     os.mkfifo(tmp_path / "pipe.csv")
     read = read_flights(tmp_path)
     assert len(read) == 1
-    assert [said.partition(": ")[2] for said in read.refused] == ["this link leads nowhere. Mend or remove it."]
+    assert [said.partition(": ")[2] for said in read.refused] == [
+        "this link leads nowhere. Mend or remove it."
+    ]
 
 
 def test_a_folder_of_pictures_says_what_is_looked_for(tmp_path):
     (tmp_path / "picture.png").write_bytes(b"\x89PNG")
-    with pytest.raises(InputError, match=r"no flight logs \(\.csv, \.csv\.gz, \.parquet\).*maidenflight record"):
+    with pytest.raises(
+        InputError, match=r"no flight logs \(\.csv, \.csv\.gz, \.parquet\).*maidenflight record"
+    ):
         read_flights(tmp_path)
 
 

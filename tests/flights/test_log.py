@@ -33,7 +33,9 @@ def flights(draw):
         period=draw(st.sampled_from([0.001, 0.002, 0.005, 0.01, 0.02, 1 / 30])),
         **{group: draw(numbers(rows, columns)) for group, columns in groups.items()},
         battery=draw(arrays(np.float32, rows, elements=st.floats(0, 10, width=32) | unknown)),
-        setpoint=draw(arrays(np.float32, (rows, 3), elements=st.floats(-10, 10, width=32) | unknown)),
+        setpoint=draw(
+            arrays(np.float32, (rows, 3), elements=st.floats(-10, 10, width=32) | unknown)
+        ),
         held=draw(st.booleans()),
         simulated=draw(st.sampled_from(["", "virtual-3", "a: b"])),
     )
@@ -42,16 +44,31 @@ def flights(draw):
 @given(flights())
 def test_a_written_flight_is_read_back_to_a_millionth(flight):
     again = log.from_csv(log.to_csv(flight), "made")
-    assert (again.held, again.simulated, again.name, len(again)) == (flight.held, flight.simulated, "made", len(flight))
+    assert (again.held, again.simulated, again.name, len(again)) == (
+        flight.held,
+        flight.simulated,
+        "made",
+        len(flight),
+    )
     assert again.period == pytest.approx(flight.period, abs=1e-6)
-    for group in ("position", "velocity", "attitude", "body_rates", "command", "battery", "setpoint"):
+    for group in (
+        "position",
+        "velocity",
+        "attitude",
+        "body_rates",
+        "command",
+        "battery",
+        "setpoint",
+    ):
         before, after = getattr(flight, group), getattr(again, group)
         assert after.dtype == np.float32
         np.testing.assert_allclose(after, before, rtol=0, atol=1e-6, equal_nan=True)
 
 
 def test_a_battery_and_a_setpoint_that_nobody_knows_survive():
-    unknown = calm(battery=np.full(120, np.nan, np.float32), setpoint=np.full((120, 3), np.nan, np.float32))
+    unknown = calm(
+        battery=np.full(120, np.nan, np.float32), setpoint=np.full((120, 3), np.nan, np.float32)
+    )
     again = log.from_csv(log.to_csv(unknown), "made")
     assert np.isnan(again.battery).all()
     assert np.isnan(again.setpoint).all()
@@ -70,7 +87,9 @@ def test_a_held_command_is_its_own_mean():
 
 def test_a_sampled_command_is_averaged_with_the_next_one():
     flight = calm(held=False)
-    np.testing.assert_allclose(flight.mean_command[:-1], (flight.command[:-1] + flight.command[1:]) / 2)
+    np.testing.assert_allclose(
+        flight.mean_command[:-1], (flight.command[:-1] + flight.command[1:]) / 2
+    )
     np.testing.assert_array_equal(flight.mean_command[-1], flight.command[-1])
 
 
@@ -99,11 +118,19 @@ def test_a_file_says_what_it_is_and_in_which_units():
 
 
 def test_the_same_flight_makes_the_same_bytes(tmp_path):
-    paths = [log.write(tmp_path / name, calm(), {"b": 1, "a": 2}) for name in ("one.csv", "two.csv")]
-    assert paths[0].read_bytes() == paths[1].read_bytes() == log.to_csv(calm(), {"b": 1, "a": 2}).encode()
+    paths = [
+        log.write(tmp_path / name, calm(), {"b": 1, "a": 2}) for name in ("one.csv", "two.csv")
+    ]
+    assert (
+        paths[0].read_bytes()
+        == paths[1].read_bytes()
+        == log.to_csv(calm(), {"b": 1, "a": 2}).encode()
+    )
 
 
-@pytest.mark.parametrize("column", ["time", "position_x", "roll", "body_rate_z", "command_4", "battery", "setpoint_y"])
+@pytest.mark.parametrize(
+    "column", ["time", "position_x", "roll", "body_rate_z", "command_4", "battery", "setpoint_y"]
+)
 def test_a_missing_column_is_named(column):
     with pytest.raises(InputError, match=rf"x\.csv: missing column {column};"):
         log.from_csv(log.to_csv(calm()).replace(column, "something_else"), "x.csv")
@@ -134,7 +161,9 @@ def test_commands_must_be_held_or_sampled(line):
         log.from_csv(log.to_csv(calm()).replace("# commands: held\n", line), "x.csv")
 
 
-@pytest.mark.parametrize("text", ["", "\n", "\x00\x01\x02", "a" * 1000, "a,b\n1\n2,3,4\n", '"', "# commands: held"])
+@pytest.mark.parametrize(
+    "text", ["", "\n", "\x00\x01\x02", "a" * 1000, "a,b\n1\n2,3,4\n", '"', "# commands: held"]
+)
 def test_what_is_no_table_is_refused(text):
     with pytest.raises(InputError, match=r"x\.csv"):
         log.from_csv(text, "x.csv")
@@ -145,11 +174,18 @@ def test_what_is_no_table_is_refused(text):
 def to_parquet(path, flight, **metadata):
     """A flight in our columns as Parquet."""
     text = log.to_csv(flight)
-    polars.read_csv(io.StringIO(text), comment_prefix="#").write_parquet(path, metadata=metadata or None)
+    polars.read_csv(io.StringIO(text), comment_prefix="#").write_parquet(
+        path, metadata=metadata or None
+    )
 
 
 def test_the_same_columns_are_read_from_parquet(tmp_path):
-    to_parquet(tmp_path / "flight.parquet", calm(simulated="virtual-3"), commands="held", simulated="virtual-3")
+    to_parquet(
+        tmp_path / "flight.parquet",
+        calm(simulated="virtual-3"),
+        commands="held",
+        simulated="virtual-3",
+    )
     read = read_flights(tmp_path)
     assert read.notes == ()
     (flight,) = read.flights
@@ -163,7 +199,10 @@ def test_parquet_too_must_say_what_a_command_is(tmp_path):
         read_flights(tmp_path / "flight.parquet")
 
 
-@pytest.mark.parametrize("content", [b"PAR1", b"PAR1" + b"x" * 100 + b"PAR1", b"PAR1" + bytes(range(256)) * 9, b"a,b\n1,2\n", b""])
+@pytest.mark.parametrize(
+    "content",
+    [b"PAR1", b"PAR1" + b"x" * 100 + b"PAR1", b"PAR1" + bytes(range(256)) * 9, b"a,b\n1,2\n", b""],
+)
 def test_parquet_that_is_none_is_refused(tmp_path, content):
     (tmp_path / "flight.parquet").write_bytes(content)
     with pytest.raises(InputError, match=r"flight\.parquet: not a"):
@@ -173,8 +212,12 @@ def test_parquet_that_is_none_is_refused(tmp_path, content):
 def test_a_column_of_dates_in_parquet_is_named(tmp_path):
     text = log.to_csv(calm())
     frame = polars.read_csv(io.StringIO(text), comment_prefix="#")
-    when = polars.datetime_range(polars.datetime(2024, 1, 1), polars.datetime(2024, 1, 2), "12m", eager=True)[:120]
-    frame.with_columns(time=when).write_parquet(tmp_path / "flight.parquet", metadata={"commands": "held"})
+    when = polars.datetime_range(
+        polars.datetime(2024, 1, 1), polars.datetime(2024, 1, 2), "12m", eager=True
+    )[:120]
+    frame.with_columns(time=when).write_parquet(
+        tmp_path / "flight.parquet", metadata={"commands": "held"}
+    )
     with pytest.raises(InputError, match=r"column time holds Datetime.*not a number"):
         read_flights(tmp_path / "flight.parquet")
 
@@ -184,4 +227,7 @@ def test_the_python_of_the_log_format_page_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (snippet,) = re.findall(r"^```python\n(.*?)^```", page, re.M | re.S)
     exec(compile(snippet, "docs/flight-log.md", "exec"), {})
-    assert "2 pieces, 8.0 s\n()\n('logs/damaged.csv: columns are separated by semicolons in line 1" in capsys.readouterr().out
+    assert (
+        "2 pieces, 8.0 s\n()\n('logs/damaged.csv: columns are separated by semicolons in line 1"
+        in capsys.readouterr().out
+    )

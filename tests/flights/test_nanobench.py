@@ -1,4 +1,5 @@
-"""NanoBench's columns: signals keep their meaning, the motion capture is moved onto the drone's clock, and the real files bear it out."""
+"""NanoBench's columns: signals keep their meaning, the motion capture is moved onto the drone's
+clock, and the real files bear it out."""
 
 import gzip
 
@@ -15,7 +16,8 @@ ROWS = 1500
 
 
 def text(late=0, rows=ROWS, **changes):
-    """A file whose motion capture is `late` rows behind the drone's streams, from its definition."""
+    """A file whose motion capture is `late` rows behind the drone's streams, from its
+    definition."""
     flight = driven(rows)
     seen = np.clip(np.arange(rows) - late, 0, rows - 1)
     volts = np.linspace(4.0, 3.8, rows)
@@ -57,7 +59,9 @@ def test_columns_keep_their_meaning():
     np.testing.assert_array_equal(flight.body_rates, made.body_rates)
     for group, tolerance in (("position", 0.002), ("velocity", 0.01), ("attitude", 0.005)):
         np.testing.assert_allclose(getattr(flight, group), getattr(made, group), atol=tolerance)
-    assert notes == ["made: battery compensation of the 2.1+ propellers (as its thrust command tells)"]
+    assert notes == [
+        "made: battery compensation of the 2.1+ propellers (as its thrust command tells)"
+    ]
     assert (flight.held, flight.simulated, flight.period) == (False, "", 0.01)
 
 
@@ -74,7 +78,13 @@ def test_a_clock_that_wanders_is_followed():
     rows = np.arange(3000)
     rates = np.random.default_rng(0).normal(size=(3000, 3)).cumsum(axis=0)
     rates = np.stack(
-        [np.convolve(column - np.convolve(column, np.ones(80) / 80, "same"), np.ones(9) / 9, "same") for column in rates.T], axis=1
+        [
+            np.convolve(
+                column - np.convolve(column, np.ones(80) / 80, "same"), np.ones(9) / 9, "same"
+            )
+            for column in rates.T
+        ],
+        axis=1,
     )
     attitude = 0.01 * rates.cumsum(axis=0) * 0.02
     truth = 8 * np.sin(2 * np.pi * rows / 1500)
@@ -88,7 +98,9 @@ def test_a_count_that_no_motor_has_is_not_a_command():
     pwm = np.full(ROWS, 40000.0)
     pwm[700:710] = 1e6
     flight = one(text(motor_motor_m2=pwm))[0]
-    np.testing.assert_array_equal(np.flatnonzero(np.isnan(flight.command).any(axis=1)), np.arange(700, 710))
+    np.testing.assert_array_equal(
+        np.flatnonzero(np.isnan(flight.command).any(axis=1)), np.arange(700, 710)
+    )
 
 
 def test_a_missing_column_is_named():
@@ -108,7 +120,8 @@ FILES = ("B2_circle_fast_rep2", "B3_figure8_slow_rep3", "B7_oval_medium_rep3", "
 
 @pytest.fixture(scope="module")
 def real(shared_data):
-    """Four of the 26: the legacy law, a late Vicon, a wandering one, and one that stays on the ground."""
+    """Four of the 26: the legacy law, a late Vicon, a wandering one, and one that stays on the
+    ground."""
     folder = shared_data / "nanobench"
     if not folder.is_dir():
         pytest.skip(f"NanoBench is not at {folder}")
@@ -129,7 +142,10 @@ def test_a_real_wandering_clock_is_followed(real):
         column = tables.numbers(real[name], ["roll"])
         flown = flight.position[:, 2] > 0.5
         gyro = np.convolve(flight.body_rates[:, 0], np.ones(7) / 7, "same")[flown]
-        moved, raw = (np.convolve(np.gradient(roll), np.ones(7) / 7, "same")[flown] for roll in (flight.attitude[:, 0], column["roll"]))
+        moved, raw = (
+            np.convolve(np.gradient(roll), np.ones(7) / 7, "same")[flown]
+            for roll in (flight.attitude[:, 0], column["roll"])
+        )
         assert np.corrcoef(gyro, raw)[0, 1] < before
         assert np.corrcoef(gyro, moved)[0, 1] > after
 

@@ -1,4 +1,5 @@
-"""Reading files and folders: every format is recognised, and whatever else lies there is an InputError or ignored."""
+"""Reading files and folders: every format is recognised, and whatever else lies there is an
+InputError or ignored."""
 
 import gzip
 import warnings
@@ -60,7 +61,10 @@ def test_more_columns_than_needed_are_no_harm(tmp_path):
 def test_the_authors_columns_at_another_rate_are_refused(tmp_path, step):
     table = polars.read_csv(theirs(200)).with_columns(time=step * polars.arange(200))
     table.write_csv(tmp_path / "rate.csv")
-    with pytest.raises(InputError, match=r"rate\.csv: .*(ms apart by column time; expected 10 ms|time runs backwards or leaps 199 times)"):
+    with pytest.raises(
+        InputError,
+        match=r"rate\.csv: .*(ms apart by column time; expected 10 ms|time runs backwards or leaps 199 times)",
+    ):
         read_flights(tmp_path / "rate.csv")
 
 
@@ -107,14 +111,17 @@ def test_other_tables_in_a_folder_are_ignored(tmp_path, kind):
     put(tmp_path / ("results.csv.gz" if table[:2] == b"\x1f\x8b" else "results.csv"), table)
     read = read_flights(tmp_path)
     assert [path.name for path in read.paths] == ["flight.csv"]
-    assert len([said for said in (*read.notes, *read.refused) if "results.csv" in said]) == 1, "but not in silence"
+    assert len([said for said in (*read.notes, *read.refused) if "results.csv" in said]) == 1, (
+        "but not in silence"
+    )
 
 
 OWN_TABLES = {
     "training.csv": b"update,steps,policy,episode_return\n1,64,1,-3.0\n",
     "flights.csv": b"flight,policy,reality,trial,duration,end_reason,position_error\n1,1,virtual-1,1,20.0,time,0.1\n",
     "identification.csv": b"trial,thrust_to_weight,objective\n1,1.8,10.0\n",
-    "validation.csv": b"# maidenflight validation 1: errors\n# record: {}\nmodel,horizon,windows\nx,0.1,3\n",
+    "validation.csv": b"# maidenflight validation 1: errors\n# record: "
+    b"{}\nmodel,horizon,windows\nx,0.1,3\n",
 }
 
 
@@ -146,10 +153,16 @@ def test_notes_of_all_files_are_kept(tmp_path):
 
 
 REFUSED = {
-    "an unknown format": (b"t,x,y\n1,2,3\n", "unknown format.*'t,x,y'.*maidenflight flight 1.*22 columns.*51 columns.*stateEstimate.x"),
+    "an unknown format": (
+        b"t,x,y\n1,2,3\n",
+        "unknown format.*'t,x,y'.*maidenflight flight 1.*22 columns.*51 columns.*stateEstimate.x",
+    ),
     "an empty file": (b"", "the file is empty"),
     "a truncated gzip": (gzip.compress(ours())[:-200], "cannot be read"),
-    "a damaged gzip": (gzip.compress(ours())[:60] + b"\x00" * 40 + gzip.compress(ours())[100:], "cannot be read"),
+    "a damaged gzip": (
+        gzip.compress(ours())[:60] + b"\x00" * 40 + gzip.compress(ours())[100:],
+        "cannot be read",
+    ),
     "only the start of a gzip": (b"\x1f\x8b", "cannot be read"),
     "text that is not UTF-8": (ours().replace(b"held", b"h\xffld"), "cannot be read"),
     "too short a flight": (ours(49), "no usable flight in 1 files.*0.5 s"),
@@ -178,7 +191,9 @@ def test_what_is_refused_alone_leaves_the_rest_of_its_folder(tmp_path, what):
 def test_a_folder_of_nothing_but_damage_is_refused_with_the_reasons(tmp_path, what):
     for number in range(5):
         put(tmp_path / f"broken_{number}.csv.gz", REFUSED[what][0])
-    with pytest.raises(InputError, match=r"no usable flight.*broken_0\.csv\.gz.*broken_2.*and 2 more"):
+    with pytest.raises(
+        InputError, match=r"no usable flight.*broken_0\.csv\.gz.*broken_2.*and 2 more"
+    ):
         read_flights(tmp_path)
 
 
@@ -189,7 +204,8 @@ def test_where_there_is_nothing_the_message_says_what_to_give(tmp_path, make):
 
 
 def reads_or_refuses(path):
-    """The law of all garbage; that NumPy warns of numbers too large for float32 is another test's matter."""
+    """The law of all garbage; that NumPy warns of numbers too large for float32 is another test's
+    matter."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)
@@ -199,13 +215,22 @@ def reads_or_refuses(path):
     assert isinstance(read, Flights)
     for flight in read:
         assert len(flight) >= 50
-        assert all(np.isfinite(getattr(flight, group)).all() for group in ("position", "velocity", "attitude", "body_rates", "command"))
+        assert all(
+            np.isfinite(getattr(flight, group)).all()
+            for group in ("position", "velocity", "attitude", "body_rates", "command")
+        )
 
 
 @pytest.mark.parametrize("cell", [b"inf", b"-1e39"])
-@pytest.mark.parametrize(("source", "column"), [(ours, 1), (ours, 14), (ours, 17), (theirs, 0), (theirs, 13), (theirs, 17), (theirs, 20)])
-def test_a_number_without_measure_costs_at_most_its_row_and_no_warning(tmp_path, source, column, cell):
-    """Columns: position, command and battery of our own log; x, n1, mot1 and battery of the authors'."""
+@pytest.mark.parametrize(
+    ("source", "column"),
+    [(ours, 1), (ours, 14), (ours, 17), (theirs, 0), (theirs, 13), (theirs, 17), (theirs, 20)],
+)
+def test_a_number_without_measure_costs_at_most_its_row_and_no_warning(
+    tmp_path, source, column, cell
+):
+    """Columns: position, command and battery of our own log; x, n1, mot1 and battery of the
+    authors'."""
     lines = source(200).split(b"\n")
     line = lines[-51].split(b",")
     lines[-51] = b",".join([*line[:column], cell, *line[column + 1 :]])
@@ -215,7 +240,10 @@ def test_a_number_without_measure_costs_at_most_its_row_and_no_warning(tmp_path,
 
 
 def test_a_file_saved_on_windows_is_read_alike(tmp_path):
-    plain, windows = put(tmp_path / "x" / "1.csv", ours()), put(tmp_path / "y" / "1.csv", ours().replace(b"\n", b"\r\n"))
+    plain, windows = (
+        put(tmp_path / "x" / "1.csv", ours()),
+        put(tmp_path / "y" / "1.csv", ours().replace(b"\n", b"\r\n")),
+    )
     assert same(read_flights(windows).flights[0], read_flights(plain).flights[0])
 
 
@@ -237,13 +265,36 @@ def test_random_bytes_are_refused_not_crashed_on(tmp_path_factory, head, body):
     reads_or_refuses(tmp_path_factory.getbasetemp() / "random")
 
 
-CELLS = [b"inf", b"-inf", b"nan", b"1e300", b"-1e39", b"", b"true", b"2020-01-01", b'"', b",", b"\n", b"\x00", b"9" * 40, b"#", b"\r", b"-"]
+CELLS = [
+    b"inf",
+    b"-inf",
+    b"nan",
+    b"1e300",
+    b"-1e39",
+    b"",
+    b"true",
+    b"2020-01-01",
+    b'"',
+    b",",
+    b"\n",
+    b"\x00",
+    b"9" * 40,
+    b"#",
+    b"\r",
+    b"-",
+]
 
 
 @settings(max_examples=200)
 @given(
     source=st.sampled_from([ours, theirs]),
-    edits=st.lists(st.tuples(st.floats(0, 1), st.integers(0, 400), st.sampled_from(CELLS) | st.binary(max_size=6)), min_size=1, max_size=4),
+    edits=st.lists(
+        st.tuples(
+            st.floats(0, 1), st.integers(0, 400), st.sampled_from(CELLS) | st.binary(max_size=6)
+        ),
+        min_size=1,
+        max_size=4,
+    ),
     zipped=st.booleans(),
 )
 def test_damaged_logs_are_read_or_refused_not_crashed_on(tmp_path_factory, source, edits, zipped):
@@ -251,13 +302,22 @@ def test_damaged_logs_are_read_or_refused_not_crashed_on(tmp_path_factory, sourc
     for place, length, new in edits:
         start = int(place * len(content))
         content = content[:start] + new + content[start + length :]
-    reads_or_refuses(put(tmp_path_factory.getbasetemp() / "damaged" / "x.csv", gzip.compress(content, 1) if zipped else content))
+    reads_or_refuses(
+        put(
+            tmp_path_factory.getbasetemp() / "damaged" / "x.csv",
+            gzip.compress(content, 1) if zipped else content,
+        )
+    )
 
 
 @settings(max_examples=100)
 @given(
     source=st.sampled_from([ours, theirs]),
-    cells=st.lists(st.tuples(st.integers(0, 79), st.integers(0, 20), st.sampled_from(CELLS)), min_size=1, max_size=5),
+    cells=st.lists(
+        st.tuples(st.integers(0, 79), st.integers(0, 20), st.sampled_from(CELLS)),
+        min_size=1,
+        max_size=5,
+    ),
 )
 def test_strange_cells_are_read_or_refused_not_crashed_on(tmp_path_factory, source, cells):
     lines = source().split(b"\n")

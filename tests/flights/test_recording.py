@@ -1,4 +1,5 @@
-"""Recording: the firmware's PID flies a virtual drone about the circle, and the log holds what a real one would."""
+"""Recording: the firmware's PID flies a virtual drone about the circle, and the log holds what a
+real one would."""
 
 from typing import Any
 
@@ -57,7 +58,8 @@ def test_the_setpoint_is_the_papers_circle(flights):
 
 
 def test_the_logged_command_is_the_middle_of_a_step_of_the_motors_timer(flights):
-    """What the battery law makes of the command is (ratio + 1/2) / 256 of the battery's voltage, exactly."""
+    """What the battery law makes of the command is (ratio + 1/2) / 256 of the battery's voltage,
+    exactly."""
     for flight in flights:
         steps = 256 * volts(np.float64(flight.command)) / flight.battery[:, None]
         np.testing.assert_allclose(steps % 1, 0.5, atol=0.02)
@@ -70,7 +72,8 @@ def test_the_logged_battery_sags_with_the_motors(flights):
 
 
 def test_excitation_moves_the_motors_by_its_strength(flights, plain):
-    """Every 50 ms the commands change by 0 or twice the strength; the PID alone moves them by far less than that at once."""
+    """Every 50 ms the commands change by 0 or twice the strength; the PID alone moves them by far
+    less than that at once."""
 
     def jumps(flight):
         change = np.abs(np.diff(flight.command, axis=0)).mean(axis=1)
@@ -102,6 +105,8 @@ def test_a_recorded_flight_has_nothing_to_complain_about_and_survives_its_file(f
 def test_without_a_battery_the_logged_command_is_the_ratio():
     values: dict[str, Any] = {name: np.ones((5, 3), np.float32) for name in recording.Rows._fields}
     values |= {"ratio": np.full((5, 4), 0.625, np.float32), "battery": np.full(5, 3.5, np.float32)}
-    flight = recording.to_flight(recording.Rows(**values), "made", held=True, has_battery=False, simulated="x", period=0.02)
+    flight = recording.to_flight(
+        recording.Rows(**values), "made", held=True, has_battery=False, simulated="x", period=0.02
+    )
     np.testing.assert_array_equal(flight.command, values["ratio"])
     assert (flight.held, flight.simulated, flight.period) == (True, "x", 0.02)

@@ -1,4 +1,5 @@
-"""A sample of flights: bounded, of every flight, with windows that the whole flights have; and nothing changes where all fits."""
+"""A sample of flights: bounded, of every flight, with windows that the whole flights have; and
+nothing changes where all fits."""
 
 import weakref
 
@@ -29,16 +30,26 @@ def test_every_flight_gives_alike_and_no_more_than_asked_for(most):
     given = flights()
     kept, duration = sampled(given, most)
     assert duration == pytest.approx(60.5)
-    seconds = {flight.name: sum(part.duration for part in kept if part.name == flight.name) for flight in given}
+    seconds = {
+        flight.name: sum(part.duration for part in kept if part.name == flight.name)
+        for flight in given
+    }
     assert sum(seconds.values()) <= most + 0.01 * len(kept)
     assert min(seconds.values()) >= 1.0
     for flight in given:
-        assert seconds[flight.name] == pytest.approx(flight.duration) or seconds[flight.name] > max(seconds.values()) - 2.4
+        assert (
+            seconds[flight.name] == pytest.approx(flight.duration)
+            or seconds[flight.name] > max(seconds.values()) - 2.4
+        )
 
 
-@pytest.mark.parametrize(("length", "every", "history"), [(100, 100, 100), (30, 10, 100), (30, 10, 7), (100, 100, 250)])
+@pytest.mark.parametrize(
+    ("length", "every", "history"), [(100, 100, 100), (30, 10, 100), (30, 10, 7), (100, 100, 250)]
+)
 @pytest.mark.parametrize("held", [True, False])
-def test_windows_of_a_sample_are_windows_of_the_whole_flights_to_the_bit(length, every, history, held):
+def test_windows_of_a_sample_are_windows_of_the_whole_flights_to_the_bit(
+    length, every, history, held
+):
     given = [calm(rows, seed, held=held) for seed, rows in enumerate((3000, 2000))]
     kept, _ = sampled(given, 25.0, history)
     few, all_of_them = windows(kept, length, every, history), windows(given, length, every, history)
@@ -63,8 +74,14 @@ def test_a_smaller_sample_is_a_part_of_a_larger_one():
 def test_what_a_flight_gives_depends_on_how_long_all_are_and_not_on_what_was_cut_on_the_way():
     given = flights((2500, 800, 3000, 100, 1700, 2500, 60, 4000))
     share = sampling._share(np.array([flight.duration for flight in given]), 20.0)
-    at_once = [part for number, flight in enumerate(given) for part in sampling._shortened([flight], number, share, 100)]
-    assert all(same(one, other) for one, other in zip(sampled(given, 20.0)[0], at_once, strict=True))
+    at_once = [
+        part
+        for number, flight in enumerate(given)
+        for part in sampling._shortened([flight], number, share, 100)
+    ]
+    assert all(
+        same(one, other) for one, other in zip(sampled(given, 20.0)[0], at_once, strict=True)
+    )
 
 
 def test_what_is_not_kept_is_forgotten_while_others_are_read():
@@ -84,7 +101,9 @@ def test_what_is_not_kept_is_forgotten_while_others_are_read():
     assert max(whole) <= 3, "flights that are held whole"
     assert len({part.name for part in kept}) == 40
     for part in kept:
-        assert all(getattr(part, group).base is None for group in GROUPS if group != "time"), "a view would hold the whole flight"
+        assert all(getattr(part, group).base is None for group in GROUPS if group != "time"), (
+            "a view would hold the whole flight"
+        )
 
 
 def test_stretches_of_a_flight_are_fitted_or_judged_by_together():

@@ -14,18 +14,28 @@ LENGTH = 30
 
 
 def numbered(number, rows, **changes):
-    """A flight whose every column is 10,000 times its number, plus the row, plus a share for the column."""
+    """A flight whose every column is 10,000 times its number, plus the row, plus a share for the
+    column."""
     row = 10_000.0 * number + np.arange(rows)[:, None]
-    columns = {group: np.float32(row + offset) for group, offset in (("position", 0.0), ("velocity", 0.25), ("body_rates", 0.5))}
+    columns = {
+        group: np.float32(row + offset)
+        for group, offset in (("position", 0.0), ("velocity", 0.25), ("body_rates", 0.5))
+    }
     columns = {group: np.tile(values, (1, 3)) for group, values in columns.items()}
-    attitude = np.float32(np.stack([0.1 + 0 * row[:, 0], 1e-4 * np.arange(rows), 0 * row[:, 0]], axis=1))
-    return calm(rows, **columns, attitude=attitude, command=np.float32(np.tile(row, (1, 4))), **changes)
+    attitude = np.float32(
+        np.stack([0.1 + 0 * row[:, 0], 1e-4 * np.arange(rows), 0 * row[:, 0]], axis=1)
+    )
+    return calm(
+        rows, **columns, attitude=attitude, command=np.float32(np.tile(row, (1, 4))), **changes
+    )
 
 
 @pytest.fixture(scope="module")
 def cut():
     """Windows of three flights, one of which is too short to give any."""
-    return windows([numbered(1, 200), numbered(2, SHORTEST_HISTORY + LENGTH), numbered(3, 3001)], LENGTH)
+    return windows(
+        [numbered(1, 200), numbered(2, SHORTEST_HISTORY + LENGTH), numbered(3, 3001)], LENGTH
+    )
 
 
 def begins(rows):
@@ -34,7 +44,9 @@ def begins(rows):
 
 
 def test_every_tenth_row_that_has_a_past_and_a_future_starts_a_window(cut):
-    np.testing.assert_array_equal(cut.position[:, 0], [*(10_000 + begins(200)), *(30_000 + begins(3001))])
+    np.testing.assert_array_equal(
+        cut.position[:, 0], [*(10_000 + begins(200)), *(30_000 + begins(3001))]
+    )
     assert begins(3001)[-1] + LENGTH == 3000, "the last window ends in the last row"
     assert EVERY == 10
 
@@ -57,13 +69,20 @@ def test_the_state_at_the_start_is_the_starting_rows(cut):
 def test_what_is_to_be_predicted_are_the_rows_after_the_start(cut):
     expected = cut.position[:, :1] + np.arange(1, LENGTH + 1, dtype=np.float32)
     for columns, offset in ((slice(0, 3), 0.0), (slice(3, 6), 0.25), (slice(9, 12), 0.5)):
-        np.testing.assert_array_equal(cut.measured[:, :, columns], np.tile(expected[:, :, None] + np.float32(offset), (1, 1, 3)))
-    np.testing.assert_allclose(cut.measured[0, :, 7], 1e-4 * (SHORTEST_HISTORY + np.arange(1, LENGTH + 1)), rtol=1e-5)
+        np.testing.assert_array_equal(
+            cut.measured[:, :, columns],
+            np.tile(expected[:, :, None] + np.float32(offset), (1, 1, 3)),
+        )
+    np.testing.assert_allclose(
+        cut.measured[0, :, 7], 1e-4 * (SHORTEST_HISTORY + np.arange(1, LENGTH + 1)), rtol=1e-5
+    )
 
 
 def test_commands_run_from_the_history_to_the_last_period(cut):
     first = 10_000 * np.floor(cut.position[:, :1] / 10_000)
-    expected = np.maximum(cut.position[:, :1] + np.arange(-HISTORY, LENGTH, dtype=np.float32), first)
+    expected = np.maximum(
+        cut.position[:, :1] + np.arange(-HISTORY, LENGTH, dtype=np.float32), first
+    )
     assert (expected[:, 0] == first[:, 0]).any(), "the first row stands for what came before it"
     np.testing.assert_array_equal(cut.command, np.tile(expected[:, :, None], (1, 1, 4)))
 
@@ -95,7 +114,9 @@ def test_windows_are_float32_and_of_the_sizes_promised(cut):
     assert cut.measured.shape == (count, LENGTH, 12)
     assert cut.command.shape == (count, HISTORY + LENGTH, 4)
     assert cut.quaternion.shape == (count, 4)
-    assert {array.dtype for name, array in cut._asdict().items() if name != "block"} == {np.dtype(np.float32)}
+    assert {array.dtype for name, array in cut._asdict().items() if name != "block"} == {
+        np.dtype(np.float32)
+    }
 
 
 def test_the_distance_between_starts_can_be_chosen():
@@ -115,7 +136,9 @@ def test_flights_of_different_rates_are_refused():
 def test_flights_that_are_too_short_are_refused_with_what_is_needed():
     least = SHORTEST_HISTORY + LENGTH + 1
     assert len(windows([calm(least)], LENGTH).block) == 1
-    with pytest.raises(InputError, match=rf"longest {0.01 * (least - 1):.2f} s, needed {0.01 * least:.2f} s"):
+    with pytest.raises(
+        InputError, match=rf"longest {0.01 * (least - 1):.2f} s, needed {0.01 * least:.2f} s"
+    ):
         windows([calm(least - 1), calm(10)], LENGTH)
 
 

@@ -1,7 +1,8 @@
-"""Noise-free logs of the training model itself, flown with a known xi: what identification must find again.
+"""Noise-free logs of the training model itself, flown with a known xi: what identification must
+find again.
 
-Each flight starts in hover. Feedback of the true state keeps the drone level, and each axis (thrust, roll, pitch, yaw) is
-excited by pulses + - - + of random sign, 50 ms each.
+Each flight starts in hover. Feedback of the true state keeps the drone level, and each axis
+(thrust, roll, pitch, yaw) is excited by pulses + - - + of random sign, 50 ms each.
 """
 
 import dataclasses
@@ -26,7 +27,12 @@ AXES = np.array([[1, 1, 1, 1], [-1, -1, 1, 1], [-1, 1, 1, -1], [-1, 1, -1, 1]], 
 
 def drone(thrust_to_weight, motor_time_constant, latency):
     """The noiseless Crazyflie with a planted xi."""
-    return replace(noiseless(crazyflie()), thrust_to_weight=thrust_to_weight, motor_time_constant=motor_time_constant, latency=latency)
+    return replace(
+        noiseless(crazyflie()),
+        thrust_to_weight=thrust_to_weight,
+        motor_time_constant=motor_time_constant,
+        latency=latency,
+    )
 
 
 def excitation(generator):
@@ -38,15 +44,24 @@ def excitation(generator):
 
 
 def stabilised(state, parameters):
-    """What keeps the drone level, as an addition to the four commands: every axis gets three poles at -5/s, were there no latency."""
+    """What keeps the drone level, as an addition to the four commands: every axis gets three poles
+    at -5/s, were there no latency."""
     lag, pole = parameters.motor_time_constant, 5.0
     acceleration = dynamics.angular_acceleration(state, jnp.zeros(4), parameters)
     attitude = rotations.to_attitude(state.quaternion)
     jerk = -3 * pole * acceleration - 3 * pole**2 * state.body_rates - pole**3 * attitude
     full = parameters.mass * parameters.gravity * parameters.thrust_to_weight
-    lever = jnp.stack([parameters.arm_length / jnp.sqrt(2.0), parameters.arm_length / jnp.sqrt(2.0), parameters.torque_to_thrust])
+    lever = jnp.stack(
+        [
+            parameters.arm_length / jnp.sqrt(2.0),
+            parameters.arm_length / jnp.sqrt(2.0),
+            parameters.torque_to_thrust,
+        ]
+    )
     turning = (acceleration + lag * jerk) * parameters.inertia / (full * lever)
-    climb = jnp.sum(jnp.array([-0.1, -0.05]) * jnp.stack([state.velocity[2], state.position[2] - 1.0]))
+    climb = jnp.sum(
+        jnp.array([-0.1, -0.05]) * jnp.stack([state.velocity[2], state.position[2] - 1.0])
+    )
     return jnp.concatenate([climb[None], jnp.clip(turning, -0.1, 0.1)]) @ AXES
 
 
@@ -55,17 +70,20 @@ def _fly(world, parameters, additions, keys):
     state = dynamics.at_hover(world.task.reference(jnp.zeros(())), parameters)
     first = environment.begin(world, state, jnp.zeros(()), parameters, jax.random.key(0))
 
-    def one(episode, row):
+    def one(env_state, row):
         addition, key = row
-        command = dynamics.hover_command(parameters) + addition + stabilised(episode.state, parameters)
-        after, _ = environment.step(world, episode, 2.0 * command - 1.0, parameters, key)
-        return after, (episode.state, after.actuators.ratio)
+        command = (
+            dynamics.hover_command(parameters) + addition + stabilised(env_state.state, parameters)
+        )
+        after, _ = environment.step(world, env_state, 2.0 * command - 1.0, parameters, key)
+        return after, (env_state.state, after.actuators.ratio)
 
     return jax.lax.scan(one, first, (additions, keys))[1]
 
 
 def logs(parameters, count=FLIGHTS, seed=0):
-    """Flights whose rows are the exact states and whose commands are exact and held; the motors are as noisy as the drone's."""
+    """Flights whose rows are the exact states and whose commands are exact and held; the motors are
+    as noisy as the drone's."""
     generator = np.random.default_rng(seed)
     flights = []
     for number in range(count):
@@ -96,6 +114,10 @@ def with_noise(flights, seed=0, velocity=0.01, rates=0.05):
         return exact + generator.normal(0, size, exact.shape).astype(np.float32)
 
     return [
-        dataclasses.replace(flight, velocity=noisy(flight.velocity, velocity), body_rates=noisy(flight.body_rates, rates))
+        dataclasses.replace(
+            flight,
+            velocity=noisy(flight.velocity, velocity),
+            body_rates=noisy(flight.body_rates, rates),
+        )
         for flight in flights
     ]

@@ -27,7 +27,12 @@ def test_time_constants_are_searched_on_a_logarithmic_scale_and_the_rest_on_a_li
 
 
 def bowl(point):
-    return 1.0 + 40.0 * (point[0] - 0.3) ** 2 + 10.0 * (point[1] - 0.72) ** 2 + 20.0 * (point[2] - point[0] - 0.2) ** 2
+    return (
+        1.0
+        + 40.0 * (point[0] - 0.3) ** 2
+        + 10.0 * (point[1] - 0.72) ** 2
+        + 20.0 * (point[2] - point[0] - 0.2) ** 2
+    )
 
 
 @pytest.fixture(scope="module")
@@ -108,11 +113,19 @@ def test_a_small_sure_gain_is_preferred_by_its_probability_a_large_doubtful_one_
     assert np.argmax(bayesian.lower_confidence_bound(mean, deviation, 0.0)) == 1
 
 
-@pytest.mark.parametrize(("mean", "deviation", "best"), [(0.3, 0.5, 0.0), (-0.7, 0.2, -0.5), (1.0, 1.0, 1.2)])
+@pytest.mark.parametrize(
+    ("mean", "deviation", "best"), [(0.3, 0.5, 0.0), (-0.7, 0.2, -0.5), (1.0, 1.0, 1.2)]
+)
 def test_acquisitions_are_what_their_names_say(mean, deviation, best):
     """Against 200,001 equally likely values of the normal distribution."""
     values = mean + deviation * norm.ppf((np.arange(200_001) + 0.5) / 200_001)
     arguments = (np.array([mean]), np.array([deviation]), best)
-    assert bayesian.expected_improvement(*arguments)[0] == pytest.approx(np.maximum(best - values, 0).mean(), abs=1e-4)
-    assert bayesian.probability_of_improvement(*arguments)[0] == pytest.approx((values < best - 0.01).mean(), abs=1e-4)
-    assert -bayesian.lower_confidence_bound(*arguments)[0] == pytest.approx(np.quantile(values, norm.cdf(-1.96)), abs=1e-3)
+    assert bayesian.expected_improvement(*arguments)[0] == pytest.approx(
+        np.maximum(best - values, 0).mean(), abs=1e-4
+    )
+    assert bayesian.probability_of_improvement(*arguments)[0] == pytest.approx(
+        (values < best - 0.01).mean(), abs=1e-4
+    )
+    assert -bayesian.lower_confidence_bound(*arguments)[0] == pytest.approx(
+        np.quantile(values, norm.cdf(-1.96)), abs=1e-3
+    )

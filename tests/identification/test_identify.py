@@ -1,4 +1,5 @@
-"""Identification: what was planted is found again, on the model's own flights; on real ones the answer is the study's."""
+"""Identification: what was planted is found again, on the model's own flights; on real ones the
+answer is the study's."""
 
 import dataclasses
 import itertools
@@ -33,7 +34,14 @@ def flights():
 
 @pytest.fixture(scope="module")
 def quick(flights):
-    return identify(flights, key=jax.random.key(5), evaluations=14, trials=2, method="bayesian", objective="replay")
+    return identify(
+        flights,
+        key=jax.random.key(5),
+        evaluations=14,
+        trials=2,
+        method="bayesian",
+        objective="replay",
+    )
 
 
 @pytest.mark.parametrize("planted_xi", [(1.9, 0.06, 0.012), (1.7, 0.03, 0.004), (1.6, 0.11, 0.025)])
@@ -43,7 +51,8 @@ def test_a_planted_drone_is_found_again(planted_xi, method):
     found = identify(planted.logs(planted.drone(*planted_xi)), objective="replay", method=method)
     thrust, lag, delay = (found.estimates[name].value for name in PAPER_BOUNDS)
     print(
-        f"planted {planted_xi}: k_F {thrust / planted_xi[0] - 1:+.2%}, T_m + latency {1e3 * (lag + delay - sum(planted_xi[1:])):+.2f} ms,",
+        f"planted {planted_xi}: k_F {thrust / planted_xi[0] - 1:+.2%}, T_m + latency "
+        f"{1e3 * (lag + delay - sum(planted_xi[1:])):+.2f} ms,",
         end=" ",
     )
     print(f"latency {1e3 * (delay - planted_xi[2]):+.2f} ms, loss {found.objective:.3f}")
@@ -70,7 +79,9 @@ def test_the_ensemble_of_an_identification_spreads_as_its_intervals_tell(quick):
         assert max(high, estimate.value) == pytest.approx(estimate.interval[1], rel=1e-4)
     drawn = drones.draw(jax.random.key(3))
     values = np.stack([getattr(drones.drones, name) for name in quick.draws], axis=1)
-    assert np.any(np.all(values == np.stack([getattr(drawn, name) for name in quick.draws]), axis=1)), "one of them, whole"
+    assert np.any(
+        np.all(values == np.stack([getattr(drawn, name) for name in quick.draws]), axis=1)
+    ), "one of them, whole"
     np.testing.assert_array_equal(drawn.mass, quick.parameters.mass)
 
 
@@ -107,8 +118,22 @@ def test_the_optimum_is_the_best_point_of_history(quick):
 
 
 def test_the_same_key_gives_the_same_result_and_another_key_another(flights, quick):
-    again = identify(flights, key=jax.random.key(5), evaluations=14, trials=2, method="bayesian", objective="replay")
-    other = identify(flights, key=jax.random.key(6), evaluations=14, trials=2, method="bayesian", objective="replay")
+    again = identify(
+        flights,
+        key=jax.random.key(5),
+        evaluations=14,
+        trials=2,
+        method="bayesian",
+        objective="replay",
+    )
+    other = identify(
+        flights,
+        key=jax.random.key(6),
+        evaluations=14,
+        trials=2,
+        method="bayesian",
+        objective="replay",
+    )
     assert again.to_table() == quick.to_table()
     assert again.history.equals(quick.history)
     assert not other.history.equals(quick.history)
@@ -116,8 +141,22 @@ def test_the_same_key_gives_the_same_result_and_another_key_another(flights, qui
 
 def test_the_table_for_the_file_holds_no_time_of_day(quick):
     table = quick.to_table()
-    assert set(table) == {"kind", "objective", "windows", "evaluations", *dataclasses.asdict(quick.source), *PAPER_BOUNDS}
-    assert set(table["latency"]) == {"value", "interval", "trial_mean", "trial_deviation", "spread", "valley"}
+    assert set(table) == {
+        "kind",
+        "objective",
+        "windows",
+        "evaluations",
+        *dataclasses.asdict(quick.source),
+        *PAPER_BOUNDS,
+    }
+    assert set(table["latency"]) == {
+        "value",
+        "interval",
+        "trial_mean",
+        "trial_deviation",
+        "spread",
+        "valley",
+    }
 
 
 def test_an_identification_remembers_what_it_rests_on(quick, flights, tmp_path):
@@ -137,7 +176,10 @@ def test_an_identification_remembers_what_it_rests_on(quick, flights, tmp_path):
 
 def test_flights_whose_commands_mean_different_thrusts_are_refused(flights):
     mixed = [*flights[:2], dataclasses.replace(flights[2], full=65535.0)]
-    with pytest.raises(InputError, match=r"stands for different counts of the firmware \(60000 in .*, 65535 in .*\)"):
+    with pytest.raises(
+        InputError,
+        match=r"stands for different counts of the firmware \(60000 in .*, 65535 in .*\)",
+    ):
         identify(mixed)
 
 
@@ -145,7 +187,12 @@ def test_restless_samples_are_doubted(flights):
     sampled = [dataclasses.replace(flight, held=False) for flight in flights]
     (doubt,) = _doubts({"actuator_noise": 0.14}, sampled)
     assert "lag and inertia cannot be trusted" in doubt
-    assert _doubts({"actuator_noise": 0.14}, flights) == _doubts({"actuator_noise": 0.03}, sampled) == _doubts({}, sampled) == []
+    assert (
+        _doubts({"actuator_noise": 0.14}, flights)
+        == _doubts({"actuator_noise": 0.03}, sampled)
+        == _doubts({}, sampled)
+        == []
+    )
 
 
 def test_progress_is_counted_to_the_plan(flights):
@@ -157,8 +204,16 @@ def test_progress_is_counted_to_the_plan(flights):
 
 @pytest.mark.parametrize(("bounds", "side"), [((1.5, 1.75), "1.75"), ((2.1, 2.5), "2.1")])
 def test_an_optimum_at_a_search_bound_gives_a_note(flights, bounds, side):
-    found = identify(flights, bounds={**PAPER_BOUNDS, "thrust_to_weight": bounds}, evaluations=40, trials=1, objective="replay")
-    assert any(note.startswith(f"thrust_to_weight lies at its search bound {side}") for note in found.notes)
+    found = identify(
+        flights,
+        bounds={**PAPER_BOUNDS, "thrust_to_weight": bounds},
+        evaluations=40,
+        trials=1,
+        objective="replay",
+    )
+    assert any(
+        note.startswith(f"thrust_to_weight lies at its search bound {side}") for note in found.notes
+    )
 
 
 def test_an_optimum_inside_its_bounds_gives_no_note(quick):
@@ -203,7 +258,10 @@ def test_a_third_of_the_real_pwm_flights_gives_the_studys_drone(shared_data):
     flights = itertools.chain.from_iterable(usable(folder) for folder in folders)
     found = identify(flights, objective="replay", evaluations=25, trials=2)
     thrust, lag, delay = (found.estimates[name].value for name in PAPER_BOUNDS)
-    print(f"real: k_F {thrust:.3f}, T_m {1e3 * lag:.1f} ms, latency {1e3 * delay:.1f} ms, {found.windows} windows, {found.seconds:.1f} s")
+    print(
+        f"real: k_F {thrust:.3f}, T_m {1e3 * lag:.1f} ms, latency {1e3 * delay:.1f} ms, "
+        f"{found.windows} windows, {found.seconds:.1f} s"
+    )
     assert 1.45 < thrust < 1.60
     assert 0.085 < lag + delay < 0.102
 
@@ -215,7 +273,9 @@ def usable(folder):
         return ()
 
 
-def test_of_a_large_folder_only_as_much_as_asked_for_reaches_the_identification(tmp_path, monkeypatch, flights):
+def test_of_a_large_folder_only_as_much_as_asked_for_reaches_the_identification(
+    tmp_path, monkeypatch, flights
+):
     class Reached(Exception):
         pass
 
@@ -227,7 +287,15 @@ def test_of_a_large_folder_only_as_much_as_asked_for_reaches_the_identification(
     monkeypatch.setattr("maidenflight.workflow.logs.identify", seen)
     for most, duration, notes in ((3.1, 3.03, 1), (6.1, 6.0, 0)):
         with pytest.raises(Reached) as reached:
-            workflow.identify_from(tmp_path, 0, tmp_path / "drone.toml", None, "crazyflie", history=30, most_seconds=most)
+            workflow.identify_from(
+                tmp_path,
+                0,
+                tmp_path / "drone.toml",
+                None,
+                "crazyflie",
+                history=30,
+                most_seconds=most,
+            )
         assert reached.value.args[0] == pytest.approx(duration)
         assert len(reached.value.args[1]) == notes
 
@@ -268,7 +336,9 @@ def test_a_most_likely_value_lies_in_its_interval_and_its_draws_within_bounds(li
 def test_a_parameter_at_a_bound_keeps_its_draws_within_it(noisy):
     found = identify(noisy, ["thrust_to_weight"], trials=1, bounds={"thrust_to_weight": (1.5, 1.8)})
     assert found.draws["thrust_to_weight"].max() <= 1.8
-    assert any(note.startswith("thrust_to_weight lies at its search bound 1.8") for note in found.notes)
+    assert any(
+        note.startswith("thrust_to_weight lies at its search bound 1.8") for note in found.notes
+    )
 
 
 def test_the_same_key_gives_the_same_likelihood_and_another_key_other_draws(noisy, likely):
@@ -277,7 +347,9 @@ def test_the_same_key_gives_the_same_likelihood_and_another_key_other_draws(nois
     assert again.to_table() == likely.to_table()
     assert again.posterior_table() == likely.posterior_table()
     assert other.posterior_table() != likely.posterior_table()
-    assert other.objective == likely.objective, "the first trial begins at the start, whatever the key"
+    assert other.objective == likely.objective, (
+        "the first trial begins at the start, whatever the key"
+    )
 
 
 def test_a_posterior_comes_back_from_its_file_as_drones_to_train_on(likely, tmp_path):
@@ -287,16 +359,24 @@ def test_a_posterior_comes_back_from_its_file_as_drones_to_train_on(likely, tmp_
     back = posterior_ensemble(read(path), table, str(path))
     for name, draws in likely.draws.items():
         np.testing.assert_allclose(getattr(back.drones, name), draws[:SAVED], rtol=1e-5)
-    np.testing.assert_array_equal(back.drones.inertia, np.tile(likely.parameters.inertia, (SAVED, 1)))
+    np.testing.assert_array_equal(
+        back.drones.inertia, np.tile(likely.parameters.inertia, (SAVED, 1))
+    )
     drawn = jax.vmap(back.draw)(jax.random.split(jax.random.key(0), 500))
     rows = np.stack([getattr(drawn, name) for name in likely.draws], axis=1)
     saved = np.stack([getattr(back.drones, name) for name in likely.draws], axis=1)
-    assert (rows[:, None] == saved[None]).all(axis=2).any(axis=1).all(), "whole drones, values that belong together"
+    assert (rows[:, None] == saved[None]).all(axis=2).any(axis=1).all(), (
+        "whole drones, values that belong together"
+    )
     assert len(np.unique(rows, axis=0)) > SAVED / 2
 
 
 def test_a_posterior_over_a_component_moves_that_component_alone():
-    drones = posterior_ensemble(crazyflie(), {"names": ["inertia_x", "latency"], "draws": [[1e-5, 0.01], [2e-5, 0.02]]}, "mine.toml").drones
+    drones = posterior_ensemble(
+        crazyflie(),
+        {"names": ["inertia_x", "latency"], "draws": [[1e-5, 0.01], [2e-5, 0.02]]},
+        "mine.toml",
+    ).drones
     expected = np.array([[1e-5, 1.33e-5, 2.64e-5], [2e-5, 1.33e-5, 2.64e-5]], np.float32)
     np.testing.assert_array_equal(drones.inertia, expected)
     np.testing.assert_array_equal(drones.latency, np.array([0.01, 0.02], np.float32))
@@ -341,17 +421,31 @@ def test_an_unknown_objective_is_refused_with_the_known_ones(flights):
 
 def test_trims_differ_as_they_did_between_flights_and_nothing_else_does() -> None:
     drone = replace(crazyflie(), torque_bias=np.array([0.0, 1e-4, 2e-5], np.float32))
-    table = {"torque_bias_y": {"value": 1e-4, "spread": 5e-5}, "torque_bias_z": {"value": 2e-5, "spread": 4e-5}, "latency": {"spread": 1.0}}
+    table = {
+        "torque_bias_y": {"value": 1e-4, "spread": 5e-5},
+        "torque_bias_z": {"value": 2e-5, "spread": 4e-5},
+        "latency": {"spread": 1.0},
+    }
     drones = trim_ensemble(drone, table, "mine.toml").drones
     np.testing.assert_allclose(np.mean(drones.torque_bias, axis=0), drone.torque_bias, atol=1e-6)
-    np.testing.assert_allclose(np.std(drones.torque_bias, axis=0), [0.0, 5e-5, 4e-5], rtol=0.05, atol=1e-12)
-    correlation = np.corrcoef(np.asarray(drones.torque_bias)[:, 1], np.asarray(drones.torque_bias)[:, 2])[0, 1]
+    np.testing.assert_allclose(
+        np.std(drones.torque_bias, axis=0), [0.0, 5e-5, 4e-5], rtol=0.05, atol=1e-12
+    )
+    correlation = np.corrcoef(
+        np.asarray(drones.torque_bias)[:, 1], np.asarray(drones.torque_bias)[:, 2]
+    )[0, 1]
     assert abs(correlation) < 0.1
     np.testing.assert_array_equal(drones.latency, np.full(256, drone.latency))
 
 
 @pytest.mark.parametrize(
-    "table", [{}, {"latency": {"spread": 0.1}}, {"torque_bias_x": {"value": 0.0}}, {"torque_bias_x": {"spread": "much"}}]
+    "table",
+    [
+        {},
+        {"latency": {"spread": 0.1}},
+        {"torque_bias_x": {"value": 0.0}},
+        {"torque_bias_x": {"spread": "much"}},
+    ],
 )
 def test_a_drone_that_does_not_tell_how_trims_differ_is_refused(table: dict[str, Any]) -> None:
     with pytest.raises(InputError, match=r"mine\.toml.*trims"):

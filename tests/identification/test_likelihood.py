@@ -1,4 +1,5 @@
-"""Maximum likelihood finds a planted drone and its noise from flights under feedback, whose motors and sensors are noisy."""
+"""Maximum likelihood finds a planted drone and its noise from flights under feedback, whose motors
+and sensors are noisy."""
 
 from typing import Any
 
@@ -20,7 +21,9 @@ TRUTH = {"thrust_to_weight": 1.85, "motor_time_constant": 0.06, "latency": 0.009
 
 @pytest.fixture(scope="module")
 def flights():
-    return planted.with_noise(planted.logs(replace(planted.drone(**TRUTH), actuator_noise=0.019), 32), seed=2)
+    return planted.with_noise(
+        planted.logs(replace(planted.drone(**TRUTH), actuator_noise=0.019), 32), seed=2
+    )
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +32,8 @@ def found(flights):
 
 
 def test_a_planted_drone_is_found_again_from_noisy_flights_under_feedback(found):
-    """k_F within 1 %, T_m + latency within 3 ms, latency within 2 ms, from a start that is 7 %, 37 ms and 9 ms off."""
+    """k_F within 1 %, T_m + latency within 3 ms, latency within 2 ms, from a start that is 7 %, 37
+    ms and 9 ms off."""
     thrust, lag, delay = (found.estimates[name].value for name in FIRST)
     assert thrust == pytest.approx(TRUTH["thrust_to_weight"], rel=0.01)
     assert lag + delay == pytest.approx(TRUTH["motor_time_constant"] + TRUTH["latency"], abs=0.003)
@@ -49,18 +53,22 @@ def test_the_truth_is_as_far_as_the_drawn_drones_say(found):
         draws, estimate = found.draws[name], found.estimates[name]
         assert abs(estimate.value - truth) < 3 * draws.std()
         assert draws.mean() == pytest.approx(estimate.value, abs=0.2 * draws.std())
-        assert np.subtract(*estimate.interval[::-1]) / 2 == pytest.approx(1.96 * draws.std(), rel=0.15)
+        assert np.subtract(*estimate.interval[::-1]) / 2 == pytest.approx(
+            1.96 * draws.std(), rel=0.15
+        )
         assert draws.std() < 0.1 * truth
 
 
 def test_lag_and_latency_trade_against_one_another_among_the_drawn_drones(found):
-    """What a longer lag delays a shorter latency makes up for: their sum is known better than that of independent draws."""
+    """What a longer lag delays a shorter latency makes up for: their sum is known better than that
+    of independent draws."""
     lag, delay = found.draws["motor_time_constant"], found.draws["latency"]
     assert np.corrcoef(lag, delay)[0, 1] < -0.3
 
 
 def test_the_noise_of_the_sensors_is_found_beside_and_the_drone_flies_with_it(found):
-    """Planted are 0.05 rad/s of the gyro and 0.01 m/s of the velocity, and a position without error."""
+    """Planted are 0.05 rad/s of the gyro and 0.01 m/s of the velocity, and a position without
+    error."""
     assert found.noise["gyro_noise"] == pytest.approx(0.05, rel=0.1)
     assert found.noise["velocity_noise"] == pytest.approx(0.01, rel=0.15)
     assert found.noise["position_noise"] < 2e-4
@@ -77,12 +85,17 @@ def test_bounds_are_physical_and_hold_the_drone_and_all_that_may_be_chosen():
             quantity = QUANTITIES[name if name in QUANTITIES else name[:-2]]
             assert quantity.lower <= low < high <= quantity.upper, name
             assert low <= float(component(drone, name)) <= high, name
-    wider = np.divide(*(np.ptp(likelihood.bounds(drone)["torque_bias_x"]) for drone in (heavy, crazyflie())))
-    assert wider == pytest.approx(0.9 * 0.2 / (0.028 * 0.0396)), "torques grow with weight times arm"
+    wider = np.divide(
+        *(np.ptp(likelihood.bounds(drone)["torque_bias_x"]) for drone in (heavy, crazyflie()))
+    )
+    assert wider == pytest.approx(0.9 * 0.2 / (0.028 * 0.0396)), (
+        "torques grow with weight times arm"
+    )
 
 
 def bent(unit):
-    """Residuals of a curved valley in the unit cube, and their Jacobian: Rosenbrock's, its lowest point at (0.6, 0.4)."""
+    """Residuals of a curved valley in the unit cube, and their Jacobian: Rosenbrock's, its lowest
+    point at (0.6, 0.4)."""
     x, y = 2.5 * (np.asarray(unit) - [0.2, 0.4 - 1 / 2.5])
     return np.array([10 * (y - x**2), 1 - x]), 2.5 * np.array([[-20 * x, 10], [-1, 0]])
 
@@ -94,7 +107,9 @@ def test_the_climb_ends_where_scipys_least_squares_does():
         seen.append(unit)
         residuals, jacobian = bent(unit)
         curvature = jacobian.T @ jacobian
-        return NormalEquations(0.5 * float(residuals @ residuals), jacobian.T @ residuals, curvature, curvature)
+        return NormalEquations(
+            0.5 * float(residuals @ residuals), jacobian.T @ residuals, curvature, curvature
+        )
 
     points, values = likelihood._climb(equations, np.array([0.15, 0.7]), 200, 1e-9)
     expected = least_squares(lambda unit: bent(unit)[0], [0.15, 0.7], bounds=(0, 1), xtol=1e-12)
@@ -107,7 +122,12 @@ def test_the_climb_ends_where_scipys_least_squares_does():
 def test_the_climb_stops_after_as_many_evaluations_as_it_may_make():
     def equations(unit):
         residuals, jacobian = bent(unit)
-        return NormalEquations(0.5 * float(residuals @ residuals), jacobian.T @ residuals, jacobian.T @ jacobian, jacobian.T @ jacobian)
+        return NormalEquations(
+            0.5 * float(residuals @ residuals),
+            jacobian.T @ residuals,
+            jacobian.T @ jacobian,
+            jacobian.T @ jacobian,
+        )
 
     assert len(likelihood._climb(equations, np.array([0.15, 0.7]), 3, 1e-9)[1]) == 3
     assert len(likelihood._climb(equations, np.array([0.15, 0.7]), 1, 1e-9)[1]) == 1
@@ -116,7 +136,9 @@ def test_the_climb_stops_after_as_many_evaluations_as_it_may_make():
 def test_every_third_flight_judges_those_that_fit(flights):
     fitted, judged = likelihood._split(flights)
     assert [flight.name for flight in judged] == [f"planted {number}" for number in range(2, 32, 3)]
-    assert sorted(flight.name for flight in fitted + judged) == sorted(flight.name for flight in flights)
+    assert sorted(flight.name for flight in fitted + judged) == sorted(
+        flight.name for flight in flights
+    )
 
 
 def test_of_a_single_flight_the_last_third_judges(flights):
@@ -129,7 +151,9 @@ def test_of_a_single_flight_the_last_third_judges(flights):
 
 def test_flights_shorter_than_a_window_are_refused_in_words(flights):
     few: Any = likelihood._split(flights[:1])[0]
-    with pytest.raises(InputError, match=f"no flight is long enough for a window of {one_step.LENGTH} rows"):
+    with pytest.raises(
+        InputError, match=f"no flight is long enough for a window of {one_step.LENGTH} rows"
+    ):
         identify(few, FIRST)
     with pytest.raises(InputError, match="no flights"):
         identify([], FIRST)

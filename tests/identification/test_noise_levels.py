@@ -24,13 +24,16 @@ def white(generator, size):
 
 
 def difference(readings):
-    """What a reading's white noise adds to errors: it is in a row, and in the row that is predicted from it."""
+    """What a reading's white noise adds to errors: it is in a row, and in the row that is predicted
+    from it."""
     return np.diff(readings, axis=0, prepend=0.0)
 
 
 def ornstein_uhlenbeck(generator, size, rate):
     kept = np.exp(-rate * PERIOD)
-    return lfilter([1.0], [1.0, -kept], size * np.sqrt(1 - kept**2) * generator.normal(size=(ROWS, 3)), axis=0)
+    return lfilter(
+        [1.0], [1.0, -kept], size * np.sqrt(1 - kept**2) * generator.normal(size=(ROWS, 3)), axis=0
+    )
 
 
 def found(drone=PAPER, **columns):
@@ -49,7 +52,10 @@ def generator():
 
 def test_a_random_walk_is_as_strong_as_its_steps_add_up(generator):
     """Steps of w sqrt(t) each, by the definition of `position_walk` and `velocity_walk`."""
-    told = found(position=white(generator, 0.08 * np.sqrt(PERIOD)), velocity=white(generator, 0.3 * np.sqrt(PERIOD)))
+    told = found(
+        position=white(generator, 0.08 * np.sqrt(PERIOD)),
+        velocity=white(generator, 0.3 * np.sqrt(PERIOD)),
+    )
     assert told["position_walk"] == pytest.approx(0.08, rel=0.15)
     assert told["velocity_walk"] == pytest.approx(0.3, rel=0.15)
     assert told["position_noise"] < 0.15 * 0.08 * np.sqrt(PERIOD)
@@ -57,7 +63,9 @@ def test_a_random_walk_is_as_strong_as_its_steps_add_up(generator):
 
 
 def test_white_noise_of_a_reading_is_no_walk(generator):
-    told = found(position=difference(white(generator, 0.002)), velocity=difference(white(generator, 0.02)))
+    told = found(
+        position=difference(white(generator, 0.002)), velocity=difference(white(generator, 0.02))
+    )
     assert told["position_noise"] == pytest.approx(0.002, rel=0.15)
     assert told["velocity_noise"] == pytest.approx(0.02, rel=0.15)
     assert told["position_walk"] * np.sqrt(PERIOD) < 0.15 * 0.002
@@ -65,13 +73,16 @@ def test_white_noise_of_a_reading_is_no_walk(generator):
 
 
 def test_a_walk_and_white_noise_together_are_told_apart(generator):
-    told = found(velocity=white(generator, 0.2 * np.sqrt(PERIOD)) + difference(white(generator, 0.02)))
+    told = found(
+        velocity=white(generator, 0.2 * np.sqrt(PERIOD)) + difference(white(generator, 0.02))
+    )
     assert told["velocity_walk"] == pytest.approx(0.2, rel=0.15)
     assert told["velocity_noise"] == pytest.approx(0.02, rel=0.15)
 
 
 def test_a_gyros_noise_is_told_from_a_disturbance_that_lasts(generator):
-    """Thrusts that wander by a share s of full thrust turn the body by 2 L / sqrt(2) s F / I, four independent rotors together."""
+    """Thrusts that wander by a share s of full thrust turn the body by 2 L / sqrt(2) s F / I, four
+    independent rotors together."""
     drone = replace(PAPER, inertia=(1.6e-5, 1.6e-5, 2.6e-5), thrust_to_weight=1.9)
     full = 0.028 * 9.81 / 4 * 1.9
     turning = 2 * 0.0396 / np.sqrt(2) * full / 1.6e-5 * 0.02
@@ -91,6 +102,9 @@ def test_how_fast_a_disturbance_forgets_is_read_off_its_covariance(generator, ra
 
 
 def test_what_is_found_makes_a_physical_drone(generator):
-    for levels in (found(), found(turn=white(generator, 0.05), velocity=ornstein_uhlenbeck(generator, 0.01, 5.0))):
+    for levels in (
+        found(),
+        found(turn=white(generator, 0.05), velocity=ornstein_uhlenbeck(generator, 0.01, 5.0)),
+    ):
         assert set(levels) <= set(QUANTITIES)
         check(replace(PAPER, **{name: np.float32(value) for name, value in levels.items()}))

@@ -1,4 +1,5 @@
-"""The objective: nothing is lost at the truth, something everywhere else, and its arithmetic is the paper's."""
+"""The objective: nothing is lost at the truth, something everywhere else, and its arithmetic is the
+paper's."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -51,13 +52,19 @@ def test_history_tells_how_fast_slow_motors_turn():
     """At the truth of slow motors the objective is a small part of what it is a tenth beside it."""
     slow = planted.drone(1.6, 0.11, 0.025)
     objective = Objective(windows(planted.logs(slow), planted.LENGTH), 0.01)
-    assert objective(slow) < min(objective(replace(slow, motor_time_constant=lag)) for lag in (0.099, 0.121)) / 2
+    assert (
+        objective(slow)
+        < min(objective(replace(slow, motor_time_constant=lag)) for lag in (0.099, 0.121)) / 2
+    )
 
 
 @pytest.mark.parametrize("name", TRUTH)
 def test_the_loss_grows_away_from_the_truth(objective, name):
     for side in (-1, 1):
-        away = [objective(replace(DRONE, **{name: TRUTH[name] * (1 + side * share)})) for share in (0.0, 0.05, 0.1, 0.2, 0.3)]
+        away = [
+            objective(replace(DRONE, **{name: TRUTH[name] * (1 + side * share)}))
+            for share in (0.0, 0.05, 0.1, 0.2, 0.3)
+        ]
         assert (np.diff(away) > 0).all()
         assert away[1] > 2 * away[0]
 
@@ -88,20 +95,32 @@ def reference(simulated, measured, weights, discount):
 def test_the_loss_of_a_window_is_the_papers_formula(discount):
     generator = np.random.default_rng(5)
     simulated, measured = generator.uniform(-3, 3, (2, 7, 12)).astype(np.float32)
-    found = window_loss(jnp.asarray(simulated), jnp.asarray(measured), jnp.asarray(WEIGHTS), jnp.float32(discount))
-    assert float(found) == pytest.approx(reference(simulated, measured, WEIGHTS, discount), rel=1e-5)
+    found = window_loss(
+        jnp.asarray(simulated), jnp.asarray(measured), jnp.asarray(WEIGHTS), jnp.float32(discount)
+    )
+    assert float(found) == pytest.approx(
+        reference(simulated, measured, WEIGHTS, discount), rel=1e-5
+    )
 
 
 def test_one_step_is_discounted_once():
     measured, simulated = np.zeros((1, 12), np.float32), np.eye(1, 12, dtype=np.float32)
-    assert float(window_loss(jnp.asarray(simulated), jnp.asarray(measured), jnp.asarray(WEIGHTS), jnp.float32(0.9))) == pytest.approx(180.0)
+    assert float(
+        window_loss(
+            jnp.asarray(simulated), jnp.asarray(measured), jnp.asarray(WEIGHTS), jnp.float32(0.9)
+        )
+    ) == pytest.approx(180.0)
 
 
 @pytest.mark.parametrize("column", [6, 7, 8])
 def test_angles_on_both_sides_of_pi_are_near_each_other(column):
     simulated, measured = np.zeros((2, 1, 12), np.float32)
     simulated[0, column], measured[0, column] = np.pi - 0.01, 0.01 - np.pi
-    near = float(window_loss(jnp.asarray(simulated), jnp.asarray(measured), jnp.asarray(WEIGHTS), jnp.float32(1.0)))
+    near = float(
+        window_loss(
+            jnp.asarray(simulated), jnp.asarray(measured), jnp.asarray(WEIGHTS), jnp.float32(1.0)
+        )
+    )
     assert near == pytest.approx(2 * 0.02 * WEIGHTS[column], rel=1e-3)
 
 
@@ -115,15 +134,23 @@ def test_the_objective_is_the_mean_of_its_windows_loss(objective, cut):
     losses = objective.per_window(beside)
     assert losses.shape == cut.block.shape
     assert objective(beside) == pytest.approx(np.float64(losses).mean(), rel=1e-6)
-    simulated = module.simulate(Windows(*(array[5] for array in cut)), replace(beside, time_step=np.float32(0.005)), 2)
-    assert losses[5] == pytest.approx(reference(np.asarray(simulated), cut.measured[5], WEIGHTS, DISCOUNT), rel=1e-3)
+    simulated = module.simulate(
+        Windows(*(array[5] for array in cut)), replace(beside, time_step=np.float32(0.005)), 2
+    )
+    assert losses[5] == pytest.approx(
+        reference(np.asarray(simulated), cut.measured[5], WEIGHTS, DISCOUNT), rel=1e-3
+    )
 
 
 def test_blocks_sum_to_the_whole(objective, cut):
     blocks = objective.per_block(crazyflie())
     assert blocks.shape == (planted.FLIGHTS,) == (objective.blocks,)
     np.testing.assert_allclose(blocks.sum() / objective.size, objective(crazyflie()), rtol=1e-6)
-    np.testing.assert_allclose(blocks[3], objective.per_window(crazyflie())[cut.block == 3].sum(dtype=np.float64), rtol=1e-6)
+    np.testing.assert_allclose(
+        blocks[3],
+        objective.per_window(crazyflie())[cut.block == 3].sum(dtype=np.float64),
+        rtol=1e-6,
+    )
     np.testing.assert_array_equal(objective.windows_per_block, np.bincount(cut.block))
 
 
@@ -132,16 +159,30 @@ def test_filling_up_the_last_chunk_changes_nothing(objective, cut, count):
     whole = objective.per_window(crazyflie())
     part = Objective(some(cut, count), 0.01)
     assert part.size == count
-    np.testing.assert_allclose(part.per_window(crazyflie()), whole[np.arange(count) % len(whole)], rtol=1e-5)
+    np.testing.assert_allclose(
+        part.per_window(crazyflie()), whole[np.arange(count) % len(whole)], rtol=1e-5
+    )
 
 
 def test_one_compilation_serves_all_parameters(cut, monkeypatch):
     traces = []
     simulate = module.simulate
-    monkeypatch.setattr(module, "simulate", lambda *arguments: traces.append(1) or simulate(*arguments))
+    monkeypatch.setattr(
+        module, "simulate", lambda *arguments: traces.append(1) or simulate(*arguments)
+    )
     eight = some(cut, 8)
-    short = Objective(eight._replace(command=eight.command[:, :-26], measured=eight.measured[:, :-26]), 0.01)
-    values = [short(drone) for drone in (crazyflie(), DRONE, planted.drone(2.4, 0.4, 0.0), planted.drone(1.5, 0.01, 0.05))]
+    short = Objective(
+        eight._replace(command=eight.command[:, :-26], measured=eight.measured[:, :-26]), 0.01
+    )
+    values = [
+        short(drone)
+        for drone in (
+            crazyflie(),
+            DRONE,
+            planted.drone(2.4, 0.4, 0.0),
+            planted.drone(1.5, 0.01, 0.05),
+        )
+    ]
     assert len(set(values)) == 4
     assert len(traces) == 1
 
@@ -149,10 +190,17 @@ def test_one_compilation_serves_all_parameters(cut, monkeypatch):
 @pytest.mark.parametrize("cores", [1, 2, 3, 64])
 def test_what_is_computed_does_not_depend_on_the_number_of_cores(monkeypatch, cores):
     """To the last bit: 600 windows in three chunks, of all and of every second."""
-    measured, at = Objective(some(windows(planted.logs(DRONE), planted.LENGTH), 600), 0.01), replace(DRONE, thrust_to_weight=1.8)
+    measured, at = (
+        Objective(some(windows(planted.logs(DRONE), planted.LENGTH), 600), 0.01),
+        replace(DRONE, thrust_to_weight=1.8),
+    )
     alone = {}
     for used in (1, cores):
         monkeypatch.setattr(module.cores, "count", lambda used=used: used)
-        alone[used] = measured.per_window(at), *measured.normal_equations(at, ("latency",)), *measured.normal_equations(at, ("latency",), 2)
+        alone[used] = (
+            measured.per_window(at),
+            *measured.normal_equations(at, ("latency",)),
+            *measured.normal_equations(at, ("latency",), 2),
+        )
     for one, other in zip(alone[1], alone[cores], strict=True):
         np.testing.assert_array_equal(one, other)

@@ -1,4 +1,5 @@
-"""One-step errors and their likelihood, against free fall by hand, regressions by NumPy and differences of the value."""
+"""One-step errors and their likelihood, against free fall by hand, regressions by NumPy and
+differences of the value."""
 
 from functools import partial
 from typing import Any
@@ -70,13 +71,20 @@ def test_latencies_of_several_rows_are_told_apart_however_fine_the_steps(steps, 
     """A delay line that is sized by the steps and not by the rows forgets what is 45 ms old."""
     some = Windows(*(array[0] for array in cut(flights)))
     errors = jax.jit(partial(one_step.errors, steps=steps))
-    found = [np.asarray(errors(some, replace(TRUTH, latency=delay, time_step=0.01 / steps))) for delay in (0.030, 0.038, 0.046)]
-    turned = [np.abs(late[:, 9:11] - later[:, 9:11]).max() for late, later in zip(found[:-1], found[1:], strict=True)]
+    found = [
+        np.asarray(errors(some, replace(TRUTH, latency=delay, time_step=0.01 / steps)))
+        for delay in (0.030, 0.038, 0.046)
+    ]
+    turned = [
+        np.abs(late[:, 9:11] - later[:, 9:11]).max()
+        for late, later in zip(found[:-1], found[1:], strict=True)
+    ]
     assert min(turned) > 0.02, "rad/s"
 
 
 def test_the_errors_of_a_fall_are_what_is_left_by_hand():
-    """With its rotors at rest and a round body a row is foreseen by a parabola and a turn at a constant rate, whatever it was before."""
+    """With its rotors at rest and a round body a row is foreseen by a parabola and a turn at a
+    constant rate, whatever it was before."""
     generator = np.random.default_rng(3)
     rows = np.cumsum(generator.normal(0, 0.02, (LENGTH + 1, 12)), axis=0).astype(np.float32)
     start, measured = rows[0], rows[1:]
@@ -92,10 +100,20 @@ def test_the_errors_of_a_fall_are_what_is_left_by_hand():
     drone = replace(noiseless(crazyflie()), inertia=(1e-5, 1e-5, 1e-5))
     found = np.asarray(jax.jit(partial(one_step.errors, steps=STEPS))(falling, drone))
     before, weight = rows[:-1].astype(float), np.array([0, 0, -9.81])
-    np.testing.assert_allclose(found[:, :3], measured[:, :3] - before[:, :3] - 0.01 * before[:, 3:6] - 0.01**2 / 2 * weight, atol=2e-6)
-    np.testing.assert_allclose(found[:, 3:6], measured[:, 3:6] - before[:, 3:6] - 0.01 * weight, atol=2e-6)
-    ahead = Rotation.from_euler("ZYX", before[:, 8:5:-1]) * Rotation.from_rotvec(0.01 * before[:, 9:])
-    np.testing.assert_allclose(found[:, 6:9], measured[:, 6:9] - ahead.as_euler("ZYX")[:, ::-1], atol=2e-6)
+    np.testing.assert_allclose(
+        found[:, :3],
+        measured[:, :3] - before[:, :3] - 0.01 * before[:, 3:6] - 0.01**2 / 2 * weight,
+        atol=2e-6,
+    )
+    np.testing.assert_allclose(
+        found[:, 3:6], measured[:, 3:6] - before[:, 3:6] - 0.01 * weight, atol=2e-6
+    )
+    ahead = Rotation.from_euler("ZYX", before[:, 8:5:-1]) * Rotation.from_rotvec(
+        0.01 * before[:, 9:]
+    )
+    np.testing.assert_allclose(
+        found[:, 6:9], measured[:, 6:9] - ahead.as_euler("ZYX")[:, ::-1], atol=2e-6
+    )
     np.testing.assert_allclose(found[:, 9:], measured[:, 9:] - before[:, 9:], atol=2e-6)
 
 
@@ -104,16 +122,30 @@ def autoregression(generator, weights, deviation, rows):
     found = np.zeros(rows)
     fresh = deviation * generator.normal(size=rows)
     for row in range(len(weights), rows):
-        found[row] = fresh[row] + sum(weight * found[row - lag] for lag, weight in enumerate(weights, 1))
+        found[row] = fresh[row] + sum(
+            weight * found[row - lag] for lag, weight in enumerate(weights, 1)
+        )
     return found
 
 
 def test_an_autoregressions_weights_and_deviation_are_recovered():
     generator, rows = np.random.default_rng(0), 40_000
-    planted_weights = [(), (0.8,), (-0.5,), (0.5, 0.3), (1.2, -0.4, 0.1), (0.2, 0.0, 0.0, 0.0, 0.0, 0.4)]
+    planted_weights = [
+        (),
+        (0.8,),
+        (-0.5,),
+        (0.5, 0.3),
+        (1.2, -0.4, 0.1),
+        (0.2, 0.0, 0.0, 0.0, 0.0, 0.4),
+    ]
     deviations = [0.1, 0.02, 3.0, 1e-3, 0.5, 0.2]
-    columns = [autoregression(generator, *each, rows) for each in zip(planted_weights, deviations, strict=True)]
-    late = np.array([[column[ORDER - lag : rows - lag] for lag in range(ORDER + 1)] for column in columns])
+    columns = [
+        autoregression(generator, *each, rows)
+        for each in zip(planted_weights, deviations, strict=True)
+    ]
+    late = np.array(
+        [[column[ORDER - lag : rows - lag] for lag in range(ORDER + 1)] for column in columns]
+    )
     found = noise_model(np.einsum("cit,cjt->cij", late, late) / (rows - ORDER))
     for weights, row in zip(planted_weights, found.coefficients, strict=True):
         np.testing.assert_allclose(row, np.pad(weights, (0, ORDER - len(weights))), atol=0.025)
@@ -121,11 +153,14 @@ def test_an_autoregressions_weights_and_deviation_are_recovered():
 
 
 def regressions(wrong):
-    """Each column's least-squares autoregression over all windows, its new errors: windows x rows x 6."""
+    """Each column's least-squares autoregression over all windows, its new errors: windows x rows x
+    6."""
     weights, new = [], []
     for column in COLUMNS:
         series = wrong[..., column].astype(float)
-        past = np.stack([series[:, ORDER - lag : LENGTH - lag] for lag in range(1, ORDER + 1)], axis=-1)
+        past = np.stack(
+            [series[:, ORDER - lag : LENGTH - lag] for lag in range(1, ORDER + 1)], axis=-1
+        )
         now = series[:, ORDER:]
         weights.append(np.linalg.lstsq(past.reshape(-1, ORDER), now.reshape(-1), rcond=None)[0])
         new.append(now - past @ weights[-1])
@@ -145,10 +180,16 @@ def test_the_value_is_the_gaussian_log_likelihood_of_what_is_new(noisy, noisy_wi
 
 
 def test_a_stretch_is_judged_by_a_noise_model_found_elsewhere(noisy, noisy_windows, exact):
-    """The Gaussian log likelihood of each stretch, by hand, under weights and deviations that do not fit it."""
-    model = noisy.noise_model(replace(TRUTH, thrust_to_weight=1.8))._replace(deviation=np.array([0.02, 0.03, 0.02, 0.1, 0.2, 0.1]))
+    """The Gaussian log likelihood of each stretch, by hand, under weights and deviations that do
+    not fit it."""
+    model = noisy.noise_model(replace(TRUTH, thrust_to_weight=1.8))._replace(
+        deviation=np.array([0.02, 0.03, 0.02, 0.1, 0.2, 0.1])
+    )
     wrong = np.asarray(many_errors(noisy_windows, TRUTH))[..., np.array(COLUMNS)].astype(float)
-    new = wrong[:, ORDER:] - sum(model.coefficients[:, lag - 1] * wrong[:, ORDER - lag : LENGTH - lag] for lag in range(1, ORDER + 1))
+    new = wrong[:, ORDER:] - sum(
+        model.coefficients[:, lag - 1] * wrong[:, ORDER - lag : LENGTH - lag]
+        for lag in range(1, ORDER + 1)
+    )
     expected = -norm.logpdf(new, scale=model.deviation).sum(axis=(1, 2))
     np.testing.assert_allclose(noisy.per_block(TRUTH, model), expected, rtol=1e-4)
 
@@ -174,31 +215,52 @@ def test_gradient_and_curvature_are_differences_of_the_value_whose_noise_model_i
     for place, name in enumerate(NAMES):
         above, below = (long(beside(name, side)) for side in (1, -1))
         bent = above + below - 2 * equations.loss
-        assert NEAR[name] * equations.gradient[place] == pytest.approx((above - below) / 2, abs=0.02 * bent), name
-        assert NEAR[name] ** 2 * equations.curvature[place, place] == pytest.approx(bent, rel=0.12), name
+        assert NEAR[name] * equations.gradient[place] == pytest.approx(
+            (above - below) / 2, abs=0.02 * bent
+        ), name
+        assert NEAR[name] ** 2 * equations.curvature[place, place] == pytest.approx(
+            bent, rel=0.12
+        ), name
 
 
-def test_each_stretchs_gradient_is_the_slope_of_its_value_when_all_stretches_fit_the_autoregression_anew(long):
+def test_each_stretchs_gradient_is_the_slope_of_its_value_when_all_stretches_fit_the_autoregression_anew(
+    long,
+):
     model = long.noise_model(TRUTH)
     _, scores, curvatures = long.derivatives(TRUTH, NAMES)
     assert scores.shape == (64, 4)
     assert curvatures.shape == (64, 4, 4)
     for place, name in enumerate(NAMES):
         drones = beside(name, 1), beside(name, -1)
-        above, below = (long.per_block(drone, model._replace(coefficients=long.noise_model(drone).coefficients)) for drone in drones)
+        above, below = (
+            long.per_block(drone, model._replace(coefficients=long.noise_model(drone).coefficients))
+            for drone in drones
+        )
         slopes = (above - below) / (2 * NEAR[name]) / long.rows
-        np.testing.assert_allclose(scores[:, place], slopes, atol=0.15 * np.abs(slopes).max(), err_msg=name)
+        np.testing.assert_allclose(
+            scores[:, place], slopes, atol=0.15 * np.abs(slopes).max(), err_msg=name
+        )
 
 
 def test_one_step_of_a_constant_torque_leaves_no_mean_error(noisy, noisy_windows):
-    """An error is linear in it, and its likelihood has no say; nor does it change what is found of the others."""
+    """An error is linear in it, and its likelihood has no say; nor does it change what is found of
+    the others."""
     biased, names = replace(TRUTH, torque_bias=(0.0, 0.0, 3e-5)), (*NAMES, "torque_bias_z")
     equations, others = noisy.normal_equations(biased, names), noisy.normal_equations(biased, NAMES)
     np.testing.assert_allclose(equations.curvature[:-1, -1], 0)
-    np.testing.assert_allclose(equations.gradient[:-1], others.gradient, rtol=1e-3, atol=1e-5 * np.abs(others.gradient).max())
+    np.testing.assert_allclose(
+        equations.gradient[:-1],
+        others.gradient,
+        rtol=1e-3,
+        atol=1e-5 * np.abs(others.gradient).max(),
+    )
     by = -equations.gradient[-1] / equations.curvature[-1, -1]
     before, after = (
-        np.asarray(many_errors(noisy_windows, replace(biased, torque_bias=(0.0, 0.0, np.float32(3e-5 + more)))))[:, ORDER:, 11].mean()
+        np.asarray(
+            many_errors(
+                noisy_windows, replace(biased, torque_bias=(0.0, 0.0, np.float32(3e-5 + more)))
+            )
+        )[:, ORDER:, 11].mean()
         for more in (0.0, by)
     )
     assert abs(before) > 5e-3, "rad/s"
@@ -206,7 +268,8 @@ def test_one_step_of_a_constant_torque_leaves_no_mean_error(noisy, noisy_windows
 
 
 def test_neither_cores_nor_chunks_change_what_comes_out(noisy_windows, noisy, monkeypatch):
-    """Twenty copies of the flights fill two chunks; each copy has the products that the flights have alone."""
+    """Twenty copies of the flights fill two chunks; each copy has the products that the flights
+    have alone."""
     copies = [np.tile(array, (20, *[1] * (array.ndim - 1))) for array in noisy_windows]
     long = Windows(*copies)._replace(block=np.arange(20 * planted.FLIGHTS))
     together = OneStep(long, 0.01, STEPS)

@@ -9,7 +9,13 @@ from maidenflight.errors import InputError
 from maidenflight.flights.windows import windows
 from maidenflight.identification import objective, prediction
 from maidenflight.identification.objective import simulate
-from maidenflight.identification.prediction import LOGGED, NOTHING_CHANGES, QUANTITIES, predicted_windows, prediction_error
+from maidenflight.identification.prediction import (
+    LOGGED,
+    NOTHING_CHANGES,
+    QUANTITIES,
+    predicted_windows,
+    prediction_error,
+)
 from maidenflight.parameters import replace
 
 TRUE = planted.drone(1.8, 0.07, 0.012)
@@ -55,7 +61,10 @@ def test_intervals_hold_their_value_and_come_from_the_key(table, flights):
         low, value, high = (table[column + end].to_numpy() for end in ("_low", "", "_high"))
         assert np.all((low >= 0) & (low <= value) & (value <= high))
         assert np.all((low < high)[table["model"].to_numpy() == NOTHING_CHANGES])
-    again = [prediction_error(flights, {}, key=key) for key in (None, jax.random.key(0), jax.random.key(1))]
+    again = [
+        prediction_error(flights, {}, key=key)
+        for key in (None, jax.random.key(0), jax.random.key(1))
+    ]
     assert again[0].equals(again[1])
     assert not again[0].equals(again[2])
     assert again[0].select(COLUMNS).equals(again[2].select(COLUMNS))
@@ -74,14 +83,25 @@ def test_entries_are_those_of_a_plain_loop_over_windows(flights):
             window = jax.tree.map(lambda array, number=number: array[number], cut)
             measured = window.measured[row - 1].astype(np.float64)
             begin = 30 + 10 * number
-            start = [getattr(flights[0], name)[begin] for name in ("position", "velocity", "attitude", "body_rates")]
-            for name, said in (("wrong", np.asarray(alone(window))[row - 1]), (NOTHING_CHANGES, np.concatenate(start))):
+            start = [
+                getattr(flights[0], name)[begin]
+                for name in ("position", "velocity", "attitude", "body_rates")
+            ]
+            for name, said in (
+                ("wrong", np.asarray(alone(window))[row - 1]),
+                (NOTHING_CHANGES, np.concatenate(start)),
+            ):
                 turn = rotation(said[6:9]).T @ rotation(measured[6:9])
                 angle = np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1))
-                parts = [np.linalg.norm(said[part] - measured[part]) for part in (slice(0, 3), slice(3, 6), slice(9, 12))]
+                parts = [
+                    np.linalg.norm(said[part] - measured[part])
+                    for part in (slice(0, 3), slice(3, 6), slice(9, 12))
+                ]
                 squares[name].append(np.square([*parts[:2], angle, parts[2]]))
         for name, values in squares.items():
-            np.testing.assert_allclose(errors(table, name)[place], np.sqrt(np.mean(values, axis=0)), rtol=1e-4, atol=1e-6)
+            np.testing.assert_allclose(
+                errors(table, name)[place], np.sqrt(np.mean(values, axis=0)), rtol=1e-4, atol=1e-6
+            )
 
 
 def rotation(attitude):
@@ -94,7 +114,8 @@ def rotation(attitude):
 
 
 def test_angles_wrap(flights):
-    """A heading of 180 deg puts yaw on both sides of the jump, and changes no error of the attitude."""
+    """A heading of 180 deg puts yaw on both sides of the jump, and changes no error of the
+    attitude."""
     turned = []
     for flight in flights[:2]:
         attitude = flight.attitude.copy()
@@ -102,7 +123,10 @@ def test_angles_wrap(flights):
         turned.append(dataclasses.replace(flight, attitude=attitude))
     assert np.abs(np.diff(turned[0].attitude[:, 2])).max() > 6
     for name, tolerance in (("true", 1e-4), (NOTHING_CHANGES, 1e-5)):
-        before, after = (errors(prediction_error(some, {"true": TRUE}), name)[:, 2] for some in (flights[:2], turned))
+        before, after = (
+            errors(prediction_error(some, {"true": TRUE}), name)[:, 2]
+            for some in (flights[:2], turned)
+        )
         np.testing.assert_allclose(after, before, atol=tolerance)
 
 
@@ -133,7 +157,9 @@ def test_other_input_that_makes_no_sense_is_refused(flights):
     with pytest.raises(InputError, match="rename"):
         prediction_error(flights, {NOTHING_CHANGES: TRUE})
     with pytest.raises(InputError, match="quick: its simulation diverges"):
-        prediction_error(flights, {"true": TRUE, "quick": replace(TRUE, drag=np.full(3, 1e4, np.float32))})
+        prediction_error(
+            flights, {"true": TRUE, "quick": replace(TRUE, drag=np.full(3, 1e4, np.float32))}
+        )
     with pytest.raises(InputError, match="different rates"):
         prediction_error([flights[0], dataclasses.replace(flights[1], period=0.02)], {})
 
@@ -148,22 +174,30 @@ def test_chunks_are_filled_and_cut(flights):
 
 
 def test_windows_to_look_at_are_the_logs_and_the_models_own(flights):
-    table = predicted_windows(flights, {"true": TRUE, "wrong": WRONG}, 0.25, 4, key=jax.random.key(3))
+    table = predicted_windows(
+        flights, {"true": TRUE, "wrong": WRONG}, 0.25, 4, key=jax.random.key(3)
+    )
     assert table["model"].unique(maintain_order=True).to_list() == [LOGGED, "true", "wrong"]
     assert table["flight"].n_unique() == 4, "each from another flight"
     assert table.height == 4 * 3 * 26
     for (_, model), rows in table.group_by("window", "model"):
         flight = next(flight for flight in flights if flight.name == rows["flight"][0])
         first = round(rows["start"][0] / flight.period)
-        logged = np.concatenate([flight.position, flight.velocity, flight.attitude, flight.body_rates], axis=1)[first : first + 26]
-        told = rows.select("position_x", "position_y", "position_z", "roll", "pitch", "yaw").to_numpy()
+        logged = np.concatenate(
+            [flight.position, flight.velocity, flight.attitude, flight.body_rates], axis=1
+        )[first : first + 26]
+        told = rows.select(
+            "position_x", "position_y", "position_z", "roll", "pitch", "yaw"
+        ).to_numpy()
         far = np.abs(told - logged[:, [0, 1, 2, 6, 7, 8]])
         assert far[0].max() < 1e-6
         assert (far.max() < 2e-3) == (model != "wrong")
 
 
 def test_windows_to_look_at_follow_from_the_key_and_come_from_all_flights_again(flights):
-    one, same, other = (predicted_windows(flights[:2], {}, 0.25, 5, key=jax.random.key(seed)) for seed in (1, 1, 2))
+    one, same, other = (
+        predicted_windows(flights[:2], {}, 0.25, 5, key=jax.random.key(seed)) for seed in (1, 1, 2)
+    )
     assert one.equals(same)
     assert not one.equals(other)
     assert one.select("flight", "start").n_unique() == 5

@@ -1,4 +1,5 @@
-"""Which parameters flights can tell: those that were planted are chosen, and what buys nothing is left out."""
+"""Which parameters flights can tell: those that were planted are chosen, and what buys nothing is
+left out."""
 
 from functools import partial
 from types import SimpleNamespace
@@ -16,15 +17,16 @@ from maidenflight.identification.objective import NormalEquations
 from maidenflight.identification.selection import FIRST, GROUPS
 from maidenflight.parameters import COMPONENTS, replace
 
-FEW = {name: GROUPS[name] for name in ("flapping_moment", "motor_slowdown", "rotor_momentum")}
+FEW = {name: GROUPS[name] for name in ("flapping_moment", "spin_down_ratio", "rotor_momentum")}
 choose: Any = selection.choose
 """Also of stand-ins for a drone and its flights."""
-PLANTED = {"motor_slowdown": 1.8, "rotor_momentum": 3e-5}
+PLANTED = {"spin_down_ratio": 1.8, "rotor_momentum": 3e-5}
 
 
 @pytest.fixture(scope="module")
 def found():
-    """Chosen from 100 s of flight of a drone with noisy motors and sensors, and the steps as they were told."""
+    """Chosen from 100 s of flight of a drone with noisy motors and sensors, and the steps as they
+    were told."""
     truth = replace(planted.drone(1.75, 0.07, 0.012), actuator_noise=0.019, **PLANTED)
     flights = planted.with_noise(planted.logs(truth, 48), seed=1)
     told = []
@@ -36,7 +38,7 @@ def found():
 def test_what_was_planted_is_chosen_and_what_buys_nothing_is_not(found):
     identified, told = found
     assert {step.group: step.kept for step in identified.bought} == {
-        "motor_slowdown": True,
+        "spin_down_ratio": True,
         "rotor_momentum": True,
         "flapping_moment": False,
     }
@@ -50,10 +52,12 @@ def test_what_was_planted_is_chosen_and_what_buys_nothing_is_not(found):
 
 def test_what_was_chosen_has_the_planted_values(found):
     estimates = found[0].estimates
-    assert estimates["motor_slowdown"].value == pytest.approx(1.8, rel=0.06)
+    assert estimates["spin_down_ratio"].value == pytest.approx(1.8, rel=0.06)
     assert estimates["rotor_momentum"].value == pytest.approx(3e-5, rel=0.12)
     assert estimates["thrust_to_weight"].value == pytest.approx(1.75, rel=0.01)
-    assert estimates["motor_time_constant"].value + estimates["latency"].value == pytest.approx(0.082, abs=0.003)
+    assert estimates["motor_time_constant"].value + estimates["latency"].value == pytest.approx(
+        0.082, abs=0.003
+    )
 
 
 def test_groups_are_components_and_each_is_in_one_group():
@@ -63,9 +67,16 @@ def test_groups_are_components_and_each_is_in_one_group():
 
 
 class Quadratic:
-    """Minus log likelihoods of B stretches, each quadratic in the components, instead of `OneStep`."""
+    """Minus log likelihoods of B stretches, each quadratic in the components, instead of
+    `OneStep`."""
 
-    def __init__(self, optimum: dict[str, float], curvature: np.ndarray, stretches: int = 12, scatter: float = 0.0):
+    def __init__(
+        self,
+        optimum: dict[str, float],
+        curvature: np.ndarray,
+        stretches: int = 12,
+        scatter: float = 0.0,
+    ):
         self.optimum, self.curvature = optimum, curvature
         self.rows_per_block = np.full(stretches, 100.0)
         self.wobble = scatter * np.random.default_rng(0).normal(size=stretches)
@@ -91,7 +102,10 @@ class Quadratic:
         moving = [list(self.optimum).index(name) for name in names]
         kept = [i for i in range(len(self.optimum)) if i not in moving]
         apart = self._apart(first)
-        apart[moving] = -np.linalg.solve(self.curvature[np.ix_(moving, moving)], self.curvature[np.ix_(moving, kept)] @ apart[kept])
+        apart[moving] = -np.linalg.solve(
+            self.curvature[np.ix_(moving, moving)],
+            self.curvature[np.ix_(moving, kept)] @ apart[kept],
+        )
         return dict(zip(self.optimum, apart + np.array(list(self.optimum.values())), strict=True))
 
 
@@ -106,31 +120,44 @@ def test_what_a_group_promises_is_what_a_quadratic_gains(seed):
     generator = np.random.default_rng(seed)
     names = (*FIRST, "drag_x", "drag_y", "flapping_moment")
     scales = np.array([1.0, 0.1, 0.01, 0.3, 0.3, 1e-5])
-    truth = Quadratic(dict(zip(names, scales * generator.normal(size=6), strict=True)), quadratic(generator, scales))
+    truth = Quadratic(
+        dict(zip(names, scales * generator.normal(size=6), strict=True)),
+        quadratic(generator, scales),
+    )
     before = truth.fit(FIRST, dict.fromkeys(names, 0.0))
     equations = truth.normal_equations(before, names)
     for group in (("drag_x", "drag_y"), ("flapping_moment",)):
         after = truth.fit((*FIRST, *group), before)
         gain = (truth.per_block(before, None) - truth.per_block(after, None))[0] / 100
-        promise = selection._promise(equations.gradient, equations.curvature, names, (*FIRST, *group))
+        promise = selection._promise(
+            equations.gradient, equations.curvature, names, (*FIRST, *group)
+        )
         assert promise == pytest.approx(gain, rel=1e-5, abs=1e-9)
 
 
 def test_groups_are_tried_by_what_they_promise_and_kept_by_what_they_gain():
-    """By hand: uncoupled parameters promise c x^2 / 2; flights held out, whose best `c` is another, lose by the second of them."""
+    """By hand: uncoupled parameters promise c x^2 / 2; flights held out, whose best `c` is another,
+    lose by the second of them."""
     names = (*FIRST, "a", "b", "c")
     curvature = np.diag([1.0, 1.0, 1.0, 2.0, 8.0, 4.0])
     training = Quadratic(dict.fromkeys(names, 1.0), curvature)
     held_out = Quadratic(dict.fromkeys(names, 1.0) | {"c": 0.49}, curvature, scatter=0.1)
     told: list[Any] = []
     groups = {name: (name,) for name in "cab"}
-    chosen, drone, steps = choose(training, held_out, training.fit, dict.fromkeys(names, 0.0), groups, told.append)
+    chosen, drone, steps = choose(
+        training, held_out, training.fit, dict.fromkeys(names, 0.0), groups, told.append
+    )
     assert chosen == (*FIRST, "b", "a")
     assert [(step.group, step.kept) for step in steps] == [("b", True), ("c", False), ("a", True)]
     assert told == steps
-    assert drone == {"thrust_to_weight": 1, "motor_time_constant": 1, "latency": 1, "a": 1, "b": 1, "c": 0}, (
-        "what was not kept did not move"
-    )
+    assert drone == {
+        "thrust_to_weight": 1,
+        "motor_time_constant": 1,
+        "latency": 1,
+        "a": 1,
+        "b": 1,
+        "c": 0,
+    }, "what was not kept did not move"
     wobble = 1 + held_out.wobble.mean()
     expected = [4.0 * wobble, 2.0 * (0.49**2 - 0.51**2) * wobble, 1.0 * wobble]
     np.testing.assert_allclose([step.gain for step in steps], expected, rtol=1e-6)
@@ -146,13 +173,16 @@ def test_a_sure_gain_must_be_worth_its_place(gain, kept):
 
 
 def test_a_gain_that_stretches_do_not_agree_on_is_not_believed():
-    """Five stretches gain and five lose nearly as much: a mean of a hundredth a row, with a standard error of a third."""
+    """Five stretches gain and five lose nearly as much: a mean of a hundredth a row, with a
+    standard error of a third."""
     gains = np.array([101.0] * 5 + [-99.0] * 5)
     held_out = SimpleNamespace(rows_per_block=np.full(10, 100.0))
     values = iter((gains, np.zeros(10)))
     held_out.per_block = lambda drone, noise: next(values)
     training = Quadratic(dict.fromkeys((*FIRST, "a"), 1.0), np.eye(4))
-    names, _, (step,) = choose(training, held_out, training.fit, dict.fromkeys((*FIRST, "a"), 0.0), {"a": ("a",)})
+    names, _, (step,) = choose(
+        training, held_out, training.fit, dict.fromkeys((*FIRST, "a"), 0.0), {"a": ("a",)}
+    )
     assert step.gain == pytest.approx(0.01)
     assert step.error == pytest.approx(1 / 3, rel=0.01)
     assert names == FIRST
@@ -169,7 +199,10 @@ def test_the_standard_error_of_unequal_stretches_is_how_much_means_scatter():
     """Two thousand draws of thirty stretches of unequal length."""
     generator = np.random.default_rng(2)
     rows = generator.integers(20, 200, 30).astype(float)
-    draws = [selection._mean_gain(0.01 * rows + np.sqrt(rows) * generator.normal(size=30), rows) for _ in range(2000)]
+    draws = [
+        selection._mean_gain(0.01 * rows + np.sqrt(rows) * generator.normal(size=30), rows)
+        for _ in range(2000)
+    ]
     means, errors = np.array(draws).T
     assert means.mean() == pytest.approx(0.01, abs=0.005)
     assert np.sqrt(np.mean(errors**2)) == pytest.approx(means.std(), rel=0.06)

@@ -1,10 +1,13 @@
-"""A Crazyflie that is not there: it speaks the real protocol over UDP on loopback, flies a simulated drone, and misbehaves on demand.
+"""A Crazyflie that is not there: it speaks the real protocol over UDP on loopback, flies a
+simulated drone, and misbehaves on demand.
 
-It answers at once in a thread of its own what does not depend on time (tables, parameters, log blocks). Its own time passes only in
-`advance`, so a test decides how fast: `Stepped` is a clock for the program whose sleep lets that time pass and then waits until the
-program has every row. As a program, `python tests/link/fake_drone.py`, it flies in real time and prints its address.
+It answers at once in a thread of its own what does not depend on time (tables, parameters, log
+blocks). Its own time passes only in `advance`, so a test decides how fast: `Stepped` is a clock for
+the program whose sleep lets that time pass and then waits until the program has every row. As a
+program, `python tests/link/fake_drone.py`, it flies in real time and prints its address.
 
-Source: cflib 0.1.34 (crtp, crazyflie: platformservice, toc, log, param, mem, supervisor, commander).
+Source: cflib 0.1.34 (crtp, crazyflie: platformservice, toc, log, param, mem, supervisor,
+commander).
 """
 
 import bisect
@@ -23,14 +26,27 @@ from plant import LEVEL, OFF, POSITION, STEP, Plant
 
 from maidenflight.link.crazyflie import Crazyflie
 
-CONSOLE, PARAM, COMMANDER, MEM, LOGGING, GENERIC, SUPERVISOR, PLATFORM, LINK = 0, 2, 3, 4, 5, 7, 9, 13, 15
+CONSOLE, PARAM, COMMANDER, MEM, LOGGING, GENERIC, SUPERVISOR, PLATFORM, LINK = (
+    0,
+    2,
+    3,
+    4,
+    5,
+    7,
+    9,
+    13,
+    15,
+)
 PROTOCOL = 12
 LEVELS_AFTER, STOPS_AFTER = 0.5, 2.0
 FORMATS = {1: "<B", 2: "<H", 3: "<L", 4: "<b", 5: "<h", 6: "<i", 7: "<f", 8: "<e"}
 
 STORED = {"uint8": 1, "uint16": 2, "int16": 5, "int32": 6, "float": 7}
 LOG_TABLE = (
-    [(f"stateEstimateZ.{name}", "int16") for name in ("x", "y", "z", "vx", "vy", "vz", "rateRoll", "ratePitch", "rateYaw")]
+    [
+        (f"stateEstimateZ.{name}", "int16")
+        for name in ("x", "y", "z", "vx", "vy", "vz", "rateRoll", "ratePitch", "rateYaw")
+    ]
     + [(f"stateEstimate.q{name}", "float") for name in "xyzw"]
     + [(f"motor.m{number}", "uint16") for number in (1, 2, 3, 4)]
     + [(f"ctrltarget.{name}", "float") for name in "xyz"]
@@ -41,8 +57,11 @@ UINT8, FLOAT = 0x08, 0x06
 
 
 def _force(motor_volts):
-    """Thrust of a motor [N]: the law of the 2.1+ propellers. Source: firmware 2026.08, platform defaults."""
-    return -0.024765379 + motor_volts * (0.065237935 + motor_volts * (-0.026792505 + motor_volts * 0.006776789))
+    """Thrust of a motor [N]: the law of the 2.1+ propellers. Source: firmware 2026.08, platform
+    defaults."""
+    return -0.024765379 + motor_volts * (
+        0.065237935 + motor_volts * (-0.026792505 + motor_volts * 0.006776789)
+    )
 
 
 _FINENESS = 1e-4
@@ -57,20 +76,45 @@ def volts(share):
 class FakeDrone:
     """Everything under `_lock`; the thread answers, `advance` lets time pass."""
 
-    def __init__(self, seed=0, deck=True, policy=False, auto_armed=False, battery=4.0, settles=True, stamp=16_770_000):
+    def __init__(
+        self,
+        seed=0,
+        deck=True,
+        policy=False,
+        auto_armed=False,
+        battery=4.0,
+        settles=True,
+        stamp=16_770_000,
+    ):
         self.plant, self.random = Plant(seed), random.Random(seed)
         self.time, self._stamp, self.battery, self._settles = 0.0, stamp, battery, settles
         self.armed, self.auto_armed, self.tumbled, self.locked = False, auto_armed, False, False
-        self.lost_rows, self.lost_commands, self.spoiled, self.leap, self.copies = 0.0, 0.0, (), 0.0, 1
+        self.lost_rows, self.lost_commands, self.spoiled, self.leap, self.copies = (
+            0.0,
+            0.0,
+            (),
+            0.0,
+            1,
+        )
         self.tilt, self.refuses = 0.0, False
         self.why = 0
         self.active, self.policy_stiffness, self.late, self._held = 0, 1.4, 0, []
         self.faults, self.off_at, self.sent, self.heard, self.said = [], 0.0, [], [], []
         self.parameters = {"deck.bcFlow2": int(deck), "kalman.resetEstimation": 0} | (
-            {"mf.enable": 0, "mf.task": 1, "mf.x": 9.0, "mf.y": 9.0, "mf.full": 60000.0} if policy else {}
+            {"mf.enable": 0, "mf.task": 1, "mf.x": 9.0, "mf.y": 9.0, "mf.full": 60000.0}
+            if policy
+            else {}
         )
-        self.log_table = [*LOG_TABLE, ("mf.active", "uint8"), ("mf.why", "uint8")] if policy else LOG_TABLE
-        self._blocks, self._running, self._client, self._last, self._settled_at = {}, {}, None, 0.0, 0.0
+        self.log_table = (
+            [*LOG_TABLE, ("mf.active", "uint8"), ("mf.why", "uint8")] if policy else LOG_TABLE
+        )
+        self._blocks, self._running, self._client, self._last, self._settled_at = (
+            {},
+            {},
+            None,
+            0.0,
+            0.0,
+        )
         self._told, self._begun = (math.nan, {}), False
         self._lock = threading.RLock()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -143,7 +187,10 @@ class FakeDrone:
 
     def _log(self, number):
         values = self._values()
-        body = b"".join(struct.pack(FORMATS[kind], self._fit(kind, values[name])) for name, kind in self._blocks[number])
+        body = b"".join(
+            struct.pack(FORMATS[kind], self._fit(kind, values[name]))
+            for name, kind in self._blocks[number]
+        )
         stamp = (self._stamp + round(self.time * 1000)) % (1 << 24)
         packet = bytes([LOGGING << 4 | 2, number]) + struct.pack("<I", stamp)[:3] + body
         if self.random.random() < self.lost_rows:
@@ -161,13 +208,24 @@ class FakeDrone:
     def _fit(kind, value):
         if kind in (7, 8):
             return value
-        low, high = {1: (0, 255), 2: (0, 65535), 3: (0, 2**32 - 1), 4: (-128, 127), 5: (-32768, 32767), 6: (-(2**31), 2**31 - 1)}[kind]
+        low, high = {
+            1: (0, 255),
+            2: (0, 65535),
+            3: (0, 2**32 - 1),
+            4: (-128, 127),
+            5: (-32768, 32767),
+            6: (-(2**31), 2**31 - 1),
+        }[kind]
         return min(max(round(value), low), high)
 
     def _values(self):
         if self._told[0] != self.time:
             self._told = self.time, self._measured()
-        return self._told[1] | {"mf.active": self.active, "mf.why": self.why} | dict.fromkeys(self.spoiled, math.nan)
+        return (
+            self._told[1]
+            | {"mf.active": self.active, "mf.why": self.why}
+            | dict.fromkeys(self.spoiled, math.nan)
+        )
 
     def _measured(self):
         plant, noise = self.plant, self.random.gauss
@@ -181,17 +239,39 @@ class FakeDrone:
         rates = [r + noise(0, 0.02) for r in plant.rates]
         load = sum(plant.command) / 4
         battery = self.battery - 0.4 * load
-        values = {f"stateEstimateZ.{name}": 1000 * v for name, v in zip(("x", "y", "z", "vx", "vy", "vz"), place + speed, strict=True)}
-        values |= {"stateEstimateZ.rateRoll": 1000 * rates[0], "stateEstimateZ.ratePitch": -1000 * rates[1]}
+        values = {
+            f"stateEstimateZ.{name}": 1000 * v
+            for name, v in zip(("x", "y", "z", "vx", "vy", "vz"), place + speed, strict=True)
+        }
+        values |= {
+            "stateEstimateZ.rateRoll": 1000 * rates[0],
+            "stateEstimateZ.ratePitch": -1000 * rates[1],
+        }
         values |= {"stateEstimateZ.rateYaw": 1000 * rates[2]}
         values |= {f"stateEstimate.q{name}": q for name, q in zip("xyzw", quaternion, strict=True)}
-        values |= {f"motor.m{n + 1}": 65535 * min(volts(u) / battery, 1.0) for n, u in enumerate(plant.command)}
+        values |= {
+            f"motor.m{n + 1}": 65535 * min(volts(u) / battery, 1.0)
+            for n, u in enumerate(plant.command)
+        }
         values |= {f"ctrltarget.{name}": plant.setpoint[n] for n, name in enumerate("xyz")}
-        info = 1 | self.armed << 1 | self.auto_armed << 2 | (self.armed and not self.tumbled) << 3 | flying << 4
+        info = (
+            1
+            | self.armed << 1
+            | self.auto_armed << 2
+            | (self.armed and not self.tumbled) << 3
+            | flying << 4
+        )
         info |= self.tumbled << 5 | self.locked << 6
-        values |= {"controller.cmd_thrust": 65535 * load, "pm.vbatMV": 1000 * battery, "supervisor.info": info}
+        values |= {
+            "controller.cmd_thrust": 65535 * load,
+            "pm.vbatMV": 1000 * battery,
+            "supervisor.info": info,
+        }
         waited = self.time - self._settled_at
-        values |= {f"kalman.varP{name}": (math.exp(-5 * waited) if self._settles else noise(1, 0.1)) for name in "XYZ"}
+        values |= {
+            f"kalman.varP{name}": (math.exp(-5 * waited) if self._settles else noise(1, 0.1))
+            for name in "XYZ"
+        }
         return values
 
     # ---- protocol
@@ -215,7 +295,10 @@ class FakeDrone:
             except OSError:
                 return
             port, channel, data = packet[0] >> 4, packet[0] & 3, packet[1:]
-            if port in (COMMANDER, GENERIC, SUPERVISOR) and self.random.random() < self.lost_commands:
+            if (
+                port in (COMMANDER, GENERIC, SUPERVISOR)
+                and self.random.random() < self.lost_commands
+            ):
                 continue
             if port == PARAM and self.lost_commands >= 1:
                 continue
@@ -225,7 +308,9 @@ class FakeDrone:
                 PLATFORM: self._on_platform,
                 LOGGING: self._on_log,
                 PARAM: self._on_parameter,
-                MEM: lambda channel, data: bytes([1, 0]) if channel == 0 and data[:1] == b"\x01" else None,
+                MEM: lambda channel, data: (
+                    bytes([1, 0]) if channel == 0 and data[:1] == b"\x01" else None
+                ),
                 SUPERVISOR: self._on_supervisor,
                 GENERIC: self._on_setpoint,
             }.get(port, lambda channel, data: None)(channel, data)
@@ -263,14 +348,20 @@ class FakeDrone:
         if command == 5:
             self._blocks, self._running = {}, {}
         elif command in (6, 7):
-            entries = [struct.unpack("<BH", data[2 + at : 5 + at]) for at in range(0, (len(data) - 2) // 3 * 3, 3)]
+            entries = [
+                struct.unpack("<BH", data[2 + at : 5 + at])
+                for at in range(0, (len(data) - 2) // 3 * 3, 3)
+            ]
             added = [(self.log_table[entry][0], kind & 15) for kind, entry in entries]
             self._blocks[number] = (self._blocks.get(number, []) if command == 7 else []) + added
             if sum(struct.calcsize(FORMATS[kind]) for _, kind in self._blocks[number]) > 26:
                 return bytes([command, number, 7])
         elif command == 3 and number in self._blocks:
             # A block's timer starts at an instant of its own.
-            self._running[number] = (round(self.time / STEP) + self.random.randrange(5), round(data[2] * 0.01 / STEP))
+            self._running[number] = (
+                round(self.time / STEP) + self.random.randrange(5),
+                round(data[2] * 0.01 / STEP),
+            )
         elif command == 4:
             self._running.pop(number, None)
         else:
@@ -283,7 +374,11 @@ class FakeDrone:
             return self._toc(data, [(name, self._kind(name)) for name in names])
         if channel == 1:
             name = names[struct.unpack("<H", data[:2])[0]]
-            return data[:2] + b"\0" + struct.pack("<f" if self._kind(name) == FLOAT else "<B", self.parameters[name])
+            return (
+                data[:2]
+                + b"\0"
+                + struct.pack("<f" if self._kind(name) == FLOAT else "<B", self.parameters[name])
+            )
         if channel == 3 and data[0] == 0:
             group, name, rest = data[1:].split(b"\0", 2)
             self._set(f"{group.decode()}.{name.decode()}", rest[0], rest[1:])
@@ -315,11 +410,16 @@ class FakeDrone:
             self.plant.mode = OFF
         elif channel == 0 and data[0] == 7:
             x, y, z, yaw = struct.unpack("<ffff", data[1:17])
-            self.plant.setpoint, self.plant.mode, self._last = (x, y, z, math.radians(yaw)), POSITION, self.time
+            self.plant.setpoint, self.plant.mode, self._last = (
+                (x, y, z, math.radians(yaw)),
+                POSITION,
+                self.time,
+            )
 
 
 class Stepped:
-    """A clock for the program under test: to sleep is to let the fake drone's time pass, then to wait for its rows to arrive."""
+    """A clock for the program under test: to sleep is to let the fake drone's time pass, then to
+    wait for its rows to arrive."""
 
     def __init__(self, fake):
         self.fake, self.time, self.before = fake, 100.0, []
@@ -343,8 +443,14 @@ class Stepped:
 
     def _arrived(self):
         until = time.monotonic() + 30
-        while self.link is not None and not self.link.lost and self.link.received < len(self.fake.sent):
-            assert time.monotonic() < until, f"{self.link.received} of {len(self.fake.sent)} rows arrived"
+        while (
+            self.link is not None
+            and not self.link.lost
+            and self.link.received < len(self.fake.sent)
+        ):
+            assert time.monotonic() < until, (
+                f"{self.link.received} of {len(self.fake.sent)} rows arrived"
+            )
             time.sleep(2e-5)
         if self.link is None or not self.link.received:
             # Nothing to wait for yet: the first order to send rows takes its own, real time.
@@ -352,7 +458,8 @@ class Stepped:
             time.sleep(0.002 if self._early < 50 else 0.05)
 
     def connect(self):
-        """The program's connection to the fake drone, of whose rows this clock knows from the first."""
+        """The program's connection to the fake drone, of whose rows this clock knows from the
+        first."""
         clock = self
 
         class Watched(Crazyflie):

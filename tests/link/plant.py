@@ -1,4 +1,5 @@
-"""A quadrotor and its cascaded controller in plain Python, for the fake drone: fast, and independent of the simulator under test."""
+"""A quadrotor and its cascaded controller in plain Python, for the fake drone: fast, and
+independent of the simulator under test."""
 
 import math
 import random
@@ -41,7 +42,11 @@ class Plant:
         """Roll, pitch, yaw [rad]; pitch positive nose down."""
         x, y, z, w = self.quaternion
         pitch = math.asin(min(max(2 * (w * y - z * x), -1.0), 1.0))
-        return math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)), pitch, math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+        return (
+            math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
+            pitch,
+            math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
+        )
 
     @property
     def turning(self):
@@ -57,20 +62,44 @@ class Plant:
             self.rotors[motor] += (math.sqrt(u) - self.rotors[motor]) * STEP / MOTOR_TIME_CONSTANT
             forces.append(THRUST_TO_WEIGHT * MASS * GRAVITY / 4 * self.rotors[motor] ** 2)
         f1, f2, f3, f4 = forces
-        torque = (ARM * (-f1 - f2 + f3 + f4), ARM * (-f1 + f2 + f3 - f4), DRAG * (-f1 + f2 - f3 + f4))
+        torque = (
+            ARM * (-f1 - f2 + f3 + f4),
+            ARM * (-f1 + f2 + f3 - f4),
+            DRAG * (-f1 + f2 - f3 + f4),
+        )
         p, q, r = self.rates
         ix, iy, iz = INERTIA
-        turn = ((torque[0] - (iz - iy) * q * r) / ix, (torque[1] - (ix - iz) * p * r) / iy, (torque[2] - (iy - ix) * p * q) / iz)
-        self.rates = [rate + STEP * (change + self.random.gauss(0, 8.0)) for rate, change in zip(self.rates, turn, strict=True)]
+        turn = (
+            (torque[0] - (iz - iy) * q * r) / ix,
+            (torque[1] - (ix - iz) * p * r) / iy,
+            (torque[2] - (iy - ix) * p * q) / iz,
+        )
+        self.rates = [
+            rate + STEP * (change + self.random.gauss(0, 8.0))
+            for rate, change in zip(self.rates, turn, strict=True)
+        ]
         x, y, z, w = self.quaternion
         p, q, r = (STEP / 2 * rate for rate in self.rates)
-        x, y, z, w = x + w * p + y * r - z * q, y + w * q + z * p - x * r, z + w * r + x * q - y * p, w - x * p - y * q - z * r
+        x, y, z, w = (
+            x + w * p + y * r - z * q,
+            y + w * q + z * p - x * r,
+            z + w * r + x * q - y * p,
+            w - x * p - y * q - z * r,
+        )
         size = math.sqrt(x * x + y * y + z * z + w * w)
         x, y, z, w = self.quaternion = [x / size, y / size, z / size, w / size]
         lift = sum(forces) / MASS
-        push = (2 * (x * z + w * y) * lift + self.gust, 2 * (y * z - w * x) * lift, (1 - 2 * (x * x + y * y)) * lift - GRAVITY)
-        self.velocity = [speed + STEP * gain for speed, gain in zip(self.velocity, push, strict=True)]
-        self.position = [place + STEP * speed for place, speed in zip(self.position, self.velocity, strict=True)]
+        push = (
+            2 * (x * z + w * y) * lift + self.gust,
+            2 * (y * z - w * x) * lift,
+            (1 - 2 * (x * x + y * y)) * lift - GRAVITY,
+        )
+        self.velocity = [
+            speed + STEP * gain for speed, gain in zip(self.velocity, push, strict=True)
+        ]
+        self.position = [
+            place + STEP * speed for place, speed in zip(self.position, self.velocity, strict=True)
+        ]
         if self.position[2] <= 0.0:
             yaw = self.attitude[2]
             self.impact = max(self.impact, -self.velocity[2])
@@ -85,22 +114,39 @@ class Plant:
         roll, pitch, yaw = self.attitude
         if self._ticks % 5 == 0:
             self._aim(yaw)
-        turn = [6 * (self._wanted[0] - roll), 6 * (self._wanted[1] - pitch), 3 * math.remainder(self.setpoint[3] - yaw, math.tau)]
+        turn = [
+            6 * (self._wanted[0] - roll),
+            6 * (self._wanted[1] - pitch),
+            3 * math.remainder(self.setpoint[3] - yaw, math.tau),
+        ]
         error = [wanted - rate for wanted, rate in zip(turn, self.rates, strict=True)]
         for axis in (0, 1):
-            self._rate_integral[axis] = min(max(self._rate_integral[axis] + error[axis] * STEP, -0.5), 0.5)
+            self._rate_integral[axis] = min(
+                max(self._rate_integral[axis] + error[axis] * STEP, -0.5), 0.5
+            )
         p = 0.06 * self.stiffness * error[0] + 0.1 * self._rate_integral[0]
         q = 0.06 * self.stiffness * error[1] + 0.1 * self._rate_integral[1]
         r, t = 0.05 * error[2], self._thrust
-        self.command = [min(max(u, 0.0), 1.0) for u in (t - p - q - r, t - p + q + r, t + p + q - r, t + p - q + r)]
+        self.command = [
+            min(max(u, 0.0), 1.0)
+            for u in (t - p - q - r, t - p + q + r, t + p + q - r, t + p - q + r)
+        ]
 
     def _aim(self, yaw):
         if self.mode == LEVEL:
             self._wanted, self._thrust = [0.0, 0.0], 1 / THRUST_TO_WEIGHT
             return
-        speed = [min(max(2 * (wanted - place), -1.1), 1.1) for wanted, place in zip(self.setpoint[:3], self.position, strict=True)]
+        speed = [
+            min(max(2 * (wanted - place), -1.1), 1.1)
+            for wanted, place in zip(self.setpoint[:3], self.position, strict=True)
+        ]
         gain = [3.5 * (wanted - now) for wanted, now in zip(speed, self.velocity, strict=True)]
         self._lift = min(max(self._lift + 0.01 * 2 * gain[2], -2.0), 2.0)
-        forward, left = gain[0] * math.cos(yaw) + gain[1] * math.sin(yaw), gain[1] * math.cos(yaw) - gain[0] * math.sin(yaw)
-        self._wanted = [min(max(tilt, -0.35), 0.35) for tilt in (-left / GRAVITY, forward / GRAVITY)]
+        forward, left = (
+            gain[0] * math.cos(yaw) + gain[1] * math.sin(yaw),
+            gain[1] * math.cos(yaw) - gain[0] * math.sin(yaw),
+        )
+        self._wanted = [
+            min(max(tilt, -0.35), 0.35) for tilt in (-left / GRAVITY, forward / GRAVITY)
+        ]
         self._thrust = (GRAVITY + gain[2] + self._lift) / (GRAVITY * THRUST_TO_WEIGHT)

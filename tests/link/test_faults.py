@@ -1,4 +1,5 @@
-"""Whatever goes wrong in flight, at a random moment: the motors stop in the promised time, and every row that came is on disk."""
+"""Whatever goes wrong in flight, at a random moment: the motors stop in the promised time, and
+every row that came is on disk."""
 
 import contextlib
 import math
@@ -64,9 +65,15 @@ DRONE = {
     "nothing arrives any more": (setting(lost_rows=1.0, lost_commands=1.0), "no rows"),
     "switched off": (FakeDrone.vanish, "link lost|no rows"),
     "not a number": (setting(spoiled=QUATERNION), "not a number"),
-    "not a number for 50 ms": (briefly(setting(spoiled=QUATERNION), setting(spoiled=()), 0.05), COMPLETE),
+    "not a number for 50 ms": (
+        briefly(setting(spoiled=QUATERNION), setting(spoiled=()), 0.05),
+        COMPLETE,
+    ),
     "battery empty": (setting(battery=2.9), "battery"),
-    "battery reads 0 V for 0.1 s": (briefly(setting(battery=0.3), setting(battery=4.0), 0.1), COMPLETE),
+    "battery reads 0 V for 0.1 s": (
+        briefly(setting(battery=0.3), setting(battery=4.0), 0.1),
+        COMPLETE,
+    ),
     "tumbled": (setting(tumbled=True), "tumbled"),
     "disarmed": (setting(armed=False), "disarmed"),
     "locked": (setting(locked=True), "locked"),
@@ -112,7 +119,11 @@ class Flight:
     """A short flight of the fake drone, and what came of it."""
 
     def __init__(self, folder, seed, policy=False):
-        self.folder, self.random, self.fake = folder, random.Random(seed), FakeDrone(seed, policy=policy)
+        self.folder, self.random, self.fake = (
+            folder,
+            random.Random(seed),
+            FakeDrone(seed, policy=policy),
+        )
         self.clock = Stepped(self.fake)
         self.plan = Plan(session.reference(PATH, SECONDS, 0.5, 0.05, seed), policy)
         self.first, self.last, self.moment, self.reason, self.armed_at = -1, 0, math.inf, "", 0.0
@@ -139,10 +150,22 @@ class Flight:
                 self.clock.before.remove(once)
                 interfere(clock)
 
-        with self.fake, contextlib.closing(self.clock.connect()) as link, session.stop_requests() as stops:
+        with (
+            self.fake,
+            contextlib.closing(self.clock.connect()) as link,
+            session.stop_requests() as stops,
+        ):
             try:
                 (flown,) = session.flights(
-                    link, [self.plan], self.folder, {}, limits=Limits(), clock=self.clock, stops=stops, say=say, seed=0
+                    link,
+                    [self.plan],
+                    self.folder,
+                    {},
+                    limits=Limits(),
+                    clock=self.clock,
+                    stops=stops,
+                    say=say,
+                    seed=0,
                 )
                 self.reason = flown.ending.reason
             except (InputError, RuntimeError) as error:
@@ -163,13 +186,25 @@ class Flight:
         return [int(stamp) for stamp in table.frame["timestamp"]]
 
     def sent(self):
-        """Time stamps of the rows of both fast blocks that the drone sent while the flight lasted."""
-        return [stamp for number, stamp in self.fake.sent[self.first : self.last] if number in (1, 2)]
+        """Time stamps of the rows of both fast blocks that the drone sent while the flight
+        lasted."""
+        return [
+            stamp for number, stamp in self.fake.sent[self.first : self.last] if number in (1, 2)
+        ]
 
 
 SOFTEST = 1.2
-"""Fastest touch-down of a landing [m/s]: the motors stop 4 cm above the ground. A fall from this flight's height ends with 3."""
-FALLS = {"no command arrives any more", "nothing arrives any more", "switched off", "not a number", "tumbled", "disarmed", "locked"}
+"""Fastest touch-down of a landing [m/s]: the motors stop 4 cm above the ground. A fall from this
+flight's height ends with 3."""
+FALLS = {
+    "no command arrives any more",
+    "nothing arrives any more",
+    "switched off",
+    "not a number",
+    "tumbled",
+    "disarmed",
+    "locked",
+}
 AT_LAST = {"Ctrl-C without a handler", "an error of the program"}
 """Where it may fall if they come in the landing."""
 FALLS |= AT_LAST | {"a gust", "a motor fails", "Ctrl-C twice"}

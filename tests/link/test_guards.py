@@ -22,7 +22,10 @@ HERE = (0.1, 0.0, 1.0)
 
 
 def seen(now=0.0, setpoint=HERE, lost="", broken="", stops=0, received=None, **values):
-    told = reading(VALUES | {name.replace("_", ".", 1): value for name, value in values.items()}, now if received is None else received)
+    told = reading(
+        VALUES | {name.replace("_", ".", 1): value for name, value in values.items()},
+        now if received is None else received,
+    )
     return Seen(now, told, setpoint, (0.0, 0.0, 0.0), lost, broken, stops)
 
 
@@ -31,7 +34,13 @@ def test_a_packet_in_our_units_and_signs():
     assert told.position == (0.1, 0.0, 1.0)
     assert told.velocity == (0.0, -0.2, 0.0)
     assert told.body_rates == (1.0, -0.5, 0.0)
-    assert (told.battery, told.received, told.finite, told.tilt, told.policy) == (3.9, 3.0, True, 0.0, False)
+    assert (told.battery, told.received, told.finite, told.tilt, told.policy) == (
+        3.9,
+        3.0,
+        True,
+        0.0,
+        False,
+    )
 
 
 @pytest.mark.parametrize("angle", [0.3, 1.5, 3.0])
@@ -59,7 +68,12 @@ def test_all_is_well():
         ({"motor_m1": 0}, 0.5, True, "stopped the motors"),
         ({"pm_vbatMV": 2990}, 0.5, False, "battery at 2.99 V"),
         ({"stateEstimateZ_z": 1900}, 0.1, False, "at a height of 1.90 m"),
-        ({"stateEstimateZ_y": -1600, "setpoint": (0.1, -1.6, 1.0)}, 0.1, False, "1.60 m from the place of take-off"),
+        (
+            {"stateEstimateZ_y": -1600, "setpoint": (0.1, -1.6, 1.0)},
+            0.1,
+            False,
+            "1.60 m from the place of take-off",
+        ),
         ({"setpoint": (0.1, 0.0, 1.4)}, 0.5, False, "0.40 m below the set-point"),
         ({"setpoint": (0.1, 0.7, 1.0)}, 0.2, False, "0.70 m from the set-point"),
     ],
@@ -89,7 +103,12 @@ def test_the_gravest_reason_is_told():
 
 def test_a_fit_drone_may_fly():
     still = ((0.01, 0.01, 0.02),) * 10
-    assert objections(Standing(seen().reading, ("deck.bcFlow2",), still, False), Limits(), needs_policy=False) == []
+    assert (
+        objections(
+            Standing(seen().reading, ("deck.bcFlow2",), still, False), Limits(), needs_policy=False
+        )
+        == []
+    )
     assert not settled(still[:9])
     assert not settled((*still[:9], (0.01, 0.02, 0.02)))
     assert not settled((*still[:9], (0.01, math.nan, 0.02)))

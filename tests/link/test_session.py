@@ -1,4 +1,5 @@
-"""Recording from the fake drone: what is on disk, what `identify` makes of it, and when nothing takes off."""
+"""Recording from the fake drone: what is on disk, what `identify` makes of it, and when nothing
+takes off."""
 
 import contextlib
 import signal
@@ -40,7 +41,15 @@ def flown(fake, folder, *plans, stops=lambda: 0, said=None, before=None):
         if before:
             clock.before.append(before)
         return session.flights(
-            link, list(plans), folder, {"task": "circle"}, limits=Limits(), clock=clock, stops=stops, say=said.append, seed=3
+            link,
+            list(plans),
+            folder,
+            {"task": "circle"},
+            limits=Limits(),
+            clock=clock,
+            stops=stops,
+            say=said.append,
+            seed=3,
         )
 
 
@@ -56,7 +65,14 @@ def test_identify_finds_the_fake_drone_in_what_record_wrote(tmp_path):
     assert len(read) == 1
     assert [(flight.simulated, flight.held) for flight in read] == [("udp", False)]
     start = parameters.replace(parameters.crazyflie(), latency=0.0)
-    found = mf.identify(read, ["thrust_to_weight", "motor_time_constant"], objective="replay", start=start, evaluations=11, trials=1)
+    found = mf.identify(
+        read,
+        ["thrust_to_weight", "motor_time_constant"],
+        objective="replay",
+        start=start,
+        evaluations=11,
+        trials=1,
+    )
     assert found.parameters.thrust_to_weight == pytest.approx(THRUST_TO_WEIGHT, rel=0.02)
     assert found.parameters.motor_time_constant == pytest.approx(MOTOR_TIME_CONSTANT, rel=0.2)
 
@@ -82,7 +98,9 @@ def test_the_log_holds_what_was_commanded(tmp_path):
     assert "2.1+" in notes[0]
     (read,) = read_flights(tmp_path)
     assert read.command.mean() == pytest.approx(1 / THRUST_TO_WEIGHT, rel=0.05)
-    assert np.isclose(np.abs(log.setpoint[:, 2] - 0.5), 0.05, atol=0.001).sum() == pytest.approx(100, abs=10)
+    assert np.isclose(np.abs(log.setpoint[:, 2] - 0.5), 0.05, atol=0.001).sum() == pytest.approx(
+        100, abs=10
+    )
     steady = np.abs(log.position[:, 2] - 0.5) < 0.1
     true = np.array(list(commands.values()))
     nearest = np.abs(log.command[steady][:, None] - true).max(axis=2).min(axis=1)
@@ -103,7 +121,13 @@ def test_the_log_holds_what_was_commanded(tmp_path):
     ],
 )
 def test_an_unfit_drone_does_not_take_off(fake, why, tmp_path):
-    made = FakeDrone(**{name: value for name, value in fake.items() if name in ("battery", "deck", "settles", "policy")})
+    made = FakeDrone(
+        **{
+            name: value
+            for name, value in fake.items()
+            if name in ("battery", "deck", "settles", "policy")
+        }
+    )
     for name in ("tumbled", "locked", "spoiled"):
         setattr(made, name, fake.get(name, getattr(made, name)))
     if "tilted" in fake:
@@ -224,10 +248,22 @@ def test_a_whole_session(tmp_path, monkeypatch):
     before = signal.getsignal(signal.SIGINT)
     with clock.fake:
         flights = session.record(
-            clock.fake.uri, tmp_path, task="hover", count=2, duration=0.5, height=0.4, steps=0.0, seed=5, clock=clock, say=said.append
+            clock.fake.uri,
+            tmp_path,
+            task="hover",
+            count=2,
+            duration=0.5,
+            height=0.4,
+            steps=0.0,
+            seed=5,
+            clock=clock,
+            say=said.append,
         )
     assert signal.getsignal(signal.SIGINT) is before
-    assert [(flight.name, flight.ending.reason) for flight in flights] == [("flight_01", COMPLETE), ("flight_02", COMPLETE)]
+    assert [(flight.name, flight.ending.reason) for flight in flights] == [
+        ("flight_01", COMPLETE),
+        ("flight_02", COMPLETE),
+    ]
     assert all(flight.ending.height < 0.05 for flight in flights)
     assert said[1:5] == ["armed", "taking off to 0.4 m", "flying for 0.5 s, the PID", "landing"]
 
@@ -246,10 +282,13 @@ def test_blocks_of_different_instants_are_interpolated_over_no_more_than_one_pac
                 values |= {f"motor.m{motor}": 40000 + 100 * number for motor in (1, 2, 3, 4)}
             row = {"timestamp": 10 * number + late, **values}
             lines.append(",".join(str(row.get(name, "")) for name in columns))
-    (tmp_path / "flight_01.rows").write_text(head + ",".join(columns) + "\n" + "\n".join(lines) + "\n")
+    (tmp_path / "flight_01.rows").write_text(
+        head + ",".join(columns) + "\n" + "\n".join(lines) + "\n"
+    )
     flight, _, _ = rows.to_flight(tmp_path / "flight_01.rows")
     known = np.isfinite(flight.command[:, 0])
-    # The first row has no motors before it; that of 190 ms has a packet before it only, those up to 290 ms before the next.
+    # The first row has no motors before it; that of 190 ms has a packet before it only, those up to
+    # 290 ms before the next.
     assert np.flatnonzero(~known).tolist() == list(range(19, 30))
     shared = thrust_command(np.full((1, 4), 40000 + 100 * 9.6), np.array([4.0]))
     assert flight.command[9] == pytest.approx(shared[0], abs=1e-5)
@@ -277,7 +316,12 @@ flown(fake, Path(sys.argv[2]), plan(3.0), said=Said(), before=die)
 
 
 def test_a_killed_program_leaves_every_row(tmp_path):
-    ran = subprocess.run([sys.executable, "-c", KILLED, Path(__file__).parent, tmp_path], capture_output=True, text=True, timeout=100)
+    ran = subprocess.run(
+        [sys.executable, "-c", KILLED, Path(__file__).parent, tmp_path],
+        capture_output=True,
+        text=True,
+        timeout=100,
+    )
     assert ran.returncode == -signal.SIGKILL, ran.stderr
     kept = (tmp_path / "flight_01.rows").read_text().splitlines()
     assert len(kept) - 4 == int(ran.stdout) > 300
@@ -300,12 +344,20 @@ def test_lost_packets_leave_gaps_and_no_inventions(tmp_path):
     assert np.isnan(flight.command[missing]).all()
     assert np.isnan(flight.command).any(axis=1).sum() == pytest.approx(20, abs=4)
     assert len(read_flights(tmp_path)) == 2
-    assert (record["seed"], record["settings"]["task"], record["settings"]["deck"]) == (3, "circle", "deck.bcFlow2")
+    assert (record["seed"], record["settings"]["task"], record["settings"]["deck"]) == (
+        3,
+        "circle",
+        "deck.bcFlow2",
+    )
 
 
 def test_rows_that_are_no_flight_are_refused(tmp_path):
     (tmp_path / "flight_01.rows").write_text("x\n1\n")
-    cut = "# maidenflight rows 1: x\n# simulated: no\n# record: {}\n" + ",".join(["timestamp", *STATE.variables, *MOTORS.variables]) + "\n"
+    cut = (
+        "# maidenflight rows 1: x\n# simulated: no\n# record: {}\n"
+        + ",".join(["timestamp", *STATE.variables, *MOTORS.variables])
+        + "\n"
+    )
     (tmp_path / "flight_02.rows").write_text(cut + "1," + "," * 19 + "\n")
     made, refused = rows.recover(tmp_path)
     assert made == []

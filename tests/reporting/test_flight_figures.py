@@ -1,4 +1,5 @@
-"""Box plots and the literature: what is drawn lies where the axis says, and what cannot be drawn is refused."""
+"""Box plots and the literature: what is drawn lies where the axis says, and what cannot be drawn is
+refused."""
 
 import re
 import xml.etree.ElementTree as ElementTree
@@ -18,15 +19,29 @@ SVG = "{http://www.w3.org/2000/svg}"
 
 def flights(count=9, panels=("near-7",), rows=("one",)):
     """Flights of 1, 2, 3, ... seconds; the last one reaches the limit."""
-    each = [{"duration": float(n), "end_reason": "tilt" if n < count else "time limit"} for n in range(1, count + 1)]
+    each = [
+        {"duration": float(n), "end_reason": "tilt" if n < count else "time limit"}
+        for n in range(1, count + 1)
+    ]
     return polars.DataFrame(
-        [{"row": row, "colour": "blue", "panel": panel, **flight} for panel in panels for row in rows for flight in each]
+        [
+            {"row": row, "colour": "blue", "panel": panel, **flight}
+            for panel in panels
+            for row in rows
+            for flight in each
+        ]
     )
 
 
 def paths(picture, panel, look):
-    [found] = [part for part in ElementTree.fromstring(picture).iter(f"{SVG}svg") if part.attrib.get("data-panel") == panel]
-    return float(found.attrib["width"]), [part.attrib["d"] for part in found.iter(f"{SVG}path") if part.attrib["class"] == look]
+    [found] = [
+        part
+        for part in ElementTree.fromstring(picture).iter(f"{SVG}svg")
+        if part.attrib.get("data-panel") == panel
+    ]
+    return float(found.attrib["width"]), [
+        part.attrib["d"] for part in found.iter(f"{SVG}path") if part.attrib["class"] == look
+    ]
 
 
 def test_the_median_and_the_box_lie_at_their_quantiles():
@@ -40,8 +55,12 @@ def test_the_median_and_the_box_lie_at_their_quantiles():
 
 def test_few_flights_are_dots_without_a_box():
     assert paths(flight_times(flights(4)), "flights", "filled faint")[1] == []
-    assert paths(flight_times(flights(4)), "flights", "dots faded")[1][0].count("h0") == 1, "the one that reached the limit"
-    assert paths(flight_times(flights(4)), "flights", "thin faded")[1][0].count("M") == 2 * 3 - 3 * 1, "a cross for each of the others"
+    assert paths(flight_times(flights(4)), "flights", "dots faded")[1][0].count("h0") == 1, (
+        "the one that reached the limit"
+    )
+    assert (
+        paths(flight_times(flights(4)), "flights", "thin faded")[1][0].count("M") == 2 * 3 - 3 * 1
+    ), "a cross for each of the others"
 
 
 def test_panels_stand_beside_each_other_or_below_on_a_phone():
@@ -77,6 +96,13 @@ def test_twice_the_papers_value_is_drawn_at_two():
     picture = beside_literature({"motor_time_constant": Estimate(0.176, (0.176, 0.176))})
     width, [mark] = paths(picture, "literature", "heavy")
     one = float(re.findall(r"M([\d.]+) 0V", paths(picture, "literature", "line")[1][0])[0])
-    grid = [float(place) for place in re.findall(r"M([\d.]+) 0V", paths(picture, "literature", "grid")[1][0])]
-    assert any(float(re.findall(r"M([\d.]+)", mark)[1]) == pytest.approx(place, abs=0.1) for place in grid if place > one)
+    grid = [
+        float(place)
+        for place in re.findall(r"M([\d.]+) 0V", paths(picture, "literature", "grid")[1][0])
+    ]
+    assert any(
+        float(re.findall(r"M([\d.]+)", mark)[1]) == pytest.approx(place, abs=0.1)
+        for place in grid
+        if place > one
+    )
     assert one < width

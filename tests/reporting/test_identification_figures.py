@@ -1,4 +1,5 @@
-"""Pictures of an identification: what is marked lies where it should, and odd data draw something or are refused."""
+"""Pictures of an identification: what is marked lies where it should, and odd data draw something
+or are refused."""
 
 import re
 import xml.etree.ElementTree as ElementTree
@@ -18,8 +19,13 @@ from maidenflight.reporting.run import Estimate
 SVG = "{http://www.w3.org/2000/svg}"
 BEST = np.array([1.7, 0.080, 0.014])
 NAMES = ["thrust_to_weight", "motor_time_constant", "latency"]
-HESSIAN = np.array([[9.0, 3.0, 1.0], [3.0, 6.0, 2.0], [1.0, 2.0, 4.0]]) / np.outer([0.03, 0.004, 0.001], [0.03, 0.004, 0.001])
-ESTIMATES = {name: Estimate(float(value), (float(0.98 * value), float(1.03 * value))) for name, value in zip(NAMES, BEST, strict=True)}
+HESSIAN = np.array([[9.0, 3.0, 1.0], [3.0, 6.0, 2.0], [1.0, 2.0, 4.0]]) / np.outer(
+    [0.03, 0.004, 0.001], [0.03, 0.004, 0.001]
+)
+ESTIMATES = {
+    name: Estimate(float(value), (float(0.98 * value), float(1.03 * value)))
+    for name, value in zip(NAMES, BEST, strict=True)
+}
 
 
 def search(count=200, wide=1.0):
@@ -27,7 +33,13 @@ def search(count=200, wide=1.0):
     points = BEST + np.random.default_rng(0).normal(size=(count, 3)) * wide * [0.01, 0.0015, 0.0004]
     points[0] = BEST
     rise = np.einsum("ni,ij,nj->n", points - BEST, HESSIAN, points - BEST) / 2
-    return polars.DataFrame({"trial": [0] * count, **dict(zip(NAMES, points.T, strict=True)), "objective": 60 * (1 + rise / 100)})
+    return polars.DataFrame(
+        {
+            "trial": [0] * count,
+            **dict(zip(NAMES, points.T, strict=True)),
+            "objective": 60 * (1 + rise / 100),
+        }
+    )
 
 
 def draws(names, count=150):
@@ -40,8 +52,14 @@ def errors():
     rows = []
     for horizon in (0.1, 0.5):
         for slope, name in enumerate(("mine <1>", NOTHING_CHANGES), 1):
-            each = dict.fromkeys(("position", "velocity", "attitude", "body_rates"), slope * horizon)
-            ends = {f"{column}{end}": value * k for column, value in each.items() for end, k in (("_low", 0.9), ("_high", 1.1))}
+            each = dict.fromkeys(
+                ("position", "velocity", "attitude", "body_rates"), slope * horizon
+            )
+            ends = {
+                f"{column}{end}": value * k
+                for column, value in each.items()
+                for end, k in (("_low", 0.9), ("_high", 1.1))
+            }
             rows.append({"model": name, "horizon": horizon, **each, **ends})
     return polars.DataFrame(rows)
 
@@ -50,7 +68,14 @@ def windows(count=4):
     columns = ("position_z", "roll", "pitch", "body_rate_x", "body_rate_y")
     time = np.arange(51) * 0.01
     parts = [
-        polars.DataFrame({"window": [window] * 51, "model": [model] * 51, "time": time, **dict.fromkeys(columns, 1 + size * time)})
+        polars.DataFrame(
+            {
+                "window": [window] * 51,
+                "model": [model] * 51,
+                "time": time,
+                **dict.fromkeys(columns, 1 + size * time),
+            }
+        )
         for window in range(1, count + 1)
         for size, model in enumerate((LOGGED, "mine"))
     ]
@@ -59,16 +84,26 @@ def windows(count=4):
 
 def panels(picture):
     """Panels by name; that this parses is half of each test."""
-    found = [part for part in ElementTree.fromstring(picture).iter(f"{SVG}svg") if "data-panel" in part.attrib]
+    found = [
+        part
+        for part in ElementTree.fromstring(picture).iter(f"{SVG}svg")
+        if "data-panel" in part.attrib
+    ]
     return {part.attrib["data-panel"]: part for part in found}
 
 
 def paths(panel, colour):
-    return [part.attrib["d"] for part in panel.iter(f"{SVG}path") if f"--{colour})" in part.attrib.get("style", "")]
+    return [
+        part.attrib["d"]
+        for part in panel.iter(f"{SVG}path")
+        if f"--{colour})" in part.attrib.get("style", "")
+    ]
 
 
 def points(path):
-    return np.array([[float(number) for number in pair.split()] for pair in re.split("[ML]", path) if pair])
+    return np.array(
+        [[float(number) for number in pair.split()] for pair in re.split("[ML]", path) if pair]
+    )
 
 
 def ticked(picture, panel, vertical):
@@ -88,7 +123,10 @@ def ticked(picture, panel, vertical):
 def test_the_optimum_is_where_the_axes_say(width):
     picture = pictures.valley(search(), ESTIMATES, width=width)
     panel = panels(picture)["valley"]
-    middle = points(paths(panel, "orange")[0]).mean(axis=0), points(paths(panel, "orange")[1]).mean(axis=0)
+    middle = (
+        points(paths(panel, "orange")[0]).mean(axis=0),
+        points(paths(panel, "orange")[1]).mean(axis=0),
+    )
     for value, vertical in ((80 * 1.005, False), (14 * 1.005, True)):  # an interval's middle
         labels = ticked(picture, panel, vertical)
         assert len(labels) >= 3
@@ -97,7 +135,9 @@ def test_the_optimum_is_where_the_axes_say(width):
 
 
 def test_a_contour_is_where_the_objective_is_that_much_higher_with_the_others_at_their_best():
-    found = surrogate.valley(search().select(NAMES).to_numpy(), search()["objective"].to_numpy(), [1, 2])
+    found = surrogate.valley(
+        search().select(NAMES).to_numpy(), search()["objective"].to_numpy(), [1, 2]
+    )
     assert found is not None
     assert found.error < 1e-6
     assert abs(found.lowest) < 1e-6
@@ -140,7 +180,9 @@ def test_a_table_without_a_valley_is_refused():
 def test_a_panel_for_each_pair_and_each_parameter(count):
     names = list(COMPONENTS)[:count]
     found = panels(pictures.corner(draws(names), width=pictures.WIDE))
-    assert set(found) == {f"{across} {up}" for row, up in enumerate(names) for across in names[: row + 1]}
+    assert set(found) == {
+        f"{across} {up}" for row, up in enumerate(names) for across in names[: row + 1]
+    }
 
 
 def test_a_large_posterior_is_cut_to_what_can_be_read():
@@ -159,22 +201,35 @@ def test_the_posterior_marks_optimum_and_correlation():
         for across in NAMES[:row]:
             panel = panels(picture)[f"{across} {upward}"]
             upright, level = map(points, paths(panel, "orange"))
-            dots = np.array([[float(n) for n in dot.split()] for dot in re.findall(r"M([\d. ]+)h0", paths(panel, "blue")[0])])
+            dots = np.array(
+                [
+                    [float(n) for n in dot.split()]
+                    for dot in re.findall(r"M([\d. ]+)h0", paths(panel, "blue")[0])
+                ]
+            )
             # The optimum is the median of both, so its lines halve the dots.
-            np.testing.assert_allclose([upright[0, 0], level[0, 1]], np.median(dots, axis=0), atol=0.3)
+            np.testing.assert_allclose(
+                [upright[0, 0], level[0, 1]], np.median(dots, axis=0), atol=0.3
+            )
             told = "".join(panel.itertext()).replace("\N{MINUS SIGN}", "-")
-            assert float(told) == pytest.approx(np.corrcoef(drawn[across], drawn[upward])[0, 1], abs=0.006)
+            assert float(told) == pytest.approx(
+                np.corrcoef(drawn[across], drawn[upward])[0, 1], abs=0.006
+            )
 
 
 def test_a_narrow_posterior_keeps_the_strongest_correlations_and_says_so():
     names = list(COMPONENTS)[:12]
-    drawn = {name: np.random.default_rng(number).normal(size=200) for number, name in enumerate(names)}
+    drawn = {
+        name: np.random.default_rng(number).normal(size=200) for number, name in enumerate(names)
+    }
     drawn[names[9]] = drawn[names[3]] + 0.1 * drawn[names[9]]
     picture = pictures.corner(drawn, width=pictures.NARROW)
     found = panels(picture)
     assert f"{names[3]} {names[9]}" in found
     assert len(found) == 10
-    assert "200 draws of 4 parameters, those of its 12" in re.sub(r"</text><text[^>]*>", " ", picture)
+    assert "200 draws of 4 parameters, those of its 12" in re.sub(
+        r"</text><text[^>]*>", " ", picture
+    )
 
 
 @pytest.mark.parametrize(
@@ -183,7 +238,10 @@ def test_a_narrow_posterior_keeps_the_strongest_correlations_and_says_so():
         {"latency": np.full(100, np.float32(0.018))},
         {"latency": np.array([0.0])},
         {"latency": np.zeros(100), "thrust_offset": np.linspace(-1, 1, 100)},
-        {"motor_time_constant": np.linspace(0.08, 0.09, 100), "latency": 0.1 - np.linspace(0.08, 0.09, 100)},
+        {
+            "motor_time_constant": np.linspace(0.08, 0.09, 100),
+            "latency": 0.1 - np.linspace(0.08, 0.09, 100),
+        },
         {"inertia_x": np.array([1e-5, np.float32(1e-5)]), "inertia_z": np.array([1e-5, 9e3])},
     ],
     ids=["all equal", "one draw of zero", "one fixed", "on a line", "far apart"],
@@ -209,14 +267,23 @@ def test_errors_grow_in_four_panels_and_names_cannot_become_markup():
     assert set(found) == {"position", "velocity", "attitude", "body_rates"}
     assert "mine &lt;1&gt;" in picture
     for panel in found.values():
-        (mine,) = [points(path) for path in paths(panel, "orange") if not path.endswith("Z") and "L" in path]
-        (still,) = [points(path) for path in paths(panel, "soft") if not path.endswith("Z") and "L" in path]
+        (mine,) = [
+            points(path)
+            for path in paths(panel, "orange")
+            if not path.endswith("Z") and "L" in path
+        ]
+        (still,) = [
+            points(path) for path in paths(panel, "soft") if not path.endswith("Z") and "L" in path
+        ]
         ground = mine[0, 1]
         np.testing.assert_allclose((ground - still[1:, 1]) / (ground - mine[1:, 1]), 2.0, rtol=0.02)
 
 
 def test_windows_as_many_as_fit():
-    wide, narrow = pictures.windows(windows(), pictures.WIDE), pictures.windows(windows(), pictures.NARROW)
+    wide, narrow = (
+        pictures.windows(windows(), pictures.WIDE),
+        pictures.windows(windows(), pictures.NARROW),
+    )
     assert len(panels(wide)) == 5 * 4
     assert len(panels(narrow)) == 5 * 2
     assert "Predicted windows, 2 of 4" in narrow

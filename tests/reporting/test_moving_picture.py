@@ -14,7 +14,9 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.fixture(scope="module")
 def example() -> ModuleType:
-    found = importlib.util.spec_from_file_location("moving_picture", ROOT / "examples" / "moving_picture.py")
+    found = importlib.util.spec_from_file_location(
+        "moving_picture", ROOT / "examples" / "moving_picture.py"
+    )
     assert found is not None
     assert found.loader is not None
     module = importlib.util.module_from_spec(found)
@@ -27,15 +29,22 @@ def test_a_drone_is_drawn_where_it_is_in_every_picture(example):
     position[:, :, 2] = np.linspace(1.0, 0.0, 5)
     alive = np.ones((3, 5))
     alive[:, 4] = 0
-    drawn = example.picture([example.Film("10 steps", "all down", position, np.zeros((3, 5, 3)), alive)])
+    drawn = example.picture(
+        [example.Film("10 steps", "all down", position, np.zeros((3, 5, 3)), alive)]
+    )
     changes = {
-        part.attrib["attributeName"]: part.attrib for part in ElementTree.fromstring(drawn).iter("{http://www.w3.org/2000/svg}animate")
+        part.attrib["attributeName"]: part.attrib
+        for part in ElementTree.fromstring(drawn).iter("{http://www.w3.org/2000/svg}animate")
     }
     assert set(changes) == {"opacity", "cx", "cy", "stroke-dasharray", "d"}
     # Frames of the flight, and the last of them again while it rests.
-    assert {len(change["values"].split(";")) for change in changes.values()} == {5 + round(example.REST * example.FRAMES)}
+    assert {len(change["values"].split(";")) for change in changes.values()} == {
+        5 + round(example.REST * example.FRAMES)
+    }
     arms = changes["d"]["values"].split(";")[0]
-    corners = np.array([[float(number) for number in pair.split()] for pair in re.findall(r"[ML]([^MLa]+)", arms)])
+    corners = np.array(
+        [[float(number) for number in pair.split()] for pair in re.findall(r"[ML]([^MLa]+)", arms)]
+    )
     np.testing.assert_allclose(corners[:4].mean(axis=0), example.seen(position[0, 0]), atol=30)
     assert re.findall(r"https?://[^\"']+", drawn) == ["http://www.w3.org/2000/svg"]
 

@@ -1,4 +1,5 @@
-"""The report: what is there is shown, what is missing is left out, and the page works in a browser without a network."""
+"""The report: what is there is shown, what is missing is left out, and the page works in a browser
+without a network."""
 
 import base64
 import json
@@ -21,7 +22,9 @@ from maidenflight.flights.log import Flight
 from maidenflight.reporting import text
 from maidenflight.reporting.page import report
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+CHROMIUM = (
+    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+)
 RECORD = {"version": "0.1.0", "seed": 7, "settings": {"reality": "virtual-1"}}
 NAMES = ("thrust_to_weight", "motor_time_constant", "latency")
 
@@ -34,7 +37,19 @@ def circling(duration: float, simulated: str = "virtual-1") -> Flight:
     attitude = np.stack([0.1 * full, 0 * full, 0 * full], axis=1)
     position, still = setpoint + np.array([0.0, 0.0, 0.01]), np.zeros_like(setpoint)
     command = np.full((len(time), 4), 0.55)
-    return Flight("flight", 0.01, position, still, attitude, still, command, 4.0 * full, setpoint, True, simulated)
+    return Flight(
+        "flight",
+        0.01,
+        position,
+        still,
+        attitude,
+        still,
+        command,
+        4.0 * full,
+        setpoint,
+        True,
+        simulated,
+    )
 
 
 def flown(simulated: str = "virtual-1", reason: str = "tilt") -> Transfer:
@@ -59,26 +74,55 @@ def run(tmp_path):
     folder = tmp_path / "run"
     drone = parameters.crazyflie()
     estimate = {
-        name: {"value": float(getattr(drone, name)), "interval": [float(getattr(drone, name)) * k for k in (0.99, 1.01)]} for name in NAMES
+        name: {
+            "value": float(getattr(drone, name)),
+            "interval": [float(getattr(drone, name)) * k for k in (0.99, 1.01)],
+        }
+        for name in NAMES
     }
-    truth = parameters.replace(drone, motor_slowdown=1.5, estimator_delay=0.004)
+    truth = parameters.replace(drone, spin_down_ratio=1.5, estimator_delay=0.004)
     parameters.write(folder / "reality.toml", truth, {"record": RECORD})
-    posterior = {"names": list(NAMES), "draws": [[1.72 + i / 1000, 0.088 - i / 1e4, 0.018] for i in range(9)]}
+    posterior = {
+        "names": list(NAMES),
+        "draws": [[1.72 + i / 1000, 0.088 - i / 1e4, 0.018] for i in range(9)],
+    }
     parameters.write(
-        folder / "drone.toml", drone, {"identification": {"objective": 1.0, **estimate}, "posterior": posterior, "record": RECORD}
+        folder / "drone.toml",
+        drone,
+        {
+            "identification": {"objective": 1.0, **estimate},
+            "posterior": posterior,
+            "record": RECORD,
+        },
     )
     log.write(folder / "recorded" / "flight_01.csv", circling(3.0), RECORD)
     grid = [
-        {"trial": 1, "thrust_to_weight": 1.7, "motor_time_constant": 0.08 + i / 1000, "latency": 0.018, "objective": 5.0 + i}
+        {
+            "trial": 1,
+            "thrust_to_weight": 1.7,
+            "motor_time_constant": 0.08 + i / 1000,
+            "latency": 0.018,
+            "objective": 5.0 + i,
+        }
         for i in range(9)
     ]
     polars.DataFrame(grid).write_csv(folder / "identification.csv")
     for name, table in (("validation", errors()), ("validation_windows", windows())):
-        (folder / f"{name}.csv").write_text(f"# {name}\n# record: {json.dumps(RECORD)}\n{table.write_csv()}")
+        (folder / f"{name}.csv").write_text(
+            f"# {name}\n# record: {json.dumps(RECORD)}\n{table.write_csv()}"
+        )
     (folder / "policies").mkdir()
     (folder / "policies" / "policy_1.json").write_text(json.dumps({"record": RECORD}))
-    steps = {"update": [1, 2], "steps": [1000000, 2000000], "policy": [1, 1], "episode_return": [-9.0, -5.0], "survival": [0.5, 1.0]}
-    polars.DataFrame(steps | {"position_error": [0.1, 0.02]}).write_csv(folder / "policies" / "training.csv")
+    steps = {
+        "update": [1, 2],
+        "steps": [1000000, 2000000],
+        "policy": [1, 1],
+        "episode_return": [-9.0, -5.0],
+        "survival": [0.5, 1.0],
+    }
+    polars.DataFrame(steps | {"position_error": [0.1, 0.02]}).write_csv(
+        folder / "policies" / "training.csv"
+    )
     tested = flown()
     for number, flight in enumerate(tested.flights, 1):
         log.write(folder / "transfer" / f"flight_{number:02d}.csv", flight, RECORD)
@@ -93,15 +137,26 @@ def errors() -> polars.DataFrame:
     for size, model in ((1.0, "drone.toml"), (2.0, "nothing changes")):
         for horizon in (0.1, 0.5):
             each = dict.fromkeys(("position", "velocity", "attitude", "body_rates"), size * horizon)
-            ends = {f"{column}{end}": size * horizon for column in each for end in ("_low", "_high")}
+            ends = {
+                f"{column}{end}": size * horizon for column in each for end in ("_low", "_high")
+            }
             rows.append({"model": model, "horizon": horizon, **each, **ends})
     return polars.DataFrame(rows)
 
 
 def windows() -> polars.DataFrame:
     """A window, logged and predicted."""
-    columns = dict.fromkeys(("position_z", "roll", "pitch", "body_rate_x", "body_rate_y"), [1.0, 1.1, 1.2] * 2)
-    return polars.DataFrame({"window": [1] * 6, "model": ["logged"] * 3 + ["drone.toml"] * 3, "time": [0.0, 0.1, 0.2] * 2, **columns})
+    columns = dict.fromkeys(
+        ("position_z", "roll", "pitch", "body_rate_x", "body_rate_y"), [1.0, 1.1, 1.2] * 2
+    )
+    return polars.DataFrame(
+        {
+            "window": [1] * 6,
+            "model": ["logged"] * 3 + ["drone.toml"] * 3,
+            "time": [0.0, 0.1, 0.2] * 2,
+            **columns,
+        }
+    )
 
 
 def page(source, tmp_path) -> str:
@@ -110,7 +165,9 @@ def page(source, tmp_path) -> str:
 
 def file(content: str, name: str) -> polars.DataFrame:
     """A table of the page as the link beside it saves it."""
-    [saved] = re.findall(rf'download="{name}.csv" href="data:text/csv;charset=utf-8,([^"]*)"', content)
+    [saved] = re.findall(
+        rf'download="{name}.csv" href="data:text/csv;charset=utf-8,([^"]*)"', content
+    )
     return polars.read_csv(unquote(saved).encode())
 
 
@@ -158,7 +215,9 @@ def test_test_flights_alone_make_a_page(tmp_path):
     assert 'id="training"' not in content
     assert "<b>1 <small>of 3" in content
     assert (
-        file(content, "flights").fill_nan(None).equals(flown().table.fill_nan(None).with_columns(polars.col("policy").cast(polars.Int64)))
+        file(content, "flights")
+        .fill_nan(None)
+        .equals(flown().table.fill_nan(None).with_columns(polars.col("policy").cast(polars.Int64)))
     )
 
 
@@ -178,11 +237,18 @@ def own(run):
     (run / "reality.toml").unlink()
     shutil.rmtree(run / "recorded")
     drone = run / "drone.toml"
-    drone.write_text(drone.read_text().replace("[record]\n", '[record]\ninputs = ["mine.csv sha256:a", "too.csv sha256:b"]\n'))
-    (run / "validation.csv").write_text(
-        f"# what\n# record: {json.dumps(RECORD | {'inputs': ['drone.toml sha256:0', 'mine.csv sha256:a']})}\n{errors().write_csv()}"
+    drone.write_text(
+        drone.read_text().replace(
+            "[record]\n", '[record]\ninputs = ["mine.csv sha256:a", "too.csv sha256:b"]\n'
+        )
     )
-    (run / "prediction.csv").write_text("policy,control,end_reason,trial,duration\npolicy_1,pwm,tilt,1,2.0\n")
+    (run / "validation.csv").write_text(
+        "# what\n# record: "
+        f"{json.dumps(RECORD | {'inputs': ['drone.toml sha256:0', 'mine.csv sha256:a']})}\n{errors().write_csv()}"
+    )
+    (run / "prediction.csv").write_text(
+        "policy,control,end_reason,trial,duration\npolicy_1,pwm,tilt,1,2.0\n"
+    )
     return run
 
 
@@ -194,18 +260,31 @@ def identified(folder, keys):
 def test_a_drone_of_real_flights_is_not_called_simulated(own, tmp_path):
     identified(own, REAL)
     content = page(own, tmp_path)
-    assert "<h1>A drone identified from 14 real flights, 270 s <span class=badge>test flights simulated</span></h1>" in content
     assert (
-        "3 parameters identified from 14 real flights (270 s), thrust-to-weight ratio 1.73, motor lag 88 ms and latency 18 ms." in content
+        "<h1>A drone identified from 14 real flights, 270 s <span class=badge>test flights "
+        "simulated</span></h1>" in content
     )
-    assert "These flights are simulated: 1 flight of 1 policy predicted on an identified drone and 3 test flights flown on" in content
-    assert "Identified from 14 real flights, 270 s, cut into 258 windows; commands were taken as samples of a faster loop." in content
+    assert (
+        "3 parameters identified from 14 real flights (270 s), thrust-to-weight ratio 1.73, motor "
+        "lag 88 ms and latency 18 ms." in content
+    )
+    assert (
+        "These flights are simulated: 1 flight of 1 policy predicted on an identified drone and 3 "
+        "test flights flown on" in content
+    )
+    assert (
+        "Identified from 14 real flights, 270 s, cut into 258 windows; commands were taken as "
+        "samples of a faster loop." in content
+    )
     assert ALL_SIMULATED not in content
 
 
 def test_a_drone_of_unknown_flights_is_called_neither_real_nor_simulated(own, tmp_path):
     content = page(own, tmp_path)
-    assert "<h1>A drone identified from 2 flight logs <span class=badge>test flights simulated</span></h1>" in content
+    assert (
+        "<h1>A drone identified from 2 flight logs <span class=badge>test flights "
+        "simulated</span></h1>" in content
+    )
     assert ALL_SIMULATED not in content
     assert "real flight" not in content.split("<script")[0]
 
@@ -214,7 +293,11 @@ def test_a_drone_of_unknown_flights_is_called_neither_real_nor_simulated(own, tm
 def test_logs_that_lie_here_tell_only_of_themselves(run, tmp_path, logs):
     place, drone = run / "recorded" / "flight_01.csv", run / "drone.toml"
     used = results.digest(place) if logs == "of the same flights" else "0"
-    drone.write_text(drone.read_text().replace("[record]\n", f'[record]\ninputs = ["flight_01.csv sha256:{used}"]\n'))
+    drone.write_text(
+        drone.read_text().replace(
+            "[record]\n", f'[record]\ninputs = ["flight_01.csv sha256:{used}"]\n'
+        )
+    )
     content = page(run, tmp_path)
     assert (ALL_SIMULATED in content) == (logs == "of the same flights")
 
@@ -231,7 +314,8 @@ def test_that_some_flights_were_simulated_does_not_make_all_so(own, tmp_path, ke
     "keys",
     [
         "flights = -1\nseconds = nan\nsimulated = 1\ncommands = 3\nwindows = true\nbought = 4\n",
-        'flights = "14"\nseconds = [1]\nsimulated = "no"\ncommands = ["held"]\nwindows = 1e3\nbought = [{group = 1}, 2, {}]\n',
+        'flights = "14"\nseconds = [1]\nsimulated = "no"\ncommands = ["held"]\nwindows = '
+        "1e3\nbought = [{group = 1}, 2, {}]\n",
     ],
     ids=["numbers", "others"],
 )
@@ -242,9 +326,15 @@ def test_what_is_told_of_flights_in_a_wrong_kind_counts_as_not_told(own, tmp_pat
 
 
 def test_what_groups_bought_and_how_parameters_spread_is_told(run, tmp_path):
-    identified(run, 'bought = [{group = "motor_coasting<", gain = -0.02, error = 0.004, kept = false}]\n')
+    identified(
+        run, 'bought = [{group = "motor_coasting<", gain = -0.02, error = 0.004, kept = false}]\n'
+    )
     drone = run / "drone.toml"
-    drone.write_text(drone.read_text().replace("[identification.latency]\n", "[identification.latency]\nspread = 0.0021\n"))
+    drone.write_text(
+        drone.read_text().replace(
+            "[identification.latency]\n", "[identification.latency]\nspread = 0.0021\n"
+        )
+    )
     content = page(run, tmp_path)
     assert "motor coasting&lt;" in content
     assert file(content, "bought").row(0) == ("motor_coasting<", -0.02, 0.004, False)
@@ -252,17 +342,31 @@ def test_what_groups_bought_and_how_parameters_spread_is_told(run, tmp_path):
 
 
 def test_effects_that_were_identified_are_not_blamed(run, tmp_path):
-    truth = parameters.replace(parameters.crazyflie(), latency=0.03, battery_resistance=0.5, drag_x=0.3, motor_slowdown=1.3)
+    truth = parameters.replace(
+        parameters.crazyflie(),
+        latency=0.03,
+        battery_resistance=0.5,
+        drag_x=0.3,
+        spin_down_ratio=1.3,
+    )
     parameters.write(run / "reality.toml", truth, {})
-    identified(run, "drag_x = {value = 0.3, interval = [0.29, 0.31]}\nmotor_slowdown = {value = 1.3, interval = [1.2, 1.4]}\n")
+    identified(
+        run,
+        "drag_x = {value = 0.3, interval = [0.29, 0.31]}\nmotor_slowdown = {value = 1.3, interval "
+        "= [1.2, 1.4]}\n",
+    )
     content = page(run, tmp_path)
     assert "The truth lies outside the interval of 1 of these 5 parameters." in content
     assert "identified parameters make up for them: a sagging battery." in content
-    assert "(slowing down)" not in content, "a model with both time constants has one truth for each"
+    assert "(slowing down)" not in content, (
+        "a model with both time constants has one truth for each"
+    )
 
 
 def test_what_does_no_better_than_nothing_changes_is_marked_and_explained(run, tmp_path):
-    worse = errors().with_columns(attitude=polars.when(polars.col("model") == "drone.toml").then(9.0).otherwise("attitude"))
+    worse = errors().with_columns(
+        attitude=polars.when(polars.col("model") == "drone.toml").then(9.0).otherwise("attitude")
+    )
     (run / "validation.csv").write_text(f"# what\n{worse.write_csv()}")
     content = page(run, tmp_path)
     assert content.count(" * <small>") == 2
@@ -278,14 +382,19 @@ def test_what_the_page_leaves_out_is_named(run, tmp_path):
     (run / "empty").mkdir()
     (run / "odd.toml").write_bytes(b"\xff")
     content = page(run, tmp_path)
-    told = "policies: hover/; test flights: transfer_&lt;b&gt;/; predicted flights: prediction_hover.csv; identified drones: held.toml."
+    told = (
+        "policies: hover/; test flights: transfer_&lt;b&gt;/; predicted flights: "
+        "prediction_hover.csv; identified drones: held.toml."
+    )
     assert f"not on this page: {told}" in content
 
 
 def test_text_from_files_cannot_become_markup(tmp_path):
     evil = "</script><script>alert(1)</script>"
     transfer = flown(simulated=evil, reason=evil)
-    content = page(replace(transfer, table=transfer.table.with_columns(policy=polars.lit(evil))), tmp_path)
+    content = page(
+        replace(transfer, table=transfer.table.with_columns(policy=polars.lit(evil))), tmp_path
+    )
     assert "alert(1)" in content
     assert "<script>alert" not in content
 
@@ -293,12 +402,17 @@ def test_text_from_files_cannot_become_markup(tmp_path):
 def test_nothing_is_loaded_from_outside(run, tmp_path):
     content = report(run, tmp_path / "page.html").read_text()
     assert "default-src 'none'" in content
-    assert not re.search(r"<(?:script|link|img|iframe|source)[^>]*\s(?:src|href)\s*=", page(run, tmp_path))
+    assert not re.search(
+        r"<(?:script|link|img|iframe|source)[^>]*\s(?:src|href)\s*=", page(run, tmp_path)
+    )
     assert not re.search(r"(?:src|href)\s*=\s*[\"']?\s*(?:https?:)?//", page(run, tmp_path))
 
 
 def test_the_same_run_gives_the_same_bytes_and_they_are_few(run, tmp_path):
-    assert report(run, tmp_path / "1.html").read_bytes() == report(run, tmp_path / "2.html").read_bytes()
+    assert (
+        report(run, tmp_path / "1.html").read_bytes()
+        == report(run, tmp_path / "2.html").read_bytes()
+    )
     assert len(page(run, tmp_path)) < 300_000
 
 
@@ -313,12 +427,20 @@ def test_a_folder_without_a_run_is_refused(tmp_path):
     ("name", "content", "message"),
     [
         ("transfer/flights.csv", "flight,policy\n1,1\n", "missing column reality"),
-        ("transfer/flight_04.csv", log.to_csv(circling(1.0)), "4 flight logs, but flights.csv has 3 rows"),
+        (
+            "transfer/flight_04.csv",
+            log.to_csv(circling(1.0)),
+            "4 flight logs, but flights.csv has 3 rows",
+        ),
         ("recorded/flight_02.csv", "time\n0\n", "not a flight log"),
         ("demo.json", "{", "not valid JSON"),
         ("validation.csv", "model,horizon\nmine,0.1\n", "missing column position"),
         ("validation_windows.csv", "# record: {\nwindow\n1\n", "holds no valid JSON"),
-        ("policies/training.csv", "steps,policy,episode_return,survival,position_error\n1,1,high,1,1\n", "expected numbers"),
+        (
+            "policies/training.csv",
+            "steps,policy,episode_return,survival,position_error\n1,1,high,1,1\n",
+            "expected numbers",
+        ),
     ],
 )
 def test_a_broken_file_is_named(run, tmp_path, name, content, message):
@@ -330,21 +452,35 @@ def test_a_broken_file_is_named(run, tmp_path, name, content, message):
 def test_the_valley_is_that_of_the_evaluations_or_of_the_posterior(run, tmp_path):
     assert "Each dot is one of 9 evaluations" in page(run, tmp_path)
     drone = run / "drone.toml"
-    drone.write_text(drone.read_text().replace("[identification]\n", '[identification]\nkind = "likelihood"\n'))
+    drone.write_text(
+        drone.read_text().replace("[identification]\n", '[identification]\nkind = "likelihood"\n')
+    )
     content = page(run, tmp_path)
     assert "drone that the flights speak for" in content
     assert "Each dot is one of" not in content
 
 
 ALONE = {
-    "identify": (["drone.toml", "identification.csv"], "An identified drone", ["parameters", "reproduce"]),
-    "train": (["policies/policy_1.json", "policies/training.csv"], "Policies in training", ["training", "reproduce"]),
+    "identify": (
+        ["drone.toml", "identification.csv"],
+        "An identified drone",
+        ["parameters", "reproduce"],
+    ),
+    "train": (
+        ["policies/policy_1.json", "policies/training.csv"],
+        "Policies in training",
+        ["training", "reproduce"],
+    ),
     "transfer": (
         ["transfer/flights.csv", *(f"transfer/flight_0{n}.csv" for n in (1, 2, 3))],
         "Flights of virtual",
         ["flights", "reproduce"],
     ),
-    "record": (["recorded/flight_01.csv", "reality.toml"], "Flights of virtual", ["parameters", "recorded", "reproduce"]),
+    "record": (
+        ["recorded/flight_01.csv", "reality.toml"],
+        "Flights of virtual",
+        ["parameters", "recorded", "reproduce"],
+    ),
     "validate": (["validation.csv"], "How well a drone is predicted", ["validation", "reproduce"]),
 }
 
@@ -365,7 +501,11 @@ def test_it_is_said_whether_flights_were_held_out(run, tmp_path, used, words):
     record = json.dumps(RECORD | {"inputs": ["drone.toml sha256:0", "flight_1.csv sha256:a"]})
     (run / "validation.csv").write_text(f"# what\n# record: {record}\n{errors().write_csv()}")
     drone = run / "drone.toml"
-    drone.write_text(drone.read_text().replace("[record]\n", f'[record]\ninputs = ["flight_9.csv sha256:{used}"]\n'))
+    drone.write_text(
+        drone.read_text().replace(
+            "[record]\n", f'[record]\ninputs = ["flight_9.csv sha256:{used}"]\n'
+        )
+    )
     assert words in page(run, tmp_path)
 
 
@@ -377,10 +517,23 @@ def test_flights_recorded_beside_a_drone_are_found(run, tmp_path):
 
 @pytest.fixture
 def matrix(tmp_path):
-    """The folder of a matrix of two control structures, each policy flown six times in each of two realities."""
+    """The folder of a matrix of two control structures, each policy flown six times in each of two
+    realities."""
     rows = [
-        {"control": control, "training_rate": 100, "motor_time_constant": 0.08, "latency": latency, "number": 1, "reality": reality}
-        | {"trial": trial, "duration": 2.0 * trial, "end_reason": "tilt" if trial < 6 else "time limit", "position_error": 0.01 * trial}
+        {
+            "control": control,
+            "training_rate": 100,
+            "motor_time_constant": 0.08,
+            "latency": latency,
+            "number": 1,
+            "reality": reality,
+        }
+        | {
+            "trial": trial,
+            "duration": 2.0 * trial,
+            "end_reason": "tilt" if trial < 6 else "time limit",
+            "position_error": 0.01 * trial,
+        }
         for control in ("pwm", "attitude")
         for latency in (0.0, 0.015)
         for reality in ("near-7", "far-7")
@@ -388,7 +541,9 @@ def matrix(tmp_path):
     ]
     folder = tmp_path / "matrix"
     folder.mkdir()
-    (folder / "flights.csv").write_text(f"# what\n# record: {json.dumps(RECORD)}\n{polars.DataFrame(rows).write_csv()}")
+    (folder / "flights.csv").write_text(
+        f"# what\n# record: {json.dumps(RECORD)}\n{polars.DataFrame(rows).write_csv()}"
+    )
     return folder
 
 
@@ -407,7 +562,9 @@ def test_predicted_flights_have_their_own_section(tmp_path):
         for name in ("pwm", "attitude")
         for trial in range(1, 6)
     ]
-    (tmp_path / "prediction.csv").write_text(f"# what\n# record: {json.dumps(RECORD)}\n{polars.DataFrame(rows).write_csv()}")
+    (tmp_path / "prediction.csv").write_text(
+        f"# what\n# record: {json.dumps(RECORD)}\n{polars.DataFrame(rows).write_csv()}"
+    )
     content = page(tmp_path, tmp_path)
     assert 'id="predicted-times"' in content
     assert file(content, "prediction")["mean"].to_list() == [3.0, 3.0]
@@ -416,7 +573,9 @@ def test_predicted_flights_have_their_own_section(tmp_path):
 def test_identified_parameters_stand_beside_the_papers_and_others(run, tmp_path):
     content = page(run, tmp_path)
     table = file(content, "estimates")
-    assert table.filter(parameter="motor_time_constant").select("paper", "others_from", "others_to").row(0) == (
+    assert table.filter(parameter="motor_time_constant").select(
+        "paper", "others_from", "others_to"
+    ).row(0) == (
         pytest.approx(0.088),
         0.025,
         0.15,
@@ -437,7 +596,12 @@ def test_flights_are_packed_within_a_step_of_what_they_were(run, tmp_path):
 def test_a_broken_posterior_is_named(run, tmp_path, wrong):
     drone = run / "drone.toml"
     drone.write_text(
-        re.sub(r"\[posterior\]\n.*?(?=\n\[)", f"[posterior]\n{wrong}\ndraws = [[1.0], [1.1]]\n", drone.read_text(), flags=re.DOTALL)
+        re.sub(
+            r"\[posterior\]\n.*?(?=\n\[)",
+            f"[posterior]\n{wrong}\ndraws = [[1.0], [1.1]]\n",
+            drone.read_text(),
+            flags=re.DOTALL,
+        )
     )
     with pytest.raises(InputError, match=r"\[posterior\] needs names"):
         report(run, tmp_path / "page.html")
@@ -455,8 +619,12 @@ def test_symbols_units_and_numbers_read_well():
 
 
 def browsed(made, tmp_path, wishes, *more) -> str:
-    """The page's DOM once it has been open for three seconds of its own time; its console must stay empty."""
-    quiet = "--disable-quic --no-first-run --disable-background-networking --disable-component-update --disable-sync"
+    """The page's DOM once it has been open for three seconds of its own time; its console must stay
+    empty."""
+    quiet = (
+        "--disable-quic --no-first-run --disable-background-networking "
+        "--disable-component-update --disable-sync"
+    )
     shown = subprocess.run(
         [str(CHROMIUM), "--headless", "--no-sandbox", "--disable-gpu", *quiet.split(), f"--user-data-dir={tmp_path / 'profile'}",
          "--enable-logging=stderr", "--v=0", *more, "--dump-dom", f"{made.as_uri()}#{wishes}"],
@@ -469,26 +637,53 @@ def browsed(made, tmp_path, wishes, *more) -> str:
 @pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
 def test_in_a_browser_the_drone_moves_and_tables_sort(run, tmp_path):
     made = report(run, tmp_path / "page.html")
-    made.write_text(made.read_text() + "<script>document.querySelector('a[download=\"flights.csv\"]').click()</script>")
-    dom = browsed(made, tmp_path, "autoplay&sort=flights.position_error&sort=estimates.value&theme=dark", "--virtual-time-budget=3000")
-    assert polars.read_csv(tmp_path / "Downloads" / "flights.csv")["duration"].to_list() == [2.0, 0.5, 10.0]
+    made.write_text(
+        made.read_text()
+        + "<script>document.querySelector('a[download=\"flights.csv\"]').click()</script>"
+    )
+    dom = browsed(
+        made,
+        tmp_path,
+        "autoplay&sort=flights.position_error&sort=estimates.value&theme=dark",
+        "--virtual-time-budget=3000",
+    )
+    assert polars.read_csv(tmp_path / "Downloads" / "flights.csv")["duration"].to_list() == [
+        2.0,
+        0.5,
+        10.0,
+    ]
     assert '<html lang="en" data-theme="dark">' in dom
     time = float(re.findall(r'data-time="([\d.]+)"', dom)[-1])
     place = [float(number) for number in re.findall(r'data-position="([^"]+)"', dom)[-1].split()]
     assert time > 0
     angle = 2 * np.pi * time / 3
-    np.testing.assert_allclose(place, [0.25 * np.cos(angle), 0.25 * np.sin(angle), 1.01], atol=0.003)
-    assert re.findall(r'<tr data-flight="(\d)"', dom) == ["0", "2", "1"], "smallest error first, unknown last"
+    np.testing.assert_allclose(
+        place, [0.25 * np.cos(angle), 0.25 * np.sin(angle), 1.01], atol=0.003
+    )
+    assert re.findall(r'<tr data-flight="(\d)"', dom) == ["0", "2", "1"], (
+        "smallest error first, unknown last"
+    )
     assert dom.count('aria-sort="ascending"') == 2
     values = re.search(r'class="sortable estimates">.*?<tbody>(.*?)</tbody>', dom, re.DOTALL)
     assert values
-    assert re.findall(r'<tr><th scope="row" data-value="(\w+)"', values[1]) == ["latency", "motor_time_constant", "thrust_to_weight"]
+    assert re.findall(r'<tr><th scope="row" data-value="(\w+)"', values[1]) == [
+        "latency",
+        "motor_time_constant",
+        "thrust_to_weight",
+    ]
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
 def test_243_flights_open_in_under_three_seconds(tmp_path):
     one = circling(20.0)
-    rows = {"policy": "1", "reality": "virtual-1", "trial": 1, "duration": 20.0, "end_reason": "time limit", "position_error": 0.01}
+    rows = {
+        "policy": "1",
+        "reality": "virtual-1",
+        "trial": 1,
+        "duration": 20.0,
+        "end_reason": "time limit",
+        "position_error": 0.01,
+    }
     table = polars.DataFrame([{"flight": number, **rows} for number in range(1, 244)])
     made = report(Transfer(table, (one,) * 243), tmp_path / "page.html")
     assert made.stat().st_size < 6e6

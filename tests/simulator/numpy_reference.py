@@ -1,14 +1,23 @@
-"""The paper's quadrotor once more, in plain float64 loops: an independent transcription that shares no code with maidenflight.
+"""The paper's quadrotor once more, in plain float64 loops: an independent transcription that shares
+no code with maidenflight.
 
-Source: Gronauer et al. 2022, eq:linear-acceleration, eq:angular-acceleration, eq:torque, eq:motor-force, eq:motor-torque,
-eq:motor-dynamics. Quaternions here are (w, x, y, z). A state is a list of r, v, q, omega, nu.
+Source: Gronauer et al. 2022, eq:linear-acceleration, eq:angular-acceleration, eq:torque,
+eq:motor-force, eq:motor-torque, eq:motor-dynamics. Quaternions here are (w, x, y, z). A state is a
+list of r, v, q, omega, nu.
 """
 
 from typing import Any
 
 import numpy as np
 
-PAPER: dict[str, Any] = {"g": 9.81, "m": 0.028, "I": [1.33e-5, 1.33e-5, 2.64e-5], "L": 0.0396, "k_M1": 5.96e-3, "k_M2": 1.56e-5}
+PAPER: dict[str, Any] = {
+    "g": 9.81,
+    "m": 0.028,
+    "I": [1.33e-5, 1.33e-5, 2.64e-5],
+    "L": 0.0396,
+    "k_M1": 5.96e-3,
+    "k_M2": 1.56e-5,
+}
 PAPER |= {"k_F": 1.725, "T_m": 0.088}
 
 
@@ -77,10 +86,12 @@ def rk4(state, target, c, dt):
 
 
 def delayed_speeds(commands, latency, dt, steps, c, slice_=1e-5):
-    """Rotor speed commands sqrt(u) that arrive in each physics step, averaged over fine slices of it.
+    """Rotor speed commands sqrt(u) that arrive in each physics step, averaged over fine slices of
+    it.
 
     Args:
-        commands: thrust commands u, each held for `steps` physics steps of `dt`; hover before the first.
+        commands: thrust commands u, each held for `steps` physics steps of `dt`; hover before the
+            first.
         latency: delay [s], a multiple of `slice_`.
         dt: physics step [s].
         steps: physics steps a command.
@@ -91,13 +102,16 @@ def delayed_speeds(commands, latency, dt, steps, c, slice_=1e-5):
     for step in range(steps * len(commands)):
         middles = step * dt + slice_ * (np.arange(round(dt / slice_)) + 0.5) - latency
         given = np.floor(middles / (steps * dt)).astype(int)
-        speeds = np.where(given[:, None] < 0, np.sqrt(1 / c["k_F"]), np.sqrt(commands[np.maximum(given, 0)]))
+        speeds = np.where(
+            given[:, None] < 0, np.sqrt(1 / c["k_F"]), np.sqrt(commands[np.maximum(given, 0)])
+        )
         arriving.append(speeds.mean(axis=0))
     return np.array(arriving)
 
 
 def fly(integrate, state, speeds, dt, c):
-    """States after each physics step under these rotor speed commands: a list of arrays r, v, q, omega, nu."""
+    """States after each physics step under these rotor speed commands: a list of arrays r, v, q,
+    omega, nu."""
     flown = []
     for target in speeds:
         state = integrate(state, target, c, dt)

@@ -52,7 +52,14 @@ def test_noise_never_drives_a_command_out_of_its_range():
     memory = actuators.switched_on(jnp.float32(0.5), NOISY, False)
     loud = replace(NOISY, actuator_noise=0.5)
     found = [
-        actuate(memory, jnp.array([0.0, 1.0, 0.0, 1.0]), np.float32(0.01), loud, jax.random.normal(jax.random.key(seed), (4,)), False)[1]
+        actuate(
+            memory,
+            jnp.array([0.0, 1.0, 0.0, 1.0]),
+            np.float32(0.01),
+            loud,
+            jax.random.normal(jax.random.key(seed), (4,)),
+            False,
+        )[1]
         for seed in range(20)
     ]
     assert np.min(found) == 0

@@ -25,8 +25,17 @@ def needed_volts(command):
 
 @pytest.mark.parametrize(
     ("command", "voltage", "steps"),
-    # mot = floor256(min(volts / bat, 1) * 65535), reckoned by hand: u = 1 is 54.93 g and 2.951 V, u = 0.5 is 27.47 g and 1.946 V.
-    [(1.0, 4.2, 179), (1.0, 3.2, 236), (0.5, 3.7, 134), (0.5, 4.2, 118), (0.25, 3.0, 93), (0.0, 3.7, 0), (1.0, 2.6, 255)],
+    # mot = floor256(min(volts / bat, 1) * 65535), reckoned by hand: u = 1 is 54.93 g and 2.951 V, u
+    # = 0.5 is 27.47 g and 1.946 V.
+    [
+        (1.0, 4.2, 179),
+        (1.0, 3.2, 236),
+        (0.5, 3.7, 134),
+        (0.5, 4.2, 118),
+        (0.25, 3.0, 93),
+        (0.0, 3.7, 0),
+        (1.0, 2.6, 255),
+    ],
 )
 def test_the_ratio_is_the_firmwares(command, voltage, steps):
     found = battery.motor_ratio(np.full(4, command, np.float32), float32(voltage))
@@ -44,7 +53,9 @@ def test_the_ratio_is_within_one_timer_step_of_the_law(command, voltage):
 @given(commands, voltages)
 def test_command_to_ratio_and_back_is_within_one_timer_step(command, voltage):
     back = thrust_command(motor_ratio(command, voltage), voltage)
-    np.testing.assert_array_less(np.abs(needed_volts(back) - needed_volts(command)) / voltage, 1 / 256)
+    np.testing.assert_array_less(
+        np.abs(needed_volts(back) - needed_volts(command)) / voltage, 1 / 256
+    )
 
 
 @given(commands, voltages)
@@ -59,7 +70,11 @@ def test_ratio_to_command_and_back_is_the_same_ratio(command, voltage):
 def test_numpy_and_jax_agree(command, voltage):
     ratio = motor_ratio(command, voltage)
     np.testing.assert_allclose(battery.motor_ratio(command, voltage), ratio, atol=1.001 / 256)
-    np.testing.assert_allclose(battery.thrust_command(np.asarray(ratio), voltage), thrust_command(ratio, voltage), atol=1e-5)
+    np.testing.assert_allclose(
+        battery.thrust_command(np.asarray(ratio), voltage),
+        thrust_command(ratio, voltage),
+        atol=1e-5,
+    )
     assert isinstance(battery.thrust_command(np.asarray(ratio), voltage), np.ndarray)
 
 
@@ -85,6 +100,8 @@ def test_thrust_grows_with_ratio_and_stays_in_range_at_any_voltage():
 
 
 def test_the_voltage_sags_with_load_and_falls_with_charge():
-    parameters = replace(crazyflie(), battery_voltage=4.0, battery_resistance=0.5, battery_discharge=0.01)
+    parameters = replace(
+        crazyflie(), battery_voltage=4.0, battery_resistance=0.5, battery_discharge=0.01
+    )
     found = battery.voltage(jnp.float32(20.0), jnp.array([0.2, 0.4, 0.6, 0.8]), parameters)
     np.testing.assert_allclose(found, 4.0 - 0.01 * 20 - 0.5 * 0.5, rtol=1e-6)

@@ -1,4 +1,5 @@
-"""Control structures: the policy's four actions, and the firmware's PID, which must fly as the firmware does."""
+"""Control structures: the policy's four actions, and the firmware's PID, which must fly as the
+firmware does."""
 
 from functools import cache, partial
 
@@ -21,7 +22,8 @@ PAPER = crazyflie()
 QUICK = replace(noiseless(PAPER), latency=0.005, time_step=0.002)
 """The paper's drone with the short latency that the firmware's PID bears."""
 WEAK = replace(QUICK, motor_time_constant=0.06, thrust_to_weight=1.6)
-"""A drone that the least thrust of the attitude structure does not lift: 35000 of 60000 counts hover a thrust-to-weight of 1.714."""
+"""A drone that the least thrust of the attitude structure does not lift: 35000 of 60000 counts
+hover a thrust-to-weight of 1.714."""
 FIRMWARES = ("2021.10", "2026.08")
 LEVEL = float(2 * dynamics.hover_command(WEAK) - 1)
 """Action whose collective thrust is u = hover in 30000 + 30000 a counts."""
@@ -31,33 +33,47 @@ LEVEL_ATTITUDE = 3 * LEVEL - 1.5
 
 @partial(jax.jit, static_argnums=2)
 def fly_pid(radius, parameters, seconds):
-    """Positions [m] at 100 Hz of the position PID on a circle whose radius is traced; radius 0 is hovering."""
+    """Positions [m] at 100 Hz of the position PID on a circle whose radius is traced; radius 0 is
+    hovering."""
     unit = tasks.circle(diameter=2.0, height=0.0)
-    task = unit._replace(reference=lambda time: radius * unit.reference(time) + jnp.array([0.0, 0.0, 1.0]))
-    world = Environment(task=task, controller=control.position_pid(), steps_per_command=1)
+    task = unit._replace(
+        reference=lambda time: radius * unit.reference(time) + jnp.array([0.0, 0.0, 1.0])
+    )
+    env = Environment(task=task, controller=control.position_pid(), steps_per_command=1)
     start = dynamics.at_hover(jnp.array([0.0, 0.0, 1.0]), parameters)
-    episode = environment.begin(world, start, jnp.float32(0.0), parameters, jax.random.key(0))
-    _, (flown, _) = rollout(world, lambda _: jnp.zeros(4), episode, parameters, jax.random.key(1), 100 * seconds)
+    env_state = environment.begin(env, start, jnp.float32(0.0), parameters, jax.random.key(0))
+    _, (flown, _) = rollout(
+        env, lambda _: jnp.zeros(4), env_state, parameters, jax.random.key(1), 100 * seconds
+    )
     return flown.state
 
 
-ASKED = np.array([*(sign * np.eye(3)[axis] for axis in range(3) for sign in (0.5, -0.5)), [0.5, 0.3, 0.2], [-0.5, 0.3, -0.2]], np.float32)
-"""What is asked of roll, pitch and yaw: each alone, both ways; then all, and all mirrored at the x-z plane."""
+ASKED = np.array(
+    [
+        *(sign * np.eye(3)[axis] for axis in range(3) for sign in (0.5, -0.5)),
+        [0.5, 0.3, 0.2],
+        [-0.5, 0.3, -0.2],
+    ],
+    np.float32,
+)
+"""What is asked of roll, pitch and yaw: each alone, both ways; then all, and all mirrored at the
+x-z plane."""
 
 
 @cache
 def fly_action(controller, level):
-    """State of two seconds [action, time, ...] in which an action holds: those of ASKED, then more and less thrust."""
-    world = Environment(controller=controller, steps_per_command=1)
+    """State of two seconds [action, time, ...] in which an action holds: those of ASKED, then more
+    and less thrust."""
+    env = Environment(controller=controller, steps_per_command=1)
     actions = np.zeros((len(ASKED) + 2, 4), np.float32)
     actions[:, 0], actions[: len(ASKED), 1:] = level, ASKED
     actions[len(ASKED) :, 0] += np.array([0.1, -0.1], np.float32)
 
     def fly(action):
         start = dynamics.at_hover(jnp.array([0.0, 0.0, 1.0]), WEAK)
-        episode = environment.begin(world, start, jnp.float32(0.0), WEAK, jax.random.key(0))
+        env_state = environment.begin(env, start, jnp.float32(0.0), WEAK, jax.random.key(0))
         steps = 2 * controller.action_rate
-        return rollout(world, lambda _: action, episode, WEAK, jax.random.key(1), steps)[1][0].state
+        return rollout(env, lambda _: action, env_state, WEAK, jax.random.key(1), steps)[1][0].state
 
     return jax.tree.map(np.asarray, jax.jit(jax.vmap(fly))(actions))
 
@@ -80,10 +96,13 @@ def test_the_position_pid_holds_hover():
 
 
 def test_the_position_pid_flies_the_circle_as_small_and_as_late_as_the_firmware():
-    """Measured of the stock firmware: radius 0.237 to 0.25 m, 57 deg = 0.48 s behind (crazyflie.md, section 2)."""
+    """Measured of the stock firmware: radius 0.237 to 0.25 m, 57 deg = 0.48 s behind (crazyflie.md,
+    section 2)."""
     position = np.asarray(fly_pid(jnp.float32(0.25), QUICK, 12).position)[600:]
     time = 0.01 * np.arange(600, 1200)
-    first_harmonic = np.mean((position[:, 0] + 1j * position[:, 1]) * np.exp(2j * np.pi * time / 3.0))
+    first_harmonic = np.mean(
+        (position[:, 0] + 1j * position[:, 1]) * np.exp(2j * np.pi * time / 3.0)
+    )
     lag = np.angle(-first_harmonic) * 3.0 / (2 * np.pi)  # The reference is r - r exp(-i w t).
     assert 0.23 < abs(first_harmonic) < 0.25
     assert 0.45 < lag < 0.51
@@ -94,7 +113,9 @@ def test_the_position_pid_flies_the_circle_as_small_and_as_late_as_the_firmware(
 @pytest.mark.parametrize("firmware", FIRMWARES)
 def test_an_action_is_added_to_the_position_pids_commands(firmware):
     controller = control.position_pid(firmware)
-    plain, excited = (first_command(controller, action) for action in (np.zeros(4), [0.1, -0.1, 0.05, 0.0]))
+    plain, excited = (
+        first_command(controller, action) for action in (np.zeros(4), [0.1, -0.1, 0.05, 0.0])
+    )
     np.testing.assert_allclose(excited - plain, [0.1, -0.1, 0.05, 0.0], atol=1e-6)
 
 
@@ -110,7 +131,11 @@ def test_a_body_rate_is_reached(firmware, axis, sign):
 
 def test_a_wider_range_of_rates_is_asked_for_by_smaller_actions():
     wide, narrow = control.attitude_rate(highest_rate=360), control.attitude_rate()
-    np.testing.assert_allclose(first_command(wide, [0.1, 0.1, -0.1, 0.05]), first_command(narrow, [0.1, 0.6, -0.6, 0.3]), atol=1e-6)
+    np.testing.assert_allclose(
+        first_command(wide, [0.1, 0.1, -0.1, 0.05]),
+        first_command(narrow, [0.1, 0.6, -0.6, 0.3]),
+        atol=1e-6,
+    )
     assert wide is control.attitude_rate(highest_rate=360.0), "nothing compiles twice"
     assert narrow is control.attitude_rate(highest_rate=60.0)
     for wrong in (0.0, -60.0, np.inf, np.nan):
@@ -128,16 +153,24 @@ def test_an_attitude_is_held(firmware, axis, sign):
     np.testing.assert_allclose(held, 10 * ASKED[number], atol=0.7)
 
 
-@pytest.mark.parametrize(("factory", "level"), [(control.attitude_rate, LEVEL), (control.attitude, LEVEL_ATTITUDE)])
+@pytest.mark.parametrize(
+    ("factory", "level"), [(control.attitude_rate, LEVEL), (control.attitude, LEVEL_ATTITUDE)]
+)
 @pytest.mark.parametrize("firmware", FIRMWARES)
 def test_a_mirrored_command_is_a_mirrored_motion(factory, level, firmware):
     flown, there, mirrored = fly_action(factory(firmware), level), 6, 7
-    np.testing.assert_allclose(flown.position[mirrored] * [1, -1, 1], flown.position[there], atol=2e-3)
-    np.testing.assert_allclose(flown.body_rates[mirrored] * [-1, 1, -1], flown.body_rates[there], atol=2e-2)
+    np.testing.assert_allclose(
+        flown.position[mirrored] * [1, -1, 1], flown.position[there], atol=2e-3
+    )
+    np.testing.assert_allclose(
+        flown.body_rates[mirrored] * [-1, 1, -1], flown.body_rates[there], atol=2e-2
+    )
     assert np.abs(flown.position[there, -1, :2]).min() > 0.1
 
 
-@pytest.mark.parametrize(("factory", "level"), [(control.attitude_rate, LEVEL), (control.attitude, LEVEL_ATTITUDE)])
+@pytest.mark.parametrize(
+    ("factory", "level"), [(control.attitude_rate, LEVEL), (control.attitude, LEVEL_ATTITUDE)]
+)
 def test_the_first_action_climbs_and_sinks(factory, level):
     flown = fly_action(factory(), level)
     assert flown.velocity[-2, -1, 2] > 0.2
@@ -148,23 +181,31 @@ def test_the_first_action_climbs_and_sinks(factory, level):
 @given(st.tuples(*[st.floats(-3, 3, width=16)] * 4).map(float32))
 def test_actions_are_clipped(firmware, action):
     for controller in (control.attitude_rate(firmware), control.attitude(firmware)):
-        np.testing.assert_array_equal(first_command(controller, action), first_command(controller, np.clip(action, -1, 1)))
+        np.testing.assert_array_equal(
+            first_command(controller, action), first_command(controller, np.clip(action, -1, 1))
+        )
 
 
-@pytest.mark.parametrize(("factory", "least", "most"), [(control.attitude_rate, 0.0, 1.0), (control.attitude, 35 / 60, 55 / 60)])
+@pytest.mark.parametrize(
+    ("factory", "least", "most"),
+    [(control.attitude_rate, 0.0, 1.0), (control.attitude, 35 / 60, 55 / 60)],
+)
 def test_the_first_action_is_collective_thrust(factory, least, most):
     for action, thrust in ((-1.0, least), (0.0, (least + most) / 2), (1.0, most)):
         np.testing.assert_allclose(first_command(factory(), [action, 0, 0, 0]), thrust, atol=2e-5)
 
 
-@pytest.mark.parametrize(("factory", "rate"), [(control.pwm, 100), (control.attitude_rate, 50), (control.attitude, 25)])
+@pytest.mark.parametrize(
+    ("factory", "rate"), [(control.pwm, 100), (control.attitude_rate, 50), (control.attitude, 25)]
+)
 def test_the_policys_rates_are_the_papers(factory, rate):
     assert factory().action_rate == rate
     assert factory().rate % rate == 0
 
 
 def test_a_new_rate_kicks_in_2021_and_not_in_2026():
-    """2021.10: K_d times the step of the error over 2 ms saturates; 2026.08: only K_p times the error, 250 x 60 = 15000 counts."""
+    """2021.10: K_d times the step of the error over 2 ms saturates; 2026.08: only K_p times the
+    error, 250 x 60 = 15000 counts."""
     spread = {}
     for firmware in FIRMWARES:
         controller = control.attitude_rate(firmware)
@@ -213,13 +254,18 @@ def test_the_level_action_gives_a_level_drone_the_command_that_it_names(name, fi
 
 def test_an_action_rate_is_chosen_or_refused():
     assert control.attitude(action_rate=100).action_rate == 100
-    assert control.attitude_rate("2021.10", 25) is control.attitude_rate("2021.10", action_rate=25), "nothing compiles twice"
-    with pytest.raises(InputError, match=r"action_rate = 60 Hz does not divide the PIDs' 500 Hz\. Give"):
+    assert control.attitude_rate("2021.10", 25) is control.attitude_rate(
+        "2021.10", action_rate=25
+    ), "nothing compiles twice"
+    with pytest.raises(
+        InputError, match=r"action_rate = 60 Hz does not divide the PIDs' 500 Hz\. Give"
+    ):
         control.attitude(action_rate=60)
 
 
 @pytest.mark.parametrize(
-    ("controller", "longest", "step"), [("pwm", 0.005, 0.005), ("attitude", 0.005, 0.002), ("attitude", 0.0015, 0.001)]
+    ("controller", "longest", "step"),
+    [("pwm", 0.005, 0.005), ("attitude", 0.005, 0.002), ("attitude", 0.0015, 0.001)],
 )
 def test_the_longest_step_that_divides_the_command_period(controller, longest, step):
     assert control.time_step(control.CONTROLLERS[controller](), longest) == pytest.approx(step)

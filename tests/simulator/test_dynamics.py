@@ -20,8 +20,15 @@ from maidenflight.simulator.environment import Environment
 
 PAPER = crazyflie()
 INTEGRATORS = [dynamics.euler, dynamics.midpoint, dynamics.rk4]
-FURTHER = replace(PAPER, flapping_moment=1e-4, rotational_damping=2e-5, rotor_momentum=3e-5, torque_bias=(2e-5, -3e-5, 1e-5))
-"""A drone with all that turns it and is not in the paper's model, several times as strong as in a Crazyflie."""
+FURTHER = replace(
+    PAPER,
+    flapping_moment=1e-4,
+    rotational_damping=2e-5,
+    rotor_momentum=3e-5,
+    torque_bias=(2e-5, -3e-5, 1e-5),
+)
+"""A drone with all that turns it and is not in the paper's model, several times as strong as in a
+Crazyflie."""
 angular_acceleration = jax.jit(dynamics.angular_acceleration)
 linear_acceleration = jax.jit(dynamics.linear_acceleration)
 torque = jax.jit(dynamics.torque)
@@ -37,12 +44,22 @@ speeds = st.tuples(*[st.floats(0, 1, width=16)] * 4).map(float32)
 
 @partial(jax.jit, static_argnums=0)
 def fly(integrator, state, command, parameters, steps):
-    """`steps` physics steps with a held rotor speed command; traced, so that one compilation serves all lengths."""
+    """`steps` physics steps with a held rotor speed command; traced, so that one compilation serves
+    all lengths."""
     return lax.fori_loop(0, steps, lambda _, state: integrator(state, command, parameters), state)
 
 
-def drone(position=(0, 0, 1), velocity=(0, 0, 0), attitude=(0, 0, 0), body_rates=(0, 0, 0), rotor_speed=(0, 0, 0, 0)):
-    vectors = (float32(part) for part in (position, velocity, from_attitude(float32(attitude)), body_rates, rotor_speed))
+def drone(
+    position=(0, 0, 1),
+    velocity=(0, 0, 0),
+    attitude=(0, 0, 0),
+    body_rates=(0, 0, 0),
+    rotor_speed=(0, 0, 0, 0),
+):
+    vectors = (
+        float32(part)
+        for part in (position, velocity, from_attitude(float32(attitude)), body_rates, rotor_speed)
+    )
     return State(*vectors)
 
 
@@ -57,12 +74,18 @@ def in_float64(integrator, state, command, parameters, steps):
 OFF = STILL = np.zeros(4, np.float32)
 
 
-@pytest.mark.parametrize(("integrator", "lateness"), [(dynamics.euler, 0.5), (dynamics.midpoint, 0.0), (dynamics.rk4, 0.0)])
+@pytest.mark.parametrize(
+    ("integrator", "lateness"),
+    [(dynamics.euler, 0.5), (dynamics.midpoint, 0.0), (dynamics.rk4, 0.0)],
+)
 def test_a_drone_with_its_motors_off_falls_on_a_parabola(integrator, lateness):
-    """RK4 and the midpoint are exact; semi-implicit Euler falls half a step's speed deeper, g t dt / 2."""
+    """RK4 and the midpoint are exact; semi-implicit Euler falls half a step's speed deeper, g t dt
+    / 2."""
     state = fly(integrator, drone(velocity=(1, -2, 3)), OFF, PAPER, 200)
     np.testing.assert_allclose(state.velocity, [1, -2, 3 - 9.81], atol=1e-4)
-    np.testing.assert_allclose(state.position, [1, -2, 1 + 3 - 9.81 / 2 - lateness * 9.81 * 0.005], atol=1e-4)
+    np.testing.assert_allclose(
+        state.position, [1, -2, 1 + 3 - 9.81 / 2 - lateness * 9.81 * 0.005], atol=1e-4
+    )
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
@@ -83,14 +106,21 @@ def test_free_rotation_keeps_kinetic_energy_and_angular_momentum():
     def energy_and_momentum(state):
         spin = float64(state.body_rates)
         with jax.enable_x64(True):
-            return inertia * spin @ spin / 2, np.asarray(rotations.to_matrix(float64(state.quaternion)) @ (inertia * spin))
+            return inertia * spin @ spin / 2, np.asarray(
+                rotations.to_matrix(float64(state.quaternion)) @ (inertia * spin)
+            )
 
     first = drone(attitude=(0.3, -0.4, 1.0), body_rates=(7, 5, -6))
     last = in_float64(dynamics.rk4, first, OFF, parameters, 1000)
     assert np.abs(last.body_rates - first.body_rates).max() > 1, "the rotation changes its axis"
-    (energy, momentum), (energy_after, momentum_after) = energy_and_momentum(first), energy_and_momentum(last)
+    (energy, momentum), (energy_after, momentum_after) = (
+        energy_and_momentum(first),
+        energy_and_momentum(last),
+    )
     np.testing.assert_allclose(energy_after, energy, rtol=1e-8)
-    np.testing.assert_allclose(momentum_after, momentum, atol=1e-6 * float(np.linalg.norm(momentum)))
+    np.testing.assert_allclose(
+        momentum_after, momentum, atol=1e-6 * float(np.linalg.norm(momentum))
+    )
 
 
 @given(vectors, speeds)
@@ -104,10 +134,16 @@ def test_only_the_rotors_torque_does_work_the_gyroscopic_one_none(rates, rotor_s
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 @pytest.mark.parametrize(
-    ("rotors", "axis"), [pytest.param([3, 2, 1, 0], 1, id="left and right"), pytest.param([1, 0, 3, 2], 0, id="front and back")]
+    ("rotors", "axis"),
+    [
+        pytest.param([3, 2, 1, 0], 1, id="left and right"),
+        pytest.param([1, 0, 3, 2], 0, id="front and back"),
+    ],
 )
 @given(attitude=attitudes, velocity=vectors, rates=vectors, rotor_speed=speeds, command=speeds)
-def test_a_mirrored_command_gives_a_mirrored_motion(integrator, rotors, axis, attitude, velocity, rates, rotor_speed, command):
+def test_a_mirrored_command_gives_a_mirrored_motion(
+    integrator, rotors, axis, attitude, velocity, rates, rotor_speed, command
+):
     mirror = np.ones(3, np.float32)
     mirror[axis] = -1
     turn = -mirror  # A mirror keeps the turn about its normal and reverses the two others.
@@ -115,10 +151,14 @@ def test_a_mirrored_command_gives_a_mirrored_motion(integrator, rotors, axis, at
     def mirrored(state):
         quaternion = np.append(turn, float32(1)) * state.quaternion
         return State(
-            mirror * state.position, mirror * state.velocity, quaternion, turn * state.body_rates, state.rotor_speed[np.array(rotors)]
+            mirror * state.position,
+            mirror * state.velocity,
+            quaternion,
+            turn * state.body_rates,
+            state.rotor_speed[np.array(rotors)],
         )
 
-    parameters = replace(FURTHER, drag=(0.3, 0.2, 0.1), motor_slowdown=1.5)
+    parameters = replace(FURTHER, drag=(0.3, 0.2, 0.1), spin_down_ratio=1.5)
     turned_bias = replace(parameters, torque_bias=turn * parameters.torque_bias)
     start = State(*map(jnp.asarray, drone((0.1, 0.2, 1), velocity, attitude, rates, rotor_speed)))
     expected = mirrored(fly(integrator, start, command, parameters, 20))
@@ -145,8 +185,14 @@ def test_the_signs_of_torque_are_the_papers(stronger, axis, what):
 
 def test_torque_of_four_forces_by_hand():
     lever = 0.0396 / np.sqrt(2)
-    expected = [lever * (-0.1 - 0.2 + 0.3 + 0.5), lever * (-0.1 + 0.2 + 0.3 - 0.5), 5.96e-3 * (-0.1 + 0.2 - 0.3 + 0.5)]
-    np.testing.assert_allclose(torque(float32([0.1, 0.2, 0.3, 0.5]), PAPER), expected, rtol=1e-5, atol=1e-9)
+    expected = [
+        lever * (-0.1 - 0.2 + 0.3 + 0.5),
+        lever * (-0.1 + 0.2 + 0.3 - 0.5),
+        5.96e-3 * (-0.1 + 0.2 - 0.3 + 0.5),
+    ]
+    np.testing.assert_allclose(
+        torque(float32([0.1, 0.2, 0.3, 0.5]), PAPER), expected, rtol=1e-5, atol=1e-9
+    )
 
 
 @given(speeds)
@@ -156,48 +202,82 @@ def test_the_constant_part_of_the_rotor_torque_has_no_effect(rotor_speed):
     np.testing.assert_allclose(much, without, atol=1e-9)
 
 
-UNDER_WAY = drone((0, 0, 1), (0.5, -0.3, 0.2), (0.2, -0.1, 0.4), (1, -2, 0.5), (0.7, 0.75, 0.8, 0.72))
+UNDER_WAY = drone(
+    (0, 0, 1), (0.5, -0.3, 0.2), (0.2, -0.1, 0.4), (1, -2, 0.5), (0.7, 0.75, 0.8, 0.72)
+)
 TRIM = float32([0.74, 0.76, 0.75, 0.755])
 
 
 def flown(integrator, parameters, steps):
-    """Where 0.4 s of flight end, in float64: position, velocity, quaternion, body rates and rotor speeds in one row."""
-    return np.concatenate(in_float64(integrator, UNDER_WAY, TRIM, replace(parameters, time_step=np.asarray(0.4 / steps)), steps))
+    """Where 0.4 s of flight end, in float64: position, velocity, quaternion, body rates and rotor
+    speeds in one row."""
+    return np.concatenate(
+        in_float64(
+            integrator,
+            UNDER_WAY,
+            TRIM,
+            replace(parameters, time_step=np.asarray(0.4 / steps)),
+            steps,
+        )
+    )
 
 
 def orders(integrator, parameters):
     truth = flown(dynamics.rk4, parameters, 1600)
-    errors = [np.linalg.norm(flown(integrator, parameters, steps) - truth) for steps in (40, 80, 160)]
+    errors = [
+        np.linalg.norm(flown(integrator, parameters, steps) - truth) for steps in (40, 80, 160)
+    ]
     return np.log2(np.divide(errors[:-1], errors[1:]))
 
 
 @pytest.mark.parametrize(("integrator", "order"), [(dynamics.euler, 1), (dynamics.rk4, 4)])
 def test_the_order_of_convergence(integrator, order):
     """Halving the step halves the error of Euler's method and divides that of RK4 by sixteen."""
-    np.testing.assert_allclose(orders(integrator, replace(PAPER, drag=(0.3, 0.3, 0.1))), order, atol=0.1)
-    np.testing.assert_allclose(orders(integrator, replace(FURTHER, drag=(0.3, 0.3, 0.1))), order, atol=0.15)
+    np.testing.assert_allclose(
+        orders(integrator, replace(PAPER, drag=(0.3, 0.3, 0.1))), order, atol=0.1
+    )
+    np.testing.assert_allclose(
+        orders(integrator, replace(FURTHER, drag=(0.3, 0.3, 0.1))), order, atol=0.15
+    )
 
 
 def test_the_midpoint_is_of_second_order_from_command_to_position():
-    """A quarter of the error by half the step, where nothing but rotors and weight acts: a round body has no gyroscopic torque."""
-    round_body = replace(PAPER, inertia=(1.33e-5, 1.33e-5, 1.33e-5), rotor_momentum=3e-5, torque_bias=(2e-5, -3e-5, 1e-5))
+    """A quarter of the error by half the step, where nothing but rotors and weight acts: a round
+    body has no gyroscopic torque."""
+    round_body = replace(
+        PAPER,
+        inertia=(1.33e-5, 1.33e-5, 1.33e-5),
+        rotor_momentum=3e-5,
+        torque_bias=(2e-5, -3e-5, 1e-5),
+    )
     np.testing.assert_allclose(orders(dynamics.midpoint, round_body), 2, atol=0.1)
     np.testing.assert_allclose(orders(dynamics.euler, round_body), 1, atol=0.1)
 
 
-@pytest.mark.parametrize("parameters", [PAPER, replace(FURTHER, drag=(0.3, 0.3, 0.1), motor_slowdown=1.5)], ids=["paper", "further"])
+@pytest.mark.parametrize(
+    "parameters",
+    [PAPER, replace(FURTHER, drag=(0.3, 0.3, 0.1), spin_down_ratio=1.5)],
+    ids=["paper", "further"],
+)
 def test_the_midpoint_at_the_papers_step_is_several_times_closer_than_euler(parameters):
-    """What is slow (gyroscopic torque, drag, flapping) it takes from a step's start; that costs little."""
+    """What is slow (gyroscopic torque, drag, flapping) it takes from a step's start; that costs
+    little."""
     truth = flown(dynamics.rk4, parameters, 400)
-    euler, midpoint = (np.abs(flown(integrator, parameters, 80) - truth) for integrator in (dynamics.euler, dynamics.midpoint))
+    euler, midpoint = (
+        np.abs(flown(integrator, parameters, 80) - truth)
+        for integrator in (dynamics.euler, dynamics.midpoint)
+    )
     assert np.linalg.norm(euler) > 4 * np.linalg.norm(midpoint)
     assert np.linalg.norm(midpoint[:3]) < 2e-3
 
 
 @given(speeds, speeds, st.floats(0.001, 1), st.floats(0.125, 8), st.floats(1e-5, 0.02))
-def test_the_trapezoidal_motor_never_moves_away_from_its_command(rotor_speed, command, lag, slowdown, step):
-    """By hand, (1 - x / 2) / (1 + x / 2) of the distance is left, x = dt / T: less than all of it however long the step."""
-    parameters = replace(PAPER, motor_time_constant=lag, motor_slowdown=slowdown, time_step=step)
+def test_the_trapezoidal_motor_never_moves_away_from_its_command(
+    rotor_speed, command, lag, slowdown, step
+):
+    """By hand, (1 - x / 2) / (1 + x / 2) of the distance is left, x = dt / T: less than all of it
+    however long the step."""
+    parameters = replace(PAPER, motor_time_constant=lag, spin_down_ratio=slowdown, time_step=step)
     after = rotor_speed + step * float64(spin_up(rotor_speed, command, parameters))
     steps = step / np.where(command < rotor_speed, lag * slowdown, lag)
     left = (1 - steps / 2) / (1 + steps / 2) * (rotor_speed - command)
@@ -207,11 +287,18 @@ def test_the_trapezoidal_motor_never_moves_away_from_its_command(rotor_speed, co
 
 @pytest.mark.parametrize("lag", [0.001, 0.0025, 0.01])
 def test_at_long_steps_the_midpoints_motor_settles_where_eulers_diverges(lag):
-    coarse, command = replace(PAPER, motor_time_constant=lag, time_step=0.02), np.full(4, 0.8, np.float32)
-    settled = fly(dynamics.midpoint, drone(rotor_speed=(0.7,) * 4), command, coarse, 100).rotor_speed
+    coarse, command = (
+        replace(PAPER, motor_time_constant=lag, time_step=0.02),
+        np.full(4, 0.8, np.float32),
+    )
+    settled = fly(
+        dynamics.midpoint, drone(rotor_speed=(0.7,) * 4), command, coarse, 100
+    ).rotor_speed
     np.testing.assert_allclose(settled, 0.8, atol=1e-4)
     if lag < 0.01:
-        diverged = np.abs(fly(dynamics.euler, drone(rotor_speed=(0.7,) * 4), command, coarse, 20).rotor_speed)
+        diverged = np.abs(
+            fly(dynamics.euler, drone(rotor_speed=(0.7,) * 4), command, coarse, 20).rotor_speed
+        )
         assert not (diverged <= 10).any()
 
 
@@ -223,7 +310,8 @@ def test_the_papers_crazyflie_has_no_further_torque(attitude, velocity, rates, c
 
 @given(attitudes, vectors, vectors)
 def test_flapping_torque_is_the_moment_against_the_flights_direction(attitude, velocity, rates):
-    """-c_f z x v by hand, v in the body's axes: it neither turns about z nor about the direction of flight."""
+    """-c_f z x v by hand, v in the body's axes: it neither turns about z nor about the direction of
+    flight."""
     state = drone(velocity=velocity, attitude=attitude, body_rates=rates)
     in_body = Rotation.from_quat(np.asarray(state.quaternion)).inv().apply(velocity)
     found = float64(further_torque(state, STILL, replace(PAPER, flapping_moment=1e-4)))
@@ -250,19 +338,31 @@ def test_a_rotor_that_spins_up_turns_the_body_as_its_drag_does():
         alone = np.eye(4, dtype=np.float32)[rotor]
         reaction, drag = further_torque(drone(), 5.0 * alone, parameters), torque(alone, PAPER)
         np.testing.assert_allclose(reaction, [0, 0, 3e-5 * 5.0 * np.sign(drag[2])], atol=1e-10)
-        np.testing.assert_allclose(further_torque(drone(), -5.0 * alone, parameters), -np.asarray(reaction), atol=1e-10)
+        np.testing.assert_allclose(
+            further_torque(drone(), -5.0 * alone, parameters), -np.asarray(reaction), atol=1e-10
+        )
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 @given(command=speeds, rotor_speed=speeds)
-def test_without_air_drag_rotors_and_body_keep_their_angular_momentum(integrator, command, rotor_speed):
-    """About z, of a drone whose rotors have no other torque: I_z r + J_r Omega (nu_1 - nu_2 + nu_3 - nu_4); 1 and 3 turn as r counts."""
-    parameters = replace(PAPER, torque_to_thrust=0.0, rotor_momentum=3e-5, arm_length=0.0, motor_slowdown=1.5)
+def test_without_air_drag_rotors_and_body_keep_their_angular_momentum(
+    integrator, command, rotor_speed
+):
+    """About z, of a drone whose rotors have no other torque: I_z r + J_r Omega (nu_1 - nu_2 + nu_3
+    - nu_4); 1 and 3 turn as r counts."""
+    parameters = replace(
+        PAPER, torque_to_thrust=0.0, rotor_momentum=3e-5, arm_length=0.0, spin_down_ratio=1.5
+    )
     start = drone(rotor_speed=rotor_speed, body_rates=(0, 0, 3))
     end = fly(integrator, start, command, parameters, 20)
 
     def momentum(state):
-        return 2.64e-5 * float(state.body_rates[2]) + 3e-5 * float64(state.rotor_speed) @ [1, -1, 1, -1]
+        return 2.64e-5 * float(state.body_rates[2]) + 3e-5 * float64(state.rotor_speed) @ [
+            1,
+            -1,
+            1,
+            -1,
+        ]
 
     assert momentum(end) == pytest.approx(momentum(start), abs=1e-9)
     np.testing.assert_allclose(end.body_rates[:2], 0, atol=1e-6)
@@ -292,11 +392,13 @@ def test_a_torque_bias_alone_spins_the_body_up_by_its_share_of_inertia():
 @pytest.mark.parametrize("steps", [1, 7, 18, 60])
 def test_the_motor_follows_a_step_exponentially(steps):
     state = fly(dynamics.rk4, drone(), np.full(4, 0.8, np.float32), PAPER, steps)
-    np.testing.assert_allclose(state.rotor_speed, 0.8 * (1 - np.exp(-steps * 0.005 / 0.088)), rtol=1e-5)
+    np.testing.assert_allclose(
+        state.rotor_speed, 0.8 * (1 - np.exp(-steps * 0.005 / 0.088)), rtol=1e-5
+    )
 
 
 def test_slowdown_makes_only_the_falling_motor_slower():
-    lazy, half = replace(PAPER, motor_slowdown=1.5), drone(rotor_speed=(0.5, 0.5, 0.5, 0.5))
+    lazy, half = replace(PAPER, spin_down_ratio=1.5), drone(rotor_speed=(0.5, 0.5, 0.5, 0.5))
     found = fly(dynamics.rk4, half, float32([0.9, 0.6, 0.4, 0.1]), lazy, 20).rotor_speed
     rising, falling = np.exp(-0.1 / 0.088), np.exp(-0.1 / (1.5 * 0.088))
     expected = [0.9 - 0.4 * rising, 0.6 - 0.1 * rising, 0.4 + 0.1 * falling, 0.1 + 0.4 * falling]
@@ -305,7 +407,9 @@ def test_slowdown_makes_only_the_falling_motor_slower():
 
 def drag_acceleration(state, drag):
     with_drag, without = replace(PAPER, drag=drag), replace(PAPER, drag=(0.0, 0.0, 0.0))
-    return np.asarray(linear_acceleration(state, with_drag)) - np.asarray(linear_acceleration(state, without))
+    return np.asarray(linear_acceleration(state, with_drag)) - np.asarray(
+        linear_acceleration(state, without)
+    )
 
 
 @given(attitudes, vectors, st.tuples(*[st.floats(0, 2, width=16)] * 3))
@@ -328,8 +432,12 @@ def test_drag_along_the_nose_acts_along_the_nose_alone():
     np.testing.assert_allclose(found, -0.5 * (nose @ velocity) * nose, atol=1e-5)
 
 
-@given(st.floats(-0.25, 0.125, width=16), st.floats(-0.25, 1.0, width=16), st.floats(1.25, 4, width=16))
-def test_an_affine_quadratic_thrust_curve_keeps_full_thrust_and_hovers_where_it_says(offset, linear, ratio):
+@given(
+    st.floats(-0.25, 0.125, width=16), st.floats(-0.25, 1.0, width=16), st.floats(1.25, 4, width=16)
+)
+def test_an_affine_quadratic_thrust_curve_keeps_full_thrust_and_hovers_where_it_says(
+    offset, linear, ratio
+):
     parameters = replace(PAPER, thrust_offset=offset, thrust_linear=linear, thrust_to_weight=ratio)
     full = np.asarray(dynamics.rotor_forces(jnp.ones(4), parameters))
     np.testing.assert_allclose(full.sum(), 0.028 * 9.81 * ratio, rtol=1e-5)
@@ -347,7 +455,11 @@ def test_a_thrust_curve_is_the_polynomial_of_its_coefficients():
 
 def test_thrust_grows_near_the_ground_by_the_cited_formula_and_no_more_than_its_limit():
     heights = np.array([0.012, 0.05, 0.1, 1.0], np.float32)
-    gain = jax.vmap(lambda height: dynamics.near_ground(PAPER, height).thrust_to_weight)(heights) / 1.725 - 1
+    gain = (
+        jax.vmap(lambda height: dynamics.near_ground(PAPER, height).thrust_to_weight)(heights)
+        / 1.725
+        - 1
+    )
     radius = 0.0231348
     expected = np.minimum(11.36859 * (radius / (4 * heights)) ** 2, 4 / 15)
     np.testing.assert_allclose(gain, expected, rtol=2e-3, atol=1e-6)
@@ -358,29 +470,50 @@ def test_a_state_with_a_number_that_is_not_finite_is_refused_by_name():
     with pytest.raises(InputError, match=r"state: velocity = \[0.0, nan, 0.0\] is not finite"):
         dynamics.checked(drone(velocity=(0, np.nan, 0)))
     with pytest.raises(InputError, match="state: position"):
-        environment.begin(Environment(), drone(position=(np.inf, 0, 1)), jnp.float32(0), PAPER, jax.random.key(0))
+        environment.begin(
+            Environment(), drone(position=(np.inf, 0, 1)), jnp.float32(0), PAPER, jax.random.key(0)
+        )
 
 
-COASTING = replace(PAPER, motor_time_constant=0.05, motor_slowdown=1.5, motor_coasting=0.12)
+COASTING = replace(PAPER, motor_time_constant=0.05, spin_down_ratio=1.5, motor_coasting=0.12)
 
 
-@pytest.mark.parametrize(("integrator", "atol"), [(dynamics.rk4, 2e-6), (dynamics.midpoint, 2e-4), (dynamics.euler, 6e-3)])
+@pytest.mark.parametrize(
+    ("integrator", "atol"),
+    [(dynamics.rk4, 2e-6), (dynamics.midpoint, 2e-4), (dynamics.euler, 6e-3)],
+)
 def test_a_motor_without_command_coasts(integrator, atol):
-    """By hand, with sqrt(u) = 0 the motor's equation separates: t = T_m s ln(nu_0 / nu) + T_c (1 / nu - 1 / nu_0)."""
+    """By hand, with sqrt(u) = 0 the motor's equation separates: t = T_m s ln(nu_0 / nu) + T_c (1 /
+    nu - 1 / nu_0)."""
     for steps in (20, 60):
-        speed = float64(fly(integrator, drone(rotor_speed=(1.0, 0.8, 0.6, 0.4)), OFF, COASTING, steps).rotor_speed)
+        speed = float64(
+            fly(
+                integrator, drone(rotor_speed=(1.0, 0.8, 0.6, 0.4)), OFF, COASTING, steps
+            ).rotor_speed
+        )
         began = np.array([1.0, 0.8, 0.6, 0.4])
         np.testing.assert_allclose(
-            0.075 * np.log(began / speed) + 0.12 * (1 / speed - 1 / began), steps * 0.005, atol=atol / speed.min() ** 2
+            0.075 * np.log(began / speed) + 0.12 * (1 / speed - 1 / began),
+            steps * 0.005,
+            atol=atol / speed.min() ** 2,
         )
 
 
 def test_the_steps_of_a_coasting_motor_are_of_second_order():
     """Half the step, a quarter of the error; towards a command, where no closed form is known."""
-    command, start = np.array([0.2, 0.4, 0.6, 0.75], np.float32), drone(rotor_speed=(0.9, 0.85, 0.8, 0.95))
+    command, start = (
+        np.array([0.2, 0.4, 0.6, 0.75], np.float32),
+        drone(rotor_speed=(0.9, 0.85, 0.8, 0.95)),
+    )
 
     def end(integrator, every):
-        return in_float64(integrator, start, command, replace(COASTING, time_step=np.float64(0.02 / every)), 4 * every).rotor_speed
+        return in_float64(
+            integrator,
+            start,
+            command,
+            replace(COASTING, time_step=np.float64(0.02 / every)),
+            4 * every,
+        ).rotor_speed
 
     exact = end(dynamics.rk4, 64)
     coarse, fine = (np.abs(end(dynamics.midpoint, every) - exact) for every in (2, 4))
@@ -389,13 +522,21 @@ def test_the_steps_of_a_coasting_motor_are_of_second_order():
 
 
 @given(speeds, speeds, st.floats(0.001, 1), st.floats(0, 1), st.floats(1e-5, 0.02))
-def test_a_coasting_motor_slows_down_more_lazily_and_never_past_its_command(rotor_speed, command, lag, coasting, step):
+def test_a_coasting_motor_slows_down_more_lazily_and_never_past_its_command(
+    rotor_speed, command, lag, coasting, step
+):
     parameters = replace(PAPER, motor_time_constant=lag, time_step=step)
     plain = float64(spin_up(rotor_speed, command, parameters))
     lazy = float64(spin_up(rotor_speed, command, replace(parameters, motor_coasting=coasting)))
     up = command >= rotor_speed
     np.testing.assert_allclose(lazy[up], plain[up], rtol=1e-6)
-    slow = float64(motor_derivative(rotor_speed, command, replace(parameters, motor_coasting=coasting)))
+    slow = float64(
+        motor_derivative(rotor_speed, command, replace(parameters, motor_coasting=coasting))
+    )
     assert (slow[~up] <= 0).all()
-    assert (slow[~up] >= float64(motor_derivative(rotor_speed, command, parameters))[~up] * (1 + 1e-5)).all()
-    assert (np.abs(rotor_speed + step * lazy - command) <= np.abs(rotor_speed - command) + 2e-6).all()
+    assert (
+        slow[~up] >= float64(motor_derivative(rotor_speed, command, parameters))[~up] * (1 + 1e-5)
+    ).all()
+    assert (
+        np.abs(rotor_speed + step * lazy - command) <= np.abs(rotor_speed - command) + 2e-6
+    ).all()

@@ -15,7 +15,15 @@ from maidenflight.simulator.firmware import ABSOLUTE, VELOCITY, Gains, PIDMemory
 
 TRACES = Path(__file__).parents[3] / "shared" / "data" / "firmware" / "pid_trace.npz"
 GENERATIONS = ("2021.10", "2026.08")
-SCENARIOS = ("circle_closed", "square_closed_yaw", "velocity", "rate", "rate_closed", "attitude", "random_open")
+SCENARIOS = (
+    "circle_closed",
+    "square_closed_yaw",
+    "velocity",
+    "rate",
+    "rate_closed",
+    "attitude",
+    "random_open",
+)
 FLIP = np.array([1, -1, 1], np.float32)
 """The firmware's pitch is positive nose up."""
 
@@ -27,15 +35,20 @@ def replay(setpoints, states, ticks, generation):
         setpoint, state, number = now
         return firmware.tick(memory, setpoint, state, generation, number % 10 == 0, number % 2 == 0)
 
-    return jax.lax.scan(one, jax.tree.map(jnp.asarray, firmware.switched_on()), (setpoints, states, ticks))[1]
+    return jax.lax.scan(
+        one, jax.tree.map(jnp.asarray, firmware.switched_on()), (setpoints, states, ticks)
+    )[1]
 
 
 batch = jax.vmap(replay, in_axes=(0, 0, 0, None))
 COMPILED = {
-    "as written": jax.jit(batch, static_argnums=3, compiler_options={"xla_disable_hlo_passes": "fusion,algsimp"}),
+    "as written": jax.jit(
+        batch, static_argnums=3, compiler_options={"xla_disable_hlo_passes": "fusion,algsimp"}
+    ),
     "optimized": jax.jit(batch, static_argnums=3),
 }
-"""XLA fuses products and sums and divides by multiplying, which rounds otherwise than the recorded firmware does."""
+"""XLA fuses products and sums and divides by multiplying, which rounds otherwise than the recorded
+firmware does."""
 
 
 @cache
@@ -52,13 +65,25 @@ def recorded(generation):
         place = {"2021.10": "fw2021/{}/motor_power", "2026.08": "{}/motor_pwm"}[generation]
         real = np.stack([traces[place.format(name)] for name in SCENARIOS]).astype(np.float32)
     turned = (asked[..., 6:9] * FLIP, asked[..., 9:12] * FLIP)
-    setpoint = Setpoint(asked[..., :3], asked[..., 3:6], *turned, asked[..., 12], mode[..., :6].astype(np.int32), body)
-    return (setpoint, State(state[..., :3], state[..., 3:6], state[..., 6:] * FLIP, gyro), ticks.astype(np.int32)), real
+    setpoint = Setpoint(
+        asked[..., :3],
+        asked[..., 3:6],
+        *turned,
+        asked[..., 12],
+        mode[..., :6].astype(np.int32),
+        body,
+    )
+    return (
+        setpoint,
+        State(state[..., :3], state[..., 3:6], state[..., 6:] * FLIP, gyro),
+        ticks.astype(np.int32),
+    ), real
 
 
 @cache
 def difference(generation, compiled):
-    """Largest difference of a motor's command from the real firmware's [counts], by scenario and tick."""
+    """Largest difference of a motor's command from the real firmware's [counts], by scenario and
+    tick."""
     inputs, real = recorded(generation)
     ours = np.asarray(COMPILED[compiled](*inputs, generation))
     return dict(zip(SCENARIOS, np.abs(ours - real).max(axis=-1), strict=True))
@@ -80,13 +105,19 @@ def test_optimized_they_are_a_count_or_two_off_at_times(scenario, generation):
     assert np.mean(counts <= 1) >= 0.995
 
 
-@pytest.mark.parametrize(("generation", "slope"), [("2021.10", [50, -200, -50]), ("2026.08", [-50, 200, 50])])
+@pytest.mark.parametrize(
+    ("generation", "slope"), [("2021.10", [50, -200, -50]), ("2026.08", [-50, 200, 50])]
+)
 def test_a_pid_is_proportional_integral_and_derivative_by_hand(generation, slope):
     before = PIDMemory(jnp.array([0.1, 0.1, 0.0]), jnp.array([0.5, 0.0, 1.0]))
-    memory, output = pid(before, jnp.array([2.0, -4.0, 1.0]), jnp.array([1.0, -2.0, 0.5]), 1000, generation)
+    memory, output = pid(
+        before, jnp.array([2.0, -4.0, 1.0]), jnp.array([1.0, -2.0, 0.5]), 1000, generation
+    )
     np.testing.assert_allclose(memory.integral, [0.11, 0.08, 0.005], atol=1e-6)
     np.testing.assert_allclose(memory.last, [1.0, -2.0, 0.5])
-    np.testing.assert_allclose(output, [2 + 0.055 + 0.1 * slope[0], -6 + 0.08, 2 + 0.2 * slope[2]], rtol=1e-5)
+    np.testing.assert_allclose(
+        output, [2 + 0.055 + 0.1 * slope[0], -6 + 0.08, 2 + 0.2 * slope[2]], rtol=1e-5
+    )
 
 
 @pytest.mark.parametrize("generation", GENERATIONS)
@@ -104,7 +135,14 @@ def test_yaw_turns_the_short_way_and_its_derivative_sees_no_jump(generation):
     def output(desired, first, then):
         memory = PIDMemory(jnp.zeros(3), jnp.zeros(3))
         for measured in (first, then):
-            memory, out = pid(memory, jnp.array([0, 0, desired]), jnp.array([0, 0, measured]), 1000, generation, True)
+            memory, out = pid(
+                memory,
+                jnp.array([0, 0, desired]),
+                jnp.array([0, 0, measured]),
+                1000,
+                generation,
+                True,
+            )
         return float(out[2])
 
     assert output(-170.0, 179.5, -179.5) == pytest.approx(output(10.0, -0.5, 0.5), rel=1e-4)
@@ -122,13 +160,19 @@ def test_the_mixer_turns_the_drone_the_way_it_was_told(axis, sign, generation):
 
 
 def test_above_full_thrust_2021_clips_each_motor_and_2026_lowers_all():
-    np.testing.assert_array_equal(mix(60000, [20000, 0, 0], "2021.10"), [50000, 50000, 65535, 65535])
-    np.testing.assert_array_equal(mix(60000, [20000, 0, 0], "2026.08"), [45535, 45535, 65535, 65535])
+    np.testing.assert_array_equal(
+        mix(60000, [20000, 0, 0], "2021.10"), [50000, 50000, 65535, 65535]
+    )
+    np.testing.assert_array_equal(
+        mix(60000, [20000, 0, 0], "2026.08"), [45535, 45535, 65535, 65535]
+    )
 
 
 def test_counts_are_cut_off_like_integers_and_pass_a_derivative():
     np.testing.assert_array_equal(mix(30000.7, [3, -3, 0], "2026.08"), [30000, 29998, 30000, 30002])
-    slope = jax.grad(lambda thrust: firmware.mix(thrust, jnp.array([100.5, 0.0, 0.0]), "2026.08").sum())(30000.5)
+    slope = jax.grad(
+        lambda thrust: firmware.mix(thrust, jnp.array([100.5, 0.0, 0.0]), "2026.08").sum()
+    )(30000.5)
     assert slope == 4.0
 
 
@@ -154,7 +198,9 @@ def test_another_mode_starts_the_pids_anew_only_in_2026():
     for generation, kept in zip(GENERATIONS, (True, False), strict=True):
         memory, _ = flown(generation, hand(thrust=40000, attitude=[0, 0, 50]))
         before = float(memory.attitude.integral[2])
-        memory, _ = flown(generation, hand(thrust=40000, attitude=[0, 0, 50], mode=VELOCITY), memory, times=1)
+        memory, _ = flown(
+            generation, hand(thrust=40000, attitude=[0, 0, 50], mode=VELOCITY), memory, times=1
+        )
         assert (abs(float(memory.attitude.integral[2])) > before / 2) == kept
 
 
@@ -177,7 +223,9 @@ def pid(memory, desired, measured, limit, generation, heading=False):
 
 
 def mix(thrust, torque, generation):
-    return np.asarray(firmware.mix(jnp.float32(thrust), jnp.asarray(torque, jnp.float32), generation))
+    return np.asarray(
+        firmware.mix(jnp.float32(thrust), jnp.asarray(torque, jnp.float32), generation)
+    )
 
 
 def state(roll=0.0, yaw=0.0):
@@ -188,7 +236,13 @@ def hand(thrust=0.0, attitude=(0, 0, 0), mode=ABSOLUTE):
     """A set-point of thrust and attitude, or of body rates 0."""
     modes = jnp.array([0, 0, 0, mode, mode, mode])
     return Setpoint(
-        jnp.zeros(3), jnp.zeros(3), jnp.asarray(attitude, jnp.float32), jnp.zeros(3), jnp.float32(thrust), modes, jnp.array(False)
+        jnp.zeros(3),
+        jnp.zeros(3),
+        jnp.asarray(attitude, jnp.float32),
+        jnp.zeros(3),
+        jnp.float32(thrust),
+        modes,
+        jnp.array(False),
     )
 
 
@@ -206,13 +260,16 @@ def flown(generation, setpoint, memory=None, seen=None, times=5):
 
 
 def inputs(seed, ticks=300):
-    """Attitude and rates [deg, deg/s], set-points and thrusts of a wild flight, its motors off now and then."""
+    """Attitude and rates [deg, deg/s], set-points and thrusts of a wild flight, its motors off now
+    and then."""
     generator = np.random.default_rng(seed)
     attitude = np.cumsum(generator.normal(0, 2, (ticks, 3)), axis=0).astype(np.float32)
     attitude[:, 2] = (attitude[:, 2] * 4 + 180) % 360 - 180
     rates = np.cumsum(generator.normal(0, 20, (ticks, 3)), axis=0).astype(np.float32)
     wanted = np.repeat(generator.uniform(-60, 60, (ticks // 10, 3)), 10, axis=0).astype(np.float32)
-    thrust = np.repeat(generator.choice([0, 20000, 40000, 60000], ticks // 10, p=[0.1, 0.3, 0.3, 0.3]), 10).astype(np.float32)
+    thrust = np.repeat(
+        generator.choice([0, 20000, 40000, 60000], ticks // 10, p=[0.1, 0.3, 0.3, 0.3]), 10
+    ).astype(np.float32)
     return attitude, rates, wanted, thrust
 
 
@@ -224,9 +281,13 @@ def ticked(memory, mode, by_rate, seed, generation):
         attitude, rates, wanted, thrust = now
         asked = (nothing, wanted) if by_rate else (wanted / 6, nothing)
         setpoint = Setpoint(nothing, nothing, *asked, thrust, mode, jnp.array(False))
-        return firmware.tick(memory, setpoint, State(nothing, nothing, attitude, rates), generation, False)
+        return firmware.tick(
+            memory, setpoint, State(nothing, nothing, attitude, rates), generation, False
+        )
 
-    return jax.jit(lambda numbers: jax.lax.scan(one, jax.tree.map(jnp.asarray, memory), numbers)[1])(inputs(seed))
+    return jax.jit(
+        lambda numbers: jax.lax.scan(one, jax.tree.map(jnp.asarray, memory), numbers)[1]
+    )(inputs(seed))
 
 
 @pytest.mark.parametrize("generation", GENERATIONS)

@@ -43,7 +43,9 @@ def test_the_line_remembers_the_longest_latency(period, expected):
 def test_every_step_sees_shares_of_commands_that_sum_to_one(delay, dt):
     """Each slot alone shows its share; four at a time, one a motor."""
     lines = np.eye(SLOTS, dtype=np.float32).reshape(SLOTS, SLOTS // 4, 4).transpose(1, 0, 2)
-    shares = np.concatenate([arriving(jnp.asarray(line), drone(delay, dt), STEPS) for line in lines], axis=1)
+    shares = np.concatenate(
+        [arriving(jnp.asarray(line), drone(delay, dt), STEPS) for line in lines], axis=1
+    )
     assert shares.shape == (STEPS, SLOTS)
     assert np.all(shares >= 0)
     assert np.all(np.count_nonzero(shares, axis=1) <= 2), "a step is no longer than a command"
@@ -67,7 +69,9 @@ def test_a_step_arrives_in_the_step_where_the_latency_ends(delay):
 
 def test_no_latency_passes_every_command_at_once():
     commands = jax.random.uniform(jax.random.key(0), (12, 4))
-    np.testing.assert_array_equal(delayed(commands, drone(0, 0.005), STEPS), np.repeat(commands, STEPS, axis=0))
+    np.testing.assert_array_equal(
+        delayed(commands, drone(0, 0.005), STEPS), np.repeat(commands, STEPS, axis=0)
+    )
 
 
 @pytest.mark.parametrize(("delay", "by"), [(0.005, 1), (0.01, 2), (0.035, 7), (0.05, 10)])
@@ -100,7 +104,9 @@ def test_a_latency_longer_than_the_line_sees_its_oldest_command():
 
 def test_push_puts_the_newest_in_front_and_forgets_the_oldest():
     line = jnp.arange(12.0).reshape(3, 4)
-    np.testing.assert_array_equal(latency.push(line, jnp.full(4, 9.0)), [[9, 9, 9, 9], [0, 1, 2, 3], [4, 5, 6, 7]])
+    np.testing.assert_array_equal(
+        latency.push(line, jnp.full(4, 9.0)), [[9, 9, 9, 9], [0, 1, 2, 3], [4, 5, 6, 7]]
+    )
 
 
 @given(delays, time_steps)
@@ -111,5 +117,9 @@ def test_a_line_with_room_for_commands_is_the_line_to_which_they_are_pushed(dela
     for number in range(3):
         old = latency.push(old, new[number])
         roomy = latency.put(roomy, new[number], 2 - number)
-        np.testing.assert_allclose(arriving(roomy, parameters, STEPS, 2 - number), arriving(old, parameters, STEPS), atol=1e-5)
+        np.testing.assert_allclose(
+            arriving(roomy, parameters, STEPS, 2 - number),
+            arriving(old, parameters, STEPS),
+            atol=1e-5,
+        )
     np.testing.assert_array_equal(roomy[:SLOTS], old)

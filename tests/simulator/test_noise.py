@@ -6,7 +6,9 @@ from scipy import stats
 
 from maidenflight.simulator import noise
 
-NORMAL, UNIFORM = jax.jit(lambda key: jax.vmap(lambda key: noise.draw(key, 3, 2))(jax.random.split(key, 20_000)))(jax.random.key(0))
+NORMAL, UNIFORM = jax.jit(
+    lambda key: jax.vmap(lambda key: noise.draw(key, 3, 2))(jax.random.split(key, 20_000))
+)(jax.random.key(0))
 
 
 def test_normal_and_uniform_numbers_follow_their_distributions():

@@ -6,20 +6,32 @@ import pytest
 
 from maidenflight.errors import InputError
 from maidenflight.parameters import QUANTITIES, crazyflie, replace
-from maidenflight.simulator.randomization import PAPER_FIELDS, WIDTHS, ensemble, randomize, relative_box, uniform_box, wide_box
+from maidenflight.simulator.randomization import (
+    PAPER_FIELDS,
+    WIDTHS,
+    ensemble,
+    randomize,
+    relative_box,
+    uniform_box,
+    wide_box,
+)
 
 PAPER = crazyflie()
 many = jax.jit(jax.vmap(randomize, (None, 0)))
 KEYS = jax.random.split(jax.random.key(0), 2000)
 
 
-@pytest.mark.parametrize(("fraction", "fields"), [(0.1, PAPER_FIELDS), (0.3, ("latency", "inertia"))])
+@pytest.mark.parametrize(
+    ("fraction", "fields"), [(0.1, PAPER_FIELDS), (0.3, ("latency", "inertia"))]
+)
 def test_named_fields_fill_their_box_and_others_do_not_change(fraction, fields):
     drawn = many(relative_box(PAPER, fraction, fields), KEYS)
     for name in QUANTITIES:
         nominal, values = np.asarray(getattr(PAPER, name)), np.asarray(getattr(drawn, name))
         if name not in fields:
-            np.testing.assert_array_equal(values, np.broadcast_to(nominal, values.shape), err_msg=name)
+            np.testing.assert_array_equal(
+                values, np.broadcast_to(nominal, values.shape), err_msg=name
+            )
             continue
         factors = values / nominal
         assert np.all((factors >= 1 - fraction - 1e-6) & (factors <= 1 + fraction + 1e-6)), name
@@ -30,13 +42,21 @@ def test_named_fields_fill_their_box_and_others_do_not_change(fraction, fields):
 
 def test_fields_and_components_are_drawn_independently():
     drawn = many(relative_box(PAPER), KEYS)
-    columns = np.concatenate([np.asarray(getattr(drawn, name)).reshape(len(KEYS), -1) for name in PAPER_FIELDS], axis=1)
+    columns = np.concatenate(
+        [np.asarray(getattr(drawn, name)).reshape(len(KEYS), -1) for name in PAPER_FIELDS], axis=1
+    )
     np.testing.assert_allclose(np.corrcoef(columns.T), np.eye(columns.shape[1]), atol=0.1)
 
 
 def test_a_box_of_no_width_is_the_drone_itself():
     drawn = many(relative_box(PAPER, 0.0), KEYS[:3])
-    jax.tree.map(lambda value, nominal: np.testing.assert_array_equal(value, np.broadcast_to(nominal, value.shape)), drawn, PAPER)
+    jax.tree.map(
+        lambda value, nominal: np.testing.assert_array_equal(
+            value, np.broadcast_to(nominal, value.shape)
+        ),
+        drawn,
+        PAPER,
+    )
 
 
 def test_a_box_reads_like_mathematics():
@@ -62,7 +82,9 @@ def test_a_uniform_box_fills_its_ranges_and_changes_nothing_else():
     for name in QUANTITIES:
         values = np.asarray(getattr(drawn, name))
         if name not in RANGES:
-            np.testing.assert_array_equal(values, np.broadcast_to(getattr(PAPER, name), values.shape), err_msg=name)
+            np.testing.assert_array_equal(
+                values, np.broadcast_to(getattr(PAPER, name), values.shape), err_msg=name
+            )
         else:
             low, high = RANGES[name]
             assert np.all((values >= low) & (values <= np.float32(high)))
@@ -75,7 +97,9 @@ def test_a_uniform_box_fills_its_ranges_and_changes_nothing_else():
 def test_a_uniform_box_reads_like_mathematics_and_has_a_middle():
     box = uniform_box(PAPER, **RANGES)
     assert "latency ~ U(0, 0.03) s" in str(box).splitlines()
-    assert "inertia ~ U(1e-05, 3e-05) U(1e-05, 3e-05) U(1e-05, 3e-05) kg m2" in str(box).splitlines()
+    assert (
+        "inertia ~ U(1e-05, 3e-05) U(1e-05, 3e-05) U(1e-05, 3e-05) kg m2" in str(box).splitlines()
+    )
     np.testing.assert_allclose(box.centre.latency, 0.015)
     assert relative_box(PAPER).centre is PAPER
 
@@ -84,7 +108,10 @@ def test_a_uniform_box_reads_like_mathematics_and_has_a_middle():
     ("ranges", "message"),
     [
         ({"weight": (0, 1)}, "unknown parameter 'weight'"),
-        ({"mass": (0.03, 0.02)}, r"mass = \(0.03, 0.02\): expected two numbers in order in \[0.005, 5\] kg"),
+        (
+            {"mass": (0.03, 0.02)},
+            r"mass = \(0.03, 0.02\): expected two numbers in order in \[0.005, 5\] kg",
+        ),
         ({"mass": (-0.03, 0.02)}, "expected two numbers in order"),
         ({"latency": (0.0, float("nan"))}, "expected two numbers in order"),
     ],
@@ -96,9 +123,16 @@ def test_a_wrong_uniform_box_is_refused(ranges, message):
 
 def test_an_ensemble_draws_each_of_its_drones_whole_and_as_often():
     lags, latencies = (0.06, 0.07, 0.08, 0.09), (0.02, 0.015, 0.01, 0.005)
-    drones = ensemble([replace(PAPER, motor_time_constant=lag, latency=late) for lag, late in zip(lags, latencies, strict=True)])
+    drones = ensemble(
+        [
+            replace(PAPER, motor_time_constant=lag, latency=late)
+            for lag, late in zip(lags, latencies, strict=True)
+        ]
+    )
     drawn = many(drones, KEYS)
-    pairs, counts = np.unique(np.stack([drawn.motor_time_constant, drawn.latency], axis=1), axis=0, return_counts=True)
+    pairs, counts = np.unique(
+        np.stack([drawn.motor_time_constant, drawn.latency], axis=1), axis=0, return_counts=True
+    )
     np.testing.assert_allclose(pairs, np.stack([lags, latencies], axis=1), rtol=1e-6)
     np.testing.assert_allclose(counts, 500, atol=80)
     assert "latency ~ 0.0125 +- 0.0056 s, one of 4 drones" in str(drones).splitlines()
@@ -121,5 +155,9 @@ def test_a_wide_box_holds_the_drone_with_all_its_trims_and_what_published_drones
         assert factors.min() == pytest.approx(low, abs=0.01), name
         assert factors.max() == pytest.approx(high, abs=0.01), name
     for name in ("latency",) if structure == "attitude" else ("flapping_moment", "gyro_noise"):
-        np.testing.assert_array_equal(getattr(drawn, name), np.full(len(KEYS), getattr(drone, name)))
-    np.testing.assert_array_equal(many(wide_box(drone, structure), KEYS[:3]).torque_bias, [drone.torque_bias] * 3)
+        np.testing.assert_array_equal(
+            getattr(drawn, name), np.full(len(KEYS), getattr(drone, name))
+        )
+    np.testing.assert_array_equal(
+        many(wide_box(drone, structure), KEYS[:3]).torque_bias, [drone.torque_bias] * 3
+    )

@@ -28,7 +28,9 @@ def scipy_rotation(attitude):
 
 @given(attitudes)
 def test_the_matrix_is_that_of_scipys_intrinsic_zyx(attitude):
-    np.testing.assert_allclose(to_matrix(from_attitude(attitude)), scipy_rotation(attitude).as_matrix(), atol=1e-6)
+    np.testing.assert_allclose(
+        to_matrix(from_attitude(attitude)), scipy_rotation(attitude).as_matrix(), atol=1e-6
+    )
 
 
 @given(attitudes)
@@ -72,7 +74,9 @@ def test_positive_pitch_is_nose_down_and_positive_roll_is_left_side_up():
 @given(attitudes, vectors)
 def test_the_derivative_is_the_slope_of_a_rotation_about_body_axes(attitude, rates):
     turn, h = scipy_rotation(attitude), 1e-4
-    before, after = ((turn * Rotation.from_rotvec(sign * h * float64(rates))).as_quat() for sign in (-1, 1))
+    before, after = (
+        (turn * Rotation.from_rotvec(sign * h * float64(rates))).as_quat() for sign in (-1, 1)
+    )
     after *= np.sign(before @ after)
     quaternion = np.asarray(from_attitude(attitude))
     slope = (after - before) / (2 * h) * np.sign(before @ quaternion)

@@ -47,7 +47,9 @@ actions = st.tuples(*[st.floats(-2, 2, width=16)] * 4).map(float32)
 
 
 def away(offset, body_rates=(0, 0, 0)):
-    return dynamics.at_hover(jnp.asarray(SETPOINT + float32(offset)), PAPER)._replace(body_rates=jnp.asarray(float32(body_rates)))
+    return dynamics.at_hover(jnp.asarray(SETPOINT + float32(offset)), PAPER)._replace(
+        body_rates=jnp.asarray(float32(body_rates))
+    )
 
 
 @given(vectors, vectors, actions, actions)
@@ -55,15 +57,33 @@ def test_the_reward_is_the_papers_with_its_penalties_negative(offset, rates, act
     distance = np.linalg.norm(offset)
     if abs(distance - 0.25) < 1e-5:
         return
-    expected = -(distance + 1e-4 * np.linalg.norm(action) + 1e-3 * np.linalg.norm(action - previous) + 1e-3 * np.linalg.norm(rates))
+    expected = -(
+        distance
+        + 1e-4 * np.linalg.norm(action)
+        + 1e-3 * np.linalg.norm(action - previous)
+        + 1e-3 * np.linalg.norm(rates)
+    )
     expected -= 100 * (distance > 0.25)
-    np.testing.assert_allclose(reward(away(offset, rates), SETPOINT, action, previous), expected, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(
+        reward(away(offset, rates), SETPOINT, action, previous), expected, rtol=1e-5, atol=1e-6
+    )
 
 
 def test_a_circles_penalties_of_actions_are_the_papers_unless_others_are_asked_for():
-    state, action, previous = away((0.1, 0, 0), (1, 2, 2)), jnp.array([1.0, 1.0, 1.0, -1.0]), jnp.array([1.0, 1.0, -2.0, 3.0])
-    assert float(CIRCLE.reward(state, SETPOINT, action, previous)) == float(tasks.paper_reward(state, SETPOINT, action, previous))
-    for rates, paid in (((0.0, 1e-3), 0.108), ((1e-4, 0.0), 0.1032), ((0.0, 0.0), 0.103), ((0.1, 0.2), 1.303)):
+    state, action, previous = (
+        away((0.1, 0, 0), (1, 2, 2)),
+        jnp.array([1.0, 1.0, 1.0, -1.0]),
+        jnp.array([1.0, 1.0, -2.0, 3.0]),
+    )
+    assert float(CIRCLE.reward(state, SETPOINT, action, previous)) == float(
+        tasks.paper_reward(state, SETPOINT, action, previous)
+    )
+    for rates, paid in (
+        ((0.0, 1e-3), 0.108),
+        ((1e-4, 0.0), 0.1032),
+        ((0.0, 0.0), 0.103),
+        ((0.1, 0.2), 1.303),
+    ):
         task = tasks.circle(action_penalty=rates[0], action_rate_penalty=rates[1])
         np.testing.assert_allclose(task.reward(state, SETPOINT, action, previous), -paid, rtol=1e-5)
         assert task is tasks.circle(0.5, 3.0, 1.0, *rates), "nothing compiles twice"
@@ -73,22 +93,30 @@ def test_a_circles_penalties_of_actions_are_the_papers_unless_others_are_asked_f
 
 @pytest.mark.parametrize("direction", [(1, 0, 0), (0, -1, 0), (0, 0, 1), (0.6, 0, -0.8)])
 @pytest.mark.parametrize(("distance", "over"), [(0.249, False), (0.251, True)])
-def test_an_episode_fails_a_quarter_metre_from_the_setpoint_and_that_costs_a_hundred(direction, distance, over):
+def test_an_episode_fails_a_quarter_metre_from_the_setpoint_and_that_costs_a_hundred(
+    direction, distance, over
+):
     state = away(distance * float32(direction))
     assert bool(too_far(state, SETPOINT)) is over
-    assert (float(reward(state, SETPOINT, np.zeros(4, np.float32), np.zeros(4, np.float32))) < -100) is over
+    assert (
+        float(reward(state, SETPOINT, np.zeros(4, np.float32), np.zeros(4, np.float32))) < -100
+    ) is over
 
 
 def test_a_perfect_flight_pays_nothing_and_has_a_finite_slope():
     state, still = away((0, 0, 0)), jnp.zeros(4)
     assert float(reward(state, SETPOINT, still, still)) == 0
-    slope = jax.grad(lambda state: tasks.paper_reward(state, jnp.asarray(SETPOINT), still, still))(state)
+    slope = jax.grad(lambda state: tasks.paper_reward(state, jnp.asarray(SETPOINT), still, still))(
+        state
+    )
     assert all(bool(jnp.all(jnp.isfinite(leaf))) for leaf in slope)
 
 
 def starts(task, parameters=PAPER):
     """A thousand first states, and how far they are from the reference."""
-    state, time = jax.jit(jax.vmap(task.reset, (None, 0)))(parameters, jax.random.split(jax.random.key(0), 1000))
+    state, time = jax.jit(jax.vmap(task.reset, (None, 0)))(
+        parameters, jax.random.split(jax.random.key(0), 1000)
+    )
     away_from = state.position - jax.vmap(task.reference)(time)
     return state, time, away_from, jax.vmap(rotations.to_attitude)(state.quaternion)
 
@@ -97,7 +125,9 @@ def fills(values, half_width):
     """Whether values reach all over their interval about zero, and not beyond."""
     half_width = np.asarray(half_width)
     extremes = np.stack([np.max(values, axis=0), -np.min(values, axis=0)])
-    return bool(np.all(extremes <= half_width * (1 + 1e-5) + 2e-7) and np.all(extremes >= 0.95 * half_width))
+    return bool(
+        np.all(extremes <= half_width * (1 + 1e-5) + 2e-7) and np.all(extremes >= 0.95 * half_width)
+    )
 
 
 def test_starts_fill_their_box_and_never_leave_it():
@@ -113,7 +143,16 @@ def test_starts_fill_their_box_and_never_leave_it():
 
 def test_a_key_gives_the_circle_the_start_that_it_always_gave():
     state, time = CIRCLE.reset(PAPER, jax.random.key(3))
-    drawn = np.concatenate([state.position, state.velocity, state.quaternion, state.body_rates, state.rotor_speed, time[None]])
+    drawn = np.concatenate(
+        [
+            state.position,
+            state.velocity,
+            state.quaternion,
+            state.body_rates,
+            state.rotor_speed,
+            time[None],
+        ]
+    )
     np.testing.assert_allclose(drawn, CIRCLE_OF_KEY_3, atol=1e-6)
 
 
@@ -131,7 +170,9 @@ def test_hover_starts_anywhere_near_and_facing_anywhere():
     assert fills(state.body_rates, np.radians([200, 200, 20]))
     np.testing.assert_array_equal(time, 0)
     np.testing.assert_allclose(np.std(state.rotor_speed, axis=0), 0.02, rtol=0.1)
-    assert not np.any(jax.vmap(HOVER.failure)(state, jnp.zeros((1000, 3)))), "no start has failed already"
+    assert not np.any(jax.vmap(HOVER.failure)(state, jnp.zeros((1000, 3)))), (
+        "no start has failed already"
+    )
 
 
 def test_a_take_off_starts_at_rest_on_the_ground_with_motors_off():
@@ -174,7 +215,9 @@ def test_tracking_a_circle_follows_the_circles_reference_and_pays_and_fails_as_i
     assert tracked.reference is CIRCLE.reference
     for offset in (0.1, 0.249, 0.251):
         state = away((0, offset, 0), (1, 2, 3))
-        assert float(tracked.reward(state, SETPOINT, STILL, STILL + 1)) == float(CIRCLE.reward(state, SETPOINT, STILL, STILL + 1))
+        assert float(tracked.reward(state, SETPOINT, STILL, STILL + 1)) == float(
+            CIRCLE.reward(state, SETPOINT, STILL, STILL + 1)
+        )
         assert bool(tracked.failure(state, SETPOINT)) == bool(CIRCLE.failure(state, SETPOINT))
 
 
@@ -188,7 +231,11 @@ def test_tracking_fails_as_far_away_as_it_was_asked_to(distance, over):
 def at(height=1.0, roll=0.0, pitch=0.0, yaw=0.0, rates=(0, 0, 0), x=0.0, velocity=(0, 0, 0)):
     attitude = rotations.from_attitude(jnp.asarray(float32(np.radians([roll, pitch, yaw]))))
     state = dynamics.at_hover(jnp.asarray(float32([x, 0, height])), PAPER)
-    return state._replace(quaternion=attitude, body_rates=jnp.asarray(float32(np.radians(rates))), velocity=jnp.asarray(float32(velocity)))
+    return state._replace(
+        quaternion=attitude,
+        body_rates=jnp.asarray(float32(np.radians(rates))),
+        velocity=jnp.asarray(float32(velocity)),
+    )
 
 
 @pytest.mark.parametrize(
@@ -209,7 +256,9 @@ def test_hover_fails_when_steep_spinning_or_low_and_that_costs_a_hundred(inside,
     setpoint = HOVER.reference(jnp.float32(0))
     for state, over in ((inside, False), (outside, True)):
         assert bool(HOVER.failure(state, setpoint)) is over
-        gap = float(HOVER.reward(state, setpoint, STILL, STILL) + jnp.linalg.norm(setpoint - state.position))
+        gap = float(
+            HOVER.reward(state, setpoint, STILL, STILL) + jnp.linalg.norm(setpoint - state.position)
+        )
         assert gap == pytest.approx(-100 * over, abs=0.01)
 
 
@@ -235,15 +284,23 @@ def test_a_take_off_fails_when_steep_far_or_left_behind(state, setpoint, over):
 
 
 def test_rewards_of_hover_and_take_off_are_the_authors():
-    # |e| = 0.3, u = (1, 0.5, 0.5, 0) after clipping, |omega| = 5 rad/s, |v| = 3 m/s; the previous action does not count.
+    # |e| = 0.3, u = (1, 0.5, 0.5, 0) after clipping, |omega| = 5 rad/s, |v| = 3 m/s; the previous
+    # action does not count.
     action, previous = jnp.array([3.0, 0.0, 0.0, -2.0]), jnp.array([9.0, 9.0, 9.0, 9.0])
     state = at(height=0.7, rates=np.degrees([3, 0, -4]), velocity=(1, 2, 2))
     setpoint = HOVER.reference(jnp.float32(0))
     effort = 0.3 + 1e-4 * np.sqrt(1.5) + 1e-4 * 5
     np.testing.assert_allclose(HOVER.reward(state, setpoint, action, previous), -effort, rtol=1e-6)
-    np.testing.assert_allclose(TAKE_OFF.reward(state, setpoint, action, previous), -effort - 3e-4, rtol=1e-6)
-    low, setpoint = state._replace(position=jnp.array([0.0, 0.0, 0.079])), jnp.array([0.0, 0.0, 0.379])
-    np.testing.assert_allclose(TAKE_OFF.reward(low, setpoint, action, previous), -effort - 3e-4 - 1, rtol=1e-6)
+    np.testing.assert_allclose(
+        TAKE_OFF.reward(state, setpoint, action, previous), -effort - 3e-4, rtol=1e-6
+    )
+    low, setpoint = (
+        state._replace(position=jnp.array([0.0, 0.0, 0.079])),
+        jnp.array([0.0, 0.0, 0.379]),
+    )
+    np.testing.assert_allclose(
+        TAKE_OFF.reward(low, setpoint, action, previous), -effort - 3e-4 - 1, rtol=1e-6
+    )
 
 
 @pytest.mark.parametrize("task", [HOVER, TAKE_OFF, TRACKING])
@@ -276,22 +333,37 @@ def test_a_circle_has_the_size_period_and_height_it_was_asked_for():
 def test_the_same_task_is_the_same_object_so_that_nothing_compiles_twice():
     assert tasks.circle() is tasks.circle(0.5, period=3.0) is CIRCLE
     assert hash(tasks.circle(diameter=1.0)) != hash(CIRCLE)
-    for make in (tasks.hover, tasks.take_off, lambda: tasks.tracking(EIGHT, duration=8.0, farthest=0.4, latest_start=4.0)):
+    for make in (
+        tasks.hover,
+        tasks.take_off,
+        lambda: tasks.tracking(EIGHT, duration=8.0, farthest=0.4, latest_start=4.0),
+    ):
         assert make() is make()
-    assert tasks.tracking(trajectories.figure_eight(period=4.0), duration=8.0, farthest=0.4, latest_start=4.0) is TRACKING
+    assert (
+        tasks.tracking(
+            trajectories.figure_eight(period=4.0), duration=8.0, farthest=0.4, latest_start=4.0
+        )
+        is TRACKING
+    )
     assert len({hash(task) for task in (CIRCLE, HOVER, TAKE_OFF, TRACKING)}) == 4
 
 
 @pytest.mark.parametrize("yaw", [-2.0, 0.0, 0.7])
 @pytest.mark.parametrize("task", [CIRCLE, HOVER])
 def test_a_task_with_a_price_on_turning_away_pays_so_much_less_and_is_one_object(task, yaw):
-    state = dynamics.at_hover(SETPOINT, PAPER)._replace(quaternion=rotations.from_attitude(float32([0.1, -0.2, yaw])))
+    state = dynamics.at_hover(SETPOINT, PAPER)._replace(
+        quaternion=rotations.from_attitude(float32([0.1, -0.2, yaw]))
+    )
     priced = tasks.facing(task, 0.1)
     lost = task.reward(state, SETPOINT, STILL, STILL) - priced.reward(state, SETPOINT, STILL, STILL)
     assert lost == pytest.approx(0.1 * abs(yaw), abs=1e-6)
     assert priced is tasks.facing(task, 0.1)
     assert priced.name not in (task.name, tasks.facing(task, 0.2).name)
-    assert (priced.failure, priced.danger, priced.duration) == (task.failure, task.danger, task.duration)
+    assert (priced.failure, priced.danger, priced.duration) == (
+        task.failure,
+        task.danger,
+        task.duration,
+    )
 
 
 def test_a_reason_is_the_first_of_the_list_that_holds():
@@ -354,9 +426,21 @@ def test_a_length_of_what_is_not_a_number_is_not_a_number():
 @pytest.mark.parametrize(
     ("trajectory", "duration", "words"),
     [
-        (lambda time: jnp.stack([time, time]), 1.0, r"gives an array of shape \(2,\) at a time; expected 3 numbers"),
-        (lambda time: np.array([np.sin(time), 0.0, 1.0]), 1.0, "no function of time that JAX can follow"),
-        (lambda time: jnp.zeros(3) if time > 1 else jnp.ones(3), 1.0, "no function of time that JAX can follow"),
+        (
+            lambda time: jnp.stack([time, time]),
+            1.0,
+            r"gives an array of shape \(2,\) at a time; expected 3 numbers",
+        ),
+        (
+            lambda time: np.array([np.sin(time), 0.0, 1.0]),
+            1.0,
+            "no function of time that JAX can follow",
+        ),
+        (
+            lambda time: jnp.zeros(3) if time > 1 else jnp.ones(3),
+            1.0,
+            "no function of time that JAX can follow",
+        ),
         (lambda time: jnp.zeros(3), -1.0, "duration = -1.0 s of an episode; expected more than 0"),
     ],
     ids=["two numbers", "numpy", "if", "duration"],

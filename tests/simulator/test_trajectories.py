@@ -1,4 +1,5 @@
-"""References: continuous, of the stated size, period and start; way-points are passed, and bad files are named by row."""
+"""References: continuous, of the stated size, period and start; way-points are passed, and bad
+files are named by row."""
 
 import jax
 import jax.numpy as jnp
@@ -59,9 +60,14 @@ def test_a_closed_curve_starts_above_the_origin_and_repeats_after_its_period_and
     trajectory, period = SHAPES[name]
     times = np.linspace(0, period, 40, endpoint=False)
     np.testing.assert_allclose(points(trajectory, [0.0])[0], [0, 0, 1], atol=1e-6)
-    np.testing.assert_allclose(points(trajectory, times + 3 * period), points(trajectory, times), atol=1e-5)
+    np.testing.assert_allclose(
+        points(trajectory, times + 3 * period), points(trajectory, times), atol=1e-5
+    )
     for part in (2, 3, 5):
-        assert np.abs(points(trajectory, times + period / part) - points(trajectory, times)).max() > 0.1
+        assert (
+            np.abs(points(trajectory, times + period / part) - points(trajectory, times)).max()
+            > 0.1
+        )
     assert np.ptp(points(trajectory, times)[:, 2]) == 0
 
 
@@ -75,9 +81,13 @@ def test_a_figure_eight_crosses_its_centre_twice_a_period_once_each_way(period):
     crossings = times[near & (distance <= np.roll(distance, -1)) & (distance < 0.01)]
     np.testing.assert_allclose(crossings, [0, period / 2], atol=period / 1000)
     heading = points(velocity(trajectory), [0, period / 2])
-    np.testing.assert_allclose(heading[:, :2] * period / (2 * np.pi), [[0.4, 0.4], [-0.4, 0.4]], atol=1e-5)
+    np.testing.assert_allclose(
+        heading[:, :2] * period / (2 * np.pi), [[0.4, 0.4], [-0.4, 0.4]], atol=1e-5
+    )
     np.testing.assert_allclose([path[:, 0].max(), path[:, 0].min()], [0.8, -0.8], rtol=1e-4)
-    np.testing.assert_allclose(distance**4, 0.64 * (path[:, 0] ** 2 - path[:, 1] ** 2), atol=1e-6)  # Bernoulli's equation
+    np.testing.assert_allclose(
+        distance**4, 0.64 * (path[:, 0] ** 2 - path[:, 1] ** 2), atol=1e-6
+    )  # Bernoulli's equation
 
 
 def test_a_pentagram_has_five_equal_edges_at_one_speed_and_corners_of_36_degrees():
@@ -87,14 +97,18 @@ def test_a_pentagram_has_five_equal_edges_at_one_speed_and_corners_of_36_degrees
     np.testing.assert_allclose(np.linalg.norm(edges, axis=1), np.sin(np.radians(72)), rtol=1e-5)
     turns = np.sum(edges * np.roll(edges, -1, axis=0), axis=1) / np.sin(np.radians(72)) ** 2
     np.testing.assert_allclose(turns, -np.cos(np.radians(36)), rtol=1e-5)
-    np.testing.assert_allclose(points(trajectory, (np.arange(5) + 0.5) * 0.8), (corners[1:] + corners[:-1]) / 2, atol=1e-6)
+    np.testing.assert_allclose(
+        points(trajectory, (np.arange(5) + 0.5) * 0.8), (corners[1:] + corners[:-1]) / 2, atol=1e-6
+    )
     np.testing.assert_allclose(corners[:, 2], 0.6, rtol=1e-6)
 
 
 def test_a_climb_ends_at_its_height_after_its_duration_and_never_sinks():
     trajectory = trajectories.climb(height=0.8, duration=2.0)
     path = points(trajectory, [-1.0, 0.0, 1.0, 2.0, 9.0])
-    np.testing.assert_allclose(path, [[0, 0, 0], [0, 0, 0], [0, 0, 0.4], [0, 0, 0.8], [0, 0, 0.8]], atol=1e-6)
+    np.testing.assert_allclose(
+        path, [[0, 0, 0], [0, 0, 0], [0, 0, 0.4], [0, 0, 0.8], [0, 0, 0.8]], atol=1e-6
+    )
     rising = points(velocity(trajectory), np.linspace(0, 2, 101))[:, 2]
     assert rising.min() >= 0
     np.testing.assert_allclose([rising[0], rising[50], rising[-1]], [0, 1.875 * 0.4, 0], atol=1e-6)
@@ -106,14 +120,20 @@ def test_every_way_point_is_passed_in_time_and_the_ends_are_held(kind, path):
     table = np.array(path)
     trajectory = kind(path)
     np.testing.assert_allclose(points(trajectory, table[:, 0]), table[:, 1:], atol=2e-6)
-    np.testing.assert_allclose(points(trajectory, [-1.0, table[-1, 0] + 5]), table[[0, -1], 1:], atol=1e-6)
+    np.testing.assert_allclose(
+        points(trajectory, [-1.0, table[-1, 0] + 5]), table[[0, -1], 1:], atol=1e-6
+    )
 
 
 def test_a_zigzag_is_straight_and_leaves_its_corners_in_the_new_direction():
     trajectory = trajectories.zigzag(PATH)
-    np.testing.assert_allclose(points(trajectory, [0.25, 2.25]), [[0.125, 0, 1.05], [0.25, -0.15, 1.0]], atol=1e-6)
+    np.testing.assert_allclose(
+        points(trajectory, [0.25, 2.25]), [[0.125, 0, 1.05], [0.25, -0.15, 1.0]], atol=1e-6
+    )
     speeds = [[0.5, 0, 0.2], [0, -1, -0.2], [-1 / 3, 0.7 / 1.5, -0.2 / 1.5], [0, 0, 0]]
-    np.testing.assert_allclose(points(velocity(trajectory), [row[0] for row in PATH]), speeds, atol=1e-6)
+    np.testing.assert_allclose(
+        points(velocity(trajectory), [row[0] for row in PATH]), speeds, atol=1e-6
+    )
 
 
 def test_a_polynomial_rests_at_its_ends_and_four_derivatives_have_no_steps():
@@ -131,11 +151,18 @@ def test_a_polynomial_rests_at_its_ends_and_four_derivatives_have_no_steps():
 def test_two_points_give_the_minimum_jerk_curve_that_a_climb_is():
     times = np.linspace(0, 1.5, 50)
     smooth = trajectories.polynomial(((0.0, 0.0, 0.0, 0.0), (1.5, 0.0, 0.0, 1.0)))
-    np.testing.assert_allclose(points(smooth, times), points(trajectories.climb(1.0, 1.5), times), atol=1e-6)
+    np.testing.assert_allclose(
+        points(smooth, times), points(trajectories.climb(1.0, 1.5), times), atol=1e-6
+    )
 
 
 def test_random_way_points_are_repeatable_level_and_within_their_bounds():
-    draw = np.array([trajectories.random_waypoints(jax.random.key(seed), 20, 0.5, 0.8, 1.2, 0.7) for seed in range(30)])
+    draw = np.array(
+        [
+            trajectories.random_waypoints(jax.random.key(seed), 20, 0.5, 0.8, 1.2, 0.7)
+            for seed in range(30)
+        ]
+    )
     assert np.all(draw[:, 0] == [0, 0, 0, 0.7])
     assert np.all(draw[:, :, 3] == 0.7)
     pauses = np.diff(draw[:, :, 0], axis=1)
@@ -143,7 +170,11 @@ def test_random_way_points_are_repeatable_level_and_within_their_bounds():
         assert low - 1e-5 <= values.min() < low + 0.02
         assert high - 0.02 < values.max() <= high + 1e-5
     key = jax.random.key(4)
-    assert trajectories.random_waypoints(key) == trajectories.random_waypoints(key) != trajectories.random_waypoints(jax.random.key(5))
+    assert (
+        trajectories.random_waypoints(key)
+        == trajectories.random_waypoints(key)
+        != trajectories.random_waypoints(jax.random.key(5))
+    )
 
 
 def test_the_same_arguments_give_the_same_object_so_that_nothing_compiles_twice(tmp_path):
@@ -152,13 +183,23 @@ def test_the_same_arguments_give_the_same_object_so_that_nothing_compiles_twice(
     assert trajectories.zigzag(path) is trajectories.zigzag(again)
     assert trajectories.polynomial(path) is trajectories.polynomial(again)
     assert trajectories.figure_eight(3.5) is trajectories.figure_eight(trajectories.FAST)
-    assert trajectories.circle() is trajectories.circle(0.5, height=1.0) is not trajectories.circle(0.5, height=2.0)
+    assert (
+        trajectories.circle()
+        is trajectories.circle(0.5, height=1.0)
+        is not trajectories.circle(0.5, height=2.0)
+    )
     assert trajectories.pentagram() is trajectories.pentagram(diameter=0.5)
-    assert trajectories.hold((0.0, 0.0, 1.0)) is trajectories.hold((0.0, 0.0, 1.0)) is not trajectories.hold((0.0, 0.0, 2.0))
+    assert (
+        trajectories.hold((0.0, 0.0, 1.0))
+        is trajectories.hold((0.0, 0.0, 1.0))
+        is not trajectories.hold((0.0, 0.0, 2.0))
+    )
     assert trajectories.climb(1.0) is trajectories.climb(1.0)
     for name in ("one.csv", "two.csv"):
         (tmp_path / name).write_text("time,x,y,z\n0,0,0,1\n1,1,0,1\n")
-    assert trajectories.waypoints(tmp_path / "one.csv") is trajectories.waypoints(tmp_path / "two.csv")
+    assert trajectories.waypoints(tmp_path / "one.csv") is trajectories.waypoints(
+        tmp_path / "two.csv"
+    )
 
 
 def test_a_way_point_file_is_read_as_it_was_written_and_its_clock_starts_at_zero(tmp_path):
@@ -167,8 +208,14 @@ def test_a_way_point_file_is_read_as_it_was_written_and_its_clock_starts_at_zero
     file.write_text("\ufeffx, time, z, y, comment\n" + "\n".join(rows) + "\n\n", encoding="utf-8")
     np.testing.assert_allclose(trajectories.read_waypoints(file), PATH, atol=1e-12)
     times = np.linspace(0, 3, 20)
-    np.testing.assert_allclose(points(trajectories.waypoints(file), times), points(SHAPES["zigzag"][0], times), atol=1e-6)
-    np.testing.assert_allclose(points(trajectories.waypoints(file, smooth=True), times), points(SHAPES["polynomial"][0], times), atol=1e-6)
+    np.testing.assert_allclose(
+        points(trajectories.waypoints(file), times), points(SHAPES["zigzag"][0], times), atol=1e-6
+    )
+    np.testing.assert_allclose(
+        points(trajectories.waypoints(file, smooth=True), times),
+        points(SHAPES["polynomial"][0], times),
+        atol=1e-6,
+    )
 
 
 @pytest.mark.parametrize(
@@ -182,12 +229,27 @@ def test_a_way_point_file_is_read_as_it_was_written_and_its_clock_starts_at_zero
         ("time,x,y,z\n0,0,0,1\n1,a,0,1\n", "line 3: x is 'a'; expected a number"),
         ("time,x,y,z\n0,0,0\n1,0,0,1\n", "line 2: z is None; expected a number"),
         ("time,x,y,z\n0,0,0,1\n1,,0,1\n", "line 3: x is ''; expected a number"),
-        ("time,x,y,z\n0,0,0,1\n\n1,0,nan,1\n", "line 4 is (1.0, 0.0, nan, 1.0); expected four finite numbers"),
-        ("time,x,y,z\ninf,0,0,1\n1,0,0,1\n", "line 2 is (inf, 0.0, 0.0, 1.0); expected four finite"),
-        ("time,x,y,z\n0,0,0,1\n1,1e39,0,1\n", "line 3 is (1.0, 1e+39, 0.0, 1.0); expected four finite"),
-        ("time,x,y,z\n0,0,0,1\n1,0,0,1\n1,0,0,1\n", "line 4: time goes from 1.0 to 1.0 s; expected it to increase"),
+        (
+            "time,x,y,z\n0,0,0,1\n\n1,0,nan,1\n",
+            "line 4 is (1.0, 0.0, nan, 1.0); expected four finite numbers",
+        ),
+        (
+            "time,x,y,z\ninf,0,0,1\n1,0,0,1\n",
+            "line 2 is (inf, 0.0, 0.0, 1.0); expected four finite",
+        ),
+        (
+            "time,x,y,z\n0,0,0,1\n1,1e39,0,1\n",
+            "line 3 is (1.0, 1e+39, 0.0, 1.0); expected four finite",
+        ),
+        (
+            "time,x,y,z\n0,0,0,1\n1,0,0,1\n1,0,0,1\n",
+            "line 4: time goes from 1.0 to 1.0 s; expected it to increase",
+        ),
         ("time,x,y,z\n0,0,0,1\n2,0,0,1\n1,0,0,1\n", "line 4: time goes from 2.0 to 1.0 s"),
-        ("time,x,y,z\n0,0,0,1\n1,3,4.1,1\n", "line 3: 5.1 m/s from the point before it, but at most 5 m/s"),
+        (
+            "time,x,y,z\n0,0,0,1\n1,3,4.1,1\n",
+            "line 3: 5.1 m/s from the point before it, but at most 5 m/s",
+        ),
     ],
 )
 def test_a_bad_way_point_file_is_refused_with_file_row_and_cure(tmp_path, text, message):

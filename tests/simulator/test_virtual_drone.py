@@ -1,4 +1,5 @@
-"""Virtual drones: repeatable, different from each other, physical, and flyable by the firmware's own controller."""
+"""Virtual drones: repeatable, different from each other, physical, and flyable by the firmware's
+own controller."""
 
 import jax
 import jax.numpy as jnp
@@ -44,13 +45,25 @@ def test_a_negative_seed_and_an_unknown_kind_are_refused():
 
 @pytest.mark.parametrize("seed", range(10))
 def test_a_near_drone_is_of_the_papers_model_with_other_numbers(seed):
-    near, paper, virtual = virtual_drone(seed, "near").parameters, crazyflie(), virtual_drone(seed).parameters
-    lacking = ("motor_slowdown", "drag", "estimator_delay", "gyro_lag", "battery_resistance", "battery_discharge", "flapping_moment")
+    near, paper, virtual = (
+        virtual_drone(seed, "near").parameters,
+        crazyflie(),
+        virtual_drone(seed).parameters,
+    )
+    lacking = (
+        "spin_down_ratio",
+        "drag",
+        "estimator_delay",
+        "gyro_time_constant",
+        "battery_resistance",
+        "battery_discharge",
+        "flapping_moment",
+    )
     for name in (*lacking, "rotor_momentum", "torque_bias"):
         np.testing.assert_array_equal(getattr(near, name), getattr(paper, name), err_msg=name)
     for name in ("thrust_to_weight", "latency", "mass", "inertia"):
         np.testing.assert_array_equal(getattr(near, name), getattr(virtual, name), err_msg=name)
-    up, down = virtual.motor_time_constant, virtual.motor_time_constant * virtual.motor_slowdown
+    up, down = virtual.motor_time_constant, virtual.motor_time_constant * virtual.spin_down_ratio
     np.testing.assert_allclose(near.motor_time_constant, (up + down) / 2, rtol=1e-6)
 
 
@@ -67,37 +80,58 @@ def test_a_far_drone_has_what_flights_of_the_authors_drone_tell(seed):
 
 def test_a_virtual_drone_has_effects_that_the_papers_model_lacks():
     drone = virtual_drone(0)
-    world = drone.environment(tasks.circle(), control.pwm())
-    assert world.integrator is dynamics.rk4
-    assert world.battery
-    assert world.estimator_memory * 0.01 > QUANTITIES["estimator_delay"].lower
-    for name in ("drag", "motor_slowdown", "estimator_delay", "battery_resistance", "battery_discharge"):
+    env = drone.environment(tasks.circle(), control.pwm())
+    assert env.integrator is dynamics.rk4
+    assert env.battery
+    assert env.estimator_memory * 0.01 > QUANTITIES["estimator_delay"].lower
+    for name in (
+        "drag",
+        "spin_down_ratio",
+        "estimator_delay",
+        "battery_resistance",
+        "battery_discharge",
+    ):
         assert np.all(getattr(drone.parameters, name) > getattr(crazyflie(), name)), name
 
 
 @pytest.mark.parametrize("controller", [control.pwm(), control.position_pid()])
 def test_an_action_holds_for_ten_milliseconds_whatever_the_controllers_rate(controller):
     drone = virtual_drone(0)
-    world = drone.environment(tasks.circle(), controller)
-    np.testing.assert_allclose(world.command_period(drone.parameters), 1 / controller.rate, rtol=1e-6)
-    np.testing.assert_allclose(world.control_period(drone.parameters), 0.01, rtol=1e-6)
+    env = drone.environment(tasks.circle(), controller)
+    np.testing.assert_allclose(env.command_period(drone.parameters), 1 / controller.rate, rtol=1e-6)
+    np.testing.assert_allclose(env.control_period(drone.parameters), 0.01, rtol=1e-6)
 
 
 def test_the_firmwares_pid_flies_the_circle_on_every_virtual_drone():
     drones = [virtual_drone(seed, kind) for kind in KINDS for seed in SEEDS]
-    world = drones[-1].environment(tasks.circle(), control.position_pid())
+    env = drones[-1].environment(tasks.circle(), control.position_pid())
 
     def fly(parameters, key):
         start = dynamics.at_hover(jnp.array([0.0, 0.0, 1.0]), parameters)
-        episode = environment.begin(world, start, jnp.float32(0.0), parameters, key)
-        _, (flown, outcome) = rollout(world, lambda _: jnp.zeros(4), episode, parameters, key, 600)
-        return flown.state, outcome.setpoint
+        env_state = environment.begin(env, start, jnp.float32(0.0), parameters, key)
+        _, (flown, step_result) = rollout(
+            env, lambda _: jnp.zeros(4), env_state, parameters, key, 600
+        )
+        return flown.state, step_result.setpoint
 
     batch = jax.tree.map(lambda *leaves: np.stack(leaves), *(drone.parameters for drone in drones))
-    state, setpoint = jax.jit(jax.vmap(fly))(batch, jax.random.split(jax.random.key(0), len(drones)))
-    tilt = np.degrees(np.arccos(np.asarray(jax.vmap(jax.vmap(lambda q: 1 - 2 * (q[0] ** 2 + q[1] ** 2)))(state.quaternion))))
-    height, distance = np.asarray(state.position[..., 2]), np.linalg.norm(state.position - setpoint, axis=-1)
+    state, setpoint = jax.jit(jax.vmap(fly))(
+        batch, jax.random.split(jax.random.key(0), len(drones))
+    )
+    tilt = np.degrees(
+        np.arccos(
+            np.asarray(
+                jax.vmap(jax.vmap(lambda q: 1 - 2 * (q[0] ** 2 + q[1] ** 2)))(state.quaternion)
+            )
+        )
+    )
+    height, distance = (
+        np.asarray(state.position[..., 2]),
+        np.linalg.norm(state.position - setpoint, axis=-1),
+    )
     assert np.all((height > 0.7) & (height < 1.3))
     assert np.all(tilt < 30)
     assert np.all(distance < 0.5)
-    assert np.all(np.ptp(state.position[:, 300:, 1], axis=1) > 0.35), "it flies the circle instead of hovering"
+    assert np.all(np.ptp(state.position[:, 300:, 1], axis=1) > 0.35), (
+        "it flies the circle instead of hovering"
+    )

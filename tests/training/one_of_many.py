@@ -1,4 +1,5 @@
-"""One process of several that train together; `python one_of_many.py PROCESSES NUMBER PORT FOLDER_OF_CHECKPOINTS FOLDER_OF_POLICIES`."""
+"""One process of several that train together; `python one_of_many.py PROCESSES NUMBER PORT
+FOLDER_OF_CHECKPOINTS FOLDER_OF_POLICIES`."""
 
 import sys
 from typing import Any
@@ -20,8 +21,17 @@ if __name__ == "__main__":
     assert len(jax.devices()) == count
     few: dict[str, Any] = {"updates": 6, "drones": 8, "horizon": 8, "evaluations": 2, "episodes": 8}
     keys = jax.random.split(jax.random.key(0), 2)
-    # Each device shuffles its own drones' periods: only a whole batch holds the same ones however many devices there are.
-    for settings in (AnalyticGradient(**few), PPO(**few, actor_minibatches=1, critic_minibatches=1)):
-        name, saved = type(settings).__name__, f"{sys.argv[4]}/{type(settings).__name__}_{count}.npz"
-        policies = train(tasks.circle(), control.pwm(), relative_box(crazyflie()), keys, settings, saved=saved)
+    # Each device shuffles its own drones' periods: only a whole batch holds the same ones however
+    # many devices there are.
+    for settings in (
+        AnalyticGradient(**few),
+        PPO(**few, actor_minibatches=1, critic_minibatches=1),
+    ):
+        name, saved = (
+            type(settings).__name__,
+            f"{sys.argv[4]}/{type(settings).__name__}_{count}.npz",
+        )
+        policies = train(
+            tasks.circle(), control.pwm(), relative_box(crazyflie()), keys, settings, saved=saved
+        )
         np.savez(f"{sys.argv[5]}/{name}.npz", *map(np.asarray, jax.tree.leaves(policies)))

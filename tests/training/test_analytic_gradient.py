@@ -16,17 +16,30 @@ from maidenflight.training.analytic_gradient import AnalyticGradient
 
 
 @pytest.mark.parametrize(("structure", "rate"), [("pwm", 100), ("attitude_rate", 50)])
-def test_an_update_changes_the_network_and_nothing_else_of_a_policy(structure: str, rate: int) -> None:
-    controller, settings = control.CONTROLLERS[structure](), AnalyticGradient(drones=2, horizon=2, learning_rate=0.01)
+def test_an_update_changes_the_network_and_nothing_else_of_a_policy(
+    structure: str, rate: int
+) -> None:
+    controller, settings = (
+        control.CONTROLLERS[structure](),
+        AnalyticGradient(drones=2, horizon=2, learning_rate=0.01),
+    )
     drone = replace(crazyflie(), time_step=np.float32(control.time_step(controller)))
-    world, box, keys = Environment.matching(drone, controller=controller), relative_box(drone), jax.random.split(jax.random.key(5), 2)
+    world, box, keys = (
+        Environment.matching(drone, controller=controller),
+        relative_box(drone),
+        jax.random.split(jax.random.key(5), 2),
+    )
     before = analytic_gradient.begin(world, settings, box, keys)
     after = analytic_gradient.learn(world, settings, box, before, keys, 0, 1)
     policy = after.policy
     assert (policy.control, policy.rate, policy.history) == (structure, rate, 2)
     np.testing.assert_array_equal(policy.observation_mean, before.policy.observation_mean)
-    *hidden, last = [np.asarray(new - old) for old, new in zip(before.policy.weights, policy.weights, strict=True)]
-    # Adam's first step is 1 to 1.5 times its rate in every weight, Muon's its rate in every direction, as well as five iterations tell.
+    *hidden, last = [
+        np.asarray(new - old)
+        for old, new in zip(before.policy.weights, policy.weights, strict=True)
+    ]
+    # Adam's first step is 1 to 1.5 times its rate in every weight, Muon's its rate in every
+    # direction, as well as five iterations tell.
     moved = [(np.linalg.norm(step, ord=2, axis=(1, 2)), settings.hidden_rate) for step in hidden]
     for far, expected in [*moved, (np.abs(last).max(axis=(1, 2)), settings.learning_rate)]:
         assert ((far > 0.5 * expected) & (far < 1.6 * expected)).all(), far
@@ -45,7 +58,8 @@ def test_without_a_rate_for_hidden_layers_adam_steps_everywhere_and_its_steps_sh
         for _ in range(settings.updates + 1):
             step, state = rule.update(slope, state, network)
             steps.append(step)
-    # Of a constant slope Adam's every step is its rate (Kingma and Ba 2015, sec. 2.1): here a cosine from the first to 2 % of it.
+    # Of a constant slope Adam's every step is its rate (Kingma and Ba 2015, sec. 2.1): here a
+    # cosine from the first to 2 % of it.
     for leaf in jax.tree.leaves(steps[0]):
         np.testing.assert_allclose(leaf, -0.01, rtol=1e-3)
     for leaf in jax.tree.leaves(steps[-1]):
@@ -56,31 +70,43 @@ def test_gradient_through_the_simulator_is_the_slope_of_the_cost() -> None:
     simulated, drone = Environment(), noiseless(crazyflie())
     settings = AnalyticGradient(horizon=12)
     policy = untrained(jax.random.key(1))
-    episode = environment.reset(simulated, drone, jax.random.key(2))
-    direction = jax.tree.map(lambda leaf: jax.random.normal(jax.random.key(leaf.size), leaf.shape), policy.network)
+    env_state = environment.reset(simulated, drone, jax.random.key(2))
+    direction = jax.tree.map(
+        lambda leaf: jax.random.normal(jax.random.key(leaf.size), leaf.shape), policy.network
+    )
 
     @jax.jit
     def cost(scale: jax.Array) -> jax.Array:
         moved = jax.tree.map(lambda leaf, step: leaf + scale * step, policy.network, direction)
         changed = policy.with_network(moved)
-        return analytic_gradient._segment(simulated, settings, changed, Drone(episode, drone), jax.random.key(3))[0]
+        return analytic_gradient._segment(
+            simulated, settings, changed, Drone(env_state, drone), jax.random.key(3)
+        )[0]
 
     slope = float(jax.jit(jax.grad(cost))(jnp.zeros(())))
     steps = (1e-3, 2e-3)
-    numeric = [(float(cost(jnp.float32(h))) - float(cost(jnp.float32(-h)))) / (2 * h) for h in steps]
+    numeric = [
+        (float(cost(jnp.float32(h))) - float(cost(jnp.float32(-h)))) / (2 * h) for h in steps
+    ]
     assert abs(slope) > 1e-3
     assert slope == pytest.approx(np.mean(numeric), rel=0.05)
 
 
 def test_a_lost_drone_is_held_and_gives_no_gradient() -> None:
     simulated, drone = Environment(), noiseless(crazyflie())
-    episode = environment.reset(simulated, drone, jax.random.key(2))
-    lost = episode._replace(state=episode.state._replace(position=episode.state.position + 50.0))
+    env_state = environment.reset(simulated, drone, jax.random.key(2))
+    lost = env_state._replace(
+        state=env_state.state._replace(position=env_state.state.position + 50.0)
+    )
     policy = untrained(jax.random.key(1))
 
     def segment(network: Any) -> Any:
         return analytic_gradient._segment(
-            simulated, AnalyticGradient(horizon=12), policy.with_network(network), Drone(lost, drone), jax.random.key(3)
+            simulated,
+            AnalyticGradient(horizon=12),
+            policy.with_network(network),
+            Drone(lost, drone),
+            jax.random.key(3),
         )
 
     gradient, (after, was_lost) = jax.jit(jax.grad(segment, has_aux=True))(policy.network)
@@ -92,16 +118,24 @@ def test_a_lost_drone_is_held_and_gives_no_gradient() -> None:
 def test_a_failure_costs_most_and_what_is_lost_anyway_pulls_no_more() -> None:
     """The slope of the cost of a failure is that of a sigmoid of the greatest danger."""
     simulated, drone = Environment(), noiseless(crazyflie())
-    episode, policy = environment.reset(simulated, drone, jax.random.key(2)), untrained(jax.random.key(1))
+    env_state, policy = (
+        environment.reset(simulated, drone, jax.random.key(2)),
+        untrained(jax.random.key(1)),
+    )
 
     @jax.jit
     def both(away: jax.Array) -> tuple[jax.Array, jax.Array]:
         def cost(away: jax.Array, settings: AnalyticGradient) -> jax.Array:
-            position = episode.state.position + away * jnp.array([1.0, 0.0, 0.0])
-            moved = episode._replace(state=episode.state._replace(position=position))
-            return analytic_gradient._segment(simulated, settings, policy, Drone(moved, drone), jax.random.key(3))[0]
+            position = env_state.state.position + away * jnp.array([1.0, 0.0, 0.0])
+            moved = env_state._replace(state=env_state.state._replace(position=position))
+            return analytic_gradient._segment(
+                simulated, settings, policy, Drone(moved, drone), jax.random.key(3)
+            )[0]
 
-        values = [jax.value_and_grad(cost)(away, AnalyticGradient(horizon=4, failure=failure)) for failure in (0.0, 5.0)]
+        values = [
+            jax.value_and_grad(cost)(away, AnalyticGradient(horizon=4, failure=failure))
+            for failure in (0.0, 5.0)
+        ]
         return values[1][0] - values[0][0], values[1][1] - values[0][1]
 
     near, edge, lost = (both(jnp.float32(away)) for away in (0.0, 0.25, 0.8))
@@ -115,5 +149,7 @@ def test_a_share_of_the_drones_starts_anew_after_each_update() -> None:
     drone = crazyflie()
     world, box = Environment.matching(drone), relative_box(drone)
     settings = AnalyticGradient(drones=drones, horizon=2, restart=0.3, hidden=(8,))
-    learners = analytic_gradient.learn(world, settings, box, analytic_gradient.begin(world, settings, box, keys), keys, 0, 1)
-    assert 8 <= int(jnp.sum(learners.drones.episode.elapsed == 0.0)) <= 30
+    learners = analytic_gradient.learn(
+        world, settings, box, analytic_gradient.begin(world, settings, box, keys), keys, 0, 1
+    )
+    assert 8 <= int(jnp.sum(learners.drones.env_state.elapsed == 0.0)) <= 30

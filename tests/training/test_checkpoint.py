@@ -78,7 +78,12 @@ def test_code_in_a_file_is_not_run(tmp_path: Path) -> None:
 
     title = np.array("maidenflight checkpoint 1\n0\nmine")
     with open(tmp_path / "training.npz", "wb") as file:
-        np.savez(file, allow_pickle=True, title=title, **{"leaf 0": np.array([Bomb()]), "leaf 1": np.array(7)})  # type: ignore[arg-type]
+        np.savez(
+            file,
+            allow_pickle=True,
+            title=title,
+            **{"leaf 0": np.array([Bomb()]), "leaf 1": np.array(7)},
+        )  # type: ignore[arg-type]
     with pytest.raises(InputError, match="not a checkpoint"):
         checkpoint.restored(tmp_path / "training.npz", fresh, "mine")
     assert not (tmp_path / "boom").exists()
@@ -122,12 +127,22 @@ results.write(path, content)
 """
 
 
-@pytest.mark.parametrize(("stage", "expected"), [("fdopen", 7), ("fsync", 7), ("chmod", 7), ("replace", 7), ("unlink", 0)])
-def test_whenever_a_writing_process_is_killed_the_file_is_the_old_or_the_new_one(stage: str, expected: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("stage", "expected"),
+    [("fdopen", 7), ("fsync", 7), ("chmod", 7), ("replace", 7), ("unlink", 0)],
+)
+def test_whenever_a_writing_process_is_killed_the_file_is_the_old_or_the_new_one(
+    stage: str, expected: int, tmp_path: Path
+) -> None:
     path, new = tmp_path / "there" / "training.npz", tmp_path / "new.npz"
     checkpoint.save(path, FULL, "mine")
     checkpoint.save(new, fresh(), "mine")
-    done = subprocess.run([sys.executable, "-c", _KILLED, stage, new, path], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", _KILLED, stage, new, path],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == -signal.SIGKILL, done.stderr
     assert int(checkpoint.restored(path, fresh, "mine").number) == expected
     left = results.leftovers(path.parent)
@@ -145,4 +160,6 @@ def test_a_fingerprint_tells_words_and_numbers_apart() -> None:
         checkpoint.fingerprint(said, np.ones((1, 2), np.float32)),
     }
     assert len(prints) == 5
-    assert checkpoint.fingerprint(said, FULL) == checkpoint.fingerprint(dict(said), State(*map(np.asarray, FULL)))
+    assert checkpoint.fingerprint(said, FULL) == checkpoint.fingerprint(
+        dict(said), State(*map(np.asarray, FULL))
+    )

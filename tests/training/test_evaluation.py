@@ -22,15 +22,17 @@ def test_a_score_is_what_a_plain_loop_counts() -> None:
         launch_key, key = jax.random.split(key)
         drone_key, reset_key = jax.random.split(launch_key)
         drone = randomize(BOX, drone_key)
-        episode = environment.reset(simulated, drone, reset_key)
+        env_state = environment.reset(simulated, drone, reset_key)
         total, alive = 0.0, True
         for now in jax.random.split(key, steps):
-            episode, outcome = step(simulated, episode, policy(environment.observation(episode)), drone, now)
-            total += float(outcome.reward)
-            if bool(outcome.terminated):
+            env_state, step_result = step(
+                simulated, env_state, policy(environment.observation(env_state)), drone, now
+            )
+            total += float(step_result.reward)
+            if bool(step_result.terminated):
                 alive = False
                 break
-            distances.append(float(np.linalg.norm(outcome.setpoint - episode.state.position)))
+            distances.append(float(np.linalg.norm(step_result.setpoint - env_state.state.position)))
         returns.append(total)
         survivals.append(alive)
     np.testing.assert_allclose(float(score.episode_return), np.mean(returns), rtol=1e-4)
@@ -47,7 +49,9 @@ def test_a_score_is_what_a_plain_loop_counts() -> None:
         ((-1e9, 0.0), (-np.inf, -np.inf)),
     ],
 )
-def test_survival_comes_first_and_return_among_equals(better: tuple[float, float], worse: tuple[float, float]) -> None:
+def test_survival_comes_first_and_return_among_equals(
+    better: tuple[float, float], worse: tuple[float, float]
+) -> None:
     one, other = (Evaluation(*map(jnp.asarray, (*numbers, 0.1))) for numbers in (better, worse))
     assert bool(one.beats(other))
     assert not bool(other.beats(one))

@@ -23,7 +23,15 @@ from maidenflight.training.train import Progress, recorded, train
 
 BOX = relative_box(replace(crazyflie(), motor_time_constant=0.04, latency=0.0), 0.10)
 SIMULATED = Environment.matching(BOX.centre, tasks.circle()._replace(duration=0.6))
-SMALL = PPO(updates=250, drones=128, horizon=16, learning_rate=4e-3, critic_learning_rate=3e-3, actor_minibatches=4, critic_minibatches=4)
+SMALL = PPO(
+    updates=250,
+    drones=128,
+    horizon=16,
+    learning_rate=4e-3,
+    critic_learning_rate=3e-3,
+    actor_minibatches=4,
+    critic_minibatches=4,
+)
 KEYS = jax.random.split(jax.random.key(5), 2)
 
 
@@ -40,8 +48,14 @@ def learned() -> Any:
 
 
 def test_training_makes_policies_fly_that_did_not(learned: Any) -> None:
-    policies = jax.tree.map(lambda *leaves: jnp.concatenate(leaves), ppo.begin(SIMULATED, SMALL, BOX, KEYS).policy, learned.policy)
-    survival = jax.vmap(lambda policy: evaluate(SIMULATED, policy, BOX, jax.random.key(9), 64).survival)(policies)
+    policies = jax.tree.map(
+        lambda *leaves: jnp.concatenate(leaves),
+        ppo.begin(SIMULATED, SMALL, BOX, KEYS).policy,
+        learned.policy,
+    )
+    survival = jax.vmap(
+        lambda policy: evaluate(SIMULATED, policy, BOX, jax.random.key(9), 64).survival
+    )(policies)
     assert np.all(survival[:2] < 0.05), survival
     assert np.all(survival[2:] > 0.3), survival
 
@@ -67,26 +81,43 @@ def test_interrupted_training_goes_on_to_the_same_policies(tmp_path: Path) -> No
     with pytest.raises(KeyboardInterrupt):
         learn(tmp_path / "training.npz", interrupt)
     stories: list[list[Progress]] = [[], []]
-    resumed, whole = learn(tmp_path / "training.npz", stories[0].append), learn(None, stories[1].append)
+    resumed, whole = (
+        learn(tmp_path / "training.npz", stories[0].append),
+        learn(None, stories[1].append),
+    )
     assert [progress.update for progress in stories[0]] == [2, 4]
-    for one, other in zip(jax.tree.leaves((resumed, stories[0])), jax.tree.leaves((whole, stories[1])), strict=True):
+    for one, other in zip(
+        jax.tree.leaves((resumed, stories[0])), jax.tree.leaves((whole, stories[1])), strict=True
+    ):
         np.testing.assert_array_equal(one, other)
 
 
 def test_the_policy_normalises_by_all_observations_so_far(learned: Any) -> None:
     np.testing.assert_array_equal(learned.sights.seen, SMALL.updates * SMALL.drones * SMALL.horizon)
     np.testing.assert_array_equal(learned.policy.observation_mean, learned.sights.mean[:, :40])
-    np.testing.assert_array_equal(learned.policy.observation_deviation, learned.sights.deviation[:, :40])
-    shares = learned.sights.mean[:, -10:-1]  # of the centre's constants, all but the latency, which is 0
+    np.testing.assert_array_equal(learned.policy.observation_std, learned.sights.deviation[:, :40])
+    shares = learned.sights.mean[
+        :, -10:-1
+    ]  # of the centre's constants, all but the latency, which is 0
     np.testing.assert_allclose(shares, jnp.ones_like(shares), atol=0.02)
 
 
-def _plain_advantages(rewards: Any, values: Any, after: Any, terminated: Any, truncated: Any, discount: float, trace: float) -> Any:
+def _plain_advantages(
+    rewards: Any,
+    values: Any,
+    after: Any,
+    terminated: Any,
+    truncated: Any,
+    discount: float,
+    trace: float,
+) -> Any:
     found = np.zeros(len(rewards))
     for first in range(len(rewards)):
         weight = 1.0
         for now in range(first, len(rewards)):
-            found[first] += weight * (rewards[now] + discount * (0.0 if terminated[now] else after[now]) - values[now])
+            found[first] += weight * (
+                rewards[now] + discount * (0.0 if terminated[now] else after[now]) - values[now]
+            )
             if terminated[now] or truncated[now]:
                 break
             weight *= discount * trace
@@ -100,12 +131,17 @@ def test_advantages_are_those_of_a_plain_loop() -> None:
     truncated = ~terminated & (random.random(60) < 0.1)
     assert terminated.any()
     assert truncated.any()
-    found = advantages(*map(jnp.asarray, (rewards, values, after, terminated, truncated)), discount=0.9, trace=0.8)
+    found = advantages(
+        *map(jnp.asarray, (rewards, values, after, terminated, truncated)), discount=0.9, trace=0.8
+    )
     plain = _plain_advantages(rewards, values, after, terminated, truncated, 0.9, 0.8)
     np.testing.assert_allclose(found, plain, rtol=1e-4, atol=1e-5)
 
 
-@pytest.mark.parametrize(("terminated", "truncated", "expected"), [(True, False, 1.0), (False, True, 4.5), (False, False, 4.5)])
+@pytest.mark.parametrize(
+    ("terminated", "truncated", "expected"),
+    [(True, False, 1.0), (False, True, 4.5), (False, False, 4.5)],
+)
 def test_what_comes_after_failure_is_nothing_and_after_the_time_limit_the_critics_guess(
     terminated: bool, truncated: bool, expected: float
 ) -> None:
@@ -126,9 +162,12 @@ def test_the_value_at_an_end_is_of_the_drone_before_another_takes_over() -> None
     assert not np.any(flown.terminated)
     goes_on = ~over[:-1]
     np.testing.assert_array_equal(flown.sight_after[:-1][goes_on], flown.sight[1:][goes_on])
-    # The newest of the two instants that a drone saw last is not what the next one sees first, nor is its last action.
+    # The newest of the two instants that a drone saw last is not what the next one sees first, nor
+    # is its last action.
     np.testing.assert_array_equal(flown.sight_after[:, 36:40], flown.action)
-    assert np.all(np.any(np.asarray(flown.sight_after[:-1][over[:-1]] != flown.sight[1:][over[:-1]]), axis=1))
+    assert np.all(
+        np.any(np.asarray(flown.sight_after[:-1][over[:-1]] != flown.sight[1:][over[:-1]]), axis=1)
+    )
     discounted = 0.0
     for number, reward in enumerate(np.asarray(flown.reward, float)):
         discounted = settings.discount * discounted + reward
@@ -138,18 +177,35 @@ def test_the_value_at_an_end_is_of_the_drone_before_another_takes_over() -> None
 
 @pytest.mark.parametrize(
     ("ratio", "advantage", "slope"),
-    [(1.3, 2.0, 0.0), (0.7, 2.0, 2.0), (1.3, -2.0, -2.0), (0.7, -2.0, 0.0), (1.1, 2.0, 2.0), (0.9, -2.0, -2.0)],
+    [
+        (1.3, 2.0, 0.0),
+        (0.7, 2.0, 2.0),
+        (1.3, -2.0, -2.0),
+        (0.7, -2.0, 0.0),
+        (1.1, 2.0, 2.0),
+        (0.9, -2.0, -2.0),
+    ],
 )
-def test_the_objective_gains_nothing_beyond_the_clip_but_mends_what_went_astray(ratio: float, advantage: float, slope: float) -> None:
-    found = jax.grad(lambda ratio: surrogate(ratio, jnp.float32(advantage), 0.2))(jnp.float32(ratio))
+def test_the_objective_gains_nothing_beyond_the_clip_but_mends_what_went_astray(
+    ratio: float, advantage: float, slope: float
+) -> None:
+    found = jax.grad(lambda ratio: surrogate(ratio, jnp.float32(advantage), 0.2))(
+        jnp.float32(ratio)
+    )
     assert float(found) == slope
 
 
 def test_the_running_moments_are_those_of_all_samples_on_all_devices() -> None:
     devices, updates = 2, 4
-    samples = np.random.default_rng(1).normal(loc=[5.0, -100.0], scale=[0.01, 30.0], size=(updates, devices, 50, 2)).astype(np.float32)
+    samples = (
+        np.random.default_rng(1)
+        .normal(loc=[5.0, -100.0], scale=[0.01, 30.0], size=(updates, devices, 50, 2))
+        .astype(np.float32)
+    )
     samples[0] += 1.0
-    running = Moments(jnp.zeros(()), jnp.full(2, 7.0), jnp.full(2, 9.0))  # a guess that no sample backs counts for nothing
+    running = Moments(
+        jnp.zeros(()), jnp.full(2, 7.0), jnp.full(2, 9.0)
+    )  # a guess that no sample backs counts for nothing
     for batch in samples:
         across = jax.vmap(moments_of, axis_name=DRONES)(jnp.asarray(batch))
         running = merged(running, jax.tree.map(lambda leaf: leaf[0], across))
@@ -190,10 +246,16 @@ def test_the_papers_settings_are_the_papers() -> None:
 
 def test_only_a_critic_that_may_sees_the_truth() -> None:
     drone = launch(SIMULATED, BOX, jax.random.key(1))
-    blind, seeing = (ppo._sight(SIMULATED, settings, BOX.centre, drone) for settings in (PPO.paper(), PPO()))
+    blind, seeing = (
+        ppo._sight(SIMULATED, settings, BOX.centre, drone) for settings in (PPO.paper(), PPO())
+    )
     np.testing.assert_array_equal(blind, seeing[:40])
-    state = drone.episode.state
-    np.testing.assert_allclose(seeing[40:43], state.position - SIMULATED.task.reference(drone.episode.time))
+    state = drone.env_state.state
+    np.testing.assert_allclose(
+        seeing[40:43], state.position - SIMULATED.task.reference(drone.env_state.time)
+    )
     np.testing.assert_array_equal(seeing[53:57], state.rotor_speed)
-    assert float(seeing[57]) == pytest.approx(float(drone.parameters.thrust_to_weight) / float(BOX.centre.thrust_to_weight))
+    assert float(seeing[57]) == pytest.approx(
+        float(drone.parameters.thrust_to_weight) / float(BOX.centre.thrust_to_weight)
+    )
     assert seeing.shape == (67,)

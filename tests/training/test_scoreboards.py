@@ -1,4 +1,5 @@
-"""Scoreboards hold each score once, whatever happened before, and say what is missing before training begins."""
+"""Scoreboards hold each score once, whatever happened before, and say what is missing before
+training begins."""
 
 import errno
 import os
@@ -20,13 +21,21 @@ from maidenflight.training.train import Progress
 
 def heard(number: int) -> Progress:
     """The score after so many updates of two policies."""
-    return Progress(number, 1000 * number, Evaluation(*(jnp.array([size * number, -size * number]) for size in (1.0, 0.5, 0.25))))
+    return Progress(
+        number,
+        1000 * number,
+        Evaluation(*(jnp.array([size * number, -size * number]) for size in (1.0, 0.5, 0.25))),
+    )
 
 
-def test_tensorboard_holds_a_run_a_policy_and_each_score_once_after_a_resume(tmp_path: Path) -> None:
+def test_tensorboard_holds_a_run_a_policy_and_each_score_once_after_a_resume(
+    tmp_path: Path,
+) -> None:
     pytest.importorskip("tensorboardX")
     for last in (1, 2):
-        with scoreboards.opened(["tensorboard", "tensorboard"], tmp_path, 2, {"task": "circle"}) as show:
+        with scoreboards.opened(
+            ["tensorboard", "tensorboard"], tmp_path, 2, {"task": "circle"}
+        ) as show:
             for number in range(1, last + 1):
                 show(heard(number))
     runs = tmp_path / "tensorboard"
@@ -64,11 +73,16 @@ def test_an_earlier_log_stays_until_there_is_a_score(tmp_path: Path) -> None:
 def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     pytest.importorskip("tensorboardX")
     (tmp_path / "tensorboard").write_text("in the way")
-    with scoreboards.tensorboard(tmp_path, 1, {}) as show, pytest.raises(InputError, match="cannot be written"):
+    with (
+        scoreboards.tensorboard(tmp_path, 1, {}) as show,
+        pytest.raises(InputError, match="cannot be written"),
+    ):
         show(heard(1))
 
 
-def test_a_disk_that_fills_up_is_said_and_nothing_more_comes_of_it(tmp_path: Path, monkeypatch: Any) -> None:
+def test_a_disk_that_fills_up_is_said_and_nothing_more_comes_of_it(
+    tmp_path: Path, monkeypatch: Any
+) -> None:
     pytest.importorskip("tensorboardX")
 
     def full(_: int) -> None:
@@ -130,21 +144,34 @@ def test_weights_and_biases_gets_a_run_a_policy(fake: Wandb, tmp_path: Path) -> 
         show(heard(2))
         assert [run.ended for run in fake.runs] == [None, None]
     first, second = fake.runs
-    assert second.logged[0] == (1000, {"episode_return": -1.0, "survival": -0.5, "position_error": -0.25})
+    assert second.logged[0] == (
+        1000,
+        {"episode_return": -1.0, "survival": -0.5, "position_error": -0.25},
+    )
     assert [step for step, _ in first.logged] == [1000, 2000]
     assert [run.ended for run in fake.runs] == ["finished", "finished"]
-    told = {"project": "maidenflight", "group": "hover", "dir": str(tmp_path / "hover"), "config": {"task": "hover"}, "name": "policy_2"}
+    told = {
+        "project": "maidenflight",
+        "group": "hover",
+        "dir": str(tmp_path / "hover"),
+        "config": {"task": "hover"},
+        "name": "policy_2",
+    }
     assert {name: second.arguments[name] for name in told} == told
     assert (tmp_path / "hover").is_dir()
 
 
-def test_its_environment_variables_win(fake: Wandb, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_its_environment_variables_win(
+    fake: Wandb, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     given = {"PROJECT": "mine", "RUN_GROUP": "first", "DIR": "elsewhere"}
     for name, value in given.items():
         monkeypatch.setenv(f"WANDB_{name}", value)
     with scoreboards.wandb(tmp_path, 1, {}):
         pass
-    assert [fake.runs[0].arguments[name] for name in ("project", "group", "dir")] == list(given.values())
+    assert [fake.runs[0].arguments[name] for name in ("project", "group", "dir")] == list(
+        given.values()
+    )
 
 
 def test_runs_of_what_was_interrupted_end_as_failed(fake: Wandb, tmp_path: Path) -> None:
@@ -153,19 +180,29 @@ def test_runs_of_what_was_interrupted_end_as_failed(fake: Wandb, tmp_path: Path)
     assert [run.ended for run in fake.runs] == ["failed", "failed"]
 
 
-def test_a_run_that_cannot_be_begun_gives_one_line_and_closes_the_others(fake: Wandb, tmp_path: Path) -> None:
+def test_a_run_that_cannot_be_begun_gives_one_line_and_closes_the_others(
+    fake: Wandb, tmp_path: Path
+) -> None:
     fake.refuses = True
-    with pytest.raises(InputError, match=r"No API key configured\. Or set WANDB_MODE=offline"), scoreboards.wandb(tmp_path, 2, {}):
+    with (
+        pytest.raises(InputError, match=r"No API key configured\. Or set WANDB_MODE=offline"),
+        scoreboards.wandb(tmp_path, 2, {}),
+    ):
         pass
     assert [run.ended for run in fake.runs] == ["failed"]
 
 
-@pytest.mark.parametrize(("board", "package"), [("tensorboard", "tensorboardX"), ("wandb", "wandb")])
+@pytest.mark.parametrize(
+    ("board", "package"), [("tensorboard", "tensorboardX"), ("wandb", "wandb")]
+)
 def test_a_missing_package_is_said_before_anything_happens(
     board: str, package: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, package, None)
     expected = rf"pip install 'maidenflight\[{board}\]'"
-    with pytest.raises(InputError, match=expected), scoreboards.opened([board], tmp_path / "policies", 1, {}):
+    with (
+        pytest.raises(InputError, match=expected),
+        scoreboards.opened([board], tmp_path / "policies", 1, {}),
+    ):
         pass
     assert not (tmp_path / "policies").exists()

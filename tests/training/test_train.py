@@ -31,7 +31,9 @@ SMALL = AnalyticGradient(updates=400, drones=16, horizon=64, evaluations=4, epis
 KEYS = jax.random.split(jax.random.key(5), 2)
 
 
-def learn(saved: Path | None = None, hear: Any = None, settings: AnalyticGradient = SMALL, box: Any = BOX) -> tuple[Policy, ...]:
+def learn(
+    saved: Path | None = None, hear: Any = None, settings: AnalyticGradient = SMALL, box: Any = BOX
+) -> tuple[Policy, ...]:
     return train(tasks.circle(), control.pwm(), box, KEYS, settings, hear, saved)
 
 
@@ -48,9 +50,9 @@ def trained() -> tuple[tuple[Policy, ...], list[Progress]]:
 
 def test_training_makes_policies_fly_that_did_not(trained: Any) -> None:
     policies, heard = trained
-    simulated = Environment()
-    before = evaluate(simulated, untrained(jax.random.key(0)), BOX, jax.random.key(9), 32)
-    after = [evaluate(simulated, policy, BOX, jax.random.key(9), 32) for policy in policies]
+    env = Environment()
+    before = evaluate(env, untrained(jax.random.key(0)), BOX, jax.random.key(9), 32)
+    after = [evaluate(env, policy, BOX, jax.random.key(9), 32) for policy in policies]
     assert float(before.survival) == 0.0
     assert all(float(score.survival) > 0.5 for score in after)
     assert [progress.update for progress in heard] == [100, 200, 300, 400]
@@ -60,7 +62,13 @@ def test_training_makes_policies_fly_that_did_not(trained: Any) -> None:
 def test_the_best_scored_policy_is_kept_not_the_last(trained: Any) -> None:
     policies, heard = trained
     for number, one in enumerate(policies):
-        ranked = [(round(20 * float(then.score.survival[number])), float(then.score.episode_return[number])) for then in heard]
+        ranked = [
+            (
+                round(20 * float(then.score.survival[number])),
+                float(then.score.episode_return[number]),
+            )
+            for then in heard
+        ]
         score = evaluate(Environment(), one, BOX, jax.random.key(0), SMALL.episodes)
         np.testing.assert_allclose(float(score.episode_return), max(ranked)[1], rtol=1e-3)
 
@@ -87,13 +95,19 @@ def test_interrupted_training_goes_on_to_the_same_policies_and_tells_its_whole_s
     policies = learn(saved, heard.append)
     assert_same(policies, trained[0])
     # What a checkpoint remembers of a score is not the policies of that time.
-    assert_same([one._replace(best=None) for one in heard], [one._replace(best=None) for one in trained[1]])
+    assert_same(
+        [one._replace(best=None) for one in heard], [one._replace(best=None) for one in trained[1]]
+    )
     assert_same(learn(saved), policies)
 
 
 @pytest.mark.parametrize(
     "other",
-    [{"settings": changed(SMALL, learning_rate=1e-3)}, {"settings": changed(SMALL, updates=500)}, {"box": relative_box(crazyflie())}],
+    [
+        {"settings": changed(SMALL, learning_rate=1e-3)},
+        {"settings": changed(SMALL, updates=500)},
+        {"box": relative_box(crazyflie())},
+    ],
 )
 def test_the_checkpoint_of_another_training_is_refused_and_kept(other: Any, tmp_path: Path) -> None:
     saved = tmp_path / "training.npz"
@@ -109,11 +123,18 @@ def test_the_checkpoint_of_another_training_is_refused_and_kept(other: Any, tmp_
     assert saved.read_bytes() == before
 
 
-def test_a_full_disk_is_said_in_a_line_and_training_goes_on_when_there_is_space(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
-    """By the command line; the disk is full when the second score is kept and, after resuming, when the second policy is written."""
+def test_a_full_disk_is_said_in_a_line_and_training_goes_on_when_there_is_space(
+    tmp_path: Path, monkeypatch: Any, capsys: Any
+) -> None:
+    """By the command line; the disk is full when the second score is kept and, after resuming, when
+    the second policy is written."""
     task, replace_ = tasks.circle(), os.replace
     monkeypatch.setitem(tasks.TASKS, "circle", lambda: task)  # compiled once for all
-    monkeypatch.setattr(workflow, "settings_for", lambda *_: changed(SMALL, updates=4, evaluations=2, horizon=8, episodes=4))
+    monkeypatch.setattr(
+        workflow,
+        "settings_for",
+        lambda *_: changed(SMALL, updates=4, evaluations=2, horizon=8, episodes=4),
+    )
     what = ["maidenflight", "train", "--drone", "crazyflie", "--policies", "2", "-o"]
     written: list[str] = []
 
@@ -142,35 +163,55 @@ def test_a_full_disk_is_said_in_a_line_and_training_goes_on_when_there_is_space(
     assert not list(folder.iterdir())
 
     kept: list[bytes] = []
-    for further, full_at, number in (((), "training.npz", 2), (("--resume",), "policy_2.json", 1), (("--resume",), "training.csv", 1)):
+    for further, full_at, number in (
+        ((), "training.npz", 2),
+        (("--resume",), "policy_2.json", 1),
+        (("--resume",), "training.csv", 1),
+    ):
         code, err = command(folder, *further, full_at=full_at, number=number)
         assert code == 2
         *scores, err = err.splitlines(keepends=True)
         assert all(line.startswith("update ") for line in scores)
         again = " ".join([*what, str(folder), "--resume"])
         assert f"{full_at}: cannot be written (No space left on device)." in err
-        assert f"training.npz holds what was reached. Free space there and go on with: {again}\n" in err
+        assert (
+            f"training.npz holds what was reached. Free space there and go on with: {again}\n"
+            in err
+        )
         kept.append((folder / "training.npz").read_bytes())
     assert kept[0] != kept[1] == kept[2]
     assert command(folder, "--resume")[0] == command(whole)[0] == 0
     names = ["policy_1.json", "policy_2.json", "training.csv"]
-    assert [sorted(path.name for path in place.iterdir()) for place in (folder, whole)] == [names, names]
-    assert [(folder / name).read_bytes() for name in names] == [(whole / name).read_bytes() for name in names]
+    assert [sorted(path.name for path in place.iterdir()) for place in (folder, whole)] == [
+        names,
+        names,
+    ]
+    assert [(folder / name).read_bytes() for name in names] == [
+        (whole / name).read_bytes() for name in names
+    ]
 
     code, err = command(folder, "--resume")
     assert code == 2
-    assert "no training to resume. The policies there are of a training that has ended. Give --overwrite instead of --resume" in err
+    assert (
+        "no training to resume. The policies there are of a training that has ended. Give "
+        "--overwrite instead of --resume" in err
+    )
 
 
-def test_what_a_killed_run_left_is_cleared_and_does_not_stand_in_the_way(tmp_path: Path, monkeypatch: Any) -> None:
-    """A run without --resume, for there is no checkpoint, into a folder that holds nothing but half a file."""
+def test_what_a_killed_run_left_is_cleared_and_does_not_stand_in_the_way(
+    tmp_path: Path, monkeypatch: Any
+) -> None:
+    """A run without --resume, for there is no checkpoint, into a folder that holds nothing but half
+    a file."""
     left = tmp_path / ".training.npz.abcdefgh.part"
     left.write_bytes(b"half")
     with click.Context(click.Command("train")):
         options.must_be_new(tmp_path, False)
     with pytest.raises(InputError, match=r"no training to resume\. Leave out --resume"):
         workflow.train_for("crazyflie", 0, tmp_path, 1, SMALL, 0.1, resume=True)
-    monkeypatch.setattr("maidenflight.workflow.training.train", lambda *_: (tmp_path / "training.npz").touch() or ())
+    monkeypatch.setattr(
+        "maidenflight.workflow.training.train", lambda *_: (tmp_path / "training.npz").touch() or ()
+    )
     workflow.train_for("crazyflie", 0, tmp_path, 1, SMALL, 0.1)
     assert [path.name for path in tmp_path.iterdir()] == ["training.csv"]
 
@@ -181,9 +222,16 @@ def test_policies_of_an_earlier_training_of_more_go(tmp_path: Path, monkeypatch:
         policy.write(tmp_path / f"policy_{number}.json", older, {"number": number})
     policy.write(tmp_path / "policy_4.json", older, {"note": "put here by somebody"})
     (tmp_path / "policy_5.json").write_text("not a policy")
-    monkeypatch.setattr("maidenflight.workflow.training.train", lambda *_: (tmp_path / "training.npz").touch() or (older,))
+    monkeypatch.setattr(
+        "maidenflight.workflow.training.train",
+        lambda *_: (tmp_path / "training.npz").touch() or (older,),
+    )
     workflow.train_for("crazyflie", 7, tmp_path, 1, SMALL, 0.1)
-    assert sorted(path.name for path in tmp_path.glob("*.json")) == ["policy_1.json", "policy_4.json", "policy_5.json"]
+    assert sorted(path.name for path in tmp_path.glob("*.json")) == [
+        "policy_1.json",
+        "policy_4.json",
+        "policy_5.json",
+    ]
     assert policy.record(tmp_path / "policy_1.json")["seed"] == 7
 
 
@@ -194,24 +242,40 @@ def test_a_mistake_in_the_command_keeps_an_earlier_training(tmp_path: Path) -> N
     assert (tmp_path / "training.npz").exists()
 
 
-def test_a_return_that_is_no_number_ends_training_and_keeps_what_was_good(monkeypatch: Any, tmp_path: Path) -> None:
+def test_a_return_that_is_no_number_ends_training_and_keeps_what_was_good(
+    monkeypatch: Any, tmp_path: Path
+) -> None:
     scores, calls, saved = module._scores, [], tmp_path / "training.npz"
 
     def diverging(*arguments: Any) -> Any:
         calls.append(1)
         score = scores(*arguments)
-        return score if len(calls) == 1 else score._replace(episode_return=jnp.full_like(score.episode_return, jnp.nan))
+        return (
+            score
+            if len(calls) == 1
+            else score._replace(episode_return=jnp.full_like(score.episode_return, jnp.nan))
+        )
 
     monkeypatch.setattr(module, "_scores", diverging)
     kept: list[bytes] = []
-    with pytest.raises(InputError, match=r"diverged between updates 100 and 200.*training\.npz holds the training as it was at update 100"):
+    with pytest.raises(
+        InputError,
+        match=r"diverged between updates 100 and 200.*training\.npz holds the training as it was at update 100",
+    ):
         learn(saved, lambda _: kept.append(saved.read_bytes()))
     assert [saved.read_bytes()] == kept
 
 
-def test_a_policy_sees_as_many_instants_as_asked_and_another_number_is_another_training(tmp_path: Path) -> None:
-    saved, settings = tmp_path / "training.npz", changed(SMALL, updates=1, evaluations=1, episodes=2, drones=2, horizon=2)
-    (policy,) = train(tasks.circle(), control.pwm(), BOX, KEYS[:1], settings, saved=saved, history=3)
+def test_a_policy_sees_as_many_instants_as_asked_and_another_number_is_another_training(
+    tmp_path: Path,
+) -> None:
+    saved, settings = (
+        tmp_path / "training.npz",
+        changed(SMALL, updates=1, evaluations=1, episodes=2, drones=2, horizon=2),
+    )
+    (policy,) = train(
+        tasks.circle(), control.pwm(), BOX, KEYS[:1], settings, saved=saved, history=3
+    )
     assert (policy.history, policy.layer_sizes) == (3, (60, 50, 50, 4))
     with pytest.raises(InputError, match="a checkpoint of another training"):
         train(tasks.circle(), control.pwm(), BOX, KEYS[:1], settings, saved=saved, history=2)
@@ -220,9 +284,12 @@ def test_a_policy_sees_as_many_instants_as_asked_and_another_number_is_another_t
 
 
 @pytest.mark.parametrize(
-    ("updates", "evaluations", "ends"), [(400, 4, [100, 200, 300, 400]), (5, 3, [2, 3, 5]), (2, 15, [1, 2]), (7, 1, [7])]
+    ("updates", "evaluations", "ends"),
+    [(400, 4, [100, 200, 300, 400]), (5, 3, [2, 3, 5]), (2, 15, [1, 2]), (7, 1, [7])],
 )
-def test_the_last_score_comes_at_the_end_whatever_divides_what(updates: int, evaluations: int, ends: list[int]) -> None:
+def test_the_last_score_comes_at_the_end_whatever_divides_what(
+    updates: int, evaluations: int, ends: list[int]
+) -> None:
     assert module._ends(AnalyticGradient(updates=updates, evaluations=evaluations)) == ends
 
 
@@ -231,12 +298,27 @@ def test_what_cannot_be_trained_is_refused() -> None:
         train(tasks.circle(), control.position_pid(), BOX, KEYS, SMALL)
     keys = jax.random.split(jax.random.key(0), 2)
     for given, words in (
-        ((tasks.circle, control.pwm(), BOX, keys), r"is no Task; expected what mf\.circle\(\) gives"),
-        ((tasks.circle(), "pwm", BOX, keys), r"pwm is no Controller; expected what mf\.pwm\(\) gives"),
-        ((tasks.circle(), control.pwm(), crazyflie(), keys), "Parameters is no distribution of drones"),
-        ((tasks.circle(), control.pwm(), BOX, jax.random.key(0)), "keys must be random keys, one a policy"),
+        (
+            (tasks.circle, control.pwm(), BOX, keys),
+            r"is no Task; expected what mf\.circle\(\) gives",
+        ),
+        (
+            (tasks.circle(), "pwm", BOX, keys),
+            r"pwm is no Controller; expected what mf\.pwm\(\) gives",
+        ),
+        (
+            (tasks.circle(), control.pwm(), crazyflie(), keys),
+            "Parameters is no distribution of drones",
+        ),
+        (
+            (tasks.circle(), control.pwm(), BOX, jax.random.key(0)),
+            "keys must be random keys, one a policy",
+        ),
         ((tasks.circle(), control.pwm(), BOX, 0), "keys must be random keys, one a policy"),
-        ((tasks.circle(), control.pwm(), BOX, keys, AnalyticGradient(updates=0)), "updates = 0; expected 1 or more"),
+        (
+            (tasks.circle(), control.pwm(), BOX, keys, AnalyticGradient(updates=0)),
+            "updates = 0; expected 1 or more",
+        ),
     ):
         with pytest.raises(InputError, match=words):
             train(*given)  # type: ignore[arg-type]
@@ -244,7 +326,9 @@ def test_what_cannot_be_trained_is_refused() -> None:
         train(tasks.circle(), control.pwm(), BOX, KEYS, {})  # type: ignore[arg-type]
 
 
-def test_two_processes_learn_what_one_does_by_either_method_and_share_its_checkpoint(tmp_path: Path) -> None:
+def test_two_processes_learn_what_one_does_by_either_method_and_share_its_checkpoint(
+    tmp_path: Path,
+) -> None:
     with socket.socket() as free:
         free.bind(("localhost", 0))
         port = free.getsockname()[1]
@@ -254,7 +338,9 @@ def test_two_processes_learn_what_one_does_by_either_method_and_share_its_checkp
         to.mkdir()
         script = [sys.executable, Path(__file__).with_name("one_of_many.py")]
         arguments = [count, number, port, tmp_path, to]
-        return subprocess.Popen([*map(str, script), *map(str, arguments)], stderr=subprocess.PIPE, text=True), to
+        return subprocess.Popen(
+            [*map(str, script), *map(str, arguments)], stderr=subprocess.PIPE, text=True
+        ), to
 
     started = [begin(1, 0), begin(2, 0), begin(2, 1)]
     for process, _ in started:
@@ -268,4 +354,10 @@ def test_two_processes_learn_what_one_does_by_either_method_and_share_its_checkp
         one, two = (np.load(tmp_path / f"{method}_{count}.npz") for count in (1, 2))
         assert str(one["title"]) == str(two["title"])
         for name in set(one) - {"title"}:
-            np.testing.assert_allclose(two[name].astype(float), one[name].astype(float), rtol=1e-3, atol=1e-3, err_msg=method)
+            np.testing.assert_allclose(
+                two[name].astype(float),
+                one[name].astype(float),
+                rtol=1e-3,
+                atol=1e-3,
+                err_msg=method,
+            )

@@ -1,6 +1,7 @@
 """The command line: parsing only. Nothing heavy is imported before a command runs.
 
-Its modules stand in the order of the flow: record, identify, train, transfer, export; demo is the whole of it.
+Its modules stand in the order of the flow: record, identify, train, transfer, export; demo is the
+whole of it.
 """
 
 import sys
@@ -30,7 +31,10 @@ def main() -> None:
         print(f"maidenflight: {_in_one_line(error)}", file=sys.stderr)
         sys.exit(error.exit_code)
     except (click.Abort, KeyboardInterrupt):
-        print("maidenflight: interrupted; finished files are complete, the rest was not written.", file=sys.stderr)
+        print(
+            "maidenflight: interrupted; finished files are complete, the rest was not written.",
+            file=sys.stderr,
+        )
         sys.exit(130)
 
 

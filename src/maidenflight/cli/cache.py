@@ -17,7 +17,8 @@ def folder() -> Path:
 
 
 def keep_compiled() -> None:
-    """Keeps compiled programs in the user's cache folder, by processor: what was compiled once starts at once the next time.
+    """Keeps compiled programs in the user's cache folder, by processor: what was compiled once
+    starts at once the next time.
 
     JAX's own variable names another folder; set to nothing it keeps none.
     """
@@ -25,7 +26,10 @@ def keep_compiled() -> None:
         return
     programs = folder() / f"{platform.machine()}-{zlib.crc32(_processor().encode()):08x}"
     with suppress(OSError):
-        kept = sorted((entry.stat().st_mtime, entry.stat().st_size, entry) for entry in programs.glob("*-cache"))
+        kept = sorted(
+            (entry.stat().st_mtime, entry.stat().st_size, entry)
+            for entry in programs.glob("*-cache")
+        )
         surplus = sum(size for _, size, _ in kept) - _MOST_KEPT
         for _, size, entry in kept:
             if surplus > 0:
@@ -34,7 +38,8 @@ def keep_compiled() -> None:
         programs.mkdir(parents=True, exist_ok=True)
         os.environ["JAX_COMPILATION_CACHE_DIR"] = str(programs)
         os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
-    # What a killed process left half written, or a full disk, costs a compilation and is no news to users.
+    # What a killed process left half written, or a full disk, costs a compilation and is no news to
+    # users.
     warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache entry")
 
 
@@ -44,4 +49,12 @@ def _processor() -> str:
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
     except OSError:
         return platform.processor()
-    return "".join(sorted({line for line in text.splitlines() if line.startswith(("model name", "flags", "Features", "CPU part"))}))
+    return "".join(
+        sorted(
+            {
+                line
+                for line in text.splitlines()
+                if line.startswith(("model name", "flags", "Features", "CPU part"))
+            }
+        )
+    )

@@ -15,16 +15,23 @@ if TYPE_CHECKING:
 
 @click.command()
 @options.output("Folder; the first free of run, run-2, ... unless given.")
-@click.option("--seed", default=7, show_default=True, help="Random seed, also of the virtual drone.")
+@click.option(
+    "--seed", default=7, show_default=True, help="Random seed, also of the virtual drone."
+)
 @options.as_json
 @options.overwrite
 def demo(output: Path | None, seed: int, as_json: bool, overwrite: bool) -> None:
     """Run the whole line on a virtual drone, in minutes.
 
-    It records flights, identifies the drone from them, trains policies, flies them unseen, exports the best one and writes a report.
+    It records flights, identifies the drone from them, trains policies, flies them unseen, exports
+    the best one and writes a report.
     """
     if output is None:
-        output = next(path for number in range(1, 10**6) if not (path := Path("run" if number == 1 else f"run-{number}")).exists())
+        output = next(
+            path
+            for number in range(1, 10**6)
+            if not (path := Path("run" if number == 1 else f"run-{number}")).exists()
+        )
     else:
         options.must_be_new(output, overwrite)
     cores.as_devices()
@@ -55,10 +62,12 @@ def demo(output: Path | None, seed: int, as_json: bool, overwrite: bool) -> None
 def _stages(plan: "Plan") -> dict[str, str]:
     """What each is, in words."""
     return {
-        "record": f"{plan.flights} flights of {plan.duration:g} s on a virtual drone (simulated), flown by the firmware's PID",
+        "record": f"{plan.flights} flights of {plan.duration:g} s on a virtual drone (simulated), "
+        "flown by the firmware's PID",
         "identify": "motors, delays and whatever else these flights can tell",
         "train": f"{plan.policies} policies by gradients through the simulator",
-        "transfer": f"{plan.policies * plan.flight_trials} zero-shot flights in the virtual reality they have not seen",
+        "transfer": f"{plan.policies * plan.flight_trials} zero-shot flights in the virtual "
+        "reality they have not seen",
         "export": "the best policy to C99",
         "report": "one page to look at",
     }

@@ -7,7 +7,12 @@ import click
 
 from maidenflight.cli import options
 
-_EXPORTED = {"c": "firmware", "onnx": "onnx_policy", "authors": "authors_policy", "crazyflie": "crazyflie_app"}
+_EXPORTED = {
+    "c": "firmware",
+    "onnx": "onnx_policy",
+    "authors": "authors_policy",
+    "crazyflie": "crazyflie_app",
+}
 """Folders of what a policy is exported to."""
 
 
@@ -18,20 +23,32 @@ _EXPORTED = {"c": "firmware", "onnx": "onnx_policy", "authors": "authors_policy"
     default="c",
     show_default=True,
     type=click.Choice(list(_EXPORTED)),
-    help="c: C99 without dependencies, policy.h and policy.c; onnx: policy.onnx; authors: a JSON as the tools of Gronauer et al. read it;"
+    help="c: C99 without dependencies, policy.h and policy.c; onnx: policy.onnx; authors: a JSON "
+    "as the tools of Gronauer et al. read it;"
     " crazyflie: an app that builds beside an unmodified Crazyflie firmware.",
 )
-@options.output(f"Folder; {', '.join(f'{folder} for {to}' for to, folder in _EXPORTED.items())} unless given.")
+@options.output(
+    f"Folder; {', '.join(f'{folder} for {to}' for to, folder in _EXPORTED.items())} unless given."
+)
 @click.option(
     "--control",
     type=click.Choice(options.CONTROLS),
-    help="What an authors' policy commands; unless given, what its file's name begins with or its folder is called. Ours say it"
+    help="What an authors' policy commands; unless given, what its file's name begins with or its "
+    "folder is called. Ours say it"
     " themselves.",
 )
 @options.seed
 @options.as_json
 @options.overwrite
-def export(policy: Path, to: str, output: Path | None, control: str | None, seed: int, as_json: bool, overwrite: bool) -> None:
+def export(
+    policy: Path,
+    to: str,
+    output: Path | None,
+    control: str | None,
+    seed: int,
+    as_json: bool,
+    overwrite: bool,
+) -> None:
     """Export a POLICY file to C, ONNX or a Crazyflie app.
 
     The policy is ours or of Gronauer et al., whose JSON can be written too.
@@ -53,7 +70,11 @@ _REPORT = b"<footer>Written by maidenflight "
 @click.argument("run", type=options.PATH)
 @options.output("HTML file; report.html in the folder unless given.")
 @options.as_json
-@click.option("--overwrite", is_flag=True, help="Replace a file that is no report; an earlier report is replaced anyway.")
+@click.option(
+    "--overwrite",
+    is_flag=True,
+    help="Replace a file that is no report; an earlier report is replaced anyway.",
+)
 def report(run: Path, output: Path | None, as_json: bool, overwrite: bool) -> None:
     """Make one self-contained HTML page of a RUN folder."""
     output = output or run / "report.html"
@@ -84,4 +105,10 @@ def view(flights: Path, output: Path | None, as_json: bool, overwrite: bool) -> 
     shown = workflow.flights_to_view(flights)
     live.show_flights(shown, output)
     content = {"flights": len(shown), "file": str(output) if output else None}
-    options.emit(as_json, content, lambda: print(f"{len(shown)} flights {f'written to {output}' if output else 'sent to the viewer'}"))
+    options.emit(
+        as_json,
+        content,
+        lambda: print(
+            f"{len(shown)} flights {f'written to {output}' if output else 'sent to the viewer'}"
+        ),
+    )

@@ -38,14 +38,18 @@ def drone(name: str, output: Path | None, overwrite: bool) -> None:
     results.write(output, text)
 
 
-def _bounds(_: click.Context, __: click.Parameter, given: tuple[str, ...]) -> dict[str, tuple[float, float]]:
+def _bounds(
+    _: click.Context, __: click.Parameter, given: tuple[str, ...]
+) -> dict[str, tuple[float, float]]:
     pairs = {}
     for entry in given:
         try:
             name, values = entry.split("=")
             low, high = map(float, values.split(","))
         except ValueError as error:
-            raise click.BadParameter(f"{entry!r}; expected NAME=LOWER,UPPER, such as latency=0,0.03.") from error
+            raise click.BadParameter(
+                f"{entry!r}; expected NAME=LOWER,UPPER, such as latency=0,0.03."
+            ) from error
         pairs[name] = (low, high)
     return pairs
 
@@ -53,7 +57,8 @@ def _bounds(_: click.Context, __: click.Parameter, given: tuple[str, ...]) -> di
 _commands = click.option(
     "--commands",
     type=click.Choice(["held", "sampled"]),
-    help="What commands stand for in logs that do not say it: held by a policy until the next row, or samples of the firmware's faster PID,"
+    help="What commands stand for in logs that do not say it: held by a policy until the next "
+    "row, or samples of the firmware's faster PID,"
     " as which they are taken unless given. Taken the wrong way, latency is half a row off.",
 )
 
@@ -61,12 +66,14 @@ _commands = click.option(
 @click.command()
 @click.argument("logs", type=options.PATH)
 @options.output(
-    "TOML file for the identified drone; identification.csv goes beside it, NAME_identification.csv beside NAME.toml.",
+    "TOML file for the identified drone; identification.csv goes beside it, "
+    "NAME_identification.csv beside NAME.toml.",
     "drone.toml",
 )
 @click.option(
     "--over",
-    help="Parameters to identify, such as latency,inertia_x, or auto: those that predict flights held out better. Unless given, auto;"
+    help="Parameters to identify, such as latency,inertia_x, or auto: those that predict flights "
+    "held out better. Unless given, auto;"
     " for a replay the paper's three: thrust_to_weight,motor_time_constant,latency.",
 )
 @click.option(
@@ -74,15 +81,56 @@ _commands = click.option(
     default="likelihood",
     show_default=True,
     type=click.Choice(["likelihood", "replay"]),
-    help="likelihood: one row ahead, right for flights under feedback. replay: the paper's, many rows open loop.",
+    help="likelihood: one row ahead, right for flights under feedback. replay: the paper's, many "
+    "rows open loop.",
 )
-@click.option("--start", default="crazyflie", show_default=True, help="Drone whose other parameters are kept: a name or a TOML file.")
-@click.option("--length", default=30, show_default=True, type=click.IntRange(1, 500), help="T, rows of a replayed window.")
-@click.option("--history", default=100, show_default=True, type=click.IntRange(1, 500), help="Rows before a window that set its motors.")
-@click.option("--evaluations", default=60, show_default=True, type=click.IntRange(11, 2000), help="Most of the objective, a trial.")
-@click.option("--trials", default=2, show_default=True, type=click.IntRange(1, 100), help="Repetitions of the optimiser.")
-@click.option("--method", default="gradient", show_default=True, type=click.Choice(["gradient", "bayesian"]), help="Of a replay.")
-@click.option("--bounds", multiple=True, callback=_bounds, help="Search bounds, NAME=LOWER,UPPER in SI units; may be repeated.")
+@click.option(
+    "--start",
+    default="crazyflie",
+    show_default=True,
+    help="Drone whose other parameters are kept: a name or a TOML file.",
+)
+@click.option(
+    "--length",
+    default=30,
+    show_default=True,
+    type=click.IntRange(1, 500),
+    help="T, rows of a replayed window.",
+)
+@click.option(
+    "--history",
+    default=100,
+    show_default=True,
+    type=click.IntRange(1, 500),
+    help="Rows before a window that set its motors.",
+)
+@click.option(
+    "--evaluations",
+    default=60,
+    show_default=True,
+    type=click.IntRange(11, 2000),
+    help="Most of the objective, a trial.",
+)
+@click.option(
+    "--trials",
+    default=2,
+    show_default=True,
+    type=click.IntRange(1, 100),
+    help="Repetitions of the optimiser.",
+)
+@click.option(
+    "--method",
+    default="gradient",
+    show_default=True,
+    type=click.Choice(["gradient", "bayesian"]),
+    help="Of a replay.",
+)
+@click.option(
+    "--bounds",
+    multiple=True,
+    callback=_bounds,
+    help="Search bounds, NAME=LOWER,UPPER in SI units; may be repeated.",
+)
 @click.option(
     "--most-seconds",
     default=3600.0,
@@ -94,7 +142,16 @@ _commands = click.option(
 @options.seed
 @options.as_json
 @options.overwrite
-def identify(logs: Path, output: Path, over: str | None, start: str, seed: int, as_json: bool, overwrite: bool, **settings: Any) -> None:
+def identify(
+    logs: Path,
+    output: Path,
+    over: str | None,
+    start: str,
+    seed: int,
+    as_json: bool,
+    overwrite: bool,
+    **settings: Any,
+) -> None:
     """Identify a drone's parameters from LOGS.
 
     LOGS is a flight log or a folder of them.
@@ -103,7 +160,11 @@ def identify(logs: Path, output: Path, over: str | None, start: str, seed: int, 
     from maidenflight import workflow
 
     options.must_be_new(workflow.evaluations_beside(output), overwrite)
-    names = over if over in (None, "auto") else [name.strip() for name in over.split(",") if name.strip()]
+    names = (
+        over
+        if over in (None, "auto")
+        else [name.strip() for name in over.split(",") if name.strip()]
+    )
     _must_be_known([*(names if isinstance(names, list) else []), *settings["bounds"]])
     with terminal.progress("identify", None) as move:
         flights, found = workflow.identify_from(
@@ -113,9 +174,17 @@ def identify(logs: Path, output: Path, over: str | None, start: str, seed: int, 
             names,
             start,
             **settings,
-            on_file=lambda done, of: move(done, of, "reading flights") if done < of else move(0, None, "compiling"),
-            on_evaluation=lambda done, of: move(done, of or None, "evaluations" if of else f"{done} evaluations"),
-            on_step=lambda step: move(0, None, f"{step.group} {'kept' if step.kept else 'not kept'}: {step.gain:+.4f} nats a row"),
+            on_file=lambda done, of: (
+                move(done, of, "reading flights") if done < of else move(0, None, "compiling")
+            ),
+            on_evaluation=lambda done, of: move(
+                done, of or None, "evaluations" if of else f"{done} evaluations"
+            ),
+            on_step=lambda step: move(
+                0,
+                None,
+                f"{step.group} {'kept' if step.kept else 'not kept'}: {step.gain:+.4f} nats a row",
+            ),
         )
     options.print_notes(found.notes)
 
@@ -138,9 +207,15 @@ def _must_be_known(names: Iterable[str]) -> None:
 
     for name in names:
         if name not in COMPONENTS:
-            alike = [*(known for known in COMPONENTS if name and name in known), *get_close_matches(name, COMPONENTS, 3)]
+            alike = [
+                *(known for known in COMPONENTS if name and name in known),
+                *get_close_matches(name, COMPONENTS, 3),
+            ]
             meant = f" Did you mean {' or '.join(dict.fromkeys(alike[:3]))}?" if alike else ""
-            raise InputError(f"unknown parameter {name!r}.{meant} All are in what this prints: maidenflight drone crazyflie.")
+            raise InputError(
+                f"unknown parameter {name!r}.{meant} All are in what this prints: maidenflight "
+                "drone crazyflie."
+            )
 
 
 def _identification_content(flights: "Flights", found: "Identification") -> dict[str, Any]:
@@ -179,19 +254,33 @@ def _times(_: click.Context, __: click.Parameter, given: str) -> list[float]:
 @click.argument("drone_", metavar="DRONE")
 @click.argument("logs", type=options.PATH)
 @options.output("CSV file for the errors and their intervals.", "validation.csv")
-@click.option("--horizons", default="0.1,0.25,0.5", show_default=True, callback=_times, help="How far ahead to predict, seconds.")
+@click.option(
+    "--horizons",
+    default="0.1,0.25,0.5",
+    show_default=True,
+    callback=_times,
+    help="How far ahead to predict, seconds.",
+)
 @_commands
 @options.seed
 @options.as_json
 @options.overwrite
 def validate(
-    drone_: str, logs: Path, output: Path, horizons: list[float], commands: str | None, seed: int, as_json: bool, overwrite: bool
+    drone_: str,
+    logs: Path,
+    output: Path,
+    horizons: list[float],
+    commands: str | None,
+    seed: int,
+    as_json: bool,
+    overwrite: bool,
 ) -> None:
     """Validate a DRONE on LOGS that it was not identified from.
 
-    DRONE is a TOML file or a name, LOGS a flight log or a folder of them. From every tenth row the drone is simulated with the
-    recorded commands alone; the table tells how far it is from the flight then. Beside it stand the paper's Crazyflie and the
-    prediction that nothing changes: position, velocity, attitude and body rates stay as they are.
+    DRONE is a TOML file or a name, LOGS a flight log or a folder of them. From every tenth row the
+    drone is simulated with the recorded commands alone; the table tells how far it is from the
+    flight then. Beside it stand the paper's Crazyflie and the prediction that nothing changes:
+    position, velocity, attitude and body rates stay as they are.
     """
     _must_be_a_drone(drone_, logs)
     windows = output.with_name(f"{output.stem}_windows.csv")
@@ -206,7 +295,11 @@ def validate(
             seed,
             output,
             horizons,
-            lambda done, of: move(done, of, "reading flights") if done < of else move(0, None, "compiling and predicting"),
+            lambda done, of: (
+                move(done, of, "reading flights")
+                if done < of
+                else move(0, None, "compiling and predicting")
+            ),
             commands,
         )
     options.print_notes(notes)
@@ -222,7 +315,10 @@ def validate(
     def text() -> None:
         _print_flights(flights, errors["windows"][0])
         terminal.predictions(errors, simulated=simulated)
-        print(f"written to {output} in SI units, with 95 % intervals over {errors['stretches'][0]} stretches of flight;")
+        print(
+            f"written to {output} in SI units, with 95 % intervals over {errors['stretches'][0]} "
+            "stretches of flight;"
+        )
         print(f"some windows row by row, for pictures, to {windows}")
 
     options.emit(as_json, content, text)
@@ -231,7 +327,10 @@ def validate(
 def _must_be_a_drone(given: str, logs: Path) -> None:
     """Refuses logs in a drone's place, and a file that is not there."""
     if Path(given).is_dir() or given.endswith((".csv", ".csv.gz", ".parquet")):
-        raise InputError(f"{given}: not a drone; DRONE comes before LOGS, as in: maidenflight validate {logs} {given}.")
+        raise InputError(
+            f"{given}: not a drone; DRONE comes before LOGS, as in: maidenflight validate {logs} "
+            f"{given}."
+        )
     options.must_exist(given)
 
 
@@ -246,7 +345,10 @@ def _flights_content(flights: "Flights") -> dict[str, Any]:
 
 
 def _print_flights(flights: "Flights", windows: int) -> None:
-    print(f"{len(flights.paths)} files, {len(flights)} usable pieces of flight, {flights.duration:.0f} s; {windows} windows of rows")
+    print(
+        f"{len(flights.paths)} files, {len(flights)} usable pieces of flight, "
+        f"{flights.duration:.0f} s; {windows} windows of rows"
+    )
     if flights.notes:
         terminal.notes(flights.notes)
     if flights.refused:

@@ -20,8 +20,9 @@ if TYPE_CHECKING:
 def insisting() -> Iterator[None]:
     """Holds on to a Ctrl-C that Python would lose.
 
-    One that falls into a callback of the garbage collector, JAX's or another, is dropped there, and is sent again. One that falls into the
-    start of an extension module comes out as that module's ImportError, and is taken for what it was.
+    One that falls into a callback of the garbage collector, JAX's or another, is dropped there, and
+    is sent again. One that falls into the start of an extension module comes out as that module's
+    ImportError, and is taken for what it was.
     """
     before, interrupted = sys.unraisablehook, False
 
@@ -39,7 +40,10 @@ def insisting() -> Iterator[None]:
         signal.default_int_handler(number, frame)
 
     sys.unraisablehook = dropped
-    own = signal.getsignal(signal.SIGINT) is signal.default_int_handler and threading.current_thread() is threading.main_thread()
+    own = (
+        signal.getsignal(signal.SIGINT) is signal.default_int_handler
+        and threading.current_thread() is threading.main_thread()
+    )
     if own:
         signal.signal(signal.SIGINT, heard)
     try:
@@ -56,20 +60,36 @@ def insisting() -> Iterator[None]:
 
 @contextmanager
 def resumable(checkpoint: Path) -> Iterator[None]:
-    """Says how to go on where work is interrupted that a checkpoint, a file or a folder, holds; or that it holds nothing yet."""
+    """Says how to go on where work is interrupted that a checkpoint, a file or a folder, holds.
+
+    Or that it holds nothing yet.
+    """
     again = shlex.join(
-        ["maidenflight", *(argument for argument in sys.argv[1:] if argument not in ("--resume", "--overwrite")), "--resume"]
+        [
+            "maidenflight",
+            *(argument for argument in sys.argv[1:] if argument not in ("--resume", "--overwrite")),
+            "--resume",
+        ]
     )
     try:
         yield
     except KeyboardInterrupt:
         if not checkpoint.exists():
             anew = shlex.join(["maidenflight", *sys.argv[1:]])
-            print(f"maidenflight: interrupted before anything was reached. Start again with: {anew}", file=sys.stderr)
+            print(
+                f"maidenflight: interrupted before anything was reached. Start again with: {anew}",
+                file=sys.stderr,
+            )
             sys.exit(130)
-        print(f"maidenflight: interrupted; {checkpoint} holds what was reached. Go on with: {again}", file=sys.stderr)
+        print(
+            f"maidenflight: interrupted; {checkpoint} holds what was reached. Go on with: {again}",
+            file=sys.stderr,
+        )
         sys.exit(130)
     except WriteError as error:
         if not checkpoint.exists():
             raise
-        raise InputError(f"{error.wrong} {checkpoint} holds what was reached. {error.remedy} and go on with: {again}") from error
+        raise InputError(
+            f"{error.wrong} {checkpoint} holds what was reached. {error.remedy} and go on with: "
+            f"{again}"
+        ) from error

@@ -12,15 +12,30 @@ from maidenflight.errors import InputError
 
 CONTROLS = ("pwm", "attitude_rate", "attitude")
 TASKS = ("circle", "figure_eight", "hover", "take_off")
-REALITIES = "near:SEED, virtual:SEED, far:SEED, ever stranger; pybullet:SEED (virtual:SEED in PyBullet); or a drone's TOML file"
+REALITIES = (
+    "near:SEED, virtual:SEED, far:SEED, ever stranger; pybullet:SEED (virtual:SEED in "
+    "PyBullet); or a drone's TOML file"
+)
 PATH = click.Path(path_type=Path)
 
-seed = click.option("--seed", default=0, show_default=True, help="Random seed; the same seed gives the same results.")
-as_json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object on standard output and nothing else there.")
+seed = click.option(
+    "--seed",
+    default=0,
+    show_default=True,
+    help="Random seed; the same seed gives the same results.",
+)
+as_json = click.option(
+    "--json",
+    "as_json",
+    is_flag=True,
+    help="Print one JSON object on standard output and nothing else there.",
+)
 overwrite = click.option("--overwrite", is_flag=True, help="Replace results of an earlier run.")
 
 
-def output(what: str, default: str | None = None) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def output(
+    what: str, default: str | None = None
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Where results go; a command may do without a default."""
     return click.option("-o", "--output", default=default, show_default=True, type=PATH, help=what)
 
@@ -36,7 +51,9 @@ class Range(click.FloatRange):
         return number
 
 
-def randomization(*words: str) -> Callable[[click.Context, click.Parameter, str | None], float | str | None]:
+def randomization(
+    *words: str,
+) -> Callable[[click.Context, click.Parameter, str | None], float | str | None]:
     """Reads a half width or one of the words."""
 
     def read(_: click.Context, __: click.Parameter, given: str | None) -> float | str | None:
@@ -47,7 +64,9 @@ def randomization(*words: str) -> Callable[[click.Context, click.Parameter, str 
         except ValueError:
             width = -1.0
         if not 0.0 <= width <= 0.9:
-            raise click.BadParameter(f"{given!r}; expected a number from 0 to 0.9, or {' or '.join(words)}.")
+            raise click.BadParameter(
+                f"{given!r}; expected a number from 0 to 0.9, or {' or '.join(words)}."
+            )
         return width
 
     return read
@@ -61,12 +80,14 @@ def must_exist(drone: str) -> None:
     """
     if drone.endswith(".toml") and not Path(drone).exists():
         raise InputError(
-            f"{drone}: no such drone. Identify one (maidenflight identify LOGS -o {drone}), or give another file, or the name crazyflie."
+            f"{drone}: no such drone. Identify one (maidenflight identify LOGS -o {drone}), or "
+            "give another file, or the name crazyflie."
         )
 
 
 def must_be_new(path: Path, overwrite: bool, resume: bool | None = None) -> None:
-    """Refuses to write into a folder that holds something, over a file, or where another process is about to; keeps the place for us.
+    """Refuses to write into a folder that holds something, over a file, or where another process is
+    about to; keeps the place for us.
 
     Args:
         path: where the command is to write.
@@ -95,7 +116,9 @@ def print_notes(notes: Iterable[str]) -> None:
 
 
 def emit(as_json: bool, content: dict[str, Any], text: Callable[[], None]) -> None:
-    """Prints a command's result: its content as JSON if that was asked for, or what `text` prints."""
+    """Prints a command's result: its content as JSON if that was asked for, or what `text`
+    prints.
+    """
     if as_json:
         print(json.dumps(content))
     else:

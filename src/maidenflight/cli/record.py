@@ -14,7 +14,13 @@ from maidenflight.errors import InputError
 _TASKS = ("circle", "figure_eight", "hover")
 _URI = "radio://0/80/2M/E7E7E7E7E7"
 
-_task = click.option("--task", default="circle", show_default=True, type=click.Choice(_TASKS), help="What the real drone flies.")
+_task = click.option(
+    "--task",
+    default="circle",
+    show_default=True,
+    type=click.Choice(_TASKS),
+    help="What the real drone flies.",
+)
 _height = click.option(
     "--height",
     default=1.0,
@@ -25,17 +31,40 @@ _height = click.option(
 
 
 def _flights(default: int) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    return click.option("--flights", "count", default=default, show_default=True, type=click.IntRange(1, 999), help="How many flights.")
+    return click.option(
+        "--flights",
+        "count",
+        default=default,
+        show_default=True,
+        type=click.IntRange(1, 999),
+        help="How many flights.",
+    )
 
 
-def _duration(default: float, least: float, what: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    return click.option("--duration", default=default, show_default=True, type=options.Range(least, 600.0), help=what)
+def _duration(
+    default: float, least: float, what: str
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    return click.option(
+        "--duration",
+        default=default,
+        show_default=True,
+        type=options.Range(least, 600.0),
+        help=what,
+    )
 
 
 @click.command()
 @options.output("Folder for the logs.", "flights")
-@click.option("--uri", help=f"Record a real Crazyflie at this address, such as {_URI}. Read docs/pilot.md first.")
-@click.option("--reality", default="virtual:7", show_default=True, help=f"Which virtual drone: {options.REALITIES}.")
+@click.option(
+    "--uri",
+    help=f"Record a real Crazyflie at this address, such as {_URI}. Read docs/pilot.md first.",
+)
+@click.option(
+    "--reality",
+    default="virtual:7",
+    show_default=True,
+    help=f"Which virtual drone: {options.REALITIES}.",
+)
 @_flights(4)
 @_duration(30.0, 2.0, "Seconds of each.")
 @click.option(
@@ -43,18 +72,24 @@ def _duration(default: float, least: float, what: str) -> Callable[[Callable[...
     default=0.06,
     show_default=True,
     type=options.Range(0.0, 0.3),
-    help="Random thrust on each motor of a virtual drone, as a share of full thrust; it makes lag and latency visible. 0: plain PID.",
+    help="Random thrust on each motor of a virtual drone, as a share of full thrust; it makes lag "
+    "and latency visible. 0: plain PID.",
 )
 @click.option(
     "--steps",
     default=0.1,
     show_default=True,
     type=options.Range(0.0, 0.2),
-    help="Random steps of a real drone's set-point, in metres, twice a second, for the same end. 0: the plain reference.",
+    help="Random steps of a real drone's set-point, in metres, twice a second, for the same end. "
+    "0: the plain reference.",
 )
 @_task
 @_height
-@click.option("--recover", is_flag=True, help="Fly nothing; make the logs that a crash has left as rows in the folder.")
+@click.option(
+    "--recover",
+    is_flag=True,
+    help="Fly nothing; make the logs that a crash has left as rows in the folder.",
+)
 @options.seed
 @options.as_json
 @options.overwrite
@@ -77,33 +112,74 @@ def record(
 ) -> None:
     """Record flights, of a virtual drone or a real Crazyflie.
 
-    They are flown by the firmware's position PID and logged at 100 Hz: on a virtual drone (simulated), or with --uri on a real one. A
-    real drone takes off, follows the task's reference and lands. Ctrl-C lands it, a second Ctrl-C stops its motors. Every row is on disk
-    as soon as it has come; logs are added to the folder and never replaced.
+    They are flown by the firmware's position PID and logged at 100 Hz: on a virtual drone
+    (simulated), or with --uri on a real one. A real drone takes off, follows the task's reference
+    and lands. Ctrl-C lands it, a second Ctrl-C stops its motors. Every row is on disk as soon as it
+    has come; logs are added to the folder and never replaced.
     """
-    given = {name for name in context.params if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE}
+    given = {
+        name
+        for name in context.params
+        if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
+    }
     virtual, real = {"reality", "excitation", "overwrite"}, {"steps", "task", "height"}
     if wrong := sorted(given & (virtual if uri else real)):
-        raise click.UsageError(f"--{wrong[0]} is for {'virtual drones' if uri else 'a real drone (--uri)'}. Leave it out.")
+        raise click.UsageError(
+            f"--{wrong[0]} is for {'virtual drones' if uri else 'a real drone (--uri)'}. Leave it "
+            "out."
+        )
     if recover:
         _recover(output, as_json)
         return
     if uri:
-        _fly_really(uri, output, as_json, task=task, count=count, duration=duration, height=height, steps=steps, seed=seed)
+        _fly_really(
+            uri,
+            output,
+            as_json,
+            task=task,
+            count=count,
+            duration=duration,
+            height=height,
+            steps=steps,
+            seed=seed,
+        )
         return
     options.must_be_new(output, overwrite)
     from maidenflight import workflow
 
     with terminal.progress("record", None) as move:
         move(0, None, "compiling and flying")
-        written = workflow.record(workflow.reality(reality), seed, output, output / "reality.toml", count, duration, excitation)
-    content = {"flights": [str(path) for path in written], "truth": str(output / "reality.toml"), "simulated": True}
-    options.emit(as_json, content, lambda: print(f"{count} simulated flights of {duration:g} s in {output}/; the truth is in reality.toml"))
+        written = workflow.record(
+            workflow.reality(reality),
+            seed,
+            output,
+            output / "reality.toml",
+            count,
+            duration,
+            excitation,
+        )
+    content = {
+        "flights": [str(path) for path in written],
+        "truth": str(output / "reality.toml"),
+        "simulated": True,
+    }
+    options.emit(
+        as_json,
+        content,
+        lambda: print(
+            f"{count} simulated flights of {duration:g} s in {output}/; the truth is in "
+            "reality.toml"
+        ),
+    )
 
 
 @click.command()
 @options.output("Folder for the logs.", "flown")
-@click.option("--uri", required=True, help=f"Address of the Crazyflie, such as {_URI}. Read docs/pilot.md first.")
+@click.option(
+    "--uri",
+    required=True,
+    help=f"Address of the Crazyflie, such as {_URI}. Read docs/pilot.md first.",
+)
 @_flights(1)
 @_duration(10.0, 1.0, "Seconds that the policy flies in each.")
 @click.option(
@@ -111,7 +187,8 @@ def record(
     default=65535.0,
     show_default=True,
     type=options.Range(30000.0, 65535.0),
-    help="What a thrust command of 1 is, in the firmware's counts: 65535 if identified from our own logs, 60000 from the authors'.",
+    help="What a thrust command of 1 is, in the firmware's counts: 65535 if identified from our "
+    "own logs, 60000 from the authors'.",
 )
 @_task
 @_height
@@ -120,8 +197,8 @@ def record(
 def fly(uri: str, output: Path, as_json: bool, **asked: Any) -> None:
     """Fly the policy on board a real Crazyflie.
 
-    The firmware's PID takes off before it and lands after it. The exported app must be on the drone. Ctrl-C hands back to the PID and
-    lands, a second Ctrl-C stops the motors.
+    The firmware's PID takes off before it and lands after it. The exported app must be on the
+    drone. Ctrl-C hands back to the PID and lands, a second Ctrl-C stops the motors.
     """
     _fly_really(uri, output, as_json, steps=0.0, policy=True, **asked)
 
@@ -130,10 +207,20 @@ def _fly_really(uri: str, output: Path, as_json: bool, **asked: Any) -> None:
     from maidenflight.link import session
     from maidenflight.link.flying import COMPLETE
 
-    say = (lambda text: print(text, file=sys.stderr, flush=True)) if as_json else (lambda text: print(text, flush=True))
+    say = (
+        (lambda text: print(text, file=sys.stderr, flush=True))
+        if as_json
+        else (lambda text: print(text, flush=True))
+    )
     flown = session.record(uri, output, cache=cache.folder() / "crazyflie", say=say, **asked)
     rows = [
-        {"flight": one.name, "ended": one.ending.reason, "packets": one.rows, "log": str(one.log) if one.log else None} for one in flown
+        {
+            "flight": one.name,
+            "ended": one.ending.reason,
+            "packets": one.rows,
+            "log": str(one.log) if one.log else None,
+        }
+        for one in flown
     ]
 
     def text() -> None:
@@ -141,7 +228,9 @@ def _fly_really(uri: str, output: Path, as_json: bool, **asked: Any) -> None:
             print(f"note: {note}")
         print(f"{len(flown)} flights in {output}/; next: maidenflight identify {output}")
 
-    options.emit(as_json, {"flights": rows, "simulated": not uri.startswith(("radio://", "usb://"))}, text)
+    options.emit(
+        as_json, {"flights": rows, "simulated": not uri.startswith(("radio://", "usb://"))}, text
+    )
     if len(flown) < asked["count"] or any(one.ending.reason != COMPLETE for one in flown):
         sys.exit(1)
 

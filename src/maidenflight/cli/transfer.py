@@ -1,4 +1,6 @@
-"""transfer and predict: policies in realities that they have not seen, and on the identified drone."""
+"""transfer and predict: policies in realities that they have not seen, and on the identified
+drone.
+"""
 
 from collections import Counter
 from pathlib import Path
@@ -17,18 +19,40 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("policies", nargs=-1, type=options.PATH)
 @options.output("Folder for the flights.", "transfer")
-@click.option("--reality", "realities", multiple=True, help=f"Where: {options.REALITIES}; may be repeated (virtual:7 unless given).")
-@click.option("--task", type=click.Choice(options.TASKS), help="What they fly (what they were trained for unless given).")
-@click.option("--trials", type=click.IntRange(1, 1000), help="Flights of each policy in each reality (3 unless given).")
-@click.option("--duration", type=options.Range(0.1, 600.0), help="Longest flight, seconds (20 unless given).")
+@click.option(
+    "--reality",
+    "realities",
+    multiple=True,
+    help=f"Where: {options.REALITIES}; may be repeated (virtual:7 unless given).",
+)
+@click.option(
+    "--task",
+    type=click.Choice(options.TASKS),
+    help="What they fly (what they were trained for unless given).",
+)
+@click.option(
+    "--trials",
+    type=click.IntRange(1, 1000),
+    help="Flights of each policy in each reality (3 unless given).",
+)
+@click.option(
+    "--duration", type=options.Range(0.1, 600.0), help="Longest flight, seconds (20 unless given)."
+)
 @click.option(
     "--matrix",
     "settings",
     type=options.PATH,
-    help="Train policies for many drones first and fly those: a TOML file such as paper/zero_shot.toml, which says all the rest.",
+    help="Train policies for many drones first and fly those: a TOML file such as "
+    "paper/zero_shot.toml, which says all the rest.",
 )
-@click.option("--resume", is_flag=True, help="Go on with a matrix that was interrupted in the folder, with the same result.")
-@click.option("--seed", type=int, help="Random seed; the same seed gives the same results (0 unless given).")
+@click.option(
+    "--resume",
+    is_flag=True,
+    help="Go on with a matrix that was interrupted in the folder, with the same result.",
+)
+@click.option(
+    "--seed", type=int, help="Random seed; the same seed gives the same results (0 unless given)."
+)
 @options.as_json
 @options.overwrite
 def transfer(
@@ -46,16 +70,26 @@ def transfer(
 ) -> None:
     """Fly POLICIES in simulated realities that they have not seen.
 
-    POLICIES are files or folders, or with --matrix those of a matrix. They are ours, or the authors' in files whose names begin with a
-    control structure; all of one call are of one kind.
+    POLICIES are files or folders, or with --matrix those of a matrix. They are ours, or the
+    authors' in files whose names begin with a control structure; all of one call are of one kind.
     """
     if settings is not None:
-        if policies or realities or any(given is not None for given in (task, trials, duration, seed)):
-            raise click.UsageError(f"{settings} says which policies fly, where and how. Give --matrix alone, with -o.")
+        if (
+            policies
+            or realities
+            or any(given is not None for given in (task, trials, duration, seed))
+        ):
+            raise click.UsageError(
+                f"{settings} says which policies fly, where and how. Give --matrix alone, with -o."
+            )
         _transfer_matrix(settings, output, resume, overwrite, as_json)
         return
     if not policies or resume:
-        raise click.UsageError("Only a matrix is resumed." if policies else "Give policies (files or folders), or --matrix.")
+        raise click.UsageError(
+            "Only a matrix is resumed."
+            if policies
+            else "Give policies (files or folders), or --matrix."
+        )
     options.must_be_new(output, overwrite)
     from maidenflight import workflow
 
@@ -65,7 +99,9 @@ def transfer(
         task, notes = workflow.task_to_fly(files, task)
         options.print_notes(notes)
         move(0, None, "compiling and flying")
-        flown = workflow.transfer_to(policies, places, seed or 0, output, trials or 3, duration or 20.0, task)
+        flown = workflow.transfer_to(
+            policies, places, seed or 0, output, trials or 3, duration or 20.0, task
+        )
     summary, best = workflow.transfer_summary(flown), workflow.best_policy(flown, files)
     content = {
         "flights": flown.table.to_dicts(),
@@ -88,47 +124,86 @@ def transfer(
     options.emit(as_json, content, text)
 
 
-def _transfer_matrix(settings: Path, output: Path, resume: bool, overwrite: bool, as_json: bool) -> None:
+def _transfer_matrix(
+    settings: Path, output: Path, resume: bool, overwrite: bool, as_json: bool
+) -> None:
     options.must_be_new(output, overwrite, resume)
     cores.as_devices()
     from maidenflight import workflow
     from maidenflight.experiments import matrix
 
     asked = matrix.read(settings)
-    with terminal.progress("transfer", len(asked.cells)) as move, resumable(output / workflow.CELLS):
+    with (
+        terminal.progress("transfer", len(asked.cells)) as move,
+        resumable(output / workflow.CELLS),
+    ):
         flights = workflow.transfer_matrix(asked, output, move, anew=overwrite and not resume)
     cells = matrix.by_cell(flights, asked.duration)
 
     def text() -> None:
         terminal.cells(cells)
-        print(f"{flights.height} simulated flights of {len(asked.cells) * asked.policies} policies, written to {output}/flights.csv")
+        print(
+            f"{flights.height} simulated flights of {len(asked.cells) * asked.policies} policies, "
+            f"written to {output}/flights.csv"
+        )
 
-    options.emit(as_json, {"flights": flights.to_dicts(), "cells": cells.to_dicts(), "simulated": True, "output": str(output)}, text)
+    options.emit(
+        as_json,
+        {
+            "flights": flights.to_dicts(),
+            "cells": cells.to_dicts(),
+            "simulated": True,
+            "output": str(output),
+        },
+        text,
+    )
 
 
 @click.command()
 @click.argument("policies", nargs=-1, required=True, type=options.PATH)
-@click.option("--drone", "drone_", default="drone.toml", show_default=True, help="Identified drone: a TOML file or a name.")
+@click.option(
+    "--drone",
+    "drone_",
+    default="drone.toml",
+    show_default=True,
+    help="Identified drone: a TOML file or a name.",
+)
 @options.output("CSV file for the flights, one row each.", "prediction.csv")
-@click.option("--trials", default=16, show_default=True, type=click.IntRange(1, 1000), help="Flights of each policy.")
-@click.option("--duration", default=20.0, show_default=True, type=options.Range(0.1, 600.0), help="Longest flight, seconds.")
+@click.option(
+    "--trials",
+    default=16,
+    show_default=True,
+    type=click.IntRange(1, 1000),
+    help="Flights of each policy.",
+)
+@click.option(
+    "--duration",
+    default=20.0,
+    show_default=True,
+    type=options.Range(0.1, 600.0),
+    help="Longest flight, seconds.",
+)
 @click.option(
     "--randomize",
     callback=options.randomization("trim", "posterior"),
-    help="trim: constant torques differ as between the identified flights, the default where the drone's file tells how; posterior: drones"
-    " that those flights leave possible; or the half width of the parameters' box, 0 for the drone as it is.",
+    help="trim: constant torques differ as between the identified flights, the default where the "
+    "drone's file tells how; posterior: drones"
+    " that those flights leave possible; or the half width of the parameters' box, 0 for the "
+    "drone as it is.",
 )
 @click.option(
     "--control",
     type=click.Choice(options.CONTROLS),
-    help="What the authors' policies command; unless given, what their files' names begin with or their folder is called. Ours say it.",
+    help="What the authors' policies command; unless given, what their files' names begin with or "
+    "their folder is called. Ours say it.",
 )
 @click.option(
     "--firmware",
     default="2021.10",
     show_default=True,
     type=click.Choice(["2021.10", "2026.08"]),
-    help="2021.10 as the authors' drone ran it, or 2026.08, for which attitude-rate and attitude policies of ours are trained.",
+    help="2021.10 as the authors' drone ran it, or 2026.08, for which attitude-rate and attitude "
+    "policies of ours are trained.",
 )
 @options.seed
 @options.as_json
@@ -148,9 +223,9 @@ def predict(
 ) -> None:
     """Predict how long POLICIES would fly on the real drone.
 
-    POLICIES are files or folders. Those of maidenflight and of Gronauer et al., of all control structures together, fly the circle on the
-    identified drone as the authors' drone ran them: at their rate, by its firmware, from hover, until a guard trips. All of it is
-    simulated.
+    POLICIES are files or folders. Those of maidenflight and of Gronauer et al., of all control
+    structures together, fly the circle on the identified drone as the authors' drone ran them: at
+    their rate, by its firmware, from hover, until a guard trips. All of it is simulated.
     """
     options.must_exist(drone_)
     options.must_be_new(output, overwrite)
@@ -176,7 +251,9 @@ def predict(
 
     told = _flight_times_content(files, flown)
     longest = max(entry["mean_duration"] for entry in told)
-    best = [file for file, entry in zip(files, told, strict=True) if entry["mean_duration"] == longest]
+    best = [
+        file for file, entry in zip(files, told, strict=True) if entry["mean_duration"] == longest
+    ]
 
     def text() -> None:
         terminal.flight_times(flown)
@@ -184,7 +261,13 @@ def predict(
             terminal.best(best, f"longest mean, {longest:.2f} s")
         print(f"written to {output}")
 
-    content = {"policies": told, "best": str(best[0]), "notes": notes, "simulated": True, "output": str(output)}
+    content = {
+        "policies": told,
+        "best": str(best[0]),
+        "notes": notes,
+        "simulated": True,
+        "output": str(output),
+    }
     options.emit(as_json, content, text)
 
 
@@ -197,7 +280,9 @@ def _flight_times_content(files: list[Path], flown: "DataFrame") -> list[dict[st
             "file": str(file),
             "control": row["control"],
             "mean_duration": round(row["mean"], 6),
-            "quantiles": {f"{percent / 100:g}": round(row[f"quantile_{percent}"], 6) for percent in QUANTILES},
+            "quantiles": {
+                f"{percent / 100:g}": round(row[f"quantile_{percent}"], 6) for percent in QUANTILES
+            },
             "end_reasons": dict(Counter(part["end_reason"].to_list()).most_common()),
         }
         for file, row, part in zip(files, summary(flown).iter_rows(named=True), parts, strict=True)

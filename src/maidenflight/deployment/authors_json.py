@@ -1,7 +1,9 @@
-"""The authors' policy files: the JSON that their firmware's tools read, made into a `Policy` and written from one.
+"""The authors' policy files: the JSON that their firmware's tools read, made into a `Policy` and
+written from one.
 
-Such a file holds layers "0", "1", ..., the means and standard deviations of the inputs, and a check sum: the sum of the outputs for an
-input of ones that is not scaled. It does not say what the outputs command, nor how often, nor how many instants the inputs are.
+Such a file holds layers "0", "1", ..., the means and standard deviations of the inputs, and a check
+sum: the sum of the outputs for an input of ones that is not scaled. It does not say what the
+outputs command, nor how often, nor how many instants the inputs are.
 
 Source: github SvenGronauer/phoenix-drone-simulation c5d6907, described from reading, not copied.
 """
@@ -24,9 +26,11 @@ from maidenflight.simulator.environment import OBSERVATION_SIZE
 EPSILON = 1e-5
 """What the authors' scaling adds to a standard deviation; one that is zero divides all the same."""
 RATES = {"pwm": 100, "attitude_rate": 50, "attitude": 25}
-"""Actions a second [Hz] of the authors' drone (Gronauer et al. 2022, sec. Control Structures; measured on the published logs)."""
+"""Actions a second [Hz] of the authors' drone (Gronauer et al. 2022, sec. Control Structures;
+measured on the published logs)."""
 TOLERANCE = 1e-6
-"""How far a check sum may be off, relative to the sum of the sizes of what it adds up: some ten roundings of float32."""
+"""How far a check sum may be off, relative to the sum of the sizes of what it adds up: some ten
+roundings of float32."""
 HISTORY = 2
 """H, instants in the inputs of all their policies."""
 MOST_LAYERS = 7
@@ -51,26 +55,35 @@ def from_authors_json(text: str, where: str, control: str) -> Policy:
     try:
         content = inputs.from_json(text)
     except ValueError as error:
-        raise InputError(f"{where}: not valid JSON ({error}). Expected one of the authors' policies.") from error
+        raise InputError(
+            f"{where}: not valid JSON ({error}). Expected one of the authors' policies."
+        ) from error
     if not isinstance(content, dict) or not content.keys() >= _MARKS:
-        raise InputError(f"{where}: not one of the authors' policies; check_sum, scaling_parameters, activation or layer 0 is missing.")
+        raise InputError(
+            f"{where}: not one of the authors' policies; check_sum, scaling_parameters, "
+            "activation or layer 0 is missing."
+        )
     if content["activation"] != "relu":
         raise InputError(f"{where}: activation = {content['activation']!r}, expected 'relu'.")
     try:
         layers = [content[str(number)] for number in range(sum(key.isdecimal() for key in content))]
         if any(layer["type"] != "standard" for layer in layers):
             raise ValueError("expected layers of type 'standard'")
-        weights, biases = ([_numbers(layer[name]) for layer in layers] for name in ("weights", "biases"))
+        weights, biases = (
+            [_numbers(layer[name]) for layer in layers] for name in ("weights", "biases")
+        )
         mean, deviation = _numbers(content["scaling_parameters"])
         expected = float(content["check_sum"])
         _verify(weights, biases, expected, where)
     except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"{where}: damaged policy ({type(error).__name__}: {error}). Export it again.") from error
+        raise InputError(
+            f"{where}: damaged policy ({type(error).__name__}: {error}). Export it again."
+        ) from error
     made = Policy(
         weights=tuple(jnp.asarray(weight) for weight in weights),
         biases=tuple(jnp.asarray(bias) for bias in biases),
         observation_mean=jnp.asarray(mean),
-        observation_deviation=jnp.asarray(deviation + np.float32(EPSILON)),
+        observation_std=jnp.asarray(deviation + np.float32(EPSILON)),
         control=control,
         rate=RATES[control],
         history=len(mean) // OBSERVATION_SIZE,
@@ -88,34 +101,43 @@ def read_authors_json(path: StrPath, control: str) -> Policy:
 
 
 def to_authors_json(policy: Policy) -> str:
-    """The text of one of the authors' policy files, which `from_authors_json` reads back as the same policy.
+    """The text of one of the authors' policy files, which `from_authors_json` reads back as the
+    same policy.
 
-    All numbers read back to the last bit, but for deviations between 6.1e-5 and 1.2e-4: there float32 has not always a number that is
-    theirs once `EPSILON` is added, and it may be one rounding off. The file does not hold the control structure: begin its name with that.
+    All numbers read back to the last bit, but for deviations between 6.1e-5 and 1.2e-4: there
+    float32 has not always a number that is theirs once `EPSILON` is added, and it may be one
+    rounding off. The file does not hold the control structure: begin its name with that.
 
     Args:
         policy: the policy.
 
     Raises:
-        InputError: the policy makes no sense, or is one that the authors' tools would take for another: by its rate, its history or its
-            deviations; or it has more layers than their firmware takes.
+        InputError: the policy makes no sense, or is one that the authors' tools would take for
+            another: by its rate, its history or its deviations; or it has more layers than their
+            firmware takes.
     """
     from_json(to_json(policy))
     if policy.rate != RATES[policy.control]:
         raise InputError(
-            f"policy: rate = {policy.rate}, but the authors' drone runs {policy.control} policies at {RATES[policy.control]} Hz and their "
+            f"policy: rate = {policy.rate}, but the authors' drone runs {policy.control} policies "
+            f"at {RATES[policy.control]} Hz and their "
             "files cannot say otherwise. Train at that rate."
         )
     if policy.history != HISTORY:
         raise InputError(
-            f"policy: history = {policy.history}, but the authors' policies see {HISTORY} instants. Train with --history {HISTORY}."
+            f"policy: history = {policy.history}, but the authors' policies see {HISTORY} "
+            f"instants. Train with --history {HISTORY}."
         )
     if len(policy.weights) > MOST_LAYERS:
-        raise InputError(f"policy: {len(policy.weights)} layers, but the authors' firmware takes at most {MOST_LAYERS}. Train fewer.")
-    deviation = np.asarray(policy.observation_deviation)
+        raise InputError(
+            f"policy: {len(policy.weights)} layers, but the authors' firmware takes at most "
+            f"{MOST_LAYERS}. Train fewer."
+        )
+    deviation = np.asarray(policy.observation_std)
     if np.any(deviation < np.float32(EPSILON)):
         raise InputError(
-            f"policy: an observation's deviation is {deviation.min():.3g}, but the authors' files hold none below {EPSILON:g}, which their "
+            f"policy: an observation's deviation is {deviation.min():.3g}, but the authors' files "
+            f"hold none below {EPSILON:g}, which their "
             "tools add to it. Train with a larger one."
         )
     weights, biases = ([np.asarray(array) for array in arrays] for arrays in policy.network)
@@ -125,11 +147,18 @@ def to_authors_json(policy: Policy) -> str:
         raise InputError("policy: its check sum overflows float32. Training diverged: train again.")
     content = {
         "check_sum": str(found),
-        "scaling_parameters": [np.asarray(policy.observation_mean).tolist(), _before_adding(deviation).tolist()],
+        "scaling_parameters": [
+            np.asarray(policy.observation_mean).tolist(),
+            _before_adding(deviation).tolist(),
+        ],
         "activation": "relu",
     }
     for number, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
-        content[str(number)] = {"type": "standard", "weights": weight.tolist(), "biases": bias.tolist()}
+        content[str(number)] = {
+            "type": "standard",
+            "weights": weight.tolist(),
+            "biases": bias.tolist(),
+        }
     return json.dumps(content)
 
 
@@ -139,8 +168,8 @@ def export_authors_json(policy: Policy, directory: StrPath, *, name: str = "poli
     Args:
         policy: the policy.
         directory: where to write; made if missing.
-        name: of the file, without its ending. Unless it begins with the control structure, that is put before it, so that `read_policy`
-            knows what the policy commands.
+        name: of the file, without its ending. Unless it begins with the control structure, that is
+            put before it, so that `read_policy` knows what the policy commands.
 
     Returns:
         The file written.
@@ -159,27 +188,35 @@ def read_policy(path: StrPath, control: str | None = None) -> Policy:
 
     Args:
         path: the file.
-        control: what the authors' policy commands; unless given, the control structure that the file's name begins with, such as
-            `attitude_rate_066.json`, or that its folder is called. Ours say it themselves.
+        control: what the authors' policy commands; unless given, the control structure that the
+            file's name begins with, such as `attitude_rate_066.json`, or that its folder is called.
+            Ours say it themselves.
 
     Raises:
-        InputError: no such file, neither kind of policy, or nothing says what an authors' policy commands.
+        InputError: no such file, neither kind of policy, or nothing says what an authors' policy
+            commands.
     """
     text = _text_of(Path(path))
     try:
         content = inputs.from_json(text)
     except ValueError as error:
         damage = f" ({error})" if Path(path).suffix == ".json" else ""
-        raise InputError(f"{path}: not a policy, ours or the authors': not valid JSON{damage}. {_SUCH_AS}") from error
+        raise InputError(
+            f"{path}: not a policy, ours or the authors': not valid JSON{damage}. {_SUCH_AS}"
+        ) from error
     keys = content.keys() if isinstance(content, dict) else set()
     if "format" in keys and content["format"] == FORMAT:
         return from_json(text, str(path))
     if not keys >= _MARKS:
-        raise InputError(f"{path}: not a policy, neither ours (format is not {FORMAT!r}) nor the authors' (no check_sum and layers).")
+        raise InputError(
+            f"{path}: not a policy, neither ours (format is not {FORMAT!r}) nor the authors' (no "
+            "check_sum and layers)."
+        )
     control = control or _control_of(Path(path))
     if control is None:
         raise InputError(
-            f"{path}: one of the authors' policies, which do not say what they command. Begin its name, or call its folder, with one of "
+            f"{path}: one of the authors' policies, which do not say what they command. Begin its "
+            "name, or call its folder, with one of "
             f"{', '.join(CONTROLS)}, or give --control."
         )
     return from_authors_json(text, str(path), control)
@@ -192,28 +229,46 @@ def _text_of(path: Path) -> str:
     """Text of a policy file; a folder and a path that leads nowhere are told in our words."""
     if path.is_dir():
         first = min(path.glob("*.json"), default=None)
-        raise InputError(f"{path}: a folder, not a policy. {f'Give one file of it, such as {first}.' if first else _SUCH_AS}")
+        raise InputError(
+            f"{path}: a folder, not a policy. "
+            f"{f'Give one file of it, such as {first}.' if first else _SUCH_AS}"
+        )
     if not path.exists():
         raise InputError(f"{path}: cannot be read as a policy: no such file. {_SUCH_AS}")
     return text_of(path)
 
 
 def _control_of(path: Path) -> str | None:
-    """The control structure that a file's name or its folder's says; "attitude_rate" before "attitude", with which it begins."""
+    """The control structure that a file's name or its folder's says.
+
+    "attitude_rate" before "attitude", with which it begins.
+    """
     names = path.stem.lower(), path.absolute().parent.name.lower()
     longest = sorted(CONTROLS, key=len, reverse=True)
-    return next((control for name in names for control in longest if name == control or name.startswith(f"{control}_")), None)
+    return next(
+        (
+            control
+            for name in names
+            for control in longest
+            if name == control or name.startswith(f"{control}_")
+        ),
+        None,
+    )
 
 
 def _numbers(nested: Any) -> np.ndarray:
     array = numbers(nested)
     if array.dtype.kind not in "fi" or array.ndim < 1:
         raise ValueError("expected lists of numbers")
-    with np.errstate(over="ignore"):  # what float32 cannot hold is infinite, and so is its check sum
+    with np.errstate(
+        over="ignore"
+    ):  # what float32 cannot hold is infinite, and so is its check sum
         return array.astype(np.float32)
 
 
-def _verify(weights: list[np.ndarray], biases: list[np.ndarray], expected: float, where: str) -> None:
+def _verify(
+    weights: list[np.ndarray], biases: list[np.ndarray], expected: float, where: str
+) -> None:
     """Compares the check sum with that of the layers, in float64."""
     for number, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
         if weight.ndim != 2 or bias.shape != weight.shape[:1]:
@@ -223,24 +278,36 @@ def _verify(weights: list[np.ndarray], biases: list[np.ndarray], expected: float
     with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is no check sum
         found, size = _check_sum(weights, biases)
     if not math.isfinite(expected) or not abs(found - expected) <= TOLERANCE * max(1.0, size):
-        raise InputError(f"{where}: check sum {found:.7g}, but the file says {expected:.7g}: a weight was changed. Export it again.")
+        raise InputError(
+            f"{where}: check sum {found:.7g}, but the file says {expected:.7g}: a weight was "
+            "changed. Export it again."
+        )
 
 
 def _check_sum(weights: list[np.ndarray], biases: list[np.ndarray]) -> tuple[float, float]:
-    """The sum of the outputs for ones that are not scaled, in float64, and the sum of the sizes of what it adds up."""
+    """The sum of the outputs for ones that are not scaled, in float64, and the sum of the sizes of
+    what it adds up.
+    """
     values = np.ones(weights[0].shape[1])
     size = 0.0
     for number, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
         values = np.maximum(values, 0.0) if number > 0 else values
-        size = float(np.abs(weight.astype(np.float64)).sum(axis=0) @ np.abs(values) + np.abs(bias).sum())
+        size = float(
+            np.abs(weight.astype(np.float64)).sum(axis=0) @ np.abs(values) + np.abs(bias).sum()
+        )
         values = weight.astype(np.float64) @ values + bias
     return float(values.sum()), size
 
 
 def _before_adding(deviation: np.ndarray) -> np.ndarray:
-    """Numbers of float32 that are the deviations once `EPSILON` is added; where there is none, those that come nearest."""
+    """Numbers of float32 that are the deviations once `EPSILON` is added.
+
+    Where there is none, those that come nearest.
+    """
     epsilon = np.float32(EPSILON)
     below = deviation - epsilon
-    tried = np.stack([below, np.nextafter(below, np.float32(0)), np.nextafter(below, np.float32(np.inf))])
+    tried = np.stack(
+        [below, np.nextafter(below, np.float32(0)), np.nextafter(below, np.float32(np.inf))]
+    )
     best = np.argmin(np.abs((tried + epsilon).astype(np.float64) - deviation), axis=0)
     return np.take_along_axis(tried, best[None], axis=0)[0]

@@ -1,6 +1,8 @@
-"""A policy as ONNX: one file that other runtimes read, with the scaling of the observation and of the command in its graph.
+"""A policy as ONNX: one file that other runtimes read, with the scaling of the observation and of
+the command in its graph.
 
-Written with the `onnx` package, which is an extra. The version of the format is one that runtimes of 2022 already read.
+Written with the `onnx` package, which is an extra. The version of the format is one that runtimes
+of 2022 already read.
 """
 
 import hashlib
@@ -30,10 +32,11 @@ IR = 8
 def to_onnx(policy: Policy, record: Mapping[str, Any] | None = None) -> bytes:
     """The bytes of an ONNX model. The same policy and record give the same bytes.
 
-    Input: `observation`, float32 (batch, 20 H), in SI units, laid out as a policy file's `instant` tells, the oldest instant first.
-    Outputs: `command`, float32 (batch, 4): centre + span clip(a, -1, 1) as in `c.COMMANDS`; and `action`, float32 (batch, 4): a, not
-    clipped, which the next observation holds. Both are NaN in rows whose observation or action is not finite, which ReLU and clipping
-    would else hide.
+    Input: `observation`, float32 (batch, 20 H), in SI units, laid out as a policy file's `instant`
+    tells, the oldest instant first. Outputs: `command`, float32 (batch, 4): centre + span clip(a,
+    -1, 1) as in `c.COMMANDS`; and `action`, float32 (batch, 4): a, not clipped, which the next
+    observation holds. Both are NaN in rows whose observation or action is not finite, which ReLU
+    and clipping would else hide.
 
     Args:
         policy: the policy.
@@ -45,22 +48,44 @@ def to_onnx(policy: Policy, record: Mapping[str, Any] | None = None) -> bytes:
     try:
         from onnx import TensorProto, helper, numpy_helper
     except ImportError as error:
-        raise InputError("onnx is not installed, but an ONNX export needs it: pip install 'maidenflight[onnx]'") from error
+        raise InputError(
+            "onnx is not installed, but an ONNX export needs it: pip install 'maidenflight[onnx]'"
+        ) from error
     text = _checked_text(policy)
     instant, command = json.loads(text)["instant"], " ".join(COMMANDS[policy.control].told.split())
 
     def table(name: str, columns: int, told: str) -> Any:
-        return helper.make_tensor_value_info(name, TensorProto.FLOAT, ["batch", columns], doc_string=told)
+        return helper.make_tensor_value_info(
+            name, TensorProto.FLOAT, ["batch", columns], doc_string=told
+        )
 
     graph = helper.make_graph(
-        [helper.make_node(operator, given.split(), [made], **how) for operator, given, made, how in _steps(len(policy.weights))],
+        [
+            helper.make_node(operator, given.split(), [made], **how)
+            for operator, given, made, how in _steps(len(policy.weights))
+        ],
         "policy",
-        [table("observation", policy.layer_sizes[0], f"{policy.history} instants of 20 numbers: {instant}")],
-        [table("command", ACTION_SIZE, command), table("action", ACTION_SIZE, "not clipped; the next observation holds it")],
+        [
+            table(
+                "observation",
+                policy.layer_sizes[0],
+                f"{policy.history} instants of 20 numbers: {instant}",
+            )
+        ],
+        [
+            table("command", ACTION_SIZE, command),
+            table("action", ACTION_SIZE, "not clipped; the next observation holds it"),
+        ],
         [numpy_helper.from_array(numbers, name) for name, numbers in _constants(policy).items()],
     )
     imports = [helper.make_opsetid("", OPSET)]
-    model = helper.make_model(graph, producer_name="maidenflight", producer_version=__version__, ir_version=IR, opset_imports=imports)
+    model = helper.make_model(
+        graph,
+        producer_name="maidenflight",
+        producer_version=__version__,
+        ir_version=IR,
+        opset_imports=imports,
+    )
     metadata = {
         "version": __version__,
         "control": policy.control,
@@ -75,7 +100,9 @@ def to_onnx(policy: Policy, record: Mapping[str, Any] | None = None) -> bytes:
     return model.SerializeToString(deterministic=True)
 
 
-def export_onnx(policy: Policy, directory: StrPath, *, record: Mapping[str, Any] | None = None) -> Path:
+def export_onnx(
+    policy: Policy, directory: StrPath, *, record: Mapping[str, Any] | None = None
+) -> Path:
     """Writes a policy as `policy.onnx`; see `to_onnx`.
 
     Args:
@@ -87,7 +114,8 @@ def export_onnx(policy: Policy, directory: StrPath, *, record: Mapping[str, Any]
         The file written.
 
     Raises:
-        InputError: the `onnx` package is not installed, the policy makes no sense or the directory cannot be written.
+        InputError: the `onnx` package is not installed, the policy makes no sense or the directory
+            cannot be written.
     """
     return results.write(Path(directory) / NAME, to_onnx(policy, record))
 
@@ -96,7 +124,9 @@ def _checked_text(policy: Policy) -> str:
     """The policy's JSON text, once it is sure that the policy is sound."""
     text = to_json(policy)
     from_json(text)
-    if not np.isfinite(jax.jit(jax.vmap(policy))(jnp.asarray(golden_observations(policy, 0)))).all():
+    if not np.isfinite(
+        jax.jit(jax.vmap(policy))(jnp.asarray(golden_observations(policy, 0)))
+    ).all():
         raise InputError("policy: an action overflows float32. Training diverged: train again.")
     return text
 
@@ -109,7 +139,9 @@ def _steps(layers: int) -> list[tuple[str, str, str, dict[str, Any]]]:
     ]
     values = "scaled"
     for number in range(1, layers + 1):
-        steps.append(("Gemm", f"{values} weights_{number} biases_{number}", f"layer_{number}", {"transB": 1}))
+        steps.append(
+            ("Gemm", f"{values} weights_{number} biases_{number}", f"layer_{number}", {"transB": 1})
+        )
         values = f"layer_{number}"
         if number < layers:
             steps.append(("Relu", values, f"hidden_{number}", {}))
@@ -131,8 +163,19 @@ def _steps(layers: int) -> list[tuple[str, str, str, dict[str, Any]]]:
 def _constants(policy: Policy) -> dict[str, np.ndarray]:
     """The numbers of the graph by their names in it."""
     commands = COMMANDS[policy.control]
-    numbers: dict[str, Any] = {"mean": policy.observation_mean, "deviation": policy.observation_deviation}
+    numbers: dict[str, Any] = {
+        "mean": policy.observation_mean,
+        "deviation": policy.observation_std,
+    }
     for number, (weight, bias) in enumerate(zip(policy.weights, policy.biases, strict=True), 1):
         numbers |= {f"weights_{number}": weight, f"biases_{number}": bias}
-    numbers |= {"zero": 0.0, "least": -1.0, "most": 1.0, "span": commands.span, "centre": commands.centre}
-    return {name: np.asarray(value, np.float32) for name, value in numbers.items()} | {"columns": np.array([1], np.int64)}
+    numbers |= {
+        "zero": 0.0,
+        "least": -1.0,
+        "most": 1.0,
+        "span": commands.span,
+        "centre": commands.centre,
+    }
+    return {name: np.asarray(value, np.float32) for name, value in numbers.items()} | {
+        "columns": np.array([1], np.int64)
+    }

@@ -23,18 +23,32 @@ class Agreement:
 
 
 def agreement(predicted: Float[np.ndarray, "P"], measured: Float[np.ndarray, "P"]) -> Agreement:
-    """Compares predicted and measured mean flight times, policy by policy; correlations with a constant are not numbers.
+    """Compares predicted and measured mean flight times, policy by policy.
+
+    Correlations with a constant are not numbers.
 
     Raises:
         InputError: not two rows of one length of at least two finite numbers.
     """
     predicted, measured = np.asarray(predicted, np.float64), np.asarray(measured, np.float64)
-    if predicted.ndim != 1 or predicted.shape != measured.shape or len(predicted) < 2 or not np.isfinite([predicted, measured]).all():
-        raise InputError(f"predictions of shape {predicted.shape} for measurements of shape {measured.shape}; expected two equal rows.")
+    if (
+        predicted.ndim != 1
+        or predicted.shape != measured.shape
+        or len(predicted) < 2
+        or not np.isfinite([predicted, measured]).all()
+    ):
+        raise InputError(
+            f"predictions of shape {predicted.shape} for measurements of shape {measured.shape}; "
+            "expected two equal rows."
+        )
 
     def correlation(first: np.ndarray, second: np.ndarray) -> float:
         spread = float(np.std(first) * np.std(second))
-        return float(np.mean((first - first.mean()) * (second - second.mean()))) / spread if spread > 0 else float("nan")
+        return (
+            float(np.mean((first - first.mean()) * (second - second.mean()))) / spread
+            if spread > 0
+            else float("nan")
+        )
 
     return Agreement(
         policies=len(predicted),

@@ -19,14 +19,17 @@ from maidenflight.simulator.sensors import Measurement
 FIRMWARE: Generation = "2021.10"
 """What the authors' drone ran."""
 GUARD_RATE = 100
-"""How often the guard looks [Hz], which is also the rate of the authors' logs and of the estimates."""
+"""How often the guard looks [Hz], which is also the rate of the authors' logs and of the
+estimates."""
 
 
 def attitude_rate_as_flown() -> Controller:
-    """Attitude-rate control as the authors' drone did it: yaw's rate PID, too, follows the rate that the policy asks for.
+    """Attitude-rate control as the authors' drone did it: yaw's rate PID, too, follows the rate
+    that the policy asks for.
 
-    The firmware's commander would turn it into a heading. In the 47 published flights of 150 rows and more the rate PID fed with the
-    policy's yaw rate explains 95 % of the variance of the yaw torque at a slope of 1.00, that of the heading less than 1 %.
+    The firmware's commander would turn it into a heading. In the 47 published flights of 150 rows
+    and more the rate PID fed with the policy's yaw rate explains 95 % of the variance of the yaw
+    torque at a slope of 1.00, that of the heading less than 1 %.
     """
     return _attitude_rate_as_flown()
 
@@ -40,10 +43,15 @@ def _attitude_rate_as_flown() -> Controller:
         return firmware.PIDMemory(zero, zero)  # type: ignore[arg-type]
 
     def command(
-        memory: firmware.PIDMemory, action: Float[Array, "4"], measurement: Measurement, setpoint: Float[Array, "3"]
+        memory: firmware.PIDMemory,
+        action: Float[Array, "4"],
+        measurement: Measurement,
+        setpoint: Float[Array, "3"],
     ) -> tuple[firmware.PIDMemory, Float[Array, "4"]]:
         asked = jnp.clip(action, -1.0, 1.0)
-        memory, torque = firmware.pid(memory, 60.0 * asked[1:], jnp.degrees(measurement.body_rates), firmware.RATE, FIRMWARE)
+        memory, torque = firmware.pid(
+            memory, 60.0 * asked[1:], jnp.degrees(measurement.body_rates), firmware.RATE, FIRMWARE
+        )
         motors = firmware.mix(30000.0 + 30000.0 * asked[0], firmware.cut(torque), FIRMWARE)
         return memory, jnp.clip(motors / COUNTS, 0.0, 1.0)
 
@@ -53,8 +61,9 @@ def _attitude_rate_as_flown() -> Controller:
 def attitude_as_flown() -> Controller:
     """Attitude control as the authors' drone did it: the policy's outputs are not clipped.
 
-    In 22 of the 54 published flights (those of 150 rows and more) the PIDs fed with 10 deg times the outputs explain 96, 95 and 85 % of
-    the variance of the roll, pitch and yaw torque; fed with outputs clipped to [-1, 1] it is 79, 79 and 64 %.
+    In 22 of the 54 published flights (those of 150 rows and more) the PIDs fed with 10 deg times
+    the outputs explain 96, 95 and 85 % of the variance of the roll, pitch and yaw torque; fed with
+    outputs clipped to [-1, 1] it is 79, 79 and 64 %.
     """
     return _attitude_as_flown()
 
@@ -65,10 +74,17 @@ def _attitude_as_flown() -> Controller:
     mode = np.array([firmware.DISABLE] * 3 + [firmware.ABSOLUTE] * 3, np.int32)
 
     def command(
-        memory: firmware.Memory, action: Float[Array, "4"], measurement: Measurement, setpoint: Float[Array, "3"]
+        memory: firmware.Memory,
+        action: Float[Array, "4"],
+        measurement: Measurement,
+        setpoint: Float[Array, "3"],
     ) -> tuple[firmware.Memory, Float[Array, "4"]]:
-        wanted = control.NOTHING._replace(mode=mode, attitude=10.0 * action[1:], thrust=45000.0 + 10000.0 * action[0])
-        memory, motors = firmware.tick(memory, wanted, control.sensed(measurement), FIRMWARE, position_due=False)
+        wanted = control.NOTHING._replace(
+            mode=mode, attitude=10.0 * action[1:], thrust=45000.0 + 10000.0 * action[0]
+        )
+        memory, motors = firmware.tick(
+            memory, wanted, control.sensed(measurement), FIRMWARE, position_due=False
+        )
         return memory, jnp.clip(motors / COUNTS, 0.0, 1.0)
 
     return commander._replace(command=command)

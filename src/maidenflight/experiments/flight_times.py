@@ -1,14 +1,17 @@
 """How long policies would fly on the real drone: a judge of drones in closed loop.
 
-Flight times of policies that were not trained on a drone are a harder test of it than replays: an error in its lag or its thrust
-feeds back through the policy until the guard trips. Policies fly here as the authors' drone ran them. Attitude and rate PIDs are
-those of firmware 2021.10 at 500 Hz; instants of the history are one control period apart and hold the network's raw output; the
-guard reads the estimates 100 times a second, between two actions too; the reference starts at its beginning.
+Flight times of policies that were not trained on a drone are a harder test of it than replays: an
+error in its lag or its thrust feeds back through the policy until the guard trips. Policies fly
+here as the authors' drone ran them. Attitude and rate PIDs are those of firmware 2021.10 at 500 Hz;
+instants of the history are one control period apart and hold the network's raw output; the guard
+reads the estimates 100 times a second, between two actions too; the reference starts at its
+beginning.
 
-Of 216 published flights 159 lasted less than 20 s. In the last row of 157 of them roll or pitch is 25.8 to 38.6 deg, 29.3 deg in the
-median and whatever the control structure: that is the 30 deg guard. No guard looked at the distance from the set-point: three quarters
-of the attitude-rate flights go on for more than 0.3 s beyond 0.25 m, as far as 3.4 m. The other two flights ended 3.0 m from the room's
-centre and near the ground.
+Of 216 published flights 159 lasted less than 20 s. In the last row of 157 of them roll or pitch is
+25.8 to 38.6 deg, 29.3 deg in the median and whatever the control structure: that is the 30 deg
+guard. No guard looked at the distance from the set-point: three quarters of the attitude-rate
+flights go on for more than 0.3 s beyond 0.25 m, as far as 3.4 m. The other two flights ended 3.0 m
+from the room's centre and near the ground.
 
 Source: Gronauer et al. 2022, sec. Zero-Shot Experiments; logs of the authors' flights.
 """
@@ -35,17 +38,20 @@ from maidenflight.parameters import Parameters, replace
 from maidenflight.policy import Policy
 from maidenflight.simulator import control, dynamics, environment, rotations, tasks
 from maidenflight.simulator.control import Controller
-from maidenflight.simulator.environment import Environment, Episode
+from maidenflight.simulator.environment import Environment, EnvState
 from maidenflight.simulator.tasks import END_REASONS
 
 FARTHEST = 2.5
-"""Distance from the set-point [m] at which a flight ends: no guard of the drone, but the room; one published flight went further."""
+"""Distance from the set-point [m] at which a flight ends: no guard of the drone, but the room; one
+published flight went further."""
 
 
 class Start(NamedTuple):
-    """Standard deviations of the state in which the policy takes over, normal about hover at the reference's start.
+    """Standard deviations of the state in which the policy takes over, normal about hover at the
+    reference's start.
 
-    The numbers are those of the first rows of 216 published flights (1.4826 times the median deviation from the median).
+    The numbers are those of the first rows of 216 published flights (1.4826 times the median
+    deviation from the median).
     """
 
     position: Float[Array, "3"]
@@ -57,14 +63,17 @@ class Start(NamedTuple):
     body_rates: Float[Array, "3"]
     """[rad/s]."""
     homeward: Float[Array, ""]
-    """Minus the correlation of horizontal position and velocity: the PID that hands over is on its way to the start."""
+    """Minus the correlation of horizontal position and velocity: the PID that hands over is on its
+    way to the start."""
 
 
 def _start(*numbers: tuple[float, ...] | float) -> Start:
     return Start(*(np.array(number, np.float32) for number in numbers))  # type: ignore[arg-type]
 
 
-PUBLISHED_START = _start((0.029, 0.023, 0.010), (0.044, 0.043, 0.018), (0.015, 0.014, 0.011), (0.135, 0.145, 0.035), 0.77)
+PUBLISHED_START = _start(
+    (0.029, 0.023, 0.010), (0.044, 0.043, 0.018), (0.015, 0.014, 0.011), (0.135, 0.145, 0.035), 0.77
+)
 
 LANES = 16
 """Trials of a policy that one compiled program flies together, until the last of them has ended."""
@@ -95,9 +104,10 @@ def predict_flight_times(
 ) -> polars.DataFrame:
     """Flies every policy on the authors' circle until a guard trips.
 
-    A policy's flights depend on the key, on its weights and on the drone, not on the policies beside it nor on how many devices share
-    them. Compiled once for policies of one control structure, rate, history and layer sizes, whatever their number, the trials, the
-    duration and the drone; an estimator that is late (`estimator_delay`) is another compilation.
+    A policy's flights depend on the key, on its weights and on the drone, not on the policies
+    beside it nor on how many devices share them. Compiled once for policies of one control
+    structure, rate, history and layer sizes, whatever their number, the trials, the duration and
+    the drone; an estimator that is late (`estimator_delay`) is another compilation.
 
     Args:
         policies: of any control structures, histories and layer sizes.
@@ -107,8 +117,9 @@ def predict_flight_times(
         duration: longest flight [s].
         farthest: distance from the set-point at which a flight ends [m].
         start: spread of first states.
-        structures: what policies command, by the name of their control structure: what the authors' drone ran unless given.
-            `control.CONTROLLERS` has what ours are trained for unless told otherwise. Their action rates do not count, the policies' do.
+        structures: what policies command, by the name of their control structure: what the authors'
+            drone ran unless given. `control.CONTROLLERS` has what ours are trained for unless told
+            otherwise. Their action rates do not count, the policies' do.
         names: what table and errors call the policies; policy_1, policy_2, ... unless given.
         on_policy: called with (policies flown, policies).
 
@@ -116,25 +127,43 @@ def predict_flight_times(
         One row a flight: policy, control, trial, duration [s], end_reason.
 
     Raises:
-        InputError: no policy, trial or time, names that do not tell the policies apart, or a rate that does not divide 100 Hz.
+        InputError: no policy, trial or time, names that do not tell the policies apart, or a rate
+            that does not divide 100 Hz.
     """
     names = list(names or (f"policy_{number}" for number in range(1, len(policies) + 1)))
     if not policies or trials < 1 or not len(set(names)) == len(names) == len(policies):
-        raise InputError(f"{len(policies)} policies, {len(names)} names and {trials} trials; expected at least one, and a name for each.")
+        raise InputError(
+            f"{len(policies)} policies, {len(names)} names and {trials} trials; expected at least "
+            "one, and a name for each."
+        )
     rows = round(duration * GUARD_RATE)
     if rows < 1:
         raise InputError(f"flights of {duration} s, expected at least {1 / GUARD_RATE} s.")
     for name, policy in zip(names, policies, strict=True):
         if GUARD_RATE % policy.rate:
-            raise InputError(f"{name}: {policy.control} at {policy.rate} Hz, which does not divide the guard's {GUARD_RATE} Hz.")
+            raise InputError(
+                f"{name}: {policy.control} at {policy.rate} Hz, which does not divide the guard's "
+                f"{GUARD_RATE} Hz."
+            )
     drones = drone if np.ndim(drone.mass) else tree.map(lambda leaf: np.asarray(leaf)[None], drone)
     kinds: dict[tuple, list[int]] = {}
     for place, policy in enumerate(policies):
-        kinds.setdefault((policy.control, policy.rate, policy.history, policy.layer_sizes), []).append(place)
+        kinds.setdefault(
+            (policy.control, policy.rate, policy.history, policy.layer_sizes), []
+        ).append(place)
     steps, reasons = (np.zeros((len(policies), trials), np.int32) for _ in _Flights._fields)
     done = 0
     for places in kinds.values():
-        flown = _fly_kind([policies[place] for place in places], drones, key, trials, rows, farthest, start, structures)
+        flown = _fly_kind(
+            [policies[place] for place in places],
+            drones,
+            key,
+            trials,
+            rows,
+            farthest,
+            start,
+            structures,
+        )
         for place, (rows_flown, why) in zip(places, flown, strict=True):
             steps[place], reasons[place] = rows_flown, why
             done += 1
@@ -169,13 +198,20 @@ def _fly_kind(
     structure = structures[policies[0].control]()._replace(action_rate=GUARD_RATE)
     step = np.float32(control.time_step(structure, float(np.max(drones.time_step))))
     late = bool(np.any(np.asarray(drones.estimator_delay) > 0))
-    drones = tree.map(np.asarray, replace(drones, time_step=np.broadcast_to(step, np.shape(drones.mass))))
+    drones = tree.map(
+        np.asarray, replace(drones, time_step=np.broadcast_to(step, np.shape(drones.mass)))
+    )
     nominal = tree.map(lambda leaf: leaf[0], drones)
-    simulated = Environment.matching(nominal, tasks.circle(), structure, estimator_memory=_MEMORY if late else 0)
+    env = Environment.matching(
+        nominal, tasks.circle(), structure, estimator_memory=_MEMORY if late else 0
+    )
     laid = NamedSharding(_mesh(), PartitionSpec(_POLICIES))
     size = laid.mesh.size * AT_ONCE.get(jax.default_backend(), AT_ONCE_ELSEWHERE)
     policies = [tree.map(np.asarray, policy) for policy in policies]
-    own, blocks = np.array([_identity(policy) for policy in policies], np.uint32), -(-trials // LANES)
+    own, blocks = (
+        np.array([_identity(policy) for policy in policies], np.uint32),
+        -(-trials // LANES),
+    )
 
     def portion(first: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, Array]:
         places, block = np.divmod(np.arange(first, first + size), blocks)
@@ -188,19 +224,35 @@ def _fly_kind(
 
     def fly(places: np.ndarray, wanted: np.ndarray, drawn: np.ndarray, keys: Array) -> _Flights:
         flying = tree.map(lambda *leaves: np.stack(leaves), *(policies[place] for place in places))
-        flights = jax.device_put((flying, tree.map(lambda leaf: leaf[drawn], drones), keys, wanted), laid)
-        return _fly(simulated, GUARD_RATE // policies[0].rate, *flights, np.int32(rows), np.float32(farthest), start)
+        flights = jax.device_put(
+            (flying, tree.map(lambda leaf: leaf[drawn], drones), keys, wanted), laid
+        )
+        return _fly(
+            env,
+            GUARD_RATE // policies[0].rate,
+            *flights,
+            np.int32(rows),
+            np.float32(farthest),
+            start,
+        )
 
     # Drones are drawn first: waiting for a draw would be waiting for the flights before it.
     portions = [portion(first) for first in range(0, blocks * len(policies), size)]
-    landed = (part for flights in _landed(starmap(fly, portions)) for part in zip(flights.steps, flights.reason, strict=True))
+    landed = (
+        part
+        for flights in _landed(starmap(fly, portions))
+        for part in zip(flights.steps, flights.reason, strict=True)
+    )
     for _ in policies:
-        steps, reasons = (np.concatenate(values)[:trials] for values in zip(*islice(landed, blocks), strict=True))
+        steps, reasons = (
+            np.concatenate(values)[:trials] for values in zip(*islice(landed, blocks), strict=True)
+        )
         yield steps, reasons
 
 
 _UNDER_WAY = 8
-"""Portions begun before the first of them has landed: devices that are ahead need not wait, and memory is bounded."""
+"""Portions begun before the first of them has landed: devices that are ahead need not wait, and
+memory is bounded."""
 
 
 def _landed(begun: Iterable[_Flights]) -> Iterator[_Flights]:
@@ -222,7 +274,9 @@ def _mesh() -> Mesh:
 
 def _identity(policy: Policy) -> int:
     """A number of 32 bits that stands for what a policy is, so that its flights are its own."""
-    known = hashlib.sha256(f"{policy.control} {policy.rate} {policy.history} {policy.layer_sizes}".encode())
+    known = hashlib.sha256(
+        f"{policy.control} {policy.rate} {policy.history} {policy.layer_sizes}".encode()
+    )
     for leaf in tree.leaves(policy):
         known.update(np.asarray(leaf, "<f4").tobytes())
     return int.from_bytes(known.digest()[:4], "little")
@@ -230,12 +284,19 @@ def _identity(policy: Policy) -> int:
 
 @jax.jit
 def _draw(
-    key: Array, own: UInt[Array, "policies"], trials: UInt[Array, "policies lanes"], count: Int[Array, ""]
+    key: Array,
+    own: UInt[Array, "policies"],
+    trials: UInt[Array, "policies lanes"],
+    count: Int[Array, ""],
 ) -> tuple[Int[Array, "policies lanes"], Array]:
-    """Which of so many drones each trial flies, and its key: neither depends on the other trials or policies."""
+    """Which of so many drones each trial flies, and its key: neither depends on the other trials or
+    policies.
+    """
 
     def one(own: Array, trial: Array) -> tuple[Array, Array]:
-        drone_key, flight_key = jax.random.split(jax.random.fold_in(jax.random.fold_in(key, own), trial))
+        drone_key, flight_key = jax.random.split(
+            jax.random.fold_in(jax.random.fold_in(key, own), trial)
+        )
         return jax.random.randint(drone_key, (), 0, count), flight_key
 
     return jax.vmap(jax.vmap(one, in_axes=(None, 0)))(own, trials)
@@ -247,7 +308,7 @@ _MEMORY = 7
 
 @partial(jax.jit, static_argnums=(0, 1))
 def _fly(
-    simulated: Environment,
+    env: Environment,
     every: int,
     policies: Policy,
     drones: Parameters,
@@ -259,36 +320,62 @@ def _fly(
 ) -> _Flights:
     """Flies until the last flight has ended, on each device for itself."""
 
-    def take_over(policy: Policy, drone: Parameters, key: Array) -> tuple[Episode, Array]:
+    def take_over(policy: Policy, drone: Parameters, key: Array) -> tuple[EnvState, Array]:
         start_key, begin_key = jax.random.split(jax.random.fold_in(key, 0))
-        state = _first_state(simulated, drone, start, start_key)
-        episode = environment.begin(simulated, state, jnp.zeros(()), drone, begin_key)
-        return episode, jnp.broadcast_to(episode.history[-1], (policy.history, environment.OBSERVATION_SIZE))
+        state = _first_state(env, drone, start, start_key)
+        env_state = environment.begin(env, state, jnp.zeros(()), drone, begin_key)
+        return env_state, jnp.broadcast_to(
+            env_state.history[-1], (policy.history, environment.OBSERVATION_SIZE)
+        )
 
-    def fly(policies: Policy, drones: Parameters, keys: Array, wanted: Array, rows: Array, farthest: Array) -> _Flights:
+    def fly(
+        policies: Policy,
+        drones: Parameters,
+        keys: Array,
+        wanted: Array,
+        rows: Array,
+        farthest: Array,
+    ) -> _Flights:
         def decide(now: tuple[Array, Any, _Flights]) -> tuple[Array, Any, _Flights]:
             row, before, flights = now
-            act = partial(_until_next_action, simulated, every, rows, farthest, row)
-            after, reasons = jax.vmap(jax.vmap(act, in_axes=(None, 0, 0, 0)))(policies, drones, keys, before)
+            act = partial(_until_next_action, env, every, rows, farthest, row)
+            after, reasons = jax.vmap(jax.vmap(act, in_axes=(None, 0, 0, 0)))(
+                policies, drones, keys, before
+            )
             first = jnp.argmax(reasons > 0, axis=-1)
             reason = jnp.take_along_axis(reasons, first[..., None], axis=-1)[..., 0]
             over = flights.reason > 0
-            flown = _Flights(jnp.where(over, flights.steps, row + first + 1), jnp.where(over, flights.reason, reason))
+            flown = _Flights(
+                jnp.where(over, flights.steps, row + first + 1),
+                jnp.where(over, flights.reason, reason),
+            )
             return row + every, after, flown
 
         begun = jax.vmap(jax.vmap(take_over, in_axes=(None, 0, 0)))(policies, drones, keys)
-        flights = _Flights(jnp.zeros(wanted.shape, jnp.int32), jnp.where(wanted, 0, tasks.TIME_LIMIT))
-        return lax.while_loop(lambda now: jnp.any(now[-1].reason == 0), decide, (jnp.zeros((), jnp.int32), begun, flights))[-1]
+        flights = _Flights(
+            jnp.zeros(wanted.shape, jnp.int32), jnp.where(wanted, 0, tasks.TIME_LIMIT)
+        )
+        return lax.while_loop(
+            lambda now: jnp.any(now[-1].reason == 0),
+            decide,
+            (jnp.zeros((), jnp.int32), begun, flights),
+        )[-1]
 
     laid, everywhere = PartitionSpec(_POLICIES), PartitionSpec()
-    shared = jax.shard_map(fly, mesh=_mesh(), in_specs=(*[laid] * 4, *[everywhere] * 2), out_specs=laid, check_vma=False)
+    shared = jax.shard_map(
+        fly,
+        mesh=_mesh(),
+        in_specs=(*[laid] * 4, *[everywhere] * 2),
+        out_specs=laid,
+        check_vma=False,
+    )
     return shared(policies, drones, keys, wanted, rows, farthest)
 
 
-def _first_state(simulated: Environment, drone: Parameters, start: Start, key: Array) -> dynamics.State:
+def _first_state(env: Environment, drone: Parameters, start: Start, key: Array) -> dynamics.State:
     """Hover at the reference's start, and a draw of how far from it the policy takes over."""
     normal = jax.random.normal(key, (4, 3))
-    hover = dynamics.at_hover(simulated.task.reference(jnp.zeros(())), drone)
+    hover = dynamics.at_hover(env.task.reference(jnp.zeros(())), drone)
     side = start.homeward * jnp.array([1.0, 1.0, 0.0])
     return hover._replace(
         position=hover.position + start.position * normal[0],
@@ -299,7 +386,7 @@ def _first_state(simulated: Environment, drone: Parameters, start: Start, key: A
 
 
 def _until_next_action(
-    simulated: Environment,
+    env: Environment,
     every: int,
     rows: Int[Array, ""],
     farthest: Float[Array, ""],
@@ -307,33 +394,40 @@ def _until_next_action(
     policy: Policy,
     drone: Parameters,
     key: Array,
-    before: tuple[Episode, Float[Array, "H 20"]],
-) -> tuple[tuple[Episode, Float[Array, "H 20"]], Int[Array, "every"]]:
-    """Drone and history `every` rows of 10 ms later, and after each of these why the flight would end; so far apart are instants."""
-    episode, history = before
+    before: tuple[EnvState, Float[Array, "H 20"]],
+) -> tuple[tuple[EnvState, Float[Array, "H 20"]], Int[Array, "every"]]:
+    """Drone and history `every` rows of 10 ms later, and after each of these why the flight would
+    end; so far apart are instants.
+    """
+    env_state, history = before
     action = policy(history.reshape(-1))
 
-    def hold(episode: Episode, row: Array) -> tuple[Episode, Array]:
-        after, outcome = environment.step(simulated, episode, action, drone, jax.random.fold_in(key, row))
-        reason = guard(after, outcome.setpoint, farthest)
+    def hold(env_state: EnvState, row: Array) -> tuple[EnvState, Array]:
+        after, step_result = environment.step(
+            env, env_state, action, drone, jax.random.fold_in(key, row)
+        )
+        reason = guard(after, step_result.setpoint, farthest)
         return after, jnp.where((reason == 0) & (row >= rows), tasks.TIME_LIMIT, reason)
 
-    episode, reasons = lax.scan(hold, episode, row + jnp.arange(1, every + 1))
-    instant = environment.observe(episode.measurement, simulated.task.reference(episode.time), action)
-    return (episode, jnp.concatenate([history[1:], instant[None]])), reasons
+    env_state, reasons = lax.scan(hold, env_state, row + jnp.arange(1, every + 1))
+    instant = environment.observe(env_state.measurement, env.task.reference(env_state.time), action)
+    return (env_state, jnp.concatenate([history[1:], instant[None]])), reasons
 
 
-def guard(episode: Episode, setpoint: Float[Array, "3"], farthest: Float[Array, ""]) -> Int[Array, ""]:
-    """Why the drone would stop the policy now, from what its sensors tell, an index of `END_REASONS`; 0: it would not.
+def guard(
+    env_state: EnvState, setpoint: Float[Array, "3"], farthest: Float[Array, ""]
+) -> Int[Array, ""]:
+    """Why the drone would stop the policy now, from what its sensors tell, an index of
+    `END_REASONS`; 0: it would not.
 
     Args:
-        episode: the drone.
+        env_state: the drone.
         setpoint: [m].
         farthest: distance from it [m].
 
     Source: Gronauer et al. 2022, sec. Zero-Shot Experiments; the ground and the distance are ours.
     """
-    seen = episode.measurement
+    seen = env_state.measurement
     tilt, rates = jnp.abs(rotations.to_attitude(seen.quaternion)[:2]), jnp.abs(seen.body_rates[:2])
     distance = tasks.norm(setpoint - seen.position)
     return tasks.reason(
@@ -341,7 +435,7 @@ def guard(episode: Episode, setpoint: Float[Array, "3"], farthest: Float[Array, 
         body_rate=jnp.maximum(rates[0], rates[1]) > np.float32(FASTEST),
         tilt=jnp.maximum(tilt[0], tilt[1]) > np.float32(STEEPEST),
         position_error=distance > farthest,
-        height=episode.state.position[2] < 0.0,
+        height=env_state.state.position[2] < 0.0,
     )
 
 
@@ -356,14 +450,17 @@ def summary(flights: polars.DataFrame) -> polars.DataFrame:
         flights: what `predict_flight_times` gives.
 
     Returns:
-        policy, control, trials; mean and quantiles (`QUANTILES`, in percent) of the duration [s]; and the share of flights that ended by
-        each of the reasons there are.
+        policy, control, trials; mean and quantiles (`QUANTILES`, in percent) of the duration [s];
+        and the share of flights that ended by each of the reasons there are.
     """
     duration, reason = polars.col("duration"), polars.col("end_reason")
     reasons = [name for name in END_REASONS if name in set(flights["end_reason"])]
     return flights.group_by("policy", "control", maintain_order=True).agg(
         polars.len().alias("trials"),
         duration.mean().alias("mean"),
-        *(duration.quantile(share / 100, "linear").alias(f"quantile_{share}") for share in QUANTILES),
+        *(
+            duration.quantile(share / 100, "linear").alias(f"quantile_{share}")
+            for share in QUANTILES
+        ),
         *((reason == name).mean().alias(name) for name in reasons),
     )

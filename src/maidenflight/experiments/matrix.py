@@ -1,13 +1,15 @@
-"""The paper's experiment: policies trained for many motors, and all of them flown in realities that they have not seen.
+"""The paper's experiment: policies trained for many motors, and all of them flown in realities that
+they have not seen.
 
-A matrix has a cell for each control structure, motor lag and latency. Its settings stand in one TOML file:
+A matrix has a cell for each control structure, motor lag and latency. Its settings stand in one
+TOML file:
 
     drone = "crazyflie"                     # whose other parameters are kept: a name or a TOML file
     realities = ["virtual:7"]               # where to fly
     motor_time_constant = [0.04, 0.08]      # T_m of the drones trained for [s]
     latency = [0.0, 0.015]                  # and their latency [s]
-    [control.pwm]                           # a control structure; settings of training, those of `AnalyticGradient`, and `rate`
-    updates = 800
+    [control.pwm]                           # a control structure; settings of training, those of
+    `AnalyticGradient`, and `rate` updates = 800
 
 Source: Gronauer et al. 2022, sec. Zero-Shot Experiments.
 """
@@ -59,7 +61,8 @@ class Matrix:
     controls: Mapping[str, AnalyticGradient]
     """Settings of training, by control structure."""
     rates: Mapping[str, int]
-    """Actions a second in training [Hz], by control structure. All of them fly at their structure's own rate."""
+    """Actions a second in training [Hz], by control structure. All of them fly at their structure's
+    own rate."""
     motor_time_constant: tuple[float, ...]
     """[s]."""
     latency: tuple[float, ...]
@@ -79,17 +82,34 @@ class Matrix:
     @property
     def cells(self) -> list[Cell]:
         """All of them, a control structure after the other."""
-        return [Cell(kind, lag, latency) for kind in self.controls for lag in self.motor_time_constant for latency in self.latency]
+        return [
+            Cell(kind, lag, latency)
+            for kind in self.controls
+            for lag in self.motor_time_constant
+            for latency in self.latency
+        ]
 
     def sketch(self) -> "Matrix":
         """One policy a cell, trained for a third as long: for a look."""
-        shorter = {kind: dataclasses.replace(one, updates=max(1, one.updates // 3)) for kind, one in self.controls.items()}
+        shorter = {
+            kind: dataclasses.replace(one, updates=max(1, one.updates // 3))
+            for kind, one in self.controls.items()
+        }
         return dataclasses.replace(self, controls=shorter, policies=1)
 
     def said(self, cell: Cell) -> dict[str, Any]:
         """All that a cell's policies depend on but the drone's file and the seed; plain values."""
-        own = {"randomization": self.randomization, "policies": self.policies, "training_rate": self.rates[cell.control]}
-        return {**cell._asdict(), "drone": Path(self.drone).name, **own, **recorded(self.controls[cell.control])}
+        own = {
+            "randomization": self.randomization,
+            "policies": self.policies,
+            "training_rate": self.rates[cell.control],
+        }
+        return {
+            **cell._asdict(),
+            "drone": Path(self.drone).name,
+            **own,
+            **recorded(self.controls[cell.control]),
+        }
 
 
 _PLAIN = {
@@ -111,15 +131,26 @@ def read(path: StrPath) -> Matrix:
     """Reads a matrix from its TOML file.
 
     Raises:
-        InputError: the file is not there, not TOML, or says something that a matrix does not have or that cannot be.
+        InputError: the file is not there, not TOML, or says something that a matrix does not have
+            or that cannot be.
     """
     try:
         told = inputs.from_toml(inputs.text(path))
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: not settings of a matrix ({error}). Give a TOML file such as paper/zero_shot.toml.") from error
+        raise InputError(
+            f"{path}: not settings of a matrix ({error}). Give a TOML file such as "
+            "paper/zero_shot.toml."
+        ) from error
     structures = told.pop("control", None)
-    if not isinstance(structures, dict) or not structures or not all(isinstance(own, dict) for own in structures.values()):
-        raise InputError(f"{path}: no control structure. Give a table [control.NAME] for each of {', '.join(CONTROLS)} that is wanted.")
+    if (
+        not isinstance(structures, dict)
+        or not structures
+        or not all(isinstance(own, dict) for own in structures.values())
+    ):
+        raise InputError(
+            f"{path}: no control structure. Give a table [control.NAME] for each of "
+            f"{', '.join(CONTROLS)} that is wanted."
+        )
     plain = {name: _plain(path, name, value) for name, value in told.items()}
     for name in ("motor_time_constant", "latency"):
         plain[name] = _times(path, name, plain.get(name, ()))
@@ -128,18 +159,32 @@ def read(path: StrPath) -> Matrix:
         raise InputError(f"{path}: realities = {list(realities)}; expected at least one name.")
     for name in ("policies", "trials"):
         if not 1 <= plain.get(name, 1) <= 1000:
-            raise InputError(f"{path}: {name} = {plain[name]}; expected at least 1 and at most 1000.")
-    if not 0 < plain.get("duration", LONGEST) <= 600 or not 0 <= plain.get("randomization", 0.1) <= 0.9:
-        raise InputError(f"{path}: expected a duration above 0 s, up to 600 s, and a randomization from 0 to 0.9.")
+            raise InputError(
+                f"{path}: {name} = {plain[name]}; expected at least 1 and at most 1000."
+            )
+    if (
+        not 0 < plain.get("duration", LONGEST) <= 600
+        or not 0 <= plain.get("randomization", 0.1) <= 0.9
+    ):
+        raise InputError(
+            f"{path}: expected a duration above 0 s, up to 600 s, and a randomization from 0 to "
+            "0.9."
+        )
     if not abs(plain.get("seed", 0)) < 2**63:
         raise InputError(f"{path}: seed = {plain['seed']}; expected a number of 64 bits.")
     settings = {kind: _settings(path, kind, own) for kind, own in structures.items()}
-    return Matrix({kind: one for kind, (one, _) in settings.items()}, {kind: rate for kind, (_, rate) in settings.items()}, **plain)
+    return Matrix(
+        {kind: one for kind, (one, _) in settings.items()},
+        {kind: rate for kind, (_, rate) in settings.items()},
+        **plain,
+    )
 
 
 def _plain(path: StrPath, name: str, value: Any) -> Any:
     if name not in _PLAIN:
-        raise InputError(f"{path}: {name} is unknown. Expected {', '.join(_PLAIN)} and tables [control.NAME].")
+        raise InputError(
+            f"{path}: {name} is unknown. Expected {', '.join(_PLAIN)} and tables [control.NAME]."
+        )
     kind, words = _PLAIN[name]
     value = _as(kind, value)
     if type(value) is not kind:
@@ -148,15 +193,25 @@ def _plain(path: StrPath, name: str, value: Any) -> Any:
 
 
 def _as(kind: type, value: Any) -> Any:
-    """A whole number as a float where one is wanted, infinite where it is too large; all else as it is."""
-    return (float(value) if abs(value) < 1e300 else math.inf) if kind is float and type(value) is int else value
+    """A whole number as a float where one is wanted, infinite where it is too large.
+
+    All else as it is.
+    """
+    return (
+        (float(value) if abs(value) < 1e300 else math.inf)
+        if kind is float and type(value) is int
+        else value
+    )
 
 
 def _times(path: StrPath, name: str, given: tuple[Any, ...]) -> tuple[float, ...]:
     known = QUANTITIES[name]
-    if not given or not all(type(time) in (int, float) and known.lower <= time <= known.upper for time in given):
+    if not given or not all(
+        type(time) in (int, float) and known.lower <= time <= known.upper for time in given
+    ):
         raise InputError(
-            f"{path}: {name} = {list(given)}; expected a list of at least one time from {known.lower:g} to {known.upper:g} seconds, such as"
+            f"{path}: {name} = {list(given)}; expected a list of at least one time from "
+            f"{known.lower:g} to {known.upper:g} seconds, such as"
             " [0.04, 0.08]."
         )
     if len(set(given)) < len(given):
@@ -170,23 +225,36 @@ def _settings(path: StrPath, kind: str, told: Mapping[str, Any]) -> tuple[Analyt
         raise InputError(f"{path}: [control.{kind}] is unknown. Expected {', '.join(CONTROLS)}.")
     rate = told.get("rate", control.CONTROLLERS[kind]().action_rate)
     if type(rate) is not int or not 1 <= rate <= 1000:
-        raise InputError(f"{path}: [control.{kind}] rate = {rate!r}; expected a whole number from 1 to 1000.")
+        raise InputError(
+            f"{path}: [control.{kind}] rate = {rate!r}; expected a whole number from 1 to 1000."
+        )
     _controller(kind, rate)
     defaults = {entry.name: entry.default for entry in dataclasses.fields(AnalyticGradient)}
     own = {name: value for name, value in told.items() if name != "rate"}
     for name, value in own.items():
         if name not in defaults:
-            raise InputError(f"{path}: [control.{kind}] {name} is unknown. Expected rate, {', '.join(defaults)}.")
+            raise InputError(
+                f"{path}: [control.{kind}] {name} is unknown. Expected rate, {', '.join(defaults)}."
+            )
         own[name] = _as(type(defaults[name]), tuple(value) if isinstance(value, list) else value)
         if type(own[name]) is not type(defaults[name]):
-            raise InputError(f"{path}: [control.{kind}] {name} = {value!r}; expected {type(defaults[name]).__name__}.")
+            raise InputError(
+                f"{path}: [control.{kind}] {name} = {value!r}; expected "
+                f"{type(defaults[name]).__name__}."
+            )
         if not _sensible(own[name]):
-            raise InputError(f"{path}: [control.{kind}] {name} = {value!r}; expected numbers from 0, whole ones from 1, to {_MOST}.")
+            raise InputError(
+                f"{path}: [control.{kind}] {name} = {value!r}; expected numbers from 0, whole "
+                f"ones from 1, to {_MOST}."
+            )
     return AnalyticGradient(**own), rate
 
 
 def _sensible(value: Any) -> bool:
-    """Whether a setting of training is a number that training can use; a tuple is of whole numbers."""
+    """Whether a setting of training is a number that training can use.
+
+    A tuple is of whole numbers.
+    """
     if isinstance(value, tuple):
         return all(type(entry) is int and _sensible(entry) for entry in value)
     return (value > 0 if type(value) is int else value >= 0) and value <= _MOST
@@ -198,7 +266,10 @@ def _controller(kind: str, rate: int) -> Controller:
     if rate == own.action_rate:
         return own
     if kind == "pwm":
-        raise InputError(f"pwm at {rate} Hz; the motors take {own.action_rate} commands a second. Leave out its rate.")
+        raise InputError(
+            f"pwm at {rate} Hz; the motors take {own.action_rate} commands a second. Leave out "
+            "its rate."
+        )
     return control.CONTROLLERS[kind](action_rate=rate)
 
 
@@ -213,16 +284,33 @@ def train_cell(matrix: Matrix, cell: Cell, nominal: Parameters) -> tuple[Policy,
         nominal: the drone whose other parameters are kept.
     """
     controller = _controller(cell.control, matrix.rates[cell.control])
-    drone = replace(nominal, motor_time_constant=np.float32(cell.motor_time_constant), latency=np.float32(cell.latency))
+    drone = replace(
+        nominal,
+        motor_time_constant=np.float32(cell.motor_time_constant),
+        latency=np.float32(cell.latency),
+    )
     box = relative_box(control.in_fitting_steps(drone, controller), matrix.randomization)
     key = jax.random.key(matrix.seed)
-    for part in (CONTROLS.index(cell.control), round(1e6 * cell.motor_time_constant), round(1e6 * cell.latency)):
+    for part in (
+        CONTROLS.index(cell.control),
+        round(1e6 * cell.motor_time_constant),
+        round(1e6 * cell.latency),
+    ):
         key = jax.random.fold_in(key, part)
-    return train(tasks.circle(), controller, box, jax.random.split(key, matrix.policies), matrix.controls[cell.control])
+    return train(
+        tasks.circle(),
+        controller,
+        box,
+        jax.random.split(key, matrix.policies),
+        matrix.controls[cell.control],
+    )
 
 
-def fly(matrix: Matrix, policies: Mapping[Cell, Sequence[Policy]], realities: Sequence[VirtualDrone]) -> polars.DataFrame:
-    """Flies all policies, each at its structure's own rate whatever the rate that it was trained at.
+def fly(
+    matrix: Matrix, policies: Mapping[Cell, Sequence[Policy]], realities: Sequence[VirtualDrone]
+) -> polars.DataFrame:
+    """Flies all policies, each at its structure's own rate whatever the rate that it was trained
+    at.
 
     Args:
         matrix: settings.
@@ -230,17 +318,25 @@ def fly(matrix: Matrix, policies: Mapping[Cell, Sequence[Policy]], realities: Se
         realities: where to fly.
 
     Returns:
-        A row a flight: control, training_rate [Hz], motor_time_constant and latency trained for [s], number (of the policy in its cell),
-        reality, trial, duration [s], end_reason, position_error [m].
+        A row a flight: control, training_rate [Hz], motor_time_constant and latency trained for
+        [s], number (of the policy in its cell), reality, trial, duration [s], end_reason,
+        position_error [m].
     """
     tables = []
     for kind in dict.fromkeys(cell.control for cell in policies):
-        own = [(cell, number, one) for cell, several in policies.items() if cell.control == kind for number, one in enumerate(several, 1)]
+        own = [
+            (cell, number, one)
+            for cell, several in policies.items()
+            if cell.control == kind
+            for number, one in enumerate(several, 1)
+        ]
         names = [f"{cell.name}/{number}" for cell, number, _ in own]
         rate = control.CONTROLLERS[kind]().action_rate
         flying = [dataclasses.replace(one, rate=rate) for *_, one in own]
         key = jax.random.fold_in(jax.random.key(matrix.seed), CONTROLS.index(kind))
-        table = transfer(flying, realities, matrix.trials, key, duration=matrix.duration, names=names).table.drop("flight")
+        table = transfer(
+            flying, realities, matrix.trials, key, duration=matrix.duration, names=names
+        ).table.drop("flight")
         told = [
             {
                 "policy": name,
@@ -252,14 +348,20 @@ def fly(matrix: Matrix, policies: Mapping[Cell, Sequence[Policy]], realities: Se
             }
             for name, (cell, number, _) in zip(names, own, strict=True)
         ]
-        tables.append(polars.DataFrame(told).join(table, on="policy", maintain_order="left").drop("policy"))
+        tables.append(
+            polars.DataFrame(told).join(table, on="policy", maintain_order="left").drop("policy")
+        )
     return polars.concat(tables)
 
 
 def by_cell(flights: polars.DataFrame, longest: float = LONGEST) -> polars.DataFrame:
-    """A row a reality and cell: policies, flights, mean and median flight time [s], and the share of flights that last the longest."""
+    """A row a reality and cell: policies, flights, mean and median flight time [s], and the share
+    of flights that last the longest.
+    """
     duration = polars.col("duration")
-    return flights.group_by("reality", "control", "motor_time_constant", "latency", maintain_order=True).agg(
+    return flights.group_by(
+        "reality", "control", "motor_time_constant", "latency", maintain_order=True
+    ).agg(
         polars.col("number").n_unique().alias("policies"),
         polars.len().alias("flights"),
         duration.mean().alias("mean"),

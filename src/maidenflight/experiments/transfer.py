@@ -1,4 +1,5 @@
-"""Zero-shot flights: policies fly in realities that they have never seen, and a guard says when each flight ends.
+"""Zero-shot flights: policies fly in realities that they have never seen, and a guard says when
+each flight ends.
 
 Source of the experiment and its guards: Gronauer et al. 2022, sec. Zero-Shot Experiments.
 """
@@ -38,15 +39,18 @@ class Transfer:
     """What came of zero-shot flights."""
 
     table: polars.DataFrame
-    """One row a flight: flight, policy, reality, trial, duration [s], end_reason, position_error [m]."""
+    """One row a flight: flight, policy, reality, trial, duration [s], end_reason, position_error
+    [m]."""
     flights: tuple[Flight, ...]
     """Their logs, in the table's order, each up to its end."""
 
 
 @partial(jax.jit, static_argnums=(0, 4))
-def _fly(simulated: Environment, policies: Policy, drones: Parameters, keys: Array, steps: int) -> Rows:
+def _fly(env: Environment, policies: Policy, drones: Parameters, keys: Array, steps: int) -> Rows:
     def one(policy: Policy, drone: Parameters, key: Array) -> Rows:
-        return recording.fly(simulated, lambda observation, number: policy(observation), drone, key, steps)
+        return recording.fly(
+            env, lambda observation, number: policy(observation), drone, key, steps
+        )
 
     return jax.vmap(one)(policies, drones, keys)
 
@@ -59,11 +63,14 @@ def end_of_flight(rows: Rows, period: float) -> tuple[int, str]:
         period: control period [s].
 
     Returns:
-        Number of control periods flown, and one of `not finite`, `body rate`, `tilt`, `position error`, `time limit`; where guards
-        trip at once, the first of these.
+        Number of control periods flown, and one of `not finite`, `body rate`, `tilt`, `position
+        error`, `time limit`; where guards trip at once, the first of these.
     """
     position = np.asarray(rows.true_position, np.float64)
-    attitude, rates = np.asarray(rows.true_attitude, np.float64), np.asarray(rows.true_body_rates, np.float64)
+    attitude, rates = (
+        np.asarray(rows.true_attitude, np.float64),
+        np.asarray(rows.true_body_rates, np.float64),
+    )
     distance = np.linalg.norm(position - np.asarray(rows.true_setpoint, np.float64), axis=1)
     guards = {
         "not finite": ~np.isfinite(np.concatenate([position, attitude, rates], axis=1)).all(axis=1),
@@ -91,7 +98,8 @@ def transfer(
 ) -> Transfer:
     """Flies every policy in every reality.
 
-    Each flight starts from hover within 2 cm of the reference's start, as when a drone hands over from its PID.
+    Each flight starts from hover within 2 cm of the reference's start, as when a drone hands over
+    from its PID.
 
     Args:
         policies: policies of one control structure and layer sizes, or one.
@@ -109,32 +117,63 @@ def transfer(
     policies = [policies] if isinstance(policies, Policy) else policies
     realities = [realities] if isinstance(realities, VirtualDrone) else realities
     _check_kinds(policies, Policy, "policy.read(FILE)")
-    _check_kinds(realities, VirtualDrone, "mf.virtual_drone(7) or mf.VirtualDrone(NAME, PARAMETERS)")
+    _check_kinds(
+        realities, VirtualDrone, "mf.virtual_drone(7) or mf.VirtualDrone(NAME, PARAMETERS)"
+    )
     if not policies or not realities or trials < 1:
         raise InputError("a transfer needs at least one policy, one reality and one trial.")
-    shapes = {(policy.control, policy.rate, policy.history, policy.layer_sizes) for policy in policies}
+    shapes = {
+        (policy.control, policy.rate, policy.history, policy.layer_sizes) for policy in policies
+    }
     if len(shapes) > 1:
-        raise InputError(f"policies of different kinds ({'; '.join(map(str, sorted(shapes)))}); transfer each kind by itself.")
+        raise InputError(
+            f"policies of different kinds ({'; '.join(map(str, sorted(shapes)))}); transfer each "
+            "kind by itself."
+        )
     controller = controller or control.CONTROLLERS[policies[0].control]()
     if policies[0].rate != controller.action_rate:
         raise InputError(
-            f"{policies[0].control} policies of {policies[0].rate} Hz; the controller given, {controller.name}, acts at"
+            f"{policies[0].control} policies of {policies[0].rate} Hz; the controller given, "
+            f"{controller.name}, acts at"
             f" {controller.action_rate} Hz. Give the one that they were trained for."
         )
     key = jax.random.key(0) if key is None else key
     names = list(names or (f"policy_{number}" for number in range(1, len(policies) + 1)))
     plan = [(policy, trial) for policy in range(len(policies)) for trial in range(trials)]
-    stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *(policies[policy] for policy, _ in plan))
+    stacked = jax.tree.map(
+        lambda *leaves: np.stack(leaves), *(policies[policy] for policy, _ in plan)
+    )
     rows: list[dict[str, Any]] = []
     flights: list[Flight] = []
     for number, reality in enumerate(realities):
-        simulated = replace(reality.environment(task or tasks.circle(), controller), history=policies[0].history)
-        drones = jax.tree.map(lambda leaf: np.broadcast_to(leaf, (len(plan), *np.shape(leaf))), reality.parameters)
+        env = replace(
+            reality.environment(task or tasks.circle(), controller), history=policies[0].history
+        )
+        drones = jax.tree.map(
+            lambda leaf: np.broadcast_to(leaf, (len(plan), *np.shape(leaf))), reality.parameters
+        )
         keys = jax.random.split(jax.random.fold_in(key, number), len(plan))
-        flown = jax.tree.map(np.asarray, _fly(simulated, stacked, drones, keys, round(duration * policies[0].rate)))
+        flown = jax.tree.map(
+            np.asarray, _fly(env, stacked, drones, keys, round(duration * policies[0].rate))
+        )
         for place, (policy, trial) in enumerate(plan):
-            logged, row = _one_flight(flown, place, reality, simulated, 1 / policies[0].rate, f"flight_{len(rows) + 1:02d}")
-            rows.append({"flight": len(rows) + 1, "policy": names[policy], "reality": reality.name, "trial": trial + 1, **row})
+            logged, row = _one_flight(
+                flown,
+                place,
+                reality,
+                env,
+                1 / policies[0].rate,
+                f"flight_{len(rows) + 1:02d}",
+            )
+            rows.append(
+                {
+                    "flight": len(rows) + 1,
+                    "policy": names[policy],
+                    "reality": reality.name,
+                    "trial": trial + 1,
+                    **row,
+                }
+            )
             flights.append(logged)
     return Transfer(polars.DataFrame(rows), tuple(flights))
 
@@ -146,13 +185,15 @@ def _check_kinds(given: Sequence[Any], kind: type, way: str) -> None:
 
 
 def _one_flight(
-    flown: Rows, place: int, reality: VirtualDrone, simulated: Environment, period: float, name: str
+    flown: Rows, place: int, reality: VirtualDrone, env: Environment, period: float, name: str
 ) -> tuple[Flight, dict[str, Any]]:
     """The log of one of many flights up to its end, and how it went."""
     steps, reason = end_of_flight(jax.tree.map(lambda values: values[place], flown), period)
     rows = jax.tree.map(lambda values: values[place, :steps], flown)
     error = np.linalg.norm(rows.true_position - rows.true_setpoint, axis=1)
-    logged = recording.to_flight(rows, name, held=True, has_battery=simulated.battery, simulated=reality.name, period=period)
+    logged = recording.to_flight(
+        rows, name, held=True, has_battery=env.battery, simulated=reality.name, period=period
+    )
     row = {
         "duration": round(steps * period, 6),
         "end_reason": reason,

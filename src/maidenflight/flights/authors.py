@@ -1,7 +1,8 @@
 """The authors' flight logs: 22 columns at 100 Hz, float16 as it came over the radio.
 
-The motors are logged after battery compensation, so the command is recovered with `simulator.battery`. `time` is rounded to as
-much as 31 ms and serves only to find where a file holds several flights; rows are 10 ms apart.
+The motors are logged after battery compensation, so the command is recovered with
+`simulator.battery`. `time` is rounded to as much as 31 ms and serves only to find where a file
+holds several flights; rows are 10 ms apart.
 
 Source: github SvenGronauer/phoenix-drone-simulation c5d6907; signs and scales verified on the logs.
 """
@@ -16,7 +17,20 @@ from maidenflight.flights.tables import Table
 from maidenflight.simulator import battery
 
 COLUMNS = (
-    *("x", "y", "z", "x_dot", "y_dot", "z_dot", "roll", "pitch", "yaw", "roll_dot", "pitch_dot", "yaw_dot"),
+    *(
+        "x",
+        "y",
+        "z",
+        "x_dot",
+        "y_dot",
+        "z_dot",
+        "roll",
+        "pitch",
+        "yaw",
+        "roll_dot",
+        "pitch_dot",
+        "yaw_dot",
+    ),
     *("n0", "n1", "n2", "n3", "mot0", "mot1", "mot2", "mot3", "bat", "time"),
 )
 
@@ -28,7 +42,8 @@ PERIOD = 0.01
 
 
 GAP = 0.1
-"""Step of the rounded time above which rows must be missing [s]; rounding makes steps of up to 63 ms."""
+"""Step of the rounded time above which rows must be missing [s]; rounding makes steps of up to 63
+ms."""
 
 
 def from_csv(text: str, name: str) -> list[Flight]:
@@ -45,8 +60,8 @@ def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], 
     """Reads one file; where time runs backwards or leaps another flight begins.
 
     Returns:
-        The flights in it, unchecked, each with the time of its rows [s]; and a note if there are several. The set-point is that of
-        the circle, which every flight starts with its clock.
+        The flights in it, unchecked, each with the time of its rows [s]; and a note if there are
+        several. The set-point is that of the circle, which every flight starts with its clock.
 
     Raises:
         InputError: not the authors' columns, or not 100 Hz.
@@ -63,24 +78,34 @@ def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], 
         flight = _flight(part, table.name if len(parts) == 1 else f"{table.name} part {number}")
         found.append((flight, np.arange(len(flight)) * PERIOD))
     where = ", ".join(table.place(start) for start, _ in parts[1:4])
-    notes = [f"{table.name}: {len(parts)} flights in one file; time runs backwards or leaps at {where}"] if len(parts) > 1 else []
+    notes = (
+        [f"{table.name}: {len(parts)} flights in one file; time runs backwards or leaps at {where}"]
+        if len(parts) > 1
+        else []
+    )
     return found, notes
 
 
 def _refuse_another_rate(name: str, times: list[np.ndarray]) -> None:
     """Time is rounded, so only the whole of a flight tells its rate."""
     if not np.isfinite(times[0]).any():
-        raise InputError(f"{name}: column time holds no number. It tells flights apart; put seconds there.")
+        raise InputError(
+            f"{name}: column time holds no number. It tells flights apart; put seconds there."
+        )
     longest = max(times, key=len)
     longest = longest[np.isfinite(longest)]
     if len(longest) >= 100:
         step = (longest[-1] - longest[0]) / (len(longest) - 1)
         if not 0.8 * PERIOD < step < 1.2 * PERIOD:
             raise InputError(
-                f"{name}: rows are {1000 * step:.3g} ms apart by column time; expected {1000 * PERIOD:g} ms (in seconds, 100 Hz)."
+                f"{name}: rows are {1000 * step:.3g} ms apart by column time; expected "
+                f"{1000 * PERIOD:g} ms (in seconds, 100 Hz)."
             )
     elif len(times) > 3 and len(longest) < sum(map(len, times)) / 10:
-        raise InputError(f"{name}: time runs backwards or leaps {len(times) - 1} times; expected one flight. Are the columns shuffled?")
+        raise InputError(
+            f"{name}: time runs backwards or leaps {len(times) - 1} times; expected one flight. "
+            "Are the columns shuffled?"
+        )
 
 
 def _flight(table: dict[str, np.ndarray], name: str) -> Flight:
@@ -89,15 +114,20 @@ def _flight(table: dict[str, np.ndarray], name: str) -> Flight:
 
     voltage = table["bat"].astype(np.float32)
     ratio = columns("mot0", "mot1", "mot2", "mot3") / np.float32(65536.0)
-    with np.errstate(invalid="ignore"):  # a battery that is not a number makes a command that is not one, which checking drops
+    with np.errstate(
+        invalid="ignore"
+    ):  # a battery that is not a number makes a command that is not one, which checking drops
         command = battery.thrust_command(ratio, voltage[:, None])
-    # The network's own command, where the network commanded the motors, equals what the motors were told.
+    # The network's own command, where the network commanded the motors, equals what the motors were
+    # told.
     wanted = (np.clip(columns("n0", "n1", "n2", "n3"), -1.0, 1.0) + 1.0) / 2.0
     free = np.isfinite(command) & (ratio < _SATURATED)
     held = bool(free.any() and np.median(np.abs(command - wanted)[free]) < 0.02)
     clock = (np.round(table["time"][0] / PERIOD) + np.arange(len(voltage))) * PERIOD
     angle = 2 * np.pi * clock / 3.0
-    setpoint = np.stack([0.25 * (1 - np.cos(angle)), 0.25 * np.sin(angle), np.ones_like(angle)], axis=-1)
+    setpoint = np.stack(
+        [0.25 * (1 - np.cos(angle)), 0.25 * np.sin(angle), np.ones_like(angle)], axis=-1
+    )
     return Flight(
         name=name,
         period=PERIOD,

@@ -1,11 +1,14 @@
-"""Logs of a Crazyflie by its own variables: CSV as cflib's log callbacks or the client's log writer leave it.
+"""Logs of a Crazyflie by its own variables: CSV as cflib's log callbacks or the client's log writer
+leave it.
 
-Columns are the firmware's log variables with their dots (`stateEstimate.x`, `gyro.z`, `motor.m1`), and one of time; of each signal
-there are several spellings, and the first that is complete is taken. Units and signs are the firmware's: degrees, millimetres in
-`stateEstimateZ`, a pitch that is positive nose up, a `ratePitch` likewise; the gyro is not inverted. Blocks that are logged apart
-but stamped alike are laid together, and a battery that is logged more rarely is held.
+Columns are the firmware's log variables with their dots (`stateEstimate.x`, `gyro.z`, `motor.m1`),
+and one of time; of each signal there are several spellings, and the first that is complete is
+taken. Units and signs are the firmware's: degrees, millimetres in `stateEstimateZ`, a pitch that is
+positive nose up, a `ratePitch` likewise; the gyro is not inverted. Blocks that are logged apart but
+stamped alike are laid together, and a battery that is logged more rarely is held.
 
-Source: Crazyflie firmware 2025.12, src/modules/src/stabilizer.c, stabilizer_types.h, quatcompress.h; docs on log blocks.
+Source: Crazyflie firmware 2025.12, src/modules/src/stabilizer.c, stabilizer_types.h,
+quatcompress.h; docs on log blocks.
 """
 
 import warnings
@@ -47,14 +50,18 @@ def _quaternion(values: np.ndarray) -> np.ndarray:
 
 
 def _compressed(values: np.ndarray) -> np.ndarray:
-    """Roll, pitch, yaw of a 32-bit quaternion: two bits name its largest component, ten each hold sign and size of the others."""
+    """Roll, pitch, yaw of a 32-bit quaternion: two bits name its largest component, ten each hold
+    sign and size of the others.
+    """
     code = np.where((values >= 0) & (values < 2**32), values, 0)[:, 0].astype(np.uint64)
     largest = (code >> np.uint64(30)).astype(int)
     quaternion = np.zeros((len(code), 4))
     for component in (3, 2, 1, 0):
         other = largest != component
         size = (code & np.uint64(511)).astype(float) / 511 * np.sqrt(0.5)
-        quaternion[:, component] = np.where(other, np.where(code & np.uint64(512), -size, size), 0.0)
+        quaternion[:, component] = np.where(
+            other, np.where(code & np.uint64(512), -size, size), 0.0
+        )
         code = np.where(other, code >> np.uint64(10), code)
     rest = np.sqrt(np.clip(1 - (quaternion**2).sum(axis=1), 0.0, 1.0))
     quaternion[np.arange(len(code)), largest] = rest
@@ -82,14 +89,24 @@ SPELLINGS: dict[str, tuple[Spelling, ...]] = {
     "attitude": (
         Spelling(_columns("stateEstimate.q{}", *_XYZ, "w"), _quaternion),
         Spelling(("stateEstimateZ.quat",), _compressed),
-        Spelling(_columns("stateEstimate.{}", "roll", "pitch", "yaw"), _scaled(_DEGREE, -_DEGREE, _DEGREE)),
-        Spelling(_columns("stabilizer.{}", "roll", "pitch", "yaw"), _scaled(_DEGREE, -_DEGREE, _DEGREE)),
+        Spelling(
+            _columns("stateEstimate.{}", "roll", "pitch", "yaw"),
+            _scaled(_DEGREE, -_DEGREE, _DEGREE),
+        ),
+        Spelling(
+            _columns("stabilizer.{}", "roll", "pitch", "yaw"), _scaled(_DEGREE, -_DEGREE, _DEGREE)
+        ),
     ),
     "body_rates": (
         Spelling(_columns("gyro.{}", *_XYZ), _scaled(_DEGREE)),
-        Spelling(_columns("stateEstimateZ.rate{}", "Roll", "Pitch", "Yaw"), _scaled(1e-3, -1e-3, 1e-3)),
+        Spelling(
+            _columns("stateEstimateZ.rate{}", "Roll", "Pitch", "Yaw"), _scaled(1e-3, -1e-3, 1e-3)
+        ),
     ),
-    "PWM": (Spelling(_columns("motor.m{}", *_MOTORS), _scaled(1.0)), Spelling(_columns("pwm.m{}_pwm", *_MOTORS), _scaled(1.0))),
+    "PWM": (
+        Spelling(_columns("motor.m{}", *_MOTORS), _scaled(1.0)),
+        Spelling(_columns("pwm.m{}_pwm", *_MOTORS), _scaled(1.0)),
+    ),
     "battery": (Spelling(("pm.vbat",), _scaled(1.0)), Spelling(("pm.vbatMV",), _scaled(1e-3))),
 }
 """Signals that are needed, by their spellings."""
@@ -110,16 +127,28 @@ def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], 
     Raises:
         InputError: a signal is missing, or is never in the same row as the others.
     """
-    clock = next((name for wanted in CLOCKS for name in table.frame.columns if name.lower() == wanted), None)
+    clock = next(
+        (name for wanted in CLOCKS for name in table.frame.columns if name.lower() == wanted), None
+    )
     if clock is None:
-        raise InputError(f"{table.name}: missing the column of time; expected {', '.join(CLOCKS)}, in milliseconds or seconds.")
+        raise InputError(
+            f"{table.name}: missing the column of time; expected {', '.join(CLOCKS)}, in "
+            "milliseconds or seconds."
+        )
     present = set(table.frame.columns)
-    chosen = {signal: next((way for way in ways if present >= set(way.columns)), None) for signal, ways in SPELLINGS.items()}
+    chosen = {
+        signal: next((way for way in ways if present >= set(way.columns)), None)
+        for signal, ways in SPELLINGS.items()
+    }
     lacking = [
-        f"{signal} ({' or '.join(', '.join(way.columns) for way in SPELLINGS[signal])})" for signal, way in chosen.items() if not way
+        f"{signal} ({' or '.join(', '.join(way.columns) for way in SPELLINGS[signal])})"
+        for signal, way in chosen.items()
+        if not way
     ]
     if lacking:
-        raise InputError(f"{table.name}: missing {'; '.join(lacking)}. Add them to the log's variables.")
+        raise InputError(
+            f"{table.name}: missing {'; '.join(lacking)}. Add them to the log's variables."
+        )
     optional = [way for way in (SETPOINT, THRUST) if present >= set(way.columns)]
     needed = [way for way in chosen.values() if way] + optional
     read = tables.numbers(table, [clock, *(column for way in needed for column in way.columns)])
@@ -130,8 +159,14 @@ def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], 
 
     values = {name: signal(way) for name, way in chosen.items() if way}
     volts = _held(values["battery"][:, 0])
-    _refuse_rows_apart(table.name, {name: rows for name, rows in values.items() if name != "battery"})
-    law = compensation.law_of(values["PWM"], volts, signal(THRUST)[:, 0]) if THRUST in optional else None
+    _refuse_rows_apart(
+        table.name, {name: rows for name, rows in values.items() if name != "battery"}
+    )
+    law = (
+        compensation.law_of(values["PWM"], volts, signal(THRUST)[:, 0])
+        if THRUST in optional
+        else None
+    )
     told = read[clock][np.isfinite(read[clock])]
     step = np.median(np.diff(told)) if len(told) > 1 else 10.0
     with np.errstate(invalid="ignore"):  # what is not finite is refused by checking
@@ -145,7 +180,9 @@ def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], 
         body_rates=values["body_rates"].astype(np.float32),
         command=compensation.thrust_command(values["PWM"], volts, law or compensation.PLUS),
         battery=volts.astype(np.float32),
-        setpoint=(signal(SETPOINT) if SETPOINT in optional else np.full((len(volts), 3), np.nan)).astype(np.float32),
+        setpoint=(
+            signal(SETPOINT) if SETPOINT in optional else np.full((len(volts), 3), np.nan)
+        ).astype(np.float32),
         held=False,
         full=MOST_COUNTS,
         assumed=True,
@@ -154,7 +191,10 @@ def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], 
 
 
 def _period(time: np.ndarray) -> float:
-    """The step that most rows have, to 0.1 ms [s]; stamps in whole ms are averaged over the steps near their median."""
+    """The step that most rows have, to 0.1 ms [s].
+
+    Stamps in whole ms are averaged over the steps near their median.
+    """
     steps = np.diff(time[np.isfinite(time)])
     if len(steps) == 0:
         return 0.01
@@ -163,13 +203,21 @@ def _period(time: np.ndarray) -> float:
 
 
 def _together(read: dict[str, np.ndarray], clock: str) -> dict[str, np.ndarray]:
-    """Lays rows of one time together, each column's first number in them; blocks of a log come as rows of their own."""
-    if not (read[clock][1:] == read[clock][:-1]).any() or not any(np.isnan(values).any() for values in read.values()):
+    """Lays rows of one time together, each column's first number in them.
+
+    Blocks of a log come as rows of their own.
+    """
+    if not (read[clock][1:] == read[clock][:-1]).any() or not any(
+        np.isnan(values).any() for values in read.values()
+    ):
         return read
     frame = polars.DataFrame(read).fill_nan(None)
     rest = [polars.col(column).drop_nulls().first() for column in read if column != clock]
     merged = frame.group_by(polars.col(clock), maintain_order=True).agg(rest)
-    return {column: merged[column].cast(polars.Float64).fill_null(float("nan")).to_numpy() for column in read}
+    return {
+        column: merged[column].cast(polars.Float64).fill_null(float("nan")).to_numpy()
+        for column in read
+    }
 
 
 def _held(values: np.ndarray) -> np.ndarray:
@@ -185,6 +233,7 @@ def _refuse_rows_apart(name: str, values: dict[str, np.ndarray]) -> None:
     if both < 0.5 * finite[fewest].sum():
         counts = ", ".join(f"{signal} {rows.sum()}" for signal, rows in finite.items())
         raise InputError(
-            f"{name}: only {both} of {len(finite[fewest])} rows hold all signals (rows with each: {counts}); blocks were logged apart."
+            f"{name}: only {both} of {len(finite[fewest])} rows hold all signals (rows with each: "
+            f"{counts}); blocks were logged apart."
             " Lay them together by their time first."
         )

@@ -1,12 +1,15 @@
-"""From the motors' PWM back to the thrust command: the battery compensations that Crazyflie firmwares have had.
+"""From the motors' PWM back to the thrust command: the battery compensations that Crazyflie
+firmwares have had.
 
-A Crazyflie logs PWM after it has made up for the falling battery. PWM times battery is the motors' voltage, and the law of its
-firmware tells the thrust that it stands for. The laws differ by some hundredths of the thrust and in their slope, so a log's own
-`controller.cmd_thrust`, the mean command of the four motors, decides between them where it is there.
+A Crazyflie logs PWM after it has made up for the falling battery. PWM times battery is the motors'
+voltage, and the law of its firmware tells the thrust that it stands for. The laws differ by some
+hundredths of the thrust and in their slope, so a log's own `controller.cmd_thrust`, the mean
+command of the four motors, decides between them where it is there.
 
-Source: Crazyflie firmware 2021.10 and 2025.12, src/drivers/src/motors.c and its platform defaults. Of 24 NanoBench flights
-(2025.12.1) with a logged thrust, 21 follow the law of the 2.1+ propellers (median error -0.008 to 0.002 of full thrust; the legacy
-law is off by 0.02 to 0.06) and three the legacy law (0.002 to 0.004; the other is off by -0.055).
+Source: Crazyflie firmware 2021.10 and 2025.12, src/drivers/src/motors.c and its platform defaults.
+Of 24 NanoBench flights (2025.12.1) with a logged thrust, 21 follow the law of the 2.1+ propellers
+(median error -0.008 to 0.002 of full thrust; the legacy law is off by 0.02 to 0.06) and three the
+legacy law (0.002 to 0.004; the other is off by -0.055).
 """
 
 from collections.abc import Callable, Mapping
@@ -23,23 +26,38 @@ NONE = "firmware of 2021, before it compensates"
 """`motor.m1` of that firmware is the command itself."""
 
 
-def _cubic(volts: np.ndarray, constant: float, linear: float, square: float, cube: float, most: float) -> np.ndarray:
-    """Share of full thrust at a motor voltage: a third-order polynomial in N over the largest thrust of a motor [N]."""
+def _cubic(
+    volts: np.ndarray, constant: float, linear: float, square: float, cube: float, most: float
+) -> np.ndarray:
+    """Share of full thrust at a motor voltage: a third-order polynomial in N over the largest
+    thrust of a motor [N].
+    """
     thrust = constant + volts * (linear + volts * (square + volts * cube))
     return np.where(volts <= 0, 0.0, np.clip(thrust / most, 0.0, 1.0))
 
 
 LAWS: Mapping[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] = {
-    PLUS: lambda ratio, volts: _cubic(ratio * volts, -0.024765379, 0.065237935, -0.026792505, 0.006776789, 0.12),
-    "legacy propellers": lambda ratio, volts: _cubic(ratio * volts, -0.014830745, 0.047244652, -0.018473644, 0.005960924, 0.12),
-    "thrust upgrade": lambda ratio, volts: _cubic(ratio * volts, 0.006728128, 0.010115576, 0.010263198, 0.002835864, 0.18),
-    "firmware of 2021": lambda ratio, volts: battery.thrust_command(ratio, volts) * np.float32(battery.COUNTS / MOST_COUNTS),
+    PLUS: lambda ratio, volts: _cubic(
+        ratio * volts, -0.024765379, 0.065237935, -0.026792505, 0.006776789, 0.12
+    ),
+    "legacy propellers": lambda ratio, volts: _cubic(
+        ratio * volts, -0.014830745, 0.047244652, -0.018473644, 0.005960924, 0.12
+    ),
+    "thrust upgrade": lambda ratio, volts: _cubic(
+        ratio * volts, 0.006728128, 0.010115576, 0.010263198, 0.002835864, 0.18
+    ),
+    "firmware of 2021": lambda ratio, volts: (
+        battery.thrust_command(ratio, volts) * np.float32(battery.COUNTS / MOST_COUNTS)
+    ),
     NONE: lambda ratio, volts: ratio + 0.0 * volts,
 }
-"""In order of preference: (motor ratio, battery [V]) to the share of the firmware's full thrust, 65535 counts; both of one shape."""
+"""In order of preference: (motor ratio, battery [V]) to the share of the firmware's full thrust,
+65535 counts; both of one shape."""
 
 
-def thrust_command(pwm: Float[np.ndarray, "N 4"], volts: Float[np.ndarray, "N"], law: str = PLUS) -> Float[np.ndarray, "N 4"]:
+def thrust_command(
+    pwm: Float[np.ndarray, "N 4"], volts: Float[np.ndarray, "N"], law: str = PLUS
+) -> Float[np.ndarray, "N 4"]:
     """Thrust command u of logged PWM counts; NaN where a count is impossible.
 
     Args:
@@ -49,10 +67,14 @@ def thrust_command(pwm: Float[np.ndarray, "N 4"], volts: Float[np.ndarray, "N"],
     """
     possible = np.where((pwm >= 0) & (pwm <= MOST_COUNTS), pwm, np.nan)
     with np.errstate(invalid="ignore"):  # not a number in, not a number out; checking drops it
-        return LAWS[law](possible / MOST_COUNTS, np.broadcast_to(volts[:, None], pwm.shape)).astype(np.float32)
+        return LAWS[law](possible / MOST_COUNTS, np.broadcast_to(volts[:, None], pwm.shape)).astype(
+            np.float32
+        )
 
 
-def law_of(pwm: Float[np.ndarray, "N 4"], volts: Float[np.ndarray, "N"], thrust: Float[np.ndarray, "N"]) -> str | None:
+def law_of(
+    pwm: Float[np.ndarray, "N 4"], volts: Float[np.ndarray, "N"], thrust: Float[np.ndarray, "N"]
+) -> str | None:
     """The law that gives a logged thrust command back, or None where none does to 1.2 %.
 
     Args:
@@ -60,20 +82,42 @@ def law_of(pwm: Float[np.ndarray, "N 4"], volts: Float[np.ndarray, "N"], thrust:
         volts: battery voltage [V].
         thrust: mean command of the four motors, 0 to 65535 counts; `controller.cmd_thrust`.
     """
-    rows = np.isfinite(thrust) & np.isfinite(volts) & (thrust > 10000) & (pwm > 0).all(axis=1) & (pwm < 0.99 * MOST_COUNTS).all(axis=1)
-    miss = {law: _miss(thrust_command(pwm[rows], volts[rows], law), thrust[rows] / MOST_COUNTS) for law in LAWS}
+    rows = (
+        np.isfinite(thrust)
+        & np.isfinite(volts)
+        & (thrust > 10000)
+        & (pwm > 0).all(axis=1)
+        & (pwm < 0.99 * MOST_COUNTS).all(axis=1)
+    )
+    miss = {
+        law: _miss(thrust_command(pwm[rows], volts[rows], law), thrust[rows] / MOST_COUNTS)
+        for law in LAWS
+    }
     if miss[NONE] < 0.001:
         return NONE  # Exact where it is so; elsewhere it may come as near as one percent by chance.
     return next((law for law in LAWS if miss[law] < 0.012), None)
 
 
 def _miss(command: np.ndarray, thrust: np.ndarray) -> float:
-    """Median error where no motor is at its end: the firmware cuts what one lacks from all, so that their mean falls short."""
+    """Median error where no motor is at its end: the firmware cuts what one lacks from all, so that
+    their mean falls short.
+    """
     free = command.max(axis=1, initial=0.0) < 0.98
-    return float(np.median(np.abs(command.mean(axis=1) - thrust)[free])) if free.sum() >= 50 else np.inf
+    return (
+        float(np.median(np.abs(command.mean(axis=1) - thrust)[free]))
+        if free.sum() >= 50
+        else np.inf
+    )
 
 
 def note(name: str, law: str | None) -> str:
-    """What to tell the user about the law that a file's commands were read by; None is one that could not be told."""
-    how = "as its thrust command tells" if law else "assumed; controller.cmd_thrust beside the motors would tell"
+    """What to tell the user about the law that a file's commands were read by.
+
+    None is one that could not be told.
+    """
+    how = (
+        "as its thrust command tells"
+        if law
+        else "assumed; controller.cmd_thrust beside the motors would tell"
+    )
     return f"{name}: battery compensation of the {law or PLUS} ({how})"

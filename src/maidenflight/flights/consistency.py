@@ -1,10 +1,13 @@
-"""Do the columns of a log tell one story? Wrong signs, units and orders are found by holding one signal against another.
+"""Do the columns of a log tell one story? Wrong signs, units and orders are found by holding one
+signal against another.
 
-Position must change as velocity says, attitude as body rates say, velocity as the tilt pushes, and body rates as the motors turn the
-drone. Each relation is a correlation over hundreds of rows, so that noise cancels; with too few rows or too little motion a relation
-stays silent. Thresholds leave room for what real logs show. Over the flights of Gronauer et al. (163 of 100 rows or more) and
-NanoBench (25) the least correlations are 0.53 for body rates and 0.74 for tilt, and over those of 300 rows or more 0.22 for velocity
-(-0.75 in a shorter one); and no other order of the motors explains their body rates better.
+Position must change as velocity says, attitude as body rates say, velocity as the tilt pushes, and
+body rates as the motors turn the drone. Each relation is a correlation over hundreds of rows, so
+that noise cancels; with too few rows or too little motion a relation stays silent. Thresholds leave
+room for what real logs show. Over the flights of Gronauer et al. (163 of 100 rows or more) and
+NanoBench (25) the least correlations are 0.53 for body rates and 0.74 for tilt, and over those of
+300 rows or more 0.22 for velocity (-0.75 in a shorter one); and no other order of the motors
+explains their body rates better.
 """
 
 from collections.abc import Iterator, Sequence
@@ -18,7 +21,8 @@ from scipy.spatial.transform import Rotation
 from maidenflight.flights.log import Flight
 
 FEWEST = 300
-"""Samples below which nothing is concluded from estimates of position and velocity, which drift and jump."""
+"""Samples below which nothing is concluded from estimates of position and velocity, which drift and
+jump."""
 FEWEST_TURNS = 100
 """The same for what hangs on the attitude, which is estimated far better."""
 _GRAVITY = 9.81
@@ -49,15 +53,38 @@ def relations(pieces: Sequence[Flight]) -> Iterator[Relation]:
     """The relations that can be looked at in gapless pieces of one flight."""
     xyz = ("x", "y", "z")
     changes = [_change(piece, 0.15, piece.position, piece.velocity) for piece in pieces]
-    yield Relation("velocity", "the change of position", ("", "", ""), xyz, *_joined(changes), least=0.08)
+    yield Relation(
+        "velocity", "the change of position", ("", "", ""), xyz, *_joined(changes), least=0.08
+    )
     turns = [_turn(piece, 0.06) for piece in pieces]
-    yield Relation("body_rate", "the change of attitude", ("", _PITCH, ""), xyz, *_joined(turns), least=0.15, fewest=FEWEST_TURNS)
-    push, gain = _joined([_change(piece, 0.15, piece.velocity[:, :2], _push(piece)) for piece in pieces])
-    yield Relation("change of velocity", "the push of the tilt", (_PITCH, ""), xyz[:2], gain, push, least=0.4, fewest=FEWEST_TURNS)
+    yield Relation(
+        "body_rate",
+        "the change of attitude",
+        ("", _PITCH, ""),
+        xyz,
+        *_joined(turns),
+        least=0.15,
+        fewest=FEWEST_TURNS,
+    )
+    push, gain = _joined(
+        [_change(piece, 0.15, piece.velocity[:, :2], _push(piece)) for piece in pieces]
+    )
+    yield Relation(
+        "change of velocity",
+        "the push of the tilt",
+        (_PITCH, ""),
+        xyz[:2],
+        gain,
+        push,
+        least=0.4,
+        fewest=FEWEST_TURNS,
+    )
 
 
 def contradictions(pieces: Sequence[Flight]) -> list[str]:
-    """What contradicts itself in gapless pieces of one flight; empty if nothing does or too little can be seen.
+    """What contradicts itself in gapless pieces of one flight.
+
+    Empty if nothing does or too little can be seen.
 
     Returns:
         Sentences without the file's name: what, by how much, what to do.
@@ -69,7 +96,9 @@ def contradictions(pieces: Sequence[Flight]) -> list[str]:
 
 
 def _joined(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
-    return np.concatenate([first for first, _ in parts]), np.concatenate([second for _, second in parts])
+    return np.concatenate([first for first, _ in parts]), np.concatenate(
+        [second for _, second in parts]
+    )
 
 
 def _mean(values: np.ndarray, rows: int) -> np.ndarray:
@@ -78,23 +107,32 @@ def _mean(values: np.ndarray, rows: int) -> np.ndarray:
     return np.concatenate([summed[rows - 1 : rows], summed[rows:] - summed[:-rows]]) / rows
 
 
-def _change(piece: Flight, span: float, state: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _change(
+    piece: Flight, span: float, state: np.ndarray, rate: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """A rate's mean over a span [s], and the state's change over it by time."""
     rows = min(max(round(span / piece.period), 1), len(piece) - 2)
-    return _mean(rate, rows), (state[rows:] - state[:-rows]).astype(np.float64) / (rows * piece.period)
+    return _mean(rate, rows), (state[rows:] - state[:-rows]).astype(np.float64) / (
+        rows * piece.period
+    )
 
 
 def _turn(piece: Flight, span: float) -> tuple[np.ndarray, np.ndarray]:
     rows = min(max(round(span / piece.period), 1), len(piece) - 2)
     attitude = Rotation.from_euler("ZYX", piece.attitude[:, ::-1])
-    return _mean(piece.body_rates, rows), (attitude[:-rows].inv() * attitude[rows:]).as_rotvec() / (rows * piece.period)
+    return _mean(piece.body_rates, rows), (attitude[:-rows].inv() * attitude[rows:]).as_rotvec() / (
+        rows * piece.period
+    )
 
 
 def _push(piece: Flight) -> np.ndarray:
     """Horizontal acceleration of a drone that keeps its height [m/s2]."""
     roll, pitch, yaw = piece.attitude.astype(np.float64).T
     forward, left = np.tan(pitch), -np.tan(roll) / np.cos(pitch)
-    return _GRAVITY * np.stack([np.cos(yaw) * forward - np.sin(yaw) * left, np.sin(yaw) * forward + np.cos(yaw) * left], axis=1)
+    return _GRAVITY * np.stack(
+        [np.cos(yaw) * forward - np.sin(yaw) * left, np.sin(yaw) * forward + np.cos(yaw) * left],
+        axis=1,
+    )
 
 
 def _correlation(first: np.ndarray, second: np.ndarray) -> np.ndarray:
@@ -127,28 +165,36 @@ def _judged(relation: Relation) -> Iterator[str]:
         crossed = np.abs([match[a, b], match[b, a]]).min()
         if loud[[a, b]].all() and crossed > 0.7 and np.abs(own[[a, b]]).max() < 0.5:
             yield (
-                f"{relation.says} in {relation.axes[a]} and {relation.axes[b]} look swapped against {relation.shows} (correlation across"
+                f"{relation.says} in {relation.axes[a]} and {relation.axes[b]} look swapped "
+                f"against {relation.shows} (correlation across"
                 f" {crossed:.2f} {over}). Put the columns in order."
             )
     for axis, name in enumerate(relation.axes):
         quiet, lively = sorted((one[axis], two[axis]))
         if loud[axis] and own[axis] < -0.6:
             yield (
-                f"{relation.says} and {relation.shows} have opposite signs in {name} (correlation {own[axis]:.2f} {over}). Turn the sign"
+                f"{relation.says} and {relation.shows} have opposite signs in {name} (correlation "
+                f"{own[axis]:.2f} {over}). Turn the sign"
                 f" of one.{relation.cures[axis]}"
             )
         elif lively > relation.least and own[axis] > 0.8 and lively > 4 * quiet:
             yield (
-                f"{relation.says} is {one[axis] / two[axis]:.3g} times {relation.shows} in {name} (correlation {own[axis]:.2f} {over});"
+                f"{relation.says} is {one[axis] / two[axis]:.3g} times {relation.shows} in {name} "
+                f"(correlation {own[axis]:.2f} {over});"
                 f" expected 1.{_looks_like(one[axis] / two[axis])} Convert one."
             )
         elif lively > 3 * relation.least and quiet < 1e-6:
             still = relation.says if one[axis] == quiet else relation.shows
-            yield f"{still} never changes in {name} although the other does {over}. Log both, or leave the file out."
+            yield (
+                f"{still} never changes in {name} although the other does {over}. Log both, or "
+                "leave the file out."
+            )
 
 
 def _motors(pieces: Sequence[Flight]) -> list[str]:
-    """Says so if another order of the motors explains roll and pitch acceleration far better, 40 ms after the command."""
+    """Says so if another order of the motors explains roll and pitch acceleration far better, 40 ms
+    after the command.
+    """
     accelerations, commands = [], []
     for piece in pieces:
         rows, late = max(round(0.08 / piece.period), 1), max(round(0.04 / piece.period), 1)
@@ -174,6 +220,8 @@ def _motors(pieces: Sequence[Flight]) -> list[str]:
         return []
     order = ", ".join(f"command_{motor + 1}" for motor in best)
     return [
-        f"the motors look permuted: in the order {order} they explain roll and pitch acceleration (correlations sum to"
-        f" {score(best):.2f}, as logged to {score(best) - gain:.2f}). Expected front right, back right, back left, front left."
+        f"the motors look permuted: in the order {order} they explain roll and pitch acceleration "
+        "(correlations sum to"
+        f" {score(best):.2f}, as logged to {score(best) - gain:.2f}). Expected front right, back "
+        "right, back left, front left."
     ]

@@ -1,4 +1,6 @@
-"""The flight log: what a drone measured and commanded, row by row, and our own file format for it."""
+"""The flight log: what a drone measured and commanded, row by row, and our own file format for
+it.
+"""
 
 import json
 from collections.abc import Mapping
@@ -37,8 +39,10 @@ GROUPS: dict[str, tuple[str, ...]] = {
 _COLUMNS = tuple(column for columns in GROUPS.values() for column in columns)
 
 _LEGEND = (
-    "time s; position m and velocity m/s in the world, z up; roll, pitch, yaw rad (ZYX, positive pitch nose down); body_rate rad/s,"
-    " x forward, y left, z up; command = normalised thrust u in [0, 1] of motors 1..4 (front right, back right, back left, front"
+    "time s; position m and velocity m/s in the world, z up; roll, pitch, yaw rad (ZYX, positive "
+    "pitch nose down); body_rate rad/s,"
+    " x forward, y left, z up; command = normalised thrust u in [0, 1] of motors 1..4 (front "
+    "right, back right, back left, front"
     " left), what the battery could give of it; battery V; setpoint m"
 )
 
@@ -63,7 +67,8 @@ class Flight:
     setpoint: Float[np.ndarray, "N 3"]
     """[m]; NaN where unknown."""
     held: bool
-    """Whether each command held until the next row (a policy at the log's rate), or is a sample of a faster loop (a PID)."""
+    """Whether each command held until the next row (a policy at the log's rate), or is a sample of
+    a faster loop (a PID)."""
     simulated: str = ""
     """Name of the virtual drone that flew it; empty for a real flight."""
     full: float = COUNTS
@@ -71,7 +76,8 @@ class Flight:
     assumed: bool = False
     """Whether `held` is a guess, because the log does not say."""
     lead: int = 0
-    """Rows at the beginning that are there for their commands only, in a stretch of a longer flight; see `sampling`."""
+    """Rows at the beginning that are there for their commands only, in a stretch of a longer
+    flight; see `sampling`."""
 
     def __len__(self) -> int:
         return len(self.position)
@@ -88,7 +94,9 @@ class Flight:
 
     @property
     def mean_command(self) -> Float[np.ndarray, "N 4"]:
-        """Command u between a row and the next: the command itself if it is held, else the mean of this row's and the next one's."""
+        """Command u between a row and the next: the command itself if it is held, else the mean of
+        this row's and the next one's.
+        """
         if self.held:
             return self.command
         following = np.concatenate([self.command[1:], self.command[-1:]])
@@ -102,7 +110,9 @@ def to_csv(flight: Flight, record: Mapping[str, Any] | None = None) -> str:
         if group != "time":
             values = getattr(flight, group).reshape(len(flight), -1)
             columns |= {name: values[:, number] for number, name in enumerate(names)}
-    frame = polars.DataFrame({name: values.astype(np.float64) for name, values in columns.items()}).fill_nan(None)
+    frame = polars.DataFrame(
+        {name: values.astype(np.float64) for name, values in columns.items()}
+    ).fill_nan(None)
     head = [
         f"{MARK}: {_LEGEND}",
         f"# commands: {'held' if flight.held else 'sampled'}",
@@ -128,7 +138,10 @@ def _full(table: Table) -> float:
     with suppress(ValueError):
         if 0.0 < float(said) <= MOST_COUNTS:
             return float(said)
-    raise InputError(f"{table.name}: full = {said[:20]!r}; expected the counts that u = 1 stands for, above 0 and at most {MOST_COUNTS:g}.")
+    raise InputError(
+        f"{table.name}: full = {said[:20]!r}; expected the counts that u = 1 stands for, above 0 "
+        f"and at most {MOST_COUNTS:g}."
+    )
 
 
 def recognises(table: Table) -> bool:
@@ -143,7 +156,10 @@ def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], 
         InputError: see `timed`; or a CSV without our first line.
     """
     if table.first_line and not table.mark.startswith(MARK):
-        raise InputError(f"{table.name}: line 1 is not '{MARK}' but {table.mark[:60]!r}. Put it there; see docs/flight-log.md.")
+        raise InputError(
+            f"{table.name}: line 1 is not '{MARK}' but {table.mark[:60]!r}. Put it there; see "
+            "docs/flight-log.md."
+        )
     return [timed(table)], []
 
 
@@ -154,7 +170,8 @@ def timed(table: Table) -> tuple[Flight, Float[np.ndarray, "N"]]:
         The flight, and the time of each of its rows [s].
 
     Raises:
-        InputError: a column is missing or is not numeric, or it is not said what a command stands for.
+        InputError: a column is missing or is not numeric, or it is not said what a command stands
+            for.
     """
     if table.head.get("commands") not in ("held", "sampled"):
         where, sign = ("line 2 is not", "# ") if table.first_line else ("its metadata lack", "")

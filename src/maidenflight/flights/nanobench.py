@@ -1,17 +1,21 @@
-"""NanoBench's 51 columns: a Crazyflie 2.1 under motion capture, at 100 Hz, each stream logged by its own clock and laid side by side.
+"""NanoBench's 51 columns: a Crazyflie 2.1 under motion capture, at 100 Hz, each stream logged by
+its own clock and laid side by side.
 
 Found on its 26 flights, of which 25 leave the ground:
 - The drone's own streams agree in time, in every file: the estimated attitude follows the gyro by 6 ms (quartiles 5 to 8), roll,
-  pitch and yaw acceleration follow the motors' torque by 44, 40 and 61 ms (correlations 0.41, 0.35, 0.40, all positive).
+  pitch and yaw acceleration follow the motors' torque by 44, 40 and 61 ms (correlations 0.41, 0.35,
+  0.40, all positive).
 - Vicon's clock wanders against them within a flight, by tens of ms, in five files by -200 to +190 ms. Matching its angular rates to
-  the gyro in stretches of 1.5 s follows it. Over 0.2 s the gyro then predicts Vicon's roll and pitch to 0.83 deg instead of 1.02
-  (better in 25 of 25 flights) and the accelerometer, which had no part in it, its vertical velocity to 9.0 mm/s instead of 10.0
-  (better in 22).
+  the gyro in stretches of 1.5 s follows it. Over 0.2 s the gyro then predicts Vicon's roll and
+  pitch to 0.83 deg instead of 1.02 (better in 25 of 25 flights) and the accelerometer, which had no
+  part in it, its vertical velocity to 9.0 mm/s instead of 10.0 (better in 22).
 - Vicon's velocity is the change of its position (correlation 1.00, 0 ms); the estimator's is late by 30 to 50 ms (0.80 to 0.94) and
-  its position jumps. So position, velocity and attitude are Vicon's, moved onto the drone's clock; body rates are the gyro's.
+  its position jumps. So position, velocity and attitude are Vicon's, moved onto the drone's clock;
+  body rates are the gyro's.
 - Signs are ours: Vicon's Euler angles are its quaternion's, rad, nose down positive (the estimator's pitch is the legacy one, -0.94),
-  the gyro is in rad/s. PWM is after battery compensation, by two laws: 21 files that of the 2.1+ propellers, three (B2_circle_fast_rep2,
-  B2_circle_medium_rep3, B3_figure8_medium_rep2) that of the legacy ones. The logged thrust command decides; see `compensation`.
+  the gyro is in rad/s. PWM is after battery compensation, by two laws: 21 files that of the 2.1+
+  propellers, three (B2_circle_fast_rep2, B2_circle_medium_rep3, B3_figure8_medium_rep2) that of the
+  legacy ones. The logged thrust command decides; see `compensation`.
 
 Source: Ullah and Baca 2026, arXiv 2603.09908, github syediu/nanobench-iros2026.
 """
@@ -48,7 +52,8 @@ def recognises(table: Table) -> bool:
 
 
 def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], list[str]]:
-    """The flight in a table, unchecked, with the time of its rows [s], and how its commands were read.
+    """The flight in a table, unchecked, with the time of its rows [s], and how its commands were
+    read.
 
     Raises:
         InputError: a column is missing or not numeric.
@@ -64,7 +69,9 @@ def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], 
     vicon[np.isinf(vicon)] = np.nan
     vicon[:, 6:] = np.unwrap(vicon[:, 6:], axis=0)
     rows = np.arange(len(rates))
-    pose = np.stack([np.interp(rows - lag(rates, vicon[:, 6:]), rows, values) for values in vicon.T], axis=1)
+    pose = np.stack(
+        [np.interp(rows - lag(rates, vicon[:, 6:]), rows, values) for values in vicon.T], axis=1
+    )
     flight = Flight(
         name=table.name,
         period=PERIOD,
@@ -87,11 +94,14 @@ def _wrapped(angle: np.ndarray) -> np.ndarray:
     return np.remainder(angle + np.pi, 2 * np.pi) - np.pi
 
 
-def lag(rates: Float[np.ndarray, "N 3"], attitude: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, "N"]:
+def lag(
+    rates: Float[np.ndarray, "N 3"], attitude: Float[np.ndarray, "N 3"]
+) -> Float[np.ndarray, "N"]:
     """Rows by which the gyro is later than an attitude logged by another clock, for each row.
 
-    Every `EVERY` rows the correlation of roll and pitch rate is taken at all whole lags over `HALF` rows on either side; the path
-    through these that correlates best without leaping is found by dynamic programming, and a parabola refines it.
+    Every `EVERY` rows the correlation of roll and pitch rate is taken at all whole lags over `HALF`
+    rows on either side; the path through these that correlates best without leaping is found by
+    dynamic programming, and a parabola refines it.
 
     Args:
         rates: body rates [rad/s].
@@ -111,7 +121,9 @@ def lag(rates: Float[np.ndarray, "N 3"], attitude: Float[np.ndarray, "N 3"]) -> 
     for number, shift in enumerate(lags):
         moved = np.clip(rows - shift, 0, rows[-1])
         both = _around(gyro[:, 0] * seen[moved, 0] + gyro[:, 1] * seen[moved, 1], HALF, looks)
-        match[:, number] = both / np.maximum(np.sqrt(power * _around(seen_power[moved], HALF, looks)), 1e-6)
+        match[:, number] = both / np.maximum(
+            np.sqrt(power * _around(seen_power[moved], HALF, looks)), 1e-6
+        )
     path = _steadiest(match)
     inner = np.clip(path, 1, len(lags) - 2)
     before, at, after = (match[np.arange(len(looks)), inner + step] for step in (-1, 0, 1))
@@ -137,7 +149,9 @@ def _around(values: np.ndarray, half: int, rows: np.ndarray) -> np.ndarray:
 
 
 def _steadiest(match: np.ndarray, price: float = 0.02, farthest: int = 3) -> np.ndarray:
-    """Path of columns through the rows of a matrix with the largest sum, less a price for each column of change."""
+    """Path of columns through the rows of a matrix with the largest sum, less a price for each
+    column of change.
+    """
     columns = np.arange(match.shape[1])
     moves = np.arange(-farthest, farthest + 1)
     came = columns - moves[:, None]

@@ -1,7 +1,7 @@
 """Reading flights from a file or a folder, whatever of the known formats they are in.
 
-A folder with damaged logs still gives the sound ones; nothing is passed over without a word but the result tables that maidenflight
-itself writes.
+A folder with damaged logs still gives the sound ones; nothing is passed over without a word but the
+result tables that maidenflight itself writes.
 """
 
 import math
@@ -23,11 +23,15 @@ from maidenflight.inputs import StrPath
 
 SUFFIXES = (".csv", ".csv.gz", ".parquet")
 MOST = 3600.0
-"""Flight that the command line uses of a large folder [s]; an hour is identified from in less than 2 GB of memory."""
+"""Flight that the command line uses of a large folder [s]; an hour is identified from in less than
+2 GB of memory."""
 
 
 class Format(NamedTuple):
-    """A way of writing flights down; `flights` gives each with the time of its rows [s], and notes."""
+    """A way of writing flights down.
+
+    `flights` gives each with the time of its rows [s], and notes.
+    """
 
     what: str
     recognises: Callable[[Table], bool]
@@ -35,10 +39,18 @@ class Format(NamedTuple):
 
 
 FORMATS = (
-    Format(f"maidenflight's own log ('{log.MARK}', see docs/flight-log.md)", log.recognises, log.flights),
+    Format(
+        f"maidenflight's own log ('{log.MARK}', see docs/flight-log.md)",
+        log.recognises,
+        log.flights,
+    ),
     Format("the 22 columns of Gronauer et al.", authors.recognises, authors.flights),
     Format("NanoBench's 51 columns", nanobench.recognises, nanobench.flights),
-    Format("log variables of a Crazyflie ('stateEstimate.x', 'gyro.x', ...)", cflib.recognises, cflib.flights),
+    Format(
+        "log variables of a Crazyflie ('stateEstimate.x', 'gyro.x', ...)",
+        cflib.recognises,
+        cflib.flights,
+    ),
 )
 
 _RESULTS = (
@@ -64,8 +76,14 @@ class Flights:
     """Files of the folder that could not be used, each with its reason."""
 
     def __repr__(self) -> str:
-        rates = ", ".join(f"{1 / period:g} Hz" for period in sorted({flight.period for flight in self.flights}, reverse=True))
-        return f"<{len(self)} pieces of flight, {self.duration:.1f} s at {rates}, of {len(self.paths)} files; notes: {len(self.notes)}>"
+        rates = ", ".join(
+            f"{1 / period:g} Hz"
+            for period in sorted({flight.period for flight in self.flights}, reverse=True)
+        )
+        return (
+            f"<{len(self)} pieces of flight, {self.duration:.1f} s at {rates}, of "
+            f"{len(self.paths)} files; notes: {len(self.notes)}>"
+        )
 
     def __len__(self) -> int:
         return len(self.flights)
@@ -93,21 +111,25 @@ def read_flights(
     """Reads and checks flights.
 
     Args:
-        path: a file, or a folder that is searched with all its folders for `.csv`, `.csv.gz` and `.parquet`.
+        path: a file, or a folder that is searched with all its folders for `.csv`, `.csv.gz` and
+            `.parquet`.
         on_file: called with (files read, files found), for a progress bar.
-        most: flight to keep [s]. Of more, stretches of every flight are kept, one file being in memory beside them.
+        most: flight to keep [s]. Of more, stretches of every flight are kept, one file being in
+            memory beside them.
         history: rows of commands that a window of a stretch has before it.
-        commands: one of `COMMANDS`, whatever the logs say: "held" if a policy at the log's rate commanded the motors. Logs of a
-            Crazyflie's variables do not say, and are taken as "sampled", as of the firmware's PID, unless given. Taken the wrong way,
-            latency is half a row off.
+        commands: one of `COMMANDS`, whatever the logs say: "held" if a policy at the log's rate
+            commanded the motors. Logs of a Crazyflie's variables do not say, and are taken as
+            "sampled", as of the firmware's PID, unless given. Taken the wrong way, latency is half
+            a row off.
 
     Returns:
-        Gapless pieces of flights in which the drone flies, in the order of the files' names. Of a folder, with the files that were
-        refused and why; and a note for each table that is no flight log.
+        Gapless pieces of flights in which the drone flies, in the order of the files' names. Of a
+        folder, with the files that were refused and why; and a note for each table that is no
+        flight log.
 
     Raises:
-        InputError: nothing there; a single file that is damaged, contradicts itself or is in an unknown format; or nothing usable
-            in the whole set.
+        InputError: nothing there; a single file that is damaged, contradicts itself or is in an
+            unknown format; or nothing usable in the whole set.
     """
     if commands not in (*COMMANDS, None):
         raise InputError(f"commands {commands!r}; expected {' or '.join(COMMANDS)}.")
@@ -117,21 +139,36 @@ def read_flights(
     read = (_said(flight, commands, seen) for flight in _read(paths, path.is_file(), seen, on_file))
     flights, duration = sampled(read, most, history)
     if not flights:
-        raise InputError(_nothing(path, len(seen.paths) + len(seen.refused), [*seen.refused, *seen.notes, *seen.others]))
-    kept = Flights(tuple(flights), (*seen.others, *seen.notes), tuple(seen.paths), tuple(seen.refused))
+        raise InputError(
+            _nothing(
+                path,
+                len(seen.paths) + len(seen.refused),
+                [*seen.refused, *seen.notes, *seen.others],
+            )
+        )
+    kept = Flights(
+        tuple(flights), (*seen.others, *seen.notes), tuple(seen.paths), tuple(seen.refused)
+    )
     if duration <= most:
         return kept
-    note = f"{kept.duration:.0f} of {duration:.0f} s of flight used, stretches of every flight; more takes more memory and time"
+    note = (
+        f"{kept.duration:.0f} of {duration:.0f} s of flight used, stretches of every flight; "
+        "more takes more memory and time"
+    )
     return replace(kept, notes=(note, *kept.notes))
 
 
 def _said(flight: Flight, commands: str | None, seen: "_Seen") -> Flight:
-    """A flight whose log does not say what a command stands for, as told; or a note that it is a guess."""
+    """A flight whose log does not say what a command stands for, as told.
+
+    Or a note that it is a guess.
+    """
     if commands:
         return replace(flight, held=commands == "held", assumed=False)
     if flight.assumed:
         note = (
-            f"{flight.name}: commands taken as samples of the firmware's PID; if a policy held each until the next row, say --commands held"
+            f"{flight.name}: commands taken as samples of the firmware's PID; if a policy held "
+            "each until the next row, say --commands held"
         )
         seen.notes.extend([] if note in seen.notes else [note])
     return flight
@@ -146,7 +183,9 @@ class _Seen(NamedTuple):
     refused: list[str]
 
 
-def _read(paths: list[Path], alone: bool, seen: _Seen, on_file: Callable[[int, int], None] | None) -> Iterator[Flight]:
+def _read(
+    paths: list[Path], alone: bool, seen: _Seen, on_file: Callable[[int, int], None] | None
+) -> Iterator[Flight]:
     """Pieces of flights, one file after another."""
     for number, file in enumerate(paths, 1):
         try:
@@ -170,7 +209,10 @@ def _of_file(file: Path, alone: bool, seen: _Seen) -> list[Flight]:
     if alone:
         raise InputError(_unknown(table))
     if not any(columns <= set(table.frame.columns) for columns in _RESULTS):
-        seen.others.append(f"{table.name}: not a flight log, passed over (columns {', '.join(table.frame.columns[:4])[:60]} ...)")
+        seen.others.append(
+            f"{table.name}: not a flight log, passed over (columns "
+            f"{', '.join(table.frame.columns[:4])[:60]} ...)"
+        )
     return []
 
 
@@ -187,14 +229,23 @@ def _checked(table: Table, kind: Format) -> tuple[list[Flight], list[str]]:
 
 def _unknown(table: Table) -> str:
     columns = ",".join(table.frame.columns)
-    return f"{table.name}: unknown format; its columns are {columns[:60]!r}. Known are {'; '.join(kind.what for kind in FORMATS)}."
+    return (
+        f"{table.name}: unknown format; its columns are {columns[:60]!r}. Known are "
+        f"{'; '.join(kind.what for kind in FORMATS)}."
+    )
 
 
 def _nothing(path: Path, files: int, reasons: list[str]) -> str:
     if not reasons:
-        return f"{path}: no flight logs ({', '.join(SUFFIXES)}) in this folder. Record some: maidenflight record -o {path}."
+        return (
+            f"{path}: no flight logs ({', '.join(SUFFIXES)}) in this folder. Record some: "
+            f"maidenflight record -o {path}."
+        )
     more = f"; and {len(reasons) - 3} more" if len(reasons) > 3 else ""
-    return f"{path}: no usable flight in {files} files ({'; '.join(reasons[:3])}{more}). A flight needs 0.5 s in the air."
+    return (
+        f"{path}: no usable flight in {files} files ({'; '.join(reasons[:3])}{more}). A flight "
+        "needs 0.5 s in the air."
+    )
 
 
 def _files(path: Path) -> tuple[list[Path], list[str]]:
@@ -203,11 +254,15 @@ def _files(path: Path) -> tuple[list[Path], list[str]]:
         return [path], []
     if not path.is_dir():
         known = ", ".join(SUFFIXES)
-        raise InputError(f"{path}: no such file or folder. Give a flight log ({known}) or a folder of them.")
+        raise InputError(
+            f"{path}: no such file or folder. Give a flight log ({known}) or a folder of them."
+        )
     refused: list[str] = []
 
     def unreadable(error: OSError) -> None:
-        refused.append(f"{error.filename}: this folder cannot be read ({error.strerror}). Allow reading it.")
+        refused.append(
+            f"{error.filename}: this folder cannot be read ({error.strerror}). Allow reading it."
+        )
 
     found = []
     for folder, _, names in os.walk(path, onerror=unreadable):

@@ -1,4 +1,7 @@
-"""Recording flights on a virtual drone: the firmware's position PID, or a policy, flies; the sensors' signals are logged."""
+"""Recording flights on a virtual drone: the firmware's position PID, or a policy, flies.
+
+The sensors' signals are logged.
+"""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -25,8 +28,8 @@ class Rows(NamedTuple):
     attitude: Float[Array, "N 3"]
     body_rates: Float[Array, "N 3"]
     ratio: Float[Array, "N 4"]
-    """Motor ratio; the thrust command where no battery is simulated. That of the row's own period where a command holds for it,
-    else that in force when the row was measured."""
+    """Motor ratio; the thrust command where no battery is simulated. That of the row's own period
+    where a command holds for it, else that in force when the row was measured."""
     battery: Float[Array, "N"]
     setpoint: Float[Array, "N 3"]
     true_position: Float[Array, "N 3"]
@@ -38,7 +41,7 @@ class Rows(NamedTuple):
 
 
 def fly(
-    simulated: Environment,
+    env: Environment,
     act: Callable[[Float[Array, "20H"], Int[Array, ""]], Float[Array, "4"]],
     parameters: Parameters,
     key: Array,
@@ -50,7 +53,7 @@ def fly(
     A failed flight goes on; who reads the rows decides where it ended.
 
     Args:
-        simulated: what is simulated.
+        env: what is simulated.
         act: (observation, number of the control period) to action.
         parameters: the drone.
         key: random key.
@@ -59,14 +62,18 @@ def fly(
     """
     place_key, begin_key, key = jax.random.split(key, 3)
     offset = 0.02 * jax.random.uniform(place_key, (3,), minval=-1.0, maxval=1.0)
-    state = dynamics.at_hover(simulated.task.reference(jnp.asarray(start)) + offset, parameters)
-    first = environment.begin(simulated, state, jnp.asarray(start), parameters, begin_key)
+    state = dynamics.at_hover(env.task.reference(jnp.asarray(start)) + offset, parameters)
+    first = environment.begin(env, state, jnp.asarray(start), parameters, begin_key)
 
-    def one(episode: environment.Episode, now: tuple[Array, Array]) -> tuple[environment.Episode, Rows]:
+    def one(
+        env_state: environment.EnvState, now: tuple[Array, Array]
+    ) -> tuple[environment.EnvState, Rows]:
         number, key = now
-        after, outcome = environment.step(simulated, episode, act(environment.observation(episode), number), parameters, key)
-        seen = episode.measurement
-        motors = after.actuators if simulated.commands_per_action == 1 else episode.actuators
+        after, step_result = environment.step(
+            env, env_state, act(environment.observation(env_state), number), parameters, key
+        )
+        seen = env_state.measurement
+        motors = after.actuators if env.commands_per_action == 1 else env_state.actuators
         return after, Rows(
             position=seen.position,
             velocity=seen.velocity,
@@ -74,9 +81,9 @@ def fly(
             body_rates=seen.body_rates,
             ratio=motors.ratio,
             battery=motors.voltage,
-            setpoint=simulated.task.reference(episode.time),
+            setpoint=env.task.reference(env_state.time),
             true_position=after.state.position,
-            true_setpoint=outcome.setpoint,
+            true_setpoint=step_result.setpoint,
             true_attitude=rotations.to_attitude(after.state.quaternion),
             true_body_rates=after.state.body_rates,
         )
@@ -84,11 +91,15 @@ def fly(
     return jax.lax.scan(one, first, (jnp.arange(steps), jax.random.split(key, steps)))[1]
 
 
-def dither(strength: Float[Array, ""], steps: int, key: Array) -> Callable[[Float[Array, "20H"], Int[Array, ""]], Float[Array, "4"]]:
-    """Excitation for a PID: each motor's command is raised or lowered by `strength`, anew every 50 ms.
+def dither(
+    strength: Float[Array, ""], steps: int, key: Array
+) -> Callable[[Float[Array, "20H"], Int[Array, ""]], Float[Array, "4"]]:
+    """Excitation for a PID: each motor's command is raised or lowered by `strength`, anew every 50
+    ms.
 
-    A PID that only follows a slow circle hardly moves its motors, and what it does answers the very disturbances that a replay
-    of its commands cannot know. Excitation from outside the loop is what makes lag and latency visible.
+    A PID that only follows a slow circle hardly moves its motors, and what it does answers the very
+    disturbances that a replay of its commands cannot know. Excitation from outside the loop is what
+    makes lag and latency visible.
 
     Args:
         strength: thrust command [-].
@@ -99,9 +110,16 @@ def dither(strength: Float[Array, ""], steps: int, key: Array) -> Callable[[Floa
     return lambda observation, number: strength * signs[number // 5]
 
 
-def to_flight(rows: Rows, name: str, *, held: bool, has_battery: bool, simulated: str, period: float = 0.01) -> Flight:
-    """A flight log of logged rows; the command is read back from the motor ratio, as from a real log."""
-    logged: dict[str, np.ndarray] = {field: np.asarray(values) for field, values in rows._asdict().items()}
+def to_flight(
+    rows: Rows, name: str, *, held: bool, has_battery: bool, simulated: str, period: float = 0.01
+) -> Flight:
+    """A flight log of logged rows.
+
+    The command is read back from the motor ratio, as from a real log.
+    """
+    logged: dict[str, np.ndarray] = {
+        field: np.asarray(values) for field, values in rows._asdict().items()
+    }
     command = logged["ratio"]
     if has_battery:
         command = np.asarray(battery.thrust_command(command, logged["battery"][:, None]))
@@ -121,10 +139,16 @@ def to_flight(rows: Rows, name: str, *, held: bool, has_battery: bool, simulated
 
 
 @partial(jax.jit, static_argnums=(0, 3))
-def _fly_pid(simulated: Environment, parameters: Parameters, keys: Int[Array, "F"], steps: int, strength: Float[Array, ""]) -> Rows:
+def _fly_pid(
+    env: Environment,
+    parameters: Parameters,
+    keys: Int[Array, "F"],
+    steps: int,
+    strength: Float[Array, ""],
+) -> Rows:
     def one(key: Array) -> Rows:
         dither_key, key = jax.random.split(key)
-        return fly(simulated, dither(strength, steps, dither_key), parameters, key, steps)
+        return fly(env, dither(strength, steps, dither_key), parameters, key, steps)
 
     return jax.vmap(one)(keys)
 
@@ -147,14 +171,20 @@ def record(
         excitation: strength of `dither` [-]; 0 is the plain PID.
         task: the circle of the paper unless given.
     """
-    simulated = drone.environment(task or tasks.circle(), control.position_pid())
-    rows = _fly_pid(simulated, drone.parameters, jax.random.split(key, flights), round(duration * 100), jnp.float32(excitation))
+    env = drone.environment(task or tasks.circle(), control.position_pid())
+    rows = _fly_pid(
+        env,
+        drone.parameters,
+        jax.random.split(key, flights),
+        round(duration * 100),
+        jnp.float32(excitation),
+    )
     return [
         to_flight(
             jax.tree.map(lambda values, number=number: values[number], rows),
             f"flight_{number + 1:02d}",
             held=False,
-            has_battery=simulated.battery,
+            has_battery=env.battery,
             simulated=drone.name,
         )
         for number in range(flights)

@@ -14,19 +14,26 @@ from maidenflight.flights.log import GROUPS, Flight
 from maidenflight.flights.windows import BLOCK, HISTORY, SHORTEST_HISTORY
 
 UNIT = 100
-"""Rows by which stretches grow: those of a window of the likelihood, so that a stretch wastes none."""
+"""Rows by which stretches grow: those of a window of the likelihood, so that a stretch wastes
+none."""
 _SLACK = 1.25
-"""Times the flight asked for that is held while more is read, so that not every new flight makes all others be cut anew."""
+"""Times the flight asked for that is held while more is read, so that not every new flight makes
+all others be cut anew."""
 
 
-def sampled(flights: Iterable[Flight], most: float, history: int = HISTORY) -> tuple[list[Flight], float]:
-    """Keeps all flights if they last no longer than asked for together, else stretches of those that last longer than their share.
+def sampled(
+    flights: Iterable[Flight], most: float, history: int = HISTORY
+) -> tuple[list[Flight], float]:
+    """Keeps all flights if they last no longer than asked for together, else stretches of those
+    that last longer than their share.
 
-    Stretches lie at random places, always the same ones, and carry the rows before them that their windows need; those are windows that
-    would be cut from the whole flight, too. However many flights there are, each gives `UNIT` rows.
+    Stretches lie at random places, always the same ones, and carry the rows before them that their
+    windows need; those are windows that would be cut from the whole flight, too. However many
+    flights there are, each gives `UNIT` rows.
 
     Args:
-        flights: checked flights, of which one at a time need be in memory beside those that are kept.
+        flights: checked flights, of which one at a time need be in memory beside those that are
+            kept.
         most: what to keep, all flights together [s]; a stretch may bring a row more.
         history: rows of commands before a window.
 
@@ -41,13 +48,18 @@ def sampled(flights: Iterable[Flight], most: float, history: int = HISTORY) -> t
         kept.append(_shortened([flight], len(kept), share, history))
         held += _duration(kept[-1])
         if held > limit:
-            # What was cut by a larger share is cut further: the share only falls as flights come in.
+            # What was cut by a larger share is cut further: the share only falls as flights come
+            # in.
             share = _share(np.array(durations), most)
             kept = [_shortened(parts, number, share, history) for number, parts in enumerate(kept)]
             held = sum(map(_duration, kept))
             limit = _SLACK * max(most, held)
     share = _share(np.array(durations), most)
-    return [part for number, parts in enumerate(kept) for part in _shortened(parts, number, share, history)], sum(durations)
+    return [
+        part
+        for number, parts in enumerate(kept)
+        for part in _shortened(parts, number, share, history)
+    ], sum(durations)
 
 
 def _duration(parts: list[Flight]) -> float:
@@ -55,22 +67,33 @@ def _duration(parts: list[Flight]) -> float:
 
 
 def _share(durations: Float[np.ndarray, "N"], most: float) -> float:
-    """The longest that each flight may last for all to last `most` together; infinite where all may be kept."""
+    """The longest that each flight may last for all to last `most` together.
+
+    Infinite where all may be kept.
+    """
     if durations.sum() <= most:
         return math.inf
     rising = np.sort(durations)
-    shares = (most - np.concatenate([[0.0], np.cumsum(rising)[:-1]])) / np.arange(len(rising), 0, -1)
+    shares = (most - np.concatenate([[0.0], np.cumsum(rising)[:-1]])) / np.arange(
+        len(rising), 0, -1
+    )
     return float(shares[np.argmax(rising > shares)])
 
 
 def _shortened(parts: list[Flight], number: int, share: float, history: int) -> list[Flight]:
-    """What its share leaves of the `number`-th flight, whole or cut to stretches by a larger share before: the first ones of those."""
+    """What its share leaves of the `number`-th flight, whole or cut to stretches by a larger share
+    before: the first ones of those.
+    """
     if share == math.inf:
         return parts
     uncut = parts[0].lead == 0
     if uncut and _duration(parts) <= share:
         return [_copied(parts[0], 0, len(parts[0]), 0)]
-    places = _places(parts[0], number, history) if uncut else [(part, part.lead, (len(part) - part.lead) // UNIT) for part in parts]
+    places = (
+        _places(parts[0], number, history)
+        if uncut
+        else [(part, part.lead, (len(part) - part.lead) // UNIT) for part in parts]
+    )
     left = max(1, int(share / (UNIT * parts[0].period)))
     cut = []
     for flight, start, units in places:
@@ -83,7 +106,9 @@ def _shortened(parts: list[Flight], number: int, share: float, history: int) -> 
 
 
 def _places(flight: Flight, number: int, history: int) -> list[tuple[Flight, int, int]]:
-    """Where stretches of `BLOCK` lie in a flight, in the order in which they are taken: row of the first window, and units."""
+    """Where stretches of `BLOCK` lie in a flight, in the order in which they are taken: row of the
+    first window, and units.
+    """
     # Windows start where they do in the whole flight.
     first = SHORTEST_HISTORY + UNIT * max(0, math.ceil((history - SHORTEST_HISTORY) / UNIT))
     units = max(0, len(flight) - first - 1) // UNIT
@@ -94,5 +119,7 @@ def _places(flight: Flight, number: int, history: int) -> list[tuple[Flight, int
 
 def _copied(flight: Flight, start: int, stop: int, lead: int) -> Flight:
     """Some rows of a flight, apart from the others, which can be forgotten then."""
-    arrays = {group: getattr(flight, group)[start:stop].copy() for group in GROUPS if group != "time"}
+    arrays = {
+        group: getattr(flight, group)[start:stop].copy() for group in GROUPS if group != "time"
+    }
     return replace(flight, lead=lead, **arrays)

@@ -1,4 +1,7 @@
-"""Tables of numbers as they lie in files: CSV, plain or compressed, and Parquet. Damage is named by its line and column."""
+"""Tables of numbers as they lie in files: CSV, plain or compressed, and Parquet.
+
+Damage is named by its line and column.
+"""
 
 import gzip
 import io
@@ -53,7 +56,10 @@ def read(path: Path, name: str) -> Table:
     if raw[:4] == _PARQUET:
         return _from_parquet(raw, name)
     if path.name.endswith(".parquet"):
-        raise InputError(f"{name}: not a Parquet file (it begins with {raw[:4]!r}). Write it anew, or name it .csv if it is one.")
+        raise InputError(
+            f"{name}: not a Parquet file (it begins with {raw[:4]!r}). Write it anew, or name it "
+            ".csv if it is one."
+        )
     return from_text(decoded(raw, name), name)
 
 
@@ -64,9 +70,14 @@ def content(path: Path) -> bytes:
         if raw[:2] == _GZIP:
             raw = gzip.decompress(raw)
     except (OSError, EOFError, zlib.error) as error:
-        raise InputError(f"{path}: cannot be read as a flight log ({error}). Copy it again from where it was recorded.") from error
+        raise InputError(
+            f"{path}: cannot be read as a flight log ({error}). Copy it again from where it was "
+            "recorded."
+        ) from error
     if raw[:2] == _GZIP:
-        raise InputError(f"{path}: cannot be read as a flight log (compressed twice). Decompress it once.")
+        raise InputError(
+            f"{path}: cannot be read as a flight log (compressed twice). Decompress it once."
+        )
     return raw
 
 
@@ -79,7 +90,8 @@ def decoded(raw: bytes, name: str) -> str:
     except UnicodeDecodeError as error:
         line = raw[: error.start].count(b"\n") + 1
         raise InputError(
-            f"{name}: cannot be read as a flight log (line {line} is not UTF-8 text). Copy it again, or save it as UTF-8."
+            f"{name}: cannot be read as a flight log (line {line} is not UTF-8 text). Copy it "
+            "again, or save it as UTF-8."
         ) from error
     return text.replace("\r\n", "\n")
 
@@ -87,8 +99,9 @@ def decoded(raw: bytes, name: str) -> str:
 def from_text(text: str, name: str) -> Table:
     """Reads a CSV with comma, decimal point, a header line, and comment lines above it.
 
-    A last line that is cut off is left out with a note; it is the mark of a recorder that was switched off. One without a line feed
-    counts as such, because nobody can tell 0.1 from the beginning of 0.15.
+    A last line that is cut off is left out with a note; it is the mark of a recorder that was
+    switched off. One without a line feed counts as such, because nobody can tell 0.1 from the
+    beginning of 0.15.
 
     Raises:
         InputError: not such a table, or no rows.
@@ -117,7 +130,10 @@ def from_text(text: str, name: str) -> Table:
     except (polars.exceptions.PolarsError, ValueError) as error:
         raise InputError(_why_unreadable(body, name, len(names), line, str(error))) from error
     if frame.width != len(names):
-        raise InputError(f"{name}: line {line} is no header of {frame.width} columns. Write names separated by commas.")
+        raise InputError(
+            f"{name}: line {line} is no header of {frame.width} columns. Write names separated by "
+            "commas."
+        )
     said = (comment[1:].strip().partition(": ") for comment in comments)
     frame.columns = names
     head = {key: value for key, colon, value in said if colon}
@@ -125,7 +141,10 @@ def from_text(text: str, name: str) -> Table:
 
 
 def _frame(body: str) -> polars.DataFrame:
-    """The columns' types are guessed from the first rows, which is six times as fast as from all; where that fails, from all."""
+    """The columns' types are guessed from the first rows, which is six times as fast as from all.
+
+    Where that fails, from all.
+    """
     try:
         return polars.read_csv(body.encode(), infer_schema_length=1000)
     except polars.exceptions.PolarsError:
@@ -135,17 +154,27 @@ def _frame(body: str) -> polars.DataFrame:
 def _names(header: str, name: str, line: int) -> list[str]:
     names = [cell.strip().strip('"').strip() for cell in header.split(",")]
     if "\x00" in header:
-        raise InputError(f"{name}: cannot be read as a flight log (line {line} is binary). Give a CSV or Parquet file.")
+        raise InputError(
+            f"{name}: cannot be read as a flight log (line {line} is binary). Give a CSV or "
+            "Parquet file."
+        )
     for sign, word in ((";", "semicolons"), ("\t", "tabs")):
         if sign in header and header.count(sign) > header.count(","):
             raise InputError(
-                f"{name}: columns are separated by {word} in line {line}; expected commas, and points in decimals. Convert it."
+                f"{name}: columns are separated by {word} in line {line}; expected commas, and "
+                "points in decimals. Convert it."
             )
     if len(names) > 2 and all(_is_number(cell) for cell in names):
-        raise InputError(f"{name}: line {line} holds numbers, expected the columns' names. Put back the header line.")
+        raise InputError(
+            f"{name}: line {line} holds numbers, expected the columns' names. Put back the header "
+            "line."
+        )
     twice = sorted({column for column in names if names.count(column) > 1})
     if twice:
-        raise InputError(f"{name}: column {', '.join(map(repr, twice[:3]))} is there twice in line {line}. Give each its own name.")
+        raise InputError(
+            f"{name}: column {', '.join(map(repr, twice[:3]))} is there twice in line {line}. "
+            "Give each its own name."
+        )
     return names
 
 
@@ -160,7 +189,10 @@ def _is_number(cell: str) -> bool:
 def _why_unreadable(body: str, name: str, columns: int, line: int, reason: str) -> str:
     for number, row in enumerate(body.split("\n"), line):
         if row.count(",") >= columns and '"' not in row:
-            return f"{name}: not a readable CSV table: line {number} has {row.count(',') + 1} cells, the header {columns}. Mend or drop it."
+            return (
+                f"{name}: not a readable CSV table: line {number} has {row.count(',') + 1} "
+                f"cells, the header {columns}. Mend or drop it."
+            )
     return f"{name}: not a readable CSV table ({reason.splitlines()[0] if reason else 'damaged'})."
 
 
@@ -168,8 +200,16 @@ def _from_parquet(raw: bytes, name: str) -> Table:
     try:
         frame = polars.read_parquet(io.BytesIO(raw))
         head = polars.read_parquet_metadata(io.BytesIO(raw))
-    except (polars.exceptions.PolarsError, polars.exceptions.PanicException, ValueError, OSError, OverflowError) as error:
-        raise InputError(f"{name}: not a readable Parquet file ({str(error).splitlines()[0]}). Copy it again.") from error
+    except (
+        polars.exceptions.PolarsError,
+        polars.exceptions.PanicException,
+        ValueError,
+        OSError,
+        OverflowError,
+    ) as error:
+        raise InputError(
+            f"{name}: not a readable Parquet file ({str(error).splitlines()[0]}). Copy it again."
+        ) from error
     if frame.height == 0:
         raise InputError(f"{name}: no rows. Leave the file out.")
     return Table(name, frame, head=head)
@@ -184,7 +224,9 @@ def numbers(table: Table, columns: Iterable[str]) -> dict[str, Float[np.ndarray,
     columns = list(columns)
     missing = [column for column in columns if column not in table.frame.columns]
     if missing:
-        raise InputError(f"{table.name}: missing column {', '.join(missing)}; expected {', '.join(columns)}.")
+        raise InputError(
+            f"{table.name}: missing column {', '.join(missing)}; expected {', '.join(columns)}."
+        )
     return {column: _numeric(table, column) for column in columns}
 
 
@@ -194,7 +236,10 @@ def _numeric(table: Table, column: str) -> np.ndarray:
         series = _parsed(table, column, series.str.strip_chars())
     elif not (series.dtype.is_numeric() or series.dtype == polars.Null):
         kind, cell = series.dtype, str(series[0])[:40]
-        raise InputError(f"{table.name}: column {column} holds {kind} such as {cell!r}, which is not a number. Convert it.")
+        raise InputError(
+            f"{table.name}: column {column} holds {kind} such as {cell!r}, which is not a number. "
+            "Convert it."
+        )
     values = series.cast(polars.Float64).to_numpy()
     return np.where(np.abs(values) > _LARGEST, np.inf, values)
 
@@ -205,6 +250,13 @@ def _parsed(table: Table, column: str, cells: polars.Series) -> polars.Series:
     if odd.any():
         row = int(odd.arg_max() or 0)
         cell = str(cells[row])[:40]
-        again = " The header stands there again: two logs in one file? Split them." if cell == column else " Mend or drop the line."
-        raise InputError(f"{table.name}: column {column} holds something that is not a number, {cell!r} in {table.place(row)}.{again}")
+        again = (
+            " The header stands there again: two logs in one file? Split them."
+            if cell == column
+            else " Mend or drop the line."
+        )
+        raise InputError(
+            f"{table.name}: column {column} holds something that is not a number, {cell!r} in "
+            f"{table.place(row)}.{again}"
+        )
     return numbers

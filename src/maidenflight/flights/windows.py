@@ -1,7 +1,8 @@
-"""Windows, the paper's mini-trajectories: short stretches of flight, each with the commands that came before it.
+"""Windows, the paper's mini-trajectories: short stretches of flight, each with the commands that
+came before it.
 
-The motors and the delay line remember; a window that starts with them at rest is a different experiment. So each carries up to
-a second of commands from before its start.
+The motors and the delay line remember; a window that starts with them at rest is a different
+experiment. So each carries up to a second of commands from before its start.
 """
 
 from collections.abc import Iterable
@@ -15,10 +16,12 @@ from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
 
 HISTORY = 100
-"""Rows before a window's start from which the motors' speed and the delay line are inferred: nine lags of a motor of 0.11 s. With
-30 rows the motors have not forgotten where they are guessed to begin, and their lag is found up to a tenth too short."""
+"""Rows before a window's start from which the motors' speed and the delay line are inferred: nine
+lags of a motor of 0.11 s. With 30 rows the motors have not forgotten where they are guessed to
+begin, and their lag is found up to a tenth too short."""
 SHORTEST_HISTORY = 30
-"""Rows that must have been recorded before a window's start; what lies before a flight's first row is taken to equal it."""
+"""Rows that must have been recorded before a window's start; what lies before a flight's first row
+is taken to equal it."""
 EVERY = 10
 """Every tenth row starts a window (Gronauer et al. 2022, sec. Simulation Optimization)."""
 BLOCK = 5.0
@@ -41,11 +44,15 @@ class Windows(NamedTuple):
 
 
 def first_start(flight: Flight) -> int:
-    """The row at which a flight's first window starts: those before it tell what its motors and delay line hold."""
+    """The row at which a flight's first window starts: those before it tell what its motors and
+    delay line hold.
+    """
     return max(SHORTEST_HISTORY, flight.lead)
 
 
-def windows(flights: Iterable[Flight], length: int, every: int = EVERY, history: int = HISTORY) -> Windows:
+def windows(
+    flights: Iterable[Flight], length: int, every: int = EVERY, history: int = HISTORY
+) -> Windows:
     """Cuts flights into windows.
 
     Args:
@@ -61,20 +68,28 @@ def windows(flights: Iterable[Flight], length: int, every: int = EVERY, history:
     periods = {flight.period for flight in flights}
     if len(periods) > 1:
         rates = ", ".join(f"{1 / period:.6g} Hz" for period in sorted(periods))
-        raise InputError(f"flights of different rates ({rates}); identify from flights of one rate at a time.")
+        raise InputError(
+            f"flights of different rates ({rates}); identify from flights of one rate at a time."
+        )
     parts: dict[str, list[np.ndarray]] = {name: [] for name in Windows._fields}
     blocks = 0
     for flight in flights:
         starts = np.arange(first_start(flight), len(flight) - length, every)
         if starts.size == 0:
             continue
-        rows = np.concatenate([flight.position, flight.velocity, flight.attitude, flight.body_rates], axis=1)
+        rows = np.concatenate(
+            [flight.position, flight.velocity, flight.attitude, flight.body_rates], axis=1
+        )
         parts["position"].append(flight.position[starts])
         parts["velocity"].append(flight.velocity[starts])
-        parts["quaternion"].append(Rotation.from_euler("ZYX", flight.attitude[starts, ::-1]).as_quat())
+        parts["quaternion"].append(
+            Rotation.from_euler("ZYX", flight.attitude[starts, ::-1]).as_quat()
+        )
         parts["body_rates"].append(flight.body_rates[starts])
         # A flight's first row stands for what came before it.
-        parts["command"].append(flight.mean_command[np.maximum(starts[:, None] + np.arange(-history, length), 0)])
+        parts["command"].append(
+            flight.mean_command[np.maximum(starts[:, None] + np.arange(-history, length), 0)]
+        )
         parts["measured"].append(rows[starts[:, None] + np.arange(1, length + 1)])
         pieces = max(1, round(flight.duration / BLOCK))
         parts["block"].append(blocks + np.arange(starts.size) * pieces // starts.size)
@@ -82,6 +97,14 @@ def windows(flights: Iterable[Flight], length: int, every: int = EVERY, history:
     if not parts["position"]:
         longest = max((flight.duration for flight in flights), default=0.0)
         needed = (SHORTEST_HISTORY + length + 1) * (flights[0].period if flights else 0.01)
-        raise InputError(f"no flight is long enough for a window of {length} rows: longest {longest:.2f} s, needed {needed:.2f} s.")
+        raise InputError(
+            f"no flight is long enough for a window of {length} rows: longest {longest:.2f} s, "
+            f"needed {needed:.2f} s."
+        )
     joined = {name: np.concatenate(arrays) for name, arrays in parts.items()}
-    return Windows(**{name: array if name == "block" else array.astype(np.float32) for name, array in joined.items()})
+    return Windows(
+        **{
+            name: array if name == "block" else array.astype(np.float32)
+            for name, array in joined.items()
+        }
+    )

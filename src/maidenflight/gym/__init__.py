@@ -1,7 +1,7 @@
 """The drone as Gymnasium environments, one and many at a time.
 
-Importing this package registers them and imports no JAX. Gymnasium does it by itself where the id names the package:
-`gymnasium.make("maidenflight.gym:maidenflight/Circle-v0")`.
+Importing this package registers them and imports no JAX. Gymnasium does it by itself where the id
+names the package: `gymnasium.make("maidenflight.gym:maidenflight/Circle-v0")`.
 """
 
 from importlib.util import find_spec
@@ -13,7 +13,8 @@ TASKS = {"Hover": "hover", "Circle": "circle", "TakeOff": "take_off", "Tracking"
 
 
 def register() -> None:
-    """Registers `maidenflight/Hover-v0`, `Circle-v0`, `TakeOff-v0` and `Tracking-v0`, unless that has been done.
+    """Registers `maidenflight/Hover-v0`, `Circle-v0`, `TakeOff-v0` and `Tracking-v0`, unless that
+    has been done.
 
     Raises:
         InputError: Gymnasium or Pillow is not installed.
@@ -24,10 +25,14 @@ def register() -> None:
         if not (error.name or "").startswith("gymnasium"):
             raise
         raise InputError(
-            "gymnasium is not installed, but maidenflight.gym needs it. Install it: pip install 'maidenflight[gym]'."
+            "gymnasium is not installed, but maidenflight.gym needs it. Install it: pip install "
+            "'maidenflight[gym]'."
         ) from error
     if find_spec("PIL") is None:
-        raise InputError("pillow is not installed, but maidenflight.gym needs it. Install it: pip install 'maidenflight[gym]'.")
+        raise InputError(
+            "pillow is not installed, but maidenflight.gym needs it. Install it: pip install "
+            "'maidenflight[gym]'."
+        )
     for name, task in TASKS.items():
         if f"maidenflight/{name}-v0" not in registration.registry:
             registration.register(
@@ -35,7 +40,8 @@ def register() -> None:
                 entry_point="maidenflight.gym.single:QuadrotorEnv",
                 vector_entry_point="maidenflight.gym.vector:QuadrotorVectorEnv",
                 kwargs={"task": task},
-                # Each step's check would cost as much as the step; the tests check all environments.
+                # Each step's check would cost as much as the step; the tests check all
+                # environments.
                 disable_env_checker=True,
             )
 

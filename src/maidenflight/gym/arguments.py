@@ -28,7 +28,12 @@ SHAPES: dict[str, Callable[..., Trajectory]] = {
 
 
 def world(
-    task: str, control: str, parameters: Drones, firmware: str, history: int, options: dict[str, Any]
+    task: str,
+    control: str,
+    parameters: Drones,
+    firmware: str,
+    history: int,
+    options: dict[str, Any],
 ) -> tuple[Environment, Distribution]:
     """What to simulate and which drones to draw.
 
@@ -44,10 +49,15 @@ def world(
         InputError: one of them is not what it should be.
     """
     if isinstance(history, bool) or not isinstance(history, int) or history < 1:
-        raise InputError(f"history = {history!r}; expected a whole number of instants, 1 or more. The paper uses 2.")
+        raise InputError(
+            f"history = {history!r}; expected a whole number of instants, 1 or more. The paper "
+            "uses 2."
+        )
     controller = _controller(control, firmware)
     drones = _drones(parameters, controller)
-    return Environment.matching(drones.centre, task=_task(task, options), controller=controller, history=history), drones
+    return Environment.matching(
+        drones.centre, task=_task(task, options), controller=controller, history=history
+    ), drones
 
 
 def checked_render_mode(mode: str | None) -> str | None:
@@ -64,21 +74,27 @@ def checked_render_mode(mode: str | None) -> str | None:
 def _controller(name: str, firmware: str) -> Controller:
     make = control.CONTROLLERS.get(name)
     if make is None:
-        raise InputError(f"control = {name!r}: no such control structure. Give one of {', '.join(control.CONTROLLERS)}.")
+        raise InputError(
+            f"control = {name!r}: no such control structure. Give one of "
+            f"{', '.join(control.CONTROLLERS)}."
+        )
     return make() if name == "pwm" else make(firmware)
 
 
 def _drones(given: Drones, controller: Controller) -> Distribution:
     if given is None or (isinstance(given, str) and given in DRONES):
         named = crazyflie() if given is None else read(given)
-        return relative_box(control.in_fitting_steps(named, controller), 0.10 if given is None else 0.0)
+        return relative_box(
+            control.in_fitting_steps(named, controller), 0.10 if given is None else 0.0
+        )
     if isinstance(given, str | os.PathLike):
         given = read(given)
     if isinstance(given, Parameters):
         return relative_box(given, 0.0)
     if not callable(getattr(given, "draw", None)):
         raise InputError(
-            f"parameters = {given!r}: no drone. Give Parameters, something to draw them from such as relative_box(crazyflie()), "
+            f"parameters = {given!r}: no drone. Give Parameters, something to draw them from such "
+            "as relative_box(crazyflie()), "
             f"a TOML file or one of: {', '.join(DRONES)}."
         )
     return given
@@ -94,13 +110,21 @@ def _tracking(
 ) -> Task:
     if waypoints is not None:
         last = trajectories.read_waypoints(waypoints)[-1][0]
-        return tasks.tracking(trajectories.waypoints(waypoints, smooth), duration or last, farthest, latest_start)
+        return tasks.tracking(
+            trajectories.waypoints(waypoints, smooth), duration or last, farthest, latest_start
+        )
     if isinstance(trajectory, str):
         if trajectory not in SHAPES:
-            raise InputError(f"trajectory = {trajectory!r}: no such curve. Give one of {', '.join(SHAPES)}, or waypoints='file.csv'.")
+            raise InputError(
+                f"trajectory = {trajectory!r}: no such curve. Give one of {', '.join(SHAPES)}, or "
+                "waypoints='file.csv'."
+            )
         trajectory = SHAPES[trajectory]()
     if not callable(trajectory):
-        raise InputError(f"trajectory = {trajectory!r}; expected a function of time, such as those of maidenflight.simulator.trajectories.")
+        raise InputError(
+            f"trajectory = {trajectory!r}; expected a function of time, such as those of "
+            "maidenflight.simulator.trajectories."
+        )
     return tasks.tracking(trajectory, duration or trajectories.NORMAL, farthest, latest_start)
 
 
@@ -118,10 +142,21 @@ def _task(name: str, options: dict[str, Any]) -> Task:
     known = signature(_TASKS[name]).parameters
     for option, value in options.items():
         if option not in known:
-            raise InputError(f"{option} = {value!r}: the task {name} has no such option. It has {', '.join(known)}.")
+            raise InputError(
+                f"{option} = {value!r}: the task {name} has no such option. It has "
+                f"{', '.join(known)}."
+            )
         if isinstance(known[option].default, float) or option == "duration":
             least = 0.0 if option in ("latest_start", "diameter") else 1e-3
-            if isinstance(value, bool) or not isinstance(value, float | int) or not isfinite(value) or value < least:
-                raise InputError(f"{option} = {value!r}; expected a number of at least {least:g}. Units are m and s.")
+            if (
+                isinstance(value, bool)
+                or not isinstance(value, float | int)
+                or not isfinite(value)
+                or value < least
+            ):
+                raise InputError(
+                    f"{option} = {value!r}; expected a number of at least {least:g}. Units are m "
+                    "and s."
+                )
             options = options | {option: float(value)}
     return _TASKS[name](**options)

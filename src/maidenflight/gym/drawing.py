@@ -1,7 +1,8 @@
 """Pictures of a drone and its reference, drawn with Pillow.
 
-The camera stands still, so floor, grid and reference are drawn once; a frame adds the drone, its shadow and its trail. Everything is
-drawn at twice the size and scaled down, which smooths the edges.
+The camera stands still, so floor, grid and reference are drawn once; a frame adds the drone, its
+shadow and its trail. Everything is drawn at twice the size and scaled down, which smooths the
+edges.
 """
 
 from collections import deque
@@ -72,7 +73,12 @@ class Scene:
         self._draw_setpoint(pen, setpoint, position)
         self._draw_drone(pen, position, rotation, rotor_speed)
         error = float(np.linalg.norm(position - setpoint))
-        pen.text((14 * _FINE, 11 * _FINE), f"height {position[2]:.2f} m   error {100 * error:.1f} cm", _INK, self._font)
+        pen.text(
+            (14 * _FINE, 11 * _FINE),
+            f"height {position[2]:.2f} m   error {100 * error:.1f} cm",
+            _INK,
+            self._font,
+        )
         return np.asarray(picture.reduce(_FINE))
 
     def _seen(self, points: Any) -> list[tuple[float, float]]:
@@ -91,7 +97,10 @@ class Scene:
         step = 0.25 * 2.0 ** max(0.0, np.ceil(np.log2(radius / 1.6)))
         for offset in np.arange(-np.floor(radius / step) * step, radius, step):
             half = np.sqrt(radius**2 - offset**2)
-            for line in (((offset, -half, 0.0), (offset, half, 0.0)), ((-half, offset, 0.0), (half, offset, 0.0))):
+            for line in (
+                ((offset, -half, 0.0), (offset, half, 0.0)),
+                ((-half, offset, 0.0), (half, offset, 0.0)),
+            ):
                 pen.line(self._seen(ground + np.array(line)), _GRID, _FINE)
         pen.line(self._seen(self._path * [1, 1, 0]), _SHADOW, 2 * _FINE, "curve")
         pen.line(self._seen(self._path), _PATH, 2 * _FINE, "curve")
@@ -101,13 +110,21 @@ class Scene:
         if len(self._trail) > 1:
             pen.line(self._seen(list(self._trail)), _TRAIL, 2 * _FINE, "curve")
 
-    def _draw_setpoint(self, pen: ImageDraw.ImageDraw, setpoint: np.ndarray, position: np.ndarray) -> None:
+    def _draw_setpoint(
+        self, pen: ImageDraw.ImageDraw, setpoint: np.ndarray, position: np.ndarray
+    ) -> None:
         (x, y), (u, v) = self._seen([setpoint, position])
         pen.line([(x, y), (u, v)], _SETPOINT, _FINE)
         size = 4.5 * _FINE
         pen.ellipse((x - size, y - size, x + size, y + size), _SKY, _SETPOINT, 2 * _FINE)
 
-    def _draw_drone(self, pen: ImageDraw.ImageDraw, position: np.ndarray, rotation: np.ndarray, speed: np.ndarray) -> None:
+    def _draw_drone(
+        self,
+        pen: ImageDraw.ImageDraw,
+        position: np.ndarray,
+        rotation: np.ndarray,
+        speed: np.ndarray,
+    ) -> None:
         arm, down = self._arm, np.array([1.0, 1.0, 0.0])
         hubs = position + arm * _ROTORS @ rotation.T
         for hub in hubs:

@@ -1,8 +1,10 @@
-"""One step of one drone as a compiled function of few small arrays, for `vmap` and for being called often.
+"""One step of one drone as a compiled function of few small arrays, for `vmap` and for being called
+often.
 
-Calling a compiled function costs a microsecond or so for each array that goes in or comes out, and XLA on a CPU runs a program one
-operation after the other, without threads that wait for each other, only where no array is larger than 512 bytes. So all that
-changes or differs from drone to drone is packed into groups of at most 128 numbers, and what a step gives comes out as one row.
+Calling a compiled function costs a microsecond or so for each array that goes in or comes out, and
+XLA on a CPU runs a program one operation after the other, without threads that wait for each other,
+only where no array is larger than 512 bytes. So all that changes or differs from drone to drone is
+packed into groups of at most 128 numbers, and what a step gives comes out as one row.
 """
 
 from functools import cache
@@ -42,21 +44,30 @@ class Flight(NamedTuple):
 
 
 STATISTICS = 4
-"""Numbers behind the observation in the row that a step gives: reward, index of `END_REASONS`, mean position error [m], duration [s]."""
+"""Numbers behind the observation in the row that a step gives: reward, index of `END_REASONS`, mean
+position error [m], duration [s]."""
 
 
 def statistics(reason: float, error: float, duration: float) -> dict[str, Any]:
-    """`info` at the end of an episode: why it ended, mean distance from the set-point [m] and length [s]."""
-    return {"end_reason": END_REASONS[int(reason)], "position_error": float(error), "duration": float(duration)}
+    """`info` at the end of an episode: why it ended, mean distance from the set-point [m] and
+    length [s].
+    """
+    return {
+        "end_reason": END_REASONS[int(reason)],
+        "position_error": float(error),
+        "duration": float(duration),
+    }
 
 
 class Program:
     """The compiled functions of an environment; `program` gives equal environments the same."""
 
-    def __init__(self, world: Environment) -> None:
+    def __init__(self, env: Environment) -> None:
         """Compiles nothing yet."""
-        self._world = world
-        shapes = jax.eval_shape(self._launch, relative_box(crazyflie(), 0.0), jax.ShapeDtypeStruct((2,), np.uint32))
+        self._world = env
+        shapes = jax.eval_shape(
+            self._launch, relative_box(crazyflie(), 0.0), jax.ShapeDtypeStruct((2,), np.uint32)
+        )
         self._leaves, self._structure = tree.flatten(shapes)
         self._sizes = _grouped([leaf.size for leaf in self._leaves])
         self.step = jax.jit(self._step, donate_argnums=0)
@@ -64,7 +75,9 @@ class Program:
         self.step_all = jax.jit(jax.vmap(self._step), donate_argnums=0)
         # Optimised, its draws take three seconds to compile and, 64 at a time, hardly less to run.
         quick = {"xla_backend_optimization_level": 0}
-        self.launch_all = jax.jit(jax.vmap(self._packed_launch, in_axes=(None, 0, 0)), compiler_options=quick)
+        self.launch_all = jax.jit(
+            jax.vmap(self._packed_launch, in_axes=(None, 0, 0)), compiler_options=quick
+        )
         """(distribution, keys, number of the episode) to groups, and the first observations."""
         self.choose = jax.jit(_choose, donate_argnums=2)
         """(whose, new groups, old groups) to new groups for some and the old ones for the rest."""
@@ -78,24 +91,47 @@ class Program:
         drone = tree.map(lambda leaf: jnp.asarray(leaf), drone)
         return Flight(drone, jax.random.key_data(noise_key), jnp.zeros(()), jnp.zeros(()))
 
-    def _packed_launch(self, distribution: Distribution, key: UInt32[Array, "2"], number: Array) -> tuple[Groups, Float[Array, "20H"]]:
-        key = jax.random.key_data(jax.random.fold_in(jax.random.wrap_key_data(key, impl=RANDOM), number))
+    def _packed_launch(
+        self, distribution: Distribution, key: UInt32[Array, "2"], number: Array
+    ) -> tuple[Groups, Float[Array, "20H"]]:
+        key = jax.random.key_data(
+            jax.random.fold_in(jax.random.wrap_key_data(key, impl=RANDOM), number)
+        )
         flight = self._launch(distribution, key)
-        return self._pack(flight), environment.observation(flight.drone.episode)
+        return self._pack(flight), environment.observation(flight.drone.env_state)
 
     def _step(self, groups: Groups, action: Float[Array, "4"]) -> tuple[Groups, Float[Array, "n"]]:
         flight = self._unpack(groups)
         step_key, next_key = jax.random.split(jax.random.wrap_key_data(flight.key, impl=RANDOM))
-        episode, outcome = environment.step(self._world, flight.drone.episode, action, flight.drone.parameters, step_key)
-        error, steps = flight.error + outcome.position_error, flight.steps + 1.0
-        numbers = [outcome.reward, outcome.end_reason.astype(jnp.float32), error / steps, episode.elapsed]
-        row = jnp.concatenate([environment.observation(episode), jnp.stack(numbers)])
-        return self._pack(Flight(Drone(episode, flight.drone.parameters), jax.random.key_data(next_key), error, steps)), row
+        env_state, step_result = environment.step(
+            self._world, flight.drone.env_state, action, flight.drone.parameters, step_key
+        )
+        error, steps = flight.error + step_result.position_error, flight.steps + 1.0
+        numbers = [
+            step_result.reward,
+            step_result.end_reason.astype(jnp.float32),
+            error / steps,
+            env_state.elapsed,
+        ]
+        row = jnp.concatenate([environment.observation(env_state), jnp.stack(numbers)])
+        return self._pack(
+            Flight(
+                Drone(env_state, flight.drone.parameters),
+                jax.random.key_data(next_key),
+                error,
+                steps,
+            )
+        ), row
 
     def _view(self, groups: Groups) -> tuple[Array, Array, Array, Array]:
-        episode = self._unpack(groups).drone.episode
-        state = episode.state
-        return state.position, rotations.to_matrix(state.quaternion), state.rotor_speed, self._world.task.reference(episode.time)
+        env_state = self._unpack(groups).drone.env_state
+        state = env_state.state
+        return (
+            state.position,
+            rotations.to_matrix(state.quaternion),
+            state.rotor_speed,
+            self._world.task.reference(env_state.time),
+        )
 
     def _pack(self, flight: Flight) -> Groups:
         leaves = [_as_float(leaf).reshape(-1) for leaf in tree.leaves(flight)]
@@ -108,7 +144,11 @@ class Program:
             for i in members:
                 known = self._leaves[i]
                 flat = group[start : start + known.size]
-                whole = flat != 0 if known.dtype == bool else lax.bitcast_convert_type(flat, known.dtype)
+                whole = (
+                    flat != 0
+                    if known.dtype == bool
+                    else lax.bitcast_convert_type(flat, known.dtype)
+                )
                 leaves[i] = whole.reshape(known.shape)
                 start += known.size
         return tree.unflatten(self._structure, leaves)
@@ -116,7 +156,11 @@ class Program:
 
 def _as_float(leaf: Array) -> Float[Array, "..."]:
     """The same 32 bits as a float32, or a truth value as 0 or 1."""
-    return leaf.astype(jnp.float32) if leaf.dtype == bool else lax.bitcast_convert_type(leaf, jnp.float32)
+    return (
+        leaf.astype(jnp.float32)
+        if leaf.dtype == bool
+        else lax.bitcast_convert_type(leaf, jnp.float32)
+    )
 
 
 def _choose(whose: Bool[Array, "n"], new: Groups, old: Groups) -> Groups:
@@ -133,9 +177,9 @@ def _grouped(sizes: list[int]) -> list[list[int]]:
 
 
 @cache
-def program(world: Environment) -> Program:
+def program(env: Environment) -> Program:
     """The compiled functions of an environment."""
-    return Program(world)
+    return Program(env)
 
 
 def first_key(generator: np.random.Generator) -> UInt32[np.ndarray, "2"]:

@@ -15,7 +15,8 @@ from maidenflight.gym.drawing import Scene, View
 from maidenflight.simulator.environment import ACTION_SIZE, OBSERVATION_SIZE
 from maidenflight.simulator.tasks import TIME_LIMIT
 
-# A step takes less time than to hand it to another thread, which JAX does on a CPU unless it is told not to before its first use.
+# A step takes less time than to hand it to another thread, which JAX does on a CPU unless it is
+# told not to before its first use.
 if "JAX_CPU_ENABLE_ASYNC_DISPATCH" not in os.environ:
     jax.config.update("jax_cpu_enable_async_dispatch", False)
 
@@ -28,14 +29,17 @@ Step = tuple[np.ndarray, float, bool, bool, dict[str, Any]]
 
 def spaces(history: int) -> tuple[Box, Box]:
     """Observations, which have no bounds but those of float32, and actions."""
-    return Box(-_LARGEST, _LARGEST, (OBSERVATION_SIZE * history,), np.float32), Box(-1.0, 1.0, (ACTION_SIZE,), np.float32)
+    return Box(-_LARGEST, _LARGEST, (OBSERVATION_SIZE * history,), np.float32), Box(
+        -1.0, 1.0, (ACTION_SIZE,), np.float32
+    )
 
 
 class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     """One drone that does one task.
 
-    An episode ends with `terminated` if the drone fails and with `truncated` if time is up. `info` is then `end_reason`, the mean
-    `position_error` [m] and `duration` [s]. A seed gives the same episodes on the same machine; without one, `reset` goes on.
+    An episode ends with `terminated` if the drone fails and with `truncated` if time is up. `info`
+    is then `end_reason`, the mean `position_error` [m] and `duration` [s]. A seed gives the same
+    episodes on the same machine; without one, `reset` goes on.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 100}
@@ -59,13 +63,16 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             firmware: generation of the PIDs.
             history: H, instants in an observation.
             render_mode: `"rgb_array"`, or none.
-            options: arguments of the task: height, diameter, period [m, s]; for tracking, trajectory, waypoints and others.
+            options: arguments of the task: height, diameter, period [m, s]; for tracking,
+                trajectory, waypoints and others.
 
         Raises:
             InputError: an argument is not what it should be.
         """
         self.render_mode = arguments.checked_render_mode(render_mode)
-        self._world, self._drones = arguments.world(task, control, parameters, firmware, history, options)
+        self._world, self._drones = arguments.world(
+            task, control, parameters, firmware, history, options
+        )
         self.metadata = {**self.metadata, "render_fps": self._world.controller.action_rate}
         self.observation_space, self.action_space = spaces(history)
         self._program = flying.program(self._world)
@@ -75,7 +82,9 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._groups: flying.Groups | None = None
         self._scene: Scene | None = None
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict[str, Any]]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
         """Begins an episode.
 
         Args:
@@ -92,7 +101,9 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if turn == 0:
             numbers = np.arange(self._number, self._number + AHEAD, dtype=np.uint32)
             keys = np.broadcast_to(self._key, (AHEAD, 2))
-            self._ahead = jax.tree.map(np.asarray, self._program.launch_all(self._drones, keys, numbers))
+            self._ahead = jax.tree.map(
+                np.asarray, self._program.launch_all(self._drones, keys, numbers)
+            )
         groups, observations = self._ahead
         self._groups = tuple(jax.device_put(group[turn]) for group in groups)
         self._number += 1
@@ -115,21 +126,38 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         given = np.asarray(action, np.float32)
         if self._groups is None or given.shape != (ACTION_SIZE,):
             wrong = (
-                "no episode has begun. Call reset() first" if self._groups is None else f"an action of shape {given.shape}, expected (4,)"
+                "no episode has begun. Call reset() first"
+                if self._groups is None
+                else f"an action of shape {given.shape}, expected (4,)"
             )
             raise InputError(f"step: {wrong}.")
         self._groups, row = self._program.step(self._groups, given)
         numbers = np.array(row)
-        observation, (reward, reason, error, duration) = numbers[: -flying.STATISTICS], numbers[-flying.STATISTICS :].tolist()
+        observation, (reward, reason, error, duration) = (
+            numbers[: -flying.STATISTICS],
+            numbers[-flying.STATISTICS :].tolist(),
+        )
         if reward != reward and not np.isfinite(given).all():
-            raise InputError(f"step: the action is {given}, expected four finite numbers. Has the policy diverged?")
+            raise InputError(
+                f"step: the action is {given}, expected four finite numbers. Has the policy "
+                "diverged?"
+            )
         if not reason:
             return observation, reward, False, False, {}
         truncated = reason == TIME_LIMIT
-        return observation, reward, not truncated, truncated, flying.statistics(reason, error, duration)
+        return (
+            observation,
+            reward,
+            not truncated,
+            truncated,
+            flying.statistics(reason, error, duration),
+        )
 
     def render(self) -> np.ndarray | None:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """A picture of the drone and its reference, (480, 640, 3) uint8; `None` where no `render_mode` was given."""
+        """A picture of the drone and its reference, (480, 640, 3) uint8.
+
+        `None` where no `render_mode` was given.
+        """
         if self.render_mode is None:
             return None
         if self._groups is None:

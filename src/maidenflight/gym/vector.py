@@ -20,13 +20,18 @@ Steps = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
 
 
 class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
-    """Drones that do one task, each as it would alone: with seed s, drone i flies the episodes of a `QuadrotorEnv` with seed s + i.
+    """Drones that do one task, each as it would alone: with seed s, drone i flies the episodes of a
+    `QuadrotorEnv` with seed s + i.
 
-    As in Gymnasium's own vector environments, the step after an episode's end begins the next episode: its action is not looked
-    at and its reward is 0.
+    As in Gymnasium's own vector environments, the step after an episode's end begins the next
+    episode: its action is not looked at and its reward is 0.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 100, "autoreset_mode": AutoresetMode.NEXT_STEP}
+    metadata = {
+        "render_modes": ["rgb_array"],
+        "render_fps": 100,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
 
     def __init__(
         self,
@@ -45,9 +50,13 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             InputError: an argument is not what it should be.
         """
         if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
-            raise InputError(f"num_envs = {num_envs!r}; expected a whole number of drones, 1 or more.")
+            raise InputError(
+                f"num_envs = {num_envs!r}; expected a whole number of drones, 1 or more."
+            )
         self.render_mode = arguments.checked_render_mode(render_mode)
-        self._world, self._drones = arguments.world(task, control, parameters, firmware, history, options)
+        self._world, self._drones = arguments.world(
+            task, control, parameters, firmware, history, options
+        )
         self.metadata = {**self.metadata, "render_fps": self._world.controller.action_rate}
         self.num_envs = num_envs
         self.single_observation_space, self.single_action_space = spaces(history)
@@ -74,19 +83,31 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Returns:
             The first observations, and an empty `info`.
         """
-        seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else seed or [None] * self.num_envs
+        seeds = (
+            [seed + i for i in range(self.num_envs)]
+            if isinstance(seed, int)
+            else seed or [None] * self.num_envs
+        )
         if len(seeds) != self.num_envs:
-            raise InputError(f"{len(seeds)} seeds for {self.num_envs} drones; expected one each. Give one number for all.")
+            raise InputError(
+                f"{len(seeds)} seeds for {self.num_envs} drones; expected one each. Give one "
+                "number for all."
+            )
         super().reset(seed=seeds[0])
         for i, one in enumerate(seeds):
             if one is not None or self._groups is None:
                 generator = self.np_random if one is None else seeding.np_random(one)[0]
-                self._keys[i], self._numbers[i], self._ready[i] = flying.first_key(generator), 0, False
+                self._keys[i], self._numbers[i], self._ready[i] = (
+                    flying.first_key(generator),
+                    0,
+                    False,
+                )
         self._over = np.zeros(self.num_envs, bool)
         return self._begin(np.ones(self.num_envs, bool), self._groups), {}
 
     def step(self, actions: Float[np.ndarray, "n 4"]) -> Steps:
-        """Holds an action of every drone for one control period, or begins an episode where the last one is over.
+        """Holds an action of every drone for one control period, or begins an episode where the
+        last one is over.
 
         Raises:
             InputError: no episode has begun, or there are not four numbers for each drone.
@@ -94,24 +115,42 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         given = np.asarray(actions, np.float32)
         if self._groups is None or given.shape != self.action_space.shape:
             wrong = "no episode has begun. Call reset() first"
-            wrong = wrong if self._groups is None else f"actions of shape {given.shape}, expected {self.action_space.shape}"
+            wrong = (
+                wrong
+                if self._groups is None
+                else f"actions of shape {given.shape}, expected {self.action_space.shape}"
+            )
             raise InputError(f"step: {wrong}.")
         self._groups, rows = self._program.step_all(self._groups, given)
         rows = np.array(rows)
-        observations, (rewards, reasons, errors, durations) = rows[:, : -flying.STATISTICS].copy(), rows[:, -flying.STATISTICS :].T
+        observations, (rewards, reasons, errors, durations) = (
+            rows[:, : -flying.STATISTICS].copy(),
+            rows[:, -flying.STATISTICS :].T,
+        )
         if np.isnan(rewards).any() and not np.isfinite(given).all():
-            raise InputError("step: an action is not finite, expected finite numbers. Has the policy diverged?")
+            raise InputError(
+                "step: an action is not finite, expected finite numbers. Has the policy diverged?"
+            )
         if self._over.any():
             first = self._begin(self._over, self._groups)
-            observations[self._over], rewards[self._over], reasons[self._over] = first[self._over], 0.0, 0.0
+            observations[self._over], rewards[self._over], reasons[self._over] = (
+                first[self._over],
+                0.0,
+                0.0,
+            )
         self._over, truncated = reasons > 0, reasons == TIME_LIMIT
         infos: dict[str, Any] = {}
         for i in np.flatnonzero(self._over):
-            infos = self._add_info(infos, flying.statistics(reasons[i], errors[i], durations[i]), int(i))
+            infos = self._add_info(
+                infos, flying.statistics(reasons[i], errors[i], durations[i]), int(i)
+            )
         return observations, rewards.astype(np.float64), self._over & ~truncated, truncated, infos
 
     def render(self) -> tuple[np.ndarray, ...] | None:
-        """A picture of each drone and its reference, (480, 640, 3) uint8; `None` where no `render_mode` was given."""
+        """A picture of each drone and its reference, (480, 640, 3) uint8.
+
+        `None` where no `render_mode` was given.
+        """
         if self.render_mode is None:
             return None
         if self._groups is None:
@@ -119,13 +158,19 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if not self._scenes:
             self._scenes = [Scene(self._world.task) for _ in range(self.num_envs)]
         parts = [np.asarray(part) for part in self._program.view_all(self._groups)]
-        return tuple(scene.draw(View(*(part[i] for part in parts))) for i, scene in enumerate(self._scenes))
+        return tuple(
+            scene.draw(View(*(part[i] for part in parts))) for i, scene in enumerate(self._scenes)
+        )
 
     def _begin(self, whose: Bool[np.ndarray, "n"], groups: flying.Groups | None) -> np.ndarray:
-        """Begins the next episode of some drones, each prepared ahead, and returns everyone's first observation."""
+        """Begins the next episode of some drones, each prepared ahead, and returns everyone's first
+        observation.
+        """
         if np.any(whose & ~self._ready):
             # Copies, since JAX may read its arguments after it has returned.
-            self._ahead = self._program.launch_all(self._drones, self._keys.copy(), self._numbers.copy())
+            self._ahead = self._program.launch_all(
+                self._drones, self._keys.copy(), self._numbers.copy()
+            )
             self._ready[:] = True
         new, observations = self._ahead
         # Those that are prepared are kept, since a step takes over the arrays that it is given.

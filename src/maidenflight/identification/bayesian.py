@@ -1,7 +1,8 @@
-"""Bayesian optimisation as the paper ran it: a Gaussian process, and an acquisition function drawn anew for every evaluation.
+"""Bayesian optimisation as the paper ran it: a Gaussian process, and an acquisition function drawn
+anew for every evaluation.
 
-The search works in a unit box; time constants are searched on a logarithmic scale, and the process models the logarithm of the
-objective, because both span decades while what matters happens in one.
+The search works in a unit box; time constants are searched on a logarithmic scale, and the process
+models the logarithm of the objective, because both span decades while what matters happens in one.
 """
 
 import warnings
@@ -24,14 +25,14 @@ PAPER_BOUNDS: dict[str, tuple[float, float]] = {
 }
 """Search bounds, SI units (Gronauer et al. 2022, sec. Simulation Optimization)."""
 
-LOGARITHMIC = ("motor_time_constant", "motor_slowdown")
+LOGARITHMIC = ("motor_time_constant", "spin_down_ratio")
 """Parameters searched on a logarithmic scale."""
 
 _FIRST = 10
 """Evaluations spread evenly before the process is asked."""
 _GROWTH = 1.1
-"""The kernel is fitted anew when there are so many times more evaluations. Its length scales settle early, and each fit costs more
-than an evaluation."""
+"""The kernel is fitted anew when there are so many times more evaluations. Its length scales settle
+early, and each fit costs more than an evaluation."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,11 @@ class Box:
         logarithmic = np.array([name in LOGARITHMIC for name in self.names])
         low, high = np.array(self.lower), np.array(self.upper)
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.where(logarithmic, np.log(low), low), np.where(logarithmic, np.log(high), high), logarithmic
+            return (
+                np.where(logarithmic, np.log(low), low),
+                np.where(logarithmic, np.log(high), high),
+                logarithmic,
+            )
 
     def values(self, unit: Float[np.ndarray, "... d"]) -> Float[np.ndarray, "... d"]:
         """Parameter values at points of the unit cube."""
@@ -86,12 +91,14 @@ def minimise(
     Returns:
         All points and their values, in the order of evaluation.
 
-    Source: Gronauer et al. 2022, sec. Simulation Optimization: lower confidence bound, expected improvement and probability of
-    improvement, chosen uniformly.
+    Source: Gronauer et al. 2022, sec. Simulation Optimization: lower confidence bound, expected
+    improvement and probability of improvement, chosen uniformly.
     """
     first = min(_FIRST, evaluations)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # ten is no power of two; balance does not matter here
+        warnings.simplefilter(
+            "ignore", UserWarning
+        )  # ten is no power of two; balance does not matter here
         points = qmc.Sobol(dimensions, rng=generator).random(first)
     values = []
     for point in points:
@@ -113,16 +120,27 @@ def minimise(
 def _kernel(dimensions: int) -> Kernel:
     """Where fitting the kernel starts."""
     scales: Any = [0.5] * dimensions
-    return ConstantKernel(4.0, (1e-2, 1e3)) * Matern(scales, (0.02, 20.0), nu=2.5) + WhiteKernel(1e-4, (1e-8, 1e-1))
+    return ConstantKernel(4.0, (1e-2, 1e3)) * Matern(scales, (0.02, 20.0), nu=2.5) + WhiteKernel(
+        1e-4, (1e-8, 1e-1)
+    )
 
 
-def _ask(points: np.ndarray, values: np.ndarray, kernel: Kernel, fits: bool, generator: np.random.Generator) -> tuple[np.ndarray, Kernel]:
-    """The point to evaluate next, and the kernel, which is fitted from the given one on if `fits`."""
+def _ask(
+    points: np.ndarray,
+    values: np.ndarray,
+    kernel: Kernel,
+    fits: bool,
+    generator: np.random.Generator,
+) -> tuple[np.ndarray, Kernel]:
+    """The point to evaluate next, and the kernel, which is fitted from the given one on if
+    `fits`.
+    """
     logs = np.log(np.maximum(values, 1e-12))
     scaled = (logs - logs.mean()) / (logs.std() + 1e-12)
     optimiser: Any = "fmin_l_bfgs_b" if fits else None
     process = GaussianProcessRegressor(kernel, optimizer=optimiser, random_state=0)
-    # On matrices this small several threads only wait for each other, on a busy machine thirty times as long as one computes.
+    # On matrices this small several threads only wait for each other, on a busy machine thirty
+    # times as long as one computes.
     with warnings.catch_warnings(), threadpool_limits(1, user_api="blas"):
         warnings.simplefilter("ignore", ConvergenceWarning)
         process.fit(points, scaled)
@@ -135,7 +153,9 @@ def _ask(points: np.ndarray, values: np.ndarray, kernel: Kernel, fits: bool, gen
 
 
 def _candidates(best: np.ndarray, dimensions: int, generator: np.random.Generator) -> np.ndarray:
-    """Points among which the acquisition is maximised: everywhere, and ever closer to the best point."""
+    """Points among which the acquisition is maximised: everywhere, and ever closer to the best
+    point.
+    """
     everywhere = generator.random((1024, dimensions))
     scales = generator.choice([0.1, 0.03, 0.01], size=(512, 1))
     near = np.clip(best + scales * generator.normal(size=(512, dimensions)), 0.0, 1.0)

@@ -21,33 +21,57 @@ def posterior_ensemble(drone: Parameters, table: Mapping[str, Any], where: str) 
         where: what errors name.
 
     Raises:
-        InputError: the table is missing or makes no sense, or a drone in it is outside its physical range.
+        InputError: the table is missing or makes no sense, or a drone in it is outside its physical
+            range.
     """
-    names, draws = (table.get("names"), table.get("draws")) if isinstance(table, Mapping) else (None, None)
+    names, draws = (
+        (table.get("names"), table.get("draws")) if isinstance(table, Mapping) else (None, None)
+    )
     try:
-        with np.errstate(over="ignore"):  # what float32 cannot hold is infinite, and refused as that
+        with np.errstate(
+            over="ignore"
+        ):  # what float32 cannot hold is infinite, and refused as that
             values = np.array(draws, np.float32)
     except (TypeError, ValueError):
         values = np.empty((0, 0), np.float32)
-    known = names if isinstance(names, list) and all(isinstance(name, str) and name in COMPONENTS for name in names) else []
-    if values.ndim != 2 or not known or values.shape[1] != len(known) or len(set(known)) < len(known) or len(values) == 0:
-        raise InputError(f"{where}: no usable [posterior] table (names, draws). Make the file with: maidenflight identify LOGS -o {where}.")
+    known = (
+        names
+        if isinstance(names, list)
+        and all(isinstance(name, str) and name in COMPONENTS for name in names)
+        else []
+    )
+    if (
+        values.ndim != 2
+        or not known
+        or values.shape[1] != len(known)
+        or len(set(known)) < len(known)
+        or len(values) == 0
+    ):
+        raise InputError(
+            f"{where}: no usable [posterior] table (names, draws). Make the file with: "
+            f"maidenflight identify LOGS -o {where}."
+        )
     drones = [
-        check(replace(drone, **dict(zip(known, row, strict=True))), f"{where} [posterior] draw {i}") for i, row in enumerate(values, 1)
+        check(replace(drone, **dict(zip(known, row, strict=True))), f"{where} [posterior] draw {i}")
+        for i, row in enumerate(values, 1)
     ]
     return ensemble(drones)
 
 
 TRIM = ("torque_bias_x", "torque_bias_y", "torque_bias_z")
-"""Constant torques: how the battery sits and the propellers are mounted, which people change between flights."""
+"""Constant torques: how the battery sits and the propellers are mounted, which people change
+between flights."""
 
 
-def trim_ensemble(drone: Parameters, table: Mapping[str, Any], where: str, count: int = 256) -> Ensemble:
+def trim_ensemble(
+    drone: Parameters, table: Mapping[str, Any], where: str, count: int = 256
+) -> Ensemble:
     """Drones whose constant torques differ from each other as those of the identified flights did.
 
     Args:
         drone: the drone of the file.
-        table: the file's `[identification]`, with a value and a spread of each identified parameter.
+        table: the file's `[identification]`, with a value and a spread of each identified
+            parameter.
         where: what errors name.
         count: of drones, always the same ones.
 
@@ -61,13 +85,25 @@ def trim_ensemble(drone: Parameters, table: Mapping[str, Any], where: str, count
         spreads = np.empty(0)
     if len(spreads) == 0 or not np.all(np.isfinite(spreads) & (spreads >= 0)):
         raise InputError(
-            f"{where}: its [identification] does not tell how trims ({', '.join(TRIM)}) differ from flight to flight. Identify it from"
+            f"{where}: its [identification] does not tell how trims ({', '.join(TRIM)}) differ "
+            "from flight to flight. Identify it from"
             " flights by likelihood, or fly the drone as it is."
         )
     # Evenly spread points stand for the distribution better than as many random ones.
-    normal = stats.norm.ppf(qmc.Sobol(len(told), rng=np.random.default_rng(0)).random(count).clip(1e-6, 1 - 1e-6))
+    normal = stats.norm.ppf(
+        qmc.Sobol(len(told), rng=np.random.default_rng(0)).random(count).clip(1e-6, 1 - 1e-6)
+    )
     drones = [
-        check(replace(drone, **{name: np.float32(component(drone, name) + change) for name, change in zip(told, row, strict=True)}), where)
+        check(
+            replace(
+                drone,
+                **{
+                    name: np.float32(component(drone, name) + change)
+                    for name, change in zip(told, row, strict=True)
+                },
+            ),
+            where,
+        )
         for row in spreads * normal
     ]
     return ensemble(drones)

@@ -1,4 +1,6 @@
-"""What identification finds: every parameter with its interval, and the drones that the flights leave possible."""
+"""What identification finds: every parameter with its interval, and the drones that the flights
+leave possible.
+"""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -30,11 +32,14 @@ class Estimate:
     interval: tuple[float, float]
     """95 % interval, from how stretches of flight differ."""
     trials: tuple[float, ...]
-    """Best value of each trial of the optimiser; their spread tells of the optimiser, not of the parameter."""
+    """Best value of each trial of the optimiser; their spread tells of the optimiser, not of the
+    parameter."""
     spread: float
-    """Standard deviation between stretches of flight: how much the drone itself, or what the model lacks, varies."""
+    """Standard deviation between stretches of flight: how much the drone itself, or what the model
+    lacks, varies."""
     valley: tuple[float, float] | None
-    """How far the parameter can go, the others following, until the objective is 1 % above its best; only where that is the paper's."""
+    """How far the parameter can go, the others following, until the objective is 1 % above its
+    best; only where that is the paper's."""
 
     @property
     def trial_mean(self) -> float:
@@ -58,7 +63,8 @@ class Source:
     simulated: bool
     """Whether any of it was."""
     commands: str
-    """What logged commands stood for: `held`, `sampled` or `held and sampled`; see `Flight.held`."""
+    """What logged commands stood for: `held`, `sampled` or `held and sampled`; see
+    `Flight.held`."""
     full: float
     """Counts of a Crazyflie's firmware that u = 1 stands for; see `Flight.full`."""
 
@@ -72,7 +78,10 @@ def source_of(flights: Sequence[Flight]) -> Source:
     kinds = {flight.full: flight.name for flight in flights}
     if len(kinds) > 1:
         told = ", ".join(f"{full:g} in {name}" for full, name in sorted(kinds.items()))
-        raise InputError(f"flights in which a command of 1 stands for different counts of the firmware ({told}); identify from one kind.")
+        raise InputError(
+            "flights in which a command of 1 stands for different counts of the firmware "
+            f"({told}); identify from one kind."
+        )
     return Source(
         flights=len({flight.name for flight in flights}),
         seconds=round(sum(flight.duration for flight in flights), 2),
@@ -92,7 +101,8 @@ class Identification:
     kind: str
     """Which of `OBJECTIVES` was optimised."""
     objective: float
-    """`replay`: mean loss of a window at the optimum. `likelihood`: minus the log likelihood of a row [nats]."""
+    """`replay`: mean loss of a window at the optimum. `likelihood`: minus the log likelihood of a
+    row [nats]."""
     start_objective: float
     """The same at the start."""
     windows: int
@@ -112,17 +122,23 @@ class Identification:
     """What the user should know of the result."""
 
     def __str__(self) -> str:
-        """A line a parameter, SI units: value, 95 % interval, spread between stretches of flight."""
+        """A line a parameter, SI units: value, 95 % interval, spread between stretches of
+        flight.
+        """
         rows = [
-            f"{self.kind} of {self.source.flights} flights, {self.source.seconds:.0f} s; SI units: value, 95 % interval, between stretches"
+            f"{self.kind} of {self.source.flights} flights, {self.source.seconds:.0f} s; SI "
+            "units: value, 95 % interval, between stretches"
         ]
         for name, estimate in self.estimates.items():
             low, high = estimate.interval
-            rows.append(f"{name:24}{estimate.value:12.4g}  [{low:.4g}, {high:.4g}]  {estimate.spread:.2g}")
+            rows.append(
+                f"{name:24}{estimate.value:12.4g}  [{low:.4g}, {high:.4g}]  {estimate.spread:.2g}"
+            )
         return "\n".join([*rows, *(f"note: {note}" for note in self.notes)])
 
     def write(self, path: StrPath, record: Mapping[str, Any] | None = None) -> Path:
-        """Writes the drone as a TOML file, with intervals and posterior, as `maidenflight identify` does.
+        """Writes the drone as a TOML file, with intervals and posterior, as `maidenflight identify`
+        does.
 
         Args:
             path: the file.
@@ -131,18 +147,32 @@ class Identification:
         Raises:
             WriteError: the file cannot be written.
         """
-        tables = {"identification": self.to_table(), "posterior": self.posterior_table(), "record": dict(record or {})}
+        tables = {
+            "identification": self.to_table(),
+            "posterior": self.posterior_table(),
+            "record": dict(record or {}),
+        }
         return parameters.write(path, self.parameters, tables)
 
     @property
     def ensemble(self) -> Ensemble:
-        """The drones that the flights leave possible, to randomize over as the flights are unsure."""
+        """The drones that the flights leave possible, to randomize over as the flights are
+        unsure.
+        """
         count = len(next(iter(self.draws.values())))
-        stacked = jax.tree.map(lambda leaf: np.broadcast_to(leaf, (count, *np.shape(leaf))), self.parameters)
-        return Ensemble(replace(stacked, **{name: values.astype(np.float32) for name, values in self.draws.items()}))
+        stacked = jax.tree.map(
+            lambda leaf: np.broadcast_to(leaf, (count, *np.shape(leaf))), self.parameters
+        )
+        return Ensemble(
+            replace(
+                stacked, **{name: values.astype(np.float32) for name, values in self.draws.items()}
+            )
+        )
 
     def to_table(self) -> dict[str, Any]:
-        """The `[identification]` table of a drone's TOML file: nothing in it depends on how long the work took."""
+        """The `[identification]` table of a drone's TOML file: nothing in it depends on how long
+        the work took.
+        """
         table: dict[str, Any] = {
             "kind": self.kind,
             "objective": round(self.objective, 6),
@@ -161,13 +191,21 @@ class Identification:
             if estimate.valley is not None:
                 table[name]["valley"] = [_short(side) for side in estimate.valley]
         if self.bought:
-            table["bought"] = [{**dataclasses.asdict(step), "gain": _short(step.gain), "error": _short(step.error)} for step in self.bought]
+            table["bought"] = [
+                {**dataclasses.asdict(step), "gain": _short(step.gain), "error": _short(step.error)}
+                for step in self.bought
+            ]
         return table
 
     def posterior_table(self) -> dict[str, Any]:
-        """The `[posterior]` table of a drone's TOML file: `names`, and `draws` of their values, SI units."""
+        """The `[posterior]` table of a drone's TOML file: `names`, and `draws` of their values, SI
+        units.
+        """
         stacked = np.stack(list(self.draws.values()), axis=1)
-        return {"names": list(self.draws), "draws": [[_short(value) for value in row] for row in stacked[:SAVED]]}
+        return {
+            "names": list(self.draws),
+            "draws": [[_short(value) for value in row] for row in stacked[:SAVED]],
+        }
 
 
 def _short(value: float) -> float:

@@ -1,15 +1,19 @@
-"""Identification by gradients through the simulator: Gauss-Newton steps, damped as far as the objective asks for it.
+"""Identification by gradients through the simulator: Gauss-Newton steps, damped as far as the
+objective asks for it.
 
-The objective is a sum of absolute values and of norms, so its curvature lies in their kinks. Two models of it are blended. The
-one of Gauss and Newton, with rounded kinks, leads to the optimum in few steps. The one of iteratively reweighted least squares is
-never too flat where residuals are linear in the parameters, and is right where a model fits without error. Damping blends from the
+The objective is a sum of absolute values and of norms, so its curvature lies in their kinks. Two
+models of it are blended. The one of Gauss and Newton, with rounded kinks, leads to the optimum in
+few steps. The one of iteratively reweighted least squares is never too flat where residuals are
+linear in the parameters, and is right where a model fits without error. Damping blends from the
 first to the second, and then scales the second.
 
-Windows overlap, so few of them tell nearly where the optimum is: a far start comes near on some dozens, then on every fifth, and only the
-last steps see all. The curvature that they teach is carried along.
+Windows overlap, so few of them tell nearly where the optimum is: a far start comes near on some
+dozens, then on every fifth, and only the last steps see all. The curvature that they teach is
+carried along.
 
-Where a command arrives just when a physics step begins, the objective has a kink in the latency, and its optimum likes to lie in one. So
-no step looks across a kink. It ends just behind it; what the slope says there tells whether to go on or back.
+Where a command arrives just when a physics step begins, the objective has a kink in the latency,
+and its optimum likes to lie in one. So no step looks across a kink. It ends just behind it; what
+the slope says there tells whether to go on or back.
 """
 
 from collections.abc import Callable, Sequence
@@ -30,32 +34,48 @@ MIDDLE = 5
 _FAR_STEPS, _MIDDLE_STEPS = 20, 8
 """Most steps on those windows."""
 _FAR_SMALL, _MIDDLE_SMALL, _SMALL = 1e-2, 6e-3, 2.5e-3
-"""Step, as a share of the box, that is the last: on few windows, where the optimum of all is not to be had, and on all."""
+"""Step, as a share of the box, that is the last: on few windows, where the optimum of all is not to
+be had, and on all."""
 _FEWEST = 2
-"""Steps on all windows, however small: a step says how far the optimum is only once the curvature is that of all."""
+"""Steps on all windows, however small: a step says how far the optimum is only once the curvature
+is that of all."""
 INSIDE = 1e-7
-"""Distance from the box's faces at which slopes are taken: on a face, as where there is no latency at all, one can be one-sided."""
+"""Distance from the box's faces at which slopes are taken: on a face, as where there is no latency
+at all, one can be one-sided."""
 _BEHIND = 1e-6
 """Distance behind a kink at which a step across it ends."""
 
 
 def kinks(box: Box, time_step: float) -> list[Float[np.ndarray, "k"]]:
-    """Where in the search's cube the objective's slope jumps, for each dimension: at latencies that are whole physics steps.
+    """Where in the search's cube the objective's slope jumps, for each dimension: at latencies that
+    are whole physics steps.
 
-    A held command acts on a physics step by its mean over it. That is linear in the latency, until the command arrives in another step.
+    A held command acts on a physics step by its mean over it. That is linear in the latency, until
+    the command arrives in another step.
     """
     found = []
     for name, low, high in zip(box.names, box.lower, box.upper, strict=True):
-        steps = np.arange(np.ceil(low / time_step), np.floor(high / time_step) + 1) if name == "latency" else np.empty(0)
+        steps = (
+            np.arange(np.ceil(low / time_step), np.floor(high / time_step) + 1)
+            if name == "latency"
+            else np.empty(0)
+        )
         found.append((steps * time_step - low) / (high - low))
     return found
 
 
-def in_unit_cube(equations: NormalEquations, box: Box, point: Float[np.ndarray, "d"]) -> NormalEquations:
+def in_unit_cube(
+    equations: NormalEquations, box: Box, point: Float[np.ndarray, "d"]
+) -> NormalEquations:
     """Normal equations per unit of the search's cube instead of per SI unit of the parameters."""
     scale = box.slope(point)
     square = np.outer(scale, scale)
-    return NormalEquations(equations.loss, equations.gradient * scale, equations.curvature * square, equations.majorant * square)
+    return NormalEquations(
+        equations.loss,
+        equations.gradient * scale,
+        equations.curvature * square,
+        equations.majorant * square,
+    )
 
 
 def minimise(
@@ -67,7 +87,9 @@ def minimise(
     generator: np.random.Generator,
     on_evaluation: Callable[[], None] | None = None,
 ) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n"]]:
-    """Minimises the objective on the unit cube from one random start; call it again for another start.
+    """Minimises the objective on the unit cube from one random start.
+
+    Call it again for another start.
 
     Args:
         objective: point to value.
@@ -81,7 +103,8 @@ def minimise(
     Returns:
         The points evaluated on all windows and their values, in the order of evaluation.
 
-    Source: Marquardt 1963, An algorithm for least-squares estimation of nonlinear parameters; the blend is ours.
+    Source: Marquardt 1963, An algorithm for least-squares estimation of nonlinear parameters; the
+    blend is ours.
     """
     points, losses = [], []
 
@@ -152,8 +175,9 @@ def descend(
     Args:
         equations: point to the objective with derivatives.
         point: where to begin.
-        curvature: what other windows taught of it, if anything; it is kept, and corrected only by how the gradient changes. In it is what
-            the method of Gauss and Newton leaves out, here as much as half of it.
+        curvature: what other windows taught of it, if anything; it is kept, and corrected only by
+            how the gradient changes. In it is what the method of Gauss and Newton leaves out, here
+            as much as half of it.
         kinks: for each of d dimensions, where the objective's slope jumps.
         fewest: steps that are taken however small they are.
         steps: most steps.
@@ -181,11 +205,15 @@ def descend(
 
 
 def cell(
-    kinks: Sequence[Float[np.ndarray, "k"]], point: Float[np.ndarray, "d"], came: Float[np.ndarray, "d"]
+    kinks: Sequence[Float[np.ndarray, "k"]],
+    point: Float[np.ndarray, "d"],
+    came: Float[np.ndarray, "d"],
 ) -> tuple[Float[np.ndarray, "d"], Float[np.ndarray, "d"]]:
-    """Lowest and highest coordinates that a step from a point may reach: the nearest kinks, and a little behind them.
+    """Lowest and highest coordinates that a step from a point may reach: the nearest kinks, and a
+    little behind them.
 
-    A kink beside which the point lies is no limit, unless the last step came across it: then what is behind it is known to rise.
+    A kink beside which the point lies is no limit, unless the last step came across it: then what
+    is behind it is known to rise.
     """
     low, high = np.zeros(len(point)), np.ones(len(point))
     for k, (places, here, before) in enumerate(zip(kinks, point, came, strict=True)):
@@ -197,7 +225,9 @@ def cell(
 
 
 def _along(found: Descent, loss: float) -> Float[np.ndarray, "d"]:
-    """The lowest point on the line of the last step, by the parabola through both ends and the slope; `loss` is that at its end."""
+    """The lowest point on the line of the last step, by the parabola through both ends and the
+    slope; `loss` is that at its end.
+    """
     shift = found.ahead - found.point
     slope = float(found.equations.gradient @ shift)
     bend = 2 * (loss - found.equations.loss - slope)
@@ -205,8 +235,12 @@ def _along(found: Descent, loss: float) -> Float[np.ndarray, "d"]:
     return np.clip(found.point + share * shift, found.low, found.high)
 
 
-def corrected(ahead: NormalEquations, here: NormalEquations, shift: Float[np.ndarray, "d"]) -> NormalEquations:
-    """Curvature that explains how the gradient changed over the last step: the update of Broyden, Fletcher, Goldfarb and Shanno."""
+def corrected(
+    ahead: NormalEquations, here: NormalEquations, shift: Float[np.ndarray, "d"]
+) -> NormalEquations:
+    """Curvature that explains how the gradient changed over the last step: the update of Broyden,
+    Fletcher, Goldfarb and Shanno.
+    """
     change = ahead.gradient - here.gradient
     along, explained = ahead.curvature @ shift, float(shift @ change)
     if explained <= 0.1 * float(shift @ along):
@@ -230,5 +264,10 @@ def step(
     values, vectors = np.linalg.eigh(matrix)
     root = np.sqrt(np.maximum(values, 1e-9 * values.max()))
     bounds = (low - point - 1e-12, high - point + 1e-12)
-    shift = lsq_linear(root[:, None] * vectors.T, -(vectors.T @ equations.gradient) / root, bounds=bounds, method="bvls").x
+    shift = lsq_linear(
+        root[:, None] * vectors.T,
+        -(vectors.T @ equations.gradient) / root,
+        bounds=bounds,
+        method="bvls",
+    ).x
     return np.clip(point + shift, low, high)

@@ -1,4 +1,6 @@
-"""Identification by maximum likelihood of one-step errors: parameters that flights under feedback do not bias, and the noise beside."""
+"""Identification by maximum likelihood of one-step errors: parameters that flights under feedback
+do not bias, and the noise beside.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -20,10 +22,12 @@ from maidenflight.parameters import Parameters, component, replace
 _PILOT = 128
 """Windows on which a far start comes near the optimum."""
 _COARSE, _FINE = 0.002, 0.001
-"""Nominal physics steps [s] on the way and at the end. At 5 ms a command that arrives within a step is seen so coarsely that the lag comes
-out 1 ms short; at 2 ms the latency is still 0.1 ms off, which is as much as two minutes of flight leave open."""
+"""Nominal physics steps [s] on the way and at the end. At 5 ms a command that arrives within a step
+is seen so coarsely that the lag comes out 1 ms short; at 2 ms the latency is still 0.1 ms off,
+which is as much as two minutes of flight leave open."""
 _CLOSE = 0.02
-"""Gain of log likelihood of all flights [nats] below which a step is the last: a fifth of a standard error moves it by as much."""
+"""Gain of log likelihood of all flights [nats] below which a step is the last: a fifth of a
+standard error moves it by as much."""
 
 
 @dataclass(frozen=True)
@@ -37,13 +41,16 @@ class Likely:
     optimum: Float[np.ndarray, "d"]
     """In the box's unit cube, as are the next two."""
     runs: list[tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n"]]]
-    """Points evaluated on all windows and their values, of each trial; finely only in the best, which ends at the optimum."""
+    """Points evaluated on all windows and their values, of each trial; finely only in the best,
+    which ends at the optimum."""
     value: float
     """Minus the mean log likelihood of a row at the optimum."""
     draws: Float[np.ndarray, "N d"]
-    """Drones as likely as the flights leave them (Laplace's approximation with the sandwich covariance)."""
+    """Drones as likely as the flights leave them (Laplace's approximation with the sandwich
+    covariance)."""
     spread: Float[np.ndarray, "d"]
-    """Standard deviation between stretches of flight, beyond what their noise explains; in the parameters' units."""
+    """Standard deviation between stretches of flight, beyond what their noise explains; in the
+    parameters' units."""
     bought: tuple[Step, ...]
     """What each group of parameters bought, where the flights chose them."""
     noise: Mapping[str, float]
@@ -62,14 +69,19 @@ class _Fit(NamedTuple):
 
 
 def bounds(start: Parameters) -> dict[str, tuple[float, float]]:
-    """Physical search bounds about a drone, by component; torques in units of its weight times its arm."""
+    """Physical search bounds about a drone, by component.
+
+    Torques in units of its weight times its arm.
+    """
     torque = float(start.mass * start.gravity * start.arm_length)
-    around = {name: float(component(start, name)) for name in ("inertia_x", "inertia_y", "inertia_z")}
+    around = {
+        name: float(component(start, name)) for name in ("inertia_x", "inertia_y", "inertia_z")
+    }
     return {
         "thrust_to_weight": (1.01, 8.0),
         "motor_time_constant": (0.003, 0.5),
         "latency": (0.0, 0.05),
-        "motor_slowdown": (0.2, 5.0),
+        "spin_down_ratio": (0.2, 5.0),
         "motor_coasting": (0.0, 0.5),
         "torque_to_thrust": (0.0, 0.1),
         "rotor_momentum": (0.0, 0.1 * torque),
@@ -116,8 +128,16 @@ def maximise(
     def of(some: Sequence[Flight], step: float = _COARSE, every: int = 1) -> OneStep:
         return _objective(some, history, step, every)
 
-    def fit(objectives: Sequence[OneStep], names: Sequence[str], first: Parameters, at_random: bool = False, close: float = 0.0) -> _Fit:
-        """Climbs on one objective after another, on each until a step gains less than `_CLOSE`, or than `close` a row."""
+    def fit(
+        objectives: Sequence[OneStep],
+        names: Sequence[str],
+        first: Parameters,
+        at_random: bool = False,
+        close: float = 0.0,
+    ) -> _Fit:
+        """Climbs on one objective after another, on each until a step gains less than `_CLOSE`, or
+        than `close` a row.
+        """
         searched = box(names)
 
         def at(unit: np.ndarray) -> Parameters:
@@ -128,12 +148,18 @@ def maximise(
             def equations(unit: np.ndarray) -> NormalEquations:
                 if on_evaluation is not None:
                     on_evaluation()
-                return gradient.in_unit_cube(target.normal_equations(at(unit), searched.names), searched, unit)
+                return gradient.in_unit_cube(
+                    target.normal_equations(at(unit), searched.names), searched, unit
+                )
 
             return _climb(equations, point, evaluations, max(close, _CLOSE / target.rows))
 
         point = searched.unit(np.array([float(component(first, name)) for name in searched.names]))
-        point = generator.random(len(point)) if at_random else np.clip(point, gradient.INSIDE, 1 - gradient.INSIDE)
+        point = (
+            generator.random(len(point))
+            if at_random
+            else np.clip(point, gradient.INSIDE, 1 - gradient.INSIDE)
+        )
         points, values = np.empty((0, len(point))), np.empty(0)
         for target in objectives:
             points, values = climb(target, point)
@@ -151,7 +177,9 @@ def maximise(
         def roughly(names: Sequence[str], first: Parameters) -> Parameters:
             return fit([sample, training], names, first, close=selection.ROUGH).drone
 
-        over, first, bought = selection.choose(training, held_out, roughly, start, on_step=on_step, sample=sample)
+        over, first, bought = selection.choose(
+            training, held_out, roughly, start, on_step=on_step, sample=sample
+        )
     found = [fit([coarse], over, first)]
     found += [fit([pilot, coarse], over, start, at_random=True) for _ in range(trials - 1)]
     best = int(np.argmin([one.run[1].min() for one in found]))
@@ -160,7 +188,11 @@ def maximise(
     _, scores, curvatures = everything.derivatives(drone, searched.names)
     slope = searched.slope(optimum)
     covariance = posterior.sandwich(scores * slope, curvatures.sum(axis=0) * np.outer(slope, slope))
-    draws = np.clip(generator.multivariate_normal(optimum, covariance, posterior.RESAMPLES, method="eigh"), 0.0, 1.0)
+    draws = np.clip(
+        generator.multivariate_normal(optimum, covariance, posterior.RESAMPLES, method="eigh"),
+        0.0,
+        1.0,
+    )
     levels = noise_levels(everything.mean_products(drone), drone, period)
     return Likely(
         drone=replace(drone, **{name: np.float32(value) for name, value in levels.items()}),
@@ -179,7 +211,8 @@ def maximise(
 
 
 def log_likelihood(flights: Sequence[Flight], drone: Parameters, history: int = HISTORY) -> float:
-    """Mean log likelihood of a row [nats]: how well one-step predictions by a drone foresee flights, under the noise that suits them best.
+    """Mean log likelihood of a row [nats]: how well one-step predictions by a drone foresee
+    flights, under the noise that suits them best.
 
     Args:
         flights: checked flights of one rate.
@@ -194,16 +227,27 @@ def log_likelihood(flights: Sequence[Flight], drone: Parameters, history: int = 
 
 def _objective(flights: Sequence[Flight], history: int, step: float, every: int = 1) -> OneStep:
     """The objective on every so many windows, in physics steps of about so many seconds."""
-    cut, period = windows(flights, one_step.LENGTH, every=one_step.LENGTH, history=history), flights[0].period
-    return OneStep(type(cut)(*(array[::every] for array in cut)), period, max(1, round(period / step)))
+    cut, period = (
+        windows(flights, one_step.LENGTH, every=one_step.LENGTH, history=history),
+        flights[0].period,
+    )
+    return OneStep(
+        type(cut)(*(array[::every] for array in cut)), period, max(1, round(period / step))
+    )
 
 
 def _split(flights: Sequence[Flight]) -> tuple[list[Flight], list[Flight]]:
-    """Flights to fit and, every third of them, to judge by; the longest is cut in three where there are fewer than three.
+    """Flights to fit and, every third of them, to judge by.
+
+    The longest is cut in three where there are fewer than three.
 
     Stretches of one flight stay together, unless there are fewer than three flights.
     """
-    long_enough = [flight for flight in flights if len(flight) > one_step.LENGTH + max(SHORTEST_HISTORY + 1, flight.lead)]
+    long_enough = [
+        flight
+        for flight in flights
+        if len(flight) > one_step.LENGTH + max(SHORTEST_HISTORY + 1, flight.lead)
+    ]
     whole: list[list[Flight]] = []
     for flight in long_enough:
         before = whole[-1][-1] if whole else None
@@ -220,16 +264,27 @@ def _split(flights: Sequence[Flight]) -> tuple[list[Flight], list[Flight]]:
             for first, end in zip(ends[:-1], ends[1:], strict=True):
                 whole.append([flight.part(first, end)])
     judged = whole[selection.HELD_OUT - 1 :: selection.HELD_OUT]
-    fitted = [parts for number, parts in enumerate(whole) if number % selection.HELD_OUT != selection.HELD_OUT - 1]
-    return [part for parts in fitted for part in parts], [part for parts in judged for part in parts]
+    fitted = [
+        parts
+        for number, parts in enumerate(whole)
+        if number % selection.HELD_OUT != selection.HELD_OUT - 1
+    ]
+    return [part for parts in fitted for part in parts], [
+        part for parts in judged for part in parts
+    ]
 
 
 def _climb(
-    equations: Callable[[Float[np.ndarray, "d"]], NormalEquations], point: Float[np.ndarray, "d"], evaluations: int, close: float
+    equations: Callable[[Float[np.ndarray, "d"]], NormalEquations],
+    point: Float[np.ndarray, "d"],
+    evaluations: int,
+    close: float,
 ) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n"]]:
-    """Damped Gauss-Newton steps in the unit cube until one gains less than `close`, or fails and its slope promised less than that.
+    """Damped Gauss-Newton steps in the unit cube until one gains less than `close`, or fails and
+    its slope promised less than that.
 
-    How the gradient changes corrects the curvature. A step that promises hardly anything is not taken: to confirm it costs as much as any.
+    How the gradient changes corrects the curvature. A step that promises hardly anything is not
+    taken: to confirm it costs as much as any.
 
     Source: Marquardt 1963, An algorithm for least-squares estimation of nonlinear parameters.
     """
@@ -244,7 +299,11 @@ def _climb(
         values.append(ahead.loss)
         gain = here.loss - ahead.loss
         if gain > 0:
-            point, here, damping = there, gradient.corrected(ahead, here, there - point), damping / 8
+            point, here, damping = (
+                there,
+                gradient.corrected(ahead, here, there - point),
+                damping / 8,
+            )
             if gain < close:
                 break
         elif here.gradient @ (point - there) < close:

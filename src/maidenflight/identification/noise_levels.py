@@ -1,7 +1,8 @@
 """How noisy a drone and its sensors are, from what one-step errors leave unexplained.
 
-How long a policy flies depends on it: an estimator that walks and air that pushes excite what a noiseless flight would leave at rest.
-All of it is read off the products of errors with themselves some rows before, in closed form.
+How long a policy flies depends on it: an estimator that walks and air that pushes excite what a
+noiseless flight would leave at rest. All of it is read off the products of errors with themselves
+some rows before, in closed form.
 """
 
 import numpy as np
@@ -10,21 +11,28 @@ from jaxtyping import Float
 from maidenflight.parameters import Parameters
 
 ROWS = 8
-"""Rows over which noise is told, at most: 0.08 s at 100 Hz, in which a policy reacts. Over longer times an estimator walks less far."""
+"""Rows over which noise is told, at most: 0.08 s at 100 Hz, in which a policy reacts. Over longer
+times an estimator walks less far."""
 _POSITION, _VELOCITY, _ATTITUDE, _TURN = slice(0, 2), slice(3, 5), slice(6, 9), slice(9, 11)
-"""Columns of which each size is taken: horizontal position and velocity, attitude, roll and pitch rate."""
+"""Columns of which each size is taken: horizontal position and velocity, attitude, roll and pitch
+rate."""
 
 
-def noise_levels(products: Float[np.ndarray, "12 P+1 P+1"], parameters: Parameters, period: float) -> dict[str, float]:
+def noise_levels(
+    products: Float[np.ndarray, "12 P+1 P+1"], parameters: Parameters, period: float
+) -> dict[str, float]:
     """Noise that makes a simulated drone's one-step errors alike.
 
-    Position and velocity walk as far as their errors add up over `ROWS` rows; what cancels is their white noise. Of the body rates'
-    errors, the part that is gone after one row is the gyro's; the rest is what the actuators' noise must make, with the correlation
-    that it has. The estimated attitude's error is what its autoregression cannot foresee.
+    Position and velocity walk as far as their errors add up over `ROWS` rows; what cancels is their
+    white noise. Of the body rates' errors, the part that is gone after one row is the gyro's; the
+    rest is what the actuators' noise must make, with the correlation that it has. The estimated
+    attitude's error is what its autoregression cannot foresee.
 
     Args:
-        products: mean products of one-step errors with their past, in the columns of `one_step.errors` (m, m/s, rad, rad/s).
-        parameters: the drone; its motors' torque and its inertia turn torque noise into thrust noise.
+        products: mean products of one-step errors with their past, in the columns of
+            `one_step.errors` (m, m/s, rad, rad/s).
+        parameters: the drone; its motors' torque and its inertia turn torque noise into thrust
+            noise.
         period: time between two rows [s].
 
     Returns:
@@ -32,9 +40,12 @@ def noise_levels(products: Float[np.ndarray, "12 P+1 P+1"], parameters: Paramete
     """
     products = products[:, : ROWS + 1, : ROWS + 1]
     order = products.shape[1] - 1
-    covariance = np.stack([np.mean(np.diagonal(products, lag, 1, 2), axis=1) for lag in range(order + 1)], axis=1)
-    # The variance of a sum over P + 1 rows, by row; lags count less the fewer pairs of rows have them (Newey and West 1987). White
-    # noise of a measurement adds twice its variance to one row, but hardly to the sum, in which it cancels.
+    covariance = np.stack(
+        [np.mean(np.diagonal(products, lag, 1, 2), axis=1) for lag in range(order + 1)], axis=1
+    )
+    # The variance of a sum over P + 1 rows, by row; lags count less the fewer pairs of rows have
+    # them (Newey and West 1987). White noise of a measurement adds twice its variance to one row,
+    # but hardly to the sum, in which it cancels.
     fewer = 1 - np.arange(1, order + 1) / (order + 1)
     summed = covariance[:, 0] + 2 * covariance[:, 1:] @ fewer
     white = np.maximum(covariance[:, 0] - summed, 0.0) / 2 * (order + 1) / order
@@ -44,18 +55,27 @@ def noise_levels(products: Float[np.ndarray, "12 P+1 P+1"], parameters: Paramete
         return float(np.sqrt(np.mean(variances[columns])))
 
     past, now = products[_ATTITUDE, 1:, 1:], products[_ATTITUDE, 1:, 0]
-    foreseen = np.sum(now * np.linalg.solve(past + 1e-15 * np.eye(order), now[..., None])[..., 0], axis=1)
+    foreseen = np.sum(
+        now * np.linalg.solve(past + 1e-15 * np.eye(order), now[..., None])[..., 0], axis=1
+    )
     attitude = np.sqrt(np.maximum(products[_ATTITUDE, 0, 0] - foreseen, 0.0) / 2)
 
     turn = covariance[_TURN]
     gyro = np.maximum((turn[:, 0] + turn[:, 2]) / 2 - turn[:, 1], 0.0) / 2
     disturbance = np.maximum(turn[:, 0] - 2 * gyro, 1e-12)
-    # An Ornstein-Uhlenbeck process forgets at the rate at which its covariance falls; a straight line through its logarithm.
+    # An Ornstein-Uhlenbeck process forgets at the rate at which its covariance falls; a straight
+    # line through its logarithm.
     kept = np.maximum(turn[:, 2:] / disturbance[:, None], 1e-3)
     lags = np.arange(2, order + 1) * period
     rate = np.maximum(-np.mean(np.log(kept) @ lags) / (lags @ lags), 0.1)
     full = float(parameters.mass * parameters.gravity / 4 * parameters.thrust_to_weight)
-    per_thrust = 2 * float(parameters.arm_length) / np.sqrt(2) * full / np.asarray(parameters.inertia, float)[:2]
+    per_thrust = (
+        2
+        * float(parameters.arm_length)
+        / np.sqrt(2)
+        * full
+        / np.asarray(parameters.inertia, float)[:2]
+    )
     thrust = np.sqrt(disturbance) / period / per_thrust
     return {
         "position_walk": size(walked, _POSITION),

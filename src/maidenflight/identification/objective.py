@@ -1,7 +1,7 @@
 """The paper's objective: how far simulated windows drift from measured ones.
 
-Each window is simulated open loop from its measured start with its recorded commands. The motors' speed and the delay line at
-the start are those that the recorded commands before it imply.
+Each window is simulated open loop from its measured start with its recorded commands. The motors'
+speed and the delay line at the start are those that the recorded commands before it imply.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,18 +22,22 @@ from maidenflight.simulator import actuators, dynamics, environment, latency, ro
 from maidenflight.simulator.dynamics import State
 
 DISCOUNT = 0.95
-"""delta, weight of each later step over the one before (Gronauer et al. 2022, sec. Simulation Optimization)."""
+"""delta, weight of each later step over the one before (Gronauer et al. 2022, sec. Simulation
+Optimization)."""
 WEIGHTS = np.array([100.0] * 3 + [10.0] * 3 + [1.0] * 6, np.float32)
-"""Diagonal of W: position [1/m], velocity [s/m], attitude [1/rad], body rates [s/rad]. The paper gives no values; these are the
-authors' code's."""
+"""Diagonal of W: position [1/m], velocity [s/m], attitude [1/rad], body rates [s/rad]. The paper
+gives no values; these are the authors' code's."""
 PHYSICS_STEP = 0.005
 """Nominal physics step [s]: the paper simulates at 200 Hz."""
 _CHUNK = 256
-"""Windows simulated side by side; their state fits a core's cache, which is 2 to 3 times faster than one large batch."""
+"""Windows simulated side by side; their state fits a core's cache, which is 2 to 3 times faster
+than one large batch."""
 _FEW = 64
-"""Windows differentiated side by side, at the same cost each, so that few windows can be asked for."""
+"""Windows differentiated side by side, at the same cost each, so that few windows can be asked
+for."""
 _SMOOTHING = 0.5
-"""Width over which the kink of an absolute value is rounded, as a share of what is usual in a window."""
+"""Width over which the kink of an absolute value is rounded, as a share of what is usual in a
+window."""
 _SMALLEST = 1e-4
 """Weighted residual that counts as none; rounding alone is about as large."""
 
@@ -54,7 +58,14 @@ def simulate(window: Windows, parameters: Parameters, steps: int) -> Float[Array
 
     def advance(state: State, newest: Array) -> tuple[State, Array]:
         state = environment.drive(dynamics.midpoint, state, line, steps, parameters, newest=newest)
-        return state, jnp.concatenate([state.position, state.velocity, rotations.to_attitude(state.quaternion), state.body_rates])
+        return state, jnp.concatenate(
+            [
+                state.position,
+                state.velocity,
+                rotations.to_attitude(state.quaternion),
+                state.body_rates,
+            ]
+        )
 
     return lax.scan(advance, State(position, velocity, quaternion, body_rates, speed), places)[1]
 
@@ -65,8 +76,8 @@ def under_way(
     """What the recorded commands before a window's start imply.
 
     Returns:
-        All rotor speed commands as one delay line, newest first; the place in it of each row's newest command; and the rotor speeds at
-        the start.
+        All rotor speed commands as one delay line, newest first; the place in it of each row's
+        newest command; and the rotor speeds at the start.
     """
     line = actuators.rotor_speed_command(jnp.asarray(window.command))[::-1]
     rows = window.measured.shape[0]
@@ -82,9 +93,14 @@ def under_way(
 
 
 def window_loss(
-    simulated: Float[Array, "T 12"], measured: Float[Array, "T 12"], weights: Float[Array, "12"], discount: float | Array
+    simulated: Float[Array, "T 12"],
+    measured: Float[Array, "T 12"],
+    weights: Float[Array, "12"],
+    discount: float | Array,
 ) -> Float[Array, ""]:
-    """sum_t delta^t |W (x_sim - x_real)|_1 + sum_t delta^t |W (x_sim - x_real)|_2, t = 1 ... T, angles wrapped to +-pi.
+    """sum_t delta^t |W (x_sim - x_real)|_1 + sum_t delta^t |W (x_sim - x_real)|_2, t = 1 ...
+
+    T, angles wrapped to +-pi.
 
     Source: Gronauer et al. 2022, eq:sim-opt-objective.
     """
@@ -93,7 +109,9 @@ def window_loss(
     return jnp.sum(_discounts(per_step.shape[0], discount) * per_step)
 
 
-def _residuals(simulated: Float[Array, "T 12"], measured: Float[Array, "T 12"], weights: Float[Array, "12"]) -> Float[Array, "T 12"]:
+def _residuals(
+    simulated: Float[Array, "T 12"], measured: Float[Array, "T 12"], weights: Float[Array, "12"]
+) -> Float[Array, "T 12"]:
     return weights[None] * wrapped(simulated - measured)
 
 
@@ -108,11 +126,16 @@ def _discounts(length: int, discount: float | Array) -> Float[Array, "T"]:
 
 
 def in_chunks(windows: Windows, size: int = _CHUNK) -> Windows:
-    """Windows by chunks of some size, on the device; the last chunk is filled up with windows that stand for nothing new."""
+    """Windows by chunks of some size, on the device.
+
+    The last chunk is filled up with windows that stand for nothing new.
+    """
     count = len(windows.block)
     chunks = -(-count // size)
     order = np.resize(np.arange(count), chunks * size)
-    return jax.tree.map(lambda array: jnp.asarray(array[order]).reshape(chunks, size, *array.shape[1:]), windows)
+    return jax.tree.map(
+        lambda array: jnp.asarray(array[order]).reshape(chunks, size, *array.shape[1:]), windows
+    )
 
 
 def physics_steps(period: float) -> tuple[int, np.float32]:
@@ -121,10 +144,14 @@ def physics_steps(period: float) -> tuple[int, np.float32]:
     return steps, np.float32(period / steps)
 
 
-def on_all_cores(compute: Callable[[int, int], tuple[Array | np.ndarray, ...]], chunks: int) -> list[np.ndarray]:
-    """Computes chunks of windows on all cores, of which XLA alone would use one for arrays this small.
+def on_all_cores(
+    compute: Callable[[int, int], tuple[Array | np.ndarray, ...]], chunks: int
+) -> list[np.ndarray]:
+    """Computes chunks of windows on all cores, of which XLA alone would use one for arrays this
+    small.
 
-    Every number belongs to one chunk, so that what comes out does not depend on how many cores there are.
+    Every number belongs to one chunk, so that what comes out does not depend on how many cores
+    there are.
 
     Args:
         compute: (first chunk, end) to arrays with a row for each chunk from the first to the end.
@@ -137,30 +164,48 @@ def on_all_cores(compute: Callable[[int, int], tuple[Array | np.ndarray, ...]], 
     ends = [chunks * worker // workers for worker in range(workers + 1)]
     with ThreadPoolExecutor(workers) as pool:
         # The copies to NumPy wait for the results, and let go of Python's lock meanwhile.
-        parts = list(pool.map(lambda first, end: [np.asarray(part) for part in compute(first, end)], ends[:-1], ends[1:]))
+        parts = list(
+            pool.map(
+                lambda first, end: [np.asarray(part) for part in compute(first, end)],
+                ends[:-1],
+                ends[1:],
+            )
+        )
     return [np.concatenate(pieces) for pieces in zip(*parts, strict=True)]
 
 
 class NormalEquations(NamedTuple):
-    """The objective around a point: its slope, and two models of how it curves. Per unit of each of d parameters."""
+    """The objective around a point: its slope, and two models of how it curves.
+
+    Per unit of each of d parameters.
+    """
 
     loss: float
     """Mean loss of the windows."""
     gradient: Float[np.ndarray, "d"]
     """J^T V r, with J the Jacobian of the weighted residuals r."""
     curvature: Float[np.ndarray, "d d"]
-    """Gauss-Newton: J^T B J, with B the second derivative of the loss in r, its kinks rounded. Best near an optimum."""
+    """Gauss-Newton: J^T B J, with B the second derivative of the loss in r, its kinks rounded. Best
+    near an optimum."""
     majorant: Float[np.ndarray, "d d"]
-    """J^T V J with the weights V of iteratively reweighted least squares, 1 / |r_i| + 1 / |r|_2: never too flat for a linear r."""
+    """J^T V J with the weights V of iteratively reweighted least squares, 1 / |r_i| + 1 / |r|_2:
+    never too flat for a linear r."""
 
 
 class Objective:
     """The objective over a set of windows, held on the device and compiled once for all parameters.
 
-    Cost grows linearly with windows and their length; 10,000 windows of 30 rows take about 0.025 s on two idle cores.
+    Cost grows linearly with windows and their length; 10,000 windows of 30 rows take about 0.025 s
+    on two idle cores.
     """
 
-    def __init__(self, windows: Windows, period: float, discount: float = DISCOUNT, weights: Float[np.ndarray, "12"] = WEIGHTS):
+    def __init__(
+        self,
+        windows: Windows,
+        period: float,
+        discount: float = DISCOUNT,
+        weights: Float[np.ndarray, "12"] = WEIGHTS,
+    ):
         """Prepares the windows.
 
         Args:
@@ -181,7 +226,11 @@ class Objective:
         parameters = jax.tree.map(jnp.asarray, replace(parameters, time_step=self.time_step))
 
         def losses(first: int, end: int) -> tuple[Array]:
-            return (_losses(self._windows, parameters, *self._settings, first, end, self.steps)[first:end],)
+            return (
+                _losses(self._windows, parameters, *self._settings, first, end, self.steps)[
+                    first:end
+                ],
+            )
 
         return on_all_cores(losses, len(self._windows.block))[0].reshape(-1)[: self.size]
 
@@ -193,7 +242,9 @@ class Objective:
         """Mean loss of the windows, F(xi, D) over the size of D."""
         return float(self.per_window(parameters).mean(dtype=np.float64))
 
-    def normal_equations(self, parameters: Parameters, names: Sequence[str], every: int = 1) -> NormalEquations:
+    def normal_equations(
+        self, parameters: Parameters, names: Sequence[str], every: int = 1
+    ) -> NormalEquations:
         """Loss, gradient and curvature. Costs as much as four to eight evaluations.
 
         Args:
@@ -201,17 +252,23 @@ class Objective:
             names: d names of `parameters.COMPONENTS`.
             every: 1 for all windows, n for each n-th, at an n-th of the cost.
 
-        Source: Holland and Welsch 1977, Robust regression using iteratively reweighted least-squares.
+        Source: Holland and Welsch 1977, Robust regression using iteratively reweighted
+        least-squares.
         """
         parameters = jax.tree.map(jnp.asarray, replace(parameters, time_step=self.time_step))
 
         def sums(first: int, end: int) -> tuple[Array, ...]:
             share = (self.size, every, first, end)
-            found = _normal_equations(self._windows, parameters, *self._settings, *share, self.steps, tuple(names))
+            found = _normal_equations(
+                self._windows, parameters, *self._settings, *share, self.steps, tuple(names)
+            )
             return tuple(part[first:end] for part in found)
 
         used = -(-self.size // every)
-        loss, *derivatives = (part.sum(axis=0, dtype=np.float64) / used for part in on_all_cores(sums, -(-used // _FEW)))
+        loss, *derivatives = (
+            part.sum(axis=0, dtype=np.float64) / used
+            for part in on_all_cores(sums, -(-used // _FEW))
+        )
         return NormalEquations(float(loss), *derivatives)
 
     @property
@@ -222,15 +279,25 @@ class Objective:
 
 @partial(jax.jit, static_argnums=(6,))
 def _losses(
-    windows: Windows, parameters: Parameters, weights: Array, discount: Array, first: Array | int, end: Array | int, steps: int
+    windows: Windows,
+    parameters: Parameters,
+    weights: Array,
+    discount: Array,
+    first: Array | int,
+    end: Array | int,
+    steps: int,
 ) -> Float[Array, "chunks 256"]:
     """Losses of the windows of some chunks, and zeros for the others."""
 
     def one(window: Windows) -> Float[Array, ""]:
-        return window_loss(simulate(window, parameters, steps), jnp.asarray(window.measured), weights, discount)
+        return window_loss(
+            simulate(window, parameters, steps), jnp.asarray(window.measured), weights, discount
+        )
 
     def fill(number: Array, losses: Float[Array, "chunks 256"]) -> Float[Array, "chunks 256"]:
-        return losses.at[number].set(jax.vmap(one)(jax.tree.map(lambda array: array[number], windows)))
+        return losses.at[number].set(
+            jax.vmap(one)(jax.tree.map(lambda array: array[number], windows))
+        )
 
     return lax.fori_loop(first, end, fill, jnp.zeros(windows.block.shape))
 
@@ -247,22 +314,36 @@ def _normal_equations(
     end: Array | int,
     steps: int,
     names: tuple[str, ...],
-) -> tuple[Float[Array, "chunks"], Float[Array, "chunks d"], Float[Array, "chunks d d"], Float[Array, "chunks d d"]]:
-    """`NormalEquations` summed over each of some chunks of each `every`-th of the first `count` windows, zeros for the others."""
+) -> tuple[
+    Float[Array, "chunks"],
+    Float[Array, "chunks d"],
+    Float[Array, "chunks d d"],
+    Float[Array, "chunks d d"],
+]:
+    """`NormalEquations` summed over each of some chunks of each `every`-th of the first `count`
+    windows, zeros for the others.
+    """
     values = jnp.stack([jnp.asarray(component(parameters, name), jnp.float32) for name in names])
     d = len(names)
 
     def one(window: Windows) -> tuple[Array, ...]:
-        def residuals(values: Float[Array, "d"]) -> tuple[Float[Array, "T 12"], Float[Array, "T 12"]]:
+        def residuals(
+            values: Float[Array, "d"],
+        ) -> tuple[Float[Array, "T 12"], Float[Array, "T 12"]]:
             drone = replace(parameters, **dict(zip(names, values, strict=True)))
             left = _residuals(simulate(window, drone, steps), jnp.asarray(window.measured), weights)
             return left, left
 
         # A slope that is not finite tells nothing of where to go.
-        slopes, left = jax.vmap(lambda way: jax.jvp(residuals, (values,), (way,), has_aux=True)[1:], out_axes=(0, None))(jnp.eye(d))
+        slopes, left = jax.vmap(
+            lambda way: jax.jvp(residuals, (values,), (way,), has_aux=True)[1:], out_axes=(0, None)
+        )(jnp.eye(d))
         slopes = jnp.where(jnp.isfinite(slopes), slopes, 0.0)
         size = jnp.sqrt(jnp.sum(left**2, axis=1, keepdims=True))
-        single, joint = 1.0 / jnp.maximum(jnp.abs(left), _SMALLEST), 1.0 / jnp.maximum(size, _SMALLEST)
+        single, joint = (
+            1.0 / jnp.maximum(jnp.abs(left), _SMALLEST),
+            1.0 / jnp.maximum(size, _SMALLEST),
+        )
         usual = _SMOOTHING * jnp.mean(jnp.abs(left), axis=0, keepdims=True) + _SMALLEST
         spread = left**2 + usual**2
         rounded = usual**2 / (spread * jnp.sqrt(spread))
@@ -284,8 +365,17 @@ def _normal_equations(
         chosen = (number * _FEW + jnp.arange(_FEW)) * every
         chunk = jax.tree.map(lambda array: array[chosen // _CHUNK, chosen % _CHUNK], windows)
         counts = jnp.where(chosen < count, 1.0, 0.0)
-        return jax.tree.map(lambda rows, part: rows.at[number].set(jnp.tensordot(counts, part, 1)), sums, jax.vmap(one)(chunk))
+        return jax.tree.map(
+            lambda rows, part: rows.at[number].set(jnp.tensordot(counts, part, 1)),
+            sums,
+            jax.vmap(one)(chunk),
+        )
 
     chunks = -(-windows.block.size // _FEW)
-    empty = (jnp.zeros(chunks), jnp.zeros((chunks, d)), jnp.zeros((chunks, d, d)), jnp.zeros((chunks, d, d)))
+    empty = (
+        jnp.zeros(chunks),
+        jnp.zeros((chunks, d)),
+        jnp.zeros((chunks, d, d)),
+        jnp.zeros((chunks, d, d)),
+    )
     return lax.fori_loop(first, end, fill, empty)

@@ -1,15 +1,19 @@
 """One-step prediction errors and their likelihood: an objective that feedback does not deceive.
 
-Logged commands react to what the drone did. A replay over many rows does not see the disturbances that they react to, so it takes
-the reaction for a cause and favours every model that damps: more inertia, more drag, more latency. One row ahead from measured
-states there is hardly time for that, and what is left, errors that last from one row to the next, is described by a noise model:
-each velocity's and each body rate's error is an autoregression on its own past. Given the model, what remains is new at each row and
-does not depend on past commands, so maximum likelihood is consistent for flights under feedback.
+Logged commands react to what the drone did. A replay over many rows does not see the disturbances
+that they react to, so it takes the reaction for a cause and favours every model that damps: more
+inertia, more drag, more latency. One row ahead from measured states there is hardly time for that,
+and what is left, errors that last from one row to the next, is described by a noise model: each
+velocity's and each body rate's error is an autoregression on its own past. Given the model, what
+remains is new at each row and does not depend on past commands, so maximum likelihood is consistent
+for flights under feedback.
 
-Constant torques are told by their moment instead: they are what makes the mean error zero. An autoregression takes what lasts for noise,
-whose mean hardly counts, so that the likelihood of a constant is flat, and drifts within flights carry it to any bound.
+Constant torques are told by their moment instead: they are what makes the mean error zero. An
+autoregression takes what lasts for noise, whose mean hardly counts, so that the likelihood of a
+constant is flat, and drifts within flights carry it to any bound.
 
-Source: Ljung 1999, System identification: theory for the user, ch. 7 and 13.4 (prediction errors, closed loop).
+Source: Ljung 1999, System identification: theory for the user, ch. 7 and 13.4 (prediction errors,
+closed loop).
 """
 
 from collections.abc import Sequence
@@ -23,22 +27,32 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from maidenflight.flights.windows import Windows
-from maidenflight.identification.objective import NormalEquations, in_chunks, on_all_cores, under_way, wrapped
+from maidenflight.identification.objective import (
+    NormalEquations,
+    in_chunks,
+    on_all_cores,
+    under_way,
+    wrapped,
+)
 from maidenflight.parameters import Parameters, replace
 from maidenflight.simulator import dynamics, environment, rotations
 from maidenflight.simulator.dynamics import State
 
 LENGTH = 100
-"""Rows of a window; its first rows only start the noise model, so that windows that are short waste much."""
+"""Rows of a window; its first rows only start the noise model, so that windows that are short waste
+much."""
 ORDER = 16
-"""Rows of the past in an error's autoregression. Half as many cannot tell slow disturbances from a lag: on simulated flights it then comes
-out up to 2 ms off, and intervals are too narrow to hold the truth."""
+"""Rows of the past in an error's autoregression. Half as many cannot tell slow disturbances from a
+lag: on simulated flights it then comes out up to 2 ms off, and intervals are too narrow to hold the
+truth."""
 CHUNK = 64
-"""Windows differentiated side by side; with up to sixteen directions their state still fits a core's cache."""
+"""Windows differentiated side by side; with up to sixteen directions their state still fits a
+core's cache."""
 BY_MOMENT = ("torque_bias_x", "torque_bias_y", "torque_bias_z")
 """Parameters that the mean errors tell, not the likelihood."""
 COLUMNS = (3, 4, 5, 9, 10, 11)
-"""Where velocity and body rates stand in a row. Position and attitude follow from them, and say nothing more of the drone."""
+"""Where velocity and body rates stand in a row. Position and attitude follow from them, and say
+nothing more of the drone."""
 
 
 class NoiseModel(NamedTuple):
@@ -51,7 +65,8 @@ class NoiseModel(NamedTuple):
 
 
 def errors(window: Windows, parameters: Parameters, steps: int) -> Float[Array, "T 12"]:
-    """Measured minus predicted: position, velocity, attitude, body rates, each row predicted from the measured one before it.
+    """Measured minus predicted: position, velocity, attitude, body rates, each row predicted from
+    the measured one before it.
 
     Args:
         window: one of `Windows` (no leading axis).
@@ -60,21 +75,43 @@ def errors(window: Windows, parameters: Parameters, steps: int) -> Float[Array, 
     """
     line, places, speed = under_way(window, parameters, steps)
     measured = jnp.asarray(window.measured)
-    first = jnp.concatenate([window.position, window.velocity, rotations.to_attitude(jnp.asarray(window.quaternion)), window.body_rates])
+    first = jnp.concatenate(
+        [
+            window.position,
+            window.velocity,
+            rotations.to_attitude(jnp.asarray(window.quaternion)),
+            window.body_rates,
+        ]
+    )
     before = jnp.concatenate([first[None], measured[:-1]])
 
     def advance(speed: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
         newest, row_before = row
-        start = State(row_before[:3], row_before[3:6], rotations.from_attitude(row_before[6:9]), row_before[9:], speed)
+        start = State(
+            row_before[:3],
+            row_before[3:6],
+            rotations.from_attitude(row_before[6:9]),
+            row_before[9:],
+            speed,
+        )
         state = environment.drive(dynamics.midpoint, start, line, steps, parameters, newest=newest)
-        ahead = jnp.concatenate([state.position, state.velocity, rotations.to_attitude(state.quaternion), state.body_rates])
+        ahead = jnp.concatenate(
+            [
+                state.position,
+                state.velocity,
+                rotations.to_attitude(state.quaternion),
+                state.body_rates,
+            ]
+        )
         return state.rotor_speed, ahead
 
     return wrapped(measured - lax.scan(advance, speed, (places, before))[1])
 
 
 class OneStep:
-    """Minus the mean log likelihood of a row, with the noise model that fits best; compiled once for all parameters.
+    """Minus the mean log likelihood of a row, with the noise model that fits best.
+
+    Compiled once for all parameters.
 
     Cost grows linearly with rows and, for derivatives, with the number of parameters.
     """
@@ -93,10 +130,14 @@ class OneStep:
         self._block = windows.block
         self.size = len(windows.block)
         self.blocks = int(windows.block.max()) + 1
-        self.rows_per_block = np.bincount(windows.block, minlength=self.blocks) * float(windows.measured.shape[1] - ORDER)
+        self.rows_per_block = np.bincount(windows.block, minlength=self.blocks) * float(
+            windows.measured.shape[1] - ORDER
+        )
         self.rows = float(self.rows_per_block.sum())
         self.steps, self._time_step = steps, np.float32(period / steps)
-        self._latest: tuple[Parameters, tuple[str, ...], tuple[float, np.ndarray, np.ndarray]] | None = None
+        self._latest: (
+            tuple[Parameters, tuple[str, ...], tuple[float, np.ndarray, np.ndarray]] | None
+        ) = None
 
     def _drone(self, parameters: Parameters) -> Parameters:
         return jax.tree.map(jnp.asarray, replace(parameters, time_step=self._time_step))
@@ -109,11 +150,16 @@ class OneStep:
         return sums
 
     def products(self, parameters: Parameters) -> Float[np.ndarray, "B 12 P+1 P+1"]:
-        """Products of an error with itself 0 ... P rows before, summed over each stretch of flight; all twelve columns."""
+        """Products of an error with itself 0 ... P rows before, summed over each stretch of flight.
+
+        All twelve columns.
+        """
         drone = self._drone(parameters)
 
         def compute(first: int, end: int) -> tuple[np.ndarray, ...]:
-            return _stacked([(_products(chunk, drone, self.steps),) for chunk in self._chunks[first:end]])
+            return _stacked(
+                [(_products(chunk, drone, self.steps),) for chunk in self._chunks[first:end]]
+            )
 
         return self._by_block(on_all_cores(compute, len(self._chunks))[0])
 
@@ -130,7 +176,9 @@ class OneStep:
         return float(_minus_log_likelihood(self.noise_model(parameters).deviation, np.ones(6)))
 
     def per_block(self, parameters: Parameters, noise: NoiseModel) -> Float[np.ndarray, "B"]:
-        """Minus the log likelihood of each stretch of flight under a noise model found elsewhere, as for flights held out."""
+        """Minus the log likelihood of each stretch of flight under a noise model found elsewhere,
+        as for flights held out.
+        """
         products = self.products(parameters)[:, np.array(COLUMNS)]
         weights = np.concatenate([np.ones((6, 1)), -noise.coefficients], axis=1)
         new = np.einsum("ci,bcij,cj->bc", weights, products, weights) / noise.deviation[None] ** 2
@@ -138,55 +186,89 @@ class OneStep:
         return rows * _minus_log_likelihood(noise.deviation, new / np.maximum(rows[:, None], 1.0))
 
     def normal_equations(self, parameters: Parameters, names: Sequence[str]) -> NormalEquations:
-        """Value, gradient and curvature (Gauss-Newton) per unit of each of d parameters, the noise model following them.
+        """Value, gradient and curvature (Gauss-Newton) per unit of each of d parameters, the noise
+        model following them.
 
         Args:
             parameters: where.
             names: d names of `parameters.COMPONENTS`.
         """
         value, scores, curvatures = self.derivatives(parameters, names)
-        return NormalEquations(value, scores.sum(axis=0), curvatures.sum(axis=0), curvatures.sum(axis=0))
+        return NormalEquations(
+            value, scores.sum(axis=0), curvatures.sum(axis=0), curvatures.sum(axis=0)
+        )
 
     def derivatives(
         self, parameters: Parameters, names: Sequence[str]
     ) -> tuple[float, Float[np.ndarray, "B d"], Float[np.ndarray, "B d d"]]:
-        """Value, and what each stretch of flight adds to its gradient and curvature; see `normal_equations`.
+        """Value, and what each stretch of flight adds to its gradient and curvature.
 
-        What a change of the autoregression could do as well is taken from every slope (variable projection). Left in, it makes steps
-        too short and intervals too narrow by a quarter.
+        See `normal_equations`.
 
-        A parameter of `BY_MOMENT` has the gradient and the curvature of half the errors' mean square instead, and shares no curvature with
-        others: what minimises that makes the mean error zero.
+        What a change of the autoregression could do as well is taken from every slope (variable
+        projection). Left in, it makes steps too short and intervals too narrow by a quarter.
 
-        Source: Golub and Pereyra 1973, The differentiation of pseudo-inverses and nonlinear least squares problems whose variables
-        separate; Kaufman 1975.
+        A parameter of `BY_MOMENT` has the gradient and the curvature of half the errors' mean
+        square instead, and shares no curvature with others: what minimises that makes the mean
+        error zero.
+
+        Source: Golub and Pereyra 1973, The differentiation of pseudo-inverses and nonlinear least
+        squares problems whose variables separate; Kaufman 1975.
         """
         # Where a search ends, what it computed last is asked for once more.
-        if self._latest is not None and self._latest[1] == tuple(names) and _same(self._latest[0], parameters):
+        if (
+            self._latest is not None
+            and self._latest[1] == tuple(names)
+            and _same(self._latest[0], parameters)
+        ):
             return self._latest[2]
         products = self.products(parameters)[:, np.array(COLUMNS)]
         noise, drone = noise_model(products.sum(axis=0) / self.rows), self._drone(parameters)
         d = len(names)
-        # Directions in eights, so that two programs serve all numbers of parameters; those without a name are zero.
+        # Directions in eights, so that two programs serve all numbers of parameters; those without
+        # a name are zero.
         nothing = jax.tree.map(lambda leaf: np.zeros_like(np.asarray(leaf)), drone)
         rows = [replace(nothing, **{name: np.float32(1)}) for name in names] + [nothing] * (-d % 8)
         directions = jax.tree.map(lambda *leaves: np.stack(leaves), *rows)
         whole = np.sqrt(products.sum(axis=0)[:, 0, 0] / self.rows)
         by_moment = np.array([name in BY_MOMENT for name in names] + [False] * (-d % 8))
-        given = *(np.asarray(part, np.float32) for part in (noise.coefficients, noise.deviation, noise.deviation / whole)), by_moment
+        given = (
+            *(
+                np.asarray(part, np.float32)
+                for part in (noise.coefficients, noise.deviation, noise.deviation / whole)
+            ),
+            by_moment,
+        )
 
         def compute(first: int, end: int) -> tuple[np.ndarray, ...]:
-            return _stacked([_derivatives(chunk, drone, directions, *given, self.steps) for chunk in self._chunks[first:end]])
+            return _stacked(
+                [
+                    _derivatives(chunk, drone, directions, *given, self.steps)
+                    for chunk in self._chunks[first:end]
+                ]
+            )
 
-        scores, curvatures, shared = (self._by_block(part) for part in on_all_cores(compute, len(self._chunks)))
+        scores, curvatures, shared = (
+            self._by_block(part) for part in on_all_cores(compute, len(self._chunks))
+        )
         pasts = products[..., 1:, 1:] / noise.deviation[:, None, None] ** 2
-        left = (products[..., 1:, 0] - np.einsum("bcij,cj->bci", products[..., 1:, 1:], noise.coefficients)) / noise.deviation[:, None] ** 2
+        left = (
+            products[..., 1:, 0]
+            - np.einsum("bcij,cj->bci", products[..., 1:, 1:], noise.coefficients)
+        ) / noise.deviation[:, None] ** 2
         # The weights with which an error's past stands in for a slope, column by column.
         columns = zip(pasts.sum(axis=0), shared.sum(axis=0).swapaxes(0, 1), strict=True)
-        weights = np.stack([np.linalg.lstsq(past, part.T, rcond=1e-12)[0].T for past, part in columns])
+        weights = np.stack(
+            [np.linalg.lstsq(past, part.T, rcond=1e-12)[0].T for past, part in columns]
+        )
         scores = scores - np.einsum("cdi,bci->bd", weights, left)
         twice = np.einsum("cdi,bfci->bdf", weights, shared)
-        curvatures = curvatures - twice - twice.swapaxes(1, 2) + np.einsum("cdi,bcij,cfj->bdf", weights, pasts, weights)
+        curvatures = (
+            curvatures
+            - twice
+            - twice.swapaxes(1, 2)
+            + np.einsum("cdi,bcij,cfj->bdf", weights, pasts, weights)
+        )
         value = float(_minus_log_likelihood(noise.deviation, np.ones(6)))
         found = value, scores[:, :d] / self.rows, curvatures[:, :d, :d] / self.rows
         self._latest = parameters, tuple(names), found
@@ -194,12 +276,20 @@ class OneStep:
 
 
 def _same(one: Parameters, other: Parameters) -> bool:
-    return all(np.array_equal(a, b) for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True))
+    return all(
+        np.array_equal(a, b)
+        for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True)
+    )
 
 
 def _stacked(chunks: Sequence[tuple[Array, ...]]) -> tuple[np.ndarray, ...]:
-    """What was computed for each of some chunks, with a leading axis for them; by NumPy, which compiles nothing for each number of them."""
-    return tuple(np.stack([np.asarray(part) for part in parts]) for parts in zip(*chunks, strict=True))
+    """What was computed for each of some chunks, with a leading axis for them.
+
+    By NumPy, which compiles nothing for each number of them.
+    """
+    return tuple(
+        np.stack([np.asarray(part) for part in parts]) for parts in zip(*chunks, strict=True)
+    )
 
 
 def noise_model(products: Float[np.ndarray, "C P+1 P+1"]) -> NoiseModel:
@@ -211,7 +301,9 @@ def noise_model(products: Float[np.ndarray, "C P+1 P+1"]) -> NoiseModel:
     return NoiseModel(coefficients, np.sqrt(np.maximum(variance, 1e-16)))
 
 
-def _minus_log_likelihood(deviation: Float[np.ndarray, "6"], ratio: Float[np.ndarray, "... 6"]) -> Any:
+def _minus_log_likelihood(
+    deviation: Float[np.ndarray, "6"], ratio: Float[np.ndarray, "... 6"]
+) -> Any:
     """Of a row whose mean squared new errors are `ratio` times the noise model's variances."""
     return np.sum(np.log(deviation)) + 3 * np.log(2 * np.pi) + 0.5 * np.sum(ratio, axis=-1)
 
@@ -222,7 +314,9 @@ def _products(chunk: Windows, parameters: Parameters, steps: int) -> Float[Array
 
     def one(window: Windows) -> Float[Array, "12 P+1 P+1"]:
         wrong = errors(window, parameters, steps)
-        late = jnp.stack([wrong[ORDER - lag : wrong.shape[0] - lag] for lag in range(ORDER + 1)], axis=-1)
+        late = jnp.stack(
+            [wrong[ORDER - lag : wrong.shape[0] - lag] for lag in range(ORDER + 1)], axis=-1
+        )
         return jnp.einsum("tci,tcj->cij", late, late)
 
     return jax.vmap(one)(chunk)
@@ -239,13 +333,16 @@ def _derivatives(
     by_moment: Array,
     steps: int,
 ) -> tuple[Float[Array, "64 d"], Float[Array, "64 d d"], Float[Array, "64 d 6 P"]]:
-    """Of half the sum of squares of what is new in each window of a chunk: gradient, curvature, and the slopes' products with the past.
+    """Of half the sum of squares of what is new in each window of a chunk: gradient, curvature, and
+    the slopes' products with the past.
 
-    Where `by_moment`, of half the sum of squares of the errors themselves, over their own variance: `share` is the deviation of what is
-    new over theirs.
+    Where `by_moment`, of half the sum of squares of the errors themselves, over their own variance:
+    `share` is the deviation of what is new over theirs.
     """
 
-    def one(window: Windows) -> tuple[Float[Array, "d"], Float[Array, "d d"], Float[Array, "d 6 P"]]:
+    def one(
+        window: Windows,
+    ) -> tuple[Float[Array, "d"], Float[Array, "d d"], Float[Array, "d 6 P"]]:
         def scaled(drone: Parameters) -> Float[Array, "T 6"]:
             return errors(window, drone, steps)[:, np.array(COLUMNS)] / deviation[None]
 

@@ -1,8 +1,9 @@
 """How sure the found parameters are: a bootstrap over stretches of flight.
 
-Repeating an optimiser tells how well it optimises, not how well the data fix the parameters. So the *data* are redrawn: blocks of
-flight with replacement, and the optimum is found anew for each draw. A quadratic surrogate, fitted to every block's loss
-around the optimum, makes that cheap, because the surrogate of a sum of losses is the sum of the surrogates.
+Repeating an optimiser tells how well it optimises, not how well the data fix the parameters. So the
+*data* are redrawn: blocks of flight with replacement, and the optimum is found anew for each draw.
+A quadratic surrogate, fitted to every block's loss around the optimum, makes that cheap, because
+the surrogate of a sum of losses is the sum of the surrogates.
 """
 
 from collections.abc import Callable
@@ -36,7 +37,9 @@ class Bootstrap(NamedTuple):
         return interval(self.optima)
 
 
-def interval(draws: Float[np.ndarray, "N ..."]) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
+def interval(
+    draws: Float[np.ndarray, "N ..."],
+) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
     """Central interval that holds `LEVEL` of the draws, number by number."""
     tail = (1 - LEVEL) / 2
     return np.quantile(draws, tail, axis=0), np.quantile(draws, 1 - tail, axis=0)
@@ -50,7 +53,9 @@ def basis(points: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "n k"]:
 
 
 def design_points(dimensions: int) -> int:
-    """Points of a design in so many dimensions: a power of two, and at least twice the coefficients of a quadratic."""
+    """Points of a design in so many dimensions: a power of two, and at least twice the coefficients
+    of a quadratic.
+    """
     return max(DESIGN, 1 << ((dimensions + 1) * (dimensions + 2) - 1).bit_length())
 
 
@@ -69,7 +74,8 @@ def bootstrap(
         block_losses: point to the summed loss of each block's windows.
         windows_per_block: B numbers of windows.
         best: the optimum of all data.
-        radius: half width of the first neighbourhood in which a surrogate is fitted; it grows or shrinks to fit the spread.
+        radius: half width of the first neighbourhood in which a surrogate is fitted; it grows or
+            shrinks to fit the spread.
         limits: smallest and largest point that makes sense.
         generator: random numbers.
         on_evaluation: called after each evaluation.
@@ -79,7 +85,9 @@ def bootstrap(
     optima = stretches = np.empty((0, dimensions))
     for _ in range(3):
         low, high = np.maximum(best - radius, limits[0]), np.minimum(best + radius, limits[1])
-        design = qmc.scale(qmc.Sobol(dimensions, rng=generator).random(design_points(dimensions)), low, high)
+        design = qmc.scale(
+            qmc.Sobol(dimensions, rng=generator).random(design_points(dimensions)), low, high
+        )
         per_block = []
         for point in design:
             per_block.append(block_losses(point))
@@ -88,7 +96,11 @@ def bootstrap(
         matrix = np.array(per_block)
         centred = (design - best) / radius
         coefficients = np.linalg.lstsq(basis(centred), matrix, rcond=None)[0]
-        draws = generator.multinomial(len(windows_per_block), np.full(len(windows_per_block), 1 / len(windows_per_block)), RESAMPLES)
+        draws = generator.multinomial(
+            len(windows_per_block),
+            np.full(len(windows_per_block), 1 / len(windows_per_block)),
+            RESAMPLES,
+        )
         trial = generator.uniform(low, high, (8192, dimensions))
         # A resample's surrogate; the number of windows in it scales the whole and moves no optimum.
         surrogate = basis((trial - best) / radius) @ (coefficients @ draws.T)
@@ -102,10 +114,14 @@ def bootstrap(
     return Bootstrap(optima, stretches, points, losses)
 
 
-def sandwich(scores: Float[np.ndarray, "B d"], curvature: Float[np.ndarray, "d d"]) -> Float[np.ndarray, "d d"]:
-    """Covariance of maximum-likelihood estimates when stretches of flight are independent and rows are not: H^-1 (sum s s^T) H^-1.
+def sandwich(
+    scores: Float[np.ndarray, "B d"], curvature: Float[np.ndarray, "d d"]
+) -> Float[np.ndarray, "d d"]:
+    """Covariance of maximum-likelihood estimates when stretches of flight are independent and rows
+    are not: H^-1 (sum s s^T) H^-1.
 
-    Where the model is right this is Laplace's H^-1; where it is not, as for every real drone, it stays right and H^-1 is too small.
+    Where the model is right this is Laplace's H^-1; where it is not, as for every real drone, it
+    stays right and H^-1 is too small.
 
     Args:
         scores: gradient of minus the log likelihood that each of B stretches adds.
@@ -114,20 +130,30 @@ def sandwich(scores: Float[np.ndarray, "B d"], curvature: Float[np.ndarray, "d d
     Source: White 1982, Maximum likelihood estimation of misspecified models, theorem 3.2.
     """
     inverse = _inverse(curvature)
-    return inverse @ (scores.T @ scores) @ inverse * len(scores) / max(len(scores) - scores.shape[1], 1)
+    return (
+        inverse
+        @ (scores.T @ scores)
+        @ inverse
+        * len(scores)
+        / max(len(scores) - scores.shape[1], 1)
+    )
 
 
-def spread(scores: Float[np.ndarray, "B d"], curvatures: Float[np.ndarray, "B d d"]) -> Float[np.ndarray, "d"]:
-    """Standard deviation of the parameters between stretches of flight, beyond what noise within a stretch explains.
+def spread(
+    scores: Float[np.ndarray, "B d"], curvatures: Float[np.ndarray, "B d d"]
+) -> Float[np.ndarray, "d"]:
+    """Standard deviation of the parameters between stretches of flight, beyond what noise within a
+    stretch explains.
 
-    A stretch whose parameters differ from the mean by x has a score of variance H + H x x^T H, in nats; the rest is the method of
-    moments.
+    A stretch whose parameters differ from the mean by x has a score of variance H + H x x^T H, in
+    nats; the rest is the method of moments.
 
     Args:
         scores: gradient of minus the log likelihood of each of B stretches.
         curvatures: its second derivative.
 
-    Source: DerSimonian and Laird 1986, Meta-analysis in clinical trials (random effects by moments).
+    Source: DerSimonian and Laird 1986, Meta-analysis in clinical trials (random effects by
+    moments).
     """
     mean = curvatures.mean(axis=0)
     inverse = _inverse(mean)
@@ -138,4 +164,6 @@ def spread(scores: Float[np.ndarray, "B d"], curvatures: Float[np.ndarray, "B d 
 def _inverse(curvature: Float[np.ndarray, "d d"]) -> Float[np.ndarray, "d d"]:
     """Inverse by way of unit diagonals, since the parameters' units differ by decades."""
     scale = np.sqrt(np.maximum(np.diag(curvature), 1e-30))
-    return np.linalg.inv(curvature / np.outer(scale, scale) + 1e-9 * np.eye(len(scale))) / np.outer(scale, scale)
+    return np.linalg.inv(curvature / np.outer(scale, scale) + 1e-9 * np.eye(len(scale))) / np.outer(
+        scale, scale
+    )

@@ -1,4 +1,6 @@
-"""Which parameters flights can tell: one group after another, as long as flights held out are predicted better for it."""
+"""Which parameters flights can tell: one group after another, as long as flights held out are
+predicted better for it.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,7 +15,7 @@ FIRST = ("thrust_to_weight", "motor_time_constant", "latency")
 """The paper's three, which every model has."""
 GROUPS: dict[str, tuple[str, ...]] = {
     "motor_coasting": ("motor_coasting",),
-    "motor_slowdown": ("motor_slowdown",),
+    "spin_down_ratio": ("spin_down_ratio",),
     "inertia": ("inertia_x", "inertia_y"),
     "torque_to_thrust": ("torque_to_thrust",),
     "rotor_momentum": ("rotor_momentum",),
@@ -23,8 +25,9 @@ GROUPS: dict[str, tuple[str, ...]] = {
 }
 """What may be added, a group at a time: its name, and the parameters in it.
 
-Not among them are damping of the rates and the thrust curve: a little misfit of the sensors' lag passes for damping one step ahead, and
-policies that crashed within a second are then predicted to fly (docs/identification.md). Name them to identify them."""
+Not among them are damping of the rates and the thrust curve: a little misfit of the sensors' lag
+passes for damping one step ahead, and policies that crashed within a second are then predicted to
+fly (docs/identification.md). Name them to identify them."""
 HELD_OUT = 3
 """Every third flight judges; if there are fewer flights, every third stretch."""
 SURE = 2.0
@@ -32,7 +35,8 @@ SURE = 2.0
 WORTH = 1e-3
 """Gain of log likelihood a row below which a group is not worth its place."""
 ROUGH = WORTH / 50
-"""Gain of log likelihood a row below which a fit need not be improved to tell what a group is worth."""
+"""Gain of log likelihood a row below which a fit need not be improved to tell what a group is
+worth."""
 
 
 @dataclass(frozen=True)
@@ -56,10 +60,12 @@ def choose(
     on_step: Callable[[Step], None] | None = None,
     sample: OneStep | None = None,
 ) -> tuple[tuple[str, ...], Parameters, list[Step]]:
-    """Adds the group that promises most, fits anew, and keeps it if held-out flights gain; until each is kept or has failed.
+    """Adds the group that promises most, fits anew, and keeps it if held-out flights gain.
 
-    What a group promises is the gain of the quadratic model of the likelihood around the fit without it, so that adding a group costs
-    one fit and not one for each of its rivals.
+    Until each is kept or has failed.
+
+    What a group promises is the gain of the quadratic model of the likelihood around the fit
+    without it, so that adding a group costs one fit and not one for each of its rivals.
 
     Args:
         training: flights to fit.
@@ -68,10 +74,12 @@ def choose(
         start: where the first fit begins.
         groups: what may be added.
         on_step: called with what each group bought.
-        sample: some of the training flights' windows, by which the groups are put in order; all of them unless given.
+        sample: some of the training flights' windows, by which the groups are put in order; all of
+            them unless given.
 
     Returns:
-        Names of the parameters chosen, the training flights' best drone, and what each group bought, in the order of trying.
+        Names of the parameters chosen, the training flights' best drone, and what each group
+        bought, in the order of trying.
 
     Source: Rao 1948 (score test); forward selection judged by held-out likelihood.
     """
@@ -82,7 +90,12 @@ def choose(
     while left:
         everything = (*names, *(name for group in left.values() for name in group))
         equations = sample.normal_equations(drone, everything)
-        promised = {group: _promise(equations.gradient, equations.curvature, everything, (*names, *left[group])) for group in left}
+        promised = {
+            group: _promise(
+                equations.gradient, equations.curvature, everything, (*names, *left[group])
+            )
+            for group in left
+        }
         group = max(promised, key=lambda one: promised[one])
         wider = (*names, *left.pop(group))
         ahead = fit(wider, drone)
@@ -97,7 +110,10 @@ def choose(
 
 
 def _promise(
-    gradient: Float[np.ndarray, "d"], curvature: Float[np.ndarray, "d d"], all_names: Sequence[str], names: Sequence[str]
+    gradient: Float[np.ndarray, "d"],
+    curvature: Float[np.ndarray, "d d"],
+    all_names: Sequence[str],
+    names: Sequence[str],
 ) -> float:
     """Gain of the quadratic model when these parameters may move."""
     place = [all_names.index(name) for name in names]

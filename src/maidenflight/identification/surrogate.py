@@ -1,4 +1,6 @@
-"""The objective around its optimum as a quadratic, and its valley: two parameters free, all others at their best."""
+"""The objective around its optimum as a quadratic, and its valley: two parameters free, all others
+at their best.
+"""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -9,9 +11,11 @@ from jaxtyping import Bool, Float
 from maidenflight.identification.posterior import basis
 
 REACHES = (3.0, 10.0)
-"""How far above the best evaluation a quadratic may have to reach, to rest on enough of them [%]."""
+"""How far above the best evaluation a quadratic may have to reach, to rest on enough of them
+[%]."""
 WORST = 0.25
-"""Root mean square error above which a quadratic does not tell where the objective is 1 % above its best [%]."""
+"""Root mean square error above which a quadratic does not tell where the objective is 1 % above its
+best [%]."""
 _FLAT = 1e-4
 """Curvature, in percent over the square of the evaluations' spread, that counts as none."""
 _TURN = np.linspace(0.0, 2 * np.pi, 121)[:-1]
@@ -33,17 +37,23 @@ class Valley(NamedTuple):
 
     def level(self, place: Float[np.ndarray, "2"]) -> float:
         """The objective at a place [% above the best evaluation]."""
-        return float(self.lowest + (place - self.centre) @ self.curvature @ (place - self.centre) / 2)
+        return float(
+            self.lowest + (place - self.centre) @ self.curvature @ (place - self.centre) / 2
+        )
 
     def contour(self, optimum: Float[np.ndarray, "2"], above: float) -> Float[np.ndarray, "120 2"]:
-        """Where the objective is `above` [%] higher than at the optimum: an ellipse, its points in order."""
+        """Where the objective is `above` [%] higher than at the optimum: an ellipse, its points in
+        order.
+        """
         rise = self.level(optimum) - self.lowest + above
         values, vectors = np.linalg.eigh(self.curvature)
         axes = vectors * np.sqrt(2 * rise / values)
         return self.centre + np.stack([np.cos(_TURN), np.sin(_TURN)], axis=1) @ axes.T
 
 
-def valley(points: Float[np.ndarray, "n d"], objective: Float[np.ndarray, "n"], free: Sequence[int]) -> Valley | None:
+def valley(
+    points: Float[np.ndarray, "n d"], objective: Float[np.ndarray, "n"], free: Sequence[int]
+) -> Valley | None:
     """Fits a quadratic to evaluations of an objective and minimises it over all parameters but two.
 
     Args:
@@ -52,8 +62,8 @@ def valley(points: Float[np.ndarray, "n d"], objective: Float[np.ndarray, "n"], 
         free: the columns of the two.
 
     Returns:
-        The valley; `None` where the evaluations do not tell: too few of them near the best, one that a quadratic does not fit, or no
-        minimum.
+        The valley; `None` where the evaluations do not tell: too few of them near the best, one
+        that a quadratic does not fit, or no minimum.
     """
     above = (objective / objective.min() - 1) * 100
     for reach in REACHES:
@@ -66,7 +76,11 @@ def valley(points: Float[np.ndarray, "n d"], objective: Float[np.ndarray, "n"], 
 
 
 def _fit(
-    points: Float[np.ndarray, "n d"], above: Float[np.ndarray, "n"], free: list[int], spread: Bool[np.ndarray, "d"], reach: float
+    points: Float[np.ndarray, "n d"],
+    above: Float[np.ndarray, "n"],
+    free: list[int],
+    spread: Bool[np.ndarray, "d"],
+    reach: float,
 ) -> Valley | None:
     order = [*free, *(place for place in np.flatnonzero(spread) if place not in free)]
     middle, scale = points[:, order].mean(axis=0), points[:, order].std(axis=0)
@@ -81,7 +95,9 @@ def _fit(
         return None
     place = -np.linalg.solve(curvature, slope)
     # All others at their best: the Schur complement of their part of the curvature.
-    across = curvature[:2, 2:] @ np.linalg.solve(curvature[2:, 2:], curvature[2:, :2]) if d > 2 else 0.0
+    across = (
+        curvature[:2, 2:] @ np.linalg.solve(curvature[2:, 2:], curvature[2:, :2]) if d > 2 else 0.0
+    )
     return Valley(
         centre=(middle + scale * place)[:2],
         curvature=(curvature[:2, :2] - across) / np.outer(scale[:2], scale[:2]),

@@ -1,10 +1,13 @@
-"""What a Crazyflie logs for us: two blocks at 100 Hz, a slow one before take-off, and what their numbers mean.
+"""What a Crazyflie logs for us: two blocks at 100 Hz, a slow one before take-off, and what their
+numbers mean.
 
-A block carries at most 26 bytes. Estimates come as 16-bit integers (`stateEstimateZ`, mm, mm/s and mrad/s, its `ratePitch` positive
-nose up), the attitude as a quaternion in float16, whose step is 0.0001 near level against 0.0014 of the compressed one. The body rates
-are the gyro's, read in the same tick as the rest of the block.
+A block carries at most 26 bytes. Estimates come as 16-bit integers (`stateEstimateZ`, mm, mm/s and
+mrad/s, its `ratePitch` positive nose up), the attitude as a quaternion in float16, whose step is
+0.0001 near level against 0.0014 of the compressed one. The body rates are the gyro's, read in the
+same tick as the rest of the block.
 
-Source: Crazyflie firmware 2026.08, src/modules/src/stabilizer.c, log.c, supervisor.c; cflib 0.1.34, crazyflie/log.py.
+Source: Crazyflie firmware 2026.08, src/modules/src/stabilizer.c, log.c, supervisor.c; cflib 0.1.34,
+crazyflie/log.py.
 """
 
 import math
@@ -38,7 +41,10 @@ class Block(NamedTuple):
 _XYZ = ("x", "y", "z")
 STATE = Block(
     "state",
-    {f"stateEstimateZ.{name}": "int16_t" for name in (*_XYZ, "vx", "vy", "vz", "rateRoll", "ratePitch", "rateYaw")}
+    {
+        f"stateEstimateZ.{name}": "int16_t"
+        for name in (*_XYZ, "vx", "vy", "vz", "rateRoll", "ratePitch", "rateYaw")
+    }
     | {f"stateEstimate.q{name}": "FP16" for name in (*_XYZ, "w")},
 )
 MOTORS = Block(
@@ -47,19 +53,33 @@ MOTORS = Block(
     | {f"ctrltarget.{name}": "FP16" for name in _XYZ}
     | {"controller.cmd_thrust": "FP16", "pm.vbatMV": "uint16_t", "supervisor.info": "uint16_t"},
 )
-VARIANCE = Block("variance", {f"kalman.varP{name}": "float" for name in ("X", "Y", "Z")}, period=0.1)
+VARIANCE = Block(
+    "variance", {f"kalman.varP{name}": "float" for name in ("X", "Y", "Z")}, period=0.1
+)
 """How sure the estimator is of its position [m2]."""
 
 ENABLE = "mf.enable"
-"""Parameter of the controller on board: 1 lets the policy fly, 0 hands back to the firmware's PID."""
+"""Parameter of the controller on board: 1 lets the policy fly, 0 hands back to the firmware's
+PID."""
 ACTIVE = "mf.active"
 """Log variable of the controller on board: whether the policy flies."""
 WHY = "mf.why"
 """Log variable of the controller on board: why it last did not, a number of `REASONS`."""
-REASONS = ("nothing", "switched off", "tilt", "body rate", "distance", "not a number", "no position set-points", "parameters", "self-test")
+REASONS = (
+    "nothing",
+    "switched off",
+    "tilt",
+    "body rate",
+    "distance",
+    "not a number",
+    "no position set-points",
+    "parameters",
+    "self-test",
+)
 """Source: deployment/crazyflie/src/maidenflight.c.template, enum why."""
 TASK, START_X, START_Y, FULL = "mf.task", "mf.x", "mf.y", "mf.full"
-"""Parameters of the controller on board: what the policy follows, where that starts [m], and what a thrust command of 1 is [counts]."""
+"""Parameters of the controller on board: what the policy follows, where that starts [m], and what a
+thrust command of 1 is [counts]."""
 FULL_COUNTS = MOST_COUNTS
 """What a thrust command of 1 is in the logs that we record [counts]; see `flights.cflib`."""
 COMMANDER = 2
@@ -71,7 +91,9 @@ def with_policy(block: Block) -> Block:
     return block._replace(variables={**block.variables, ACTIVE: "uint8_t", WHY: "uint8_t"})
 
 
-CAN_BE_ARMED, ARMED, AUTO_ARMED, CAN_FLY, FLYING, TUMBLED, LOCKED, CRASHED = (1 << bit for bit in range(8))
+CAN_BE_ARMED, ARMED, AUTO_ARMED, CAN_FLY, FLYING, TUMBLED, LOCKED, CRASHED = (
+    1 << bit for bit in range(8)
+)
 """Bits of `supervisor.info`. Source: cflib 0.1.34, crazyflie/supervisor.py."""
 
 
@@ -102,13 +124,20 @@ class Reading(NamedTuple):
     @property
     def finite(self) -> bool:
         """Whether every number of the estimate is one."""
-        return all(map(math.isfinite, (*self.position, *self.velocity, *self.quaternion, *self.body_rates)))
+        return all(
+            map(math.isfinite, (*self.position, *self.velocity, *self.quaternion, *self.body_rates))
+        )
 
     @property
     def tilt(self) -> float:
-        """Angle between the body's and the world's upward axis [rad]; NaN where the attitude is not finite."""
+        """Angle between the body's and the world's upward axis [rad].
+
+        NaN where the attitude is not finite.
+        """
         x, y, z, w = self.quaternion
-        return math.acos(min(max(1 - 2 * (x * x + y * y) / max(x * x + y * y + z * z + w * w, 1e-9), -1.0), 1.0))
+        return math.acos(
+            min(max(1 - 2 * (x * x + y * y) / max(x * x + y * y + z * z + w * w, 1e-9), -1.0), 1.0)
+        )
 
 
 def reading(values: Mapping[str, float], received: float) -> Reading:
@@ -118,7 +147,10 @@ def reading(values: Mapping[str, float], received: float) -> Reading:
         values: log variables in the firmware's units.
         received: when the last state came [s].
     """
-    state = [values[f"stateEstimateZ.{name}"] / 1000 for name in (*_XYZ, "vx", "vy", "vz", "rateRoll", "ratePitch", "rateYaw")]
+    state = [
+        values[f"stateEstimateZ.{name}"] / 1000
+        for name in (*_XYZ, "vx", "vy", "vz", "rateRoll", "ratePitch", "rateYaw")
+    ]
     x, y, z, vx, vy, vz, roll_rate, pitch_rate, yaw_rate = state
     qx, qy, qz, qw = (values[f"stateEstimate.q{name}"] for name in (*_XYZ, "w"))
     m1, m2, m3, m4 = (values[f"motor.m{number}"] for number in (1, 2, 3, 4))

@@ -1,6 +1,8 @@
-"""The connection to a Crazyflie, by cflib: two log blocks that come of their own accord, and a handful of commands.
+"""The connection to a Crazyflie, by cflib: two log blocks that come of their own accord, and a
+handful of commands.
 
-cflib answers in threads of its own; they write each row down before they pass it on, and never wait for anybody.
+cflib answers in threads of its own; they write each row down before they pass it on, and never wait
+for anybody.
 """
 
 import logging
@@ -12,7 +14,18 @@ from pathlib import Path
 from typing import Any
 
 from maidenflight.errors import InputError
-from maidenflight.link.blocks import ACTIVE, ENABLE, MOTORS, STATE, VARIANCE, WHY, Block, Reading, reading, with_policy
+from maidenflight.link.blocks import (
+    ACTIVE,
+    ENABLE,
+    MOTORS,
+    STATE,
+    VARIANCE,
+    WHY,
+    Block,
+    Reading,
+    reading,
+    with_policy,
+)
 from maidenflight.link.clock import Clock
 from maidenflight.link.guards import DECKS, Vector
 from maidenflight.link.rows import RowFile
@@ -37,17 +50,21 @@ class Crazyflie:
     variance: list[Vector]
     """Of the estimated position, all that came [m2]."""
 
-    def __init__(self, uri: str, clock: Clock, cache: Path | None = None, patience: float = PATIENCE) -> None:
+    def __init__(
+        self, uri: str, clock: Clock, cache: Path | None = None, patience: float = PATIENCE
+    ) -> None:
         """Connects and starts the log blocks.
 
         Args:
             uri: such as `radio://0/80/2M/E7E7E7E7E7`, or `udp://127.0.0.1:19850` for a simulation.
             clock: the program's.
-            cache: folder in which the drone's tables of contents are kept, so that the next connection is quick.
+            cache: folder in which the drone's tables of contents are kept, so that the next
+                connection is quick.
             patience: longest wait for a connection with all its tables [s].
 
         Raises:
-            InputError: cflib is not installed, nothing answers, or the firmware lacks what is needed.
+            InputError: cflib is not installed, nothing answers, or the firmware lacks what is
+                needed.
         """
         try:
             import cflib.crazyflie
@@ -55,7 +72,9 @@ class Crazyflie:
             from cflib.crazyflie.log import LogConfig
             from cflib.crazyflie.param import ParamTocElement
         except ImportError as error:
-            raise InputError(f"cflib is not installed ({error}). Install it: pip install 'maidenflight[drone]'.") from error
+            raise InputError(
+                f"cflib is not installed ({error}). Install it: pip install 'maidenflight[drone]'."
+            ) from error
         self.uri, self.clock = uri, clock
         self.lost, self.received, self.latest, self.variance = "", 0, None, []
         self._rows: RowFile | None = None
@@ -70,12 +89,17 @@ class Crazyflie:
         if not cflib.crtp.CLASSES:
             cflib.crtp.init_drivers()
         self._cf = cflib.crazyflie.Crazyflie(rw_cache=str(cache) if cache else None)
-        # Its pings would dead-lock: an error of the link in one thread waits for the pinging one, which waits for the first to send.
+        # Its pings would dead-lock: an error of the link in one thread waits for the pinging one,
+        # which waits for the first to send.
         self._cf.link_statistics.start = lambda: None
         self._open(patience)
         try:
-            self.simulated = uri.partition("://")[0] if not uri.startswith(("radio://", "usb://")) else ""
-            self.has_policy = self._has_log(ACTIVE) and self._has_log(WHY) and self.parameter(ENABLE) is not None
+            self.simulated = (
+                uri.partition("://")[0] if not uri.startswith(("radio://", "usb://")) else ""
+            )
+            self.has_policy = (
+                self._has_log(ACTIVE) and self._has_log(WHY) and self.parameter(ENABLE) is not None
+            )
             self.decks = tuple(deck for deck in DECKS if self.parameter(deck) == 1)
             self.blocks = (STATE, with_policy(MOTORS) if self.has_policy else MOTORS)
             self._start_blocks()
@@ -106,7 +130,9 @@ class Crazyflie:
         if why or not answered:
             self.close()
             raise InputError(
-                f"{self.uri}: no connection ({why[0] if why else f'no answer in {patience:g} s'}). Is the drone on, the radio plugged in,"
+                f"{self.uri}: no connection "
+                f"({why[0] if why else f'no answer in {patience:g} s'}). Is the drone on, the "
+                "radio plugged in,"
                 " the address right? cfclient finds drones near you."
             )
 
@@ -120,15 +146,28 @@ class Crazyflie:
         Raises:
             InputError: the firmware lacks a variable, or a block stays silent.
         """
-        missing = [name for block in (*self.blocks, VARIANCE) for name in block.variables if not self._has_log(name)]
+        missing = [
+            name
+            for block in (*self.blocks, VARIANCE)
+            for name in block.variables
+            if not self._has_log(name)
+        ]
         if missing:
-            raise InputError(f"{self.uri}: the firmware has no log variable {', '.join(missing[:3])}. Flash a current one.")
+            raise InputError(
+                f"{self.uri}: the firmware has no log variable {', '.join(missing[:3])}. Flash a "
+                "current one."
+            )
         state, motors, variance = (self._add(block) for block in (*self.blocks, VARIANCE))
         for block in (state, motors, variance):
             block.start()
         for tries in range(_TRIES):
             seen = dict(self._stamps)
-            self._wait(lambda seen=seen: all(self._stamps.get(block.name) not in (None, seen.get(block.name)) for block in self.blocks))
+            self._wait(
+                lambda seen=seen: all(
+                    self._stamps.get(block.name) not in (None, seen.get(block.name))
+                    for block in self.blocks
+                )
+            )
             late = (self._stamps[MOTORS.name] - self._stamps[STATE.name]) % 10
             if late in (9, 0, 1) or tries == _TRIES - 1:
                 return
@@ -142,7 +181,8 @@ class Crazyflie:
         while not done():
             if self.lost or self.clock.now() > until:
                 raise InputError(
-                    f"{self.uri}: connected, but rows do not come ({self.lost or f'none in {_ANSWER:g} s'}). Try again, nearer."
+                    f"{self.uri}: connected, but rows do not come "
+                    f"({self.lost or f'none in {_ANSWER:g} s'}). Try again, nearer."
                 )
             self.clock.sleep(0.01)
 
@@ -150,7 +190,9 @@ class Crazyflie:
         config = self._config(block.name, round(block.period * 1000))
         for name, kind in block.variables.items():
             config.add_variable(name, kind)
-        config.data_received_cb.add_callback(lambda stamp, values, _: self._take(block.name, stamp, values))
+        config.data_received_cb.add_callback(
+            lambda stamp, values, _: self._take(block.name, stamp, values)
+        )
         self._cf.log.add_config(config)
         return config
 
@@ -176,7 +218,10 @@ class Crazyflie:
             self._rows = rows
 
     def parameter(self, name: str) -> float | None:
-        """A parameter's value as it was on connecting; nothing where the firmware has none of that name."""
+        """A parameter's value as it was on connecting.
+
+        Nothing where the firmware has none of that name.
+        """
         if self._cf.param.toc.get_element(*name.split(".")) is None:
             return None
         return float(self._cf.param.get_value(name))
@@ -187,10 +232,17 @@ class Crazyflie:
         # A lost link has taken the table with it.
         if element is not None:
             kind = element.ctype
-            self._cf.param.set_value_raw(name, self._types[kind], value if kind in ("float", "FP16", "double") else int(value))
+            self._cf.param.set_value_raw(
+                name,
+                self._types[kind],
+                value if kind in ("float", "FP16", "double") else int(value),
+            )
 
     def go_to(self, place: Vector, yaw: float = 0.0) -> None:
-        """Asks the firmware's PID for a position [m] and a yaw [rad]; to be repeated, for 0.5 s later the drone only levels itself."""
+        """Asks the firmware's PID for a position [m] and a yaw [rad].
+
+        To be repeated, for 0.5 s later the drone only levels itself.
+        """
         self._cf.commander.send_position_setpoint(*place, math.degrees(yaw))
 
     def stop(self) -> None:
@@ -201,7 +253,8 @@ class Crazyflie:
     def arm(self, armed: bool) -> None:
         """Arms or disarms."""
         with warnings.catch_warnings():
-            # Firmware before the supervisor's own port is asked in the old way; there is nothing to warn of.
+            # Firmware before the supervisor's own port is asked in the old way; there is nothing to
+            # warn of.
             warnings.simplefilter("ignore")
             self._cf.supervisor.send_arming_request(armed)
 

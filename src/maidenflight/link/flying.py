@@ -1,7 +1,8 @@
 """One flight: up, the reference, perhaps a policy, and down again, whatever happens.
 
-The drone is flown by position set-points all the time, never by the firmware's high-level commander: that one flies on when the link is
-lost, while set-points that no longer come make the firmware level the drone after 0.5 s and stop its motors after 2 s.
+The drone is flown by position set-points all the time, never by the firmware's high-level
+commander: that one flies on when the link is lost, while set-points that no longer come make the
+firmware level the drone after 0.5 s and stop its motors after 2 s.
 """
 
 from collections.abc import Callable
@@ -56,7 +57,8 @@ STOPPING = 0.5
 PROMISED = 7.0
 """Time from the cause of an ending to motors off [s], the link being up; see docs/pilot.md."""
 FIRMWARE_STOPS = 2.0
-"""Time without set-points after which the firmware stops the motors [s]. Source: firmware 2026.08, commander.h."""
+"""Time without set-points after which the firmware stops the motors [s]. Source: firmware 2026.08,
+commander.h."""
 
 
 class Drone(Protocol):
@@ -91,7 +93,8 @@ class Plan:
     policy: bool = False
     """Whether the policy on board flies it, else the firmware's PID."""
     full: float = FULL_COUNTS
-    """What the policy's thrust command of 1 is [counts]: as in the logs from which its drone was identified."""
+    """What the policy's thrust command of 1 is [counts]: as in the logs from which its drone was
+    identified."""
 
 
 class Ending(NamedTuple):
@@ -114,9 +117,17 @@ class _BrokenOff(Exception):
 
 
 def fly(
-    drone: Drone, plan: Plan, limits: Limits, clock: Clock, rows: RowFile, stops: Callable[[], int], say: Callable[[str], None]
+    drone: Drone,
+    plan: Plan,
+    limits: Limits,
+    clock: Clock,
+    rows: RowFile,
+    stops: Callable[[], int],
+    say: Callable[[str], None],
 ) -> Ending:
-    """Flies a plan and comes down; returns when the motors have been stopped or nothing can be done any more.
+    """Flies a plan and comes down.
+
+    Returns when the motors have been stopped or nothing can be done any more.
 
     An error of this program lands the drone too; one in the landing itself stops the motors.
 
@@ -154,17 +165,32 @@ def _arm(drone: Drone, clock: Clock, stops: Callable[[], int], say: Callable[[st
     while True:
         if stops():
             raise _BrokenOff(Trip("stopped by hand", cut=True))
-        if drone.latest and drone.latest.supervisor & (ARMED | AUTO_ARMED) and drone.latest.supervisor & CAN_FLY:
+        if (
+            drone.latest
+            and drone.latest.supervisor & (ARMED | AUTO_ARMED)
+            and drone.latest.supervisor & CAN_FLY
+        ):
             say("armed")
             return
         if drone.lost or clock.now() > until:
-            raise _BrokenOff(Trip(drone.lost or "the firmware does not arm; its console (cfclient) tells why", cut=True))
+            raise _BrokenOff(
+                Trip(
+                    drone.lost or "the firmware does not arm; its console (cfclient) tells why",
+                    cut=True,
+                )
+            )
         drone.arm(True)
         clock.sleep(0.1)
 
 
 def _lead(
-    drone: Drone, plan: Plan, watch: Watch, clock: Clock, rows: RowFile, stops: Callable[[], int], say: Callable[[str], None]
+    drone: Drone,
+    plan: Plan,
+    watch: Watch,
+    clock: Clock,
+    rows: RowFile,
+    stops: Callable[[], int],
+    say: Callable[[str], None],
 ) -> None:
     """From the ground through the plan, until it is flown or a guard trips."""
     assert drone.latest is not None
@@ -176,7 +202,9 @@ def _lead(
         clock.sleep(PERIOD)
         assert drone.latest is not None
         broken = str(rows.error.strerror) if rows.error else ""
-        trip = watch.trip(Seen(clock.now(), drone.latest, place, ground, drone.lost, broken, stops()))
+        trip = watch.trip(
+            Seen(clock.now(), drone.latest, place, ground, drone.lost, broken, stops())
+        )
         if trip:
             raise _BrokenOff(trip)
         return drone.latest
@@ -194,13 +222,24 @@ def _lead(
     began = resting = clock.now()
     while clock.now() - resting < HOVER:
         reading = step(start)
-        there = np.linalg.norm(np.subtract(reading.position, start)) < NEAR and np.linalg.norm(reading.velocity) < SLOW
+        there = (
+            np.linalg.norm(np.subtract(reading.position, start)) < NEAR
+            and np.linalg.norm(reading.velocity) < SLOW
+        )
         resting = resting if there else clock.now()
         if clock.now() - began > LONGEST_APPROACH:
-            raise _BrokenOff(Trip(f"no rest at the reference's start in {LONGEST_APPROACH:g} s", cut=False))
+            raise _BrokenOff(
+                Trip(f"no rest at the reference's start in {LONGEST_APPROACH:g} s", cut=False)
+            )
     say(f"flying for {len(reference) * PERIOD:g} s, {'the policy' if plan.policy else 'the PID'}")
     if plan.policy:
-        for name, value in ((TASK, COMMANDER), (START_X, start[0]), (START_Y, start[1]), (FULL, plan.full), (ENABLE, 1)):
+        for name, value in (
+            (TASK, COMMANDER),
+            (START_X, start[0]),
+            (START_Y, start[1]),
+            (FULL, plan.full),
+            (ENABLE, 1),
+        ):
             drone.set(name, value)
         began = clock.now()
 
@@ -210,7 +249,9 @@ def _lead(
             # Old rows tell nothing of the policy; other guards judge their age.
             fresh = not drone.lost and clock.now() - told.received < FRESH
             if seconds > HANDOVER and fresh and not told.policy:
-                raise _BrokenOff(Trip(f"the controller on board handed back to the PID ({told.why})", cut=False))
+                raise _BrokenOff(
+                    Trip(f"the controller on board handed back to the PID ({told.why})", cut=False)
+                )
             return _entry(reference, seconds)
 
         along(place)
@@ -243,7 +284,9 @@ def _straight(start: Vector, end: Vector, speed: float) -> Callable[[float], Vec
 
 
 def _land(drone: Drone, plan: Plan, limits: Limits, clock: Clock, stops: Callable[[], int]) -> bool:
-    """Goes down where the drone is, by the last sound estimate; without rows, blindly, as long as it takes from the ceiling.
+    """Goes down where the drone is, by the last sound estimate.
+
+    Without rows, blindly, as long as it takes from the ceiling.
 
     Returns:
         Whether the motors stop in the air.
@@ -263,7 +306,15 @@ def _land(drone: Drone, plan: Plan, limits: Limits, clock: Clock, stops: Callabl
         drone.go_to((x, y, target))
         clock.sleep(PERIOD)
         now = drone.latest or sound
-        seen = Seen(clock.now(), now, now.position, now.position, "", "", 2 if stops() > max(asked, 1) else 0)
+        seen = Seen(
+            clock.now(),
+            now,
+            now.position,
+            now.position,
+            "",
+            "",
+            2 if stops() > max(asked, 1) else 0,
+        )
         trip = watch.trip(seen)
         if trip and trip.cut:
             return now.position[2] > TOUCHED

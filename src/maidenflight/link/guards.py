@@ -1,6 +1,7 @@
 """What must hold before a flight and during it, and what happens where it does not.
 
-Distances, tilts and speeds are of the drone's own estimate, which is all that a program on the ground has.
+Distances, tilts and speeds are of the drone's own estimate, which is all that a program on the
+ground has.
 """
 
 from collections.abc import Callable, Sequence
@@ -9,7 +10,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from maidenflight.link.blocks import ARMED, AUTO_ARMED, CAN_BE_ARMED, CAN_FLY, CRASHED, ENABLE, LOCKED, TUMBLED, Reading
+from maidenflight.link.blocks import (
+    ARMED,
+    AUTO_ARMED,
+    CAN_BE_ARMED,
+    CAN_FLY,
+    CRASHED,
+    ENABLE,
+    LOCKED,
+    TUMBLED,
+    Reading,
+)
 
 Vector = tuple[float, float, float]
 
@@ -26,7 +37,8 @@ class Limits:
     empty: float = 3.0
     """Battery in flight [V] below which the drone lands."""
     farthest: float = 0.6
-    """Distance from the set-point [m]; the firmware's PID is up to 0.25 m behind the paper's circle."""
+    """Distance from the set-point [m]; the firmware's PID is up to 0.25 m behind the paper's
+    circle."""
     lowest: float = 0.35
     """Distance below the set-point [m]: the drone does not rise, or sinks."""
     fence: float = 1.5
@@ -93,7 +105,9 @@ def _steep(seen: Seen, limits: Limits) -> str:
 
 
 def _disarmed(seen: Seen, limits: Limits) -> str:
-    return "" if seen.reading.supervisor & (ARMED | AUTO_ARMED) else "the firmware has disarmed itself"
+    return (
+        "" if seen.reading.supervisor & (ARMED | AUTO_ARMED) else "the firmware has disarmed itself"
+    )
 
 
 def _stopped(seen: Seen, limits: Limits) -> str:
@@ -185,23 +199,39 @@ def objections(standing: Standing, limits: Limits, needs_policy: bool) -> list[s
     if reading.battery < limits.full:
         said.append(f"battery at {reading.battery:.2f} V, {limits.full:g} V are needed; charge it")
     if not standing.decks:
-        said.append("no deck that tells the position; mount a Flow deck v2 and switch the drone off and on")
+        said.append(
+            "no deck that tells the position; mount a Flow deck v2 and switch the drone off and on"
+        )
     if not reading.finite:
         said.append("the estimate is not a number; switch the drone off and on")
     elif np.degrees(reading.tilt) > limits.level:
-        said.append(f"tilted by {np.degrees(reading.tilt):.0f} deg; put it level and switch it off and on")
+        said.append(
+            f"tilted by {np.degrees(reading.tilt):.0f} deg; put it level and switch it off and on"
+        )
     elif not settled(standing.variance):
-        said.append("the estimator does not settle; put the drone onto a well-lit floor with a pattern and leave it alone")
+        said.append(
+            "the estimator does not settle; put the drone onto a well-lit floor with a pattern "
+            "and leave it alone"
+        )
     if not reading.supervisor & (CAN_BE_ARMED | ARMED | AUTO_ARMED | CAN_FLY):
         said.append("the firmware refuses to be armed; its console (cfclient) tells why")
     if reading.policy:
-        said.append(f"the policy on board is on and does not obey {ENABLE} = 0; switch the drone off and on")
+        said.append(
+            f"the policy on board is on and does not obey {ENABLE} = 0; switch the drone off and on"
+        )
     if needs_policy and not standing.policy:
         said.append("no policy on board; build the exported app and flash it")
     return said
 
 
 def settled(variance: Sequence[Vector], change: float = 0.001, fewest: int = 10) -> bool:
-    """Whether the estimator's variance has come to rest. Source: cflib 0.1.34, utils/reset_estimator.py."""
+    """Whether the estimator's variance has come to rest.
+
+    Source: cflib 0.1.34, utils/reset_estimator.py.
+    """
     last = np.array(variance[-fewest:])
-    return len(last) >= fewest and bool(np.isfinite(last).all()) and float(np.ptp(last, axis=0).max()) < change
+    return (
+        len(last) >= fewest
+        and bool(np.isfinite(last).all())
+        and float(np.ptp(last, axis=0).max()) < change
+    )

@@ -1,7 +1,9 @@
-"""Rows on disk: every packet of a flight as it comes, and the flight log that is made of them afterwards.
+"""Rows on disk: every packet of a flight as it comes, and the flight log that is made of them
+afterwards.
 
-While the drone flies, each packet is one line that is handed to the operating system before anything else is done with it. A program that
-is killed loses nothing that came; a computer without power loses the last second. The file stands beside the flight log for good.
+While the drone flies, each packet is one line that is handed to the operating system before
+anything else is done with it. A program that is killed loses nothing that came; a computer without
+power loses the last second. The file stands beside the flight log for good.
 """
 
 import json
@@ -23,21 +25,30 @@ from maidenflight.link.blocks import MOTORS, PERIOD, STATE, Block
 
 SUFFIX = ".rows"
 MARK = "# maidenflight rows 1"
-_LEGEND = "packets of a Crazyflie's log blocks as they came, in the firmware's units; timestamp ms of the drone, received s of the program"
+_LEGEND = (
+    "packets of a Crazyflie's log blocks as they came, in the firmware's units; timestamp "
+    "ms of the drone, received s of the program"
+)
 _WRAP = 1 << 24
 """A packet's time stamp has 24 bits [ms]."""
 _LONGEST = 900_000
 """Longest flight [ms]: more than can be asked for, with take-off and landing."""
 _WIDEST = 15
-"""Distance of two packets of a block [ms] over which the other block's instant may be interpolated."""
+"""Distance of two packets of a block [ms] over which the other block's instant may be
+interpolated."""
 _SYNC = 1.0
 """Time between two orders to put the rows onto the disk itself [s]."""
 
 
 class RowFile:
-    """An append-only file of rows. Writing never raises: what goes wrong is kept in `error`, for the drone must be landed first."""
+    """An append-only file of rows.
 
-    def __init__(self, path: Path, blocks: Sequence[Block], simulated: str, record: Mapping[str, Any]) -> None:
+    Writing never raises: what goes wrong is kept in `error`, for the drone must be landed first.
+    """
+
+    def __init__(
+        self, path: Path, blocks: Sequence[Block], simulated: str, record: Mapping[str, Any]
+    ) -> None:
         """Makes the file.
 
         Args:
@@ -52,10 +63,16 @@ class RowFile:
         self.path, self.error, self.rows = path, None, 0
         self._columns = [name for block in blocks for name in block.variables]
         self._synced = -np.inf
-        head = [f"{MARK}: {_LEGEND}", f"# simulated: {simulated or 'no'}", f"# record: {json.dumps(dict(record))}"]
+        head = [
+            f"{MARK}: {_LEGEND}",
+            f"# simulated: {simulated or 'no'}",
+            f"# record: {json.dumps(dict(record))}",
+        ]
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o644)
+            self._descriptor = os.open(
+                path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o644
+            )
         except OSError as error:
             raise WriteError(path, error) from error
         self._write("\n".join([*head, ",".join(["timestamp", "received", *self._columns])]) + "\n")
@@ -102,9 +119,11 @@ class RowFile:
 
 
 def to_flight(path: Path) -> tuple[Flight, dict[str, Any], tuple[str, ...]]:
-    """The flight that a file of rows holds: one row each 10 ms, not a number where a packet is missing.
+    """The flight that a file of rows holds: one row each 10 ms, not a number where a packet is
+    missing.
 
-    Each row is the state's packet; the motors' packet of the same instant, else what lies between its two neighbours, gives the rest.
+    Each row is the state's packet; the motors' packet of the same instant, else what lies between
+    its two neighbours, gives the rest.
 
     Returns:
         The flight, the record of its making, and notes.
@@ -114,26 +133,41 @@ def to_flight(path: Path) -> tuple[Flight, dict[str, Any], tuple[str, ...]]:
     """
     table = tables.read(path, f"{path.parent.name}/{path.name}")
     if not table.mark.startswith(MARK):
-        raise InputError(f"{table.name}: line 1 is not '{MARK}' but {table.mark[:60]!r}. Give a file that maidenflight record left.")
+        raise InputError(
+            f"{table.name}: line 1 is not '{MARK}' but {table.mark[:60]!r}. Give a file that "
+            "maidenflight record left."
+        )
     columns = [*STATE.variables, *MOTORS.variables]
-    read = {name: np.where(np.isfinite(values), values, np.nan) for name, values in tables.numbers(table, ["timestamp", *columns]).items()}
+    read = {
+        name: np.where(np.isfinite(values), values, np.nan)
+        for name, values in tables.numbers(table, ["timestamp", *columns]).items()
+    }
     odd = ~((read["timestamp"] >= 0) & (read["timestamp"] < _WRAP))
     if odd.any():
         raise InputError(
-            f"{table.name}: timestamp in {table.place(int(odd.argmax()))} is none; expected milliseconds of 24 bits. Drop the line."
+            f"{table.name}: timestamp in {table.place(int(odd.argmax()))} is none; expected "
+            "milliseconds of 24 bits. Drop the line."
         )
     stamps = _unwrapped(read["timestamp"])
     if np.ptp(stamps) > _LONGEST:
-        raise InputError(f"{table.name}: timestamps are {np.ptp(stamps) / 1000:.0f} s apart, more than a flight lasts. Drop the odd lines.")
+        raise InputError(
+            f"{table.name}: timestamps are {np.ptp(stamps) / 1000:.0f} s apart, more than a "
+            "flight lasts. Drop the odd lines."
+        )
     state, motors = (_packets(table, block, stamps) for block in (STATE, MOTORS))
     if len(state) < 2 or len(motors) < 2:
-        raise InputError(f"{table.name}: {len(state)} packets of the state and {len(motors)} of the motors, too few for a flight.")
+        raise InputError(
+            f"{table.name}: {len(state)} packets of the state and {len(motors)} of the motors, "
+            "too few for a flight."
+        )
     at, before, weight = _beside(stamps[state], stamps[motors])
     values = {name: read[name][state][at] for name in STATE.variables}
     for name in MOTORS.variables:
         series = read[name][motors]
         after = series[np.minimum(before + 1, len(series) - 1)]
-        values[name] = np.where(weight > 0, (1 - weight) * series[before] + weight * after, series[before])
+        values[name] = np.where(
+            weight > 0, (1 - weight) * series[before] + weight * after, series[before]
+        )
     if len(at) == 0:
         raise InputError(f"{table.name}: no instant at which both blocks were received.")
     frame = polars.DataFrame({"timestamp": stamps[state][at], **values})
@@ -149,7 +183,10 @@ def _record(table: Table) -> dict[str, Any]:
         if not isinstance(record, dict):
             raise ValueError("no object")
     except ValueError as error:
-        raise InputError(f"{table.name}: the line '# record:' holds no record ({error}). Write '# record: {{}}' there.") from error
+        raise InputError(
+            f"{table.name}: the line '# record:' holds no record ({error}). Write '# record: "
+            f"{{}}' there."
+        ) from error
     return record
 
 
@@ -182,22 +219,30 @@ def recover(folder: Path) -> tuple[list[Path], list[str]]:
     for path in sorted(folder.glob(f"*{SUFFIX}")):
         if not path.with_suffix(".csv").exists():
             try:
-                made.append(write_flight(path, ended="unknown: the program ended before the flight did")[0])
+                made.append(
+                    write_flight(path, ended="unknown: the program ended before the flight did")[0]
+                )
             except InputError as error:
                 refused.append(str(error))
     return made, refused
 
 
 def _packets(table: Table, block: Block, stamps: Float[np.ndarray, "N"]) -> Int[np.ndarray, "M"]:
-    """Numbers of the rows that are packets of a block, in order of time and each once: a radio may repeat and swap them."""
-    # Not a number was sent, empty was not: only floats can be the one, only integers tell the other.
+    """Numbers of the rows that are packets of a block, in order of time and each once: a radio may
+    repeat and swap them.
+    """
+    # Not a number was sent, empty was not: only floats can be the one, only integers tell the
+    # other.
     whole = next(name for name, kind in block.variables.items() if kind != "FP16")
     rows = np.flatnonzero(table.frame[whole].is_not_null().to_numpy())
     return rows[np.unique(stamps[rows], return_index=True)[1]]
 
 
 def _unwrapped(stamps: Float[np.ndarray, "N"]) -> Float[np.ndarray, "N"]:
-    """Time stamps that go on where the drone's counter begins again [ms]; two packets about that instant may be swapped."""
+    """Time stamps that go on where the drone's counter begins again [ms].
+
+    Two packets about that instant may be swapped.
+    """
     leaps = np.diff(stamps, prepend=stamps[:1])
     laps = np.cumsum((leaps < -_WRAP / 2).astype(int) - (leaps > _WRAP / 2))
     return stamps + laps * _WRAP
@@ -209,7 +254,8 @@ def _beside(
     """For which instants of one block the other is known.
 
     Returns:
-        Numbers of those instants; the number of the motors' packet before each, and the weight of the one after it.
+        Numbers of those instants; the number of the motors' packet before each, and the weight of
+        the one after it.
     """
     before = np.clip(np.searchsorted(motors, state + 1e-6) - 1, 0, len(motors) - 2)
     gap = motors[before + 1] - motors[before]
@@ -222,7 +268,10 @@ def _beside(
 
 
 def _on_grid(flight: Flight, time: Float[np.ndarray, "N"], name: str, simulated: str) -> Flight:
-    """The flight with a row for each period; those that are missing are not numbers, and readers cut there."""
+    """The flight with a row for each period.
+
+    Those that are missing are not numbers, and readers cut there.
+    """
     number = np.round(time / PERIOD).astype(int)
     place, first = np.unique(number, return_index=True)
     fields: dict[str, Any] = {}
@@ -231,4 +280,6 @@ def _on_grid(flight: Flight, time: Float[np.ndarray, "N"], name: str, simulated:
             values = getattr(flight, group)
             fields[group] = np.full((place[-1] + 1, *values.shape[1:]), np.nan, np.float32)
             fields[group][place] = values[first]
-    return Flight(name=name, period=PERIOD, held=False, simulated=simulated, full=flight.full, **fields)
+    return Flight(
+        name=name, period=PERIOD, held=False, simulated=simulated, full=flight.full, **fields
+    )

@@ -1,4 +1,6 @@
-"""A session with a real Crazyflie: checks, some flights one after the other, and a folder of logs for `identify`."""
+"""A session with a real Crazyflie: checks, some flights one after the other, and a folder of logs
+for `identify`.
+"""
 
 import signal
 from collections.abc import Callable, Iterator
@@ -25,7 +27,8 @@ from maidenflight.simulator.trajectories import Trajectory
 SETTLING = 10.0
 """Longest wait for the estimator [s]."""
 RESET = 0.1
-"""How long the estimator is held at its start [s]. Source: cflib 0.1.34, utils/reset_estimator.py."""
+"""How long the estimator is held at its start [s]. Source: cflib 0.1.34,
+utils/reset_estimator.py."""
 LASTING = 0.5
 """Time that a step of the set-point lasts [s]."""
 PAUSE = 3.0
@@ -44,11 +47,15 @@ class Flown(NamedTuple):
     notes: tuple[str, ...]
 
 
-def reference(trajectory: Trajectory, duration: float, height: float, steps: float, seed: int) -> Float[np.ndarray, "N 3"]:
-    """Set-points for each 10 ms: a trajectory, moved to begin above the place of take-off, with random steps on top.
+def reference(
+    trajectory: Trajectory, duration: float, height: float, steps: float, seed: int
+) -> Float[np.ndarray, "N 3"]:
+    """Set-points for each 10 ms: a trajectory, moved to begin above the place of take-off, with
+    random steps on top.
 
-    What a PID does on a slow circle answers disturbances that nobody logged; steps from outside the loop are what make lag and thrust
-    visible in a log. Each axis steps by itself, up or down, twice a second; height by half.
+    What a PID does on a slow circle answers disturbances that nobody logged; steps from outside the
+    loop are what make lag and thrust visible in a log. Each axis steps by itself, up or down, twice
+    a second; height by half.
 
     Args:
         trajectory: set-point [m] at a time [s].
@@ -77,15 +84,18 @@ def checked_plan(plan: Plan, limits: Limits) -> Plan:
     reach = float(np.abs([low[:2], high[:2]]).max())
     if low[2] < 0.3 or high[2] > limits.ceiling - 0.2 or reach > limits.fence - 0.2:
         raise InputError(
-            f"the reference goes from {low[2]:.2f} to {high[2]:.2f} m in height and {reach:.2f} m far from the take-off; expected 0.3 to"
-            f" {limits.ceiling - 0.2:.1f} m, and at most {limits.fence - 0.2:.1f} m. Choose another height or smaller steps."
+            f"the reference goes from {low[2]:.2f} to {high[2]:.2f} m in height and {reach:.2f} m "
+            "far from the take-off; expected 0.3 to"
+            f" {limits.ceiling - 0.2:.1f} m, and at most {limits.fence - 0.2:.1f} m. Choose "
+            "another height or smaller steps."
         )
     return plan
 
 
 @contextmanager
 def stop_requests() -> Iterator[Callable[[], int]]:
-    """Counts Ctrl-C, the end of the terminal and requests to terminate, instead of being ended by them: the drone must land first.
+    """Counts Ctrl-C, the end of the terminal and requests to terminate, instead of being ended by
+    them: the drone must land first.
 
     Yields:
         How often somebody has asked to stop.
@@ -96,7 +106,9 @@ def stop_requests() -> Iterator[Callable[[], int]]:
         nonlocal asked
         asked += 1
 
-    wanted = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    wanted = [
+        getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+    ]
     before = {number: signal.signal(number, count) for number in wanted}
     try:
         yield lambda: asked
@@ -115,8 +127,16 @@ def connected(uri: str, clock: Clock, cache: Path | None = None) -> Iterator[Cra
         drone.close()
 
 
-def check(drone: Crazyflie, limits: Limits, clock: Clock, stops: Callable[[], int], needs_policy: bool = False) -> list[str]:
-    """Sets the estimator to its start, waits until it settles, and tells why the drone must not take off; see `guards.objections`."""
+def check(
+    drone: Crazyflie,
+    limits: Limits,
+    clock: Clock,
+    stops: Callable[[], int],
+    needs_policy: bool = False,
+) -> list[str]:
+    """Sets the estimator to its start, waits until it settles, and tells why the drone must not
+    take off; see `guards.objections`.
+    """
     if drone.has_policy:
         # A program that was killed may have left it on: then the policy would take off.
         drone.set(ENABLE, 0)
@@ -125,11 +145,20 @@ def check(drone: Crazyflie, limits: Limits, clock: Clock, stops: Callable[[], in
     drone.set("kalman.resetEstimation", 0)
     drone.variance.clear()
     until = clock.now() + SETTLING
-    while not guards.settled(drone.variance) and clock.now() < until and not drone.lost and not stops():
+    while (
+        not guards.settled(drone.variance)
+        and clock.now() < until
+        and not drone.lost
+        and not stops()
+    ):
         clock.sleep(0.05)
     if drone.lost or drone.latest is None:
         return [f"the link is down ({drone.lost or 'no rows'}); connect again"]
-    return guards.objections(Standing(drone.latest, drone.decks, tuple(drone.variance), drone.has_policy), limits, needs_policy)
+    return guards.objections(
+        Standing(drone.latest, drone.decks, tuple(drone.variance), drone.has_policy),
+        limits,
+        needs_policy,
+    )
 
 
 def flights(
@@ -144,7 +173,9 @@ def flights(
     say: Callable[[str], None],
     seed: int,
 ) -> list[Flown]:
-    """Flies plans one after the other, as long as each one ends as it should; writes a file of rows and a log for each.
+    """Flies plans one after the other, as long as each one ends as it should.
+
+    Writes a file of rows and a log for each.
 
     Args:
         drone: connected.
@@ -158,7 +189,8 @@ def flights(
         seed: for the record.
 
     Raises:
-        InputError: the drone is not fit for the first flight, or rows can no longer be written; the drone has landed then.
+        InputError: the drone is not fit for the first flight, or rows can no longer be written; the
+            drone has landed then.
         WriteError: the file of rows cannot be made.
     """
     flown: list[Flown] = []
@@ -173,7 +205,11 @@ def flights(
             say(f"no further flight: {'; '.join(against)}")
             break
         name = _next_name(folder)
-        made = results.record(seed=seed, inputs=[], settings={**settings, "flight": number + 1, "deck": ", ".join(drone.decks)})
+        made = results.record(
+            seed=seed,
+            inputs=[],
+            settings={**settings, "flight": number + 1, "deck": ", ".join(drone.decks)},
+        )
         file = rows.RowFile(folder / f"{name}{rows.SUFFIX}", drone.blocks, drone.simulated, made)
         say(f"{name}: battery {drone.latest.battery if drone.latest else float('nan'):.2f} V")
         drone.write_to(file)
@@ -185,7 +221,10 @@ def flights(
         flown.append(_filed(folder, name, ending, file.rows))
         say(f"{name}: {ending.reason}, {file.rows} packets")
         if file.error is not None:
-            raise InputError(f"{file.path}: rows could no longer be written ({file.error.strerror}); landed. Free space there.")
+            raise InputError(
+                f"{file.path}: rows could no longer be written ({file.error.strerror}); landed. "
+                "Free space there."
+            )
         if ending.reason != COMPLETE:
             break
         if number + 1 < len(plans):
@@ -233,20 +272,43 @@ def record(
         WriteError: rows cannot be written.
     """
     trajectory = tasks.TASKS[task]().reference
-    plans = [Plan(reference(trajectory, duration, height, steps, seed + number), policy, full) for number in range(count)]
+    plans = [
+        Plan(reference(trajectory, duration, height, steps, seed + number), policy, full)
+        for number in range(count)
+    ]
     for plan in plans:
         checked_plan(plan, limits)
-    settings: dict[str, object] = {"task": task, "duration": duration, "height": height, "steps": steps, "policy": policy}
+    settings: dict[str, object] = {
+        "task": task,
+        "duration": duration,
+        "height": height,
+        "steps": steps,
+        "policy": policy,
+    }
     if policy:
         settings["full"] = full
     clock = clock or WallClock()
     with connected(uri, clock, cache) as drone, stop_requests() as stops:
-        return flights(drone, plans, folder, settings, limits=limits, clock=clock, stops=stops, say=say, seed=seed)
+        return flights(
+            drone,
+            plans,
+            folder,
+            settings,
+            limits=limits,
+            clock=clock,
+            stops=stops,
+            say=say,
+            seed=seed,
+        )
 
 
 def _next_name(folder: Path) -> str:
-    taken = {path.name.split(".")[0] for path in folder.glob("flight_*")} if folder.is_dir() else set()
-    return next(name for number in range(1, 10_000) if (name := f"flight_{number:02d}") not in taken)
+    taken = (
+        {path.name.split(".")[0] for path in folder.glob("flight_*")} if folder.is_dir() else set()
+    )
+    return next(
+        name for number in range(1, 10_000) if (name := f"flight_{number:02d}") not in taken
+    )
 
 
 def _filed(folder: Path, name: str, ending: Ending, count: int) -> Flown:

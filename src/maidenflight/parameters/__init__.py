@@ -1,7 +1,18 @@
-"""The parameter vector xi: every physical constant of a simulated quadrotor, each with its unit, symbol, bounds and source."""
+"""The parameter vector xi: every physical constant of a simulated quadrotor, each with its unit,
+symbol, bounds and source.
+"""
 
 from maidenflight.parameters.named import DRONES, crazyflie
-from maidenflight.parameters.quantities import COMPONENTS, QUANTITIES, Parameters, Quantity, check, component, noiseless, replace
+from maidenflight.parameters.quantities import (
+    COMPONENTS,
+    QUANTITIES,
+    Parameters,
+    Quantity,
+    check,
+    component,
+    noiseless,
+    replace,
+)
 from maidenflight.parameters.toml import FORMAT, from_toml, read, to_toml, write
 
 __all__ = [

@@ -8,16 +8,16 @@ from maidenflight.parameters.quantities import Parameters
 def crazyflie() -> Parameters:
     """The Crazyflie 2.1 as the paper models it.
 
-    Body and torque constants are those of the paper's appendix (table:drone-parameters); thrust-to-weight ratio, motor time
-    constant and latency those that its Bayesian optimisation found for T = 30 (table:results-sim-opt); noise is that of the
-    authors' code.
+    Body and torque constants are those of the paper's appendix (table:drone-parameters);
+    thrust-to-weight ratio, motor time constant and latency those that its Bayesian optimisation
+    found for T = 30 (table:results-sim-opt); noise is that of the authors' code.
     """
     return Parameters(
         thrust_to_weight=1.725,
         thrust_offset=0.0,
         thrust_linear=0.0,
         motor_time_constant=0.088,
-        motor_slowdown=1.0,
+        spin_down_ratio=1.0,
         motor_coasting=0.0,
         latency=0.018,
         torque_to_thrust=5.96e-3,
@@ -42,7 +42,7 @@ def crazyflie() -> Parameters:
         attitude_noise=math.radians(0.1),
         attitude_noise_uniform=math.radians(0.05),
         gyro_noise=0.051,
-        gyro_lag=0.0,
+        gyro_time_constant=0.0,
         gyro_turn_on_bias=math.radians(0.5),
         gyro_bias_walk=1.75e-4,
         gyro_bias_time=1000.0,

@@ -1,8 +1,10 @@
-"""The parameter vector xi: every physical constant of a simulated quadrotor, each with its unit, symbol, bounds and source.
+"""The parameter vector xi: every physical constant of a simulated quadrotor, each with its unit,
+symbol, bounds and source.
 
-`Parameters` is flat, frozen and a JAX pytree, and all of it is traced: one compilation serves every drone. A *point* is one
-drone; a batch of points (leaves with a leading axis) is domain randomization, an ensemble or a lattice. The fields that the
-paper's model lacks (drag, unequal motor lag, estimator delay, battery) have neutral values, zero or one, in the named drones.
+`Parameters` is flat, frozen and a JAX pytree, and all of it is traced: one compilation serves every
+drone. A *point* is one drone; a batch of points (leaves with a leading axis) is domain
+randomization, an ensemble or a lattice. The fields that the paper's model lacks (drag, unequal
+motor lag, estimator delay, battery) have neutral values, zero or one, in the named drones.
 """
 
 import dataclasses
@@ -36,8 +38,18 @@ class Quantity:
     """Number of components."""
 
 
-def _quantity(table: str, symbol: str, unit: str, bounds: tuple[float, float], meaning: str, source: str, size: int = 1) -> Any:
-    return field(metadata={"quantity": Quantity(symbol, unit, *bounds, meaning, source, table, size)})
+def _quantity(
+    table: str,
+    symbol: str,
+    unit: str,
+    bounds: tuple[float, float],
+    meaning: str,
+    source: str,
+    size: int = 1,
+) -> Any:
+    return field(
+        metadata={"quantity": Quantity(symbol, unit, *bounds, meaning, source, table, size)}
+    )
 
 
 _PAPER = "Gronauer et al. 2022"
@@ -50,15 +62,25 @@ _AUTHORS = "the authors' code (phoenix-drone-simulation c5d6907)"
 class Parameters:
     """The constants of one quadrotor, in SI units.
 
-    Leaves are floats, or arrays with any leading batch axes; `inertia` and `drag` have a last axis of 3.
-    `QUANTITIES` gives each field's unit, symbol, bounds, meaning and source.
+    Leaves are floats, or arrays with any leading batch axes; `inertia` and `drag` have a last axis
+    of 3. `QUANTITIES` gives each field's unit, symbol, bounds, meaning and source.
     """
 
     thrust_to_weight: Any = _quantity(
-        "motors", "k_F", "-", (1.0, 10.0), "thrust of all motors at full speed over weight", f"{_PAPER}, eq:motor-force"
+        "motors",
+        "k_F",
+        "-",
+        (1.0, 10.0),
+        "thrust of all motors at full speed over weight",
+        f"{_PAPER}, eq:motor-force",
     )
     thrust_offset: Any = _quantity(
-        "motors", "c_0", "-", (-0.5, 0.5), "share of full thrust that does not depend on rotor speed; 0 in the paper's model", _THRUST_CURVE
+        "motors",
+        "c_0",
+        "-",
+        (-0.5, 0.5),
+        "share of full thrust that does not depend on rotor speed; 0 in the paper's model",
+        _THRUST_CURVE,
     )
     thrust_linear: Any = _quantity(
         "motors",
@@ -68,8 +90,15 @@ class Parameters:
         "share of full thrust that grows with rotor speed itself; 0 in the paper's model",
         _THRUST_CURVE,
     )
-    motor_time_constant: Any = _quantity("motors", "T_m", "s", (0.001, 1.0), "lag of the rotor speeds", f"{_PAPER}, eq:motor-dynamics")
-    motor_slowdown: Any = _quantity(
+    motor_time_constant: Any = _quantity(
+        "motors",
+        "T_m",
+        "s",
+        (0.001, 1.0),
+        "lag of the rotor speeds",
+        f"{_PAPER}, eq:motor-dynamics",
+    )
+    spin_down_ratio: Any = _quantity(
         "motors",
         "T_down/T_up",
         "-",
@@ -86,20 +115,36 @@ class Parameters:
         "told by the authors' flights of a Crazyflie: 0.12 s",
     )
     latency: Any = _quantity(
-        "motors", "Delta", "s", (0.0, 0.05), "delay from command to motor", f"{_PAPER}, sec. Motor Model; bounds of its search"
+        "motors",
+        "Delta",
+        "s",
+        (0.0, 0.05),
+        "delay from command to motor",
+        f"{_PAPER}, sec. Motor Model; bounds of its search",
     )
     torque_to_thrust: Any = _quantity(
-        "motors", "k_M1", "m", (0.0, 0.1), "reaction torque of a rotor per thrust", f"{_PAPER}, eq:motor-torque"
+        "motors",
+        "k_M1",
+        "m",
+        (0.0, 0.1),
+        "reaction torque of a rotor per thrust",
+        f"{_PAPER}, eq:motor-torque",
     )
     torque_offset: Any = _quantity(
-        "motors", "k_M2", "N m", (0.0, 1e-3), "constant part of that torque; cancels over four rotors", f"{_PAPER}, eq:motor-torque"
+        "motors",
+        "k_M2",
+        "N m",
+        (0.0, 1e-3),
+        "constant part of that torque; cancels over four rotors",
+        f"{_PAPER}, eq:motor-torque",
     )
     rotor_momentum: Any = _quantity(
         "motors",
         "J_r Omega",
         "N m s",
         (0.0, 1.0),
-        "angular momentum of a rotor at full speed, whose change turns the body; 0 in the paper's model",
+        "angular momentum of a rotor at full speed, whose change turns the body; 0 in the paper's "
+        "model",
         "Bouabdallah 2007, sec. 2.4",
     )
     actuator_noise: Any = _quantity(
@@ -111,13 +156,38 @@ class Parameters:
         f"{_AUTHORS}: 0.01/sqrt(1 - 0.85^2)",
     )
     actuator_noise_rate: Any = _quantity(
-        "motors", "theta_u", "1/s", (0.0, 1e4), "how fast that noise forgets", f"{_AUTHORS}: -ln(0.85)/5 ms"
+        "motors",
+        "theta_u",
+        "1/s",
+        (0.0, 1e4),
+        "how fast that noise forgets",
+        f"{_AUTHORS}: -ln(0.85)/5 ms",
     )
-    mass: Any = _quantity("body", "m", "kg", (0.005, 5.0), "mass, battery included", f"{_PAPER}, table:drone-parameters")
+    mass: Any = _quantity(
+        "body",
+        "m",
+        "kg",
+        (0.005, 5.0),
+        "mass, battery included",
+        f"{_PAPER}, table:drone-parameters",
+    )
     inertia: Any = _quantity(
-        "body", "I", "kg m2", (1e-7, 1.0), "diagonal of the inertia matrix: x, y, z", f"{_PAPER}, table:drone-parameters", 3
+        "body",
+        "I",
+        "kg m2",
+        (1e-7, 1.0),
+        "diagonal of the inertia matrix: x, y, z",
+        f"{_PAPER}, table:drone-parameters",
+        3,
     )
-    arm_length: Any = _quantity("body", "L", "m", (0.01, 1.0), "distance from the centre to a rotor", f"{_PAPER}, table:drone-parameters")
+    arm_length: Any = _quantity(
+        "body",
+        "L",
+        "m",
+        (0.01, 1.0),
+        "distance from the centre to a rotor",
+        f"{_PAPER}, table:drone-parameters",
+    )
     drag: Any = _quantity(
         "body",
         "d",
@@ -136,12 +206,30 @@ class Parameters:
         "Hoffmann et al. 2007, eq. 7-10",
     )
     rotational_damping: Any = _quantity(
-        "body", "c_w", "N m s", (0.0, 1.0), "torque against roll and pitch rate per rate; 0 in the paper's model", "not found in flights"
+        "body",
+        "c_w",
+        "N m s",
+        (0.0, 1.0),
+        "torque against roll and pitch rate per rate; 0 in the paper's model",
+        "not found in flights",
     )
     torque_bias: Any = _quantity(
-        "body", "b", "N m", (-1.0, 1.0), "constant torque, as of an off-centre battery or unequal motors", "measured from flights", 3
+        "body",
+        "b",
+        "N m",
+        (-1.0, 1.0),
+        "constant torque, as of an off-centre battery or unequal motors",
+        "measured from flights",
+        3,
     )
-    gravity: Any = _quantity("body", "g", "m/s2", (0.1, 30.0), "gravitational acceleration", f"{_PAPER}, table:drone-parameters")
+    gravity: Any = _quantity(
+        "body",
+        "g",
+        "m/s2",
+        (0.1, 30.0),
+        "gravitational acceleration",
+        f"{_PAPER}, table:drone-parameters",
+    )
     ground_effect: Any = _quantity(
         "body",
         "c_g",
@@ -150,9 +238,15 @@ class Parameters:
         "gain of thrust near the ground times height squared; acts in tasks that have a floor",
         "gym-pybullet-drones: 11.37 (r/4)^2 with a propeller of r = 23.1 mm",
     )
-    position_noise: Any = _quantity("sensors", "sigma_r", "m", (0.0, 1.0), "Gaussian noise of the position", _AUTHORS)
-    position_noise_uniform: Any = _quantity("sensors", "b_r", "m", (0.0, 1.0), "half width of its uniform noise", _AUTHORS)
-    velocity_noise: Any = _quantity("sensors", "sigma_v", "m/s", (0.0, 1.0), "Gaussian noise of the velocity", _AUTHORS)
+    position_noise: Any = _quantity(
+        "sensors", "sigma_r", "m", (0.0, 1.0), "Gaussian noise of the position", _AUTHORS
+    )
+    position_noise_uniform: Any = _quantity(
+        "sensors", "b_r", "m", (0.0, 1.0), "half width of its uniform noise", _AUTHORS
+    )
+    velocity_noise: Any = _quantity(
+        "sensors", "sigma_v", "m/s", (0.0, 1.0), "Gaussian noise of the velocity", _AUTHORS
+    )
     position_walk: Any = _quantity(
         "sensors",
         "w_r",
@@ -169,9 +263,21 @@ class Parameters:
         "random walk of the estimated velocity, forgotten within a second; 0 in the paper's model",
         "measured from flights: 0.083 for a Crazyflie's flow deck",
     )
-    attitude_noise: Any = _quantity("sensors", "sigma_phi", "rad", (0.0, 1.0), "Gaussian noise of roll, pitch, yaw", f"{_AUTHORS}: 0.1 deg")
+    attitude_noise: Any = _quantity(
+        "sensors",
+        "sigma_phi",
+        "rad",
+        (0.0, 1.0),
+        "Gaussian noise of roll, pitch, yaw",
+        f"{_AUTHORS}: 0.1 deg",
+    )
     attitude_noise_uniform: Any = _quantity(
-        "sensors", "b_phi", "rad", (0.0, 1.0), "half width of its uniform noise", f"{_AUTHORS}: 0.05 deg"
+        "sensors",
+        "b_phi",
+        "rad",
+        (0.0, 1.0),
+        "half width of its uniform noise",
+        f"{_AUTHORS}: 0.05 deg",
     )
     gyro_noise: Any = _quantity(
         "sensors",
@@ -181,7 +287,7 @@ class Parameters:
         "white noise of the body rates per sample",
         f"{_AUTHORS}: 0.088 rad/s before, 0.051 after its low-pass filter",
     )
-    gyro_lag: Any = _quantity(
+    gyro_time_constant: Any = _quantity(
         "sensors",
         "tau_g",
         "s",
@@ -206,7 +312,12 @@ class Parameters:
         "Furrer et al. 2016 (RotorS); value from the authors' code",
     )
     gyro_bias_time: Any = _quantity(
-        "sensors", "tau_b", "s", (0.1, 1e5), "correlation time of the bias", "Furrer et al. 2016 (RotorS): 1000 s"
+        "sensors",
+        "tau_b",
+        "s",
+        (0.1, 1e5),
+        "correlation time of the bias",
+        "Furrer et al. 2016 (RotorS): 1000 s",
     )
     estimator_delay: Any = _quantity(
         "sensors",
@@ -216,29 +327,64 @@ class Parameters:
         "age of the estimated position, velocity and attitude; 0 in the paper's model",
         "a Kalman filter's lag; not measured",
     )
-    battery_voltage: Any = _quantity("battery", "V_0", "V", (2.0, 60.0), "open-circuit voltage when the flight starts", "LiPo cell, full")
-    battery_resistance: Any = _quantity("battery", "R_V", "V", (0.0, 10.0), "sag with all motors at full ratio; 0: no sag", "not measured")
-    battery_discharge: Any = _quantity(
-        "battery", "dV/dt", "V/s", (0.0, 1.0), "fall of the open-circuit voltage with all motors at full ratio", "not measured"
+    battery_voltage: Any = _quantity(
+        "battery",
+        "V_0",
+        "V",
+        (2.0, 60.0),
+        "open-circuit voltage when the flight starts",
+        "LiPo cell, full",
     )
-    time_step: Any = _quantity("simulation", "dt", "s", (1e-5, 0.02), "physics step", f"{_PAPER}, sec. Simulation Environment: 200 Hz")
+    battery_resistance: Any = _quantity(
+        "battery",
+        "R_V",
+        "V",
+        (0.0, 10.0),
+        "sag with all motors at full ratio; 0: no sag",
+        "not measured",
+    )
+    battery_discharge: Any = _quantity(
+        "battery",
+        "dV/dt",
+        "V/s",
+        (0.0, 1.0),
+        "fall of the open-circuit voltage with all motors at full ratio",
+        "not measured",
+    )
+    time_step: Any = _quantity(
+        "simulation",
+        "dt",
+        "s",
+        (1e-5, 0.02),
+        "physics step",
+        f"{_PAPER}, sec. Simulation Environment: 200 Hz",
+    )
 
     def __post_init__(self) -> None:
-        # Numbers given by people become float32 once, here, so that every compiled function sees one dtype.
+        # Numbers given by people become float32 once, here, so that every compiled function sees
+        # one dtype.
         for name in QUANTITIES:
             value = getattr(self, name)
             if isinstance(value, float | int | tuple | list):
                 object.__setattr__(self, name, np.asarray(value, dtype=np.float32))
 
 
-QUANTITIES: dict[str, Quantity] = {entry.name: entry.metadata["quantity"] for entry in dataclasses.fields(Parameters)}
+QUANTITIES: dict[str, Quantity] = {
+    entry.name: entry.metadata["quantity"] for entry in dataclasses.fields(Parameters)
+}
 """Unit, symbol, bounds, meaning and source of every field of `Parameters`, in order."""
 
 COMPONENTS: dict[str, tuple[str, int | None]] = {
     **{name: (name, None) for name, quantity in QUANTITIES.items() if quantity.size == 1},
-    **{f"{name}_{axis}": (name, place) for name, quantity in QUANTITIES.items() if quantity.size == 3 for place, axis in enumerate("xyz")},
+    **{
+        f"{name}_{axis}": (name, place)
+        for name, quantity in QUANTITIES.items()
+        if quantity.size == 3
+        for place, axis in enumerate("xyz")
+    },
 }
-"""Every single number of `Parameters` by name, such as `latency` or `inertia_x`: its field, and its place in it if that is a vector."""
+"""Every single number of `Parameters` by name, such as `latency` or `inertia_x`: its field, and its
+place in it if that is a vector."""
 
 
 def component(parameters: Parameters, name: str) -> Any:
@@ -260,15 +406,23 @@ def replace(parameters: Parameters, /, **changes: Any) -> Parameters:
     vectors: dict[str, list[Any]] = {}
     for name in [name for name in changes if name not in QUANTITIES]:
         field_name, place = COMPONENTS[name]
-        parts = vectors.setdefault(field_name, [getattr(parameters, field_name)[..., axis] for axis in range(3)])
+        parts = vectors.setdefault(
+            field_name, [getattr(parameters, field_name)[..., axis] for axis in range(3)]
+        )
         parts[place if place is not None else 0] = changes.pop(name)
-    stacked = {name: jnp.stack(jnp.broadcast_arrays(*parts), axis=-1) for name, parts in vectors.items()}
+    stacked = {
+        name: jnp.stack(jnp.broadcast_arrays(*parts), axis=-1) for name, parts in vectors.items()
+    }
     return dataclasses.replace(parameters, **changes, **stacked)
 
 
 def noiseless(parameters: Parameters) -> Parameters:
     """The same drone with perfect sensors and motors that do as told."""
-    sizes = [name for name in QUANTITIES if ("noise" in name and not name.endswith("rate")) or name.endswith("_walk")]
+    sizes = [
+        name
+        for name in QUANTITIES
+        if ("noise" in name and not name.endswith("rate")) or name.endswith("_walk")
+    ]
     return replace(parameters, **dict.fromkeys([*sizes, "gyro_turn_on_bias"], np.float32(0.0)))
 
 
@@ -280,13 +434,21 @@ def check(parameters: Parameters, where: str = "parameters") -> Parameters:
         where: what the error names, usually a file.
 
     Raises:
-        InputError: a value is not a finite number, has the wrong number of components or is out of range.
+        InputError: a value is not a finite number, has the wrong number of components or is out of
+            range.
     """
     for name, quantity in QUANTITIES.items():
         value = np.asarray(getattr(parameters, name))
         if value.shape != (() if quantity.size == 1 else (quantity.size,)):
-            raise InputError(f"{where}: {name} has shape {value.shape}, expected {'one number' if quantity.size == 1 else '3 numbers'}.")
-        if not (np.all(np.isfinite(value)) and np.all(value >= quantity.lower) and np.all(value <= np.float32(quantity.upper))):
+            raise InputError(
+                f"{where}: {name} has shape {value.shape}, expected "
+                f"{'one number' if quantity.size == 1 else '3 numbers'}."
+            )
+        if not (
+            np.all(np.isfinite(value))
+            and np.all(value >= quantity.lower)
+            and np.all(value <= np.float32(quantity.upper))
+        ):
             raise InputError(
                 f"{where}: {name} = {plain(value)} {quantity.unit} is outside its physical range"
                 f" [{quantity.lower:g}, {quantity.upper:g}]. Check the unit; values are SI."

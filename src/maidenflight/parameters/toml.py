@@ -17,7 +17,8 @@ from maidenflight.parameters.quantities import QUANTITIES, Parameters, check, pl
 FORMAT = 2
 """Version of the TOML layout."""
 _ADDED = {"motor_coasting": 2}
-"""Fields that older layouts lack, and the first layout that has them; drones written before are read with what they then were, zero."""
+"""Fields that older layouts lack, and the first layout that has them; drones written before are
+read with what they then were, zero."""
 
 _LARGEST = float(np.finfo(np.float32).max)
 
@@ -62,7 +63,8 @@ def from_toml(text: str, where: str = "drone.toml") -> Parameters:
     """Reads one drone from TOML text.
 
     Raises:
-        InputError: not TOML, an unknown key, a missing value, a value that is no number or outside its physical range.
+        InputError: not TOML, an unknown key, a missing value, a value that is no number or outside
+            its physical range.
     """
     try:
         document = inputs.from_toml(text)
@@ -73,7 +75,9 @@ def from_toml(text: str, where: str = "drone.toml") -> Parameters:
         raise InputError(f"{where}: format = {layout!r}, expected {FORMAT}. Is it a drone file?")
     astray = next((name for name in document if name in QUANTITIES), None)
     if astray:
-        raise InputError(f"{where}: {astray} stands outside its table. Put it into [{QUANTITIES[astray].table}].")
+        raise InputError(
+            f"{where}: {astray} stands outside its table. Put it into [{QUANTITIES[astray].table}]."
+        )
     found: dict[str, Any] = {name: 0.0 for name, since in _ADDED.items() if layout < since}
     for table in dict.fromkeys(quantity.table for quantity in QUANTITIES.values()):
         content = document.get(table, {})
@@ -85,7 +89,10 @@ def from_toml(text: str, where: str = "drone.toml") -> Parameters:
             found[name] = _numbers(value, name, where)
     missing = [name for name in QUANTITIES if name not in found]
     if missing:
-        raise InputError(f"{where}: missing {', '.join(missing)}. Start from a complete file: maidenflight drone crazyflie.")
+        raise InputError(
+            f"{where}: missing {', '.join(missing)}. Start from a complete file: maidenflight "
+            "drone crazyflie."
+        )
     return check(Parameters(**found), where)
 
 
@@ -99,11 +106,19 @@ def _suggestion(name: str) -> str:
 def _numbers(value: Any, name: str, where: str) -> Any:
     entries = value if isinstance(value, list) else [value]
     if not all(isinstance(entry, float | int) and not isinstance(entry, bool) for entry in entries):
-        raise InputError(f"{where}: {name} = {value!r}, expected {'3 numbers' if QUANTITIES[name].size == 3 else 'a number'}.")
+        raise InputError(
+            f"{where}: {name} = {value!r}, expected "
+            f"{'3 numbers' if QUANTITIES[name].size == 3 else 'a number'}."
+        )
     if isinstance(value, list) != (QUANTITIES[name].size > 1):
-        raise InputError(f"{where}: {name} has {len(entries)} values, expected {QUANTITIES[name].size}.")
+        raise InputError(
+            f"{where}: {name} has {len(entries)} values, expected {QUANTITIES[name].size}."
+        )
     if any(_LARGEST < abs(entry) < math.inf for entry in entries):
-        raise InputError(f"{where}: {name} = {str(value)[:40]} is outside what a number here can be. Check the unit; values are SI.")
+        raise InputError(
+            f"{where}: {name} = {str(value)[:40]} is outside what a number here can be. Check the "
+            "unit; values are SI."
+        )
     return tuple(map(float, entries)) if isinstance(value, list) else float(value)
 
 
@@ -123,5 +138,7 @@ def read(drone: StrPath) -> Parameters:
     try:
         text = inputs.text(drone)
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{drone}: no such drone; give a TOML file or one of: {', '.join(DRONES)}.") from error
+        raise InputError(
+            f"{drone}: no such drone; give a TOML file or one of: {', '.join(DRONES)}."
+        ) from error
     return from_toml(text, str(drone))

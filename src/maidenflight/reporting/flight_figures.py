@@ -1,10 +1,11 @@
-"""Box plots of flight times as SVG: a row a policy or a cell of a matrix, a panel a reality, a colour a control structure.
+"""Box plots of flight times as SVG: a row a policy or a cell of a matrix, a panel a reality, a
+colour a control structure.
 
 ```python
 from maidenflight.reporting.flight_figures import flight_times
 
-rows = flown.table.select(row="policy", colour=polars.lit("blue"), panel="reality", duration="duration", end_reason="end_reason")
-Path("flights.svg").write_text(flight_times(rows))
+rows = flown.table.select(row="policy", colour=polars.lit("blue"), panel="reality",
+duration="duration", end_reason="end_reason") Path("flights.svg").write_text(flight_times(rows))
 ```
 """
 
@@ -30,12 +31,19 @@ REACHED = END_REASONS[TIME_LIMIT]
 """Reason of the end of a flight that lasted as long as it might."""
 
 
-def flight_times(rows: polars.DataFrame, width: float = 720, title: str = "Flight times", labels: dict[str, str] | None = None) -> str:
-    """Box plots: boxes hold the middle half of the flights, their thick line is the median, dots are flights.
+def flight_times(
+    rows: polars.DataFrame,
+    width: float = 720,
+    title: str = "Flight times",
+    labels: dict[str, str] | None = None,
+) -> str:
+    """Box plots: boxes hold the middle half of the flights, their thick line is the median, dots
+    are flights.
 
     Args:
-        rows: a row a flight: `row`, `colour` (of the house), `panel`, `duration` [s] and `end_reason`. Where it has `group`, rows of a
-            group stand together under its name. Of a row's name only what follows a tab is shown.
+        rows: a row a flight: `row`, `colour` (of the house), `panel`, `duration` [s] and
+            `end_reason`. Where it has `group`, rows of a group stand together under its name. Of a
+            row's name only what follows a tab is shown.
         width: of the picture [px].
         title: of the picture.
         labels: what colours stand for, by colour; no legend of colours unless given.
@@ -43,10 +51,16 @@ def flight_times(rows: polars.DataFrame, width: float = 720, title: str = "Fligh
     Raises:
         InputError: no flights, or a column is missing.
     """
-    missing = [name for name in ("row", "colour", "panel", "duration", "end_reason") if name not in rows.columns]
+    missing = [
+        name
+        for name in ("row", "colour", "panel", "duration", "end_reason")
+        if name not in rows.columns
+    ]
     rows = rows if missing else rows.filter(polars.col("duration").is_finite())
     if missing or rows.height == 0:
-        raise InputError(f"no flight times to draw: {f'no column {missing[0]}' if missing else 'no flights'}.")
+        raise InputError(
+            f"no flight times to draw: {f'no column {missing[0]}' if missing else 'no flights'}."
+        )
     lines, panels = _lines(rows), rows["panel"].unique(maintain_order=True).to_list()
     legend, tall = svg.legend(svg.TITLE, width, _legend(rows, labels or {}))
     beside = min(max(len(_told(name)) for _, name in lines) * svg.LETTER + 18, 0.34 * width)
@@ -56,18 +70,40 @@ def flight_times(rows: polars.DataFrame, width: float = 720, title: str = "Fligh
     x = (0.0, max(1.04 * float(rows["duration"].to_numpy().max()), 0.01))
     parts = [legend]
     for number, name in enumerate(panels):
-        panel = Panel(beside + number % columns * side, top + number // columns * (high + 84), side - 14, high, x, (0.0, high))
-        parts += _panel(panel, rows.filter(polars.col("panel") == name), lines, step, str(name) if len(panels) > 1 else "")
+        panel = Panel(
+            beside + number % columns * side,
+            top + number // columns * (high + 84),
+            side - 14,
+            high,
+            x,
+            (0.0, high),
+        )
+        parts += _panel(
+            panel,
+            rows.filter(polars.col("panel") == name),
+            lines,
+            step,
+            str(name) if len(panels) > 1 else "",
+        )
         parts += _names(lines, panel.top, step, beside) if number % columns == 0 else []
     return svg.picture(width, top - 36 + -(-len(panels) // columns) * (high + 84), title, parts)
 
 
-def _panel(panel: Panel, flights: polars.DataFrame, lines: list[tuple[str, str]], step: float, name: str) -> list[str]:
+def _panel(
+    panel: Panel, flights: polars.DataFrame, lines: list[tuple[str, str]], step: float, name: str
+) -> list[str]:
     """Axis, frame and boxes of a panel, and its name above it."""
     places, _ = svg.ticks(*panel.x, 5)
-    grid = f'<path class="grid" d="{"".join(f"M{place:.1f} 0V{panel.height:.1f}" for place in panel.across(places))}"/>'
+    grid = (
+        '<path class="grid" '
+        f'd="{"".join(f"M{place:.1f} 0V{panel.height:.1f}" for place in panel.across(places))}"/>'
+    )
     own = {str(row): part for (row,), part in flights.group_by("row")}
-    rows = [_row(panel, own[each], place, step) for place, (kind, each) in enumerate(lines) if kind == "row" and each in own]
+    rows = [
+        _row(panel, own[each], place, step)
+        for place, (kind, each) in enumerate(lines)
+        if kind == "row" and each in own
+    ]
     outside, _ = svg.axes(panel, "flight time [s]", "", few=5, left=False)
     above = [svg.text(panel.left, panel.top - 9, escape(name), "strong")] if name else []
     return [outside, *above, svg.framed(panel, [grid, *rows], name or "flights")]
@@ -79,7 +115,10 @@ def _lines(rows: polars.DataFrame) -> list[tuple[str, str]]:
         return [("row", name) for name in rows["row"].unique(maintain_order=True).to_list()[:MOST]]
     lines: list[tuple[str, str]] = []
     for (group,), part in rows.group_by("group", maintain_order=True):
-        lines += [("group", str(group)), *(("row", name) for name in part["row"].unique(maintain_order=True))]
+        lines += [
+            ("group", str(group)),
+            *(("row", name) for name in part["row"].unique(maintain_order=True)),
+        ]
     return lines[:MOST]
 
 
@@ -91,12 +130,18 @@ def _names(lines: list[tuple[str, str]], top: float, step: float, room: float) -
         short = told if len(told) <= most else f"{told[: most - 1]}…"
         words = escape(short) if short == told else f"{escape(short)}<title>{escape(told)}</title>"
         down = top + 4 + (place + 0.5) * step + 4.5
-        parts.append(svg.text(0, down, words, "strong") if kind == "group" else svg.text(room - 10, down, words, "", "end"))
+        parts.append(
+            svg.text(0, down, words, "strong")
+            if kind == "group"
+            else svg.text(room - 10, down, words, "", "end")
+        )
     return parts
 
 
 def _told(name: str) -> str:
-    """What is shown of a row's name: what follows a tab, before which stands what tells rows of equal names apart."""
+    """What is shown of a row's name: what follows a tab, before which stands what tells rows of
+    equal names apart.
+    """
     return name.rpartition("\t")[2]
 
 
@@ -106,12 +151,25 @@ def _row(panel: Panel, flights: polars.DataFrame, place: int, step: float) -> st
     low, middle, high = np.quantile(times, [0.25, 0.5, 0.75])
     near = times[(times >= low - 1.5 * (high - low)) & (times <= high + 1.5 * (high - low))]
     down, half = 4 + (place + 0.5) * step, 0.32 * step
-    left, centre, right, first, last = (float(value) for value in panel.across([low, middle, high, near.min(), near.max()]))
+    left, centre, right, first, last = (
+        float(value) for value in panel.across([low, middle, high, near.min(), near.max()])
+    )
     drawn = ""
     if len(times) >= BOXED:
-        drawn += svg.fill(f"M{left:.1f} {down - half:.1f}H{max(right, left + 1):.1f}V{down + half:.1f}H{left:.1f}Z", "faint", colour)
-        drawn += svg.stroke(f"M{first:.1f} {down:.1f}H{left:.1f}M{right:.1f} {down:.1f}H{last:.1f}", "thin", colour)
-    dotted = np.full(len(times), True) if len(times) <= DOTTED else (times < near.min()) | (times > near.max())
+        drawn += svg.fill(
+            f"M{left:.1f} "
+            f"{down - half:.1f}H{max(right, left + 1):.1f}V{down + half:.1f}H{left:.1f}Z",
+            "faint",
+            colour,
+        )
+        drawn += svg.stroke(
+            f"M{first:.1f} {down:.1f}H{left:.1f}M{right:.1f} {down:.1f}H{last:.1f}", "thin", colour
+        )
+    dotted = (
+        np.full(len(times), True)
+        if len(times) <= DOTTED
+        else (times < near.min()) | (times > near.max())
+    )
     reached = (flights["end_reason"] == REACHED).to_numpy()
     # Spread by their place among the flights, so that equal times do not hide each other.
     levels = down + half * 0.8 * (np.linspace(-1, 1, len(times)) if len(times) > 1 else np.zeros(1))
@@ -121,7 +179,9 @@ def _row(panel: Panel, flights: polars.DataFrame, place: int, step: float) -> st
         dots += f"M{across:.1f} {level:.1f}h0" if done else ""
         crosses += "" if done else f"M{across - 2:.1f} {level - 2:.1f}l4 4m0 -4l-4 4"
     drawn += svg.stroke(dots, "dots faded", colour) + svg.stroke(crosses, "thin faded", colour)
-    median = svg.stroke(f"M{centre:.1f} {down - half - 1:.1f}V{down + half + 1:.1f}", "heavy", colour)
+    median = svg.stroke(
+        f"M{centre:.1f} {down - half - 1:.1f}V{down + half + 1:.1f}", "heavy", colour
+    )
     return drawn + (median if len(times) >= BOXED else "")
 
 
@@ -139,6 +199,14 @@ def _legend(rows: polars.DataFrame, labels: dict[str, str]) -> list[tuple[str, s
         if colour in labels
     ]
     reasons = (rows["end_reason"] == REACHED).to_numpy()
-    entries += [(svg.stroke("M12 6h0", "spots", "soft"), "flight to the time limit")] if reasons.any() else []
-    entries += [(svg.stroke("M9 3l6 6m0 -6l-6 6", "thin", "soft"), "flight ended by a guard")] if not reasons.all() else []
+    entries += (
+        [(svg.stroke("M12 6h0", "spots", "soft"), "flight to the time limit")]
+        if reasons.any()
+        else []
+    )
+    entries += (
+        [(svg.stroke("M9 3l6 6m0 -6l-6 6", "thin", "soft"), "flight ended by a guard")]
+        if not reasons.all()
+        else []
+    )
     return entries

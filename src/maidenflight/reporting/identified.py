@@ -1,4 +1,6 @@
-"""What a drone's file says of its identification: values, how sure they are, and the flights that they come from."""
+"""What a drone's file says of its identification: values, how sure they are, and the flights that
+they come from.
+"""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -15,7 +17,8 @@ from maidenflight.reporting import text
 COMMANDS = ("held", "sampled", "held and sampled")
 """What the commands of logs may be taken as."""
 Kinds = frozenset[bool | None]
-"""Of flights, whether they were of a simulated drone; holds `None` where some may be of either kind."""
+"""Of flights, whether they were of a simulated drone; holds `None` where some may be of either
+kind."""
 UNKNOWN: Kinds = frozenset([None])
 SIMULATED: Kinds = frozenset([True])
 REAL: Kinds = frozenset([False])
@@ -35,7 +38,9 @@ class Estimate:
 
 
 class Bought(NamedTuple):
-    """What adding a group of parameters bought: log likelihood a row on flights held out, and its standard error [nats]."""
+    """What adding a group of parameters bought: log likelihood a row on flights held out, and its
+    standard error [nats].
+    """
 
     group: str
     gain: float
@@ -68,7 +73,9 @@ def table(content: Mapping[str, Any], path: Path) -> dict[str, Any]:
     """
     told = content.get("identification", {})
     if not isinstance(told, dict):
-        raise InputError(f"{path}: identification is a value, expected a table [identification]. Identify again.")
+        raise InputError(
+            f"{path}: identification is a value, expected a table [identification]. Identify again."
+        )
     return told
 
 
@@ -82,12 +89,23 @@ def estimates(content: Mapping[str, Any], path: Path) -> dict[str, Estimate]:
     for name, entry in table(content, path).items():
         if name in COMPONENTS and isinstance(entry, dict):
             interval = entry.get("interval")
-            told = [_number(number) for number in (entry.get("value"), *(interval if isinstance(interval, list) else []))]
+            told = [
+                _number(number)
+                for number in (
+                    entry.get("value"),
+                    *(interval if isinstance(interval, list) else []),
+                )
+            ]
             value, low, high = told if len(told) == 3 else (None, None, None)
             if value is None or low is None or high is None or low > high:
-                raise InputError(f"{path}: [identification.{name}] needs value = a number and interval = [lower, upper]. Identify again.")
+                raise InputError(
+                    f"{path}: [identification.{name}] needs value = a number and interval = "
+                    "[lower, upper]. Identify again."
+                )
             spread = _number(entry.get("spread"))
-            found[name] = Estimate(value, (low, high), spread if spread is not None and spread >= 0 else None)
+            found[name] = Estimate(
+                value, (low, high), spread if spread is not None and spread >= 0 else None
+            )
     return found
 
 
@@ -99,7 +117,10 @@ def objective(content: Mapping[str, Any], path: Path) -> str:
     """
     kind = table(content, path).get("kind", "replay")
     if kind not in ("replay", "likelihood"):
-        raise InputError(f"{path}: [identification] kind = {kind!r}, expected 'replay' or 'likelihood'. Identify again.")
+        raise InputError(
+            f"{path}: [identification] kind = {kind!r}, expected 'replay' or 'likelihood'. "
+            "Identify again."
+        )
     return kind
 
 
@@ -116,16 +137,25 @@ def posterior(content: Mapping[str, Any], path: Path) -> dict[str, np.ndarray]:
         names = [name for name in told["names"] if name in COMPONENTS]
         draws = numbers(told["draws"]).astype(np.float64)
         shape = (max(len(draws), 1), len(names))
-        sound = len(set(names)) == len(told["names"]) > 0 and draws.shape == shape and np.isfinite(draws).all()
+        sound = (
+            len(set(names)) == len(told["names"]) > 0
+            and draws.shape == shape
+            and np.isfinite(draws).all()
+        )
     except (KeyError, TypeError, ValueError, OverflowError):
         names, draws, sound = [], np.empty(0), False
     if not sound:
-        raise InputError(f"{path}: [posterior] needs names = parameters and draws = [[a number for each of them], ...]. Identify again.")
+        raise InputError(
+            f"{path}: [posterior] needs names = parameters and draws = [[a number for each of "
+            "them], ...]. Identify again."
+        )
     return {name: draws[:, place] for place, name in enumerate(names)}
 
 
 def origin(content: Mapping[str, Any], kinds: Kinds = UNKNOWN) -> Origin:
-    """Where the parameters come from. What is of a wrong kind counts as not told: nothing but words hangs on it.
+    """Where the parameters come from.
+
+    What is of a wrong kind counts as not told: nothing but words hangs on it.
 
     Args:
         content: of the drone's file.
@@ -134,7 +164,11 @@ def origin(content: Mapping[str, Any], kinds: Kinds = UNKNOWN) -> Origin:
     told = content.get("identification")
     if not isinstance(told, dict):
         return Origin()
-    seconds, commands, flights = _number(told.get("seconds")), told.get("commands"), _count(told.get("flights"))
+    seconds, commands, flights = (
+        _number(told.get("seconds")),
+        told.get("commands"),
+        _count(told.get("flights")),
+    )
     return Origin(
         flights=flights,
         seconds=seconds if seconds is not None and 0 < seconds < _MOST else None,
@@ -156,8 +190,13 @@ def _kinds(any_simulated: Any, flights: int | None, others: Kinds) -> Kinds:
 
 
 def source(told: Origin, before: str, after: str = "") -> str:
-    """How many flights there were and of which kind, and between the two texts their seconds; empty where that is not known."""
-    word = {SIMULATED: "simulated ", REAL: "real ", SIMULATED | REAL: "real and simulated "}.get(told.kinds, "")
+    """How many flights there were and of which kind, and between the two texts their seconds.
+
+    Empty where that is not known.
+    """
+    word = {SIMULATED: "simulated ", REAL: "real ", SIMULATED | REAL: "real and simulated "}.get(
+        told.kinds, ""
+    )
     count, noun = (told.logs, "flight log") if told.flights is None else (told.flights, "flight")
     if not count:
         return ""
@@ -169,7 +208,11 @@ def source(told: Origin, before: str, after: str = "") -> str:
 def inputs(record: Any) -> set[str]:
     """Hashes of the flight logs that a record names."""
     named = record.get("inputs") if isinstance(record, dict) else None
-    return {str(entry).rpartition("sha256:")[2] for entry in named if ".toml" not in str(entry)} if isinstance(named, list) else set()
+    return (
+        {str(entry).rpartition("sha256:")[2] for entry in named if ".toml" not in str(entry)}
+        if isinstance(named, list)
+        else set()
+    )
 
 
 def kinds_of(used: set[str], known: Mapping[str, bool | None], otherwise: Kinds) -> Kinds:
@@ -186,8 +229,18 @@ def kinds_of(used: set[str], known: Mapping[str, bool | None], otherwise: Kinds)
 def _bought(told: Any) -> Iterator[Bought]:
     for entry in told if isinstance(told, list) else []:
         if isinstance(entry, dict):
-            group, gain, error, kept = entry.get("group"), _number(entry.get("gain")), _number(entry.get("error")), entry.get("kept")
-            if isinstance(group, str) and gain is not None and error is not None and isinstance(kept, bool):
+            group, gain, error, kept = (
+                entry.get("group"),
+                _number(entry.get("gain")),
+                _number(entry.get("error")),
+                entry.get("kept"),
+            )
+            if (
+                isinstance(group, str)
+                and gain is not None
+                and error is not None
+                and isinstance(kept, bool)
+            ):
                 yield Bought(group, gain, error, kept)
 
 

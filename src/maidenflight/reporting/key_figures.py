@@ -13,7 +13,10 @@ from maidenflight.reporting.run import Run
 def key_figures(run: Run) -> str:
     """The few numbers that matter, big."""
     shown = [*_of_parameters(run), *_of_training(run), *_of_predictions(run), *_of_flights(run)]
-    entries = "".join(f"<li><b>{value}</b><span>{label}</span><span class=note>{note}</span></li>" for value, label, note in shown)
+    entries = "".join(
+        f"<li><b>{value}</b><span>{label}</span><span class=note>{note}</span></li>"
+        for value, label, note in shown
+    )
     return f'<ul class="figures">{entries}</ul>' if shown else ""
 
 
@@ -27,7 +30,9 @@ def _of_parameters(run: Run) -> list[Figure]:
         if name in run.estimates:
             value, low, high = parameter_tables.estimate(run, name)
             unit = f" <small>{text.unit(name)}</small>" if text.unit(name) else ""
-            shown.append((f"{value}{unit}", f"{words} {text.symbol(name)}", f"95 % interval {low} to {high}"))
+            shown.append(
+                (f"{value}{unit}", f"{words} {text.symbol(name)}", f"95 % interval {low} to {high}")
+            )
     return shown
 
 
@@ -40,8 +45,16 @@ def _of_training(run: Run) -> list[Figure]:
     of = f"of {text.plural(last.height, 'policy')}" if last.height > 1 else "at the end of training"
     return [
         (text.number(best["episode_return"], 3), "return of the best policy", of),
-        (f"{100 * best['survival']:.1f} <small>%</small>", "episodes that it survives", "in simulation, with randomization"),
-        (f"{_centimetres(best['position_error'])} <small>cm</small>", "its mean position error", "mean over an episode"),
+        (
+            f"{100 * best['survival']:.1f} <small>%</small>",
+            "episodes that it survives",
+            "in simulation, with randomization",
+        ),
+        (
+            f"{_centimetres(best['position_error'])} <small>cm</small>",
+            "its mean position error",
+            "mean over an episode",
+        ),
     ]
 
 
@@ -50,24 +63,41 @@ def _of_flights(run: Run) -> list[Figure]:
         return []
     reached = run.table.filter(polars.col("end_reason") == REACHED)
     limit = reached["duration"].to_numpy().max() if reached.height else LONGEST
-    simulated = is_matrix(run) or (bool(run.flights) and all(flight.simulated for flight in run.flights))
+    simulated = is_matrix(run) or (
+        bool(run.flights) and all(flight.simulated for flight in run.flights)
+    )
     word = "simulated test" if simulated else "test"
-    median, error = np.median(run.table["duration"].to_numpy()), _mean(run.table["position_error"].to_numpy())
+    median, error = (
+        np.median(run.table["duration"].to_numpy()),
+        _mean(run.table["position_error"].to_numpy()),
+    )
     return [
         (
             f"{reached.height} <small>of {run.table.height}</small>",
             f"{word} flights reached {limit:g} s",
             lead.flown_on(run) or "zero-shot",
         ),
-        (f"{median:.1f} <small>s</small>", "their median flight time", f"longest allowed {limit:g} s"),
-        (f"{_centimetres(error)} <small>cm</small>", "their mean position error", "mean over flights"),
+        (
+            f"{median:.1f} <small>s</small>",
+            "their median flight time",
+            f"longest allowed {limit:g} s",
+        ),
+        (
+            f"{_centimetres(error)} <small>cm</small>",
+            "their mean position error",
+            "mean over flights",
+        ),
     ]
 
 
 def _of_predictions(run: Run) -> list[Figure]:
     if run.prediction is None:
         return []
-    times = run.prediction.group_by("policy", maintain_order=True).agg(polars.col("duration").mean())["duration"].to_numpy()
+    times = (
+        run.prediction.group_by("policy", maintain_order=True)
+        .agg(polars.col("duration").mean())["duration"]
+        .to_numpy()
+    )
     reached = run.prediction.filter(polars.col("end_reason") == REACHED).height
     count = run.prediction.height
     return [
@@ -76,8 +106,16 @@ def _of_predictions(run: Run) -> list[Figure]:
             "predicted flight time on the identified drone",
             f"median over {text.plural(len(times), 'policy')}",
         ),
-        (f"{times.max():.1f} <small>s</small>", "that of the policy that flies longest", "mean over its flights"),
-        (f"{100 * reached / count:.0f} <small>%</small>", "predicted flights reach the time limit", f"{reached} of {count}"),
+        (
+            f"{times.max():.1f} <small>s</small>",
+            "that of the policy that flies longest",
+            "mean over its flights",
+        ),
+        (
+            f"{100 * reached / count:.0f} <small>%</small>",
+            "predicted flights reach the time limit",
+            f"{reached} of {count}",
+        ),
     ]
 
 

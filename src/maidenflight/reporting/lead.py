@@ -14,12 +14,18 @@ from maidenflight.reporting.flight_tables import is_matrix
 from maidenflight.reporting.identified import SIMULATED, Kinds, source
 from maidenflight.reporting.run import Run
 
-NAMES = {"thrust_to_weight": "thrust-to-weight ratio", "motor_time_constant": "motor lag", "latency": "latency"}
+NAMES = {
+    "thrust_to_weight": "thrust-to-weight ratio",
+    "motor_time_constant": "motor lag",
+    "latency": "latency",
+}
 """The paper's three parameters in words."""
 
 
 def kind(run: Run) -> str:
-    """The badge: `simulated`, `real`, both, of which flights that is said where others are otherwise or not known, or nothing."""
+    """The badge: `simulated`, `real`, both, of which flights that is said where others are
+    otherwise or not known, or nothing.
+    """
     flown, drawn_from = _flown(run), _drawn_from(run)
     if flown == {True} and drawn_from - {True}:
         return f"{_what(run)} simulated"
@@ -27,19 +33,30 @@ def kind(run: Run) -> str:
         return f"{_what(run)} real"
     if not flown and None in drawn_from:
         return "simulated in part" if True in drawn_from else ""
-    return " and ".join(word for each, word in ((False, "real"), (True, "simulated")) if each in flown | drawn_from)
+    return " and ".join(
+        word for each, word in ((False, "real"), (True, "simulated")) if each in flown | drawn_from
+    )
 
 
 def _flown(run: Run) -> Kinds:
     """Kinds of the flights that are shown."""
     kinds = {bool(flight.simulated) for flight in (*run.recorded, *run.flights)}
-    return frozenset(kinds | ({True} if run.reality is not None or run.prediction is not None or is_matrix(run) else set()))
+    return frozenset(
+        kinds
+        | (
+            {True}
+            if run.reality is not None or run.prediction is not None or is_matrix(run)
+            else set()
+        )
+    )
 
 
 def _drawn_from(run: Run) -> Kinds:
     """Kinds of the flights that parameters and errors come from."""
     validated = run.validation is not None or run.windows is not None
-    return (run.origin.kinds if run.estimates else frozenset()) | (run.predicted if validated else frozenset())
+    return (run.origin.kinds if run.estimates else frozenset()) | (
+        run.predicted if validated else frozenset()
+    )
 
 
 def _what(run: Run) -> str:
@@ -50,7 +67,9 @@ def _what(run: Run) -> str:
 
 def drones(run: Run) -> str:
     """The virtual drones that flew, by name."""
-    return _virtual(flight.simulated for flight in (*run.recorded, *run.flights) if flight.simulated)
+    return _virtual(
+        flight.simulated for flight in (*run.recorded, *run.flights) if flight.simulated
+    )
 
 
 def _virtual(names: Iterable[str]) -> str:
@@ -78,10 +97,16 @@ def title(run: Run) -> str:
 
 def lead(run: Run) -> str:
     """What this run is, in two or three sentences."""
-    trained = [f"{text.plural(run.policies, 'policy')} trained in simulation"] if run.policies else []
+    trained = (
+        [f"{text.plural(run.policies, 'policy')} trained in simulation"] if run.policies else []
+    )
     flown = [*_predicted(run), *_tested(run)]
     apart = _flown(run) == {True} and bool(_drawn_from(run) - {True}) and bool(flown)
-    sentences = [f"{listed(facts)}." for facts in (_of_the_drone(run), [*trained, *([] if apart else flown)]) if facts]
+    sentences = [
+        f"{listed(facts)}."
+        for facts in (_of_the_drone(run), [*trained, *([] if apart else flown)])
+        if facts
+    ]
     if apart:
         sentences.append(f"These flights are simulated: {listed(flown)}.")
     elif _flown(run) | _drawn_from(run) == {True}:
@@ -94,41 +119,68 @@ def _of_the_drone(run: Run) -> list[str]:
     if run.recorded:
         seconds = sum(flight.duration for flight in run.recorded)
         few = f"The first {len(run.recorded)} of " if run.logs > len(run.recorded) else ""
-        facts.append(f"{few}{text.plural(max(run.logs, len(run.recorded)), 'flight')} ({seconds:.0f} s) recorded {_on(run.recorded)}")
+        facts.append(
+            f"{few}{text.plural(max(run.logs, len(run.recorded)), 'flight')} ({seconds:.0f} s) "
+            f"recorded {_on(run.recorded)}"
+        )
     if run.estimates:
         values = [_value(run, name) for name in NAMES if name in run.estimates]
-        among = f", {'among them ' if len(values) < len(run.estimates) else ''}{listed(values)}" if values else ""
+        among = (
+            f", {'among them ' if len(values) < len(run.estimates) else ''}{listed(values)}"
+            if values
+            else ""
+        )
         facts.append(
-            f"{text.plural(len(run.estimates), 'parameter')} identified from {source(run.origin, ' (', ')') or 'flight logs'}{among}"
+            f"{text.plural(len(run.estimates), 'parameter')} identified from "
+            f"{source(run.origin, ' (', ')') or 'flight logs'}{among}"
         )
     return facts
 
 
 def _value(run: Run, name: str) -> str:
-    return f"{NAMES[name]} {text.number(run.estimates[name].value * text.factor(name), 3)} {text.unit(name)}".rstrip()
+    return (
+        f"{NAMES[name]} {text.number(run.estimates[name].value * text.factor(name), 3)} "
+        f"{text.unit(name)}"
+    ).rstrip()
 
 
 def _predicted(run: Run) -> list[str]:
     if run.prediction is None:
         return []
     count = text.plural(run.prediction["policy"].n_unique(), "policy")
-    return [f"{text.plural(run.prediction.height, 'flight')} of {count} predicted on an identified drone"]
+    return [
+        f"{text.plural(run.prediction.height, 'flight')} of {count} predicted on an identified "
+        "drone"
+    ]
 
 
 def _tested(run: Run) -> list[str]:
-    return [] if run.table is None else [f"{text.plural(run.table.height, 'test flight')} flown {_where(run, run.table)}"]
+    return (
+        []
+        if run.table is None
+        else [f"{text.plural(run.table.height, 'test flight')} flown {_where(run, run.table)}"]
+    )
 
 
 def _where(run: Run, table: polars.DataFrame) -> str:
     if run.recorded and run.flights and _on(run.flights) == _on(run.recorded):
         return "on the same drone"
-    return _on(run.flights) if run.flights else f"on {listed(escape(name) for name in table['reality'].unique(maintain_order=True))}"
+    return (
+        _on(run.flights)
+        if run.flights
+        else f"on {listed(escape(name) for name in table['reality'].unique(maintain_order=True))}"
+    )
 
 
 def _on(flights: Iterable[Any]) -> str:
     names = {flight.simulated for flight in flights}
     virtual = _virtual(name for name in names if name)
-    return "on " + listed([*(["a real drone"] if "" in names else []), *([f"{escape(virtual)} (simulated)"] if virtual else [])])
+    return "on " + listed(
+        [
+            *(["a real drone"] if "" in names else []),
+            *([f"{escape(virtual)} (simulated)"] if virtual else []),
+        ]
+    )
 
 
 def flown_on(run: Run) -> str:

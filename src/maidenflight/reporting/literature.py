@@ -1,6 +1,8 @@
-"""What others use for the parameters of a Crazyflie 2: measured, identified or assumed, each with its source.
+"""What others use for the parameters of a Crazyflie 2: measured, identified or assumed, each with
+its source.
 
-They differ by more than any of them says, with batteries, propellers, payloads and methods: they tell what is plausible, not what is true.
+They differ by more than any of them says, with batteries, propellers, payloads and methods: they
+tell what is plausible, not what is true.
 """
 
 from typing import NamedTuple
@@ -36,7 +38,7 @@ _OTHERS: dict[str, dict[str, float]] = {
     "motor_time_constant": {
         _SECONDS: 0.150, _CRAZYFLOW: 0.136, _DELAYS: 0.072, _ROTORPY: 0.072, _RL_TOOLS: 0.055, _QUADSWARM: 0.037, _SIMPLE: 0.025,
     },
-    "motor_slowdown": {_RL_TOOLS: 249 / 55, _CRAZYFLOW: 106 / 136},
+    "spin_down_ratio": {_RL_TOOLS: 249 / 55, _CRAZYFLOW: 106 / 136},
     "inertia_x": {
         _CRAZYFLOW: 1.68e-5, _FOERSTER: 1.66e-5, _ROTORPY: 1.43e-5, _LANDRY: 1.4e-5, _SIMPLE: 1.4e-5, _DELAYS: 1.03e-5,
         _RL_TOOLS: 9.4e-6, _SECONDS: 3.85e-6,
@@ -46,17 +48,23 @@ _OTHERS: dict[str, dict[str, float]] = {
     "torque_to_thrust": {_FOERSTER: 5.96e-3, _CRAZYFLOW: 7.35e-3, _LANDRY: 2.51e-2, _ROTORPY: 3.39e-2},
     "mass": {_CRAZYFLOW: 0.0328, _SIMPLE: 0.0321, _ROTORPY: 0.030, _LANDRY: 0.027},
 }  # fmt: skip
-"""By parameter and source [SI]. Where a source gives two motor lags, the first is that of speeding up and their ratio the slowdown."""
+"""By parameter and source [SI]. Where a source gives two motor lags, the first is that of speeding
+up and their ratio the slowdown."""
 
 
 def published(parameter: str) -> list[Published]:
-    """What others give for a parameter, from the largest to the smallest; the paper's value is not among them.
+    """What others give for a parameter, from the largest to the smallest.
+
+    The paper's value is not among them.
 
     Args:
         parameter: name in `parameters.COMPONENTS`.
     """
     known = _OTHERS.get(parameter, {})
-    return [Published(parameter, value, source) for source, value in sorted(known.items(), key=lambda entry: -entry[1])]
+    return [
+        Published(parameter, value, source)
+        for source, value in sorted(known.items(), key=lambda entry: -entry[1])
+    ]
 
 
 def of_the_paper(parameter: str) -> float:

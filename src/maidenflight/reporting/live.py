@@ -1,7 +1,8 @@
-"""A live view with rerun, whose package is an extra: flights in space with all that they measured, and training while it runs.
+"""A live view with rerun, whose package is an extra: flights in space with all that they measured,
+and training while it runs.
 
-What is shown goes to the viewer, which is started, or into a file for it. A drone is an entity with its path, its reference, the set-point
-of the moment, thrusts as arrows, and time series beside it.
+What is shown goes to the viewer, which is started, or into a file for it. A drone is an entity with
+its path, its reference, the set-point of the moment, thrusts as arrows, and time series beside it.
 """
 
 import os
@@ -35,8 +36,15 @@ TIME = "time"
 STEPS = "simulated steps"
 """Timeline of training."""
 _REACH = 0.06
-"""From the drawn drone's centre to a rotor [m], about half as much again as a Crazyflie's, so that it is seen."""
-_BLUE, _ORANGE, _GREEN, _PURPLE, _GREY = (0, 103, 165), (194, 77, 0), (0, 120, 90), (148, 64, 138), (140, 148, 158)
+"""From the drawn drone's centre to a rotor [m], about half as much again as a Crazyflie's, so that
+it is seen."""
+_BLUE, _ORANGE, _GREEN, _PURPLE, _GREY = (
+    (0, 103, 165),
+    (194, 77, 0),
+    (0, 120, 90),
+    (148, 64, 138),
+    (140, 148, 158),
+)
 _HUBS = _REACH * np.array([[1, -1, 0], [-1, -1, 0], [-1, 1, 0], [1, 1, 0]]) / np.sqrt(2)
 """Front right, back right, back left, front left; x forward, y left."""
 _SERIES = {
@@ -59,26 +67,47 @@ def show_flights(flights: Sequence[Flight], path: Path | None = None) -> None:
         InputError: rerun is not installed, or there is no row to show.
         WriteError: the file cannot be written.
     """
-    shown = [part for flight in flights if len(part := flight.part(*usable(flight).indices(len(flight))[:2]))]
+    shown = [
+        part
+        for flight in flights
+        if len(part := flight.part(*usable(flight).indices(len(flight))[:2]))
+    ]
     if not shown:
         raise InputError("no flight to view: none of the logs has a row.")
     rerun, blueprint = _packages()
     names = [f"{number:03d}_{_word(flight.name)}" for number, flight in enumerate(shown, 1)]
-    tabs = [_flight_view(blueprint, name, flight) for name, flight in zip(names[:TABBED], shown, strict=False)]
-    everything = [blueprint.Spatial3DView(name="All flights", origin="/", eye_controls=_eye(blueprint, shown))] if len(names) > 1 else []
-    with _recording(rerun, path, _layout(blueprint, blueprint.Tabs(*everything, *tabs))) as recording:
+    tabs = [
+        _flight_view(blueprint, name, flight)
+        for name, flight in zip(names[:TABBED], shown, strict=False)
+    ]
+    everything = (
+        [
+            blueprint.Spatial3DView(
+                name="All flights", origin="/", eye_controls=_eye(blueprint, shown)
+            )
+        ]
+        if len(names) > 1
+        else []
+    )
+    with _recording(
+        rerun, path, _layout(blueprint, blueprint.Tabs(*everything, *tabs))
+    ) as recording:
         for name, flight in zip(names, shown, strict=True):
             _describe(rerun, recording, name)
             _log_flight(rerun, recording, name, flight, 0.0, static=True)
 
 
 @contextmanager
-def training(fly: Callable[["Policy"], Flight], path: Path | None = None) -> Iterator[Callable[["Progress"], None]]:
-    """Shows training while it runs: scores of all policies, and how the best one of each score flies.
+def training(
+    fly: Callable[["Policy"], Flight], path: Path | None = None
+) -> Iterator[Callable[["Progress"], None]]:
+    """Shows training while it runs: scores of all policies, and how the best one of each score
+    flies.
 
     Args:
         fly: lets a policy fly once.
-        path: an .rrd file for rerun, which grows as training goes on; the viewer is started unless given.
+        path: an .rrd file for rerun, which grows as training goes on; the viewer is started unless
+            given.
 
     Yields:
         What to call with each score.
@@ -101,7 +130,9 @@ def training(fly: Callable[["Policy"], Flight], path: Path | None = None) -> Ite
             for name, values in progress.score._asdict().items():
                 scale = {"survival": 100.0, "position_error": 100.0}.get(name, 1.0)
                 for number, value in enumerate(np.asarray(values), 1):
-                    recording.log(f"scores/{name}/policy_{number}", rerun.Scalars(scale * float(value)))
+                    recording.log(
+                        f"scores/{name}/policy_{number}", rerun.Scalars(scale * float(value))
+                    )
             if progress.best is not None:
                 flown = fly(_best(progress))
                 if began == 0.0:
@@ -116,10 +147,22 @@ def training(fly: Callable[["Policy"], Flight], path: Path | None = None) -> Ite
 
 
 def _training_view(blueprint: Any, flight: Flight | None = None) -> Any:
-    """Scores beside the best policy's flight; seen from where a flight like the first one is in view, once there is one."""
-    titles = {"episode_return": "Return", "survival": "Survival [%]", "position_error": "Position error [cm]"}
-    scores = [blueprint.TimeSeriesView(name=title, origin=f"scores/{name}") for name, title in titles.items()]
-    views = blueprint.Horizontal(blueprint.Vertical(*scores), _flight_view(blueprint, "best", flight), column_shares=[1, 2])
+    """Scores beside the best policy's flight.
+
+    Seen from where a flight like the first one is in view, once there is one.
+    """
+    titles = {
+        "episode_return": "Return",
+        "survival": "Survival [%]",
+        "position_error": "Position error [cm]",
+    }
+    scores = [
+        blueprint.TimeSeriesView(name=title, origin=f"scores/{name}")
+        for name, title in titles.items()
+    ]
+    views = blueprint.Horizontal(
+        blueprint.Vertical(*scores), _flight_view(blueprint, "best", flight), column_shares=[1, 2]
+    )
     return _layout(blueprint, views)
 
 
@@ -135,15 +178,23 @@ def _packages() -> tuple[Any, Any]:
     try:
         return import_module("rerun"), import_module("rerun.blueprint")
     except ModuleNotFoundError as error:
-        raise InputError(f"{error.name} is not installed, but the viewer needs it: pip install 'maidenflight[viewer]'") from error
+        raise InputError(
+            f"{error.name} is not installed, but the viewer needs it: pip install "
+            "'maidenflight[viewer]'"
+        ) from error
 
 
 @contextmanager
 def _recording(rerun: Any, path: Path | None, layout: Any) -> Iterator[Any]:
     """A stream into the viewer or a file, closed at the end."""
-    if path is None and sys.platform == "linux" and not any(os.environ.get(name) for name in _DISPLAYS):
+    if (
+        path is None
+        and sys.platform == "linux"
+        and not any(os.environ.get(name) for name in _DISPLAYS)
+    ):
         raise InputError(
-            "the viewer needs a display, and there is none. Write a file instead, with -o FILE.rrd (train: --view FILE.rrd), and open it"
+            "the viewer needs a display, and there is none. Write a file instead, with -o "
+            "FILE.rrd (train: --view FILE.rrd), and open it"
             " where there is one: rerun FILE.rrd"
         )
     recording = rerun.RecordingStream("maidenflight")
@@ -165,7 +216,10 @@ def _recording(rerun: Any, path: Path | None, layout: Any) -> Iterator[Any]:
 
 
 def _sent(recording: Any) -> bool:
-    """Whether all that was logged has reached the viewer or the file; without waiting for a viewer that was closed."""
+    """Whether all that was logged has reached the viewer or the file.
+
+    Without waiting for a viewer that was closed.
+    """
     try:
         recording.flush(timeout_sec=_LONGEST_WAIT)
     except RuntimeError:
@@ -175,28 +229,50 @@ def _sent(recording: Any) -> bool:
 
 def _word(name: str) -> str:
     """A name as part of an entity's path."""
-    return "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in name.rpartition("/")[2].removesuffix(".csv"))
+    return "".join(
+        letter if letter.isalnum() or letter in "-_" else "_"
+        for letter in name.rpartition("/")[2].removesuffix(".csv")
+    )
 
 
 def _layout(blueprint: Any, views: Any) -> Any:
-    panels = [blueprint.BlueprintPanel(state="collapsed"), blueprint.SelectionPanel(state="collapsed")]
-    return blueprint.Blueprint(views, *panels, blueprint.TimePanel(state="collapsed", timeline=TIME))
+    panels = [
+        blueprint.BlueprintPanel(state="collapsed"),
+        blueprint.SelectionPanel(state="collapsed"),
+    ]
+    return blueprint.Blueprint(
+        views, *panels, blueprint.TimePanel(state="collapsed", timeline=TIME)
+    )
 
 
 def _flight_view(blueprint: Any, entity: str, flight: Flight | None = None) -> Any:
-    """A flight in space beside its time series; seen from where all of it is in view, if it is known."""
-    lines = [blueprint.TimeSeriesView(name=title, origin=f"{entity}/{series}") for series, (title, _) in _SERIES.items()]
+    """A flight in space beside its time series.
+
+    Seen from where all of it is in view, if it is known.
+    """
+    lines = [
+        blueprint.TimeSeriesView(name=title, origin=f"{entity}/{series}")
+        for series, (title, _) in _SERIES.items()
+    ]
     eye = {} if flight is None else {"eye_controls": _eye(blueprint, [flight])}
     space = blueprint.Spatial3DView(name="In space", origin=entity, **eye)
-    return blueprint.Horizontal(space, blueprint.Vertical(*lines), name=entity, column_shares=[3, 2])
+    return blueprint.Horizontal(
+        space, blueprint.Vertical(*lines), name=entity, column_shares=[3, 2]
+    )
 
 
 def _eye(blueprint: Any, flights: Sequence[Flight]) -> Any:
     """Looks at flights from the front right above."""
-    ends = np.array([(flight.position.min(axis=0), flight.position.max(axis=0)) for flight in flights])
+    ends = np.array(
+        [(flight.position.min(axis=0), flight.position.max(axis=0)) for flight in flights]
+    )
     low, high = ends[:, 0].min(axis=0), ends[:, 1].max(axis=0)
     middle, reach = (low + high) / 2, max(float(np.linalg.norm(high - low)), 0.8)
-    return blueprint.EyeControls3D(position=middle + 1.3 * reach * np.array([0.6, -1.0, 0.6]), look_target=middle, eye_up=[0, 0, 1])
+    return blueprint.EyeControls3D(
+        position=middle + 1.3 * reach * np.array([0.6, -1.0, 0.6]),
+        look_target=middle,
+        eye_up=[0, 0, 1],
+    )
 
 
 def _describe(rerun: Any, recording: Any, entity: str) -> None:
@@ -205,26 +281,51 @@ def _describe(rerun: Any, recording: Any, entity: str) -> None:
     turn = np.linspace(0, 2 * np.pi, 33)
     disc = 0.5 * _REACH * np.stack([np.cos(turn), np.sin(turn), np.full(33, 0.2)], axis=1)
     colours = [_ORANGE, (60, 66, 74), (60, 66, 74), _ORANGE]
-    arms = rerun.LineStrips3D([np.stack([np.zeros(3), hub]) for hub in _HUBS], colors=colours, radii=0.004)
+    arms = rerun.LineStrips3D(
+        [np.stack([np.zeros(3), hub]) for hub in _HUBS], colors=colours, radii=0.004
+    )
     recording.log(f"{entity}/drone/arms", arms, static=True)
-    recording.log(f"{entity}/drone/rotors", rerun.LineStrips3D([hub + disc for hub in _HUBS], colors=colours, radii=0.0015), static=True)
+    recording.log(
+        f"{entity}/drone/rotors",
+        rerun.LineStrips3D([hub + disc for hub in _HUBS], colors=colours, radii=0.0015),
+        static=True,
+    )
     for series, (_, lines) in _SERIES.items():
         for name, colour in lines.items():
-            recording.log(f"{entity}/{series}/{name}", rerun.SeriesLines(colors=[colour], names=[name]), static=True)
+            recording.log(
+                f"{entity}/{series}/{name}",
+                rerun.SeriesLines(colors=[colour], names=[name]),
+                static=True,
+            )
 
 
-def _log_flight(rerun: Any, recording: Any, entity: str, flight: Flight, began: float, *, static: bool) -> None:
-    """A flight from a time on; its whole path is there from its beginning, or always where it is the entity's only one."""
+def _log_flight(
+    rerun: Any, recording: Any, entity: str, flight: Flight, began: float, *, static: bool
+) -> None:
+    """A flight from a time on.
+
+    Its whole path is there from its beginning, or always where it is the entity's only one.
+    """
     time = [rerun.TimeColumn(TIME, duration=began + flight.period * np.arange(len(flight)))]
     recording.reset_time() if static else recording.set_time(TIME, duration=began)
     path = rerun.LineStrips3D([flight.position], colors=[_BLUE], radii=0.002)
     recording.log(f"{entity}/path", path, static=static)
     if np.isfinite(flight.setpoint).all():
-        recording.log(f"{entity}/reference", rerun.LineStrips3D([flight.setpoint], colors=[_GREY], radii=0.001), static=static)
-        point = rerun.Points3D.columns(positions=flight.setpoint, colors=[_ORANGE] * len(flight), radii=[0.008] * len(flight))
+        recording.log(
+            f"{entity}/reference",
+            rerun.LineStrips3D([flight.setpoint], colors=[_GREY], radii=0.001),
+            static=static,
+        )
+        point = rerun.Points3D.columns(
+            positions=flight.setpoint, colors=[_ORANGE] * len(flight), radii=[0.008] * len(flight)
+        )
         recording.send_columns(f"{entity}/setpoint", time, point)
     turned = Rotation.from_euler("ZYX", flight.attitude[:, ::-1]).as_quat()
-    recording.send_columns(f"{entity}/drone", time, rerun.Transform3D.columns(translation=flight.position, quaternion=turned))
+    recording.send_columns(
+        f"{entity}/drone",
+        time,
+        rerun.Transform3D.columns(translation=flight.position, quaternion=turned),
+    )
     recording.send_columns(f"{entity}/drone/thrust", time, _thrusts(rerun, flight.command))
     for name, values in _lines(flight).items():
         recording.send_columns(f"{entity}/{name}", time, rerun.Scalars.columns(scalars=values))
@@ -236,7 +337,10 @@ def _thrusts(rerun: Any, command: Float[np.ndarray, "N 4"]) -> Any:
     vectors = np.zeros((rows, 4, 3))
     vectors[..., 2] = 2.0 * _REACH * command
     columns = rerun.Arrows3D.columns(
-        origins=np.tile(_HUBS, (rows, 1)), vectors=vectors.reshape(-1, 3), colors=[_GREEN] * (4 * rows), radii=[0.003] * (4 * rows)
+        origins=np.tile(_HUBS, (rows, 1)),
+        vectors=vectors.reshape(-1, 3),
+        colors=[_GREEN] * (4 * rows),
+        radii=[0.003] * (4 * rows),
     )
     return columns.partition([4] * rows)
 
@@ -248,7 +352,13 @@ def _lines(flight: Flight) -> Mapping[str, Float[np.ndarray, "N"]]:
         "body_rates": np.degrees(flight.body_rates),
         "command": flight.command,
     }
-    lines = {f"{series}/{name}": values[:, place] for series, values in groups.items() for place, name in enumerate(_SERIES[series][1])}
+    lines = {
+        f"{series}/{name}": values[:, place]
+        for series, values in groups.items()
+        for place, name in enumerate(_SERIES[series][1])
+    }
     if np.isfinite(flight.setpoint).all():
-        lines["position_error/error"] = 100.0 * np.linalg.norm(flight.position - flight.setpoint, axis=1)
+        lines["position_error/error"] = 100.0 * np.linalg.norm(
+            flight.position - flight.setpoint, axis=1
+        )
     return {name: np.asarray(values, np.float64) for name, values in lines.items()}

@@ -24,7 +24,11 @@ _SECTIONS: tuple[tuple[str, str, Callable[[Run], str]], ...] = (
     ("predicted", "Predicted flight times", sections.predicted),
     ("flights", "Test flights", sections.flights),
     ("recorded", "Recorded flights", sections.recorded),
-    ("reproduce", "Reproduce", lambda run: records.seconds(run) + records.records(run) + unshown.told(run.unshown)),
+    (
+        "reproduce",
+        "Reproduce",
+        lambda run: records.seconds(run) + records.records(run) + unshown.told(run.unshown),
+    ),
 )
 """Anchor, title and content of the page's sections; one of which nothing is known is left out."""
 
@@ -40,7 +44,8 @@ def report(source: StrPath | Transfer, path: StrPath) -> Path:
         The path.
 
     Raises:
-        InputError: nothing known in the folder, a file in it is broken, or the page cannot be written.
+        InputError: nothing known in the folder, a file in it is broken, or the page cannot be
+            written.
     """
     run = runs.of_transfer(source) if isinstance(source, Transfer) else runs.read(Path(source))
     return results.write(path, to_html(run))
@@ -57,7 +62,10 @@ def to_html(run: Run) -> str:
         lead=lead.lead(run),
         figures=key_figures.key_figures(run),
         links="".join(f'<a href="#{name}">{title}</a>' for name, title, _ in drawn),
-        sections="\n".join(f'<section id="{name}"><h2>{title}</h2>{content}</section>' for name, title, content in drawn),
+        sections="\n".join(
+            f'<section id="{name}"><h2>{title}</h2>{content}</section>'
+            for name, title, content in drawn
+        ),
         version=__version__,
         style=_file("colours.css") + _themes() + _file("style.css"),
         content=text.embed("logs", held) if held else "",
@@ -70,7 +78,10 @@ def _file(name: str) -> str:
 
 
 def _themes() -> str:
-    """Light and dark again, for those who choose another than their system has; print is always light."""
+    """Light and dark again, for those who choose another than their system has.
+
+    Print is always light.
+    """
     light, dark = re.findall(r":root \{(.*?)\}", _file("colours.css"), re.DOTALL)
     return (
         f":root[data-theme=light] {{{light}  color-scheme: light;\n}}\n"

@@ -1,6 +1,8 @@
-"""What a run folder holds, each part of it optional: the one place that knows the names of its files.
+"""What a run folder holds, each part of it optional: the one place that knows the names of its
+files.
 
-A folder of the demo, of one stage alone, of a matrix, and a `Transfer` in memory are fillings of one `Run`.
+A folder of the demo, of one stage alone, of a matrix, and a `Transfer` in memory are fillings of
+one `Run`.
 """
 
 import os
@@ -37,7 +39,9 @@ FLIGHT_COLUMNS: dict[str, Any] = {
 MATRIX_COLUMNS: dict[str, Any] = {
     **dict.fromkeys(("control", "reality", "end_reason"), polars.String),
     **dict.fromkeys(("number", "trial"), polars.Int64),
-    **dict.fromkeys(("motor_time_constant", "latency", "duration", "position_error"), polars.Float64),
+    **dict.fromkeys(
+        ("motor_time_constant", "latency", "duration", "position_error"), polars.Float64
+    ),
 }
 """The same of a matrix: what each policy was trained for, and its number in its cell."""
 PREDICTION_COLUMNS: dict[str, Any] = {
@@ -46,18 +50,25 @@ PREDICTION_COLUMNS: dict[str, Any] = {
     "duration": polars.Float64,
 }
 """Columns of `prediction.csv` and their kinds."""
-TRAINING_COLUMNS: dict[str, Any] = dict.fromkeys(("steps", "policy", "episode_return", "survival", "position_error"), polars.Float64)
+TRAINING_COLUMNS: dict[str, Any] = dict.fromkeys(
+    ("steps", "policy", "episode_return", "survival", "position_error"), polars.Float64
+)
 """Columns of `training.csv` and their kinds."""
 ERROR_COLUMNS: dict[str, Any] = {
     "model": polars.String,
     "horizon": polars.Float64,
-    **dict.fromkeys((f"{name}{end}" for name in prediction.QUANTITIES for end in ("", "_low", "_high")), polars.Float64),
+    **dict.fromkeys(
+        (f"{name}{end}" for name in prediction.QUANTITIES for end in ("", "_low", "_high")),
+        polars.Float64,
+    ),
 }
 """Columns of `validation.csv` and their kinds."""
 WINDOW_COLUMNS: dict[str, Any] = {
     "window": polars.Int64,
     "model": polars.String,
-    **dict.fromkeys(("time", "roll", "pitch", "body_rate_x", "body_rate_y", "position_z"), polars.Float64),
+    **dict.fromkeys(
+        ("time", "roll", "pitch", "body_rate_x", "body_rate_y", "position_z"), polars.Float64
+    ),
 }
 """Columns of `validation_windows.csv` that are drawn, and their kinds."""
 _TIMES, _MOST_SECONDS = ("duration", "horizon", "time"), 1e6
@@ -67,7 +78,8 @@ _MOST_ANY = 1e15
 _RECORDED = ("recorded", "flights")
 """Folders of recorded flights, as the demo and `maidenflight record` call theirs."""
 MOST = 300
-"""Flights that the viewer holds, and logs of recorded flights that are read; more would make the page heavy."""
+"""Flights that the viewer holds, and logs of recorded flights that are read; more would make the
+page heavy."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +114,8 @@ class Run:
     training: polars.DataFrame | None = None
     """One row an evaluation of a policy in training."""
     table: polars.DataFrame | None = None
-    """One row a test flight; see `Transfer`. Those of a matrix have `control`, `motor_time_constant` and `latency` too."""
+    """One row a test flight; see `Transfer`. Those of a matrix have `control`,
+    `motor_time_constant` and `latency` too."""
     flights: tuple[Flight, ...] = ()
     """Logs of the test flights, in the table's order."""
     prediction: polars.DataFrame | None = None
@@ -117,13 +130,24 @@ class Run:
     @property
     def known(self) -> bool:
         """Whether there is anything to show."""
-        tables = (self.reality, self.drone, self.search, self.validation, self.windows, self.training, self.table, self.prediction)
+        tables = (
+            self.reality,
+            self.drone,
+            self.search,
+            self.validation,
+            self.windows,
+            self.training,
+            self.table,
+            self.prediction,
+        )
         return any(part is not None for part in tables) or bool(self.recorded or self.policies)
 
 
 def of_transfer(flown: Transfer) -> Run:
     """The run of test flights in memory."""
-    return Run(table=_columns(flown.table, FLIGHT_COLUMNS, "transfer"), flights=tuple(flown.flights))
+    return Run(
+        table=_columns(flown.table, FLIGHT_COLUMNS, "transfer"), flights=tuple(flown.flights)
+    )
 
 
 def read(folder: Path) -> Run:
@@ -133,12 +157,16 @@ def read(folder: Path) -> Run:
         InputError: not a folder, nothing known in it, or a file in it is not what its name says.
     """
     if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder. Give the folder of a run, such as maidenflight demo writes.")
+        raise InputError(
+            f"{folder}: no such folder. Give the folder of a run, such as maidenflight demo writes."
+        )
     records: dict[str, Mapping[str, Any]] = {}
     tested = folder / "transfer" if (folder / "transfer").is_dir() else folder
     table = _test_flights(tested / "flights.csv", records)
     home = next((folder / name for name in _RECORDED if (folder / name).is_dir()), folder)
-    reality = _drone((folder if os.path.lexists(folder / "reality.toml") else home) / "reality.toml", records)
+    reality = _drone(
+        (folder if os.path.lexists(folder / "reality.toml") else home) / "reality.toml", records
+    )
     recorded = _numbered(home.glob("flight_*.csv")) if home != tested or table is None else []
     recorded_flights = _logs(recorded[:MOST], records)
     drone = _drone(folder / "drone.toml", records)
@@ -149,7 +177,10 @@ def read(folder: Path) -> Run:
         _keep(records, trained / f"{name}.json", content.get("record"))
     flights = _logs(_numbered(tested.glob("flight_*.csv")), records) if table is not None else ()
     if table is not None and flights and len(flights) != table.height:
-        raise InputError(f"{tested}: {len(flights)} flight logs, but flights.csv has {table.height} rows. Run the transfer again.")
+        raise InputError(
+            f"{tested}: {len(flights)} flight logs, but flights.csv has {table.height} rows. Run "
+            "the transfer again."
+        )
     validation = _table(folder / "validation.csv", ERROR_COLUMNS, records)
     windows = _table(folder / "validation_windows.csv", WINDOW_COLUMNS, records)
     told = _kinds(recorded, recorded_flights, found_by, records, reality is not None)
@@ -167,7 +198,11 @@ def read(folder: Path) -> Run:
         windows=windows,
         predicted=told[1],
         policies=len(policies),
-        controls={name: str(content["control"]) for name, content in policies.items() if "control" in content},
+        controls={
+            name: str(content["control"])
+            for name, content in policies.items()
+            if "control" in content
+        },
         training=_table(trained / "training.csv", TRAINING_COLUMNS),
         table=table,
         flights=flights,
@@ -178,24 +213,37 @@ def read(folder: Path) -> Run:
     )
     if not found.known:
         raise InputError(
-            f"{folder}: nothing of a run in this folder; expected reality.toml, recorded/ or flights/, drone.toml, identification.csv,"
-            " validation.csv, policies/, policy_*.json, transfer/, flights.csv, prediction.csv or flight logs."
+            f"{folder}: nothing of a run in this folder; expected reality.toml, recorded/ or "
+            "flights/, drone.toml, identification.csv,"
+            " validation.csv, policies/, policy_*.json, transfer/, flights.csv, prediction.csv or "
+            "flight logs."
         )
     return found
 
 
 def _kinds(
-    logs: Sequence[Path], flights: Sequence[Flight], drone: Mapping[str, Any], records: Mapping[str, Mapping[str, Any]], virtual: bool
+    logs: Sequence[Path],
+    flights: Sequence[Flight],
+    drone: Mapping[str, Any],
+    records: Mapping[str, Mapping[str, Any]],
+    virtual: bool,
 ) -> tuple[Kinds, Kinds]:
-    """Kinds of the flights that the drone was identified from, and of those that were predicted: by their logs, where these lie here."""
-    known: dict[str, bool | None] = {results.digest(path): bool(flight.simulated) for path, flight in zip(logs, flights, strict=False)}
+    """Kinds of the flights that the drone was identified from, and of those that were predicted: by
+    their logs, where these lie here.
+    """
+    known: dict[str, bool | None] = {
+        results.digest(path): bool(flight.simulated)
+        for path, flight in zip(logs, flights, strict=False)
+    }
     otherwise = SIMULATED if virtual or (known and all(known.values())) else UNKNOWN
     used = identified.inputs(drone.get("record"))
     found = identified.kinds_of(used, known, otherwise)
     own = identified.origin(drone, found).kinds
     if len(own) == 1:
         known |= dict.fromkeys(used, *own)
-    predicted = identified.inputs(records.get("validation.csv") or records.get("validation_windows.csv"))
+    predicted = identified.inputs(
+        records.get("validation.csv") or records.get("validation_windows.csv")
+    )
     return found, identified.kinds_of(predicted, known, otherwise if own <= otherwise else UNKNOWN)
 
 
@@ -206,7 +254,10 @@ def holds_flights(folder: Path) -> bool:
 
 def _numbered(paths: Any) -> list[Path]:
     """Files in the order of the number in their names: flight_100 after flight_99."""
-    return sorted(paths, key=lambda path: ([int(digits) for digits in re.findall(r"\d+", path.name)], path.name))
+    return sorted(
+        paths,
+        key=lambda path: ([int(digits) for digits in re.findall(r"\d+", path.name)], path.name),
+    )
 
 
 def _text(path: Path) -> str:
@@ -226,30 +277,45 @@ def _json(path: Path) -> dict[str, Any]:
     except InputError:
         raise
     except ValueError as error:
-        raise InputError(f"{path}: not valid JSON ({error}). Write it again or remove it.") from error
+        raise InputError(
+            f"{path}: not valid JSON ({error}). Write it again or remove it."
+        ) from error
     return content
 
 
 def _seconds(path: Path) -> dict[str, float]:
     stages = _json(path).get("stages", {})
-    if not isinstance(stages, dict) or not all(type(value) in (int, float) and 0 <= value < 1e9 for value in stages.values()):
-        raise InputError(f"{path}: stages = {stages!r}; expected seconds of each. Remove the file, or run the demo again.")
+    if not isinstance(stages, dict) or not all(
+        type(value) in (int, float) and 0 <= value < 1e9 for value in stages.values()
+    ):
+        raise InputError(
+            f"{path}: stages = {stages!r}; expected seconds of each. Remove the file, or run the "
+            "demo again."
+        )
     return {stage: float(seconds) for stage, seconds in stages.items()}
 
 
 def _keep(records: dict[str, Mapping[str, Any]], path: Path, record: Any) -> None:
     if isinstance(record, dict) and record:
-        name = path.name if path.suffix == ".toml" else "/".join(filter(None, (path.parent.name, path.name)))
+        name = (
+            path.name
+            if path.suffix == ".toml"
+            else "/".join(filter(None, (path.parent.name, path.name)))
+        )
         records[name] = record
 
 
 def _keep_line(records: dict[str, Mapping[str, Any]], path: Path, text: str) -> None:
     """Keeps the record in a line of its own at a file's start."""
-    line = next((line for line in text.split("\n", 4)[:4] if line.startswith("# record: ")), "# record: {}")
+    line = next(
+        (line for line in text.split("\n", 4)[:4] if line.startswith("# record: ")), "# record: {}"
+    )
     try:
         _keep(records, path, inputs.from_json(line.removeprefix("# record: ")))
     except ValueError:
-        raise InputError(f"{path}: the line '# record:' holds no valid JSON. Write '# record: {{}}' there.") from None
+        raise InputError(
+            f"{path}: the line '# record:' holds no valid JSON. Write '# record: {{}}' there."
+        ) from None
 
 
 def _drone(path: Path, records: dict[str, Mapping[str, Any]]) -> Parameters | None:
@@ -269,10 +335,16 @@ def _logs(paths: Sequence[Path], records: dict[str, Mapping[str, Any]]) -> tuple
     for path in paths:
         text = _text(path)
         if not text.startswith(log.MARK):
-            raise InputError(f"{path}: not a flight log of maidenflight; its first line should begin with '{log.MARK}'.")
+            raise InputError(
+                f"{path}: not a flight log of maidenflight; its first line should begin with "
+                f"'{log.MARK}'."
+            )
         flights.append(log.from_csv(text, f"{path.parent.name}/{path.name}"))
         if not 0 < flights[-1].period < 1:
-            raise InputError(f"{path}: rows are {flights[-1].period:g} s apart; expected a time that increases, in seconds. Log it again.")
+            raise InputError(
+                f"{path}: rows are {flights[-1].period:g} s apart; expected a time that "
+                "increases, in seconds. Log it again."
+            )
         _keep_line(records, path, text)
     return tuple(flights)
 
@@ -283,12 +355,20 @@ def _search(path: Path) -> polars.DataFrame | None:
     if search is None:
         return None
     return _columns(
-        search, dict.fromkeys([name for name in search.columns if name in COMPONENTS or name == "objective"], polars.Float64), str(path)
+        search,
+        dict.fromkeys(
+            [name for name in search.columns if name in COMPONENTS or name == "objective"],
+            polars.Float64,
+        ),
+        str(path),
     )
 
 
 def _test_flights(path: Path, records: dict[str, Mapping[str, Any]]) -> polars.DataFrame | None:
-    """The rows of `flights.csv`; a matrix's say what each policy was trained for, of which its name is made."""
+    """The rows of `flights.csv`.
+
+    A matrix's say what each policy was trained for, of which its name is made.
+    """
     table = _table(path, {}, records)
     if table is None or "policy" in table.columns or "number" not in table.columns:
         return None if table is None else _columns(table, FLIGHT_COLUMNS, str(path))
@@ -297,22 +377,34 @@ def _test_flights(path: Path, records: dict[str, Mapping[str, Any]]) -> polars.D
         f"{row['control']}_{1e3 * row['motor_time_constant']:g}ms_{1e3 * row['latency']:g}ms/{row['number']}"
         for row in rows.iter_rows(named=True)
     ]
-    return rows.with_columns(polars.Series("policy", names), polars.int_range(1, rows.height + 1).alias("flight"))
+    return rows.with_columns(
+        polars.Series("policy", names), polars.int_range(1, rows.height + 1).alias("flight")
+    )
 
 
-def _table(path: Path, columns: Mapping[str, Any], records: dict[str, Mapping[str, Any]] | None = None) -> polars.DataFrame | None:
+def _table(
+    path: Path, columns: Mapping[str, Any], records: dict[str, Mapping[str, Any]] | None = None
+) -> polars.DataFrame | None:
     """Reads a table, and the record in its second line into `records`, where it has one."""
     if not os.path.lexists(path):
         return None
     text = _text(path)
-    header = next((line for line in text.split("\n") if line.strip() and not line.startswith("#")), "").split(",")
+    header = next(
+        (line for line in text.split("\n") if line.strip() and not line.startswith("#")), ""
+    ).split(",")
     if len(set(header)) < len(header) or not text.endswith("\n"):
-        what = "its last line is cut off" if len(set(header)) == len(header) else "a column is there twice"
+        what = (
+            "its last line is cut off"
+            if len(set(header)) == len(header)
+            else "a column is there twice"
+        )
         raise InputError(f"{path}: not a readable CSV table ({what}). Make it again.")
     try:
         frame = polars.read_csv(text.encode(), infer_schema_length=None, comment_prefix="#")
     except (polars.exceptions.PolarsError, OSError, ValueError) as error:
-        raise InputError(f"{path}: not a readable CSV table ({str(error).splitlines()[0]}).") from error
+        raise InputError(
+            f"{path}: not a readable CSV table ({str(error).splitlines()[0]})."
+        ) from error
     if records is not None:
         _keep_line(records, Path(path.name), text)
     return _columns(frame, columns, str(path))
@@ -322,27 +414,47 @@ def _columns(frame: polars.DataFrame, columns: Mapping[str, Any], where: str) ->
     missing = [name for name in columns if name not in frame.columns]
     if missing or frame.height == 0:
         problem = f"missing column {', '.join(missing)}" if missing else "no rows"
-        raise InputError(f"{where}: {problem}; expected a table with {', '.join(columns) or 'a row a flight'}.")
+        raise InputError(
+            f"{where}: {problem}; expected a table with {', '.join(columns) or 'a row a flight'}."
+        )
     try:
         numbers = {name: polars.col(name).cast(kind) for name, kind in columns.items()}
-        floats = {name: numbers[name].fill_null(float("nan")) for name, kind in columns.items() if kind == polars.Float64}
-        words = {name: numbers[name].fill_null("") for name, kind in columns.items() if kind == polars.String}
+        floats = {
+            name: numbers[name].fill_null(float("nan"))
+            for name, kind in columns.items()
+            if kind == polars.Float64
+        }
+        words = {
+            name: numbers[name].fill_null("")
+            for name, kind in columns.items()
+            if kind == polars.String
+        }
         read = frame.with_columns(**(numbers | floats | words))
     except polars.exceptions.PolarsError as error:
-        raise InputError(f"{where}: {str(error).splitlines()[0]}; expected numbers in the columns of numbers.") from error
+        raise InputError(
+            f"{where}: {str(error).splitlines()[0]}; expected numbers in the columns of numbers."
+        ) from error
     for name in floats:
         odd = (read[name].abs() > _MOST_ANY) & read[name].is_finite()
         if odd.any():
-            raise InputError(f"{where}: {name} is {read[name][odd.arg_max() or 0]} in a row; expected SI units. Make the table again.")
+            raise InputError(
+                f"{where}: {name} is {read[name][odd.arg_max() or 0]} in a row; expected SI "
+                "units. Make the table again."
+            )
     for name in [name for name in _TIMES if name in columns]:
         odd = ~read[name].is_between(0, _MOST_SECONDS).fill_null(False)
         if odd.any():
-            raise InputError(f"{where}: {name} is {read[name][odd.arg_max() or 0]} in a row; expected seconds. Make the table again.")
+            raise InputError(
+                f"{where}: {name} is {read[name][odd.arg_max() or 0]} in a row; expected seconds. "
+                "Make the table again."
+            )
     return read
 
 
 def truth(run: Run) -> tuple[tuple[float, float], ...]:
-    """Corners of what is true of a virtual drone: T_m speeding up to slowing down, latency of commands to that with the sensors' [s]."""
+    """Corners of what is true of a virtual drone: T_m speeding up to slowing down, latency of
+    commands to that with the sensors' [s].
+    """
     if run.reality is None:
         return ()
     lag, delay = float(run.reality.motor_time_constant), float(run.reality.latency)
@@ -351,13 +463,15 @@ def truth(run: Run) -> tuple[tuple[float, float], ...]:
 
 
 def true_ends(run: Run, name: str) -> tuple[float, float]:
-    """What is true of a parameter of a virtual drone [SI]: from and to, where the drone has two values for what the model has one for."""
+    """What is true of a parameter of a virtual drone [SI]: from and to, where the drone has two
+    values for what the model has one for.
+    """
     assert run.reality is not None
     same = float(parameters.component(run.reality, name))
-    if name == "motor_time_constant" and "motor_slowdown" not in run.estimates:
-        return same, same * float(run.reality.motor_slowdown)
+    if name == "motor_time_constant" and "spin_down_ratio" not in run.estimates:
+        return same, same * float(run.reality.spin_down_ratio)
     if name == "latency":
-        return same, same + float(run.reality.estimator_delay + run.reality.gyro_lag)
+        return same, same + float(run.reality.estimator_delay + run.reality.gyro_time_constant)
     return same, same
 
 
@@ -369,7 +483,9 @@ def usable(flight: Flight) -> slice:
 
 
 def viewable(run: Run) -> list[int]:
-    """Places of the flights that the viewer holds: the first `MOST` of those `shown` that have anything in them."""
+    """Places of the flights that the viewer holds: the first `MOST` of those `shown` that have
+    anything in them.
+    """
     return [number for number, flight in enumerate(shown(run)) if usable(flight).stop > 1][:MOST]
 
 

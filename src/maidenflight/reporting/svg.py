@@ -1,6 +1,8 @@
-"""Pictures as SVG text, drawn for a width in pixels, so that letters are as large on a phone as on a screen.
+"""Pictures as SVG text, drawn for a width in pixels, so that letters are as large on a phone as on
+a screen.
 
-Colours are the house's CSS variables. Each picture carries what they mean, in light and in dark, and so stands alone as a file too.
+Colours are the house's CSS variables. Each picture carries what they mean, in light and in dark,
+and so stands alone as a file too.
 """
 
 import math
@@ -48,20 +50,34 @@ class Panel(NamedTuple):
 
 def picture(width: float, height: float, title: str, parts: Iterable[str]) -> str:
     """A whole picture; the title is text, and the name that screen readers say."""
-    style = "".join(resources.files("maidenflight.reporting").joinpath(name).read_text("utf-8") for name in ("colours.css", "picture.css"))
+    style = "".join(
+        resources.files("maidenflight.reporting").joinpath(name).read_text("utf-8")
+        for name in ("colours.css", "picture.css")
+    )
     size = f'width="{width:g}" height="{height:g}" viewBox="0 0 {width:g} {height:g}"'
     return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" class="picture" role="img" aria-label="{escape(title)}" {size}><style>{style}</style>'
-        f'<rect class="paper" width="100%" height="100%"/>{text(0, 18, escape(title), "title")}{"".join(parts)}</svg>\n'
+        '<svg xmlns="http://www.w3.org/2000/svg" class="picture" role="img" '
+        f'aria-label="{escape(title)}" {size}><style>{style}</style>'
+        '<rect class="paper" width="100%" '
+        f'height="100%"/>{text(0, 18, escape(title), "title")}{"".join(parts)}</svg>\n'
     )
 
 
 def framed(panel: Panel, content: Iterable[str], name: str = "") -> str:
-    """A panel's frame and what is drawn in it, cut off at its edges. `name` is kept in the file, for who looks for the panel there."""
+    """A panel's frame and what is drawn in it, cut off at its edges.
+
+    `name` is kept in the file, for who looks for the panel there.
+    """
     left, top, width, height = (_number(side) for side in panel[:4])
     told = f' data-panel="{escape(name)}"' if name else ""
-    edge = f'<path class="frame" d="M0.5 0.5H{_number(panel.width - 0.5)}V{_number(panel.height - 0.5)}H0.5Z"/>'
-    return f'<svg x="{left}" y="{top}" width="{width}" height="{height}"{told}>{"".join(content)}{edge}</svg>'
+    edge = (
+        '<path class="frame" d="M0.5 '
+        f'0.5H{_number(panel.width - 0.5)}V{_number(panel.height - 0.5)}H0.5Z"/>'
+    )
+    return (
+        f'<svg x="{left}" y="{top}" width="{width}" '
+        f'height="{height}"{told}>{"".join(content)}{edge}</svg>'
+    )
 
 
 def line(panel: Panel, x: Any, y: Any, look: str, colour: str) -> str:
@@ -79,15 +95,25 @@ def band(panel: Panel, x: Any, low: Any, high: Any, colour: str) -> str:
     """What lies between two lines where both are finite, faintly filled."""
     x, low, high = (np.asarray(values, np.float64) for values in (x, low, high))
     known = np.isfinite(x) & np.isfinite(low) & np.isfinite(high)
-    there, back = (zip(panel.across(x[known]), panel.down(side[known]), strict=True) for side in (low, high))
-    corners = [f"{_number(across)} {_number(down)}" for across, down in (*there, *reversed(list(back)))]
+    there, back = (
+        zip(panel.across(x[known]), panel.down(side[known]), strict=True) for side in (low, high)
+    )
+    corners = [
+        f"{_number(across)} {_number(down)}" for across, down in (*there, *reversed(list(back)))
+    ]
     return fill(f"M{'L'.join(corners)}Z", "faint", colour)
 
 
 def dots(panel: Panel, x: Any, y: Any, look: str, colour: str) -> str:
     """Round dots where both are finite."""
-    places = [place for place in zip(panel.across(x), panel.down(y), strict=True) if all(map(math.isfinite, place))]
-    return stroke("".join(f"M{_number(across)} {_number(down)}h0" for across, down in places), look, colour)
+    places = [
+        place
+        for place in zip(panel.across(x), panel.down(y), strict=True)
+        if all(map(math.isfinite, place))
+    ]
+    return stroke(
+        "".join(f"M{_number(across)} {_number(down)}h0" for across, down in places), look, colour
+    )
 
 
 def stroke(path: str, look: str, colour: str) -> str:
@@ -100,9 +126,15 @@ def fill(path: str, look: str, colour: str) -> str:
     return f'<path class="filled {look}" style="fill:var(--{colour})" d="{path}"/>'
 
 
-def text(x: float, y: float, markup: str, look: str = "", anchor: str = "start", turn: bool = False) -> str:
+def text(
+    x: float, y: float, markup: str, look: str = "", anchor: str = "start", turn: bool = False
+) -> str:
     """Text whose markup is SVG already; `turn`ed it reads upwards."""
-    place = f'transform="translate({_number(x)} {_number(y)}) rotate(-90)"' if turn else f'x="{_number(x)}" y="{_number(y)}"'
+    place = (
+        f'transform="translate({_number(x)} {_number(y)}) rotate(-90)"'
+        if turn
+        else f'x="{_number(x)}" y="{_number(y)}"'
+    )
     kind = f' class="{look}"' if look else ""
     return f'<text {place}{kind} text-anchor="{anchor}">{markup}</text>'
 
@@ -123,19 +155,31 @@ def paragraph(x: float, y: float, width: float, words: str, look: str = "") -> t
     lines = [""]
     for word in words.split(" "):
         longer = f"{lines[-1]} {word}".strip()
-        lines = [*lines[:-1], longer] if len(longer) * LETTER <= width or not lines[-1] else [*lines, word]
-    return "".join(text(x, y + 13 + 18 * number, escape(each), look) for number, each in enumerate(lines)), 18.0 * len(lines)
+        lines = (
+            [*lines[:-1], longer]
+            if len(longer) * LETTER <= width or not lines[-1]
+            else [*lines, word]
+        )
+    return "".join(
+        text(x, y + 13 + 18 * number, escape(each), look) for number, each in enumerate(lines)
+    ), 18.0 * len(lines)
 
 
 def legend(y: float, width: float, entries: Sequence[tuple[str, str]]) -> tuple[str, float]:
-    """Samples (a drawing of 24 x 12 px) with their names, in as many lines as the width needs; and their height [px]."""
+    """Samples (a drawing of 24 x 12 px) with their names, in as many lines as the width needs.
+
+    And their height [px].
+    """
     parts, x, row = [], 0.0, 0
     for sample, name in entries:
         needed = 30 + len(re.sub(r"<[^>]*>", "", name)) * LETTER
         if x > 0 and x + needed > width:
             x, row = 0.0, row + 1
         place = f"translate({_number(x)} {_number(y + ENTRY * row)})"
-        parts.append(f'<g transform="{place}"><g transform="translate(0 3)">{sample}</g>{text(30, 13, name)}</g>')
+        parts.append(
+            f'<g transform="{place}"><g transform="translate(0 '
+            f'3)">{sample}</g>{text(30, 13, name)}</g>'
+        )
         x += needed + 18
     return "".join(parts), ENTRY * (row + 1.0) if entries else 0.0
 
@@ -145,9 +189,14 @@ def ticks(low: float, high: float, most: int) -> tuple[list[float], list[str]]:
     rough = (high - low) / max(most, 1)
     power = 10.0 ** math.floor(math.log10(rough))
     step = next(
-        power * nice for nice in (1, 2, 2.5, 5, 10, 20) if math.floor(high / (power * nice)) - math.ceil(low / (power * nice)) < most
+        power * nice
+        for nice in (1, 2, 2.5, 5, 10, 20)
+        if math.floor(high / (power * nice)) - math.ceil(low / (power * nice)) < most
     )
-    places = [step * number for number in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)]
+    places = [
+        step * number
+        for number in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)
+    ]
     decimals = next(count for count in range(16) if round(step, count) == round(step, 15))
     return places, [written(place, decimals) for place in places]
 
@@ -158,8 +207,11 @@ def written(value: float, decimals: int) -> str:
     return shown.replace("-", "\N{MINUS SIGN}") if float(shown) else shown.removeprefix("-")
 
 
-def axes(panel: Panel, below: str | None, beside: str, few: int = 6, left: bool = True, room: float = 35) -> tuple[str, str]:
-    """Numbers and names along a panel's lower and left edges, and the grid within it, which is to be drawn first.
+def axes(
+    panel: Panel, below: str | None, beside: str, few: int = 6, left: bool = True, room: float = 35
+) -> tuple[str, str]:
+    """Numbers and names along a panel's lower and left edges, and the grid within it, which is to
+    be drawn first.
 
     Args:
         panel: the panel.
@@ -176,13 +228,27 @@ def axes(panel: Panel, below: str | None, beside: str, few: int = 6, left: bool 
     if below is not None:
         middles = zip(panel.across(x), across, strict=True)
         # A number at the right edge stays within the picture.
-        outside += [text(panel.left + place, foot + 17, name, "", _anchor(place, panel.width)) for place, name in middles]
+        outside += [
+            text(panel.left + place, foot + 17, name, "", _anchor(place, panel.width))
+            for place, name in middles
+        ]
         outside.append(text(panel.left + panel.width / 2, foot + 36, below, "", "middle"))
     if left:
         levels = zip(panel.down(y), up, strict=True)
-        outside += [text(panel.left - 6, panel.top + min(max(place, 6), panel.height - 2) + 4.5, name, "", "end") for place, name in levels]
+        outside += [
+            text(
+                panel.left - 6,
+                panel.top + min(max(place, 6), panel.height - 2) + 4.5,
+                name,
+                "",
+                "end",
+            )
+            for place, name in levels
+        ]
     if beside:
-        outside.append(text(panel.left - room, panel.top + panel.height / 2, beside, "", "middle", turn=True))
+        outside.append(
+            text(panel.left - room, panel.top + panel.height / 2, beside, "", "middle", turn=True)
+        )
     lines = "".join(f"M{_number(place)} 0V{_number(panel.height)}" for place in panel.across(x))
     lines += "".join(f"M0 {_number(place)}H{_number(panel.width)}" for place in panel.down(y))
     return "".join(outside), f'<path class="grid" d="{lines}"/>' if lines else ""
@@ -193,7 +259,10 @@ def _anchor(place: float, width: float) -> str:
 
 
 def margin(values: Any, floor: float = -math.inf) -> tuple[float, float]:
-    """A range that holds the finite values with a little room around them, not below a floor; never empty."""
+    """A range that holds the finite values with a little room around them, not below a floor.
+
+    Never empty.
+    """
     finite = np.asarray(values, np.float64)
     finite = finite[np.isfinite(finite)]
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
@@ -223,5 +292,8 @@ def diamond(x: float, y: float, colour: str) -> str:
 
 
 def _number(value: float) -> str:
-    """A length in tenths of a pixel, as short as it can be; far outside of any picture counts as far enough."""
+    """A length in tenths of a pixel, as short as it can be.
+
+    Far outside of any picture counts as far enough.
+    """
     return f"{min(max(float(value), -1e5), 1e5):.1f}".removesuffix(".0")

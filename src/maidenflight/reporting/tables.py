@@ -1,4 +1,6 @@
-"""Tables of the page: each can be sorted by its heads and taken away as CSV, in SI units and in full."""
+"""Tables of the page: each can be sorted by its heads and taken away as CSV, in SI units and in
+full.
+"""
 
 from collections.abc import Iterable, Sequence
 from html import escape
@@ -30,7 +32,12 @@ def words(text: str) -> Cell:
     return Cell(escape(text), text)
 
 
-def sortable(name: str, heads: Sequence[tuple[str, str]], rows: Iterable[tuple[str, Sequence[Cell]]], content: polars.DataFrame) -> str:
+def sortable(
+    name: str,
+    heads: Sequence[tuple[str, str]],
+    rows: Iterable[tuple[str, Sequence[Cell]]],
+    content: polars.DataFrame,
+) -> str:
     """A table with heads that sort it, and a link that saves it.
 
     Args:
@@ -40,13 +47,17 @@ def sortable(name: str, heads: Sequence[tuple[str, str]], rows: Iterable[tuple[s
         content: what the file holds, in SI units.
     """
     lines = [_line(attributes, cells) for attributes, cells in rows]
-    head = "".join(f'<th scope=col><button type=button data-column="{column}">{label}</button></th>' for column, label in heads)
+    head = "".join(
+        f'<th scope=col><button type=button data-column="{column}">{label}</button></th>'
+        for column, label in heads
+    )
     tall = " tall" if len(lines) > TALL else ""
     plural = "" if len(lines) == 1 else "s"
     body = f"<thead><tr>{head}</tr></thead><tbody>{''.join(lines)}</tbody>"
     return (
         f'<div class="scroll{tall}"><table class="sortable {name}">{body}</table></div>'
-        f"<p class=below><span class=note>{len(lines)} row{plural}.</span> {download(name, content)}</p>"
+        f"<p class=below><span class=note>{len(lines)} row{plural}.</span> "
+        f"{download(name, content)}</p>"
     )
 
 
@@ -58,9 +69,16 @@ def _line(attributes: str, cells: Sequence[Cell]) -> str:
 
 
 def _value(cell: Cell) -> str:
-    return "" if isinstance(cell.value, float) and not np.isfinite(cell.value) else escape(str(cell.value))
+    return (
+        ""
+        if isinstance(cell.value, float) and not np.isfinite(cell.value)
+        else escape(str(cell.value))
+    )
 
 
 def download(name: str, content: polars.DataFrame) -> str:
     """A link that saves a table as `NAME.csv`; the table is in the link."""
-    return f'<a class=button download="{name}.csv" href="data:text/csv;charset=utf-8,{quote(content.write_csv())}">Download as CSV</a>'
+    return (
+        f'<a class=button download="{name}.csv" '
+        f'href="data:text/csv;charset=utf-8,{quote(content.write_csv())}">Download as CSV</a>'
+    )

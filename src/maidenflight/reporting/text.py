@@ -1,4 +1,5 @@
-"""Numbers, symbols and units as a person reads them: milliseconds, degrees and centimetres instead of SI, and HTML that cannot break.
+"""Numbers, symbols and units as a person reads them: milliseconds, degrees and centimetres instead
+of SI, and HTML that cannot break.
 
 The only place of the report where units change.
 """
@@ -16,12 +17,22 @@ from maidenflight.parameters import COMPONENTS, QUANTITIES, Quantity
 NOTHING = "\N{EN DASH}"
 """Stands for a number that is not known."""
 
-_GREEK = {"Delta": "Δ", "sigma": "\N{GREEK SMALL LETTER SIGMA}", "theta": "θ", "tau": "τ", "phi": "φ", "omega": "ω", "Omega": "Ω"}
+_GREEK = {
+    "Delta": "Δ",
+    "sigma": "\N{GREEK SMALL LETTER SIGMA}",
+    "theta": "θ",
+    "tau": "τ",
+    "phi": "φ",
+    "omega": "ω",
+    "Omega": "Ω",
+}
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def symbol(name: str) -> str:
-    """A parameter's symbol as HTML: `T_m` becomes T with a subscript, and `inertia_x` I with an x."""
+    """A parameter's symbol as HTML: `T_m` becomes T with a subscript, and `inertia_x` I with an
+    x.
+    """
     letters = "|".join(_GREEK)
     field, place = COMPONENTS.get(name, (name, None))
     given = QUANTITIES[field].symbol + ("" if place is None else f"_{'xyz'[place]}")
@@ -30,16 +41,22 @@ def symbol(name: str) -> str:
 
 
 def quantity(name: str) -> Quantity:
-    """What is known of a parameter, or of the field that a component such as `inertia_x` is part of."""
+    """What is known of a parameter, or of the field that a component such as `inertia_x` is part
+    of.
+    """
     return QUANTITIES[COMPONENTS.get(name, (name, None))[0]]
 
 
 def scale(name: str, values: Any) -> tuple[float, str]:
-    """The factor that makes values of a parameter numbers without many zeros, and the unit with its power of ten, plain text."""
+    """The factor that makes values of a parameter numbers without many zeros, and the unit with its
+    power of ten, plain text.
+    """
     if factor(name) != 1.0:
         return factor(name), unit(name)
     largest = float(np.max(np.abs(values), initial=0.0))
-    power = 3 * math.floor(math.log10(largest) / 3) if largest > 0 and not 0.05 <= largest < 1e4 else 0
+    power = (
+        3 * math.floor(math.log10(largest) / 3) if largest > 0 and not 0.05 <= largest < 1e4 else 0
+    )
     shown = "10" + str(power).translate(_RAISED) if power else ""
     return 10.0**-power, f"{shown} {unit(name)}".strip()
 
@@ -71,7 +88,9 @@ def number(value: Any, digits: int = 4) -> str:
     shown = f"{value:.{digits}g}"
     if "e" in shown:
         mantissa, exponent = shown.split("e")
-        return f"{mantissa} \N{MULTIPLICATION SIGN} 10<sup>{int(exponent)}</sup>".replace("-", "\N{MINUS SIGN}")
+        return f"{mantissa} \N{MULTIPLICATION SIGN} 10<sup>{int(exponent)}</sup>".replace(
+            "-", "\N{MINUS SIGN}"
+        )
     return shown.replace("-", "\N{MINUS SIGN}")
 
 
@@ -84,5 +103,7 @@ def plural(count: int, noun: str) -> str:
 
 def embed(identity: str, content: Any) -> str:
     """Content as JSON within HTML: nothing in it can end the element."""
-    text = json.dumps(content, separators=(",", ":"), ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
+    text = json.dumps(content, separators=(",", ":"), ensure_ascii=False, allow_nan=False).replace(
+        "<", "\\u003c"
+    )
     return f'<script type="application/json" id="{identity}">{text}</script>'

@@ -1,4 +1,6 @@
-"""What a run folder holds beside what its page shows, so that nothing is left out without a word."""
+"""What a run folder holds beside what its page shows, so that nothing is left out without a
+word.
+"""
 
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
@@ -29,15 +31,27 @@ def find(folder: Path, shown: Collection[Path]) -> dict[str, list[str]]:
 def _folders(folder: Path, shown: Collection[Path]) -> Iterator[tuple[str, str]]:
     for place in sorted(folder.iterdir()):
         if place.is_dir() and place not in shown:
-            held = next((kind for names, kind in _KINDS.items() if next(place.glob(names), None) is not None), "")
+            held = next(
+                (
+                    kind
+                    for names, kind in _KINDS.items()
+                    if next(place.glob(names), None) is not None
+                ),
+                "",
+            )
             if held:
                 yield held, f"{place.name}/"
 
 
 def _files(folder: Path) -> Iterator[tuple[str, str]]:
-    for own, kind in (("prediction.csv", "predicted flights"), ("validation.csv", "prediction errors")):
+    for own, kind in (
+        ("prediction.csv", "predicted flights"),
+        ("validation.csv", "prediction errors"),
+    ):
         for path in sorted(folder.glob(f"{own.removesuffix('.csv')}*.csv")):
-            if path.name not in (own, "validation_windows.csv") and _begins(path, f"# maidenflight {own.removesuffix('.csv')} "):
+            if path.name not in (own, "validation_windows.csv") and _begins(
+                path, f"# maidenflight {own.removesuffix('.csv')} "
+            ):
                 yield kind, path.name
     for path in sorted(folder.glob("*.toml")):
         if path.name != "drone.toml" and _identified(path):
@@ -60,7 +74,9 @@ def told(found: Mapping[str, list[str]]) -> str:
     """The names in a line of the page."""
     if not found:
         return ""
-    parts = [f"{kind}: {escape(', '.join(names[:_MOST]))}{_more(names)}" for kind, names in found.items()]
+    parts = [
+        f"{kind}: {escape(', '.join(names[:_MOST]))}{_more(names)}" for kind, names in found.items()
+    ]
     return (
         f"<p class=note>Also in this folder, but not on this page: {'; '.join(parts)}."
         " <code>maidenflight report FOLDER</code> makes a page of one of these folders.</p>"

@@ -1,4 +1,6 @@
-"""The picture of the objective's valley: where identification looked, and how well two delays are told apart."""
+"""The picture of the objective's valley: where identification looked, and how well two delays are
+told apart.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Protocol
@@ -43,25 +45,39 @@ def valley(
 ) -> str:
     """The objective over motor time constant and latency, with all other parameters at their best.
 
-    Dots are evaluations, each with the other parameters that it happens to have. Contours are those of a quadratic fitted to the
-    evaluations near the best and minimised over the other parameters. Where none fits there are no contours, and the note says so.
+    Dots are evaluations, each with the other parameters that it happens to have. Contours are those
+    of a quadratic fitted to the evaluations near the best and minimised over the other parameters.
+    Where none fits there are no contours, and the note says so.
 
     Args:
-        search: a row an evaluation: values of the parameters [SI] and `objective`, as in identification.csv and
-            `Identification.history` of a replay.
-        estimates: optimum and interval by parameter; the best evaluation, without an interval, unless given.
-        truth: what is true of a virtual drone: corners of a box, motor time constant and latency [s].
+        search: a row an evaluation: values of the parameters [SI] and `objective`, as in
+            identification.csv and `Identification.history` of a replay.
+        estimates: optimum and interval by parameter; the best evaluation, without an interval,
+            unless given.
+        truth: what is true of a virtual drone: corners of a box, motor time constant and latency
+            [s].
         width: of the picture [px].
 
     Raises:
-        InputError: no finite objective, one that is not above zero, or no column of one of the two parameters.
+        InputError: no finite objective, one that is not above zero, or no column of one of the two
+            parameters.
     """
     missing = [name for name in (*_DELAYS, "objective") if name not in search.columns]
-    rows = search.clear() if missing else search.filter(polars.col("objective").is_finite()).sort("objective", descending=True)
+    rows = (
+        search.clear()
+        if missing
+        else search.filter(polars.col("objective").is_finite()).sort("objective", descending=True)
+    )
     if rows.height == 0:
-        raise InputError(f"no valley to draw: {f'no column {missing[0]}' if missing else 'no evaluation has a finite objective'}.")
+        raise InputError(
+            "no valley to draw: "
+            f"{f'no column {missing[0]}' if missing else 'no evaluation has a finite objective'}."
+        )
     if rows["objective"][-1] <= 0:
-        raise InputError("no valley to draw: objectives below zero, of which a share means nothing. Are they likelihoods? Draw `corner`.")
+        raise InputError(
+            "no valley to draw: objectives below zero, of which a share means nothing. Are they "
+            "likelihoods? Draw `corner`."
+        )
     names = [name for name in rows.columns if name not in ("trial", "objective")]
     above = (rows["objective"].to_numpy() / rows["objective"].min() - 1) * 100
     points = rows.select(_DELAYS).to_numpy() * 1e3
@@ -69,22 +85,43 @@ def valley(
     best = np.array([known[name].value * 1e3 for name in _DELAYS]) if known else points[-1]
     paper = np.array([1e3 * float(getattr(crazyflie(), name)) for name in _DELAYS])
     box = 1e3 * np.reshape(np.array([*truth, *truth[:1]], np.float64), (-1, 2))
-    fitted = surrogate.valley(rows.select(names).to_numpy(), rows["objective"].to_numpy(), [names.index(name) for name in _DELAYS])
-    contours = {level: 1e3 * fitted.contour(best / 1e3, level) for level in LEVELS} if fitted else {}
+    fitted = surrogate.valley(
+        rows.select(names).to_numpy(),
+        rows["objective"].to_numpy(),
+        [names.index(name) for name in _DELAYS],
+    )
+    contours = (
+        {level: 1e3 * fitted.contour(best / 1e3, level) for level in LEVELS} if fitted else {}
+    )
     seen = np.concatenate([points[above <= LEVELS[-1]], [best, paper], box, *contours.values()])
 
-    legend, tall = svg.legend(svg.TITLE, width, _legend(float(best.sum()), bool(known), bool(contours), bool(truth)))
+    legend, tall = svg.legend(
+        svg.TITLE, width, _legend(float(best.sum()), bool(known), bool(contours), bool(truth))
+    )
     ranges = (svg.margin(seen[:, side], floor=0.0) for side in range(2))
     panel = Panel(56, svg.TITLE + tall + 8, width - 64, max(0.42 * width, 270), *ranges)
-    content = [svg.evaluations(panel, points[chosen], colour) for colour, chosen in _classes(above).items()]
+    content = [
+        svg.evaluations(panel, points[chosen], colour) for colour, chosen in _classes(above).items()
+    ]
     content.append(svg.line(panel, best.sum() - np.array(panel.y), panel.y, "thin dashed", "soft"))
     content += [_contour(panel, level, curve) for level, curve in contours.items()]
-    sides = np.array([1e3 * np.array(known[name].interval) for name in _DELAYS]).T if known else None
+    sides = (
+        np.array([1e3 * np.array(known[name].interval) for name in _DELAYS]).T if known else None
+    )
     content.append(_marked(panel, best, paper, box, sides))
-    note, deep = svg.paragraph(0, panel.top + panel.height + 46, width, _fit_told(fitted, len(names) - 2))
-    axes = svg.axes(panel, f"motor time constant {svg.symbol(_DELAYS[0])} [ms]", f"latency {svg.symbol(_DELAYS[1])} [ms]", room=42)
+    note, deep = svg.paragraph(
+        0, panel.top + panel.height + 46, width, _fit_told(fitted, len(names) - 2)
+    )
+    axes = svg.axes(
+        panel,
+        f"motor time constant {svg.symbol(_DELAYS[0])} [ms]",
+        f"latency {svg.symbol(_DELAYS[1])} [ms]",
+        room=42,
+    )
     parts = [legend, axes[0], svg.framed(panel, [axes[1], *content], "valley"), note]
-    return svg.picture(width, panel.top + panel.height + 50 + deep, "The valley of the objective", parts)
+    return svg.picture(
+        width, panel.top + panel.height + 50 + deep, "The valley of the objective", parts
+    )
 
 
 def _classes(above: Float[np.ndarray, "n"]) -> dict[str, np.ndarray]:
@@ -95,10 +132,14 @@ def _classes(above: Float[np.ndarray, "n"]) -> dict[str, np.ndarray]:
 def _legend(total: float, known: bool, contours: bool, truth: bool) -> list[tuple[str, str]]:
     dots = {"low": f"within {EDGE:g} % of the best", "middle": "within 10 %", "high": "worse"}
     spot = Panel(0, 0, 24, 12, (0, 2), (0, 2))
-    entries = [(svg.evaluations(spot, np.ones((1, 2)), colour), name) for colour, name in dots.items()]
+    entries = [
+        (svg.evaluations(spot, np.ones((1, 2)), colour), name) for colour, name in dots.items()
+    ]
     if contours:
         others = " and ".join(f"{level:g} %" for level in LEVELS if level != EDGE)
-        entries.append((svg.stroke("M0 6H24", "line", "blue"), f"{EDGE:g} % above the optimum, fitted"))
+        entries.append(
+            (svg.stroke("M0 6H24", "line", "blue"), f"{EDGE:g} % above the optimum, fitted")
+        )
         entries.append((svg.stroke("M0 6H24", "thin", "blue"), others))
     return [*entries, *_marks(total, known, truth)]
 
@@ -108,27 +149,43 @@ def _marks(total: float, known: bool, truth: bool, remark: str = "") -> list[tup
     return [
         *([(svg.stroke("M0 6H24", "line", "green"), "truth")] if truth else []),
         (svg.diamond(12, 6, "purple"), f"paper's drone{remark}"),
-        (svg.cross(12, 6, "orange"), f"identified, {100 * LEVEL:.0f} % interval" if known else "best evaluation"),
-        (svg.stroke("M0 6H24", "thin dashed", "soft"), f"{svg.symbol(_DELAYS[0])} + {svg.symbol(_DELAYS[1])} = {total:.1f} ms"),
+        (
+            svg.cross(12, 6, "orange"),
+            f"identified, {100 * LEVEL:.0f} % interval" if known else "best evaluation",
+        ),
+        (
+            svg.stroke("M0 6H24", "thin dashed", "soft"),
+            f"{svg.symbol(_DELAYS[0])} + {svg.symbol(_DELAYS[1])} = {total:.1f} ms",
+        ),
     ]
 
 
 def _contour(panel: Panel, level: float, curve: Float[np.ndarray, "n 2"]) -> str:
-    """A closed curve; only the valley's edge has its name beside it, for the others lie too close on a phone."""
+    """A closed curve; only the valley's edge has its name beside it, for the others lie too close
+    on a phone.
+    """
     closed = np.concatenate([curve, curve[:1]])
     if level != EDGE:
         return svg.line(panel, closed[:, 0], closed[:, 1], "thin", "blue")
     across, down = panel.at(*curve[np.argmin(curve[:, 0])])
-    return svg.line(panel, closed[:, 0], closed[:, 1], "", "blue") + svg.text(across - 4, down + 4, f"{level:g} %", "small halo", "end")
+    return svg.line(panel, closed[:, 0], closed[:, 1], "", "blue") + svg.text(
+        across - 4, down + 4, f"{level:g} %", "small halo", "end"
+    )
 
 
 def _fit_told(fitted: surrogate.Valley | None, others: int) -> str:
     if fitted is None:
         return "No contours: too few evaluations near the best, or no quadratic fits them."
-    best = f", minimised over the other {'parameter' if others == 1 else f'{others} parameters'}" if others else ""
+    best = (
+        f", minimised over the other {'parameter' if others == 1 else f'{others} parameters'}"
+        if others
+        else ""
+    )
     told = (
-        f"Contours: a quadratic{best}, fitted to the {fitted.evaluations} evaluations within {fitted.reach:g} % of the best, which it"
-        f" misses by {fitted.error:.2g} % (rms). Each dot has its own values of the other parameters, so one inside a contour can be worse."
+        f"Contours: a quadratic{best}, fitted to the {fitted.evaluations} evaluations within "
+        f"{fitted.reach:g} % of the best, which it"
+        f" misses by {fitted.error:.2g} % (rms). Each dot has its own values of the other "
+        "parameters, so one inside a contour can be worse."
     )
     return told.replace(" %", "\N{NO-BREAK SPACE}%")
 
@@ -143,19 +200,23 @@ def cloud(
     truth: Sequence[tuple[float, float]] = (),
     width: float = 720,
 ) -> str:
-    """What a likelihood leaves open of motor time constant and latency: draws of its posterior, and ellipses that hold shares of them.
+    """What a likelihood leaves open of motor time constant and latency: draws of its posterior, and
+    ellipses that hold shares of them.
 
     Args:
         draws: N values by parameter [SI]; an entry of each belongs together.
         estimates: optimum and interval by parameter.
-        truth: what is true of a virtual drone: corners of a box, motor time constant and latency [s].
+        truth: what is true of a virtual drone: corners of a box, motor time constant and latency
+            [s].
         width: of the picture [px].
 
     Raises:
         InputError: draws or estimates of one of the two parameters are missing.
     """
     if not set(_DELAYS) <= set(draws) or not set(_DELAYS) <= set(estimates):
-        raise InputError(f"no valley to draw: expected draws and estimates of {' and '.join(_DELAYS)}.")
+        raise InputError(
+            f"no valley to draw: expected draws and estimates of {' and '.join(_DELAYS)}."
+        )
     points = 1e3 * np.array([draws[name] for name in _DELAYS], np.float64).T
     best = np.array([1e3 * estimates[name].value for name in _DELAYS])
     paper = np.array([1e3 * float(getattr(crazyflie(), name)) for name in _DELAYS])
@@ -174,30 +235,58 @@ def cloud(
     legend, tall = svg.legend(
         svg.TITLE,
         width,
-        [*entries, *_marks(float(best.sum()), True, bool(truth), "" if inside else f" ({paper[0]:g} ms, {paper[1]:g} ms) is far outside")],
+        [
+            *entries,
+            *_marks(
+                float(best.sum()),
+                True,
+                bool(truth),
+                "" if inside else f" ({paper[0]:g} ms, {paper[1]:g} ms) is far outside",
+            ),
+        ],
     )
     ranges = (svg.margin(seen[:, side], floor=0.0) for side in range(2))
     panel = Panel(56, svg.TITLE + tall + 8, width - 64, max(0.36 * width, 270), *ranges)
     content = [svg.dots(panel, points[:, 0], points[:, 1], "fine", "blue")]
     content.append(svg.line(panel, best.sum() - np.array(panel.y), panel.y, "thin dashed", "soft"))
-    content += [svg.line(panel, curve[:, 0], curve[:, 1], "" if share == SHARES[1] else "thin", "blue") for share, curve in curves.items()]
+    content += [
+        svg.line(panel, curve[:, 0], curve[:, 1], "" if share == SHARES[1] else "thin", "blue")
+        for share, curve in curves.items()
+    ]
     content.append(_marked(panel, best, paper, box, sides))
-    outside, grid = svg.axes(panel, f"motor time constant {svg.symbol(_DELAYS[0])} [ms]", f"latency {svg.symbol(_DELAYS[1])} [ms]", room=42)
+    outside, grid = svg.axes(
+        panel,
+        f"motor time constant {svg.symbol(_DELAYS[0])} [ms]",
+        f"latency {svg.symbol(_DELAYS[1])} [ms]",
+        room=42,
+    )
     parts = [legend, outside, svg.framed(panel, [grid, *content], "valley")]
     return svg.picture(width, panel.top + panel.height + 46, "The valley of the objective", parts)
 
 
 def _ellipse(points: Float[np.ndarray, "n 2"], share: float) -> Float[np.ndarray, "m 2"]:
-    """The ellipse that holds a share of a normal distribution with the points' mean and covariance."""
+    """The ellipse that holds a share of a normal distribution with the points' mean and
+    covariance.
+    """
     turn = np.linspace(0, 2 * np.pi, 97)
-    spread, axes = np.linalg.eigh(np.atleast_2d(np.cov(points.T)) if len(points) > 2 else np.zeros((2, 2)))
+    spread, axes = np.linalg.eigh(
+        np.atleast_2d(np.cov(points.T)) if len(points) > 2 else np.zeros((2, 2))
+    )
     radius = np.sqrt(-2 * np.log(1 - share) * np.maximum(spread, 0.0))
     return points.mean(axis=0) + np.stack([np.cos(turn), np.sin(turn)], axis=1) * radius @ axes.T
 
 
-def _marked(panel: Panel, best: np.ndarray, paper: np.ndarray, box: np.ndarray, sides: np.ndarray | None) -> str:
-    """Truth, the paper's drone and the optimum with its interval, in the order in which they cover each other."""
-    drawn = svg.line(panel, box[:, 0], box[:, 1], "", "green") + svg.diamond(*panel.at(*paper), "purple")
+def _marked(
+    panel: Panel, best: np.ndarray, paper: np.ndarray, box: np.ndarray, sides: np.ndarray | None
+) -> str:
+    """Truth, the paper's drone and the optimum with its interval, in the order in which they cover
+    each other.
+    """
+    drawn = svg.line(panel, box[:, 0], box[:, 1], "", "green") + svg.diamond(
+        *panel.at(*paper), "purple"
+    )
     if sides is not None:
-        drawn += svg.line(panel, sides[:, 0], [best[1]] * 2, "", "orange") + svg.line(panel, [best[0]] * 2, sides[:, 1], "", "orange")
+        drawn += svg.line(panel, sides[:, 0], [best[1]] * 2, "", "orange") + svg.line(
+            panel, [best[0]] * 2, sides[:, 1], "", "orange"
+        )
     return drawn + svg.cross(*panel.at(*best), "orange")

@@ -1,4 +1,6 @@
-"""From thrust command to motor command: actuator noise, the optional battery, and the square root of the motor model."""
+"""From thrust command to motor command: actuator noise, the optional battery, and the square root
+of the motor model.
+"""
 
 from typing import NamedTuple
 
@@ -31,18 +33,28 @@ def switched_on(command: Float[Array, ""], parameters: Parameters, with_battery:
 
 
 def ornstein_uhlenbeck(
-    noise: Float[Array, "4"], elapsed: Float[Array, ""], parameters: Parameters, normal: Float[Array, "4"]
+    noise: Float[Array, "4"],
+    elapsed: Float[Array, ""],
+    parameters: Parameters,
+    normal: Float[Array, "4"],
 ) -> Float[Array, "4"]:
-    """Next sample of the actuator noise, exact at any time step: its strength does not depend on how often it is drawn.
+    """Next sample of the actuator noise, exact at any time step: its strength does not depend on
+    how often it is drawn.
 
     Source: the process of Gronauer et al. 2022, sec. Simulation Environment; Molchanov et al. 2019.
     """
     aged = parameters.actuator_noise_rate * elapsed
-    return jnp.exp(-aged) * noise + parameters.actuator_noise * jnp.sqrt(-jnp.expm1(-2 * aged)) * normal
+    return (
+        jnp.exp(-aged) * noise
+        + parameters.actuator_noise * jnp.sqrt(-jnp.expm1(-2 * aged)) * normal
+    )
 
 
 def rotor_speed_command(command: Float[Array, "4"]) -> Float[Array, "4"]:
-    """sqrt(u), with a zero instead of an infinite gradient at u = 0. Source: Gronauer et al. 2022, eq:motor-dynamics."""
+    """sqrt(u), with a zero instead of an infinite gradient at u = 0. Source: Gronauer et al.
+
+    2022, eq:motor-dynamics.
+    """
     none = command <= 0
     return jnp.where(none, 0.0, jnp.sqrt(jnp.where(none, 1.0, command)))
 
@@ -63,7 +75,8 @@ def actuate(
         period: time for which the command holds [s].
         parameters: uses the noise and `battery` fields.
         normal: draws from the standard normal distribution.
-        with_battery: whether the command passes through the firmware's battery compensation and 8-bit PWM.
+        with_battery: whether the command passes through the firmware's battery compensation and
+            8-bit PWM.
 
     Returns:
         New memory and sqrt(u) of the noisy command, in [0, 1].

@@ -1,12 +1,15 @@
 """The battery and the firmware's compensation for it: from thrust command to motor ratio and back.
 
-A Crazyflie raises the motors' ratio as the battery falls, so that a thrust command keeps its meaning until the ratio reaches one.
-Logs hold the ratio after compensation, so the same law read backwards recovers the command.
+A Crazyflie raises the motors' ratio as the battery falls, so that a thrust command keeps its
+meaning until the ratio reaches one. Logs hold the ratio after compensation, so the same law read
+backwards recovers the command.
 
-Source: Crazyflie firmware 2021.10, src/drivers/src/motors.c, motorsCompensateBatteryVoltage; the scales were verified on the
-authors' flight logs (97 % of 617,316 samples exact, all within one 8-bit step).
+Source: Crazyflie firmware 2021.10, src/drivers/src/motors.c, motorsCompensateBatteryVoltage; the
+scales were verified on the authors' flight logs (97 % of 617,316 samples exact, all within one
+8-bit step).
 
-These functions take NumPy arrays as well as JAX arrays, because logs are read without compiling anything.
+These functions take NumPy arrays as well as JAX arrays, because logs are read without compiling
+anything.
 """
 
 from typing import TypeVar
@@ -23,7 +26,8 @@ Numbers = TypeVar("Numbers", jax.Array, np.ndarray)
 COUNTS = 60000.0
 """The firmware's thrust counts that are u = 1 here, as in the authors' code and flights."""
 MOST_COUNTS = 65535.0
-"""The most it has. It is u = 1 in logs that tell the firmware's own share of full thrust (`flights.cflib`, our own of a real drone)."""
+"""The most it has. It is u = 1 in logs that tell the firmware's own share of full thrust
+(`flights.cflib`, our own of a real drone)."""
 _GRAMS = 60.0 * COUNTS / 65536.0
 """Thrust [g] of four motors that the firmware expects at u = 1."""
 _SQUARE, _LINEAR = -0.0006239, 0.088
@@ -49,7 +53,8 @@ def motor_ratio(command: Numbers, voltage: Numbers) -> Numbers:
 
 
 def thrust_command(ratio: Numbers, voltage: Numbers) -> Numbers:
-    """Thrust command that a motor ratio stands for: the inverse of `motor_ratio` at the middle of its 8-bit step.
+    """Thrust command that a motor ratio stands for: the inverse of `motor_ratio` at the middle of
+    its 8-bit step.
 
     Args:
         ratio: motor ratio after compensation; zero means that the motor is off.
@@ -60,13 +65,16 @@ def thrust_command(ratio: Numbers, voltage: Numbers) -> Numbers:
     """
     xp = ratio.__array_namespace__()
     volts = xp.where(ratio > 0, ratio + 0.5 / _STEPS, 0.0) * voltage
-    # Above the parabola's top the firmware's own law has no thrust to give; the top is far beyond u = 1.
+    # Above the parabola's top the firmware's own law has no thrust to give; the top is far beyond u
+    # = 1.
     discriminant = xp.maximum(_LINEAR**2 + 4 * _SQUARE * volts, 0.0)
     grams = (_LINEAR - xp.sqrt(discriminant)) / (-2 * _SQUARE)
     return xp.clip(grams / _GRAMS, 0.0, 1.0)
 
 
-def voltage(charge_drawn: Float[Array, ""], ratio: Float[Array, "4"], parameters: Parameters) -> Float[Array, ""]:
+def voltage(
+    charge_drawn: Float[Array, ""], ratio: Float[Array, "4"], parameters: Parameters
+) -> Float[Array, ""]:
     """Battery voltage under load: V = V_0 - (dV/dt) drawn - R mean(ratio) [V].
 
     A linear stand-in for a LiPo's middle range, of our own making.
@@ -76,4 +84,8 @@ def voltage(charge_drawn: Float[Array, ""], ratio: Float[Array, "4"], parameters
         ratio: motor ratio of the four motors.
         parameters: uses the `battery` fields.
     """
-    return parameters.battery_voltage - parameters.battery_discharge * charge_drawn - parameters.battery_resistance * ratio.mean()
+    return (
+        parameters.battery_voltage
+        - parameters.battery_discharge * charge_drawn
+        - parameters.battery_resistance * ratio.mean()
+    )

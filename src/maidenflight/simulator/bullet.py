@@ -1,10 +1,13 @@
-"""The same drone in PyBullet: a second opinion on our rigid body, and a reality that none of our equations integrate.
+"""The same drone in PyBullet: a second opinion on our rigid body, and a reality that none of our
+equations integrate.
 
-The body is made in code, without a mesh or URDF: mass, diagonal inertia, and a force at each rotor's place, so that Bullet works
-out the torques of the lever arms itself. What we hand to it is the motors (`dynamics.motor_derivative`, `dynamics.rotor_forces`),
-their reaction torque about the body's z axis and the rotor drag; weight, gyroscopic torque, damping and the step are Bullet's.
+The body is made in code, without a mesh or URDF: mass, diagonal inertia, and a force at each
+rotor's place, so that Bullet works out the torques of the lever arms itself. What we hand to it is
+the motors (`dynamics.motor_derivative`, `dynamics.rotor_forces`), their reaction torque about the
+body's z axis and the rotor drag; weight, gyroscopic torque, damping and the step are Bullet's.
 
-The body is Bullet's default kind, a multibody with a base and no links. Read back and measured (version 3.2.7):
+The body is Bullet's default kind, a multibody with a base and no links. Read back and measured
+(version 3.2.7):
 
 - A shapeless body is made with no inertia; the diagonal must be set afterwards.
 - The gyroscopic torque is there, explicit in the rates, so that free rotation gains energy at first order in the step. A body in
@@ -38,15 +41,16 @@ DAMPING = 0.04
 _ROTORS = ((1, -1), (-1, -1), (-1, 1), (1, 1))
 """Signs of x and y of the rotors' places: front right, back right, back left, front left."""
 _PARTS = (3, 6, 10)
-"""Where velocity, quaternion and body rates begin in the 13 numbers of a body, which begin with its position."""
+"""Where velocity, quaternion and body rates begin in the 13 numbers of a body, which begin with its
+position."""
 
 
 @dataclass(frozen=True)
 class Bullet:
     """PyBullet as an `Integrator`: State, delayed command, Parameters -> State.
 
-    It works under `jit` and `vmap`, one drone after another in one Bullet world, and has no gradient. Between two steps the state
-    is ours, in float32; `simulate` leaves it inside Bullet.
+    It works under `jit` and `vmap`, one drone after another in one Bullet world, and has no
+    gradient. Between two steps the state is ours, in float32; `simulate` leaves it inside Bullet.
 
     Raises:
         InputError: PyBullet is not installed.
@@ -64,10 +68,14 @@ class Bullet:
         """One step of `time_step`: our motors, then Bullet's rigid body under their forces."""
         rotor_speed, push = _motors(state.rotor_speed, command, parameters)
         row = jnp.concatenate([*state[:4], push, _constants(parameters)])
-        moved = jax.pure_callback(self._moved, jax.ShapeDtypeStruct((13,), row.dtype), row, vmap_method="expand_dims")
+        moved = jax.pure_callback(
+            self._moved, jax.ShapeDtypeStruct((13,), row.dtype), row, vmap_method="expand_dims"
+        )
         return _state(jnp.split(moved, _PARTS), rotor_speed)
 
-    def simulate(self, state: State, commands: Float[ArrayLike, "N 4"], parameters: Parameters) -> State:
+    def simulate(
+        self, state: State, commands: Float[ArrayLike, "N 4"], parameters: Parameters
+    ) -> State:
         """A whole flight inside Bullet, in double precision.
 
         Args:
@@ -79,7 +87,9 @@ class Bullet:
             The drone after each step, stacked along a first axis of N; float64.
         """
         with jax.enable_x64(True):
-            state, parameters, commands = tree.map(lambda leaf: jnp.asarray(leaf, jnp.float64), (state, parameters, commands))
+            state, parameters, commands = tree.map(
+                lambda leaf: jnp.asarray(leaf, jnp.float64), (state, parameters, commands)
+            )
             rotor_speed, pushes = _all_motors(state.rotor_speed, commands, parameters)
             constants, body = _constants(parameters), jnp.concatenate(state[:4])
         flown = []
@@ -93,7 +103,9 @@ class Bullet:
         return _state(np.split(np.array(flown), _PARTS, axis=-1), np.asarray(rotor_speed))
 
     def _moved(self, rows: Array) -> np.ndarray:
-        """The host's side of a step: rows of 13 numbers of the body, 7 of the motors and 12 constants to rows of 13."""
+        """The host's side of a step: rows of 13 numbers of the body, 7 of the motors and 12
+        constants to rows of 13.
+        """
         given = np.asarray(rows)
         moved = np.empty((*given.shape[:-1], 13), given.dtype)
         with _LOCK:
@@ -109,7 +121,10 @@ class Bullet:
 
 
 class _World:
-    """One Bullet world with one body in it, of plain numbers; slow settings are repeated only when they change."""
+    """One Bullet world with one body in it, of plain numbers.
+
+    Slow settings are repeated only when they change.
+    """
 
     def __init__(self) -> None:
         self.bullet = _pybullet()
@@ -118,28 +133,38 @@ class _World:
         self.body = self.bullet.createMultiBody(baseMass=1.0, **self.client)
         self.settings: tuple[Any, ...] = ()
 
-    def set_up(self, constants: Float[np.ndarray, "12"], linear_damping: float, angular_damping: float) -> None:
+    def set_up(
+        self, constants: Float[np.ndarray, "12"], linear_damping: float, angular_damping: float
+    ) -> None:
         """Makes the body this drone's; `constants` are those of `_constants`."""
         settings = (constants.tobytes(), linear_damping, angular_damping)
         if settings == self.settings:
             return
-        mass, ix, iy, iz, arm, *drag, self.flapping, self.damping, gravity, step = constants.tolist()
+        mass, ix, iy, iz, arm, *drag, self.flapping, self.damping, gravity, step = (
+            constants.tolist()
+        )
         self.places = [(arm / 2**0.5 * x, arm / 2**0.5 * y, 0.0) for x, y in _ROTORS]
         self.drag = [mass * share for share in drag]
         self.bullet.setGravity(0.0, 0.0, -gravity, **self.client)
         self.bullet.setTimeStep(step, **self.client)
         damping = {"linearDamping": linear_damping, "angularDamping": angular_damping}
-        self.bullet.changeDynamics(self.body, -1, mass=mass, localInertiaDiagonal=(ix, iy, iz), **damping, **self.client)
+        self.bullet.changeDynamics(
+            self.body, -1, mass=mass, localInertiaDiagonal=(ix, iy, iz), **damping, **self.client
+        )
         self.settings = settings
 
     def place(self, body: list[float]) -> None:
         """Puts the body where the drone is; Bullet's angular velocity is along world axes."""
         quaternion = body[6:10]
         self.bullet.resetBasePositionAndOrientation(self.body, body[:3], quaternion, **self.client)
-        self.bullet.resetBaseVelocity(self.body, body[3:6], self.bullet.rotateVector(quaternion, body[10:]), **self.client)
+        self.bullet.resetBaseVelocity(
+            self.body, body[3:6], self.bullet.rotateVector(quaternion, body[10:]), **self.client
+        )
 
     def step(self, push: list[float]) -> None:
-        """One step under the rotors' forces, the torque that these do not make (see `_motors`), drag, flapping and damping."""
+        """One step under the rotors' forces, the torque that these do not make (see `_motors`),
+        drag, flapping and damping.
+        """
         bullet, frame = self.bullet, self.bullet.LINK_FRAME
         forces, further = push[:4], push[4:]
         for force, place in zip(forces, self.places, strict=True):
@@ -147,10 +172,17 @@ class _World:
         bullet.applyExternalTorque(self.body, -1, further, frame, **self.client)
         if any(self.drag) or self.flapping or self.damping:
             x, y, z, w = bullet.getBasePositionAndOrientation(self.body, **self.client)[1]
-            velocity, rates = (bullet.rotateVector((-x, -y, -z, w), one) for one in bullet.getBaseVelocity(self.body, **self.client))
+            velocity, rates = (
+                bullet.rotateVector((-x, -y, -z, w), one)
+                for one in bullet.getBaseVelocity(self.body, **self.client)
+            )
             slowing = [-share * speed for share, speed in zip(self.drag, velocity, strict=True)]
             bullet.applyExternalForce(self.body, -1, slowing, (0.0, 0.0, 0.0), frame, **self.client)
-            pitching = (self.flapping * velocity[1] - self.damping * rates[0], -self.flapping * velocity[0] - self.damping * rates[1], 0.0)
+            pitching = (
+                self.flapping * velocity[1] - self.damping * rates[0],
+                -self.flapping * velocity[0] - self.damping * rates[1],
+                0.0,
+            )
             bullet.applyExternalTorque(self.body, -1, pitching, frame, **self.client)
         bullet.stepSimulation(**self.client)
 
@@ -181,15 +213,19 @@ def _pybullet() -> Any:
         return importlib.import_module("pybullet")
     except ImportError as error:
         raise InputError(
-            "PyBullet is not installed, and this drone is simulated in it. Install it with: pip install 'maidenflight[pybullet]'"
-            " (ready-made for Python 3.11 on Linux; elsewhere pip compiles it, which takes a C++ compiler and many minutes)."
+            "PyBullet is not installed, and this drone is simulated in it. Install it with: pip "
+            "install 'maidenflight[pybullet]'"
+            " (ready-made for Python 3.11 on Linux; elsewhere pip compiles it, which takes a C++ "
+            "compiler and many minutes)."
         ) from error
 
 
 def _motors(
     rotor_speed: Float[Array, "4"], command: Float[Array, "4"], parameters: Parameters
 ) -> tuple[Float[Array, "4"], Float[Array, "7"]]:
-    """Rotor speeds after a step, as `dynamics.euler` moves them, and their push: four forces [N], and the torque besides theirs [N m]."""
+    """Rotor speeds after a step, as `dynamics.euler` moves them, and their push: four forces [N],
+    and the torque besides theirs [N m].
+    """
     spin_up = dynamics.motor_derivative(rotor_speed, command, parameters)
     rotor_speed = rotor_speed + parameters.time_step * spin_up
     forces = dynamics.rotor_forces(rotor_speed, parameters)
@@ -197,7 +233,9 @@ def _motors(
     still = State(*(jnp.zeros(size, rotor_speed.dtype) for size in (3, 3, 4, 3, 4)))
     further = dynamics.further_torque(still, spin_up, parameters)
     *about_x_and_y, yaw = further
-    return rotor_speed, jnp.stack([*forces, *about_x_and_y, yaw + dynamics.torque(forces, parameters)[2]])
+    return rotor_speed, jnp.stack(
+        [*forces, *about_x_and_y, yaw + dynamics.torque(forces, parameters)[2]]
+    )
 
 
 @jax.jit
@@ -219,6 +257,17 @@ def _state(parts: Any, rotor_speed: Any) -> State:
 
 
 def _constants(parameters: Parameters) -> Float[Array, "12"]:
-    """What Bullet needs of xi: mass, inertia, arm length, drag, flapping, damping, gravity, time step."""
-    names = ("mass", "inertia", "arm_length", "drag", "flapping_moment", "rotational_damping", "gravity", "time_step")
+    """What Bullet needs of xi: mass, inertia, arm length, drag, flapping, damping, gravity, time
+    step.
+    """
+    names = (
+        "mass",
+        "inertia",
+        "arm_length",
+        "drag",
+        "flapping_moment",
+        "rotational_damping",
+        "gravity",
+        "time_step",
+    )
     return jnp.concatenate([jnp.ravel(getattr(parameters, name)) for name in names])

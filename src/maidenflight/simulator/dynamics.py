@@ -1,10 +1,12 @@
 """The rigid body and its four motors: one derivative and three integrators.
 
-A `State` is one drone's. Rotors 1 to 4 are front right, back right, back left, front left; 1 and 3 turn counter-clockwise.
-Inside this module a *command* is a rotor speed command sqrt(u), already delayed, noisy and averaged over the step.
+A `State` is one drone's. Rotors 1 to 4 are front right, back right, back left, front left; 1 and 3
+turn counter-clockwise. Inside this module a *command* is a rotor speed command sqrt(u), already
+delayed, noisy and averaged over the step.
 
-Sums over axes are written out: a matrix product or a reduction over three numbers would end the loops that XLA fuses, and cost
-two thirds of the speed. Torques are tuples until all are summed, since each array stacked on the way costs as much again.
+Sums over axes are written out: a matrix product or a reduction over three numbers would end the
+loops that XLA fuses, and cost two thirds of the speed. Torques are tuples until all are summed,
+since each array stacked on the way costs as much again.
 """
 
 from collections.abc import Callable
@@ -44,11 +46,14 @@ Axes = tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]
 def rotor_forces(rotor_speed: Float[Array, "4"], parameters: Parameters) -> Float[Array, "4"]:
     """Thrust of each rotor, F = m g / 4 k_F (c_0 + c_1 nu + (1 - c_0 - c_1) nu^2) [N].
 
-    Source: Gronauer et al. 2022, eq:motor-force, where c_0 = c_1 = 0; the affine-quadratic curve fits a load cell better.
+    Source: Gronauer et al. 2022, eq:motor-force, where c_0 = c_1 = 0; the affine-quadratic curve
+    fits a load cell better.
     """
     full = parameters.mass * parameters.gravity / 4 * parameters.thrust_to_weight
     square = full * (1.0 - parameters.thrust_offset - parameters.thrust_linear)
-    return full * parameters.thrust_offset + rotor_speed * (full * parameters.thrust_linear + rotor_speed * square)
+    return full * parameters.thrust_offset + rotor_speed * (
+        full * parameters.thrust_linear + rotor_speed * square
+    )
 
 
 def torque(forces: Float[Array, "4"], parameters: Parameters) -> Axes:
@@ -63,33 +68,47 @@ def torque(forces: Float[Array, "4"], parameters: Parameters) -> Axes:
 
 
 def further_torque(state: State, spin_up: Float[Array, "4"], parameters: Parameters) -> Axes:
-    """Torque on the body [N m] about x, y and z that the paper's model lacks; zero in its Crazyflie.
+    """Torque on the body [N m] about x, y and z that the paper's model lacks.
 
-    Four parts: the rotors' pitching moment against the flight's direction, -c_f z x v (flapping blades, and rotors above the centre
-    of mass); damping of roll and pitch rates; the reaction to rotors that spin up, with the signs of their drag torque; and a
-    constant bias (an off-centre battery, unequal motors).
+    Zero in its Crazyflie.
+
+    Four parts: the rotors' pitching moment against the flight's direction, -c_f z x v (flapping
+    blades, and rotors above the centre of mass); damping of roll and pitch rates; the reaction to
+    rotors that spin up, with the signs of their drag torque; and a constant bias (an off-centre
+    battery, unequal motors).
 
     Args:
         state: the drone.
         spin_up: rate of change of the rotor speeds nu [1/s].
-        parameters: uses `flapping_moment`, `rotational_damping`, `rotor_momentum` and `torque_bias`.
+        parameters: uses `flapping_moment`, `rotational_damping`, `rotor_momentum` and
+            `torque_bias`.
 
-    Source: Hoffmann et al. 2007, Quadrotor helicopter flight dynamics and control, eq. 7-10 (flapping); Bouabdallah 2007, sec. 2.4
-    (rotor inertia). Both show in the authors' flights of a Crazyflie.
+    Source: Hoffmann et al. 2007, Quadrotor helicopter flight dynamics and control, eq. 7-10
+    (flapping); Bouabdallah 2007, sec. 2.4 (rotor inertia). Both show in the authors' flights of a
+    Crazyflie.
     """
-    (vx, vy, vz), (p, q, _), (bias_x, bias_y, bias_z) = state.velocity, state.body_rates, parameters.torque_bias
+    (vx, vy, vz), (p, q, _), (bias_x, bias_y, bias_z) = (
+        state.velocity,
+        state.body_rates,
+        parameters.torque_bias,
+    )
     x, y, _ = rotations.axes(state.quaternion)
     forward, left = x[0] * vx + x[1] * vy + x[2] * vz, y[0] * vx + y[1] * vy + y[2] * vz
     one, two, three, four = spin_up
     reaction = parameters.rotor_momentum * (-one + two - three + four)
     flapping, damping = parameters.flapping_moment, parameters.rotational_damping
-    return flapping * left - damping * p + bias_x, -flapping * forward - damping * q + bias_y, reaction + bias_z
+    return (
+        flapping * left - damping * p + bias_x,
+        -flapping * forward - damping * q + bias_y,
+        reaction + bias_z,
+    )
 
 
 def linear_acceleration(state: State, parameters: Parameters) -> Float[Array, "3"]:
     """Acceleration of the centre of mass [m/s2], world.
 
-    Source: Gronauer et al. 2022, eq:linear-acceleration; rotor drag -R diag(d) R^T v from Faessler et al. 2018, eq. 1.
+    Source: Gronauer et al. 2022, eq:linear-acceleration; rotor drag -R diag(d) R^T v from Faessler
+    et al. 2018, eq. 1.
     """
     f1, f2, f3, f4 = rotor_forces(state.rotor_speed, parameters)
     thrust = (f1 + f2 + f3 + f4) * (1.0 / parameters.mass)
@@ -102,8 +121,11 @@ def linear_acceleration(state: State, parameters: Parameters) -> Float[Array, "3
     return jnp.stack([lift[0], lift[1], lift[2] - parameters.gravity])
 
 
-def angular_acceleration(state: State, spin_up: Float[Array, "4"], parameters: Parameters) -> Float[Array, "3"]:
-    """Angular acceleration [rad/s2], body: I domega/dt = eta - omega x (I omega), with eta all torques on the body.
+def angular_acceleration(
+    state: State, spin_up: Float[Array, "4"], parameters: Parameters
+) -> Float[Array, "3"]:
+    """Angular acceleration [rad/s2], body: I domega/dt = eta - omega x (I omega), with eta all
+    torques on the body.
 
     Args:
         state: the drone.
@@ -113,56 +135,89 @@ def angular_acceleration(state: State, spin_up: Float[Array, "4"], parameters: P
     Source: Gronauer et al. 2022, eq:angular-acceleration.
     """
     (p, q, r), (about_x, about_y, about_z) = state.body_rates, parameters.inertia
-    gyroscopic = q * r * (about_z - about_y), r * p * (about_x - about_z), p * q * (about_y - about_x)
+    gyroscopic = (
+        q * r * (about_z - about_y),
+        r * p * (about_x - about_z),
+        p * q * (about_y - about_x),
+    )
     rotors = torque(rotor_forces(state.rotor_speed, parameters), parameters)
     further = further_torque(state, spin_up, parameters)
-    return jnp.stack([of + more - lost for of, more, lost in zip(rotors, further, gyroscopic, strict=True)]) / parameters.inertia
+    return (
+        jnp.stack(
+            [of + more - lost for of, more, lost in zip(rotors, further, gyroscopic, strict=True)]
+        )
+        / parameters.inertia
+    )
 
 
-def motor_derivative(rotor_speed: Float[Array, "4"], command: Float[Array, "4"], parameters: Parameters) -> Float[Array, "4"]:
-    """Rate of change of the rotor speeds [1/s]: T_m dnu/dt = sqrt(u) - nu, and less where only the air brakes a rotor.
+def motor_derivative(
+    rotor_speed: Float[Array, "4"], command: Float[Array, "4"], parameters: Parameters
+) -> Float[Array, "4"]:
+    """Rate of change of the rotor speeds [1/s]: T_m dnu/dt = sqrt(u) - nu, and less where only the
+    air brakes a rotor.
 
-    A motor that slows down lags by T_m `motor_slowdown` + T_c (nu - sqrt(u)) / nu^2: the time that the motor takes and the time that the
-    air takes, one after the other. The air's drag grows with nu^2, so a rotor that coasts follows dnu/dt = -nu^2 / T_c.
+    A motor that slows down lags by T_m `spin_down_ratio` + T_c (nu - sqrt(u)) / nu^2: the time that
+    the motor takes and the time that the air takes, one after the other. The air's drag grows with
+    nu^2, so a rotor that coasts follows dnu/dt = -nu^2 / T_c.
 
     Args:
         rotor_speed: nu, in [0, 1].
         command: sqrt(u) after the delay line, in [0, 1].
-        parameters: `motor_time_constant` T_m [s] holds while the motor speeds up, `motor_slowdown` and `motor_coasting` T_c [s] besides
-            while it slows down.
+        parameters: `motor_time_constant` T_m [s] holds while the motor speeds up, `spin_down_ratio`
+            and `motor_coasting` T_c [s] besides while it slows down.
 
-    Source: Gronauer et al. 2022, eq:motor-dynamics; coasting is ours, told by the authors' flights (docs/identification.md).
+    Source: Gronauer et al. 2022, eq:motor-dynamics; coasting is ours, told by the authors' flights
+    (docs/identification.md).
     """
     change = command - rotor_speed
     _, square, lag = _lags(change, rotor_speed, parameters)
     return change * square / lag
 
 
-def _lags(change: Float[Array, "4"], rotor_speed: Float[Array, "4"], parameters: Parameters) -> tuple[Array, Array, Array]:
-    """A motor's own lag [s], nu^2, and nu^2 times the lag with coasting [s], so that a rate takes one division, which is dear."""
-    slower = parameters.motor_time_constant * parameters.motor_slowdown
+def _lags(
+    change: Float[Array, "4"], rotor_speed: Float[Array, "4"], parameters: Parameters
+) -> tuple[Array, Array, Array]:
+    """A motor's own lag [s], nu^2, and nu^2 times the lag with coasting [s], so that a rate takes
+    one division, which is dear.
+    """
+    slower = parameters.motor_time_constant * parameters.spin_down_ratio
     time_constant = jnp.where(change < 0, slower, parameters.motor_time_constant)
     # A rotor as slow as this lifts nothing; without it one that stands would divide by zero.
     square = rotor_speed * rotor_speed + 1e-6
-    return time_constant, square, time_constant * square + parameters.motor_coasting * jnp.maximum(-change, 0.0)
+    return (
+        time_constant,
+        square,
+        time_constant * square + parameters.motor_coasting * jnp.maximum(-change, 0.0),
+    )
 
 
-def spin_up(rotor_speed: Float[Array, "4"], command: Float[Array, "4"], parameters: Parameters) -> Float[Array, "4"]:
-    """Mean rate of change of the rotor speeds over a step with a held command [1/s]: second order, and stable at any step.
+def spin_up(
+    rotor_speed: Float[Array, "4"], command: Float[Array, "4"], parameters: Parameters
+) -> Float[Array, "4"]:
+    """Mean rate of change of the rotor speeds over a step with a held command [1/s]: second order,
+    and stable at any step.
 
     One linearly implicit step, which is the trapezoidal rule where nothing coasts.
 
-    Source: Rosenbrock 1963, Some general implicit processes for the numerical solution of differential equations (one stage).
+    Source: Rosenbrock 1963, Some general implicit processes for the numerical solution of
+    differential equations (one stage).
     """
     change = command - rotor_speed
     time_constant, square, lag = _lags(change, rotor_speed, parameters)
     above = jnp.maximum(-change, 0.0)
-    steepness = time_constant * square * square + 2.0 * parameters.motor_coasting * above * above * rotor_speed
+    steepness = (
+        time_constant * square * square
+        + 2.0 * parameters.motor_coasting * above * above * rotor_speed
+    )
     return change * square * lag / (lag * lag + 0.5 * parameters.time_step * steepness)
 
 
-def _rate_of_change(before: Float[Array, "4"], after: Float[Array, "4"], parameters: Parameters) -> Float[Array, "4"]:
-    """The rotors' mean rate of change over a step [1/s], from its ends: the motors' formula, asked again, costs a third of the speed."""
+def _rate_of_change(
+    before: Float[Array, "4"], after: Float[Array, "4"], parameters: Parameters
+) -> Float[Array, "4"]:
+    """The rotors' mean rate of change over a step [1/s], from its ends: the motors' formula, asked
+    again, costs a third of the speed.
+    """
     return (after - before) * (1.0 / parameters.time_step)
 
 
@@ -179,9 +234,11 @@ def derivative(state: State, command: Float[Array, "4"], parameters: Parameters)
 
 
 def euler(state: State, command: Float[Array, "4"], parameters: Parameters) -> State:
-    """One semi-implicit Euler step: motors, then velocities, then positions, each from the newest values.
+    """One semi-implicit Euler step: motors, then velocities, then positions, each from the newest
+    values.
 
-    First order, and half a step less late than explicit Euler; PyBullet, the paper's engine, steps the same way.
+    First order, and half a step less late than explicit Euler; PyBullet, the paper's engine, steps
+    the same way.
     """
     dt = parameters.time_step
     rotor_speed = state.rotor_speed + dt * motor_derivative(state.rotor_speed, command, parameters)
@@ -190,14 +247,22 @@ def euler(state: State, command: Float[Array, "4"], parameters: Parameters) -> S
     velocity = state.velocity + dt * linear_acceleration(state, parameters)
     body_rates = state.body_rates + dt * angular_acceleration(state, change, parameters)
     turned = state.quaternion + dt * rotations.quaternion_derivative(state.quaternion, body_rates)
-    return State(state.position + dt * velocity, velocity, rotations.normalise(turned), body_rates, state.rotor_speed)
+    return State(
+        state.position + dt * velocity,
+        velocity,
+        rotations.normalise(turned),
+        body_rates,
+        state.rotor_speed,
+    )
 
 
 def midpoint(state: State, command: Float[Array, "4"], parameters: Parameters) -> State:
-    """One step whose forces are those of the middle: motors by a linearly implicit step, then velocities, then positions.
+    """One step whose forces are those of the middle: motors by a linearly implicit step, then
+    velocities, then positions.
 
-    Second order in all that is fast, at the cost of `euler`, which applies the forces of a step's end and so is half a step early in
-    every integration: at 5 ms steps about 5 ms of the way from command to attitude, as much as a Crazyflie's whole latency.
+    Second order in all that is fast, at the cost of `euler`, which applies the forces of a step's
+    end and so is half a step early in every integration: at 5 ms steps about 5 ms of the way from
+    command to attitude, as much as a Crazyflie's whole latency.
     """
     dt = parameters.time_step
     rotor_speed = state.rotor_speed + dt * spin_up(state.rotor_speed, command, parameters)
@@ -205,9 +270,13 @@ def midpoint(state: State, command: Float[Array, "4"], parameters: Parameters) -
     middle = state._replace(rotor_speed=0.5 * (state.rotor_speed + rotor_speed))
     turning = dt * angular_acceleration(middle, change, parameters)
     rates = state.body_rates + 0.5 * turning
-    half_turned = state.quaternion + 0.5 * dt * rotations.quaternion_derivative(state.quaternion, rates)
+    half_turned = state.quaternion + 0.5 * dt * rotations.quaternion_derivative(
+        state.quaternion, rates
+    )
     pulled = dt * linear_acceleration(middle._replace(quaternion=half_turned), parameters)
-    turned = rotations.normalise(state.quaternion + dt * rotations.quaternion_derivative(state.quaternion, rates))
+    turned = rotations.normalise(
+        state.quaternion + dt * rotations.quaternion_derivative(state.quaternion, rates)
+    )
     position = state.position + dt * (state.velocity + 0.5 * pulled)
     return State(position, state.velocity + pulled, turned, state.body_rates + turning, rotor_speed)
 
@@ -229,7 +298,9 @@ def rk4(state: State, command: Float[Array, "4"], parameters: Parameters) -> Sta
 
 
 def held_by_floor(state: State, height: float) -> State:
-    """A drone that would sink below a floor rests on it instead, at once and without a bounce; ours.
+    """A drone that would sink below a floor rests on it instead, at once and without a bounce.
+
+    Ours.
 
     Args:
         state: the drone.
@@ -244,37 +315,53 @@ def held_by_floor(state: State, height: float) -> State:
 
 
 MOST_GROUND_EFFECT = 4.0 / 15.0
-"""Largest gain of thrust near the ground [-] (gym-pybullet-drones, which limits the height in its formula to this end)."""
+"""Largest gain of thrust near the ground [-] (gym-pybullet-drones, which limits the height in its
+formula to this end)."""
 
 
 def near_ground(parameters: Parameters, height: Float[Array, ""]) -> Parameters:
-    """The drone as it is near the ground, where the same rotor speed lifts more: F (1 + min(c_g / z^2, 4/15)).
+    """The drone as it is near the ground, where the same rotor speed lifts more: F (1 + min(c_g /
+    z^2, 4/15)).
 
     Args:
         parameters: uses `ground_effect` c_g [m2].
         height: of the rotors above the ground [m].
 
-    Source: Shi et al. 2019 and Danjun et al. 2015, c_g = 11.37 (r / 4)^2, as in gym-pybullet-drones.
+    Source: Shi et al. 2019 and Danjun et al. 2015, c_g = 11.37 (r / 4)^2, as in
+    gym-pybullet-drones.
     """
-    gain = jnp.minimum(parameters.ground_effect / jnp.maximum(height, 1e-3) ** 2, MOST_GROUND_EFFECT)
+    gain = jnp.minimum(
+        parameters.ground_effect / jnp.maximum(height, 1e-3) ** 2, MOST_GROUND_EFFECT
+    )
     return replace(parameters, thrust_to_weight=parameters.thrust_to_weight * (1.0 + gain))
 
 
 def checked(state: State) -> State:
-    """Returns a state whose numbers are all finite; inside compiled functions, where they are not known, any state.
+    """Returns a state whose numbers are all finite.
+
+    Inside compiled functions, where they are not known, any state.
 
     Raises:
         InputError: a number is not finite.
     """
     for name, value in state._asdict().items():
         if not isinstance(value, Tracer) and not np.all(np.isfinite(value)):
-            raise InputError(f"state: {name} = {np.asarray(value).tolist()} is not finite. Give finite numbers, in SI units.")
+            raise InputError(
+                f"state: {name} = {np.asarray(value).tolist()} is not finite. Give finite "
+                "numbers, in SI units."
+            )
     return state
 
 
 def hover_command(parameters: Parameters) -> Float[Array, ""]:
-    """The normalised thrust command u [-] at which thrust equals weight; 1 / k_F for a quadratic thrust curve (eq:motor-force)."""
-    linear, wanted = parameters.thrust_linear, 1.0 / parameters.thrust_to_weight - parameters.thrust_offset
+    """The normalised thrust command u [-] at which thrust equals weight.
+
+    1 / k_F for a quadratic thrust curve (eq:motor-force).
+    """
+    linear, wanted = (
+        parameters.thrust_linear,
+        1.0 / parameters.thrust_to_weight - parameters.thrust_offset,
+    )
     square = 1.0 - parameters.thrust_offset - linear
     return (2.0 * wanted / (linear + jnp.sqrt(linear**2 + 4.0 * square * wanted))) ** 2
 

@@ -1,7 +1,7 @@
 """One drone doing one task: observations in, actions out.
 
-`reset` and `step` are pure functions of one drone; `jax.vmap` makes many. An `Environment` is the part that shapes
-the compiled program; everything physical is in `Parameters` and is traced.
+`reset` and `step` are pure functions of one drone; `jax.vmap` makes many. An `Environment` is the
+part that shapes the compiled program; everything physical is in `Parameters` and is traced.
 """
 
 from dataclasses import dataclass, field
@@ -24,24 +24,30 @@ from maidenflight.simulator.tasks import Task
 
 ACTION_SIZE = 4
 OBSERVATION_SIZE = 20
-"""Size of one instant's observation: position 3, quaternion 4, velocity 3, body rates 3, position error 3, last action 4."""
+"""Size of one instant's observation: position 3, quaternion 4, velocity 3, body rates 3, position
+error 3, last action 4."""
 
 
 @dataclass(frozen=True)
 class Environment:
-    """What is simulated: a task, a control structure and how finely time is cut. Hashable, for use as a static argument."""
+    """What is simulated: a task, a control structure and how finely time is cut.
+
+    Hashable, for use as a static argument.
+    """
 
     task: Task = field(default_factory=tasks.circle)
     controller: Controller = field(default_factory=control.pwm)
     integrator: Integrator = dynamics.midpoint
     steps_per_command: int = 2
-    """Physics steps a command: the command period is `steps_per_command` x `time_step`, 10 ms by default."""
+    """Physics steps a command: the command period is `steps_per_command` x `time_step`, 10 ms by
+    default."""
     history: int = 2
     """H, instants in an observation (Gronauer et al. 2022, sec. Simulation Environment)."""
     battery: bool = False
     """Whether commands pass through battery compensation, 8-bit PWM and a battery that sags."""
     estimate_rate: int = 100
-    """Estimates of position, velocity and attitude a second [Hz]; the gyro is read for every command (Crazyflie: 100 Hz, 500 Hz)."""
+    """Estimates of position, velocity and attitude a second [Hz]; the gyro is read for every
+    command (Crazyflie: 100 Hz, 500 Hz)."""
     estimator_memory: int = 0
     """Estimates that a late estimator remembers; 0: the estimator is not late."""
 
@@ -49,12 +55,20 @@ class Environment:
         rates = self.controller.rate, self.estimate_rate, self.controller.action_rate
         if min(rates) < 1 or rates[0] % max(rates) or max(rates[1:]) % min(rates[1:]):
             raise InputError(
-                f"{rates[0]} commands, {rates[1]} estimates and {rates[2]} actions a second: of estimates and actions one must divide "
-                "the other, and both the commands. Change estimate_rate or the controller's action_rate."
+                f"{rates[0]} commands, {rates[1]} estimates and {rates[2]} actions a second: of "
+                "estimates and actions one must divide "
+                "the other, and both the commands. Change estimate_rate or the controller's "
+                "action_rate."
             )
 
     @classmethod
-    def matching(cls, parameters: Parameters, task: Task | None = None, controller: Controller | None = None, **settings: Any) -> Self:
+    def matching(
+        cls,
+        parameters: Parameters,
+        task: Task | None = None,
+        controller: Controller | None = None,
+        **settings: Any,
+    ) -> Self:
         """An environment whose commands hold for the controller's period at a drone's time step.
 
         Args:
@@ -72,8 +86,10 @@ class Environment:
         if round(steps) < 1 or abs(steps - round(steps)) > 1e-3:
             fitting = control.time_step(controller, step)
             raise InputError(
-                f"time_step = {step * 1e3:.4g} ms does not divide the {1e3 / controller.rate:.4g} ms between two commands of "
-                f"{controller.name} control. Give one that does, such as replace(parameters, time_step={fitting:.6g})."
+                f"time_step = {step * 1e3:.4g} ms does not divide the {1e3 / controller.rate:.4g} "
+                "ms between two commands of "
+                f"{controller.name} control. Give one that does, such as replace(parameters, "
+                f"time_step={fitting:.6g})."
             )
         return cls(task=task, controller=controller, steps_per_command=round(steps), **settings)
 
@@ -100,7 +116,7 @@ class Environment:
         return latency.slots(1.0 / self.controller.rate)
 
 
-class Episode(NamedTuple):
+class EnvState(NamedTuple):
     """All that changes while a drone flies."""
 
     state: State
@@ -126,7 +142,7 @@ class Episode(NamedTuple):
     """Time since the episode began [s]."""
 
 
-class Outcome(NamedTuple):
+class StepResult(NamedTuple):
     """What one step gave."""
 
     reward: Float[Array, ""]
@@ -153,24 +169,39 @@ class Noise(NamedTuple):
     """Uniform on [-1, 1]: of a measurement."""
 
 
-def observe(measurement: Measurement, setpoint: Float[Array, "3"], action: Float[Array, "4"]) -> Float[Array, "20"]:
-    """One instant as the policy sees it: position, quaternion, velocity, body rates, set-point minus position, last action.
+def observe(
+    measurement: Measurement, setpoint: Float[Array, "3"], action: Float[Array, "4"]
+) -> Float[Array, "20"]:
+    """One instant as the policy sees it: position, quaternion, velocity, body rates, set-point
+    minus position, last action.
 
-    Source: Gronauer et al. 2022, sec. Simulation Environment; the order and the sign of the error are those of the authors'
-    code and firmware (the paper writes e = r - t).
+    Source: Gronauer et al. 2022, sec. Simulation Environment; the order and the sign of the error
+    are those of the authors' code and firmware (the paper writes e = r - t).
     """
     error = setpoint - measurement.position
-    seen = (measurement.position, measurement.quaternion, measurement.velocity, measurement.body_rates)
+    seen = (
+        measurement.position,
+        measurement.quaternion,
+        measurement.velocity,
+        measurement.body_rates,
+    )
     return jnp.concatenate([*seen, error, action])
 
 
-def observation(episode: Episode) -> Float[Array, "20H"]:
+def observation(env_state: EnvState) -> Float[Array, "20H"]:
     """The policy's input: the last H instants, oldest first."""
-    return episode.history.reshape(-1)
+    return env_state.history.reshape(-1)
 
 
-def begin(environment: Environment, state: State, time: Float[Array, ""], parameters: Parameters, key: Array) -> Episode:
-    """An episode that starts in a given state, its command path filled with the task's first command.
+def begin(
+    environment: Environment,
+    state: State,
+    time: Float[Array, ""],
+    parameters: Parameters,
+    key: Array,
+) -> EnvState:
+    """An episode that starts in a given state, its command path filled with the task's first
+    command.
 
     Args:
         environment: what is simulated.
@@ -180,7 +211,8 @@ def begin(environment: Environment, state: State, time: Float[Array, ""], parame
         key: random key for bias and sensor noise.
 
     Raises:
-        InputError: the state holds a number that is not finite (told outside compiled functions only).
+        InputError: the state holds a number that is not finite (told outside compiled functions
+            only).
     """
     state = dynamics.checked(state)
     normal, uniform = noise.draw(key, 3 + sensors.NORMALS, sensors.UNIFORMS)
@@ -192,9 +224,11 @@ def begin(environment: Environment, state: State, time: Float[Array, ""], parame
     measurement = sensors.measure(state, bias, parameters, normal[3:], uniform)
     action = environment.controller.level(command)
     instant = observe(measurement, environment.task.reference(time), action)
-    return Episode(
+    return EnvState(
         state=state,
-        delay_line=jnp.broadcast_to(actuators.rotor_speed_command(command), (environment.delay_slots(), 4)),
+        delay_line=jnp.broadcast_to(
+            actuators.rotor_speed_command(command), (environment.delay_slots(), 4)
+        ),
         actuators=actuators.switched_on(command, parameters, environment.battery),
         controller=environment.controller.init(),
         gyro=state.body_rates,
@@ -209,7 +243,7 @@ def begin(environment: Environment, state: State, time: Float[Array, ""], parame
     )
 
 
-def reset(environment: Environment, parameters: Parameters, key: Array) -> Episode:
+def reset(environment: Environment, parameters: Parameters, key: Array) -> EnvState:
     """An episode that starts where the task starts it."""
     task_key, key = jax.random.split(key)
     state, time = environment.task.reset(parameters, task_key)
@@ -231,13 +265,17 @@ def draw(environment: Environment, key: Array) -> Noise:
 
 
 def step(
-    environment: Environment, episode: Episode, action: Float[Array, "4"], parameters: Parameters, key: Array
-) -> tuple[Episode, Outcome]:
+    environment: Environment,
+    env_state: EnvState,
+    action: Float[Array, "4"],
+    parameters: Parameters,
+    key: Array,
+) -> tuple[EnvState, StepResult]:
     """Holds an action for one control period.
 
     Args:
         environment: what is simulated.
-        episode: the drone before.
+        env_state: the drone before.
         action: the policy's output; not clipped here, the controller does that.
         parameters: the drone; its `time_step` sets the control period.
         key: random key.
@@ -246,42 +284,63 @@ def step(
         The drone after, and what the step gave. A finished episode is not reset.
     """
     drawn = draw(environment, key)
-    setpoint = environment.task.reference(episode.time)
+    setpoint = environment.task.reference(env_state.time)
     period = environment.control_period(parameters)
-    actions = jnp.round(episode.elapsed / period) + 1.0
+    actions = jnp.round(env_state.elapsed / period) + 1.0
 
-    def until_estimate(before: Episode, drawn: Noise) -> tuple[Episode, None]:
-        def hold(episode: Episode, now: tuple[Array, Array]) -> tuple[Episode, None]:
+    def until_estimate(before: EnvState, drawn: Noise) -> tuple[EnvState, None]:
+        def hold(env_state: EnvState, now: tuple[Array, Array]) -> tuple[EnvState, None]:
             number, normal = now
             # Between two estimates only the gyro is read anew, as on the drone.
-            rates = sensors.gyro(episode.gyro, episode.gyro_bias, parameters, normal[4:])
+            rates = sensors.gyro(env_state.gyro, env_state.gyro_bias, parameters, normal[4:])
             rates = jnp.where(number > 0, rates, before.measurement.body_rates)
-            episode = episode._replace(measurement=episode.measurement._replace(body_rates=rates))
-            return _hold_command(environment, episode, action, setpoint, parameters, normal[:4], commands - 1 - number), None
+            env_state = env_state._replace(
+                measurement=env_state.measurement._replace(body_rates=rates)
+            )
+            return _hold_command(
+                environment,
+                env_state,
+                action,
+                setpoint,
+                parameters,
+                normal[:4],
+                commands - 1 - number,
+            ), None
 
         commands = drawn.command.shape[0]
         if commands == 1:
-            episode = _hold_command(environment, before, action, setpoint, parameters, drawn.command[0, :4])
+            env_state = _hold_command(
+                environment, before, action, setpoint, parameters, drawn.command[0, :4]
+            )
         else:
             roomy = before._replace(delay_line=latency.with_room(before.delay_line, commands))
-            episode, _ = lax.scan(hold, roomy, (jnp.arange(commands), drawn.command))
-            episode = episode._replace(delay_line=episode.delay_line[: before.delay_line.shape[0]])
-        return _estimate(environment, episode, actions, period / environment.estimates_per_action, parameters, drawn), None
+            env_state, _ = lax.scan(hold, roomy, (jnp.arange(commands), drawn.command))
+            env_state = env_state._replace(
+                delay_line=env_state.delay_line[: before.delay_line.shape[0]]
+            )
+        return _estimate(
+            environment,
+            env_state,
+            actions,
+            period / environment.estimates_per_action,
+            parameters,
+            drawn,
+        ), None
 
     if environment.estimates_per_action == 1:
-        after, _ = until_estimate(episode, tree.map(lambda numbers: numbers[0], drawn))
+        after, _ = until_estimate(env_state, tree.map(lambda numbers: numbers[0], drawn))
     else:
-        after, _ = lax.scan(until_estimate, episode, drawn)
+        after, _ = lax.scan(until_estimate, env_state, drawn)
 
-    time, elapsed = episode.time + period, episode.elapsed + period
+    time, elapsed = env_state.time + period, env_state.elapsed + period
     setpoint = environment.task.reference(time)
     failure = environment.task.failure(after.state, setpoint)
     finite = jnp.isfinite(tasks.norm(after.state.position)) & jnp.isfinite(tasks.norm(action))
     failure = jnp.where(finite, failure, tasks.NOT_FINITE)
     terminated = failure > 0
     truncated = ~terminated & (elapsed > environment.task.duration - period / 2)
-    outcome = Outcome(
-        reward=environment.task.reward(after.state, setpoint, action, episode.action),
+    step_result = StepResult(
+        reward=environment.task.reward(after.state, setpoint, action, env_state.action),
         terminated=terminated,
         truncated=truncated,
         setpoint=setpoint,
@@ -289,52 +348,90 @@ def step(
         end_reason=jnp.where(truncated, tasks.TIME_LIMIT, failure),
     )
     instant = observe(after.measurement, setpoint, action)
-    history = jnp.concatenate([episode.history[1:], instant[None]])
-    return after._replace(history=history, action=action, time=time, elapsed=elapsed), outcome
+    history = jnp.concatenate([env_state.history[1:], instant[None]])
+    return after._replace(history=history, action=action, time=time, elapsed=elapsed), step_result
 
 
 def _hold_command(
     environment: Environment,
-    episode: Episode,
+    env_state: EnvState,
     action: Float[Array, "4"],
     setpoint: Float[Array, "3"],
     parameters: Parameters,
     normal: Float[Array, "4"],
     place: Int[Array, ""] | None = None,
-) -> Episode:
+) -> EnvState:
     """Asks the controller for one command and integrates the physics over its period.
 
     The command goes to a place kept in the delay line, or in front.
     """
-    memory, command = environment.controller.command(episode.controller, action, episode.measurement, setpoint)
+    memory, command = environment.controller.command(
+        env_state.controller, action, env_state.measurement, setpoint
+    )
     period = environment.command_period(parameters)
-    motors, speed_command = actuators.actuate(episode.actuators, command, period, parameters, normal, environment.battery)
-    old, newest = episode.delay_line, 0 if place is None else place
-    line = latency.push(old, speed_command) if place is None else latency.put(old, speed_command, place)
-    state = drive(environment.integrator, episode.state, line, environment.steps_per_command, parameters, environment.task.floor, newest)
-    gyro = sensors.low_pass(episode.gyro, episode.state.body_rates, state.body_rates, period, parameters)
-    return episode._replace(state=state, delay_line=line, actuators=motors, controller=memory, gyro=gyro)
+    motors, speed_command = actuators.actuate(
+        env_state.actuators, command, period, parameters, normal, environment.battery
+    )
+    old, newest = env_state.delay_line, 0 if place is None else place
+    line = (
+        latency.push(old, speed_command)
+        if place is None
+        else latency.put(old, speed_command, place)
+    )
+    state = drive(
+        environment.integrator,
+        env_state.state,
+        line,
+        environment.steps_per_command,
+        parameters,
+        environment.task.floor,
+        newest,
+    )
+    gyro = sensors.low_pass(
+        env_state.gyro, env_state.state.body_rates, state.body_rates, period, parameters
+    )
+    return env_state._replace(
+        state=state, delay_line=line, actuators=motors, controller=memory, gyro=gyro
+    )
 
 
 def _estimate(
-    environment: Environment, episode: Episode, actions: Float[Array, ""], period: Float[Array, ""], parameters: Parameters, drawn: Noise
-) -> Episode:
-    """Reads the sensors; position, velocity and attitude only where an estimate is due after so many actions."""
-    walk, turn, normal = jnp.split(drawn.estimate, (sensors.DRIFT_NORMALS, sensors.DRIFT_NORMALS + 3))
-    bias = sensors.walk_bias(episode.gyro_bias, period, parameters, turn)
-    drift = sensors.walk_estimate(episode.drift, period, parameters, walk)
-    seen, estimator = episode.state, episode.estimator
+    environment: Environment,
+    env_state: EnvState,
+    actions: Float[Array, ""],
+    period: Float[Array, ""],
+    parameters: Parameters,
+    drawn: Noise,
+) -> EnvState:
+    """Reads the sensors.
+
+    Position, velocity and attitude only where an estimate is due after so many actions.
+    """
+    walk, turn, normal = jnp.split(
+        drawn.estimate, (sensors.DRIFT_NORMALS, sensors.DRIFT_NORMALS + 3)
+    )
+    bias = sensors.walk_bias(env_state.gyro_bias, period, parameters, turn)
+    drift = sensors.walk_estimate(env_state.drift, period, parameters, walk)
+    seen, estimator = env_state.state, env_state.estimator
     every = max(1, environment.controller.action_rate // environment.estimate_rate)
     if environment.estimator_memory > 0:
-        estimator = sensors.remember(estimator, episode.state)
-        seen = sensors.delayed(estimator, episode.state, every * period, parameters)
-    seen = seen._replace(position=seen.position + drift[:3], velocity=seen.velocity + drift[3:], body_rates=episode.gyro)
+        estimator = sensors.remember(estimator, env_state.state)
+        seen = sensors.delayed(estimator, env_state.state, every * period, parameters)
+    seen = seen._replace(
+        position=seen.position + drift[:3],
+        velocity=seen.velocity + drift[3:],
+        body_rates=env_state.gyro,
+    )
     fresh = sensors.measure(seen, bias, parameters, normal, drawn.uniform)
     if every > 1:
         due = actions % every == 0
-        old = episode.measurement._replace(body_rates=fresh.body_rates)
-        fresh, estimator = tree.map(lambda new, old: jnp.where(due, new, old), (fresh, estimator), (old, episode.estimator))
-    return episode._replace(gyro_bias=bias, estimator=estimator, drift=drift, measurement=fresh)
+        old = env_state.measurement._replace(body_rates=fresh.body_rates)
+        fresh, estimator = tree.map(
+            lambda new, old: jnp.where(due, new, old),
+            (fresh, estimator),
+            (old, env_state.estimator),
+        )
+    return env_state._replace(gyro_bias=bias, estimator=estimator, drift=drift, measurement=fresh)
 
 
 def drive(

@@ -1,4 +1,6 @@
-"""The Crazyflie firmware's cascaded PID: position, velocity, attitude, rate, mixer; two generations of it.
+"""The Crazyflie firmware's cascaded PID: position, velocity, attitude, rate, mixer.
+
+Two generations of it.
 
 `"2021.10"` flew the paper's flights, `"2026.08"` is today's. Gains are the same, behaviour is not:
 
@@ -12,13 +14,13 @@
 | thrust above 65535 | passes | clipped |
 | a motor above 65535 | clipped | all four are lowered |
 
-Units are the firmware's: m, deg, deg/s and PWM counts in float32, computed in the firmware's order. Signs are ours: pitch and
-pitch rate are positive nose down, which is the firmware's gyro and minus its attitude. A count is cut off as an integer is,
-yet a gradient passes.
+Units are the firmware's: m, deg, deg/s and PWM counts in float32, computed in the firmware's order.
+Signs are ours: pitch and pitch rate are positive nose down, which is the firmware's gyro and minus
+its attitude. A count is cut off as an integer is, yet a gradient passes.
 
-Source: Crazyflie firmware 5ed999b6f953 (2021-10-29) and 2a18fc299d7b (2026-08-21), src/modules/src: pid.c,
-controller_pid.c, attitude_pid_controller.c, position_controller_pid.c, power_distribution_*.c; described from reading, not
-copied.
+Source: Crazyflie firmware 5ed999b6f953 (2021-10-29) and 2a18fc299d7b (2026-08-21), src/modules/src:
+pid.c, controller_pid.c, attitude_pid_controller.c, position_controller_pid.c,
+power_distribution_*.c; described from reading, not copied.
 """
 
 from typing import Any, Literal, NamedTuple, cast, get_args
@@ -113,12 +115,37 @@ def _gains(*rows: tuple[float, float, float], period: float) -> Gains:
 
 # platform_defaults_cf2.h; rows are kp, ki, kd, limit of the integral, limit of the output.
 _INT16 = 32767.0
-_POSITION = _gains((2, 2, 2), (0, 0, 0.5), (0, 0, 0), (5000, 5000, 5000), (1.1, 1.1, 1.1), period=1 / POSITION_RATE)
-_VELOCITY = _gains((25, 25, 25), (1, 1, 15), (0, 0, 0), (5000, 5000, 5000), (22, 22, 32.767), period=1 / POSITION_RATE)
-_ATTITUDE = _gains((6, 6, 6), (3, 3, 1), (0, 0, 0.35), (20, 20, 360), (np.inf, np.inf, np.inf), period=1 / ATTITUDE_RATE)
-RATE = _gains((250, 250, 120), (500, 500, 16.7), (2.5, 2.5, 0), (33.3, 33.3, 166.7), (_INT16, _INT16, _INT16), period=1 / ATTITUDE_RATE)
+_POSITION = _gains(
+    (2, 2, 2), (0, 0, 0.5), (0, 0, 0), (5000, 5000, 5000), (1.1, 1.1, 1.1), period=1 / POSITION_RATE
+)
+_VELOCITY = _gains(
+    (25, 25, 25),
+    (1, 1, 15),
+    (0, 0, 0),
+    (5000, 5000, 5000),
+    (22, 22, 32.767),
+    period=1 / POSITION_RATE,
+)
+_ATTITUDE = _gains(
+    (6, 6, 6),
+    (3, 3, 1),
+    (0, 0, 0.35),
+    (20, 20, 360),
+    (np.inf, np.inf, np.inf),
+    period=1 / ATTITUDE_RATE,
+)
+RATE = _gains(
+    (250, 250, 120),
+    (500, 500, 16.7),
+    (2.5, 2.5, 0),
+    (33.3, 33.3, 166.7),
+    (_INT16, _INT16, _INT16),
+    period=1 / ATTITUDE_RATE,
+)
 """Gains of the rate PID."""
-_YAW = _ATTITUDE._replace(**{name: getattr(_ATTITUDE, name)[2] for name in Gains._fields if name != "period"})
+_YAW = _ATTITUDE._replace(
+    **{name: getattr(_ATTITUDE, name)[2] for name in Gains._fields if name != "period"}
+)
 _STEEPEST = 20.0
 """Limit of roll and pitch that the velocity PID asks for [deg]."""
 _THRUST_BASE, _THRUST_LEAST, _THRUST_SCALE = 36000.0, 20000.0, 1000.0
@@ -132,7 +159,10 @@ def checked(firmware: str) -> Generation:
         InputError: there is none.
     """
     if firmware not in get_args(Generation):
-        raise InputError(f"firmware {firmware!r}: no such generation. Give one of {', '.join(get_args(Generation))}.")
+        raise InputError(
+            f"firmware {firmware!r}: no such generation. Give one of "
+            f"{', '.join(get_args(Generation))}."
+        )
     return cast(Generation, firmware)
 
 
@@ -140,7 +170,8 @@ def switched_on(fixed: bool = False) -> Memory:
     """Memory before the first tick.
 
     Args:
-        fixed: whether set-points are for attitude or rate loops and always of one mode, known before compiling.
+        fixed: whether set-points are for attitude or rate loops and always of one mode, known
+            before compiling.
     """
     zero = np.zeros(3, np.float32)
     pid = PIDMemory(zero, zero)  # type: ignore[arg-type]
@@ -154,9 +185,15 @@ def wrap(angle: Float[Array, "..."]) -> Float[Array, "..."]:
 
 
 def pid(
-    memory: PIDMemory, desired: Float[Array, "3"], measured: Float[Array, "3"], gains: Gains, firmware: Generation, heading: bool = False
+    memory: PIDMemory,
+    desired: Float[Array, "3"],
+    measured: Float[Array, "3"],
+    gains: Gains,
+    firmware: Generation,
+    heading: bool = False,
 ) -> tuple[PIDMemory, Float[Array, "3"]]:
-    """One update of three PID controllers, or of one: K_p e + K_d de/dt + K_i (limited integral of e), limited.
+    """One update of three PID controllers, or of one: K_p e + K_d de/dt + K_i (limited integral of
+    e), limited.
 
     Args:
         memory: of the last update.
@@ -172,12 +209,22 @@ def pid(
     def wrapped(difference: Float[Array, "3"]) -> Float[Array, "3"]:
         if not heading:
             return difference
-        return wrap(difference) if jnp.ndim(difference) == 0 else _with_third(difference, wrap(difference[2]))
+        return (
+            wrap(difference)
+            if jnp.ndim(difference) == 0
+            else _with_third(difference, wrap(difference[2]))
+        )
 
     error = wrapped(desired - measured)
     change = wrapped(memory.last - measured) if firmware == "2026.08" else error - memory.last
-    integral = jnp.clip(memory.integral + error * gains.period, -gains.integral_limit, gains.integral_limit)
-    output = gains.proportional * error + gains.derivative * (change / gains.period) + gains.integral * integral
+    integral = jnp.clip(
+        memory.integral + error * gains.period, -gains.integral_limit, gains.integral_limit
+    )
+    output = (
+        gains.proportional * error
+        + gains.derivative * (change / gains.period)
+        + gains.integral * integral
+    )
     last = measured if firmware == "2026.08" else error
     return PIDMemory(integral, last), jnp.clip(output, -gains.output_limit, gains.output_limit)
 
@@ -196,8 +243,13 @@ def reset(memory: Memory, state: State, firmware: Generation) -> Memory:
     return memory._replace(position=outer, velocity=outer, attitude=attitude, rate=fresh)
 
 
-def position_loops(memory: Memory, setpoint: Setpoint, state: State, firmware: Generation) -> Memory:
-    """Position and velocity PIDs: what attitude and thrust to ask for. Source: position_controller_pid.c, positionController."""
+def position_loops(
+    memory: Memory, setpoint: Setpoint, state: State, firmware: Generation
+) -> Memory:
+    """Position and velocity PIDs: what attitude and thrust to ask for.
+
+    Source: position_controller_pid.c, positionController.
+    """
     assert memory.position is not None
     assert memory.velocity is not None
     yaw, given = state.attitude[2], setpoint.velocity
@@ -210,44 +262,70 @@ def position_loops(memory: Memory, setpoint: Setpoint, state: State, firmware: G
     position, wanted = pid(memory.position, target, place, _POSITION, firmware)
     absolute = setpoint.mode[:3] == ABSOLUTE
     position = _chosen(absolute, position, memory.position)
-    velocity, out = pid(memory.velocity, jnp.where(absolute, wanted, given), speed, _VELOCITY, firmware)
+    velocity, out = pid(
+        memory.velocity, jnp.where(absolute, wanted, given), speed, _VELOCITY, firmware
+    )
     if firmware == "2021.10":
         out = _turn(out, yaw)
     # Nose down (positive pitch) flies forward, right side down (positive roll) flies right.
-    desired = jnp.stack([jnp.clip(-out[1], -_STEEPEST, _STEEPEST), jnp.clip(out[0], -_STEEPEST, _STEEPEST), memory.desired[2]])
+    desired = jnp.stack(
+        [
+            jnp.clip(-out[1], -_STEEPEST, _STEEPEST),
+            jnp.clip(out[0], -_STEEPEST, _STEEPEST),
+            memory.desired[2],
+        ]
+    )
     most = MOST_COUNTS if firmware == "2026.08" else None
     thrust = jnp.clip(out[2] * _THRUST_SCALE + _THRUST_BASE, _THRUST_LEAST, most)
     return memory._replace(position=position, velocity=velocity, desired=desired, thrust=thrust)
 
 
-def attitude_loops(memory: Memory, setpoint: Setpoint, state: State, firmware: Generation) -> Memory:
-    """Attitude and rate PIDs: what torque to ask for. Source: controller_pid.c; attitude_pid_controller.c."""
+def attitude_loops(
+    memory: Memory, setpoint: Setpoint, state: State, firmware: Generation
+) -> Memory:
+    """Attitude and rate PIDs: what torque to ask for. Source: controller_pid.c.
+
+    Attitude_pid_controller.c.
+    """
     mode = setpoint.mode
     by_hand = (mode[0] == DISABLE) | (mode[1] == DISABLE)
     tilt = jnp.where(by_hand, setpoint.attitude[:2], memory.desired[:2])
     desired = jnp.concatenate([tilt, memory.desired[2:]])
     thrust = jnp.where(mode[2] == DISABLE, setpoint.thrust, memory.thrust)
-    attitude, wanted = pid(memory.attitude, desired, state.attitude, _ATTITUDE, firmware, heading=True)
+    attitude, wanted = pid(
+        memory.attitude, desired, state.attitude, _ATTITUDE, firmware, heading=True
+    )
     # Only roll and pitch: a yaw rate has moved the desired yaw instead.
     by_rate = (mode[3:] == VELOCITY) & np.array([True, True, False])
     wanted = jnp.where(by_rate, setpoint.body_rates, wanted)
     if firmware == "2021.10":
         attitude = _chosen(by_rate, PIDMemory(jnp.zeros(3), jnp.zeros(3)), attitude)
     rate, torque = pid(memory.rate, wanted, state.body_rates, RATE, firmware)
-    return memory._replace(attitude=attitude, rate=rate, desired=desired, thrust=thrust, torque=cut(torque))
+    return memory._replace(
+        attitude=attitude, rate=rate, desired=desired, thrust=thrust, torque=cut(torque)
+    )
 
 
-def mix(thrust: Float[Array, ""], torque: Float[Array, "3"], firmware: Generation) -> Float[Array, "4"]:
+def mix(
+    thrust: Float[Array, ""], torque: Float[Array, "3"], firmware: Generation
+) -> Float[Array, "4"]:
     """Motor commands [counts] from thrust and roll, pitch, yaw [counts].
 
-    Source: power_distribution_stock.c (2021.10), power_distribution_quadrotor.c (2026.08), X formation.
+    Source: power_distribution_stock.c (2021.10), power_distribution_quadrotor.c (2026.08), X
+    formation.
     """
     roll, pitch, yaw = cut(torque[0] / 2), cut(torque[1] / 2), torque[2]
     right, left = thrust - roll, thrust + roll
-    motors = cut(jnp.stack([right - pitch - yaw, right + pitch + yaw, left + pitch - yaw, left - pitch + yaw]))
+    motors = cut(
+        jnp.stack(
+            [right - pitch - yaw, right + pitch + yaw, left + pitch - yaw, left - pitch + yaw]
+        )
+    )
     if firmware == "2026.08":
         m1, m2, m3, m4 = motors
-        motors = motors - jnp.maximum(jnp.maximum(jnp.maximum(m1, m2), jnp.maximum(m3, m4)) - MOST_COUNTS, 0.0)
+        motors = motors - jnp.maximum(
+            jnp.maximum(jnp.maximum(m1, m2), jnp.maximum(m3, m4)) - MOST_COUNTS, 0.0
+        )
     return jnp.clip(motors, 0.0, MOST_COUNTS)
 
 
@@ -261,7 +339,8 @@ def tick(
 ) -> tuple[Memory, Float[Array, "4"]]:
     """One tick of the cascade.
 
-    Thrust 0 stops the motors, resets the PIDs and makes the present yaw the desired one; so it is before the first tick.
+    Thrust 0 stops the motors, resets the PIDs and makes the present yaw the desired one; so it is
+    before the first tick.
 
     Args:
         memory: of the tick before.
@@ -291,7 +370,9 @@ def tick(
     memory = memory._replace(mode=jnp.zeros_like(memory.mode) if fixed else setpoint.mode)
     moved = memory.desired[2] + setpoint.body_rates[2] * (1 / ATTITUDE_RATE)
     yaw = wrap(jnp.where(setpoint.mode[5] == VELOCITY, moved, setpoint.attitude[2]))
-    memory = _chosen(attitude_due, memory._replace(desired=_with_third(memory.desired, yaw)), memory)
+    memory = _chosen(
+        attitude_due, memory._replace(desired=_with_third(memory.desired, yaw)), memory
+    )
     if position_due is not False:
         memory = _chosen(position_due, position_loops(memory, setpoint, state, firmware), memory)
     memory = _chosen(attitude_due, attitude_loops(memory, setpoint, state, firmware), memory)
@@ -324,7 +405,8 @@ def rate_tick(
     body_rates: Float[Array, "3"],
     firmware: Generation,
 ) -> tuple[RateMemory, Float[Array, "4"]]:
-    """`tick` where body rates are asked for from first to last: what the other loops work out is of no consequence then.
+    """`tick` where body rates are asked for from first to last: what the other loops work out is of
+    no consequence then.
 
     Args:
         memory: of the tick before.
@@ -339,11 +421,18 @@ def rate_tick(
     """
     none = jnp.zeros(3)
     last = yaw if firmware == "2026.08" else jnp.zeros_like(yaw)
-    stopped = RateMemory(PIDMemory(jnp.zeros_like(yaw), last), PIDMemory(none, none), yaw, jnp.zeros_like(memory.first))
+    stopped = RateMemory(
+        PIDMemory(jnp.zeros_like(yaw), last),
+        PIDMemory(none, none),
+        yaw,
+        jnp.zeros_like(memory.first),
+    )
     memory = _chosen(memory.first, stopped, memory)
     heading = wrap(memory.heading + wanted[2] * (1 / ATTITUDE_RATE))
     turning, turn = pid(memory.yaw, heading, yaw, _YAW, firmware, heading=True)
-    rate, torque = pid(memory.rate, jnp.stack([wanted[0], wanted[1], turn]), body_rates, RATE, firmware)
+    rate, torque = pid(
+        memory.rate, jnp.stack([wanted[0], wanted[1], turn]), body_rates, RATE, firmware
+    )
     off = thrust == 0.0
     memory = _chosen(off, stopped, RateMemory(turning, rate, heading, stopped.first))
     return memory, mix(thrust, jnp.where(off, 0.0, cut(torque)), firmware)
@@ -353,7 +442,9 @@ def _turn(vector: Float[Array, "3"], yaw: Float[Array, ""]) -> Float[Array, "3"]
     """A vector of the world in axes turned by yaw [deg]."""
     angle = yaw * np.float32(np.pi) / 180.0
     cos, sin = jnp.cos(angle), jnp.sin(angle)
-    return jnp.stack([vector[0] * cos + vector[1] * sin, vector[1] * cos - vector[0] * sin, vector[2]])
+    return jnp.stack(
+        [vector[0] * cos + vector[1] * sin, vector[1] * cos - vector[0] * sin, vector[2]]
+    )
 
 
 def _with_third(vector: Float[Array, "3"], value: Float[Array, ""]) -> Float[Array, "3"]:

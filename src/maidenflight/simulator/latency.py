@@ -1,8 +1,9 @@
 """Latency as a delay line, continuous and differentiable in the delay.
 
-Commands are held for one command period. Over a physics step the motor sees the delayed command's exact mean, so that a delay
-between two steps, or between two commands, blends its neighbours instead of jumping: an index into a buffer would make every
-objective flat in the latency between steps.
+Commands are held for one command period. Over a physics step the motor sees the delayed command's
+exact mean, so that a delay between two steps, or between two commands, blends its neighbours
+instead of jumping: an index into a buffer would make every objective flat in the latency between
+steps.
 """
 
 import jax.numpy as jnp
@@ -19,7 +20,8 @@ def slots(command_period: float) -> int:
     """How many held commands a delay line must remember.
 
     Args:
-        command_period: time between two commands [s]; one slot is spare for periods randomized to be up to 10 % shorter.
+        command_period: time between two commands [s]; one slot is spare for periods randomized to
+            be up to 10 % shorter.
     """
     return int(SLOWEST / command_period + 1e-6) + 3
 
@@ -30,21 +32,32 @@ def push(line: Float[Array, "slots 4"], command: Float[Array, "4"]) -> Float[Arr
 
 
 def with_room(line: Float[Array, "slots 4"], commands: int) -> Float[Array, "slots+commands 4"]:
-    """A line with room in front for commands to come: cheaper than a `push` for each, which moves the whole line."""
+    """A line with room in front for commands to come: cheaper than a `push` for each, which moves
+    the whole line.
+    """
     return jnp.concatenate([jnp.zeros((commands, 4)), line])
 
 
-def put(line: Float[Array, "slots 4"], command: Float[Array, "4"], place: Int[Array, ""] | int) -> Float[Array, "slots 4"]:
+def put(
+    line: Float[Array, "slots 4"], command: Float[Array, "4"], place: Int[Array, ""] | int
+) -> Float[Array, "slots 4"]:
     """Puts the newest command at a place kept for it."""
     return lax.dynamic_update_index_in_dim(line, command, place, 0)
 
 
-def delayed(line: Float[Array, "slots 4"], parameters: Parameters, steps: int, newest: Int[Array, ""] | int = 0) -> Float[Array, "steps 4"]:
-    """What the motors see in each physics step of the period that the newest command starts: the delayed command's mean.
+def delayed(
+    line: Float[Array, "slots 4"],
+    parameters: Parameters,
+    steps: int,
+    newest: Int[Array, ""] | int = 0,
+) -> Float[Array, "steps 4"]:
+    """What the motors see in each physics step of the period that the newest command starts: the
+    delayed command's mean.
 
-    Step i sees the commands of the time from (i dt - Delta) to ((i + 1) dt - Delta), where the newest command (slot 0) starts
-    at 0 and slot j holds from -j h to (1 - j) h, h = steps dt. A step is no longer than a command, so it sees two at most.
-    The last slot also stands for everything older.
+    Step i sees the commands of the time from (i dt - Delta) to ((i + 1) dt - Delta), where the
+    newest command (slot 0) starts at 0 and slot j holds from -j h to (1 - j) h, h = steps dt. A
+    step is no longer than a command, so it sees two at most. The last slot also stands for
+    everything older.
 
     Args:
         line: held commands, newest first.
@@ -53,7 +66,9 @@ def delayed(line: Float[Array, "slots 4"], parameters: Parameters, steps: int, n
         newest: place of slot 0 in the line.
     """
     opens = jnp.arange(steps, dtype=jnp.float32) - parameters.latency / parameters.time_step
-    slot = jnp.clip(jnp.ceil(-opens / steps), 0.0, jnp.asarray(line.shape[0] - 1 - newest, jnp.float32))
+    slot = jnp.clip(
+        jnp.ceil(-opens / steps), 0.0, jnp.asarray(line.shape[0] - 1 - newest, jnp.float32)
+    )
     older = jnp.clip((1.0 - slot) * steps - opens, 0.0, 1.0)
     older = jnp.where(slot == 0, 0.0, older)[:, None]
     # An index and not a sum over all slots: the line of a 500 Hz controller has 28.

@@ -1,4 +1,6 @@
-"""Standard random numbers, normal and uniform, from one draw: many small draws would cost more than the physics they disturb."""
+"""Standard random numbers, normal and uniform, from one draw: many small draws would cost more than
+the physics they disturb.
+"""
 
 import jax
 import numpy as np
@@ -6,12 +8,15 @@ from jax import lax
 from jaxtyping import Array, Float
 
 
-def draw(key: Array, normals: int, uniforms: int) -> tuple[Float[Array, "normals"], Float[Array, "uniforms"]]:
+def draw(
+    key: Array, normals: int, uniforms: int
+) -> tuple[Float[Array, "normals"], Float[Array, "uniforms"]]:
     """Independent random numbers.
 
     Args:
         key: random key.
-        normals: how many of the standard normal distribution; the inverse error function of uniform ones, as in JAX.
+        normals: how many of the standard normal distribution; the inverse error function of uniform
+            ones, as in JAX.
         uniforms: how many of the uniform distribution on [-1, 1).
     """
     least = np.nextafter(np.float32(-1.0), np.float32(0.0))

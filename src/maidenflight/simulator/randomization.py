@@ -1,7 +1,8 @@
 """Domain randomization: drawing a drone from a distribution over xi.
 
-A distribution is a pytree that can draw one drone and prints like mathematics: factors about a drone (`relative_box`), ranges of
-values (`uniform_box`), or drones to choose from (`Ensemble`), such as those that an identification holds possible.
+A distribution is a pytree that can draw one drone and prints like mathematics: factors about a
+drone (`relative_box`), ranges of values (`uniform_box`), or drones to choose from (`Ensemble`),
+such as those that an identification holds possible.
 """
 
 from collections.abc import Sequence
@@ -16,8 +17,17 @@ from jaxtyping import Array
 from maidenflight.errors import InputError
 from maidenflight.parameters import QUANTITIES, Parameters, check, replace
 
-PAPER_FIELDS = ("thrust_to_weight", "time_step", "mass", "inertia", "motor_time_constant", "torque_to_thrust", "torque_offset")
-"""What the paper randomizes (Gronauer et al. 2022, sec. Simulation Environment, Domain Randomization)."""
+PAPER_FIELDS = (
+    "thrust_to_weight",
+    "time_step",
+    "mass",
+    "inertia",
+    "motor_time_constant",
+    "torque_to_thrust",
+    "torque_offset",
+)
+"""What the paper randomizes (Gronauer et al. 2022, sec. Simulation Environment, Domain
+Randomization)."""
 
 
 class Distribution(Protocol):
@@ -57,9 +67,13 @@ class RelativeBox:
     def __str__(self) -> str:
         lines = []
         for name, quantity in QUANTITIES.items():
-            low, high = (float(jnp.ravel(getattr(side, name))[0]) for side in (self.lower, self.upper))
+            low, high = (
+                float(jnp.ravel(getattr(side, name))[0]) for side in (self.lower, self.upper)
+            )
             if low != high:
-                value = " ".join(f"{entry:.4g}" for entry in jnp.ravel(getattr(self.nominal, name)).tolist())
+                value = " ".join(
+                    f"{entry:.4g}" for entry in jnp.ravel(getattr(self.nominal, name)).tolist()
+                )
                 lines.append(f"{name} ~ {value} U({low:g}, {high:g}) {quantity.unit}")
         return "\n".join(lines)
 
@@ -84,7 +98,9 @@ class UniformBox:
     def __str__(self) -> str:
         lines = []
         for name, quantity in QUANTITIES.items():
-            low, high = (np.ravel(getattr(side, name)).tolist() for side in (self.lower, self.upper))
+            low, high = (
+                np.ravel(getattr(side, name)).tolist() for side in (self.lower, self.upper)
+            )
             if low != high:
                 ranges = " ".join(f"U({a:.4g}, {b:.4g})" for a, b in zip(low, high, strict=True))
                 lines.append(f"{name} ~ {ranges} {quantity.unit}")
@@ -102,7 +118,9 @@ class Ensemble:
     @property
     def centre(self) -> Parameters:
         """The mean drone."""
-        return jax.tree.map(lambda leaf: np.mean(leaf, axis=0, dtype=np.float64).astype(np.float32), self.drones)
+        return jax.tree.map(
+            lambda leaf: np.mean(leaf, axis=0, dtype=np.float64).astype(np.float32), self.drones
+        )
 
     def draw(self, key: Array) -> Parameters:
         """One drone."""
@@ -114,12 +132,17 @@ class Ensemble:
         for name, quantity in QUANTITIES.items():
             values = np.asarray(getattr(self.drones, name), np.float64).reshape(count, -1)
             if np.ptp(values, axis=0).any():
-                spreads = " ".join(f"{mean:.4g} +- {deviation:.2g}" for mean, deviation in zip(values.mean(0), values.std(0), strict=True))
+                spreads = " ".join(
+                    f"{mean:.4g} +- {deviation:.2g}"
+                    for mean, deviation in zip(values.mean(0), values.std(0), strict=True)
+                )
                 lines.append(f"{name} ~ {spreads} {quantity.unit}, one of {count} drones")
         return "\n".join(lines)
 
 
-def relative_box(nominal: Parameters, fraction: float = 0.10, fields: Sequence[str] = PAPER_FIELDS) -> RelativeBox:
+def relative_box(
+    nominal: Parameters, fraction: float = 0.10, fields: Sequence[str] = PAPER_FIELDS
+) -> RelativeBox:
     """A box of +-`fraction` about one drone.
 
     Args:
@@ -128,27 +151,37 @@ def relative_box(nominal: Parameters, fraction: float = 0.10, fields: Sequence[s
         fields: names of the fields to randomize.
 
     Raises:
-        InputError: the fraction is out of range, a field is unknown, or the drone is none that could be.
+        InputError: the fraction is out of range, a field is unknown, or the drone is none that
+            could be.
     """
     if not 0 <= fraction < 1:
         raise InputError(f"fraction = {fraction}, expected a share in [0, 1).")
     check(nominal)
     ones = jax.tree.map(lambda leaf: np.ones(np.shape(leaf), np.float32), nominal)
     lower, upper = (
-        replace(ones, **{name: getattr(ones, name, np.float32(1)) * np.float32(1 + side * fraction) for name in fields}) for side in (-1, 1)
+        replace(
+            ones,
+            **{
+                name: getattr(ones, name, np.float32(1)) * np.float32(1 + side * fraction)
+                for name in fields
+            },
+        )
+        for side in (-1, 1)
     )
     return RelativeBox(nominal, lower, upper)
 
 
 def uniform_box(nominal: Parameters, **ranges: tuple[float, float]) -> UniformBox:
-    """A box of values in SI units, such as `uniform_box(crazyflie(), latency=(0.0, 0.03), battery_voltage=(3.4, 4.2))`.
+    """A box of values in SI units, such as `uniform_box(crazyflie(), latency=(0.0, 0.03),
+    battery_voltage=(3.4, 4.2))`.
 
     Args:
         nominal: the values of all other fields.
         ranges: smallest and largest value by field; every component of a vector gets the same.
 
     Raises:
-        InputError: a field is unknown, or its range is not two numbers in order within its physical range.
+        InputError: a field is unknown, or its range is not two numbers in order within its physical
+            range.
     """
     for name, given in ranges.items():
         quantity = QUANTITIES.get(name)
@@ -156,45 +189,72 @@ def uniform_box(nominal: Parameters, **ranges: tuple[float, float]) -> UniformBo
             raise InputError(f"unknown parameter {name!r}; known are {', '.join(QUANTITIES)}.")
         if len(given) != 2 or not quantity.lower <= given[0] <= given[1] <= quantity.upper:
             raise InputError(
-                f"{name} = {given}: expected two numbers in order in [{quantity.lower:g}, {quantity.upper:g}] {quantity.unit}."
+                f"{name} = {given}: expected two numbers in order in [{quantity.lower:g}, "
+                f"{quantity.upper:g}] {quantity.unit}."
             )
     lower, upper = (
-        replace(nominal, **{name: np.full_like(getattr(nominal, name), given[end], np.float32) for name, given in ranges.items()})
+        replace(
+            nominal,
+            **{
+                name: np.full_like(getattr(nominal, name), given[end], np.float32)
+                for name, given in ranges.items()
+            },
+        )
         for end in (0, 1)
     )
     return UniformBox(lower, upper)
 
 
 _LOOSE = {"position_walk": (0.5, 0.5), "velocity_walk": (0.5, 0.5)}
-"""Half the wandering of the estimates: with all of it policies learn to hold their place so loosely that drones unlike theirs lose it."""
-_LIKE = {**_LOOSE, "motor_time_constant": (0.8, 1.6), "inertia": (0.9, 1.2), "mass": (0.9, 1.1), "thrust_to_weight": (0.85, 1.3)}
+"""Half the wandering of the estimates: with all of it policies learn to hold their place so loosely
+that drones unlike theirs lose it."""
+_LIKE = {
+    **_LOOSE,
+    "motor_time_constant": (0.8, 1.6),
+    "inertia": (0.9, 1.2),
+    "mass": (0.9, 1.1),
+    "thrust_to_weight": (0.85, 1.3),
+}
 WIDTHS: dict[str, dict[str, tuple[float, float]]] = {
-    "pwm": {**_LIKE, "motor_slowdown": (0.9, 2.2), "latency": (0.8, 1.6), "torque_to_thrust": (0.9, 2.8)},
+    "pwm": {
+        **_LIKE,
+        "spin_down_ratio": (0.9, 2.2),
+        "latency": (0.8, 1.6),
+        "torque_to_thrust": (0.9, 2.8),
+    },
     "attitude_rate": _LIKE,
     # A drone whose least thrust lifts it (`control.attitude`) teaches nothing.
     "attitude": {**_LIKE, "motor_time_constant": (0.8, 1.4), "thrust_to_weight": (0.92, 1.2)},
 }
-"""Least and greatest factors of `wide_box`, by control structure: published Crazyflies have thrust-to-weight ratios of up to 1.97 and lags
-of up to 136 ms, down as up. No drone has a rotor torque so large; trained over less, PWM policies flew worse on all others."""
+"""Least and greatest factors of `wide_box`, by control structure: published Crazyflies have
+thrust-to-weight ratios of up to 1.97 and lags of up to 136 ms, down as up. No drone has a rotor
+torque so large; trained over less, PWM policies flew worse on all others."""
 TRIM_WIDTHS = {"pwm": 2.0, "attitude_rate": 2.0, "attitude": 1.0}
 """Half width of `wide_box` in constant torques, in their deviations between flights."""
 
 
-def wide_box(nominal: Parameters, structure: str, trims: Sequence[float] | np.ndarray = (0.0, 0.0, 0.0)) -> UniformBox:
-    """Drones about an identified one that a policy should fly too, so that it flies drones unlike the identified one.
+def wide_box(
+    nominal: Parameters, structure: str, trims: Sequence[float] | np.ndarray = (0.0, 0.0, 0.0)
+) -> UniformBox:
+    """Drones about an identified one that a policy should fly too, so that it flies drones unlike
+    the identified one.
 
     Found by trying what carries policies over to virtual drones (docs/zero-shot.md).
 
     Args:
         nominal: the identified drone.
         structure: name of the control structure that the policy commands.
-        trims: standard deviation of the constant torque about each axis from flight to flight [N m].
+        trims: standard deviation of the constant torque about each axis from flight to flight [N
+            m].
     """
     reach = TRIM_WIDTHS[structure] * np.asarray(trims, np.float32)
     lower, upper = (
         replace(
             nominal,
-            **{name: getattr(nominal, name) * np.float32(factors[end]) for name, factors in WIDTHS[structure].items()},
+            **{
+                name: getattr(nominal, name) * np.float32(factors[end])
+                for name, factors in WIDTHS[structure].items()
+            },
             torque_bias=np.asarray(nominal.torque_bias + (2 * end - 1) * reach, np.float32),
         )
         for end in (0, 1)
@@ -219,9 +279,13 @@ def randomize(distribution: Distribution, key: Array) -> Parameters:
 
 
 def _uniform(lower: Parameters, upper: Parameters, key: Array) -> Parameters:
-    """Values between two drones, from one draw: one for each field would take longer to compile than a step of the simulator."""
+    """Values between two drones, from one draw: one for each field would take longer to compile
+    than a step of the simulator.
+    """
     lows, structure = jax.tree.flatten(lower)
     sizes = [np.size(low) for low in lows]
     shares = jnp.split(jax.random.uniform(key, (sum(sizes),)), np.cumsum(sizes)[:-1])
-    shares = jax.tree.unflatten(structure, [share.reshape(np.shape(low)) for share, low in zip(shares, lows, strict=True)])
+    shares = jax.tree.unflatten(
+        structure, [share.reshape(np.shape(low)) for share, low in zip(shares, lows, strict=True)]
+    )
     return jax.tree.map(lambda low, high, share: low + share * (high - low), lower, upper, shares)

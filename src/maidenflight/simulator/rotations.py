@@ -1,4 +1,5 @@
-"""Attitude as unit quaternions (x, y, z, w), body to world, and as roll, pitch, yaw (intrinsic ZYX: R = Rz Ry Rx).
+"""Attitude as unit quaternions (x, y, z, w), body to world, and as roll, pitch, yaw (intrinsic ZYX:
+R = Rz Ry Rx).
 
 World: z up. Body: x forward, y left, z up. Positive pitch is nose down.
 """
@@ -9,7 +10,9 @@ from jaxtyping import Array, Float
 
 
 def axes(quaternion: Float[Array, "4"]) -> tuple[tuple[Float[Array, ""], ...], ...]:
-    """The body's x, y and z axes in the world, each as its three coordinates: the columns of the rotation matrix."""
+    """The body's x, y and z axes in the world, each as its three coordinates: the columns of the
+    rotation matrix.
+    """
     x, y, z, w = quaternion
     return (
         (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)),
@@ -56,11 +59,20 @@ def from_attitude(attitude: Float[Array, "3"]) -> Float[Array, "4"]:
     )
 
 
-def quaternion_derivative(quaternion: Float[Array, "4"], body_rates: Float[Array, "3"]) -> Float[Array, "4"]:
+def quaternion_derivative(
+    quaternion: Float[Array, "4"], body_rates: Float[Array, "3"]
+) -> Float[Array, "4"]:
     """dq/dt = q (x) (omega, 0) / 2 for body rates omega [rad/s]."""
     x, y, z, w = quaternion
     p, q, r = body_rates
-    return 0.5 * jnp.stack([w * p + y * r - z * q, w * q + z * p - x * r, w * r + x * q - y * p, -x * p - y * q - z * r])
+    return 0.5 * jnp.stack(
+        [
+            w * p + y * r - z * q,
+            w * q + z * p - x * r,
+            w * r + x * q - y * p,
+            -x * p - y * q - z * r,
+        ]
+    )
 
 
 def normalise(quaternion: Float[Array, "4"]) -> Float[Array, "4"]:

@@ -1,4 +1,6 @@
-"""What the drone knows of itself: a noisy, perhaps late estimate of its state, and a gyro with noise and bias."""
+"""What the drone knows of itself: a noisy, perhaps late estimate of its state, and a gyro with
+noise and bias.
+"""
 
 from typing import NamedTuple
 
@@ -24,7 +26,8 @@ NORMALS, UNIFORMS = 12, 6
 DRIFT_NORMALS = 6
 """Random numbers of one `walk_estimate`."""
 DRIFT_TIME = 1.0
-"""Time in which an error of the estimated velocity is forgotten [s]; a flight log of seconds cannot tell it from a pure random walk."""
+"""Time in which an error of the estimated velocity is forgotten [s]; a flight log of seconds cannot
+tell it from a pure random walk."""
 
 
 def turn_on_bias(parameters: Parameters, normal: Float[Array, "3"]) -> Float[Array, "3"]:
@@ -39,7 +42,12 @@ def turn_on_bias(parameters: Parameters, normal: Float[Array, "3"]) -> Float[Arr
     return parameters.gyro_turn_on_bias * normal
 
 
-def walk_bias(bias: Float[Array, "3"], elapsed: Float[Array, ""], parameters: Parameters, normal: Float[Array, "3"]) -> Float[Array, "3"]:
+def walk_bias(
+    bias: Float[Array, "3"],
+    elapsed: Float[Array, ""],
+    parameters: Parameters,
+    normal: Float[Array, "3"],
+) -> Float[Array, "3"]:
     """The gyro's bias after some time: a first-order Gauss-Markov process, exact at any time step.
 
     Source: Furrer et al. 2016 (RotorS): sigma_b^2 tau / 2 (1 - exp(-2 t / tau)).
@@ -51,12 +59,17 @@ def walk_bias(bias: Float[Array, "3"], elapsed: Float[Array, ""], parameters: Pa
 
 
 def walk_estimate(
-    drift: Float[Array, "6"], elapsed: Float[Array, ""], parameters: Parameters, normal: Float[Array, "6"]
+    drift: Float[Array, "6"],
+    elapsed: Float[Array, ""],
+    parameters: Parameters,
+    normal: Float[Array, "6"],
 ) -> Float[Array, "6"]:
-    """The errors of an estimated position [m] and velocity [m/s] after some time: they walk, and the position integrates the velocity.
+    """The errors of an estimated position [m] and velocity [m/s] after some time: they walk, and
+    the position integrates the velocity.
 
-    An estimator without a position sensor, such as optical flow's, is wrong by a random walk; a policy that follows it roams. White
-    noise of the size seen from one row of a log to the next averages out within a few rows and hides that.
+    An estimator without a position sensor, such as optical flow's, is wrong by a random walk; a
+    policy that follows it roams. White noise of the size seen from one row of a log to the next
+    averages out within a few rows and hides that.
 
     Args:
         drift: errors of position and velocity before.
@@ -74,23 +87,33 @@ def walk_estimate(
 
 
 def low_pass(
-    filtered: Float[Array, "3"], before: Float[Array, "3"], after: Float[Array, "3"], elapsed: Float[Array, ""], parameters: Parameters
+    filtered: Float[Array, "3"],
+    before: Float[Array, "3"],
+    after: Float[Array, "3"],
+    elapsed: Float[Array, ""],
+    parameters: Parameters,
 ) -> Float[Array, "3"]:
-    """The gyro's low-pass filter after some time: tau_g dy/dt = omega - y, exact for body rates that change along a straight line.
+    """The gyro's low-pass filter after some time: tau_g dy/dt = omega - y, exact for body rates
+    that change along a straight line.
 
     Args:
         filtered: y before [rad/s].
         before: body rates before [rad/s].
         after: body rates now [rad/s].
         elapsed: time between the two [s].
-        parameters: uses `gyro_lag` tau_g [s]; 0 is no filter.
+        parameters: uses `gyro_time_constant` tau_g [s]; 0 is no filter.
     """
-    kept = jnp.exp(-elapsed / jnp.maximum(parameters.gyro_lag, 1e-6))
-    behind = (after - before) * (parameters.gyro_lag / elapsed)
+    kept = jnp.exp(-elapsed / jnp.maximum(parameters.gyro_time_constant, 1e-6))
+    behind = (after - before) * (parameters.gyro_time_constant / elapsed)
     return after - behind + kept * (filtered - before + behind)
 
 
-def gyro(filtered: Float[Array, "3"], bias: Float[Array, "3"], parameters: Parameters, normal: Float[Array, "3"]) -> Float[Array, "3"]:
+def gyro(
+    filtered: Float[Array, "3"],
+    bias: Float[Array, "3"],
+    parameters: Parameters,
+    normal: Float[Array, "3"],
+) -> Float[Array, "3"]:
     """Measured body rates [rad/s]: the filtered truth, bias and white noise."""
     return filtered + bias + parameters.gyro_noise * normal
 
@@ -104,8 +127,9 @@ def measure(
 ) -> Measurement:
     """One noisy reading of the state.
 
-    Position and attitude carry Gaussian and uniform noise, velocity Gaussian noise. The attitude noise is a small rotation in
-    the body frame, which for small tilt is what adding noise to roll, pitch and yaw does, and has no singular attitude.
+    Position and attitude carry Gaussian and uniform noise, velocity Gaussian noise. The attitude
+    noise is a small rotation in the body frame, which for small tilt is what adding noise to roll,
+    pitch and yaw does, and has no singular attitude.
 
     Args:
         state: what is read; its body rates are those behind the gyro's low-pass filter.
@@ -119,7 +143,9 @@ def measure(
     tilt = parameters.attitude_noise * normal[6:9] + parameters.attitude_noise_uniform * uniform[3:]
     turned = state.quaternion + rotations.quaternion_derivative(state.quaternion, tilt)
     return Measurement(
-        position=state.position + parameters.position_noise * normal[:3] + parameters.position_noise_uniform * uniform[:3],
+        position=state.position
+        + parameters.position_noise * normal[:3]
+        + parameters.position_noise_uniform * uniform[:3],
         velocity=state.velocity + parameters.velocity_noise * normal[3:6],
         quaternion=rotations.normalise(turned),
         body_rates=gyro(state.body_rates, bias, parameters, normal[9:]),
@@ -127,13 +153,18 @@ def measure(
 
 
 def remember(past: Float[Array, "memory 10"], state: State) -> Float[Array, "memory 10"]:
-    """Puts the newest position, velocity and quaternion in front of an estimator's memory and forgets the oldest."""
+    """Puts the newest position, velocity and quaternion in front of an estimator's memory and
+    forgets the oldest.
+    """
     newest = jnp.concatenate([state.position, state.velocity, state.quaternion])
     return jnp.concatenate([newest[None], past[:-1]])
 
 
-def delayed(past: Float[Array, "memory 10"], state: State, period: Float[Array, ""], parameters: Parameters) -> State:
-    """The state with its position, velocity and attitude `estimator_delay` old, blended between remembered instants.
+def delayed(
+    past: Float[Array, "memory 10"], state: State, period: Float[Array, ""], parameters: Parameters
+) -> State:
+    """The state with its position, velocity and attitude `estimator_delay` old, blended between
+    remembered instants.
 
     Args:
         past: memory, newest first, one row an estimate; row 0 is the present.
@@ -144,4 +175,6 @@ def delayed(past: Float[Array, "memory 10"], state: State, period: Float[Array, 
     age = jnp.clip(parameters.estimator_delay / period, 0.0, past.shape[0] - 1.0)
     shares = jnp.clip(1.0 - jnp.abs(jnp.arange(past.shape[0], dtype=jnp.float32) - age), 0.0, 1.0)
     late = shares @ past
-    return state._replace(position=late[:3], velocity=late[3:6], quaternion=rotations.normalise(late[6:]))
+    return state._replace(
+        position=late[:3], velocity=late[3:6], quaternion=rotations.normalise(late[6:])
+    )

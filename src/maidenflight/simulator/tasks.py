@@ -1,4 +1,6 @@
-"""Tasks: where an episode starts, what the drone shall follow, what that is worth and when it has failed."""
+"""Tasks: where an episode starts, what the drone shall follow, what that is worth and when it has
+failed.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,8 +29,11 @@ class Task(NamedTuple):
     reference: Trajectory
     """Set-point [m] at a time [s]."""
     reset: Reset
-    """(parameters, key) to a first state and the reference's time [s] at which the episode starts."""
-    reward: Callable[[State, Float[Array, "3"], Float[Array, "4"], Float[Array, "4"]], Float[Array, ""]]
+    """(parameters, key) to a first state and the reference's time [s] at which the episode
+    starts."""
+    reward: Callable[
+        [State, Float[Array, "3"], Float[Array, "4"], Float[Array, "4"]], Float[Array, ""]
+    ]
     """(state, setpoint, action, previous action) to the reward of one step."""
     failure: Callable[[State, Float[Array, "3"]], Int[Array, ""]]
     """(state, setpoint) to why the drone has failed, an index of `END_REASONS`; 0: it has not."""
@@ -39,25 +44,29 @@ class Task(NamedTuple):
     floor: float | None = None
     """Height [m] at which the drone stands on a floor; `None`: there is no floor."""
     danger: Callable[[State, Float[Array, "3"]], Float[Array, ""]] | None = None
-    """(state, setpoint) to how near failure is: at least 1 where the drone has failed, and differentiable, as a failure is not; `None`:
-    there is no such measure, and training by gradients learns of failure by distance, tilt and body rates alone."""
+    """(state, setpoint) to how near failure is: at least 1 where the drone has failed, and
+    differentiable, as a failure is not; `None`: there is no such measure, and training by gradients
+    learns of failure by distance, tilt and body rates alone."""
 
 
 END_REASONS = ("", "time limit", "not finite", "body rate", "tilt", "position error", "height")
 """Why an episode ends. Where several hold at once, the first of these is told."""
 TIME_LIMIT, NOT_FINITE = END_REASONS.index("time limit"), END_REASONS.index("not finite")
 FARTHEST = 0.25
-"""Distance from the set-point [m] at which an episode fails (Gronauer et al. 2022, sec. Experimental Setup)."""
+"""Distance from the set-point [m] at which an episode fails (Gronauer et al. 2022, sec.
+Experimental Setup)."""
 STEEPEST = 60.0
 """Roll or pitch [deg] at which hover and take-off fail (authors' code, hover)."""
 ACTION_PENALTY, ACTION_RATE_PENALTY = 1e-4, 1e-3
-"""Cost of an action's length and of its change's length, a control period (Gronauer et al. 2022, sec. Experimental Setup)."""
+"""Cost of an action's length and of its change's length, a control period (Gronauer et al. 2022,
+sec. Experimental Setup)."""
 FASTEST_TURN = 300.0
 """Body rate [deg/s] at which hover fails (authors' code)."""
 LOWEST = 0.2
 """Height [m] below which hover fails (authors' code)."""
 TAKE_OFF_FARTHEST = 0.5
-"""Distance from the set-point [m] at which a take-off fails, and the set-point's height at which the drone must have left; ours."""
+"""Distance from the set-point [m] at which a take-off fails, and the set-point's height at which
+the drone must have left; ours."""
 STANDING = 0.0125
 """Height [m] of a drone that stands on the ground (authors' code, take-off)."""
 LEFT_GROUND = 0.05
@@ -85,12 +94,15 @@ class Spread:
 CIRCLE_START = Spread((0.05, 0.05, 0.05), (20.0, 20.0, 18.0), 0.1, (50.0, 50.0, 20.0))
 """Source: Gronauer et al. 2022, sec. Experimental Setup; the numbers are from the authors' code."""
 HOVER_START = Spread((0.25, 0.25, 0.25), (30.0, 30.0, 180.0), 0.1, (200.0, 200.0, 20.0))
-"""Source: authors' code; its yaw of +-360 deg is the same attitudes, but of both signs of the quaternion."""
+"""Source: authors' code; its yaw of +-360 deg is the same attitudes, but of both signs of the
+quaternion."""
 TAKE_OFF_START = Spread((0.25, 0.25, 0.0), (0.0, 0.0, 180.0), 0.0, (0.0, 0.0, 0.0), rotor_speed=0.0)
 """Source: authors' code."""
 
 
-def _starting(reference: Trajectory, spread: Spread, latest: float = 0.0, moving: bool = False) -> Reset:
+def _starting(
+    reference: Trajectory, spread: Spread, latest: float = 0.0, moving: bool = False
+) -> Reset:
     """A reset near a reference.
 
     Args:
@@ -141,9 +153,11 @@ def paper_reward(
     action_penalty: float = ACTION_PENALTY,
     action_rate_penalty: float = ACTION_RATE_PENALTY,
 ) -> Float[Array, ""]:
-    """The paper's reward, its penalties negative: -(|e| + 1e-4 |a| + 1e-3 |a - a_previous| + 1e-3 |omega|) - 100 if |e| > 0.25 m.
+    """The paper's reward, its penalties negative: -(|e| + 1e-4 |a| + 1e-3 |a - a_previous| + 1e-3
+    |omega|) - 100 if |e| > 0.25 m.
 
-    The paper prints the penalties with a plus sign and the terminal reward with a minus; one of them must turn.
+    The paper prints the penalties with a plus sign and the terminal reward with a minus; one of
+    them must turn.
 
     Args:
         state: the drone after the step.
@@ -157,7 +171,11 @@ def paper_reward(
     Source: Gronauer et al. 2022, sec. Experimental Setup.
     """
     distance = norm(setpoint - state.position)
-    penalties = action_penalty * norm(action) + action_rate_penalty * norm(action - previous_action) + 1e-3 * norm(state.body_rates)
+    penalties = (
+        action_penalty * norm(action)
+        + action_rate_penalty * norm(action - previous_action)
+        + 1e-3 * norm(state.body_rates)
+    )
     return -distance - penalties - jnp.where(distance > farthest, 100.0, 0.0)
 
 
@@ -165,8 +183,9 @@ def paper_reward(
 def facing(task: Task, price: float) -> Task:
     """A task with a price on turning away from heading 0 as well.
 
-    The paper's rewards do not look at the heading, and its episodes last 5 s. Constant torques and the gyro's bias turn a drone on, further
-    than training has ever seen, and there the policy is lost.
+    The paper's rewards do not look at the heading, and its episodes last 5 s. Constant torques and
+    the gyro's bias turn a drone on, further than training has ever seen, and there the policy is
+    lost.
 
     Args:
         task: the task; what fails stays what it is.
@@ -174,15 +193,22 @@ def facing(task: Task, price: float) -> Task:
     """
 
     def reward(
-        state: State, setpoint: Float[Array, "3"], action: Float[Array, "4"], previous_action: Float[Array, "4"]
+        state: State,
+        setpoint: Float[Array, "3"],
+        action: Float[Array, "4"],
+        previous_action: Float[Array, "4"],
     ) -> Float[Array, ""]:
-        return task.reward(state, setpoint, action, previous_action) - price * jnp.abs(rotations.heading(state.quaternion))
+        return task.reward(state, setpoint, action, previous_action) - price * jnp.abs(
+            rotations.heading(state.quaternion)
+        )
 
     # Its own name, so that no training is resumed at another price.
     return task._replace(name=f"{task.name}, heading {price:g}", reward=reward)
 
 
-def too_far(state: State, setpoint: Float[Array, "3"], farthest: float = FARTHEST) -> Bool[Array, ""]:
+def too_far(
+    state: State, setpoint: Float[Array, "3"], farthest: float = FARTHEST
+) -> Bool[Array, ""]:
     """The paper's termination: the drone is more than 0.25 m from its set-point."""
     return squared(setpoint - state.position) > farthest**2
 
@@ -194,7 +220,10 @@ def too_steep(state: State) -> Bool[Array, ""]:
 
 
 def reason(**failures: Bool[Array, ""]) -> Int[Array, ""]:
-    """The index of the first of `END_REASONS` that holds, 0 if none does; names have _ for a blank."""
+    """The index of the first of `END_REASONS` that holds, 0 if none does.
+
+    Names have _ for a blank.
+    """
     found = jnp.zeros((), jnp.int32)
     for index, name in reversed(list(enumerate(END_REASONS))):
         if name.replace(" ", "_") in failures:
@@ -202,12 +231,16 @@ def reason(**failures: Bool[Array, ""]) -> Int[Array, ""]:
     return found
 
 
-def strayed(state: State, setpoint: Float[Array, "3"], farthest: float = FARTHEST) -> Int[Array, ""]:
+def strayed(
+    state: State, setpoint: Float[Array, "3"], farthest: float = FARTHEST
+) -> Int[Array, ""]:
     """The paper's failure: the drone is more than 0.25 m from its set-point."""
     return reason(position_error=too_far(state, setpoint, farthest))
 
 
-def straying(state: State, setpoint: Float[Array, "3"], farthest: float = FARTHEST) -> Float[Array, ""]:
+def straying(
+    state: State, setpoint: Float[Array, "3"], farthest: float = FARTHEST
+) -> Float[Array, ""]:
     """Distance from the set-point over the distance at which a task fails."""
     return norm(setpoint - state.position) / farthest
 
@@ -226,44 +259,69 @@ def hover_danger(state: State, setpoint: Float[Array, "3"]) -> Float[Array, ""]:
 
 
 def take_off_danger(state: State, setpoint: Float[Array, "3"]) -> Float[Array, ""]:
-    """The greater of distance and tilt, each over what `take_off_failure` allows; to stay on the ground is far from the set-point too."""
+    """The greater of distance and tilt, each over what `take_off_failure` allows.
+
+    To stay on the ground is far from the set-point too.
+    """
     return jnp.maximum(straying(state, setpoint, TAKE_OFF_FARTHEST), tilting(state))
 
 
 def hover_failure(state: State, setpoint: Float[Array, "3"]) -> Int[Array, ""]:
-    """The authors' failure of hover: roll or pitch beyond 60 deg, a body rate beyond 300 deg/s or a height below 0.2 m."""
+    """The authors' failure of hover: roll or pitch beyond 60 deg, a body rate beyond 300 deg/s or a
+    height below 0.2 m.
+    """
     p, q, r = jnp.abs(state.body_rates)
     spinning = jnp.maximum(jnp.maximum(p, q), r) > np.float32(np.radians(FASTEST_TURN))
     return reason(body_rate=spinning, tilt=too_steep(state), height=state.position[2] < LOWEST)
 
 
 def take_off_failure(state: State, setpoint: Float[Array, "3"]) -> Int[Array, ""]:
-    """Steeper than 60 deg, 0.5 m from the set-point, or still on the ground when the set-point is 0.5 m up."""
+    """Steeper than 60 deg, 0.5 m from the set-point, or still on the ground when the set-point is
+    0.5 m up.
+    """
     height = state.position[2]
     left_behind = (setpoint[2] > TAKE_OFF_FARTHEST) & (height < LEFT_GROUND)
-    return reason(tilt=too_steep(state), position_error=too_far(state, setpoint, TAKE_OFF_FARTHEST), height=left_behind)
+    return reason(
+        tilt=too_steep(state),
+        position_error=too_far(state, setpoint, TAKE_OFF_FARTHEST),
+        height=left_behind,
+    )
 
 
 def hover_reward(
-    state: State, setpoint: Float[Array, "3"], action: Float[Array, "4"], previous_action: Float[Array, "4"]
+    state: State,
+    setpoint: Float[Array, "3"],
+    action: Float[Array, "4"],
+    previous_action: Float[Array, "4"],
 ) -> Float[Array, ""]:
-    """-(|e| + 1e-4 |u| + 1e-4 |omega|) - 100 on failure, with u = (clip(a, -1, 1) + 1) / 2. Source: authors' code."""
-    return _effort(state, setpoint, action) - jnp.where(hover_failure(state, setpoint) > 0, 100.0, 0.0)
+    """-(|e| + 1e-4 |u| + 1e-4 |omega|) - 100 on failure, with u = (clip(a, -1, 1) + 1) / 2.
+
+    Source: authors' code.
+    """
+    return _effort(state, setpoint, action) - jnp.where(
+        hover_failure(state, setpoint) > 0, 100.0, 0.0
+    )
 
 
 def take_off_reward(
-    state: State, setpoint: Float[Array, "3"], action: Float[Array, "4"], previous_action: Float[Array, "4"]
+    state: State,
+    setpoint: Float[Array, "3"],
+    action: Float[Array, "4"],
+    previous_action: Float[Array, "4"],
 ) -> Float[Array, ""]:
     """-(|e| + 1e-4 |u| + 1e-4 |omega| + 1e-4 |v|) - 1 if z < 0.08 m - 100 on failure.
 
-    Source: authors' code; there a take-off never fails. Without the last term it would pay to fail early.
+    Source: authors' code; there a take-off never fails. Without the last term it would pay to fail
+    early.
     """
     grounded = jnp.where(state.position[2] < LOW, 1.0, 0.0)
     failure = jnp.where(take_off_failure(state, setpoint) > 0, 100.0, 0.0)
     return _effort(state, setpoint, action) - 1e-4 * norm(state.velocity) - grounded - failure
 
 
-def _effort(state: State, setpoint: Float[Array, "3"], action: Float[Array, "4"]) -> Float[Array, ""]:
+def _effort(
+    state: State, setpoint: Float[Array, "3"], action: Float[Array, "4"]
+) -> Float[Array, ""]:
     """-(|e| + 1e-4 |u| + 1e-4 |omega|), the part that the authors' hover and take-off share."""
     command = (jnp.clip(action, -1.0, 1.0) + 1.0) / 2.0
     return -norm(setpoint - state.position) - 1e-4 * norm(command) - 1e-4 * norm(state.body_rates)
@@ -279,8 +337,9 @@ def circle(
 ) -> Task:
     """Follow a circle, clock-wise, from a random point on it; 5 s an episode.
 
-    Start values are uniform: +-5 cm about the reference, roll and pitch +-20 deg, yaw +-18 deg, velocity +-0.1 m/s a world axis,
-    body rates +-50 deg/s (yaw 20); rotor speeds are normal about hover with a deviation of 0.02.
+    Start values are uniform: +-5 cm about the reference, roll and pitch +-20 deg, yaw +-18 deg,
+    velocity +-0.1 m/s a world axis, body rates +-50 deg/s (yaw 20); rotor speeds are normal about
+    hover with a deviation of 0.02.
 
     Args:
         diameter: [m].
@@ -293,26 +352,35 @@ def circle(
     """
     reference = trajectories.circle(diameter, period, height)
     reset = _starting(reference, CIRCLE_START, latest=period)
-    reward = partial(paper_reward, action_penalty=action_penalty, action_rate_penalty=action_rate_penalty)
+    reward = partial(
+        paper_reward, action_penalty=action_penalty, action_rate_penalty=action_rate_penalty
+    )
     return Task("circle", reference, reset, reward, strayed, duration=5.0, danger=straying)
 
 
 @once
 def hover(height: float = 1.0) -> Task:
-    """Come to rest above the origin from up to 0.25 m away, tilted, turning and facing anywhere; 5 s an episode.
+    """Come to rest above the origin from up to 0.25 m away, tilted, turning and facing anywhere.
+
+    5 s an episode.
 
     Source: authors' code.
     """
     reference = trajectories.hold((0.0, 0.0, height))
     reset = _starting(reference, HOVER_START)
-    return Task("hover", reference, reset, hover_reward, hover_failure, duration=5.0, danger=hover_danger)
+    return Task(
+        "hover", reference, reset, hover_reward, hover_failure, duration=5.0, danger=hover_danger
+    )
 
 
 @once
 def take_off(height: float = 1.0, duration: float = 1.5) -> Task:
-    """Rise from the ground, motors off, to a height [m] within a duration [s], and stay there; 5 s an episode.
+    """Rise from the ground, motors off, to a height [m] within a duration [s], and stay there.
 
-    The ground holds what sinks to it, without a bounce or a tilt; near it, thrust grows (`dynamics.near_ground`).
+    5 s an episode.
+
+    The ground holds what sinks to it, without a bounce or a tilt; near it, thrust grows
+    (`dynamics.near_ground`).
 
     Source: authors' code, there called "not yet working properly".
     """
@@ -321,7 +389,9 @@ def take_off(height: float = 1.0, duration: float = 1.5) -> Task:
 
     def reset(parameters: Parameters, key: Array) -> tuple[State, Float[Array, ""]]:
         state, start = near(parameters, key)
-        return state._replace(position=state.position.at[2].set(STANDING), rotor_speed=jnp.zeros(4)), start
+        return state._replace(
+            position=state.position.at[2].set(STANDING), rotor_speed=jnp.zeros(4)
+        ), start
 
     def motors_off(parameters: Parameters) -> Float[Array, ""]:
         return jnp.zeros(())
@@ -340,17 +410,21 @@ def take_off(height: float = 1.0, duration: float = 1.5) -> Task:
 
 
 @once
-def tracking(trajectory: Trajectory, duration: float, farthest: float = FARTHEST, latest_start: float = 0.0) -> Task:
+def tracking(
+    trajectory: Trajectory, duration: float, farthest: float = FARTHEST, latest_start: float = 0.0
+) -> Task:
     """Follow any trajectory, with the paper's reward, from near it and as fast as it.
 
     Args:
         trajectory: what to follow.
         duration: of an episode [s].
         farthest: distance from the set-point [m] at which an episode fails.
-        latest_start: episodes start on the trajectory's clock uniformly up to this time [s]: a period, for a closed curve.
+        latest_start: episodes start on the trajectory's clock uniformly up to this time [s]: a
+            period, for a closed curve.
 
     Raises:
-        InputError: the trajectory does not make three numbers of a time by functions of `jax.numpy`, or the duration is not above 0.
+        InputError: the trajectory does not make three numbers of a time by functions of
+            `jax.numpy`, or the duration is not above 0.
 
     Source: reward, failure and all start values but velocity as in `circle`.
     """
@@ -360,20 +434,33 @@ def tracking(trajectory: Trajectory, duration: float, farthest: float = FARTHEST
         shape = jax.eval_shape(trajectory, jnp.zeros(())).shape
     except (TypeError, AttributeError, jax.errors.JAXTypeError) as error:
         raise InputError(
-            f"the trajectory is no function of time that JAX can follow; write it with jax.numpy, without if ({error})."
+            "the trajectory is no function of time that JAX can follow; write it with jax.numpy, "
+            f"without if ({error})."
         ) from error
     if shape != (3,):
-        raise InputError(f"the trajectory gives an array of shape {shape} at a time; expected 3 numbers, a position [m].")
+        raise InputError(
+            f"the trajectory gives an array of shape {shape} at a time; expected 3 numbers, a "
+            "position [m]."
+        )
     reset = _starting(trajectory, CIRCLE_START, latest_start, moving=True)
-    reward, failed, danger = (partial(judge, farthest=farthest) for judge in (paper_reward, strayed, straying))
+    reward, failed, danger = (
+        partial(judge, farthest=farthest) for judge in (paper_reward, strayed, straying)
+    )
     return Task("tracking", trajectory, reset, reward, failed, duration, danger=danger)
 
 
 @once
 def figure_eight(period: float = trajectories.NORMAL) -> Task:
     """Fly a lying eight in a period [s], from anywhere on it; an episode lasts a period."""
-    return tracking(trajectories.figure_eight(period), period, latest_start=period)._replace(name="figure_eight")
+    return tracking(trajectories.figure_eight(period), period, latest_start=period)._replace(
+        name="figure_eight"
+    )
 
 
-TASKS: dict[str, Callable[[], Task]] = {"circle": circle, "figure_eight": figure_eight, "hover": hover, "take_off": take_off}
+TASKS: dict[str, Callable[[], Task]] = {
+    "circle": circle,
+    "figure_eight": figure_eight,
+    "hover": hover,
+    "take_off": take_off,
+}
 """Tasks by name, as the command line offers them."""

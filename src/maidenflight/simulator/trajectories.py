@@ -1,7 +1,9 @@
-"""Reference trajectories: position as a function of time, never of step counts, so that every control rate sees the same one.
+"""Reference trajectories: position as a function of time, never of step counts, so that every
+control rate sees the same one.
 
-Each shape starts at (0, 0, height), where a hovering drone can pick it up. A trajectory is made once for its arguments and is then
-the same object for ever, so that it can be a static argument of compiled programs; way-points are therefore tuples.
+Each shape starts at (0, 0, height), where a hovering drone can pick it up. A trajectory is made
+once for its arguments and is then the same object for ever, so that it can be a static argument of
+compiled programs; way-points are therefore tuples.
 """
 
 import csv
@@ -39,7 +41,9 @@ Made = TypeVar("Made")
 
 
 def once(make: Callable[Arguments, Made]) -> Callable[Arguments, Made]:
-    """Makes one object for the same arguments, whether they are given by position, by name or by default."""
+    """Makes one object for the same arguments, whether they are given by position, by name or by
+    default.
+    """
     cached, known = cache(make), signature(make)
 
     @wraps(make)
@@ -53,7 +57,8 @@ def once(make: Callable[Arguments, Made]) -> Callable[Arguments, Made]:
 
 @once
 def circle(diameter: float = 0.5, period: float = 3.0, height: float = 1.0) -> Trajectory:
-    """A level circle, clock-wise seen from above, that starts at (0, 0, height) towards +y with its centre on the x axis.
+    """A level circle, clock-wise seen from above, that starts at (0, 0, height) towards +y with its
+    centre on the x axis.
 
     Args:
         diameter: [m].
@@ -66,7 +71,9 @@ def circle(diameter: float = 0.5, period: float = 3.0, height: float = 1.0) -> T
 
     def reference(time: Float[Array, ""]) -> Float[Array, "3"]:
         angle = 2 * jnp.pi * time / period
-        return jnp.stack([radius * (1 - jnp.cos(angle)), radius * jnp.sin(angle), jnp.full_like(angle, height)])
+        return jnp.stack(
+            [radius * (1 - jnp.cos(angle)), radius * jnp.sin(angle), jnp.full_like(angle, height)]
+        )
 
     return reference
 
@@ -79,22 +86,27 @@ def hold(position: tuple[float, float, float] = (0.0, 0.0, 1.0)) -> Trajectory:
 
 @once
 def climb(height: float = 1.0, duration: float = 1.5) -> Trajectory:
-    """Straight up from the origin to a height [m] within a duration [s], then hold; from rest to rest with the least jerk.
+    """Straight up from the origin to a height [m] within a duration [s], then hold.
 
-    Source: height and duration from the authors' code (its ramp is linear, so its velocity jumps); the shape is from Flash and
-    Hogan 1985.
+    From rest to rest with the least jerk.
+
+    Source: height and duration from the authors' code (its ramp is linear, so its velocity jumps);
+    the shape is from Flash and Hogan 1985.
     """
 
     def reference(time: Float[Array, ""]) -> Float[Array, "3"]:
         s = jnp.clip(time / duration, 0.0, 1.0)
-        return jnp.stack([jnp.zeros_like(s), jnp.zeros_like(s), height * s**3 * (10 - 15 * s + 6 * s**2)])
+        return jnp.stack(
+            [jnp.zeros_like(s), jnp.zeros_like(s), height * s**3 * (10 - 15 * s + 6 * s**2)]
+        )
 
     return reference
 
 
 @once
 def figure_eight(period: float = NORMAL, width: float = 2.0, height: float = 1.0) -> Trajectory:
-    """A level lemniscate of Bernoulli along the x axis that starts at its crossing towards +x and +y.
+    """A level lemniscate of Bernoulli along the x axis that starts at its crossing towards +x and
+    +y.
 
     Args:
         period: [s]; `SLOW`, `NORMAL` and `FAST` are SimpleFlight's.
@@ -121,20 +133,31 @@ def pentagram(diameter: float = 0.5, period: float = 5.0, height: float = 1.0) -
         height: [m].
     """
     radius, turn = diameter / 2, 4 * pi / 5
-    corners = [(number * period / 5, radius * (1 - cos(number * turn)), radius * sin(number * turn), height) for number in range(6)]
+    corners = [
+        (
+            number * period / 5,
+            radius * (1 - cos(number * turn)),
+            radius * sin(number * turn),
+            height,
+        )
+        for number in range(6)
+    ]
     star = zigzag(tuple(corners))
     return lambda time: star(jnp.mod(time, period))
 
 
 @once
 def zigzag(points: Waypoints) -> Trajectory:
-    """Straight lines from way-point to way-point, each at constant speed; holds the first point before and the last after.
+    """Straight lines from way-point to way-point, each at constant speed.
+
+    Holds the first point before and the last after.
 
     Args:
         points: such as `random_waypoints(key)` or `read_waypoints(file)`.
 
     Raises:
-        InputError: fewer than two points, not four finite numbers each, or time that does not increase.
+        InputError: fewer than two points, not four finite numbers each, or time that does not
+            increase.
     """
     table = _checked(points)
     return _piecewise(table[:, 0], np.stack([table[:-1, 1:], np.diff(table[:, 1:], axis=0)]))
@@ -142,9 +165,11 @@ def zigzag(points: Waypoints) -> Trajectory:
 
 @once
 def polynomial(points: Waypoints) -> Trajectory:
-    """The curve of least jerk from rest to rest through all way-points: quintic pieces with four continuous derivatives.
+    """The curve of least jerk from rest to rest through all way-points: quintic pieces with four
+    continuous derivatives.
 
-    It may swing out between points whose distances in time are very unequal. Holds the first point before and the last after.
+    It may swing out between points whose distances in time are very unequal. Holds the first point
+    before and the last after.
 
     Args:
         points: such as `random_waypoints(key)` or `read_waypoints(file)`.
@@ -152,20 +177,30 @@ def polynomial(points: Waypoints) -> Trajectory:
     Raises:
         InputError: as of `zigzag`.
 
-    Source: Flash and Hogan 1985 for one piece; through more points, the natural generalisation to a quintic spline.
+    Source: Flash and Hogan 1985 for one piece; through more points, the natural generalisation to a
+    quintic spline.
     """
-    from scipy.interpolate import make_interp_spline  # takes longer to import than all the rest of the simulator needs
+    from scipy.interpolate import (
+        make_interp_spline,
+    )  # takes longer to import than all the rest of the simulator needs
 
     table = _checked(points)
     times, lengths = table[:, 0], np.diff(table[:, 0])[:, None]
     rest = [(1, np.zeros(3)), (2, np.zeros(3))]
     spline = make_interp_spline(times, table[:, 1:], k=5, bc_type=(rest, rest))
-    powers = [spline(times[:-1], nu=power) * lengths**power / factorial(power) for power in range(6)]
+    powers = [
+        spline(times[:-1], nu=power) * lengths**power / factorial(power) for power in range(6)
+    ]
     return _piecewise(times, np.stack(powers))
 
 
 def random_waypoints(
-    key: Array, count: int = 11, reach: float = 1.0, shortest: float = 1.0, longest: float = 1.5, height: float = 1.0
+    key: Array,
+    count: int = 11,
+    reach: float = 1.0,
+    shortest: float = 1.0,
+    longest: float = 1.5,
+    height: float = 1.0,
 ) -> Waypoints:
     """Way-points at one height that begin at (0, 0, height) and jump about in a square.
 
@@ -180,10 +215,16 @@ def random_waypoints(
     Source: sizes and times in the manner of SimpleFlight's zigzag, second-hand and not checked.
     """
     point_key, time_key = jax.random.split(key)
-    points = np.asarray(jax.random.uniform(point_key, (count, 2), minval=-reach, maxval=reach)).tolist()
-    pauses = np.asarray(jax.random.uniform(time_key, (count - 1,), minval=shortest, maxval=longest), np.float64)
+    points = np.asarray(
+        jax.random.uniform(point_key, (count, 2), minval=-reach, maxval=reach)
+    ).tolist()
+    pauses = np.asarray(
+        jax.random.uniform(time_key, (count - 1,), minval=shortest, maxval=longest), np.float64
+    )
     times = [0.0, *np.cumsum(pauses).tolist()]
-    return tuple((time, x, y, height) for time, (x, y) in zip(times, [(0.0, 0.0), *points[1:]], strict=True))
+    return tuple(
+        (time, x, y, height) for time, (x, y) in zip(times, [(0.0, 0.0), *points[1:]], strict=True)
+    )
 
 
 def waypoints(file: StrPath, smooth: bool = False, fastest: float = 5.0) -> Trajectory:
@@ -206,29 +247,47 @@ def read_waypoints(file: StrPath, fastest: float = 5.0) -> Waypoints:
 
     Args:
         file: CSV with a header line and at least the columns time [s], x, y, z [m].
-        fastest: highest mean speed between two points [m/s], against a wrong unit or a lost row; of our choice.
+        fastest: highest mean speed between two points [m/s], against a wrong unit or a lost row; of
+            our choice.
 
     Returns:
         The way-points; the last one's time is the duration.
 
     Raises:
-        InputError: not readable, a missing column, fewer than two points, a value that is not finite, time that does not increase,
-            or a jump.
+        InputError: not readable, a missing column, fewer than two points, a value that is not
+            finite, time that does not increase, or a jump.
     """
     try:
-        reader = csv.DictReader(io.StringIO(inputs.content(file).decode("utf-8-sig"), newline=""), skipinitialspace=True)
+        reader = csv.DictReader(
+            io.StringIO(inputs.content(file).decode("utf-8-sig"), newline=""), skipinitialspace=True
+        )
         header = reader.fieldnames or ()
         wrong = [name for name in COLUMNS if list(header).count(name) != 1]
         if wrong:
             what = "missing column" if set(wrong) - set(header) else "twice column"
-            raise InputError(f"{file}: {what} {', '.join(wrong)}; expected a header line with {','.join(COLUMNS)}.")
-        rows = [(f"line {reader.line_num}", [*(row[name] for name in COLUMNS), *row.get(None, ())]) for row in reader]
+            raise InputError(
+                f"{file}: {what} {', '.join(wrong)}; expected a header line with "
+                f"{','.join(COLUMNS)}."
+            )
+        rows = [
+            (f"line {reader.line_num}", [*(row[name] for name in COLUMNS), *row.get(None, ())])
+            for row in reader
+        ]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{file}: not a readable CSV file ({error}). Give a text file with the columns {','.join(COLUMNS)}.") from error
+        raise InputError(
+            f"{file}: not a readable CSV file ({error}). Give a text file with the columns "
+            f"{','.join(COLUMNS)}."
+        ) from error
     for name, row in rows:
         if len(row) > len(COLUMNS):
             raise InputError(f"{file}: {name} has more cells than the header. Mend or drop it.")
-    points = [tuple(_number(text, f"{file}: {name}: {column}") for text, column in zip(row, COLUMNS, strict=True)) for name, row in rows]
+    points = [
+        tuple(
+            _number(text, f"{file}: {name}: {column}")
+            for text, column in zip(row, COLUMNS, strict=True)
+        )
+        for name, row in rows
+    ]
     table = _checked(points, f"{file}: ", [name for name, _ in rows], fastest)
     return tuple((time, x, y, z) for time, x, y, z in table.tolist())
 
@@ -237,36 +296,53 @@ def _number(text: str | None, where: str) -> float:
     try:
         return float(text or "")
     except ValueError:
-        raise InputError(f"{where} is {text!r}; expected a number. Write it, or leave the row out.") from None
+        raise InputError(
+            f"{where} is {text!r}; expected a number. Write it, or leave the row out."
+        ) from None
 
 
 def _checked(
-    points: Waypoints | list[tuple[float, ...]], where: str = "", names: list[str] | None = None, fastest: float = np.inf
+    points: Waypoints | list[tuple[float, ...]],
+    where: str = "",
+    names: list[str] | None = None,
+    fastest: float = np.inf,
 ) -> Float[np.ndarray, "n 4"]:
     """Way-points as a table whose time starts at zero, in numbers that float32 can hold."""
     names = names or [f"way-point {number}" for number in range(1, len(points) + 1)]
     if len(points) < 2:
-        raise InputError(f"{where}{len(points)} way-points; expected two or more. Add rows of {','.join(COLUMNS)}.")
+        raise InputError(
+            f"{where}{len(points)} way-points; expected two or more. Add rows of "
+            f"{','.join(COLUMNS)}."
+        )
     for name, row in zip(names, points, strict=True):
         if len(row) != len(COLUMNS) or not np.all(np.abs(row) < np.finfo(np.float32).max):
-            raise InputError(f"{where}{name} is {row}; expected four finite numbers, {','.join(COLUMNS)}.")
+            raise InputError(
+                f"{where}{name} is {row}; expected four finite numbers, {','.join(COLUMNS)}."
+            )
     table = np.array(points, np.float64)
     table[:, 0] -= table[0, 0]
     gaps = np.diff(table[:, 0].astype(np.float32))
     for number in np.flatnonzero(gaps <= 0)[:1]:
         before, after = points[number][0], points[number + 1][0]
-        raise InputError(f"{where}{names[number + 1]}: time goes from {before} to {after} s; expected it to increase. Sort the rows.")
+        raise InputError(
+            f"{where}{names[number + 1]}: time goes from {before} to {after} s; expected it to "
+            "increase. Sort the rows."
+        )
     speeds = np.linalg.norm(np.diff(table[:, 1:], axis=0), axis=1) / gaps
     for number in np.flatnonzero(speeds > fastest)[:1]:
         raise InputError(
-            f"{where}{names[number + 1]}: {speeds[number]:.1f} m/s from the point before it, but at most {fastest:g} m/s are allowed. "
+            f"{where}{names[number + 1]}: {speeds[number]:.1f} m/s from the point before it, but "
+            f"at most {fastest:g} m/s are allowed. "
             "Check the units (s, m) and for lost rows, or allow more with fastest."
         )
     return table
 
 
-def _piecewise(times: Float[np.ndarray, "n"], powers: Float[np.ndarray, "degree m 3"]) -> Trajectory:
-    """Polynomials between times: piece i is the sum of `powers[k, i]` s^k, where s goes from 0 to 1; holds its ends beyond them.
+def _piecewise(
+    times: Float[np.ndarray, "n"], powers: Float[np.ndarray, "degree m 3"]
+) -> Trajectory:
+    """Polynomials between times: piece i is the sum of `powers[k, i]` s^k, where s goes from 0 to
+    1; holds its ends beyond them.
 
     At a time where two pieces meet, the slope is that of the later one.
     """
@@ -274,7 +350,9 @@ def _piecewise(times: Float[np.ndarray, "n"], powers: Float[np.ndarray, "degree 
     lengths, table = np.diff(knots), powers.astype(np.float32)
 
     def reference(time: Float[Array, ""]) -> Float[Array, "3"]:
-        index = jnp.clip(jnp.searchsorted(jnp.asarray(knots), time, side="right") - 1, 0, len(lengths) - 1)
+        index = jnp.clip(
+            jnp.searchsorted(jnp.asarray(knots), time, side="right") - 1, 0, len(lengths) - 1
+        )
         s = (time - jnp.asarray(knots)[index]) / jnp.asarray(lengths)[index]
         s = jnp.where(time < knots[0], 0.0, jnp.where(time < knots[-1], s, 1.0))
         coefficients = jnp.asarray(table)[:, index]

@@ -1,4 +1,7 @@
-"""Training on file: arrays in NumPy's own format, with a fingerprint of what is trained; nothing that could run code."""
+"""Training on file: arrays in NumPy's own format, with a fingerprint of what is trained.
+
+Nothing that could run code.
+"""
 
 import hashlib
 import io
@@ -22,14 +25,24 @@ from maidenflight.errors import InputError
 T = TypeVar("T")
 _TITLE = "maidenflight checkpoint 1"
 _DAMAGED = (
-    *(OSError, ValueError, TypeError, LookupError, AttributeError, EOFError, MemoryError, RuntimeError),
+    *(
+        OSError,
+        ValueError,
+        TypeError,
+        LookupError,
+        AttributeError,
+        EOFError,
+        MemoryError,
+        RuntimeError,
+    ),
     *(zipfile.BadZipFile, zlib.error, struct.error),
 )
 """What NumPy and its readers of archives raise over bytes that make no sense."""
 
 
 def fingerprint(words: Mapping[str, Any], numbers: Any) -> str:
-    """What tells one training from another: a hash, and the words themselves in one line, so that it can be told what differs.
+    """What tells one training from another: a hash, and the words themselves in one line, so that
+    it can be told what differs.
 
     Args:
         words: plain values.
@@ -54,7 +67,10 @@ def _difference(found: str, told: str) -> str:
     names = [name for name in {**before, **now} if before.get(name) != now.get(name)]
     if not names:
         return ": it had another seed, drone, or randomization"
-    return ": " + ", ".join(f"{name} was {json.dumps(before.get(name))} and is {json.dumps(now.get(name))}" for name in names)
+    return ": " + ", ".join(
+        f"{name} was {json.dumps(before.get(name))} and is {json.dumps(now.get(name))}"
+        for name in names
+    )
 
 
 def _flat(words: Mapping[str, Any]) -> dict[str, Any]:
@@ -64,7 +80,9 @@ def _flat(words: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def save(path: str | PathLike[str], state: Any, told: str) -> None:
-    """Writes a state of training whole or not at all; where several processes train together, the first of them does.
+    """Writes a state of training whole or not at all.
+
+    Where several processes train together, the first of them does.
 
     Raises:
         WriteError: the file cannot be written; what was there before is kept.
@@ -104,12 +122,20 @@ def restored(path: str | PathLike[str], start: Callable[[], T], told: str) -> T:
             leaves = [np.asarray(content[f"leaf {number}"]) for number in range(len(shapes))]
             whole = len(content.files) == len(shapes) + 1
     except _DAMAGED as error:
-        raise InputError(f"{path}: not a checkpoint of training ({error}). Remove it to begin anew.") from error
+        raise InputError(
+            f"{path}: not a checkpoint of training ({error}). Remove it to begin anew."
+        ) from error
     if title != _TITLE or version != __version__:
         raise InputError(
-            f"{path}: a checkpoint of maidenflight {version}; this is {__version__}. Finish it there, or remove it to begin anew."
+            f"{path}: a checkpoint of maidenflight {version}; this is {__version__}. Finish it "
+            "there, or remove it to begin anew."
         )
-    sound = whole and all(leaf.shape == shape.shape and leaf.dtype == shape.dtype for leaf, shape in zip(leaves, shapes, strict=True))
+    sound = whole and all(
+        leaf.shape == shape.shape and leaf.dtype == shape.dtype
+        for leaf, shape in zip(leaves, shapes, strict=True)
+    )
     if found != told or not sound:
-        raise InputError(f"{path}: a checkpoint of another training{_difference(found, told)}. {remedy}")
+        raise InputError(
+            f"{path}: a checkpoint of another training{_difference(found, told)}. {remedy}"
+        )
     return tree.unflatten(structure, [jax.numpy.asarray(leaf) for leaf in leaves])

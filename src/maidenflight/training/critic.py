@@ -42,7 +42,9 @@ class Critic(NamedTuple):
 
 
 def untrained_critic(key: Array, sizes: tuple[int, ...]) -> Critic:
-    """Kaiming-uniform weights and zero biases (Gronauer et al. 2022, sec. Zero-Shot Experiments)."""
+    """Kaiming-uniform weights and zero biases (Gronauer et al. 2022, sec. Zero-Shot
+    Experiments).
+    """
 
     def layer(key: Array, inputs: int, outputs: int) -> Array:
         bound = np.float32(np.sqrt(6.0 / inputs))
@@ -61,7 +63,8 @@ def advantages(
     discount: float,
     trace: float,
 ) -> Float[Array, "T"]:
-    """Generalised advantage estimation: how much better than the critic's guess each of T successive actions did.
+    """Generalised advantage estimation: how much better than the critic's guess each of T
+    successive actions did.
 
     Args:
         rewards: of each period.
@@ -76,7 +79,9 @@ def advantages(
     """
     surprises = rewards + discount * jnp.where(terminated, 0.0, values_after) - values
 
-    def one(later: Float[Array, ""], now: tuple[Array, Array]) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    def one(
+        later: Float[Array, ""], now: tuple[Array, Array]
+    ) -> tuple[Float[Array, ""], Float[Array, ""]]:
         surprise, over = now
         advantage = surprise + discount * trace * jnp.where(over, 0.0, later)
         return advantage, advantage
@@ -88,14 +93,18 @@ def moments_of(samples: Float[Array, "n ..."]) -> Moments:
     """Of the samples of all devices."""
     mean = lax.pmean(jnp.mean(samples, axis=0), DRONES)
     variance = lax.pmean(jnp.mean((samples - mean[None]) ** 2, axis=0), DRONES)
-    return Moments(jnp.asarray(samples.shape[0] * lax.axis_size(DRONES), jnp.float32), mean, variance)
+    return Moments(
+        jnp.asarray(samples.shape[0] * lax.axis_size(DRONES), jnp.float32), mean, variance
+    )
 
 
 def merged(one: Moments, other: Moments) -> Moments:
     """Moments of the samples of both. Source: Chan, Golub and LeVeque 1983, eq. 2.1."""
     count = one.seen + other.seen
     share, step = other.seen / count, other.mean - one.mean
-    variance = (1.0 - share) * one.variance + share * other.variance + share * (1.0 - share) * step**2
+    variance = (
+        (1.0 - share) * one.variance + share * other.variance + share * (1.0 - share) * step**2
+    )
     return Moments(count, one.mean + share * step, variance)
 
 

@@ -1,4 +1,6 @@
-"""How training is laid over devices: each flies a share of a policy's drones, and all learn from the mean of what they saw."""
+"""How training is laid over devices: each flies a share of a policy's drones, and all learn from
+the mean of what they saw.
+"""
 
 from collections.abc import Callable
 from typing import TypeVar
@@ -40,7 +42,9 @@ def begun(one: Callable[[Array], Learner], laid: Learner, drones: int, keys: Arr
         drones: of each learner.
         keys: one a policy.
     """
-    return jax.shard_map(jax.vmap(one), mesh=mesh(drones), in_specs=EVERYWHERE, out_specs=laid, check_vma=False)(keys)
+    return jax.shard_map(
+        jax.vmap(one), mesh=mesh(drones), in_specs=EVERYWHERE, out_specs=laid, check_vma=False
+    )(keys)
 
 
 def advanced(
@@ -55,7 +59,8 @@ def advanced(
     """Stacked learners after the updates from `first` to before `end`.
 
     Args:
-        update: (learner, key, number of the update) to the learner after it; the key depends on the number alone.
+        update: (learner, key, number of the update) to the learner after it; the key depends on the
+            number alone.
         laid: which parts of a learner are laid over devices.
         drones: of each learner.
         learners: stacked.
@@ -65,6 +70,17 @@ def advanced(
     """
 
     def one(learner: Learner, key: Array) -> Learner:
-        return lax.fori_loop(first, end, lambda number, learner: update(learner, jax.random.fold_in(key, number), number), learner)
+        return lax.fori_loop(
+            first,
+            end,
+            lambda number, learner: update(learner, jax.random.fold_in(key, number), number),
+            learner,
+        )
 
-    return jax.shard_map(jax.vmap(one), mesh=mesh(drones), in_specs=(laid, EVERYWHERE), out_specs=laid, check_vma=False)(learners, keys)
+    return jax.shard_map(
+        jax.vmap(one),
+        mesh=mesh(drones),
+        in_specs=(laid, EVERYWHERE),
+        out_specs=laid,
+        check_vma=False,
+    )(learners, keys)

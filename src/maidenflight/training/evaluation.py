@@ -1,4 +1,6 @@
-"""How good a policy is: episodes of its task, with noise and randomization, as they are scored in the paper."""
+"""How good a policy is: episodes of its task, with noise and randomization, as they are scored in
+the paper.
+"""
 
 from functools import partial
 from typing import NamedTuple
@@ -26,7 +28,8 @@ class Evaluation(NamedTuple):
     def beats(self, other: "Evaluation") -> Bool[Array, ""]:
         """Whether it is better: by survival, to the nearest twentieth, and among equals by return.
 
-        By return alone a drone that falls at once, and so collects little cost, could beat one that flies.
+        By return alone a drone that falls at once, and so collects little cost, could beat one that
+        flies.
         """
         mine, others = (jnp.round(20 * score.survival) for score in (self, other))
         return (mine > others) | ((mine == others) & (self.episode_return > other.episode_return))
@@ -34,29 +37,38 @@ class Evaluation(NamedTuple):
 
 @partial(jax.jit, static_argnums=(0, 4, 5))
 def evaluate(
-    simulated: Environment, policy: Policy, box: Distribution, key: Array, episodes: int = 256, steps: int | None = None
+    env: Environment,
+    policy: Policy,
+    box: Distribution,
+    key: Array,
+    episodes: int = 256,
+    steps: int | None = None,
 ) -> Evaluation:
     """Scores a policy without exploration noise.
 
     Args:
-        simulated: task and control structure; static.
+        env: task and control structure; static.
         policy: the policy.
         box: drones to draw from, one an episode.
         key: random key; the same key gives the same episodes.
         episodes: how many; static.
         steps: control periods of an episode; as many as the task lasts unless given; static.
     """
-    periods = round(simulated.task.duration * simulated.controller.action_rate) if steps is None else steps
+    periods = round(env.task.duration * env.controller.action_rate) if steps is None else steps
 
     def one(key: Array) -> tuple[Array, Array, Array, Array]:
         launch_key, key = jax.random.split(key)
-        first, drone = launch(simulated, box, launch_key)
-        _, (_, outcome) = rollout(simulated, policy, first, drone, key, periods)
-        failed = jnp.cumsum(outcome.terminated) > 0
-        counted = jnp.concatenate([jnp.array([True]), ~failed[:-1]])  # the step that fails still counts, with its penalty
-        total = jnp.sum(jnp.where(counted, outcome.reward, 0.0))
-        distance = jnp.sum(jnp.where(failed, 0.0, outcome.position_error))
+        first, drone = launch(env, box, launch_key)
+        _, (_, step_result) = rollout(env, policy, first, drone, key, periods)
+        failed = jnp.cumsum(step_result.terminated) > 0
+        counted = jnp.concatenate(
+            [jnp.array([True]), ~failed[:-1]]
+        )  # the step that fails still counts, with its penalty
+        total = jnp.sum(jnp.where(counted, step_result.reward, 0.0))
+        distance = jnp.sum(jnp.where(failed, 0.0, step_result.position_error))
         return total, ~failed[-1], distance, jnp.sum(~failed, dtype=jnp.float32)
 
     total, survived, distance, count = jax.vmap(one)(jax.random.split(key, episodes))
-    return Evaluation(jnp.mean(total), jnp.mean(survived), jnp.sum(distance) / jnp.maximum(jnp.sum(count), 1.0))
+    return Evaluation(
+        jnp.mean(total), jnp.mean(survived), jnp.sum(distance) / jnp.maximum(jnp.sum(count), 1.0)
+    )

@@ -1,7 +1,9 @@
-"""Proximal policy optimisation (Schulman et al. 2017), as in the paper and, with settings of our own, faster.
+"""Proximal policy optimisation (Schulman et al. 2017), as in the paper and, with settings of our
+own, faster.
 
-Each update flies drones with noise on their actions, tells by a critic which actions did better than expected, makes those more
-likely, though none by much, and fits the critic. Time that is up is no failure: what would have come then is the critic's guess.
+Each update flies drones with noise on their actions, tells by a critic which actions did better
+than expected, makes those more likely, though none by much, and fits the critic. Time that is up is
+no failure: what would have come then is the critic's guess.
 """
 
 from collections.abc import Callable
@@ -21,16 +23,28 @@ from maidenflight.simulator import environment
 from maidenflight.simulator.environment import ACTION_SIZE, Environment
 from maidenflight.simulator.randomization import PAPER_FIELDS, Distribution
 from maidenflight.simulator.rollout import Drone, launch
-from maidenflight.training.critic import Critic, Moments, advantages, merged, moments_of, untrained_critic, worth
+from maidenflight.training.critic import (
+    Critic,
+    Moments,
+    advantages,
+    merged,
+    moments_of,
+    untrained_critic,
+    worth,
+)
 from maidenflight.training.devices import DRONES, EVERYWHERE, LAID, advanced, begun, own
 
 PERIODS_PER_FRESH_DRONE = 8
-"""For every so many control periods a drone is prepared that takes over when another's episode ends."""
+"""For every so many control periods a drone is prepared that takes over when another's episode
+ends."""
 
 
 @dataclass(frozen=True)
 class PPO:
-    """Settings of training by proximal policy optimisation; hashable, all static. The defaults are ours, `paper` has the paper's."""
+    """Settings of training by proximal policy optimisation; hashable, all static.
+
+    The defaults are ours, `paper` has the paper's.
+    """
 
     updates: int = 600
     """Epochs: flights, each followed by the passes over them."""
@@ -43,7 +57,8 @@ class PPO:
     critic_hidden: tuple[int, ...] = (64, 64)
     """Sizes of the critic's hidden layers, tanh."""
     critic_sees_truth: bool = True
-    """Whether the critic, which does not fly, also sees the true state and the drone's constants."""
+    """Whether the critic, which does not fly, also sees the true state and the drone's
+    constants."""
     learning_rate: float = 2e-3
     """Adam's first step size of the actor; it falls linearly to 0."""
     critic_learning_rate: float = 1e-3
@@ -65,7 +80,8 @@ class PPO:
     standardised: bool = True
     """Whether an update's advantages are brought to mean 0 and deviation 1."""
     largest_reward: float = 3.0
-    """Rewards, divided by the running standard deviation of discounted returns, are clipped to +- this."""
+    """Rewards, divided by the running standard deviation of discounted returns, are clipped to +-
+    this."""
     first_noise: float = 0.4
     """Standard deviation of the noise on actions in the first update."""
     last_noise: float = 0.15
@@ -79,10 +95,12 @@ class PPO:
     def paper(cls) -> Self:
         """The paper's settings: 500 epochs of 64,000 steps, as by 64 workers of 1,000.
 
-        What differs: drones fly on from one epoch into the next, while workers began anew; minibatches are drawn from all drones
-        together; the actor's last layer starts ten times smaller, and the first epoch normalises as `policy.untrained` does.
+        What differs: drones fly on from one epoch into the next, while workers began anew;
+        minibatches are drawn from all drones together; the actor's last layer starts ten times
+        smaller, and the first epoch normalises as `policy.untrained` does.
 
-        Source: Gronauer et al. 2022, sec. Zero-Shot Experiments; reward scaling and the critic's passes are from the authors' code.
+        Source: Gronauer et al. 2022, sec. Zero-Shot Experiments; reward scaling and the critic's
+        passes are from the authors' code.
         """
         return cls(
             updates=500,
@@ -134,20 +152,23 @@ class _Period(NamedTuple):
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def begin(simulated: Environment, settings: PPO, box: Distribution, keys: Array) -> _Learner:
+def begin(env: Environment, settings: PPO, box: Distribution, keys: Array) -> _Learner:
     """Learners that know nothing, one a key, stacked."""
 
     def one(key: Array) -> _Learner:
         policy_key, critic_key, key = jax.random.split(key, 3)
-        policy = untrained(policy_key, settings.hidden, simulated.history, simulated.controller)
-        drones = jax.vmap(partial(launch, simulated, box))(own(jax.random.split(key, settings.drones)))
-        sights = jax.vmap(partial(_sight, simulated, settings, box.centre))(drones)
+        policy = untrained(policy_key, settings.hidden, env.history, env.controller)
+        drones = jax.vmap(partial(launch, env, box))(own(jax.random.split(key, settings.drones)))
+        sights = jax.vmap(partial(_sight, env, settings, box.centre))(drones)
         unseen = jnp.zeros(sights.shape[1] - policy.observation_mean.size)
         mean = jnp.concatenate([policy.observation_mean, unseen])
-        deviation = jnp.concatenate([policy.observation_deviation, unseen + 1.0])
+        deviation = jnp.concatenate([policy.observation_std, unseen + 1.0])
         critic = untrained_critic(critic_key, (mean.size, *settings.critic_hidden, 1))
         optimisers = tuple(optax.adam(0.0).init(network) for network in (policy.network, critic))
-        seen, returns = Moments(jnp.zeros(()), mean, deviation**2), Moments(jnp.zeros(()), jnp.zeros(()), jnp.ones(()))
+        seen, returns = (
+            Moments(jnp.zeros(()), mean, deviation**2),
+            Moments(jnp.zeros(()), jnp.zeros(()), jnp.ones(())),
+        )
         discounted = jnp.zeros(sights.shape[0])
         return _Learner(policy, critic, optimisers, seen, returns, drones, discounted)  # type: ignore[arg-type]
 
@@ -158,20 +179,27 @@ _TOLD = (*PAPER_FIELDS, "latency")
 """Constants of the drone that the critic sees."""
 
 
-def _sight(simulated: Environment, settings: PPO, centre: Parameters, drone: Drone) -> Float[Array, "S"]:
-    """What the critic sees: the policy's observation and, where it sees the truth, state and constants."""
-    seen = environment.observation(drone.episode)
+def _sight(env: Environment, settings: PPO, centre: Parameters, drone: Drone) -> Float[Array, "S"]:
+    """What the critic sees: the policy's observation and, where it sees the truth, state and
+    constants.
+    """
+    seen = environment.observation(drone.env_state)
     if not settings.critic_sees_truth:
         return seen
-    state = drone.episode.state
-    relative = state._replace(position=state.position - simulated.task.reference(drone.episode.time))
-    own, middle = ([jnp.ravel(getattr(each, name)) for name in _TOLD] for each in (drone.parameters, centre))
-    constants = [value / jnp.where(nominal == 0, 1.0, nominal) for value, nominal in zip(own, middle, strict=True)]
+    state = drone.env_state.state
+    relative = state._replace(position=state.position - env.task.reference(drone.env_state.time))
+    own, middle = (
+        [jnp.ravel(getattr(each, name)) for name in _TOLD] for each in (drone.parameters, centre)
+    )
+    constants = [
+        value / jnp.where(nominal == 0, 1.0, nominal)
+        for value, nominal in zip(own, middle, strict=True)
+    ]
     return jnp.concatenate([seen, *relative, *constants])
 
 
 def _fly(
-    simulated: Environment,
+    env: Environment,
     settings: PPO,
     box: Distribution,
     policy: Policy,
@@ -183,22 +211,32 @@ def _fly(
     """Flies one drone for a horizon with noise on its actions.
 
     Returns:
-        The drone that flies in the end, its discounted return so far, and each period, stacked along a first axis.
+        The drone that flies in the end, its discounted return so far, and each period, stacked
+        along a first axis.
     """
     fresh_key, noise_key, key = jax.random.split(key, 3)
     count = max(1, settings.horizon // PERIODS_PER_FRESH_DRONE)
-    fresh = jax.vmap(partial(launch, simulated, box))(jax.random.split(fresh_key, count))
-    sight = partial(_sight, simulated, settings, box.centre)
+    fresh = jax.vmap(partial(launch, env, box))(jax.random.split(fresh_key, count))
+    sight = partial(_sight, env, settings, box.centre)
 
-    def one(carry: tuple[Drone, Array], now: tuple[Array, Array, Array]) -> tuple[tuple[Drone, Array], _Period]:
+    def one(
+        carry: tuple[Drone, Array], now: tuple[Array, Array, Array]
+    ) -> tuple[tuple[Drone, Array], _Period]:
         (drone, discounted), (number, noise, key) = carry, now
-        action = policy(environment.observation(drone.episode)) + deviation * noise
-        episode, outcome = environment.step(simulated, drone.episode, action, drone.parameters, key)
-        after, discounted = Drone(episode, drone.parameters), settings.discount * discounted + outcome.reward
-        flown = (outcome.reward, discounted, outcome.terminated, outcome.truncated)
-        over = outcome.terminated | outcome.truncated
+        action = policy(environment.observation(drone.env_state)) + deviation * noise
+        env_state, step_result = environment.step(
+            env, drone.env_state, action, drone.parameters, key
+        )
+        after, discounted = (
+            Drone(env_state, drone.parameters),
+            settings.discount * discounted + step_result.reward,
+        )
+        flown = (step_result.reward, discounted, step_result.terminated, step_result.truncated)
+        over = step_result.terminated | step_result.truncated
         another = tree.map(lambda leaf: leaf[number % count], fresh)
-        carry = tree.map(lambda new, old: jnp.where(over, new, old), (another, 0.0), (after, discounted))
+        carry = tree.map(
+            lambda new, old: jnp.where(over, new, old), (another, 0.0), (after, discounted)
+        )
         return carry, _Period(sight(drone), sight(after), action, noise, *flown)
 
     noises = jax.random.normal(noise_key, (settings.horizon, ACTION_SIZE))
@@ -207,7 +245,9 @@ def _fly(
     return drone, discounted, flown
 
 
-def surrogate(ratio: Float[Array, "..."], advantage: Float[Array, "..."], clip: float) -> Float[Array, "..."]:
+def surrogate(
+    ratio: Float[Array, "..."], advantage: Float[Array, "..."], clip: float
+) -> Float[Array, "..."]:
     """What PPO maximises, of actions that are `ratio` times as likely as when they were flown.
 
     Source: Schulman et al. 2017, eq. 7.
@@ -225,14 +265,17 @@ def _fitted(
     minibatches: int,
     key: Array,
 ) -> tuple[Any, optax.OptState]:
-    """Adam over shuffled minibatches; each device goes through its samples, and all take the mean of their gradients.
+    """Adam over shuffled minibatches.
+
+    Each device goes through its samples, and all take the mean of their gradients.
 
     Args:
         cost: (network, some samples) to their mean cost.
         network: what changes.
         optimiser: Adam's state.
         learning_rate: step size.
-        samples: pytree with a common first axis; what is left over by the minibatches waits for another shuffle.
+        samples: pytree with a common first axis; what is left over by the minibatches waits for
+            another shuffle.
         passes: how often to go through them.
         minibatches: steps a pass.
         key: random key.
@@ -242,24 +285,36 @@ def _fitted(
     def step(carry: tuple[Any, Any], some: Any) -> tuple[tuple[Any, Any], None]:
         network, optimiser = carry
         gradient = lax.pmean(jax.grad(cost)(network, some), DRONES)
-        with jax.numpy_dtype_promotion("standard"):  # optax mixes integers and floats, whatever its user has set
+        with jax.numpy_dtype_promotion(
+            "standard"
+        ):  # optax mixes integers and floats, whatever its user has set
             changes, optimiser = optax.adam(learning_rate).update(gradient, optimiser)
         return (optax.apply_updates(network, changes), optimiser), None
 
     def once(carry: tuple[Any, Any], key: Array) -> tuple[tuple[Any, Any], None]:
         if minibatches == 1:
             return step(carry, samples)
-        order = jax.random.permutation(key, count)[: count // minibatches * minibatches].reshape(minibatches, -1)
-        return lax.scan(lambda carry, rows: step(carry, tree.map(lambda leaf: leaf[rows], samples)), carry, order)
+        order = jax.random.permutation(key, count)[: count // minibatches * minibatches].reshape(
+            minibatches, -1
+        )
+        return lax.scan(
+            lambda carry, rows: step(carry, tree.map(lambda leaf: leaf[rows], samples)),
+            carry,
+            order,
+        )
 
     return lax.scan(once, (network, optimiser), jax.random.split(key, passes))[0]
 
 
-def _judged(settings: PPO, learner: _Learner, flown: _Period) -> tuple[Float[Array, "drones T"], Float[Array, "drones T"]]:
+def _judged(
+    settings: PPO, learner: _Learner, flown: _Period
+) -> tuple[Float[Array, "drones T"], Float[Array, "drones T"]]:
     """Advantage of each action and what the critic should have guessed before it."""
     value = jax.vmap(jax.vmap(partial(worth, learner.sights, learner.critic)))
     values, values_after = value(flown.sight), value(flown.sight_after)
-    rewards = jnp.clip(flown.reward / learner.returns.deviation, -settings.largest_reward, settings.largest_reward)
+    rewards = jnp.clip(
+        flown.reward / learner.returns.deviation, -settings.largest_reward, settings.largest_reward
+    )
     estimate = jax.vmap(partial(advantages, discount=settings.discount, trace=settings.trace))
     gains = estimate(rewards, values, values_after, flown.terminated, flown.truncated)
     if not settings.standardised:
@@ -268,13 +323,22 @@ def _judged(settings: PPO, learner: _Learner, flown: _Period) -> tuple[Float[Arr
     return (gains - spread.mean) / spread.deviation, gains + values
 
 
-def _update(simulated: Environment, settings: PPO, box: Distribution, learner: _Learner, key: Array, number: Array) -> _Learner:
+def _update(
+    env: Environment,
+    settings: PPO,
+    box: Distribution,
+    learner: _Learner,
+    key: Array,
+    number: Array,
+) -> _Learner:
     """One epoch of one policy; each device flies its drones."""
     flight_key, actor_key, critic_key = jax.random.split(key, 3)
     left = 1.0 - number / settings.updates
     deviation = settings.last_noise + (settings.first_noise - settings.last_noise) * left
-    fly = jax.vmap(partial(_fly, simulated, settings, box, learner.policy, deviation))
-    drones, discounted, flown = fly(learner.drones, learner.discounted, own(jax.random.split(flight_key, settings.drones)))
+    fly = jax.vmap(partial(_fly, env, settings, box, learner.policy, deviation))
+    drones, discounted, flown = fly(
+        learner.drones, learner.discounted, own(jax.random.split(flight_key, settings.drones))
+    )
     judged = flown, *_judged(settings, learner, flown)
     flown, gains, targets = tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), judged)
 
@@ -282,8 +346,12 @@ def _update(simulated: Environment, settings: PPO, box: Distribution, learner: _
         policy = learner.policy.with_network(network)
 
         def one(period: _Period, gain: Float[Array, ""]) -> Float[Array, ""]:
-            noise = (period.action - policy(period.sight[: policy.observation_mean.size])) / deviation
-            return surrogate(jnp.exp(jnp.sum(period.noise**2 - noise**2) / 2.0), gain, settings.clip)
+            noise = (
+                period.action - policy(period.sight[: policy.observation_mean.size])
+            ) / deviation
+            return surrogate(
+                jnp.exp(jnp.sum(period.noise**2 - noise**2) / 2.0), gain, settings.clip
+            )
 
         return -jnp.mean(jax.vmap(one)(*some))
 
@@ -314,18 +382,22 @@ def _update(simulated: Environment, settings: PPO, box: Distribution, learner: _
     sights = merged(learner.sights, moments_of(flown.sight))
     returns = merged(learner.returns, moments_of(flown.discounted))
     policy = _seeing(learner.policy.with_network(network), sights)
-    return _Learner(policy, critic, (actor_optimiser, critic_optimiser), sights, returns, drones, discounted)
+    return _Learner(
+        policy, critic, (actor_optimiser, critic_optimiser), sights, returns, drones, discounted
+    )
 
 
 def _seeing(policy: Policy, sights: Moments) -> Policy:
     """A policy that normalises by the moments of sights, whose first part is the observation."""
     size = policy.observation_mean.size
-    return replace(policy, observation_mean=sights.mean[:size], observation_deviation=sights.deviation[:size])
+    return replace(
+        policy, observation_mean=sights.mean[:size], observation_std=sights.deviation[:size]
+    )
 
 
 @partial(jax.jit, static_argnums=(0, 1))
 def learn(
-    simulated: Environment,
+    env: Environment,
     settings: PPO,
     box: Distribution,
     learners: _Learner,
@@ -334,4 +406,12 @@ def learn(
     end: Array | int,
 ) -> _Learner:
     """Stacked learners after the updates from `first` to before `end`."""
-    return advanced(partial(_update, simulated, settings, box), _LAID, settings.drones, learners, keys, first, end)
+    return advanced(
+        partial(_update, env, settings, box),
+        _LAID,
+        settings.drones,
+        learners,
+        keys,
+        first,
+        end,
+    )

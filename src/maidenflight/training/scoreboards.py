@@ -1,7 +1,8 @@
-"""Scores of training on boards that people watch: TensorBoard and Weights & Biases, whose packages are extras.
+"""Scores of training on boards that people watch: TensorBoard and Weights & Biases, whose packages
+are extras.
 
-A board is a context. Entered, it gives the function that `train` calls after each score; left, it closes what it opened. It differs from
-a result: event files carry the time of day and the host.
+A board is a context. Entered, it gives the function that `train` calls after each score; left, it
+closes what it opened. It differs from a result: event files carry the time of day and the host.
 """
 
 import socket
@@ -22,11 +23,14 @@ Listener = Callable[["Progress"], None]
 
 
 @contextmanager
-def tensorboard(folder: str | PathLike[str], policies: int, settings: Mapping[str, Any]) -> Iterator[Listener]:
+def tensorboard(
+    folder: str | PathLike[str], policies: int, settings: Mapping[str, Any]
+) -> Iterator[Listener]:
     """Writes event files, a run a policy, over the control periods that all policies have flown.
 
-    What `folder` holds of an earlier training is removed with the first score, because training that goes on from a checkpoint tells its
-    whole story again. Until then, as when the checkpoint is refused, it stays.
+    What `folder` holds of an earlier training is removed with the first score, because training
+    that goes on from a checkpoint tells its whole story again. Until then, as when the checkpoint
+    is refused, it stays.
 
     Args:
         folder: event files go to `tensorboard/policy_1`, `policy_2` and so on in it.
@@ -48,7 +52,10 @@ def tensorboard(folder: str | PathLike[str], policies: int, settings: Mapping[st
             for number in range(1, policies + 1):
                 writers.append(_Events(runs / f"policy_{number}"))
                 stack.callback(writers[-1].close)
-                writers[-1].text("settings", "\n".join(f"    {name}: {value}" for name, value in settings.items()))
+                writers[-1].text(
+                    "settings",
+                    "\n".join(f"    {name}: {value}" for name, value in settings.items()),
+                )
 
         def show(progress: "Progress") -> None:
             try:
@@ -67,14 +74,20 @@ def tensorboard(folder: str | PathLike[str], policies: int, settings: Mapping[st
 class _Events:
     """An event file whose errors come when they happen.
 
-    tensorboardX's SummaryWriter writes in a thread, which a full disk ends; training would then wait for it for ever.
+    tensorboardX's SummaryWriter writes in a thread, which a full disk ends; training would then
+    wait for it for ever.
     """
 
     def __init__(self, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
-        records, events, self._summary = (import_module(f"tensorboardX.{name}") for name in ("record_writer", "proto.event_pb2", "summary"))
+        records, events, self._summary = (
+            import_module(f"tensorboardX.{name}")
+            for name in ("record_writer", "proto.event_pb2", "summary")
+        )
         self._event = events.Event
-        self._file = records.RecordWriter(str(folder / f"events.out.tfevents.{time.time():.0f}.{socket.gethostname()}"))
+        self._file = records.RecordWriter(
+            str(folder / f"events.out.tfevents.{time.time():.0f}.{socket.gethostname()}")
+        )
         self._write(file_version="brain.Event:2")
 
     def _write(self, **content: Any) -> None:
@@ -96,12 +109,17 @@ class _Events:
 
 
 @contextmanager
-def wandb(folder: str | PathLike[str], policies: int, settings: Mapping[str, Any]) -> Iterator[Listener]:
-    """Sends scores to Weights & Biases, a run a policy in one group, over the control periods that all policies have flown.
+def wandb(
+    folder: str | PathLike[str], policies: int, settings: Mapping[str, Any]
+) -> Iterator[Listener]:
+    """Sends scores to Weights & Biases, a run a policy in one group, over the control periods that
+    all policies have flown.
 
-    Its own environment variables say where to: `WANDB_PROJECT` (`maidenflight` unless set), `WANDB_ENTITY`, `WANDB_RUN_GROUP` (the folder's
-    name unless set), `WANDB_DIR` (the folder unless set), and with `WANDB_MODE=offline` it needs neither a network nor an account. Runs of
-    training that was interrupted end as failed; what goes on from the checkpoint is a new run with the whole story.
+    Its own environment variables say where to: `WANDB_PROJECT` (`maidenflight` unless set),
+    `WANDB_ENTITY`, `WANDB_RUN_GROUP` (the folder's name unless set), `WANDB_DIR` (the folder unless
+    set), and with `WANDB_MODE=offline` it needs neither a network nor an account. Runs of training
+    that was interrupted end as failed; what goes on from the checkpoint is a new run with the whole
+    story.
 
     Args:
         folder: of the policies.
@@ -112,7 +130,8 @@ def wandb(folder: str | PathLike[str], policies: int, settings: Mapping[str, Any
         InputError: wandb is not installed, or a run cannot be begun, as without an account.
     """
     package = _package("wandb", "wandb")
-    # Its arguments would win over its environment variables, and where the folder is missing it would write elsewhere.
+    # Its arguments would win over its environment variables, and where the folder is missing it
+    # would write elsewhere.
     Path(folder).mkdir(parents=True, exist_ok=True)
     place = {
         "project": environ.get("WANDB_PROJECT", "maidenflight"),
@@ -125,10 +144,19 @@ def wandb(folder: str | PathLike[str], policies: int, settings: Mapping[str, Any
         runs = []
         try:
             for number in range(1, policies + 1):
-                begun = package.init(name=f"policy_{number}", config=dict(settings), reinit="create_new", settings=own, **place)
+                begun = package.init(
+                    name=f"policy_{number}",
+                    config=dict(settings),
+                    reinit="create_new",
+                    settings=own,
+                    **place,
+                )
                 runs.append(stack.enter_context(_ended(begun)))
         except package.Error as error:
-            raise InputError(f"Weights & Biases: {error} Or set WANDB_MODE=offline, or train without --log wandb.") from error
+            raise InputError(
+                f"Weights & Biases: {error} Or set WANDB_MODE=offline, or train without --log "
+                "wandb."
+            ) from error
 
         def show(progress: "Progress") -> None:
             for number, run in enumerate(runs):
@@ -139,7 +167,10 @@ def wandb(folder: str | PathLike[str], policies: int, settings: Mapping[str, Any
 
 @contextmanager
 def _ended(run: Any) -> Iterator[Any]:
-    """A run of Weights & Biases that ends as failed where what is done with it fails; as a context of its own it prints tracebacks."""
+    """A run of Weights & Biases that ends as failed where what is done with it fails.
+
+    As a context of its own it prints tracebacks.
+    """
     try:
         yield run
     except BaseException:
@@ -148,7 +179,9 @@ def _ended(run: Any) -> Iterator[Any]:
     run.finish()
 
 
-BOARDS: dict[str, Callable[[str | PathLike[str], int, Mapping[str, Any]], AbstractContextManager[Listener]]] = {
+BOARDS: dict[
+    str, Callable[[str | PathLike[str], int, Mapping[str, Any]], AbstractContextManager[Listener]]
+] = {
     "tensorboard": tensorboard,
     "wandb": wandb,
 }
@@ -156,7 +189,9 @@ BOARDS: dict[str, Callable[[str | PathLike[str], int, Mapping[str, Any]], Abstra
 
 
 @contextmanager
-def opened(names: Sequence[str], folder: str | PathLike[str], policies: int, settings: Mapping[str, Any]) -> Iterator[Listener]:
+def opened(
+    names: Sequence[str], folder: str | PathLike[str], policies: int, settings: Mapping[str, Any]
+) -> Iterator[Listener]:
     """Several boards as one; none, where none is named.
 
     Args:
@@ -169,7 +204,10 @@ def opened(names: Sequence[str], folder: str | PathLike[str], policies: int, set
         InputError: a board's package is not installed, or it cannot be opened.
     """
     with ExitStack() as stack:
-        boards = [stack.enter_context(BOARDS[name](folder, policies, settings)) for name in dict.fromkeys(names)]
+        boards = [
+            stack.enter_context(BOARDS[name](folder, policies, settings))
+            for name in dict.fromkeys(names)
+        ]
 
         def show(progress: "Progress") -> None:
             for board in boards:
@@ -182,7 +220,10 @@ def _package(name: str, extra: str) -> Any:
     try:
         return import_module(name)
     except ModuleNotFoundError as error:
-        raise InputError(f"{error.name} is not installed, but --log {extra} needs it: pip install 'maidenflight[{extra}]'") from error
+        raise InputError(
+            f"{error.name} is not installed, but --log {extra} needs it: pip install "
+            f"'maidenflight[{extra}]'"
+        ) from error
 
 
 def _scores(progress: "Progress", number: int) -> dict[str, float]:

@@ -1,7 +1,9 @@
-"""Training policies: one loop for every method, which scores them, keeps the best and can be interrupted.
+"""Training policies: one loop for every method, which scores them, keeps the best and can be
+interrupted.
 
-A method is two functions, `begin` and `learn`, and the frozen dataclass of its settings. What random numbers an update uses depends
-on its number alone, so that neither how often policies are scored nor an interruption changes what they learn.
+A method is two functions, `begin` and `learn`, and the frozen dataclass of its settings. What
+random numbers an update uses depends on its number alone, so that neither how often policies are
+scored nor an interruption changes what they learn.
 """
 
 from collections.abc import Callable
@@ -61,16 +63,23 @@ class Settings(Protocol):
 
 def recorded(settings: Settings) -> dict[str, Any]:
     """Settings as plain values, for records."""
-    return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(settings).items()}
+    return {
+        name: list(value) if isinstance(value, tuple) else value
+        for name, value in asdict(settings).items()
+    }
 
 
 class Method(NamedTuple):
-    """How policies learn. P policies learn side by side; whatever has a leading axis of P is called stacked."""
+    """How policies learn. P policies learn side by side.
+
+    Whatever has a leading axis of P is called stacked.
+    """
 
     begin: Callable[[Environment, Any, Distribution, Array], Any]
     """(environment, settings, drones, P keys) to P stacked learners, each with a field `policy`."""
     learn: Callable[[Environment, Any, Distribution, Any, Array, int, int], Any]
-    """(environment, settings, drones, learners, P keys, first, end) to the learners after the updates from `first` to before `end`."""
+    """(environment, settings, drones, learners, P keys, first, end) to the learners after the
+    updates from `first` to before `end`."""
 
 
 METHODS: dict[type, Method] = {
@@ -88,7 +97,8 @@ class Progress(NamedTuple):
     """Control periods simulated so far, all policies together."""
     score: Evaluation
     best: Policy | None = None
-    """Of each policy what it was at its best score so far, stacked; `None` with scores that a checkpoint remembers, but the last."""
+    """Of each policy what it was at its best score so far, stacked; `None` with scores that a
+    checkpoint remembers, but the last."""
 
 
 class _Course(NamedTuple):
@@ -122,41 +132,62 @@ def train(
         keys: random keys, one a policy.
         settings: of the method, which their class chooses; `AnalyticGradient()` unless given.
         on_progress: called after each of the scores; first with those that a checkpoint remembers.
-        saved: a file that is written anew after each of the scores. Where it exists, training goes on from it and ends with the same
-            policies as if it had never stopped.
+        saved: a file that is written anew after each of the scores. Where it exists, training goes
+            on from it and ends with the same policies as if it had never stopped.
         history: H, instants that a policy sees: the last so many. The first layer grows with it.
 
     Returns:
-        For each key the policy of the best score (`Evaluation.beats`), in the keys' order. Cost grows linearly with keys and updates.
+        For each key the policy of the best score (`Evaluation.beats`), in the keys' order. Cost
+        grows linearly with keys and updates.
 
     Raises:
-        InputError: policies cannot be made for this control structure or history; the drones' time step does not divide its period;
-            the checkpoint is of another training or cannot be written; or the scores of a policy are no longer finite.
+        InputError: policies cannot be made for this control structure or history; the drones' time
+            step does not divide its period; the checkpoint is of another training or cannot be
+            written; or the scores of a policy are no longer finite.
     """
     settings = AnalyticGradient() if settings is None else settings
     if type(settings) not in METHODS:
         known = ", ".join(kind.__name__ for kind in METHODS)
-        raise InputError(f"{type(settings).__name__} are not settings of a method of training; known are {known}.")
+        raise InputError(
+            f"{type(settings).__name__} are not settings of a method of training; known are "
+            f"{known}."
+        )
     if settings.updates < 1:
         raise InputError(f"updates = {settings.updates}; expected 1 or more.")
     for given, kind, way in ((task, Task, "mf.circle()"), (controller, Controller, "mf.pwm()")):
         if not isinstance(given, kind):
             raise InputError(f"{str(given)[:60]} is no {kind.__name__}; expected what {way} gives.")
     if not hasattr(box, "centre"):
-        raise InputError(f"{type(box).__name__} is no distribution of drones; expected what mf.relative_box(DRONE) gives.")
-    if not (isinstance(keys, jax.Array) and jnp.issubdtype(keys.dtype, jax.dtypes.prng_key) and keys.ndim == 1):
-        raise InputError("keys must be random keys, one a policy: jax.random.split(jax.random.key(0), 3).")
+        raise InputError(
+            f"{type(box).__name__} is no distribution of drones; expected what "
+            "mf.relative_box(DRONE) gives."
+        )
+    if not (
+        isinstance(keys, jax.Array)
+        and jnp.issubdtype(keys.dtype, jax.dtypes.prng_key)
+        and keys.ndim == 1
+    ):
+        raise InputError(
+            "keys must be random keys, one a policy: jax.random.split(jax.random.key(0), 3)."
+        )
     if controller.name not in CONTROLS:
-        raise InputError(f"control structure {controller.name} cannot be trained for; expected one of {', '.join(CONTROLS)}.")
+        raise InputError(
+            f"control structure {controller.name} cannot be trained for; expected one of "
+            f"{', '.join(CONTROLS)}."
+        )
     if history < 1:
-        raise InputError(f"history = {history}; expected 1 or more instants. The paper's policies see 2.")
+        raise InputError(
+            f"history = {history}; expected 1 or more instants. The paper's policies see 2."
+        )
     begin, learn = METHODS[type(settings)]
-    simulated = Environment.matching(box.centre, task, controller, history=history)
+    env = Environment.matching(box.centre, task, controller, history=history)
     ends = _ends(settings)
 
     def start() -> _Course:
-        learners = begin(simulated, settings, box, keys)
-        nothing = Evaluation(*(jnp.full((len(ends), len(keys)), jnp.nan) for _ in Evaluation._fields))
+        learners = begin(env, settings, box, keys)
+        nothing = Evaluation(
+            *(jnp.full((len(ends), len(keys)), jnp.nan) for _ in Evaluation._fields)
+        )
         worst = Evaluation(*(jnp.full(len(keys), -jnp.inf) for _ in Evaluation._fields))
         return _Course(learners, learners.policy, worst, nothing, jnp.zeros((), jnp.int32))
 
@@ -164,20 +195,32 @@ def train(
         if on_progress is not None:
             score = Evaluation(*(value[number] for value in course.scores))
             best = course.best if number + 1 == int(course.scored) else None
-            on_progress(Progress(ends[number], ends[number] * settings.drones * settings.horizon * len(keys), score, best))
+            on_progress(
+                Progress(
+                    ends[number],
+                    ends[number] * settings.drones * settings.horizon * len(keys),
+                    score,
+                    best,
+                )
+            )
 
-    told = _fingerprint(simulated, settings, box, keys)
+    told = _fingerprint(env, settings, box, keys)
     course = start() if saved is None else checkpoint.restored(saved, start, told)
     for number in range(int(course.scored)):
         report(course, number)
     for number in range(int(course.scored), len(ends)):
         first = ends[number - 1] if number else 0
-        learners = learn(simulated, settings, box, course.learners, keys, first, ends[number])
-        scores = _scores(simulated, settings.episodes, learners.policy, box)
+        learners = learn(env, settings, box, course.learners, keys, first, ends[number])
+        scores = _scores(env, settings.episodes, learners.policy, box)
         if not np.all(np.isfinite(scores.episode_return)):
-            kept = f" {saved} holds the training as it was at update {first}." if saved is not None and number else ""
+            kept = (
+                f" {saved} holds the training as it was at update {first}."
+                if saved is not None and number
+                else ""
+            )
             raise InputError(
-                f"training diverged between updates {first} and {ends[number]}: a policy's return is not a number.{kept} Train again with"
+                f"training diverged between updates {first} and {ends[number]}: a policy's return "
+                f"is not a number.{kept} Train again with"
                 " a smaller learning_rate, or over drones that differ less."
             )
         course = _ahead(course, learners, scores)
@@ -213,20 +256,27 @@ def _ends(settings: Settings) -> list[int]:
     return [round(settings.updates * number / count) for number in range(1, count + 1)]
 
 
-def _fingerprint(simulated: Environment, settings: Settings, box: Distribution, keys: Array) -> str:
-    task, controller = simulated.task, simulated.controller
+def _fingerprint(env: Environment, settings: Settings, box: Distribution, keys: Array) -> str:
+    task, controller = env.task, env.controller
     words = {
         "method": type(settings).__name__,
         "settings": recorded(settings),
         "task": [task.name, task.duration, task.floor],
-        "control": [controller.name, controller.rate, controller.action_rate, simulated.steps_per_command],
-        "history": simulated.history,
+        "control": [
+            controller.name,
+            controller.rate,
+            controller.action_rate,
+            env.steps_per_command,
+        ],
+        "history": env.history,
     }
     reference = jax.vmap(task.reference)(jnp.linspace(0.0, task.duration, 50))
     return checkpoint.fingerprint(words, (reference, jax.random.key_data(keys), box))
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _scores(simulated: Environment, episodes: int, policies: Policy, box: Distribution) -> Evaluation:
+def _scores(env: Environment, episodes: int, policies: Policy, box: Distribution) -> Evaluation:
     """Of P stacked policies, all on the same episodes."""
-    return jax.vmap(lambda policy: evaluate(simulated, policy, box, jax.random.key(0), episodes))(policies)
+    return jax.vmap(lambda policy: evaluate(env, policy, box, jax.random.key(0), episodes))(
+        policies
+    )

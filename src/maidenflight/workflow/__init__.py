@@ -1,14 +1,39 @@
 """The verbs with files at both ends, as the command line and the demo run them.
 
-Each function reads what it is given, does one stage, writes its results with a record of their making, and returns them.
+Each function reads what it is given, does one stage, writes its results with a record of their
+making, and returns them.
 """
 
 from maidenflight.workflow.deployment import export
-from maidenflight.workflow.drones import POSSIBLE, POSTERIOR, TRIMS, WIDE, possible_drones, randomized, reality, usual_randomization
-from maidenflight.workflow.flying import CELLS, best_policy, flights_to_view, predict_with, transfer_matrix, transfer_summary, transfer_to
+from maidenflight.workflow.drones import (
+    POSSIBLE,
+    POSTERIOR,
+    TRIMS,
+    WIDE,
+    possible_drones,
+    randomized,
+    reality,
+    usual_randomization,
+)
+from maidenflight.workflow.flying import (
+    CELLS,
+    best_policy,
+    flights_to_view,
+    predict_with,
+    transfer_matrix,
+    transfer_summary,
+    transfer_to,
+)
 from maidenflight.workflow.logs import evaluations_beside, identify_from, record, validate_with
 from maidenflight.workflow.policies import policy_files, task_to_fly
-from maidenflight.workflow.training import CHECKPOINT, SETTINGS, WATCHED, settings_for, train_for, watched_flight
+from maidenflight.workflow.training import (
+    CHECKPOINT,
+    SETTINGS,
+    WATCHED,
+    settings_for,
+    train_for,
+    watched_flight,
+)
 
 __all__ = [
     "CELLS",

@@ -1,4 +1,6 @@
-"""Drones by the words of a command line: realities to fly in, what to train over, what to predict for."""
+"""Drones by the words of a command line: realities to fly in, what to train over, what to predict
+for.
+"""
 
 import dataclasses
 import tomllib
@@ -17,14 +19,21 @@ from maidenflight.parameters import Parameters
 from maidenflight.simulator import control
 from maidenflight.simulator.bullet import DAMPING, Bullet
 from maidenflight.simulator.control import Controller
-from maidenflight.simulator.randomization import Distribution, Ensemble, randomize, relative_box, wide_box
+from maidenflight.simulator.randomization import (
+    Distribution,
+    Ensemble,
+    randomize,
+    relative_box,
+    wide_box,
+)
 from maidenflight.simulator.virtual_drone import KINDS, VirtualDrone, virtual_drone
 
 POSTERIOR = "posterior"
 """Randomize over the drones that the flights of an identified drone leave possible."""
 
 TRIMS = "trim"
-"""Predict for drones whose constant torques differ as they did between the flights that the drone was identified from."""
+"""Predict for drones whose constant torques differ as they did between the flights that the drone
+was identified from."""
 
 WIDE = "wide"
 """Train over drones unlike the identified one too, with all the trims that its flights had."""
@@ -41,9 +50,9 @@ def reality(name: str) -> VirtualDrone:
     """A virtual drone by name.
 
     Args:
-        name: `virtual:SEED`, or `near:SEED` and `far:SEED`, its milder and its stranger kin; `pybullet:SEED`, the first in PyBullet
-            with the damping that Bullet has unless told otherwise; or a drone's TOML file, which is then simulated as finely as a
-            virtual drone.
+        name: `virtual:SEED`, or `near:SEED` and `far:SEED`, its milder and its stranger kin;
+            `pybullet:SEED`, the first in PyBullet with the damping that Bullet has unless told
+            otherwise; or a drone's TOML file, which is then simulated as finely as a virtual drone.
 
     Raises:
         InputError: none of these, or PyBullet is not installed.
@@ -53,24 +62,40 @@ def reality(name: str) -> VirtualDrone:
         if not seed.isdecimal():
             raise InputError(f"{name}: expected {kind}:SEED with a whole number, such as {kind}:7.")
         if kind == "pybullet":
-            return dataclasses.replace(virtual_drone(int(seed)), name=f"pybullet-{int(seed)}", integrator=Bullet(DAMPING, DAMPING))
+            return dataclasses.replace(
+                virtual_drone(int(seed)),
+                name=f"pybullet-{int(seed)}",
+                integrator=Bullet(DAMPING, DAMPING),
+            )
         return virtual_drone(int(seed), kind)
     if name not in parameters.DRONES and not Path(name).exists():
         meant = get_close_matches(kind, [*_WITH_SEED, *parameters.DRONES], 1)
-        hint = f" Did you mean {f'{meant[0]}:{seed or 7}' if meant[0] in _WITH_SEED else meant[0]}?" if meant else ""
+        hint = (
+            f" Did you mean {f'{meant[0]}:{seed or 7}' if meant[0] in _WITH_SEED else meant[0]}?"
+            if meant
+            else ""
+        )
         expected = ", ".join(f"{one}:SEED" for one in _WITH_SEED)
-        raise InputError(f"{name}: no such reality.{hint} Expected {expected}, a drone's TOML file, or {' or '.join(parameters.DRONES)}.")
+        raise InputError(
+            f"{name}: no such reality.{hint} Expected {expected}, a drone's TOML file, or "
+            f"{' or '.join(parameters.DRONES)}."
+        )
     return VirtualDrone(Path(name).stem, parameters.replace(parameters.read(name), time_step=0.001))
 
 
 def randomized(drone: StrPath, randomization: float | str, controller: Controller) -> Distribution:
-    """Drones to train over, simulated in steps that divide the controller's period; see `train_for`."""
+    """Drones to train over, simulated in steps that divide the controller's period.
+
+    See `train_for`.
+    """
     centre = control.in_fitting_steps(parameters.read(drone), controller)
     if randomization == POSTERIOR:
         return posterior_ensemble(centre, table(drone, "posterior"), str(drone))
     if randomization == WIDE:
         known = table(drone, "identification")
-        return wide_box(centre, controller.name, [known.get(name, {}).get("spread", 0.0) for name in TRIM])
+        return wide_box(
+            centre, controller.name, [known.get(name, {}).get("spread", 0.0) for name in TRIM]
+        )
     return relative_box(centre, float(randomization))
 
 
@@ -81,11 +106,15 @@ def usual_randomization(drone: StrPath) -> float | str:
 
 
 def possible_drones(drone: StrPath, randomization: float | str, seed: int) -> Parameters:
-    """What `randomization` makes of a drone, as `predict_with` understands it: a point, or drones stacked along a first axis."""
+    """What `randomization` makes of a drone, as `predict_with` understands it: a point, or drones
+    stacked along a first axis.
+    """
     if not randomization:
         return parameters.read(drone)
     if randomization == TRIMS:
-        return trim_ensemble(parameters.read(drone), table(drone, "identification"), str(drone)).drones
+        return trim_ensemble(
+            parameters.read(drone), table(drone, "identification"), str(drone)
+        ).drones
     distribution = randomized(drone, randomization, control.pwm())
     if isinstance(distribution, Ensemble):
         return distribution.drones
@@ -94,5 +123,12 @@ def possible_drones(drone: StrPath, randomization: float | str, seed: int) -> Pa
 
 
 def table(drone: StrPath, title: str) -> dict[str, Any]:
-    """A further table of a drone's TOML file; empty where it has none, or the drone is a named one."""
-    return tomllib.loads(Path(drone).read_text(encoding="utf-8")).get(title, {}) if Path(drone).is_file() else {}
+    """A further table of a drone's TOML file.
+
+    Empty where it has none, or the drone is a named one.
+    """
+    return (
+        tomllib.loads(Path(drone).read_text(encoding="utf-8")).get(title, {})
+        if Path(drone).is_file()
+        else {}
+    )

@@ -1,4 +1,6 @@
-"""Policies flown from files: in unseen realities, as the paper's whole matrix, and as the real drone would."""
+"""Policies flown from files: in unseen realities, as the paper's whole matrix, and as the real
+drone would.
+"""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -30,11 +32,15 @@ CELLS = "policies"
 """In the folder of a matrix: a folder of policies for each of its cells."""
 
 _ZERO_SHOT = (
-    "# maidenflight zero-shot flights 1: simulated, a row a flight; training_rate Hz, motor_time_constant s and latency s of the policy's"
+    "# maidenflight zero-shot flights 1: simulated, a row a flight; training_rate Hz, "
+    "motor_time_constant s and latency s of the policy's"
     " training, duration s, position_error m"
 )
 
-_PREDICTION = "# maidenflight prediction 1: simulated flights of given policies as the authors' drone ran them, a row a flight; duration s"
+_PREDICTION = (
+    "# maidenflight prediction 1: simulated flights of given policies as the authors' "
+    "drone ran them, a row a flight; duration s"
+)
 
 
 def transfer_to(
@@ -46,24 +52,48 @@ def transfer_to(
     duration: float,
     task: str = "circle",
 ) -> Transfer:
-    """Flies policies, ours or the authors', in realities; writes `flights.csv` with a row a flight, and every flight's log."""
+    """Flies policies, ours or the authors', in realities.
+
+    Writes `flights.csv` with a row a flight, and every flight's log.
+    """
     files = policy_files(given)
     policies = [read_policy(path) for path in files]
-    flown = transfer(policies, realities, trials, jax.random.key(seed), task=tasks.TASKS[task](), duration=duration, names=names(files))
-    settings = {"task": task, "realities": [drone.name for drone in realities], "trials": trials, "duration": duration}
+    flown = transfer(
+        policies,
+        realities,
+        trials,
+        jax.random.key(seed),
+        task=tasks.TASKS[task](),
+        duration=duration,
+        names=names(files),
+    )
+    settings = {
+        "task": task,
+        "realities": [drone.name for drone in realities],
+        "trials": trials,
+        "duration": duration,
+    }
     made = results.record(seed=seed, inputs=files, settings=settings)
-    written = [log.write(Path(folder) / f"{flight.name}.csv", flight, made) for flight in flown.flights]
+    written = [
+        log.write(Path(folder) / f"{flight.name}.csv", flight, made) for flight in flown.flights
+    ]
     results.remove_older(written, made)
     results.write(Path(folder) / "flights.csv", flown.table.write_csv())
     return flown
 
 
 def transfer_matrix(
-    asked: Matrix, folder: StrPath, on_cell: Callable[[int, int, str], None] | None = None, anew: bool = False
+    asked: Matrix,
+    folder: StrPath,
+    on_cell: Callable[[int, int, str], None] | None = None,
+    anew: bool = False,
 ) -> polars.DataFrame:
-    """Trains the policies of a matrix and flies them; writes a folder of policies for each cell, and `flights.csv` with a row a flight.
+    """Trains the policies of a matrix and flies them.
 
-    Cells whose policies are in the folder already are not trained again, so what was interrupted goes on.
+    Writes a folder of policies for each cell, and `flights.csv` with a row a flight.
+
+    Cells whose policies are in the folder already are not trained again, so what was interrupted
+    goes on.
 
     Args:
         asked: the matrix.
@@ -75,14 +105,25 @@ def transfer_matrix(
         What `matrix.fly` gives.
 
     Raises:
-        InputError: the folder holds policies of other settings or of another version; or a drone or a reality is unknown.
+        InputError: the folder holds policies of other settings or of another version; or a drone or
+            a reality is unknown.
     """
     nominal, realities = parameters.read(asked.drone), [reality(name) for name in asked.realities]
     inputs = [asked.drone] if Path(asked.drone).is_file() else []
-    settings = {name: value for name, value in dataclasses.asdict(asked).items() if name not in ("controls", "rates", "seed")}
-    settings |= {"drone": Path(asked.drone).name, "training": [asked.said(cell) for cell in asked.cells]}
+    settings = {
+        name: value
+        for name, value in dataclasses.asdict(asked).items()
+        if name not in ("controls", "rates", "seed")
+    }
+    settings |= {
+        "drone": Path(asked.drone).name,
+        "training": [asked.said(cell) for cell in asked.cells],
+    }
     inputs += [name for name in asked.realities if Path(name).is_file()]
-    made, table = results.plain(results.record(seed=asked.seed, inputs=inputs, settings=settings)), Path(folder) / "flights.csv"
+    made, table = (
+        results.plain(results.record(seed=asked.seed, inputs=inputs, settings=settings)),
+        Path(folder) / "flights.csv",
+    )
     if results.told(table) == made and not anew:
         return polars.read_csv(table, comment_prefix="#")
     policies: dict[Cell, Sequence[Policy]] = {}
@@ -97,11 +138,15 @@ def transfer_matrix(
     return flights
 
 
-def _policies_of(asked: Matrix, cell: Cell, nominal: Parameters, folder: Path, anew: bool) -> Sequence[Policy]:
+def _policies_of(
+    asked: Matrix, cell: Cell, nominal: Parameters, folder: Path, anew: bool
+) -> Sequence[Policy]:
     """Those that the folder holds, or new ones that it holds then."""
     inputs = [asked.drone] if Path(asked.drone).is_file() else []
     made = results.record(seed=asked.seed, inputs=inputs, settings=asked.said(cell))
-    return policy.kept(folder, asked.policies, made, lambda: matrix.train_cell(asked, cell, nominal), anew)
+    return policy.kept(
+        folder, asked.policies, made, lambda: matrix.train_cell(asked, cell, nominal), anew
+    )
 
 
 def predict_with(
@@ -117,7 +162,9 @@ def predict_with(
     firmware: str = FIRMWARE,
     on_policy: Callable[[int, int], None] | None = None,
 ) -> tuple[list[Path], polars.DataFrame]:
-    """Predicts how long policies, ours and the authors', would fly on the real drone; writes `output`, a CSV with a row a flight.
+    """Predicts how long policies, ours and the authors', would fly on the real drone.
+
+    Writes `output`, a CSV with a row a flight.
 
     Args:
         drone: TOML file or name.
@@ -126,18 +173,21 @@ def predict_with(
         output: CSV file.
         trials: flights of each policy.
         duration: longest flight [s].
-        randomization: half width of a box about the drone; `POSTERIOR`: each flight is another of the drones that its flights leave
-            possible; `TRIMS`: constant torques differ between flights as they did in those; `TRIMS` where the drone's file tells how they
-            differ, unless given.
+        randomization: half width of a box about the drone; `POSTERIOR`: each flight is another of
+            the drones that its flights leave possible; `TRIMS`: constant torques differ between
+            flights as they did in those; `TRIMS` where the drone's file tells how they differ,
+            unless given.
         structure: what the authors' policies command; what their files' names say unless given.
-        firmware: what the drone runs: that of the authors' drone, or another, for which policies of ours are trained.
+        firmware: what the drone runs: that of the authors' drone, or another, for which policies of
+            ours are trained.
         on_policy: called with (policies flown, policies).
 
     Returns:
         The policy files, and what `predict_flight_times` gives, policies in the order of the files.
 
     Raises:
-        InputError: a file is no policy, or one of ours of another structure; or the drone has no posterior.
+        InputError: a file is no policy, or one of ours of another structure; or the drone has no
+            posterior.
     """
     randomization = usual_randomization(drone) if randomization is None else randomization
     drones = possible_drones(drone, randomization, seed)
@@ -154,7 +204,13 @@ def predict_with(
         on_policy=on_policy,
     )
     inputs = [drone, *files] if Path(drone).is_file() else files
-    settings = {"drone": Path(drone).name, "trials": trials, "duration": duration, "randomization": randomization, "control": structure}
+    settings = {
+        "drone": Path(drone).name,
+        "trials": trials,
+        "duration": duration,
+        "randomization": randomization,
+        "control": structure,
+    }
     settings |= {"firmware": firmware}
     made = results.record(seed=seed, inputs=inputs, settings=settings)
     results.write_table(output, _PREDICTION, made, flown.write_csv(float_precision=2))
@@ -162,14 +218,23 @@ def predict_with(
 
 
 def best_policy(flown: Transfer, files: Sequence[Path]) -> Path:
-    """The policy that flew longest and, among equals, closest; of what `transfer_to` gives, and the files that it flew."""
-    order = flown.table.group_by("policy").agg(polars.col("duration").mean(), polars.col("position_error").mean())
-    name = order.sort(["duration", "position_error", "policy"], descending=[True, False, False])["policy"][0]
+    """The policy that flew longest and, among equals, closest.
+
+    Of what `transfer_to` gives, and the files that it flew.
+    """
+    order = flown.table.group_by("policy").agg(
+        polars.col("duration").mean(), polars.col("position_error").mean()
+    )
+    name = order.sort(["duration", "position_error", "policy"], descending=[True, False, False])[
+        "policy"
+    ][0]
     return next(path for path, called in zip(files, names(files), strict=True) if called == name)
 
 
 def transfer_summary(flown: Transfer) -> polars.DataFrame:
-    """One row a policy and reality: flights, how many of them reached the time limit, mean duration [s], mean position_error [m]."""
+    """One row a policy and reality: flights, how many of them reached the time limit, mean duration
+    [s], mean position_error [m].
+    """
     return flown.table.group_by("policy", "reality", maintain_order=True).agg(
         polars.len().alias("flights"),
         (polars.col("end_reason") == "time limit").sum().alias("time_limit"),
@@ -179,7 +244,9 @@ def transfer_summary(flown: Transfer) -> polars.DataFrame:
 
 
 def flights_to_view(path: StrPath) -> Sequence[Flight]:
-    """Flights of a run folder: test flights, or else those that were recorded; or of a log or a folder of logs, of any known kind.
+    """Flights of a run folder: test flights, or else those that were recorded.
+
+    Or of a log or a folder of logs, of any known kind.
 
     Raises:
         InputError: nothing there, or a log cannot be used.

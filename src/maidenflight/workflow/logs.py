@@ -21,19 +21,36 @@ from maidenflight.simulator.virtual_drone import VirtualDrone
 from maidenflight.workflow.drones import table
 
 _VALIDATION = (
-    "# maidenflight validation 1: open-loop prediction errors, root mean squares over windows; horizon s, position m, velocity m/s,"
+    "# maidenflight validation 1: open-loop prediction errors, root mean squares over windows; "
+    "horizon s, position m, velocity m/s,"
     " attitude rad, body_rates rad/s; _low and _high end the 95 % interval over stretches of flight"
 )
 
 _WINDOWS = (
-    "# maidenflight windows 1: a few windows, as logged and as each model predicts them open loop from their first row; start s in the"
+    "# maidenflight windows 1: a few windows, as logged and as each model predicts them open loop "
+    "from their first row; start s in the"
     " flight, time s, position m, velocity m/s, roll pitch yaw rad, body_rate rad/s"
 )
 
 
-def record(drone: VirtualDrone, seed: int, folder: StrPath, truth: StrPath, count: int, duration: float, excitation: float) -> list[Path]:
-    """Records flights on a virtual drone: one CSV a flight in `folder`, and the hidden parameters in `truth`."""
-    settings = {"reality": drone.name, "flights": count, "duration": duration, "excitation": excitation}
+def record(
+    drone: VirtualDrone,
+    seed: int,
+    folder: StrPath,
+    truth: StrPath,
+    count: int,
+    duration: float,
+    excitation: float,
+) -> list[Path]:
+    """Records flights on a virtual drone: one CSV a flight in `folder`, and the hidden parameters
+    in `truth`.
+    """
+    settings = {
+        "reality": drone.name,
+        "flights": count,
+        "duration": duration,
+        "excitation": excitation,
+    }
     made = results.record(seed=seed, inputs=[], settings=settings)
     flown = recording.record(drone, jax.random.key(seed), count, duration, excitation)
     parameters.write(truth, drone.parameters, {"record": made})
@@ -43,9 +60,13 @@ def record(drone: VirtualDrone, seed: int, folder: StrPath, truth: StrPath, coun
 
 
 def evaluations_beside(output: StrPath) -> Path:
-    """Where the evaluations of an identification go: `identification.csv` for `drone.toml`, `NAME_identification.csv` for `NAME.toml`."""
+    """Where the evaluations of an identification go: `identification.csv` for `drone.toml`,
+    `NAME_identification.csv` for `NAME.toml`.
+    """
     path = Path(output)
-    return path.with_name("identification.csv" if path.stem == "drone" else f"{path.stem}_identification.csv")
+    return path.with_name(
+        "identification.csv" if path.stem == "drone" else f"{path.stem}_identification.csv"
+    )
 
 
 def identify_from(
@@ -68,9 +89,12 @@ def identify_from(
     on_evaluation: Callable[[int, int], None] | None = None,
     on_step: Callable[[Step], None] | None = None,
 ) -> tuple[Flights, Identification]:
-    """Identifies a drone from logs; writes `output` (TOML) and, to `evaluations_beside` it, every evaluation.
+    """Identifies a drone from logs.
 
-    Of more than `most_seconds` of flight, stretches of every flight are used. `commands`: see `read_flights`.
+    Writes `output` (TOML) and, to `evaluations_beside` it, every evaluation.
+
+    Of more than `most_seconds` of flight, stretches of every flight are used. `commands`: see
+    `read_flights`.
     """
     flights = read_flights(logs, on_file, most_seconds, history, commands)
     found = identify(
@@ -116,10 +140,13 @@ def validate_with(
     on_file: Callable[[int, int], None] | None = None,
     commands: str | None = None,
 ) -> tuple[Flights, polars.DataFrame, list[str]]:
-    """Predicts flights with a drone and with the paper's Crazyflie; writes the errors to `output` as CSV.
+    """Predicts flights with a drone and with the paper's Crazyflie.
 
-    Beside it, as `NAME_windows.csv`, it writes a few windows row by row. Of more than `MOST` seconds of flight, stretches are predicted.
-    `commands`: see `read_flights`; what the drone was identified from unless given.
+    Writes the errors to `output` as CSV.
+
+    Beside it, as `NAME_windows.csv`, it writes a few windows row by row. Of more than `MOST`
+    seconds of flight, stretches are predicted. `commands`: see `read_flights`; what the drone was
+    identified from unless given.
 
     Returns:
         The flights, the errors as `prediction_error` gives them, and notes for the user.
@@ -144,9 +171,16 @@ def validate_with(
 
 
 def _not_held_out(drone: StrPath, flights: Flights) -> list[str]:
-    """Says so if a drone was identified from some of the flights, going by the record in its file."""
-    used = {str(entry).rpartition("sha256:")[2] for entry in table(drone, "record").get("inputs", [])}
+    """Says so if a drone was identified from some of the flights, going by the record in its
+    file.
+    """
+    used = {
+        str(entry).rpartition("sha256:")[2] for entry in table(drone, "record").get("inputs", [])
+    }
     seen = sum(results.digest(path) in used for path in flights.paths)
     if seen == 0:
         return []
-    return [f"{Path(drone).name} was identified from {seen} of these {len(flights.paths)} files; how well it predicts those is no test."]
+    return [
+        f"{Path(drone).name} was identified from {seen} of these {len(flights.paths)} files; how "
+        "well it predicts those is no test."
+    ]

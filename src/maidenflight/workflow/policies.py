@@ -1,4 +1,6 @@
-"""Policies by the words of a command line: which files, what they command, what they were trained for."""
+"""Policies by the words of a command line: which files, what they command, what they were trained
+for.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -25,7 +27,10 @@ def policy_files(given: Sequence[StrPath]) -> list[Path]:
     for path in map(Path, given):
         found = sorted(path.glob("*.json")) if path.is_dir() else [path]
         if not found:
-            raise InputError(f"{path}: no policies (.json) in this folder. Train some: maidenflight train -o {path}.")
+            raise InputError(
+                f"{path}: no policies (.json) in this folder. Train some: maidenflight train -o "
+                f"{path}."
+            )
         files += found
     return list(dict.fromkeys(files))
 
@@ -53,19 +58,26 @@ def read_as(path: StrPath, structure: str | None) -> Policy:
     read = read_policy(path, structure)
     if structure not in (None, read.control):
         raise InputError(
-            f"{path}: a {read.control} policy, as its file says, not {structure}. Leave out --control, which is for the authors' policies."
+            f"{path}: a {read.control} policy, as its file says, not {structure}. Leave out "
+            "--control, which is for the authors' policies."
         )
     return read
 
 
 def trained_for(path: StrPath) -> str | None:
-    """Name of the task that a policy of ours was trained for; nothing where its file does not say, or it is one of the authors'."""
+    """Name of the task that a policy of ours was trained for.
+
+    Nothing where its file does not say, or it is one of the authors'.
+    """
     task = trained_with(path).get("task")
     return None if task is None else str(task)
 
 
 def trained_with(path: StrPath) -> dict[str, Any]:
-    """Settings with which a policy of ours was trained; empty where its file does not say, or it is one of the authors'."""
+    """Settings with which a policy of ours was trained.
+
+    Empty where its file does not say, or it is one of the authors'.
+    """
     try:
         settings = inputs.from_json(policy.text_of(path))["record"]["settings"]
     except (ValueError, LookupError, TypeError):
@@ -78,14 +90,21 @@ def task_to_fly(files: Sequence[Path], asked: str | None) -> tuple[str, list[str
 
     Args:
         files: policy files.
-        asked: name of a task; unless given, the one that all the files that say so were trained for.
+        asked: name of a task; unless given, the one that all the files that say so were trained
+            for.
 
     Returns:
         The name of a task, and a note where policies were trained for another.
     """
-    told = {name: task for name, path in zip(names(files), files, strict=True) if (task := trained_for(path)) is not None}
+    told = {
+        name: task
+        for name, path in zip(names(files), files, strict=True)
+        if (task := trained_for(path)) is not None
+    }
     trained = set(told.values())
-    flown = asked or (trained.pop() if len(trained) == 1 and trained <= tasks.TASKS.keys() else USUAL)
+    flown = asked or (
+        trained.pop() if len(trained) == 1 and trained <= tasks.TASKS.keys() else USUAL
+    )
     others = {name: task for name, task in told.items() if task != flown}
     if not others:
         return flown, []

@@ -31,15 +31,23 @@ WATCHED = 10.0
 
 SETTINGS: dict[str, AnalyticGradient] = {
     "pwm": AnalyticGradient(),
-    "attitude_rate": AnalyticGradient(drones=256, horizon=32, hidden=(128, 128), failure=10.0, restart=0.5),
+    "attitude_rate": AnalyticGradient(
+        drones=256, horizon=32, hidden=(128, 128), failure=10.0, restart=0.5
+    ),
     "attitude": AnalyticGradient(updates=1200, drones=128, horizon=32),
 }
-"""What works out of the box, by control structure: a policy that acts less often looks as far ahead in fewer periods, and to tell the
-starts that it can save from those that it cannot takes more drones, and at 50 Hz, where most of them depend on it, more weights."""
+"""What works out of the box, by control structure: a policy that acts less often looks as far ahead
+in fewer periods, and to tell the starts that it can save from those that it cannot takes more
+drones, and at 50 Hz, where most of them depend on it, more weights."""
 
 
-def settings_for(structure: str, task: str, method: str = "gradient", updates: int | None = None) -> Settings:
-    """What works out of the box for a control structure, a task and a method, all by name; with other updates if given."""
+def settings_for(
+    structure: str, task: str, method: str = "gradient", updates: int | None = None
+) -> Settings:
+    """What works out of the box for a control structure, a task and a method, all by name.
+
+    With other updates if given.
+    """
     settings = PPO() if method == "ppo" else _by_gradient(structure, task)
     return settings if updates is None else dataclasses.replace(settings, updates=updates)
 
@@ -68,7 +76,9 @@ def train_for(
     history: int = 2,
     heading: float = 0.0,
 ) -> tuple[Policy, ...]:
-    """Trains policies around a drone; writes one JSON a policy and `training.csv` with their scores.
+    """Trains policies around a drone.
+
+    Writes one JSON a policy and `training.csv` with their scores.
 
     Args:
         drone: TOML file or name.
@@ -76,19 +86,22 @@ def train_for(
         folder: where to write. Until the policies are written it holds `CHECKPOINT`.
         count: policies.
         settings: of the method.
-        randomization: half width of a box about the drone; `POSTERIOR`: the drones that its flights leave possible; or `WIDE`: drones
-            unlike it too.
+        randomization: half width of a box about the drone; `POSTERIOR`: the drones that its flights
+            leave possible; or `WIDE`: drones unlike it too.
         on_progress: called after each score.
         structure: name of a control structure in `control.CONTROLLERS`.
         task: name in `tasks.TASKS`.
-        resume: go on from the checkpoint in the folder, with the same result as if training had never stopped.
+        resume: go on from the checkpoint in the folder, with the same result as if training had
+            never stopped.
         boards: where scores are shown too, names in `scoreboards.BOARDS`.
         history: H, instants that a policy sees.
         heading: price of a radian of heading, a control period; see `tasks.facing`.
 
     Raises:
-        InputError: there is nothing to resume, or it is another training; or a board's package is not installed.
-        WriteError: a file cannot be written, as on a full disk; what was reached until the last score is kept.
+        InputError: there is nothing to resume, or it is another training; or a board's package is
+            not installed.
+        WriteError: a file cannot be written, as on a full disk; what was reached until the last
+            score is kept.
     """
     saved = Path(folder) / CHECKPOINT
     if resume and not saved.exists():
@@ -99,8 +112,13 @@ def train_for(
 
     def note(progress: Progress) -> None:
         for number in range(count):
-            scores = {name: round(float(value[number]), 6) for name, value in progress.score._asdict().items()}
-            rows.append({"update": progress.update, "steps": progress.steps, "policy": number + 1, **scores})
+            scores = {
+                name: round(float(value[number]), 6)
+                for name, value in progress.score._asdict().items()
+            }
+            rows.append(
+                {"update": progress.update, "steps": progress.steps, "policy": number + 1, **scores}
+            )
         show(progress)
         if on_progress is not None:
             on_progress(progress)
@@ -117,14 +135,18 @@ def train_for(
         **recorded(settings),
     }
     keys = jax.random.split(jax.random.key(seed), count)
-    with scoreboards.opened(boards, folder, count, {"drone": Path(drone).name, "seed": seed, **said}) as show:
+    with scoreboards.opened(
+        boards, folder, count, {"drone": Path(drone).name, "seed": seed, **said}
+    ) as show:
         # Only now is all that was given known to make sense, and an earlier training may go.
         for left in [*([] if resume else [saved]), *results.leftovers(folder)]:
             left.unlink(missing_ok=True)
         practised = tasks.facing(tasks.TASKS[task](), heading) if heading else tasks.TASKS[task]()
         policies = train(practised, controller, box, keys, settings, note, saved, history)
     inputs = [drone] if Path(drone).is_file() else []
-    made = results.record(seed=seed, inputs=inputs, settings=said if inputs else {"drone": str(drone), **said})
+    made = results.record(
+        seed=seed, inputs=inputs, settings=said if inputs else {"drone": str(drone), **said}
+    )
     for number, trained in enumerate(policies, 1):
         policy.write(Path(folder) / f"policy_{number}.json", trained, {**made, "number": number})
     results.write(Path(folder) / "training.csv", polars.DataFrame(rows).write_csv())
@@ -134,20 +156,33 @@ def train_for(
 
 
 def _remove_older(folder: Path, count: int) -> None:
-    """Removes what an earlier training of more policies left, that no one takes them for this one's."""
+    """Removes what an earlier training of more policies left, that no one takes them for this
+    one's.
+    """
     for path in folder.glob("policy_*.json"):
         number = path.stem.removeprefix("policy_")
         with suppress(InputError):
-            if number.isdecimal() and int(number) > count and policy.record(path).get("number") == int(number):
+            if (
+                number.isdecimal()
+                and int(number) > count
+                and policy.record(path).get("number") == int(number)
+            ):
                 path.unlink()
 
 
 def _how_to_begin(folder: Path) -> str:
     """What to do where there is no checkpoint to go on from."""
     if (folder / "training.csv").exists():
-        return "The policies there are of a training that has ended. Give --overwrite instead of --resume to train others in their place."
+        return (
+            "The policies there are of a training that has ended. Give --overwrite instead of "
+            "--resume to train others in their place."
+        )
     begun = folder.is_dir() and set(folder.iterdir()) > set(results.leftovers(folder))
-    return "Give --overwrite instead of --resume to begin one." if begun else "Leave out --resume to begin one."
+    return (
+        "Give --overwrite instead of --resume to begin one."
+        if begun
+        else "Leave out --resume to begin one."
+    )
 
 
 def watched_flight(drone: StrPath, structure: str, task: str) -> Callable[[Policy], Flight]:
@@ -159,5 +194,9 @@ def watched_flight(drone: StrPath, structure: str, task: str) -> Callable[[Polic
         task: name in `tasks.TASKS`.
     """
     controller, flown = control.CONTROLLERS[structure](), tasks.TASKS[task]()
-    reality = VirtualDrone(Path(drone).stem, control.in_fitting_steps(parameters.read(drone), controller))
-    return lambda one: transfer([one], [reality], 1, task=flown, controller=controller, duration=WATCHED).flights[0]
+    reality = VirtualDrone(
+        Path(drone).stem, control.in_fitting_steps(parameters.read(drone), controller)
+    )
+    return lambda one: transfer(
+        [one], [reality], 1, task=flown, controller=controller, duration=WATCHED
+    ).flights[0]
