@@ -32,7 +32,7 @@ from maidenflight.simulator import control, dynamics, environment, latency  # no
 from maidenflight.simulator.actuators import rotor_speed_command  # noqa: E402
 from maidenflight.simulator.environment import Environment  # noqa: E402
 from maidenflight.simulator.randomization import relative_box  # noqa: E402
-from maidenflight.simulator.rollout import launch, practise  # noqa: E402
+from maidenflight.simulator.rollout import randomized_reset, rollout_with_auto_reset  # noqa: E402
 from maidenflight.simulator.sensors import Measurement  # noqa: E402
 
 LAYOUTS = {
@@ -43,7 +43,7 @@ LAYOUTS = {
 }
 """CPU devices, and drones that a device simulates at once; 0: all of its share."""
 FRESH = 2
-"""Drones prepared for those whose episode ends, for each that flies, anew for each call: one launch
+"""Drones prepared for those whose episode ends, for each that flies, new for each call: one reset
 every `HORIZON` / 2 steps."""
 COMMANDS = 10
 """Commands of the rate PID an action of 50 Hz."""
@@ -111,9 +111,13 @@ def training(shared: Any, own: Any, steps: int) -> Any:
     fresh = (
         own["fresh"]
         if "fresh" in own
-        else jax.vmap(partial(launch, world, shared["box"]))(jax.random.split(fresh_key, FRESH))
+        else jax.vmap(partial(randomized_reset, world, shared["box"]))(
+            jax.random.split(fresh_key, FRESH)
+        )
     )
-    drone, (before, step_result) = practise(world, policy, own["drone"], fresh, fly_key, steps)
+    drone, (before, step_result) = rollout_with_auto_reset(
+        world, policy, own["drone"], fresh, fly_key, steps
+    )
     told = (
         jax.vmap(environment.observation)(before),
         step_result.reward,
@@ -126,7 +130,7 @@ def training(shared: Any, own: Any, steps: int) -> Any:
 @jax.jit
 def launched(box: Any, keys: jax.Array) -> Any:
     """One drone for each key."""
-    return jax.vmap(partial(launch, Environment(), box))(keys)
+    return jax.vmap(partial(randomized_reset, Environment(), box))(keys)
 
 
 def drones(series: str, batch: int) -> tuple[Any, Any]:
@@ -238,11 +242,11 @@ def memory() -> None:
     )
 
     def begin(bits: jax.Array) -> Any:
-        return launch(world, box, jax.random.wrap_key_data(bits))
+        return randomized_reset(world, box, jax.random.wrap_key_data(bits))
 
     def fly(weights: jax.Array, drone: Any, fresh: Any, bits: jax.Array) -> Any:
         key = jax.random.wrap_key_data(bits)
-        drone, (_, step_result) = practise(
+        drone, (_, step_result) = rollout_with_auto_reset(
             world, lambda seen: jnp.tanh(weights @ seen), drone, fresh, key, HORIZON
         )
         return drone, step_result.reward, step_result.terminated, step_result.truncated

@@ -37,7 +37,7 @@ from maidenflight.reporting.training_figures import learning_curves
 from maidenflight.simulator import control, environment, tasks
 from maidenflight.simulator.environment import Environment, EnvState
 from maidenflight.simulator.randomization import RelativeBox, relative_box
-from maidenflight.simulator.rollout import launch
+from maidenflight.simulator.rollout import randomized_reset
 from maidenflight.training.evaluation import evaluate
 from maidenflight.training.train import Progress, train
 from maidenflight.workflow import settings_for
@@ -169,7 +169,7 @@ def survivable(env: Environment, drones: RelativeBox, policy: Policy) -> float:
 
     def one(key: jax.Array) -> jax.Array:
         launch_key, key = jax.random.split(key)  # as `evaluate` and `rollout` split it
-        first, drone = launch(env, drones, launch_key)
+        first, drone = randomized_reset(env, drones, launch_key)
         noise = jax.random.split(key, all_periods)[:periods]
 
         def by_policy(env_state: EnvState, key: jax.Array) -> tuple[EnvState, jax.Array]:
@@ -209,7 +209,7 @@ def survivable(env: Environment, drones: RelativeBox, policy: Policy) -> float:
         return jax.lax.scan(improve, start, None, length=IMPROVEMENTS)[0][2]
 
     worst = jax.jit(jax.vmap(one))(keys)
-    return float(jnp.mean(worst < tasks.FARTHEST))
+    return float(jnp.mean(worst < tasks.MAX_POSITION_ERROR_M))
 
 
 def scored(env: Environment, drones: RelativeBox, policies: tuple[Policy, ...]) -> list[Any]:

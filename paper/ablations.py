@@ -34,7 +34,7 @@ from scipy.spatial.transform import Rotation
 
 from maidenflight import cores, parameters, policy, results, terminal, workflow
 from maidenflight.errors import InputError
-from maidenflight.experiments.transfer import LONGEST, transfer
+from maidenflight.experiments.transfer import MAX_DURATION_S, transfer
 from maidenflight.flights.log import Flight
 from maidenflight.identification.ensembles import posterior_ensemble, trim_ensemble
 from maidenflight.parameters import Parameters, component, replace
@@ -684,7 +684,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--duration",
         type=float,
-        default=LONGEST,
+        default=MAX_DURATION_S,
         help="longest flight, seconds (default: %(default)g)",
     )
     parser.add_argument("--updates", type=int, help="of training, for both control structures")

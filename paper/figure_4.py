@@ -24,7 +24,7 @@ import polars
 from maidenflight import cores, results, terminal, workflow
 from maidenflight.errors import InputError
 from maidenflight.experiments import matrix
-from maidenflight.experiments.transfer import LONGEST
+from maidenflight.experiments.transfer import MAX_DURATION_S
 from maidenflight.reporting import svg
 from maidenflight.reporting.flight_figures import COLOURS
 from maidenflight.reporting.svg import Panel
@@ -51,7 +51,7 @@ def published(folder: Path) -> polars.DataFrame:
         "trained_latency_s": "latency",
         "flight_time_s": "duration",
     }
-    return own.rename(renamed).with_columns(polars.col("duration").clip(upper_bound=LONGEST))
+    return own.rename(renamed).with_columns(polars.col("duration").clip(upper_bound=MAX_DURATION_S))
 
 
 SIDE, HIGH = 280, 190
@@ -83,7 +83,7 @@ def chart(rows: dict[str, polars.DataFrame]) -> str:
                 SIDE - 62,
                 HIGH,
                 (-0.5, len(lags) - 0.5),
-                (0.0, 1.03 * LONGEST),
+                (0.0, 1.03 * MAX_DURATION_S),
             )
             outside, _ = svg.axes(panel, None, "flight time [s]" if column == 0 else "")
             parts += [

@@ -48,7 +48,7 @@ from scipy import stats
 
 from maidenflight import parameters, results, terminal, workflow
 from maidenflight.errors import InputError
-from maidenflight.experiments.transfer import LONGEST
+from maidenflight.experiments.transfer import MAX_DURATION_S
 from maidenflight.parameters import Parameters, replace
 from maidenflight.policy import CONTROLS
 from maidenflight.reporting import svg
@@ -167,10 +167,10 @@ def simulated(path: Path, nominal: str) -> polars.DataFrame:
             f"flight of {', '.join(CONTROLS)}."
         )
     settings = record.get("settings", {})
-    if settings.get("duration", LONGEST) < LONGEST:
+    if settings.get("duration", MAX_DURATION_S) < MAX_DURATION_S:
         raise InputError(
             f"{path}: flights were cut after {settings['duration']:g} s. Only those of "
-            f"{LONGEST:g} s can be compared."
+            f"{MAX_DURATION_S:g} s can be compared."
         )
     if settings.get("drone", Path(nominal).name) != Path(nominal).name:
         raise InputError(
@@ -212,10 +212,10 @@ def by_policy(flights: polars.DataFrame, nominal: Parameters) -> polars.DataFram
 
     `trained` is the total lag of the drone that it was trained for [s].
     """
-    flown = flights.with_columns(polars.col("duration").clip(upper_bound=LONGEST))
+    flown = flights.with_columns(polars.col("duration").clip(upper_bound=MAX_DURATION_S))
     means = [
         polars.col("duration").mean(),
-        (polars.col("duration") >= LONGEST).mean().alias("share"),
+        (polars.col("duration") >= MAX_DURATION_S).mean().alias("share"),
         polars.len().alias("flights"),
     ]
     rows = flown.group_by(_POLICY, maintain_order=True).agg(*means)
@@ -649,7 +649,14 @@ def chart(found: Sequence[Data]) -> str:
             (number % columns) * WIDE + LEFT,
             svg.TITLE + tall + 40 + (number // columns) * (HIGH + GAP),
         )
-        panel = Panel(left, top, WIDE - LEFT - 14, HIGH, across, (-0.03 * LONGEST, 1.03 * LONGEST))
+        panel = Panel(
+            left,
+            top,
+            WIDE - LEFT - 14,
+            HIGH,
+            across,
+            (-0.03 * MAX_DURATION_S, 1.03 * MAX_DURATION_S),
+        )
         below = "excess of lag in training [ms]"
         outside, grid = svg.axes(panel, below, "flight time [s]" if number % columns == 0 else "")
         heads = [

@@ -42,7 +42,7 @@ from maidenflight import cores, policy, results, terminal, workflow
 from maidenflight.errors import InputError
 from maidenflight.experiments.as_flown import AS_FLOWN
 from maidenflight.experiments.flight_times import predict_flight_times
-from maidenflight.experiments.transfer import LONGEST, transfer
+from maidenflight.experiments.transfer import MAX_DURATION_S, transfer
 from maidenflight.policy import Policy
 from maidenflight.reporting import svg
 from maidenflight.reporting.svg import Panel
@@ -484,7 +484,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--duration",
         type=float,
-        default=LONGEST,
+        default=MAX_DURATION_S,
         help="longest flight, seconds (default: %(default)g)",
     )
     parser.add_argument("--updates", type=int, help="of training, for all control structures")

@@ -18,7 +18,12 @@ from maidenflight.simulator import control, dynamics, environment, latency, task
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import relative_box
-from maidenflight.simulator.rollout import Drone, launch, practise, rollout
+from maidenflight.simulator.rollout import (
+    EnvInstance,
+    randomized_reset,
+    rollout,
+    rollout_with_auto_reset,
+)
 
 WORLD = Environment()
 PAPER, QUIET = crazyflie(), noiseless(crazyflie())
@@ -325,11 +330,13 @@ def test_a_late_estimator_shows_the_state_of_the_period_before():
 
 
 def test_practice_begins_anew_with_the_next_prepared_drone_after_each_end():
-    fresh = jax.vmap(partial(launch, WORLD, relative_box(PAPER)))(jax.random.split(KEY, 7))
+    fresh = jax.vmap(partial(randomized_reset, WORLD, relative_box(PAPER)))(
+        jax.random.split(KEY, 7)
+    )
 
     def fall(env_state, key):
-        first = Drone(env_state, PAPER)
-        return practise(WORLD, lambda _: jnp.full(4, -1.0), first, fresh, key, 60)[1]
+        first = EnvInstance(env_state, PAPER)
+        return rollout_with_auto_reset(WORLD, lambda _: jnp.full(4, -1.0), first, fresh, key, 60)[1]
 
     before, step_result = jax.jit(fall)(
         start(WORLD, PAPER, KEY)._replace(elapsed=jnp.float32(4.9)), KEY
@@ -539,4 +546,4 @@ def test_the_ground_lifts_a_drone_that_hovers_just_above_it():
         )
     assert heights[0.04] > 0.005
     assert abs(heights[1.0]) < 1e-4
-    assert env.task.floor == tasks.STANDING
+    assert env.task.floor == tasks.STANDING_HEIGHT_M

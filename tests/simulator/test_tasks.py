@@ -408,7 +408,7 @@ def test_danger_is_at_least_one_where_a_task_has_failed_and_has_a_slope_everywhe
     danger, slope = jax.vmap(jax.value_and_grad(lambda state: task.danger(state, SETPOINT)))(states)
     failed = np.asarray(jax.vmap(lambda state: task.failure(state, SETPOINT))(states)) > 0
     # Whoever stays on the ground fails by that alone, wherever the set-point is.
-    failed &= np.asarray(states.position[:, 2] >= tasks.LEFT_GROUND) | (task is not TAKE_OFF)
+    failed &= np.asarray(states.position[:, 2] >= tasks.AIRBORNE_HEIGHT_M) | (task is not TAKE_OFF)
     assert 100 < failed.sum() < 1990
     assert np.all(danger[failed] >= 1.0 - 1e-6)
     if task in (CIRCLE, TRACKING):

@@ -10,7 +10,7 @@ from maidenflight.errors import InputError
 from maidenflight.parameters import QUANTITIES, check, crazyflie
 from maidenflight.simulator import control, dynamics, environment, tasks
 from maidenflight.simulator.rollout import rollout
-from maidenflight.simulator.virtual_drone import FAR, KINDS, SPREAD, virtual_drone
+from maidenflight.simulator.virtual_drone import FAR_RANGES, RANGES, VARIANTS, virtual_drone
 
 SEEDS = range(8)
 
@@ -21,7 +21,7 @@ def test_the_same_seed_is_the_same_drone():
     jax.tree.map(np.testing.assert_array_equal, first.parameters, second.parameters)
 
 
-@pytest.mark.parametrize("name", [*SPREAD, "inertia", "drag", "torque_to_thrust"])
+@pytest.mark.parametrize("name", [*RANGES, "inertia", "drag", "torque_to_thrust"])
 def test_different_seeds_hide_different_constants(name):
     values = np.array([getattr(virtual_drone(seed).parameters, name) for seed in SEEDS])
     assert len(np.unique(values, axis=0)) == len(SEEDS)
@@ -30,7 +30,7 @@ def test_different_seeds_hide_different_constants(name):
 @pytest.mark.parametrize("seed", [*range(30), 2**40])
 def test_every_virtual_drone_is_physical_and_within_its_spread(seed):
     parameters = check(virtual_drone(seed).parameters)
-    for name, (low, high) in SPREAD.items():
+    for name, (low, high) in RANGES.items():
         assert np.float32(low) <= getattr(parameters, name) <= np.float32(high), name
     assert parameters.time_step == np.float32(0.001)
     assert all(np.asarray(getattr(parameters, name)).dtype == np.float32 for name in QUANTITIES)
@@ -70,12 +70,12 @@ def test_a_near_drone_is_of_the_papers_model_with_other_numbers(seed):
 @pytest.mark.parametrize("seed", range(10))
 def test_a_far_drone_has_what_flights_of_the_authors_drone_tell(seed):
     far, virtual = check(virtual_drone(seed, "far").parameters), virtual_drone(seed).parameters
-    for name, (low, high) in FAR.items():
+    for name, (low, high) in FAR_RANGES.items():
         assert np.float32(low) <= getattr(far, name) <= np.float32(high), name
     assert np.all(far.torque_bias != 0)
     for name in ("drag", "inertia", "latency", "estimator_delay", "battery_resistance"):
         np.testing.assert_array_equal(getattr(far, name), getattr(virtual, name), err_msg=name)
-    assert len({virtual_drone(seed, kind).name for kind in KINDS}) == len(KINDS)
+    assert len({virtual_drone(seed, kind).name for kind in VARIANTS}) == len(VARIANTS)
 
 
 def test_a_virtual_drone_has_effects_that_the_papers_model_lacks():
@@ -103,7 +103,7 @@ def test_an_action_holds_for_ten_milliseconds_whatever_the_controllers_rate(cont
 
 
 def test_the_firmwares_pid_flies_the_circle_on_every_virtual_drone():
-    drones = [virtual_drone(seed, kind) for kind in KINDS for seed in SEEDS]
+    drones = [virtual_drone(seed, kind) for kind in VARIANTS for seed in SEEDS]
     env = drones[-1].environment(tasks.circle(), control.position_pid())
 
     def fly(parameters, key):

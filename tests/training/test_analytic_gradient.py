@@ -10,7 +10,7 @@ from maidenflight.policy import untrained
 from maidenflight.simulator import control, environment
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import relative_box
-from maidenflight.simulator.rollout import Drone
+from maidenflight.simulator.rollout import EnvInstance
 from maidenflight.training import analytic_gradient
 from maidenflight.training.analytic_gradient import AnalyticGradient
 
@@ -80,7 +80,7 @@ def test_gradient_through_the_simulator_is_the_slope_of_the_cost() -> None:
         moved = jax.tree.map(lambda leaf, step: leaf + scale * step, policy.network, direction)
         changed = policy.with_network(moved)
         return analytic_gradient._segment(
-            simulated, settings, changed, Drone(env_state, drone), jax.random.key(3)
+            simulated, settings, changed, EnvInstance(env_state, drone), jax.random.key(3)
         )[0]
 
     slope = float(jax.jit(jax.grad(cost))(jnp.zeros(())))
@@ -105,7 +105,7 @@ def test_a_lost_drone_is_held_and_gives_no_gradient() -> None:
             simulated,
             AnalyticGradient(horizon=12),
             policy.with_network(network),
-            Drone(lost, drone),
+            EnvInstance(lost, drone),
             jax.random.key(3),
         )
 
@@ -129,7 +129,7 @@ def test_a_failure_costs_most_and_what_is_lost_anyway_pulls_no_more() -> None:
             position = env_state.state.position + away * jnp.array([1.0, 0.0, 0.0])
             moved = env_state._replace(state=env_state.state._replace(position=position))
             return analytic_gradient._segment(
-                simulated, settings, policy, Drone(moved, drone), jax.random.key(3)
+                simulated, settings, policy, EnvInstance(moved, drone), jax.random.key(3)
             )[0]
 
         values = [

@@ -13,7 +13,7 @@ from maidenflight.policy import untrained
 from maidenflight.simulator import control, tasks
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import relative_box
-from maidenflight.simulator.rollout import launch
+from maidenflight.simulator.rollout import randomized_reset
 from maidenflight.training import ppo
 from maidenflight.training.critic import Moments, advantages, merged, moments_of
 from maidenflight.training.devices import DRONES
@@ -154,7 +154,7 @@ def test_the_value_at_an_end_is_of_the_drone_before_another_takes_over() -> None
     short = tasks.circle()._replace(duration=0.05)
     simulated, settings = Environment.matching(BOX.centre, short), PPO(horizon=16)
     policy = untrained(jax.random.key(1))
-    drone = launch(simulated, BOX, jax.random.key(2))
+    drone = randomized_reset(simulated, BOX, jax.random.key(2))
     fly = jax.jit(partial(ppo._fly, simulated, settings))
     _, _, flown = fly(BOX, policy, jnp.float32(0.1), drone, jnp.zeros(()), jax.random.key(3))
     over = np.asarray(flown.truncated)
@@ -245,7 +245,7 @@ def test_the_papers_settings_are_the_papers() -> None:
 
 
 def test_only_a_critic_that_may_sees_the_truth() -> None:
-    drone = launch(SIMULATED, BOX, jax.random.key(1))
+    drone = randomized_reset(SIMULATED, BOX, jax.random.key(1))
     blind, seeing = (
         ppo._sight(SIMULATED, settings, BOX.centre, drone) for settings in (PPO.paper(), PPO())
     )

@@ -33,7 +33,7 @@ from jaxtyping import Array, Bool, Float, Int, UInt
 
 from maidenflight.errors import InputError
 from maidenflight.experiments.as_flown import AS_FLOWN, GUARD_RATE
-from maidenflight.experiments.transfer import FASTEST, LONGEST, STEEPEST
+from maidenflight.experiments.transfer import MAX_BODY_RATE_RAD_S, MAX_DURATION_S, MAX_TILT_RAD
 from maidenflight.parameters import Parameters, replace
 from maidenflight.policy import Policy
 from maidenflight.simulator import control, dynamics, environment, rotations, tasks
@@ -41,7 +41,7 @@ from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment, EnvState
 from maidenflight.simulator.tasks import END_REASONS
 
-FARTHEST = 2.5
+MAX_POSITION_ERROR_M = 2.5
 """Distance from the set-point [m] at which a flight ends: no guard of the drone, but the room; one
 published flight went further."""
 
@@ -95,8 +95,8 @@ def predict_flight_times(
     key: Array,
     *,
     trials: int = 16,
-    duration: float = LONGEST,
-    farthest: float = FARTHEST,
+    duration: float = MAX_DURATION_S,
+    farthest: float = MAX_POSITION_ERROR_M,
     start: Start = PUBLISHED_START,
     structures: Mapping[str, Callable[[], Controller]] = AS_FLOWN,
     names: Sequence[str] | None = None,
@@ -432,8 +432,8 @@ def guard(
     distance = tasks.norm(setpoint - seen.position)
     return tasks.reason(
         not_finite=~jnp.isfinite(distance + tilt[0] + tilt[1] + rates[0] + rates[1]),
-        body_rate=jnp.maximum(rates[0], rates[1]) > np.float32(FASTEST),
-        tilt=jnp.maximum(tilt[0], tilt[1]) > np.float32(STEEPEST),
+        body_rate=jnp.maximum(rates[0], rates[1]) > np.float32(MAX_BODY_RATE_RAD_S),
+        tilt=jnp.maximum(tilt[0], tilt[1]) > np.float32(MAX_TILT_RAD),
         position_error=distance > farthest,
         height=env_state.state.position[2] < 0.0,
     )

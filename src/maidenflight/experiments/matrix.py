@@ -27,7 +27,7 @@ import polars
 
 from maidenflight import inputs
 from maidenflight.errors import InputError
-from maidenflight.experiments.transfer import LONGEST, transfer
+from maidenflight.experiments.transfer import MAX_DURATION_S, transfer
 from maidenflight.inputs import StrPath
 from maidenflight.parameters import QUANTITIES, Parameters, replace
 from maidenflight.policy import CONTROLS, Policy
@@ -75,7 +75,7 @@ class Matrix:
     """Of each cell, each from its own seed."""
     trials: int = 3
     """Flights of each policy in each reality."""
-    duration: float = LONGEST
+    duration: float = MAX_DURATION_S
     """Longest flight [s]."""
     seed: int = 0
 
@@ -163,7 +163,7 @@ def read(path: StrPath) -> Matrix:
                 f"{path}: {name} = {plain[name]}; expected at least 1 and at most 1000."
             )
     if (
-        not 0 < plain.get("duration", LONGEST) <= 600
+        not 0 < plain.get("duration", MAX_DURATION_S) <= 600
         or not 0 <= plain.get("randomization", 0.1) <= 0.9
     ):
         raise InputError(
@@ -354,7 +354,7 @@ def fly(
     return polars.concat(tables)
 
 
-def by_cell(flights: polars.DataFrame, longest: float = LONGEST) -> polars.DataFrame:
+def by_cell(flights: polars.DataFrame, longest: float = MAX_DURATION_S) -> polars.DataFrame:
     """A row a reality and cell: policies, flights, mean and median flight time [s], and the share
     of flights that last the longest.
     """

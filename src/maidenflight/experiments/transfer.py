@@ -23,14 +23,14 @@ from maidenflight.policy import Policy
 from maidenflight.simulator import control, tasks
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.tasks import FARTHEST, Task
+from maidenflight.simulator.tasks import MAX_POSITION_ERROR_M, Task
 from maidenflight.simulator.virtual_drone import VirtualDrone
 
-LONGEST = 20.0
+MAX_DURATION_S = 20.0
 """Time after which a flight is stopped [s]."""
-STEEPEST = np.radians(30.0)
+MAX_TILT_RAD = np.radians(30.0)
 """Roll or pitch at which the backup PID takes over [rad]."""
-FASTEST = np.radians(800.0)
+MAX_BODY_RATE_RAD_S = np.radians(800.0)
 """Roll or pitch rate at which it takes over [rad/s]."""
 
 
@@ -74,9 +74,9 @@ def end_of_flight(rows: Rows, period: float) -> tuple[int, str]:
     distance = np.linalg.norm(position - np.asarray(rows.true_setpoint, np.float64), axis=1)
     guards = {
         "not finite": ~np.isfinite(np.concatenate([position, attitude, rates], axis=1)).all(axis=1),
-        "body rate": np.abs(rates[:, :2]).max(axis=1) > FASTEST,
-        "tilt": np.abs(attitude[:, :2]).max(axis=1) > STEEPEST,
-        "position error": distance > FARTHEST,
+        "body rate": np.abs(rates[:, :2]).max(axis=1) > MAX_BODY_RATE_RAD_S,
+        "tilt": np.abs(attitude[:, :2]).max(axis=1) > MAX_TILT_RAD,
+        "position error": distance > MAX_POSITION_ERROR_M,
     }
     first = {reason: int(np.argmax(tripped)) for reason, tripped in guards.items() if tripped.any()}
     if not first:
@@ -93,7 +93,7 @@ def transfer(
     *,
     task: Task | None = None,
     controller: Controller | None = None,
-    duration: float = LONGEST,
+    duration: float = MAX_DURATION_S,
     names: Sequence[str] | None = None,
 ) -> Transfer:
     """Flies every policy in every reality.

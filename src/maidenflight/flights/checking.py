@@ -14,11 +14,11 @@ from maidenflight.errors import InputError
 from maidenflight.flights import consistency
 from maidenflight.flights.log import GROUPS, Flight
 
-STEEPEST = np.radians(60.0)
+MAX_TILT_RAD = np.radians(60.0)
 """Roll or pitch beyond which a row counts as a crash [rad]."""
-FASTEST = 25.0
+MAX_BODY_RATE_RAD_S = 25.0
 """Body rate beyond which a row counts as a crash [rad/s]."""
-LOWEST = 0.1
+MIN_HEIGHT_M = 0.1
 """Height below which a row may feel the ground [m]."""
 LEAP = 0.25
 """Change of position between two rows, beyond that by velocity, that is a jump of the estimate
@@ -32,7 +32,7 @@ EMPTY = 2.8
 """Battery voltage of a cell below which a Crazyflie's firmware can no longer make up for it: u = 1
 asks for 2.95 V at the motors [V]."""
 
-_FARTHEST = 1e6
+_MAX_SETPOINT_M = 1e6
 """Set-point beyond which it is none [m]."""
 _NEEDED = ("position", "velocity", "attitude", "body_rates", "command")
 
@@ -101,7 +101,7 @@ def _blanked(flight: Flight) -> tuple[Flight, list[str]]:
     with np.errstate(invalid="ignore"):
         odd = {
             "battery": (flight.battery < 0) | (flight.battery > 100),
-            "setpoint": np.abs(flight.setpoint) > _FARTHEST,
+            "setpoint": np.abs(flight.setpoint) > _MAX_SETPOINT_M,
         }
     notes = [
         f"{flight.name}: {int(rows.sum())} impossible numbers in {group} taken as unknown (first: "
@@ -136,10 +136,13 @@ def _faults(flight: Flight, cuts: Bool[np.ndarray, "N"]) -> dict[str, Bool[np.nd
             f"not a finite number in {names}": ~np.all(
                 [sound.all(axis=1) for sound in finite.values()], axis=0
             ),
-            f"tilt above {np.degrees(STEEPEST):.0f} deg": np.abs(flight.attitude[:, :2]).max(axis=1)
-            > STEEPEST,
-            f"body rate above {FASTEST:g} rad/s": np.abs(flight.body_rates).max(axis=1) > FASTEST,
-            f"below {LOWEST:g} m": flight.position[:, 2] < LOWEST,
+            f"tilt above {np.degrees(MAX_TILT_RAD):.0f} deg": np.abs(flight.attitude[:, :2]).max(
+                axis=1
+            )
+            > MAX_TILT_RAD,
+            f"body rate above {MAX_BODY_RATE_RAD_S:g} rad/s": np.abs(flight.body_rates).max(axis=1)
+            > MAX_BODY_RATE_RAD_S,
+            f"below {MIN_HEIGHT_M:g} m": flight.position[:, 2] < MIN_HEIGHT_M,
             "motors off": flight.command.max(axis=1) <= 0.0,
             "command outside [0, 1]": (flight.command < -0.001).any(axis=1)
             | (flight.command > 1.001).any(axis=1),

@@ -38,7 +38,7 @@ COLUMNS = ("t", *VICON, *GYRO, *MOTORS, *SETPOINT, "pwr_pm_vbat", "pid_controlle
 
 PERIOD = 0.01
 """Time between two rows [s]."""
-FARTHEST = 25
+MAX_SHIFT_ROWS = 25
 """Rows by which Vicon's clock is looked for on either side."""
 EVERY = 25
 """Rows between two looks."""
@@ -108,12 +108,12 @@ def lag(
         attitude: roll, pitch, yaw by the other clock [rad].
     """
     rows = np.arange(len(rates))
-    if len(rates) <= 2 * (FARTHEST + HALF):
+    if len(rates) <= 2 * (MAX_SHIFT_ROWS + HALF):
         return np.zeros(len(rates))
     turned = Rotation.from_euler("ZYX", np.nan_to_num(attitude)[:, ::-1])
     seen = np.pad((turned[:-2].inv() * turned[2:]).as_rotvec() / (2 * PERIOD), ((1, 1), (0, 0)))
     gyro, seen = (_lively(np.nan_to_num(values[:, :2])) for values in (rates, seen))
-    lags = np.arange(-FARTHEST, FARTHEST + 1)
+    lags = np.arange(-MAX_SHIFT_ROWS, MAX_SHIFT_ROWS + 1)
     looks = rows[::EVERY]
     power = _around((gyro**2).sum(axis=1), HALF, looks)
     seen_power = (seen**2).sum(axis=1)

@@ -105,7 +105,7 @@ def _tracking(
     waypoints: StrPath | None = None,
     smooth: bool = False,
     duration: float | None = None,
-    farthest: float = tasks.FARTHEST,
+    farthest: float = tasks.MAX_POSITION_ERROR_M,
     latest_start: float = 0.0,
 ) -> Task:
     if waypoints is not None:

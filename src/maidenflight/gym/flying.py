@@ -20,7 +20,7 @@ from maidenflight.parameters import crazyflie
 from maidenflight.simulator import environment, rotations
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import Distribution, relative_box
-from maidenflight.simulator.rollout import Drone, launch
+from maidenflight.simulator.rollout import EnvInstance, randomized_reset
 from maidenflight.simulator.tasks import END_REASONS
 
 GROUP = 128
@@ -35,7 +35,7 @@ Groups = tuple[Float[Array, "..."], ...]
 class Flight(NamedTuple):
     """A drone that flies an episode, and what is counted of it."""
 
-    drone: Drone
+    drone: EnvInstance
     key: UInt32[Array, "2"]
     """Of the noise to come."""
     error: Float[Array, ""]
@@ -87,7 +87,7 @@ class Program:
 
     def _launch(self, distribution: Distribution, key: UInt32[Array, "2"]) -> Flight:
         drone_key, noise_key = jax.random.split(jax.random.wrap_key_data(key, impl=RANDOM))
-        drone = launch(self._world, distribution, drone_key)
+        drone = randomized_reset(self._world, distribution, drone_key)
         drone = tree.map(lambda leaf: jnp.asarray(leaf), drone)
         return Flight(drone, jax.random.key_data(noise_key), jnp.zeros(()), jnp.zeros(()))
 
@@ -116,7 +116,7 @@ class Program:
         row = jnp.concatenate([environment.observation(env_state), jnp.stack(numbers)])
         return self._pack(
             Flight(
-                Drone(env_state, flight.drone.parameters),
+                EnvInstance(env_state, flight.drone.parameters),
                 jax.random.key_data(next_key),
                 error,
                 steps,

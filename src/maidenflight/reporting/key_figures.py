@@ -3,7 +3,7 @@
 import numpy as np
 import polars
 
-from maidenflight.experiments.transfer import LONGEST
+from maidenflight.experiments.transfer import MAX_DURATION_S
 from maidenflight.reporting import lead, parameter_tables, text
 from maidenflight.reporting.flight_figures import REACHED
 from maidenflight.reporting.flight_tables import is_matrix
@@ -62,7 +62,7 @@ def _of_flights(run: Run) -> list[Figure]:
     if run.table is None:
         return []
     reached = run.table.filter(polars.col("end_reason") == REACHED)
-    limit = reached["duration"].to_numpy().max() if reached.height else LONGEST
+    limit = reached["duration"].to_numpy().max() if reached.height else MAX_DURATION_S
     simulated = is_matrix(run) or (
         bool(run.flights) and all(flight.simulated for flight in run.flights)
     )

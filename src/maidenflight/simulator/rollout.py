@@ -25,7 +25,7 @@ from maidenflight.simulator.randomization import Distribution
 PolicyFunction = Callable[[Float[Array, "20H"]], Float[Array, "4"]]
 
 
-class Drone(NamedTuple):
+class EnvInstance(NamedTuple):
     """A drone in flight."""
 
     env_state: EnvState
@@ -64,21 +64,23 @@ def rollout(
     return lax.scan(one, env_state, jax.random.split(key, steps))
 
 
-def launch(environment: Environment, distribution: Distribution, key: Array) -> Drone:
+def randomized_reset(
+    environment: Environment, distribution: Distribution, key: Array
+) -> EnvInstance:
     """Draws a drone and an episode that starts where the task starts it."""
     drone_key, reset_key = jax.random.split(key)
     parameters = distribution.draw(drone_key)
-    return Drone(reset(environment, parameters, reset_key), parameters)
+    return EnvInstance(reset(environment, parameters, reset_key), parameters)
 
 
-def practise(
+def rollout_with_auto_reset(
     environment: Environment,
     policy: PolicyFunction,
-    drone: Drone,
-    fresh: Drone,
+    drone: EnvInstance,
+    fresh: EnvInstance,
     key: Array,
     steps: int,
-) -> tuple[Drone, tuple[EnvState, StepResult]]:
+) -> tuple[EnvInstance, tuple[EnvState, StepResult]]:
     """Flies a policy for a number of control periods.
 
     After a finished episode the next of the prepared drones takes over.
@@ -98,7 +100,9 @@ def practise(
     """
     count = fresh.env_state.time.shape[0]
 
-    def one(drone: Drone, now: tuple[Array, Array]) -> tuple[Drone, tuple[EnvState, StepResult]]:
+    def one(
+        drone: EnvInstance, now: tuple[Array, Array]
+    ) -> tuple[EnvInstance, tuple[EnvState, StepResult]]:
         number, key = now
         env_state, step_result = step(
             environment,
@@ -109,7 +113,7 @@ def practise(
         )
         over = step_result.terminated | step_result.truncated
         after, new = (
-            Drone(env_state, drone.parameters),
+            EnvInstance(env_state, drone.parameters),
             tree.map(lambda leaf: leaf[number % count], fresh),
         )
         return tree.map(lambda old, new: jnp.where(over, new, old), after, new), (

@@ -52,26 +52,26 @@ class Task(NamedTuple):
 END_REASONS = ("", "time limit", "not finite", "body rate", "tilt", "position error", "height")
 """Why an episode ends. Where several hold at once, the first of these is told."""
 TIME_LIMIT, NOT_FINITE = END_REASONS.index("time limit"), END_REASONS.index("not finite")
-FARTHEST = 0.25
+MAX_POSITION_ERROR_M = 0.25
 """Distance from the set-point [m] at which an episode fails (Gronauer et al. 2022, sec.
 Experimental Setup)."""
-STEEPEST = 60.0
-"""Roll or pitch [deg] at which hover and take-off fail (authors' code, hover)."""
+MAX_TILT_RAD = np.radians(60.0)
+"""Roll or pitch [rad] at which hover and take-off fail (authors' code, hover)."""
 ACTION_PENALTY, ACTION_RATE_PENALTY = 1e-4, 1e-3
 """Cost of an action's length and of its change's length, a control period (Gronauer et al. 2022,
 sec. Experimental Setup)."""
-FASTEST_TURN = 300.0
-"""Body rate [deg/s] at which hover fails (authors' code)."""
-LOWEST = 0.2
+MAX_BODY_RATE_RAD_S = np.radians(300.0)
+"""Body rate [rad/s] at which hover fails (authors' code)."""
+MIN_HEIGHT_M = 0.2
 """Height [m] below which hover fails (authors' code)."""
-TAKE_OFF_FARTHEST = 0.5
+TAKE_OFF_MAX_POSITION_ERROR_M = 0.5
 """Distance from the set-point [m] at which a take-off fails, and the set-point's height at which
 the drone must have left; ours."""
-STANDING = 0.0125
+STANDING_HEIGHT_M = 0.0125
 """Height [m] of a drone that stands on the ground (authors' code, take-off)."""
-LEFT_GROUND = 0.05
+AIRBORNE_HEIGHT_M = 0.05
 """Height [m] that a drone has once it has left the ground; ours."""
-LOW = 0.08
+LOW_HEIGHT_M = 0.08
 """Height [m] below which each step of a take-off costs 1 (authors' code)."""
 
 
@@ -149,7 +149,7 @@ def paper_reward(
     setpoint: Float[Array, "3"],
     action: Float[Array, "4"],
     previous_action: Float[Array, "4"],
-    farthest: float = FARTHEST,
+    farthest: float = MAX_POSITION_ERROR_M,
     action_penalty: float = ACTION_PENALTY,
     action_rate_penalty: float = ACTION_RATE_PENALTY,
 ) -> Float[Array, ""]:
@@ -207,7 +207,7 @@ def facing(task: Task, price: float) -> Task:
 
 
 def too_far(
-    state: State, setpoint: Float[Array, "3"], farthest: float = FARTHEST
+    state: State, setpoint: Float[Array, "3"], farthest: float = MAX_POSITION_ERROR_M
 ) -> Bool[Array, ""]:
     """The paper's termination: the drone is more than 0.25 m from its set-point."""
     return squared(setpoint - state.position) > farthest**2
@@ -216,7 +216,7 @@ def too_far(
 def too_steep(state: State) -> Bool[Array, ""]:
     """Roll or pitch is beyond 60 deg, to either side."""
     roll, pitch, _ = jnp.abs(rotations.to_attitude(state.quaternion))
-    return jnp.maximum(roll, pitch) > np.float32(np.radians(STEEPEST))
+    return jnp.maximum(roll, pitch) > np.float32(MAX_TILT_RAD)
 
 
 def reason(**failures: Bool[Array, ""]) -> Int[Array, ""]:
@@ -232,14 +232,14 @@ def reason(**failures: Bool[Array, ""]) -> Int[Array, ""]:
 
 
 def strayed(
-    state: State, setpoint: Float[Array, "3"], farthest: float = FARTHEST
+    state: State, setpoint: Float[Array, "3"], farthest: float = MAX_POSITION_ERROR_M
 ) -> Int[Array, ""]:
     """The paper's failure: the drone is more than 0.25 m from its set-point."""
     return reason(position_error=too_far(state, setpoint, farthest))
 
 
 def straying(
-    state: State, setpoint: Float[Array, "3"], farthest: float = FARTHEST
+    state: State, setpoint: Float[Array, "3"], farthest: float = MAX_POSITION_ERROR_M
 ) -> Float[Array, ""]:
     """Distance from the set-point over the distance at which a task fails."""
     return norm(setpoint - state.position) / farthest
@@ -248,13 +248,13 @@ def straying(
 def tilting(state: State) -> Float[Array, ""]:
     """1 where roll or pitch alone is 60 deg; where both are tilted it is reached earlier."""
     upright = rotations.body_z(state.quaternion)[2]
-    return (1.0 - upright) / (1.0 - np.float32(np.cos(np.radians(STEEPEST))))
+    return (1.0 - upright) / (1.0 - np.float32(np.cos(MAX_TILT_RAD)))
 
 
 def hover_danger(state: State, setpoint: Float[Array, "3"]) -> Float[Array, ""]:
     """The greatest of body rates, tilt and sinking, each over what `hover_failure` allows."""
-    p, q, r = jnp.abs(state.body_rates) / np.float32(np.radians(FASTEST_TURN))
-    sinking = (setpoint[2] - state.position[2]) / (setpoint[2] - LOWEST)
+    p, q, r = jnp.abs(state.body_rates) / np.float32(MAX_BODY_RATE_RAD_S)
+    sinking = (setpoint[2] - state.position[2]) / (setpoint[2] - MIN_HEIGHT_M)
     return reduce(jnp.maximum, [p, q, r, tilting(state), sinking])
 
 
@@ -263,7 +263,7 @@ def take_off_danger(state: State, setpoint: Float[Array, "3"]) -> Float[Array, "
 
     To stay on the ground is far from the set-point too.
     """
-    return jnp.maximum(straying(state, setpoint, TAKE_OFF_FARTHEST), tilting(state))
+    return jnp.maximum(straying(state, setpoint, TAKE_OFF_MAX_POSITION_ERROR_M), tilting(state))
 
 
 def hover_failure(state: State, setpoint: Float[Array, "3"]) -> Int[Array, ""]:
@@ -271,8 +271,10 @@ def hover_failure(state: State, setpoint: Float[Array, "3"]) -> Int[Array, ""]:
     height below 0.2 m.
     """
     p, q, r = jnp.abs(state.body_rates)
-    spinning = jnp.maximum(jnp.maximum(p, q), r) > np.float32(np.radians(FASTEST_TURN))
-    return reason(body_rate=spinning, tilt=too_steep(state), height=state.position[2] < LOWEST)
+    spinning = jnp.maximum(jnp.maximum(p, q), r) > np.float32(MAX_BODY_RATE_RAD_S)
+    return reason(
+        body_rate=spinning, tilt=too_steep(state), height=state.position[2] < MIN_HEIGHT_M
+    )
 
 
 def take_off_failure(state: State, setpoint: Float[Array, "3"]) -> Int[Array, ""]:
@@ -280,10 +282,10 @@ def take_off_failure(state: State, setpoint: Float[Array, "3"]) -> Int[Array, ""
     0.5 m up.
     """
     height = state.position[2]
-    left_behind = (setpoint[2] > TAKE_OFF_FARTHEST) & (height < LEFT_GROUND)
+    left_behind = (setpoint[2] > TAKE_OFF_MAX_POSITION_ERROR_M) & (height < AIRBORNE_HEIGHT_M)
     return reason(
         tilt=too_steep(state),
-        position_error=too_far(state, setpoint, TAKE_OFF_FARTHEST),
+        position_error=too_far(state, setpoint, TAKE_OFF_MAX_POSITION_ERROR_M),
         height=left_behind,
     )
 
@@ -314,7 +316,7 @@ def take_off_reward(
     Source: authors' code; there a take-off never fails. Without the last term it would pay to fail
     early.
     """
-    grounded = jnp.where(state.position[2] < LOW, 1.0, 0.0)
+    grounded = jnp.where(state.position[2] < LOW_HEIGHT_M, 1.0, 0.0)
     failure = jnp.where(take_off_failure(state, setpoint) > 0, 100.0, 0.0)
     return _effort(state, setpoint, action) - 1e-4 * norm(state.velocity) - grounded - failure
 
@@ -390,7 +392,7 @@ def take_off(height: float = 1.0, duration: float = 1.5) -> Task:
     def reset(parameters: Parameters, key: Array) -> tuple[State, Float[Array, ""]]:
         state, start = near(parameters, key)
         return state._replace(
-            position=state.position.at[2].set(STANDING), rotor_speed=jnp.zeros(4)
+            position=state.position.at[2].set(STANDING_HEIGHT_M), rotor_speed=jnp.zeros(4)
         ), start
 
     def motors_off(parameters: Parameters) -> Float[Array, ""]:
@@ -404,14 +406,17 @@ def take_off(height: float = 1.0, duration: float = 1.5) -> Task:
         take_off_failure,
         duration=5.0,
         first_command=motors_off,
-        floor=STANDING,
+        floor=STANDING_HEIGHT_M,
         danger=take_off_danger,
     )
 
 
 @once
 def tracking(
-    trajectory: Trajectory, duration: float, farthest: float = FARTHEST, latest_start: float = 0.0
+    trajectory: Trajectory,
+    duration: float,
+    farthest: float = MAX_POSITION_ERROR_M,
+    latest_start: float = 0.0,
 ) -> Task:
     """Follow any trajectory, with the paper's reward, from near it and as fast as it.
 

@@ -1,4 +1,4 @@
-"""Virtual drones: realities that differ from the training model in kind, not only in numbers.
+"""Virtual drones: realities that differ from the training model in variant, not only in numbers.
 
 They are simulated, and everything made with them says so. A virtual drone has effects that the
 paper's model lacks: RK4 at 1 kHz, a battery that sags behind 8-bit PWM and the firmware's
@@ -40,7 +40,7 @@ class VirtualDrone:
         return Environment.matching(self.parameters, task, controller, **settings)
 
 
-SPREAD: dict[str, tuple[float, float]] = {
+RANGES: dict[str, tuple[float, float]] = {
     "thrust_to_weight": (1.55, 1.85),
     "motor_time_constant": (0.050, 0.080),
     "spin_down_ratio": (1.2, 1.6),
@@ -61,7 +61,7 @@ over near 40 rad/s, where 17 ms cost the whole phase margin.
 """
 
 
-FAR: dict[str, tuple[float, float]] = {
+FAR_RANGES: dict[str, tuple[float, float]] = {
     "thrust_to_weight": (1.42, 1.55),
     "motor_time_constant": (0.045, 0.055),
     "spin_down_ratio": (2.0, 2.5),
@@ -74,45 +74,51 @@ flights (docs/identification.md).
 Its estimates do not walk as theirs do: guards of zero-shot flights look at the true position, from
 which no policy could then keep.
 """
-TRIM = np.array([5e-5, 5e-5, 3e-5], np.float32)
+FAR_TORQUE_BIAS_STD_N_M = np.array([5e-5, 5e-5, 3e-5], np.float32)
 """Standard deviation of a far drone's constant torques [N m]; those of the authors' flights have
 2e-5 to 1.3e-4."""
 
-KINDS = ("near", "virtual", "far")
+VARIANTS = ("near", "virtual", "far")
 """Of virtual drones, of growing strangeness."""
 
 
-def virtual_drone(seed: int, kind: str = "virtual") -> VirtualDrone:
+def virtual_drone(seed: int, variant: str = "virtual") -> VirtualDrone:
     """A virtual Crazyflie whose hidden constants are drawn from a seed.
 
     Args:
         seed: a whole number, not negative; the same seed is the same drone.
-        kind: `near`: only its numbers differ from the paper's model, which it shares, its motors'
+        variant: `near`: only its numbers differ from the paper's model, which it shares, its motors'
             mean lag being that of the virtual drone. `virtual`: see above. `far`: what flights of
             the authors' drone tell comes on top; a weak battery, motors that slow down twice as
             lazily, turning rotors, a moment against the flight's direction, constant torques.
 
     Raises:
-        InputError: the seed is negative, or there is no such kind.
+        InputError: the seed is negative, or there is no such variant.
     """
     if seed < 0:
         raise InputError(f"virtual drone {seed}: expected a seed of 0 or more.")
-    if kind not in KINDS:
-        raise InputError(f"virtual drone of kind {kind!r}: expected one of {', '.join(KINDS)}.")
-    drawn = _drawn(np.random.default_rng([seed, 0x0D201E]))
-    if kind == "near":
-        drawn = _in_the_papers_model(drawn)
-    if kind == "far":
-        generator = np.random.default_rng([seed, 0x0D201E, 1])
-        strange = {name: float(generator.uniform(low, high)) for name, (low, high) in FAR.items()}
-        drawn = replace(
-            drawn, **strange, torque_bias=TRIM * generator.standard_normal(3).astype(np.float32)
+    if variant not in VARIANTS:
+        raise InputError(
+            f"virtual drone of variant {variant!r}: expected one of {', '.join(VARIANTS)}."
         )
-    return VirtualDrone(f"{kind}-{seed}", drawn)
+    drawn = _drawn(np.random.default_rng([seed, 0x0D201E]))
+    if variant == "near":
+        drawn = _in_the_papers_model(drawn)
+    if variant == "far":
+        generator = np.random.default_rng([seed, 0x0D201E, 1])
+        strange = {
+            name: float(generator.uniform(low, high)) for name, (low, high) in FAR_RANGES.items()
+        }
+        drawn = replace(
+            drawn,
+            **strange,
+            torque_bias=FAR_TORQUE_BIAS_STD_N_M * generator.standard_normal(3).astype(np.float32),
+        )
+    return VirtualDrone(f"{variant}-{seed}", drawn)
 
 
 def _drawn(generator: np.random.Generator) -> Parameters:
-    drawn = {name: float(generator.uniform(low, high)) for name, (low, high) in SPREAD.items()}
+    drawn = {name: float(generator.uniform(low, high)) for name, (low, high) in RANGES.items()}
     nominal = crazyflie()
     drawn_vectors = {
         "inertia": nominal.inertia * generator.uniform(0.95, 1.15, 3).astype(np.float32),

@@ -22,7 +22,7 @@ from maidenflight.policy import Policy, untrained
 from maidenflight.simulator import environment, rotations
 from maidenflight.simulator.environment import Environment, EnvState
 from maidenflight.simulator.randomization import Distribution
-from maidenflight.simulator.rollout import Drone, launch
+from maidenflight.simulator.rollout import EnvInstance, randomized_reset
 from maidenflight.simulator.tasks import norm, squared
 from maidenflight.training.devices import DRONES, EVERYWHERE, LAID, advanced, begun, own
 
@@ -85,7 +85,7 @@ class AnalyticGradient:
 class _Learner(NamedTuple):
     policy: Policy
     optimiser: optax.OptState
-    drones: Drone
+    drones: EnvInstance
 
 
 def _optimiser(settings: AnalyticGradient) -> optax.GradientTransformation:
@@ -122,14 +122,16 @@ def begin(env: Environment, settings: AnalyticGradient, box: Distribution, keys:
     def one(key: Array) -> _Learner:
         policy_key, key = jax.random.split(key)
         policy = untrained(policy_key, settings.hidden, env.history, env.controller)
-        drones = jax.vmap(partial(launch, env, box))(own(jax.random.split(key, settings.drones)))
+        drones = jax.vmap(partial(randomized_reset, env, box))(
+            own(jax.random.split(key, settings.drones))
+        )
         return _Learner(policy, _optimiser(settings).init(policy.network), drones)
 
     return begun(one, _LAID, settings.drones, keys)
 
 
 def _segment(
-    env: Environment, settings: AnalyticGradient, policy: Policy, drone: Drone, key: Array
+    env: Environment, settings: AnalyticGradient, policy: Policy, drone: EnvInstance, key: Array
 ) -> tuple[Float[Array, ""], tuple[EnvState, Bool[Array, ""]]]:
     """Mean cost of one drone over a horizon, where it is then, and whether it was lost on the
     way.
@@ -220,9 +222,11 @@ def _update(
     )
     over |= ~jnp.isfinite(jnp.sum(episodes.state.position, axis=1))
     over |= own(jax.random.uniform(restart_key, (settings.drones,))) < settings.restart
-    fresh = jax.vmap(partial(launch, env, box))(own(jax.random.split(fresh_key, settings.drones)))
+    fresh = jax.vmap(partial(randomized_reset, env, box))(
+        own(jax.random.split(fresh_key, settings.drones))
+    )
     return _Learner(
-        policy, optimiser, _chosen(over, fresh, Drone(episodes, learner.drones.parameters))
+        policy, optimiser, _chosen(over, fresh, EnvInstance(episodes, learner.drones.parameters))
     )
 
 

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 from maidenflight.policy import Policy
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import Distribution
-from maidenflight.simulator.rollout import launch, rollout
+from maidenflight.simulator.rollout import randomized_reset, rollout
 
 
 class Evaluation(NamedTuple):
@@ -58,7 +58,7 @@ def evaluate(
 
     def one(key: Array) -> tuple[Array, Array, Array, Array]:
         launch_key, key = jax.random.split(key)
-        first, drone = launch(env, box, launch_key)
+        first, drone = randomized_reset(env, box, launch_key)
         _, (_, step_result) = rollout(env, policy, first, drone, key, periods)
         failed = jnp.cumsum(step_result.terminated) > 0
         counted = jnp.concatenate(

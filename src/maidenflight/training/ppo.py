@@ -22,7 +22,7 @@ from maidenflight.policy import Policy, untrained
 from maidenflight.simulator import environment
 from maidenflight.simulator.environment import ACTION_SIZE, Environment
 from maidenflight.simulator.randomization import PAPER_FIELDS, Distribution
-from maidenflight.simulator.rollout import Drone, launch
+from maidenflight.simulator.rollout import EnvInstance, randomized_reset
 from maidenflight.training.critic import (
     Critic,
     Moments,
@@ -128,7 +128,7 @@ class _Learner(NamedTuple):
     sights: Moments
     returns: Moments
     """Of discounted returns."""
-    drones: Drone
+    drones: EnvInstance
     discounted: Float[Array, "drones"]
     """Rewards of each drone's episode so far, older ones discounted."""
 
@@ -158,7 +158,9 @@ def begin(env: Environment, settings: PPO, box: Distribution, keys: Array) -> _L
     def one(key: Array) -> _Learner:
         policy_key, critic_key, key = jax.random.split(key, 3)
         policy = untrained(policy_key, settings.hidden, env.history, env.controller)
-        drones = jax.vmap(partial(launch, env, box))(own(jax.random.split(key, settings.drones)))
+        drones = jax.vmap(partial(randomized_reset, env, box))(
+            own(jax.random.split(key, settings.drones))
+        )
         sights = jax.vmap(partial(_sight, env, settings, box.centre))(drones)
         unseen = jnp.zeros(sights.shape[1] - policy.observation_mean.size)
         mean = jnp.concatenate([policy.observation_mean, unseen])
@@ -179,7 +181,9 @@ _TOLD = (*PAPER_FIELDS, "latency")
 """Constants of the drone that the critic sees."""
 
 
-def _sight(env: Environment, settings: PPO, centre: Parameters, drone: Drone) -> Float[Array, "S"]:
+def _sight(
+    env: Environment, settings: PPO, centre: Parameters, drone: EnvInstance
+) -> Float[Array, "S"]:
     """What the critic sees: the policy's observation and, where it sees the truth, state and
     constants.
     """
@@ -204,10 +208,10 @@ def _fly(
     box: Distribution,
     policy: Policy,
     deviation: Float[Array, ""],
-    drone: Drone,
+    drone: EnvInstance,
     discounted: Float[Array, ""],
     key: Array,
-) -> tuple[Drone, Float[Array, ""], _Period]:
+) -> tuple[EnvInstance, Float[Array, ""], _Period]:
     """Flies one drone for a horizon with noise on its actions.
 
     Returns:
@@ -216,19 +220,19 @@ def _fly(
     """
     fresh_key, noise_key, key = jax.random.split(key, 3)
     count = max(1, settings.horizon // PERIODS_PER_FRESH_DRONE)
-    fresh = jax.vmap(partial(launch, env, box))(jax.random.split(fresh_key, count))
+    fresh = jax.vmap(partial(randomized_reset, env, box))(jax.random.split(fresh_key, count))
     sight = partial(_sight, env, settings, box.centre)
 
     def one(
-        carry: tuple[Drone, Array], now: tuple[Array, Array, Array]
-    ) -> tuple[tuple[Drone, Array], _Period]:
+        carry: tuple[EnvInstance, Array], now: tuple[Array, Array, Array]
+    ) -> tuple[tuple[EnvInstance, Array], _Period]:
         (drone, discounted), (number, noise, key) = carry, now
         action = policy(environment.observation(drone.env_state)) + deviation * noise
         env_state, step_result = environment.step(
             env, drone.env_state, action, drone.parameters, key
         )
         after, discounted = (
-            Drone(env_state, drone.parameters),
+            EnvInstance(env_state, drone.parameters),
             settings.discount * discounted + step_result.reward,
         )
         flown = (step_result.reward, discounted, step_result.terminated, step_result.truncated)

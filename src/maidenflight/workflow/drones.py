@@ -26,7 +26,7 @@ from maidenflight.simulator.randomization import (
     relative_box,
     wide_box,
 )
-from maidenflight.simulator.virtual_drone import KINDS, VirtualDrone, virtual_drone
+from maidenflight.simulator.virtual_drone import VARIANTS, VirtualDrone, virtual_drone
 
 POSTERIOR = "posterior"
 """Randomize over the drones that the flights of an identified drone leave possible."""
@@ -42,7 +42,7 @@ POSSIBLE = 256
 """Drones drawn from a box, of which each predicted flight flies one."""
 
 
-_WITH_SEED = (*KINDS, "pybullet")
+_WITH_SEED = (*VARIANTS, "pybullet")
 """Kinds of realities that a seed makes."""
 
 
