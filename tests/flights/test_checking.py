@@ -69,13 +69,19 @@ def test_a_fault_drops_exactly_its_rows_and_says_so(group, column, value, words)
 ALL, SOME = slice(None), slice(80, 86)
 BOLD = [
     ("attitude", 2, 3.1, SOME),
-    ("attitude", 0, 1.04, ALL),
     ("body_rates", 0, 24.5, SOME),
     ("position", 2, 0.11, ALL),
     ("command", 1, 0.0, SOME),
     ("battery", ..., np.nan, ALL),
     ("setpoint", ..., np.nan, ALL),
 ]
+
+
+def test_a_tilt_just_below_the_limit_is_kept():
+    flight = calm(rows=90)
+    flight.attitude[:, 0] = 1.04
+    kept, notes = checking.pieces(flight)
+    assert ([len(piece) for piece in kept], notes) == ([90], [])
 
 
 @pytest.mark.parametrize(("group", "column", "value", "rows"), BOLD)
@@ -241,3 +247,42 @@ def test_runs_hold_every_true_row_once_and_no_cut_inside(cuts, rows):
         covered[start:stop] += 1
         assert not cuts[start + 1 : stop].any()
     np.testing.assert_array_equal(covered, rows.astype(int))
+
+
+def test_jittered_and_lossy_rows_are_resampled_to_the_signals_at_even_times():
+    true = calm(1200, 2)
+    generator = np.random.default_rng(0)
+    time = np.arange(1200) * 0.01 + generator.normal(0, 0.002, 1200)
+    kept = np.flatnonzero(generator.random(1200) > 0.1)
+    time = time[kept]
+    rows = {
+        group: np.stack(
+            [np.interp(time, np.arange(1200) * 0.01, row) for row in getattr(true, group).T], axis=1
+        )
+        for group in ("position", "velocity", "attitude", "body_rates")
+    }
+    lossy = replace(true.part(0, len(kept)), held=False, command=true.command[kept], **rows)
+    pieces, notes = checking.pieces(lossy, time)
+    (even,) = pieces
+    assert notes
+    assert abs(len(even) - 1200) <= 5
+    start = np.argmin(np.abs(np.arange(1200) * 0.01 - time[0])) * 0.01
+    shift = round(start / 0.01)
+    expected = true.part(shift, shift + len(even) - 5)
+    # Two rows are 20 ms apart where one is missing: half of acceleration times 10 ms squared.
+    np.testing.assert_allclose(even.part(0, len(expected)).position, expected.position, atol=2e-3)
+
+
+def test_a_long_gap_stays_a_gap_when_rows_are_resampled():
+    true = calm(900, 2)
+    rows = np.r_[0:300, 400:900]
+    rows = rows[np.random.default_rng(0).random(len(rows)) > 0.1]
+    lossy = replace(
+        true.part(0, len(rows)),
+        **{
+            group: getattr(true, group)[rows]
+            for group in ("position", "velocity", "attitude", "body_rates", "command")
+        },
+    )
+    pieces, _ = checking.pieces(lossy, rows * 0.01)
+    assert [round(piece.duration) for piece in pieces] == [3, 5]

@@ -193,7 +193,7 @@ REFUSED: dict[str, tuple[Callable[[], str | bytes], str]] = {
     ),
     "velocity in g": (
         lambda: flight(velocity=signs(1 / 9.81, 1 / 9.81, 1 / 9.81)),
-        r"velocity is 0\.10\d times the change of position",
+        r"velocity is 0\.10\d times",
     ),
     "PWM counts": (
         lambda: flight(command=signs(65535, 65535, 65535, 65535)),
