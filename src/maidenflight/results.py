@@ -15,11 +15,15 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from filelock import FileLock, Timeout
+
 from maidenflight import __version__, inputs
 from maidenflight.errors import InputError, WriteError
 from maidenflight.inputs import StrPath
 
 _LEFTOVER = re.compile(r"\..+\.[a-z0-9_]{8}\.part")
+_LOCK_TIMEOUT = 0.2
+"""Longest wait for a lock that is just being released [s]."""
 
 
 def write(path: StrPath, content: str | bytes) -> Path:
@@ -61,53 +65,38 @@ def write(path: StrPath, content: str | bytes) -> Path:
 
 
 def claim(path: StrPath) -> Callable[[], None]:
-    """Keeps other processes of this computer and user from writing to a place that is asked for
-    like this.
+    """Locks a place against other processes of this computer and user.
 
     Args:
-        path: a file or a folder; it need not be there, and nothing is written to it.
+        path: a file or a folder; it need not exist, and nothing is written to it.
 
     Returns:
-        What gives the place back; the end of the process does too, however it comes.
+        A function that releases the lock. The end of the process releases it too, even a kill.
 
     Raises:
-        InputError: another process has it.
+        InputError: another process holds the lock.
     """
     place = hashlib.sha256(str(Path(path).resolve()).encode()).hexdigest()[:16]
     owner = os.getuid() if hasattr(os, "getuid") else 0
-    lock = Path(tempfile.gettempdir(), f"maidenflight-{owner}-{place}.lock")
+    file = Path(tempfile.gettempdir(), f"maidenflight-{owner}-{place}.lock")
+    lock = FileLock(file, _LOCK_TIMEOUT, mode=0o600, thread_local=False, fallback_to_soft=False)
     try:
-        import fcntl
-
-        descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o600)
-    except (ImportError, OSError):  # nowhere to tell each other
-        return lambda: None
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        os.close(descriptor)
+        lock.acquire()
+    except Timeout:
         raise InputError(
             f"{path}: another maidenflight is writing there. Wait for it, or choose another place "
             "with -o."
         ) from None
-    if not _is(lock, descriptor):  # who had it has just removed it
-        os.close(descriptor)
-        return claim(path)
+    except (OSError, NotImplementedError):  # no folder or file system for locks
+        return lambda: None
 
-    def give_back() -> None:
+    def release() -> None:
+        # Removed while it is locked: who waits for the old file finds it gone and tries again.
         with suppress(OSError):
-            lock.unlink()
-        os.close(descriptor)
+            file.unlink()
+        lock.release()
 
-    return give_back
-
-
-def _is(path: Path, descriptor: int) -> bool:
-    """Whether an open file is the one that the path names now."""
-    try:
-        return os.path.samestat(path.stat(), os.fstat(descriptor))
-    except FileNotFoundError:
-        return False
+    return release
 
 
 def remove_older(written: Sequence[StrPath], record: Mapping[str, Any]) -> None:

@@ -352,7 +352,7 @@ def test_effects_that_were_identified_are_not_blamed(run, tmp_path):
     parameters.write(run / "reality.toml", truth, {})
     identified(
         run,
-        "drag_x = {value = 0.3, interval = [0.29, 0.31]}\nmotor_slowdown = {value = 1.3, interval "
+        "drag_x = {value = 0.3, interval = [0.29, 0.31]}\nspin_down_ratio = {value = 1.3, interval "
         "= [1.2, 1.4]}\n",
     )
     content = page(run, tmp_path)

@@ -7,13 +7,15 @@ import zlib
 from contextlib import suppress
 from pathlib import Path
 
+import platformdirs
+
 _MOST_KEPT = 500_000_000
 """Bytes of compiled programs; a program has some hundred thousand."""
 
 
 def folder() -> Path:
     """The user's cache folder."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "maidenflight"
+    return platformdirs.user_cache_path("maidenflight", appauthor=False)
 
 
 def keep_compiled() -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from PIL import Image, ImageDraw, ImageFont
 
+from maidenflight.simulator import geometry
 from maidenflight.simulator.tasks import Task
 
 SIZE = (640, 480)
@@ -23,8 +24,6 @@ _AZIMUTH, _ELEVATION = np.radians(-62.0), np.radians(17.0)
 _SKY, _FLOOR, _GRID, _INK = (247, 249, 252), (236, 240, 245), (212, 219, 228), (45, 55, 72)
 _PATH, _SETPOINT, _TRAIL, _SHADOW = (120, 144, 176), (226, 88, 62), (38, 121, 199), (206, 213, 223)
 _FRONT, _BACK = (226, 88, 62), (38, 121, 199)
-_ROTORS = np.array([[1, -1, 0], [-1, -1, 0], [-1, 1, 0], [1, 1, 0]]) / np.sqrt(2)
-"""Front right, back right, back left, front left; arms of length one."""
 _TURN = np.linspace(0.0, 2 * np.pi, 49)[:-1]
 _CIRCLE = np.stack([np.cos(_TURN), np.sin(_TURN), np.zeros(48)], axis=1)
 
@@ -126,14 +125,14 @@ class Scene:
         speed: np.ndarray,
     ) -> None:
         arm, down = self._arm, np.array([1.0, 1.0, 0.0])
-        hubs = position + arm * _ROTORS @ rotation.T
+        hubs = position + arm * geometry.ROTORS @ rotation.T
         for hub in hubs:
             disc = (hub + 0.55 * arm * _CIRCLE @ rotation.T) * down
             pen.polygon(self._seen(disc), _SHADOW)
         pen.line(self._seen([position * down, position]), _GRID, _FINE)
         up = rotation[:, 2]
         for number in np.argsort(hubs @ self._axes[2]):
-            hub, colour = hubs[number], _FRONT if number in (0, 3) else _BACK
+            hub, colour = hubs[number], _FRONT if geometry.FRONT[number] else _BACK
             pen.line(self._seen([position, hub]), _INK, 4 * _FINE)
             disc = self._seen(hub + 0.12 * arm * up + 0.55 * arm * _CIRCLE @ rotation.T)
             pen.polygon(disc, tuple(round(0.72 * 255 + 0.28 * c) for c in colour), colour, _FINE)

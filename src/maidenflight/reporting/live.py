@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from maidenflight.errors import InputError, WriteError
 from maidenflight.flights.log import Flight
 from maidenflight.reporting.run import usable
+from maidenflight.simulator import geometry
 
 if TYPE_CHECKING:
     from maidenflight.policy import Policy
@@ -38,15 +39,15 @@ STEPS = "simulated steps"
 _REACH = 0.06
 """From the drawn drone's centre to a rotor [m], about half as much again as a Crazyflie's, so that
 it is seen."""
-_BLUE, _ORANGE, _GREEN, _PURPLE, _GREY = (
+_BLUE, _ORANGE, _GREEN, _PURPLE, _GREY, _INK = (
     (0, 103, 165),
     (194, 77, 0),
     (0, 120, 90),
     (148, 64, 138),
     (140, 148, 158),
+    (60, 66, 74),
 )
-_HUBS = _REACH * np.array([[1, -1, 0], [-1, -1, 0], [-1, 1, 0], [1, 1, 0]]) / np.sqrt(2)
-"""Front right, back right, back left, front left; x forward, y left."""
+_HUBS = _REACH * geometry.ROTORS
 _SERIES = {
     "position_error": ("Position error [cm]", {"error": _BLUE}),
     "attitude": ("Attitude [deg]", {"roll": _BLUE, "pitch": _ORANGE, "yaw": _GREEN}),
@@ -280,7 +281,7 @@ def _describe(rerun: Any, recording: Any, entity: str) -> None:
     recording.log(entity, rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     turn = np.linspace(0, 2 * np.pi, 33)
     disc = 0.5 * _REACH * np.stack([np.cos(turn), np.sin(turn), np.full(33, 0.2)], axis=1)
-    colours = [_ORANGE, (60, 66, 74), (60, 66, 74), _ORANGE]
+    colours = [_ORANGE if front else _INK for front in geometry.FRONT]
     arms = rerun.LineStrips3D(
         [np.stack([np.zeros(3), hub]) for hub in _HUBS], colors=colours, radii=0.004
     )

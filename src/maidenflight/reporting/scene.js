@@ -2,7 +2,6 @@
 /* The drone in space: a perspective drawing on a canvas, world z up, metres. */
 
 const TRAIL = 2.5; // seconds of path drawn strongly
-const MOTORS = [[1, -1], [-1, -1], [-1, 1], [1, 1]]; // front right, back right, back left, front left; x forward, y left
 
 function mixed(from, to, share) {
   const parts = [from, to].map(text => [1, 3, 5].map(i => parseInt(text.slice(i, i + 2), 16)));
@@ -20,8 +19,8 @@ function axes([roll, pitch, yaw]) {
 }
 
 class Scene {
-  constructor(canvas, arm) {
-    Object.assign(this, {canvas, arm, azimuth: -1.05, elevation: 0.36, zoom: 1, target: [0, 0, 0], extent: 1});
+  constructor(canvas, arm, rotors) { // rotors: places in units of the arm, x forward, y left
+    Object.assign(this, {canvas, arm, rotors, azimuth: -1.05, elevation: 0.36, zoom: 1, target: [0, 0, 0], extent: 1});
     this.pen = canvas.getContext("2d");
   }
 
@@ -117,9 +116,9 @@ class Scene {
     const pixels = (this.zoom * 0.46 * Math.min(this.width, this.height) * 4) / near; // per metre
     const reach = Math.max(1.8 * this.arm, 30 / pixels), place = (x, y, z) =>
       now.position.map((value, i) => value + reach * (x * forward[i] + y * left[i] + z * up[i]));
-    const hubs = MOTORS.map(([x, y]) => [x * Math.SQRT1_2, y * Math.SQRT1_2]);
     this.line([...Array(13).keys()].map(i => [...place(Math.cos(i * 0.5236), Math.sin(i * 0.5236), 0).slice(0, 2), this.ground]), this.colours.line, 1);
-    hubs.forEach(([x, y], motor) => this.line([now.position, place(x, y, 0)], this.colours[motor % 3 ? "ink" : "orange"], 4));
+    const hubs = this.rotors;
+    hubs.forEach(([x, y]) => this.line([now.position, place(x, y, 0)], this.colours[x > 0 ? "orange" : "ink"], 4));
     const order = hubs.map((hub, motor) => motor).sort((one, other) => this.project(place(...hubs[other], 0))[2] - this.project(place(...hubs[one], 0))[2]);
     for (const motor of order) {
       const [x, y] = hubs[motor];

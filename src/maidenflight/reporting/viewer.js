@@ -4,7 +4,7 @@
 const logs = embedded("logs");
 const part = name => document.getElementById(name);
 const view = part("scene");
-const scene = new Scene(view, logs.arm);
+const scene = new Scene(view, logs.arm, logs.rotors);
 const viewer = {time: 0, playing: false, flight: 0, traces: []};
 window.viewer = viewer;
 

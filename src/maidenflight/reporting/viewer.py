@@ -11,6 +11,7 @@ from maidenflight.flights.log import Flight
 from maidenflight.parameters import crazyflie
 from maidenflight.reporting import run as runs
 from maidenflight.reporting.run import Run
+from maidenflight.simulator import geometry
 
 RATES = ((60, 50.0), (10**9, 25.0))
 """Up to so many flights, rows a second of each [Hz]."""
@@ -42,7 +43,8 @@ def held(run: Run) -> dict[str, Any]:
         }
         packed.append({**told, **_packed(rows), "reference": references.index(reference)})
     arm = float((run.drone or crazyflie()).arm_length)
-    return {"arm": round(arm, 5), "references": references, "flights": packed} if packed else {}
+    shape = {"arm": round(arm, 5), "rotors": geometry.ROTORS[:, :2].round(7).tolist()}
+    return {**shape, "references": references, "flights": packed} if packed else {}
 
 
 def rate_of(flights: int) -> float:

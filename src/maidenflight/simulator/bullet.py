@@ -34,12 +34,11 @@ from maidenflight.errors import InputError
 from maidenflight.parameters import Parameters
 from maidenflight.simulator import dynamics
 from maidenflight.simulator.dynamics import State
+from maidenflight.simulator.geometry import ROTORS
 
 DAMPING = 0.04
 """Bullet's own linear and angular damping [-], in force unless switched off."""
 
-_ROTORS = ((1, -1), (-1, -1), (-1, 1), (1, 1))
-"""Signs of x and y of the rotors' places: front right, back right, back left, front left."""
 _PARTS = (3, 6, 10)
 """Where velocity, quaternion and body rates begin in the 13 numbers of a body, which begin with its
 position."""
@@ -143,7 +142,7 @@ class _World:
         mass, ix, iy, iz, arm, *drag, self.flapping, self.damping, gravity, step = (
             constants.tolist()
         )
-        self.places = [(arm / 2**0.5 * x, arm / 2**0.5 * y, 0.0) for x, y in _ROTORS]
+        self.places = (arm * ROTORS).tolist()
         self.drag = [mass * share for share in drag]
         self.bullet.setGravity(0.0, 0.0, -gravity, **self.client)
         self.bullet.setTimeStep(step, **self.client)

@@ -1,0 +1,17 @@
+"""Geometry of the drone: where its four rotors are, in which order, and which way they turn.
+
+The rotors stand in an X about the centre of mass and are numbered as the Crazyflie's motors: 1 front
+right, 2 back right, 3 back left, 4 front left, in body axes with x forward, y left and z up. Whatever
+draws or integrates a drone takes them from here; `dynamics.torque` has the same geometry written
+out, and a test compares both.
+"""
+
+import numpy as np
+
+ROTORS = np.array([(1, -1, 0), (-1, -1, 0), (-1, 1, 0), (1, 1, 0)]) / np.sqrt(2)
+"""Places of the rotors' hubs [arm length], (4, 3)."""
+FRONT = (True, False, False, True)
+"""Whether a rotor is one of the two in front."""
+YAW = (-1, 1, -1, 1)
+"""Sign of each rotor's reaction torque about z [-]: + turns the drone to the left, since the rotor
+turns clockwise seen from above."""
