@@ -1,4 +1,4 @@
-"""Logs of a Crazyflie by its own variables: CSV as cflib's log callbacks or the client's log writer
+"""Logs of a Crazyflie by its own variables: micro-SD logs, and CSV as cflib's log callbacks or the client's log writer
 leave it.
 
 Columns are the firmware's log variables with their dots (`stateEstimate.x`, `gyro.z`, `motor.m1`),
@@ -110,10 +110,22 @@ SPELLINGS: dict[str, tuple[Spelling, ...]] = {
     "battery": (Spelling(("pm.vbat",), _scaled(1.0)), Spelling(("pm.vbatMV",), _scaled(1e-3))),
 }
 """Signals that are needed, by their spellings."""
-SETPOINT = Spelling(_columns("ctrltarget.{}", *_XYZ), _scaled(1.0))
-THRUST = Spelling(("controller.cmd_thrust",), _scaled(1.0))
+OPTIONAL: dict[str, tuple[Spelling, ...]] = {
+    "setpoint": (Spelling(_columns("ctrltarget.{}", *_XYZ), _scaled(1.0)),),
+    "thrust": (Spelling(("controller.cmd_thrust",), _scaled(1.0)),),
+    "accelerometer": (Spelling(_columns("acc.{}", *_XYZ), _scaled(9.81)),),
+    "rotor speed": (Spelling(_columns("rpm.m{}", *_MOTORS), _scaled(2 * np.pi / 60)),),
+}
+"""Signals that may be there, likewise."""
+_LOOP = 0.0025
+"""Period below which a log holds every command of the firmware's loop of 500 Hz [s]."""
 
-_KNOWN = {column for ways in SPELLINGS.values() for way in ways for column in way.columns}
+_KNOWN = {
+    column
+    for ways in (*SPELLINGS.values(), OPTIONAL["accelerometer"])
+    for way in ways
+    for column in way.columns
+}
 
 
 def recognises(table: Table) -> bool:
@@ -123,6 +135,8 @@ def recognises(table: Table) -> bool:
 
 def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], list[str]]:
     """The flight in a table, unchecked, with the time of its rows [s], and what was assumed.
+
+    Position, velocity and attitude may be missing together where there is an accelerometer.
 
     Raises:
         InputError: a signal is missing, or is never in the same row as the others.
@@ -135,63 +149,93 @@ def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], 
             f"{table.name}: missing the column of time; expected {', '.join(CLOCKS)}, in "
             "milliseconds or seconds."
         )
-    present = set(table.frame.columns)
-    chosen = {
-        signal: next((way for way in ways if present >= set(way.columns)), None)
-        for signal, ways in SPELLINGS.items()
+    chosen = _chosen(table)
+    read = tables.numbers(
+        table, [clock, *(name for way in chosen.values() for name in way.columns)]
+    )
+    read = _together(read, clock)
+    values = {
+        signal: way.si(np.stack([read[column] for column in way.columns], axis=-1))
+        for signal, way in chosen.items()
     }
+    rows = len(read[clock])
+    volts = _held(values["battery"][:, 0]) if "battery" in values else np.full(rows, np.nan)
+    needed = {signal: values[signal] for signal in SPELLINGS if signal in values}
+    _refuse_rows_apart(
+        table.name, {name: found for name, found in needed.items() if name != "battery"}
+    )
+    law, how = _law(table, values, volts)
+    told = read[clock][np.isfinite(read[clock])]
+    step = np.median(np.diff(told)) if len(told) > 1 else 10.0
+    with np.errstate(invalid="ignore"):  # what is not finite is refused by checking
+        time = (read[clock] - read[clock][0]) * (1e-3 if abs(step) >= 1 else 1.0)
+    unknown = np.full((rows, 3), np.nan)
+    period = _period(time)
+    flight = Flight(
+        name=table.name,
+        period=period,
+        position=values.get("position", unknown).astype(np.float32),
+        velocity=values.get("velocity", unknown).astype(np.float32),
+        attitude=values.get("attitude", unknown).astype(np.float32),
+        body_rates=values["body_rates"].astype(np.float32),
+        command=compensation.thrust_command(values["PWM"], volts, law),
+        battery=volts.astype(np.float32),
+        setpoint=values.get("setpoint", unknown).astype(np.float32),
+        held=period < _LOOP,
+        full=MOST_COUNTS,
+        assumed=period >= _LOOP,
+        accelerometer=_float32(values.get("accelerometer")),
+        rotor_speed=_float32(values.get("rotor speed")),
+    )
+    return [(flight, time)], [compensation.note(table.name, law, how)]
+
+
+def _float32(values: np.ndarray | None) -> np.ndarray | None:
+    return None if values is None else values.astype(np.float32)
+
+
+def _chosen(table: Table) -> dict[str, Spelling]:
+    """How each signal that a table has is spelt.
+
+    Raises:
+        InputError: one that is needed is missing.
+    """
+    present = set(table.frame.columns)
+    ways = SPELLINGS | OPTIONAL
+    chosen = {
+        signal: next(way for way in some if present >= set(way.columns))
+        for signal, some in ways.items()
+        if any(present >= set(way.columns) for way in some)
+    }
+    needed = set(SPELLINGS)
+    if "accelerometer" in chosen and not {"position", "velocity", "attitude"} & set(chosen):
+        needed = {"body_rates", "PWM"}
     lacking = [
         f"{signal} ({' or '.join(', '.join(way.columns) for way in SPELLINGS[signal])})"
-        for signal, way in chosen.items()
-        if not way
+        for signal in SPELLINGS
+        if signal in needed and signal not in chosen
     ]
     if lacking:
         raise InputError(
             f"{table.name}: missing {'; '.join(lacking)}. Add them to the log's variables."
         )
-    optional = [way for way in (SETPOINT, THRUST) if present >= set(way.columns)]
-    needed = [way for way in chosen.values() if way] + optional
-    read = tables.numbers(table, [clock, *(column for way in needed for column in way.columns)])
-    read = _together(read, clock)
+    return chosen
 
-    def signal(way: Spelling) -> np.ndarray:
-        return way.si(np.stack([read[column] for column in way.columns], axis=-1))
 
-    values = {name: signal(way) for name, way in chosen.items() if way}
-    volts = _held(values["battery"][:, 0])
-    _refuse_rows_apart(
-        table.name, {name: rows for name, rows in values.items() if name != "battery"}
-    )
-    law = (
-        compensation.law_of(values["PWM"], volts, signal(THRUST)[:, 0])
-        if THRUST in optional
-        else None
-    )
-    told = read[clock][np.isfinite(read[clock])]
-    step = np.median(np.diff(told)) if len(told) > 1 else 10.0
-    with np.errstate(invalid="ignore"):  # what is not finite is refused by checking
-        time = (read[clock] - read[clock][0]) * (1e-3 if abs(step) >= 1 else 1.0)
-    flight = Flight(
-        name=table.name,
-        period=_period(time),
-        position=values["position"].astype(np.float32),
-        velocity=values["velocity"].astype(np.float32),
-        attitude=values["attitude"].astype(np.float32),
-        body_rates=values["body_rates"].astype(np.float32),
-        command=compensation.thrust_command(values["PWM"], volts, law or compensation.PLUS),
-        battery=volts.astype(np.float32),
-        setpoint=(
-            signal(SETPOINT) if SETPOINT in optional else np.full((len(volts), 3), np.nan)
-        ).astype(np.float32),
-        held=False,
-        full=MOST_COUNTS,
-        assumed=True,
-    )
-    return [(flight, time)], [compensation.note(table.name, law)]
+def _law(table: Table, values: dict[str, np.ndarray], volts: np.ndarray) -> tuple[str, str]:
+    """The battery law by which motors are read, and why by it."""
+    said = table.head.get(compensation.SAID_IN_HEAD)
+    if said in compensation.LAWS:
+        return said, compensation.SAID
+    if "thrust" in values:
+        found = compensation.law_of(values["PWM"], volts, values["thrust"][:, 0])
+        if found:
+            return found, compensation.BY_THRUST
+    return compensation.assumed(values["PWM"], volts), compensation.BY_VOLTAGE
 
 
 def _period(time: np.ndarray) -> float:
-    """The step that most rows have, to 0.1 ms [s].
+    """The step that most rows have [s], to 0.1 ms where that is within 0.2 % of it, else to 1 us.
 
     Stamps in whole ms are averaged over the steps near their median.
     """
@@ -199,7 +243,8 @@ def _period(time: np.ndarray) -> float:
     if len(steps) == 0:
         return 0.01
     middle = np.median(steps)
-    return float(np.round(np.mean(steps[np.abs(steps - middle) <= abs(middle) / 2]), 4))
+    mean = np.mean(steps[np.abs(steps - middle) <= abs(middle) / 2])
+    return float(np.round(mean, 4 if abs(np.round(mean, 4) - mean) <= 2e-3 * abs(mean) else 6))
 
 
 def _together(read: dict[str, np.ndarray], clock: str) -> dict[str, np.ndarray]:

@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from maidenflight.errors import InputError
-from maidenflight.flights import consistency
-from maidenflight.flights.log import GROUPS, Flight
+from maidenflight.flights import consistency, resampling
+from maidenflight.flights.log import GROUPS, OPTIONAL, Flight
 
 MAX_TILT_RAD = np.radians(60.0)
 """Roll or pitch beyond which a row counts as a crash [rad]."""
@@ -40,7 +40,8 @@ MAX_GAP_ROWS = 4
 
 _MAX_SETPOINT_M = 1e6
 """Set-point beyond which it is none [m]."""
-_NEEDED = ("position", "velocity", "attitude", "body_rates", "command")
+_STATE = ("position", "velocity", "attitude")
+_COLUMNS = GROUPS | OPTIONAL
 
 
 def pieces(
@@ -60,11 +61,12 @@ def pieces(
         InputError: the rate is not steady, or a whole flight is in the wrong unit or contradicts
             itself.
     """
-    resampling: list[str] = []
+    cuts, notes = np.zeros(len(flight), bool), []
     if time is not None:
-        flight, time, resampling = resampled(flight, time)
-    cuts, notes = (np.zeros(len(flight), bool), []) if time is None else _cuts(flight, time)
-    notes = [*resampling, *notes]
+        flight, time, filled = resampling.bridged(flight, time)
+        flight, time, evened = resampled(flight, time)
+        cuts, jumps = _cuts(flight, time)
+        notes = [*filled, *evened, *jumps]
     _refuse_wrong_units(flight)
     flight, unknown = _blanked(flight)
     notes += unknown
@@ -133,9 +135,9 @@ def resampled(
         group: getattr(flight, group)[before]
         for group in ("setpoint", *(("command",) if flight.held else ()))
     }
-    for group in ("position", "velocity", "attitude", "body_rates", "command", "battery"):
+    for group, logged in flight.arrays.items():
         if group not in arrays:
-            values = getattr(flight, group).astype(np.float64)
+            values = logged.astype(np.float64)
             values = np.unwrap(values, axis=0) if group == "attitude" else values
             flat = values.reshape(len(time), -1).T
             even = np.stack([np.interp(grid, time, row) for row in flat], axis=1)
@@ -178,9 +180,9 @@ def _faults(flight: Flight, cuts: Bool[np.ndarray, "N"]) -> dict[str, Bool[np.nd
     Raises:
         InputError: the estimate jumps so often that its unit or the order of rows must be wrong.
     """
-    finite = {group: np.isfinite(getattr(flight, group)) for group in _NEEDED}
+    finite = {group: np.isfinite(getattr(flight, group)) for group in _needed(flight)}
     odd = [
-        GROUPS[group][column]
+        _COLUMNS[group][column]
         for group, sound in finite.items()
         for column in np.flatnonzero(~sound.all(axis=0))
     ]
@@ -224,6 +226,17 @@ def _faults(flight: Flight, cuts: Bool[np.ndarray, "N"]) -> dict[str, Bool[np.nd
     }
 
 
+def _needed(flight: Flight) -> tuple[str, ...]:
+    """Groups that every row must have: the state unless it was not logged, the sensors, commands."""
+    state = _STATE if flight.has_state else ()
+    return (
+        *state,
+        "body_rates",
+        "command",
+        *(group for group in OPTIONAL if group in flight.arrays),
+    )
+
+
 def _jumps(
     state: np.ndarray, rate: np.ndarray, period: float, largest: float
 ) -> Bool[np.ndarray, "N"]:
@@ -237,7 +250,7 @@ def _still(flight: Flight) -> Bool[np.ndarray, "N"]:
 
     Sensors are never that quiet.
     """
-    values = np.concatenate([getattr(flight, group) for group in _NEEDED], axis=1)
+    values = np.concatenate([getattr(flight, group) for group in _needed(flight)], axis=1)
     same = np.concatenate([[False], (values[1:] == values[:-1]).all(axis=1)])
     still = np.zeros(len(flight), bool)
     for start, stop in _runs(same, np.zeros(len(flight), bool)):
@@ -291,11 +304,11 @@ def _cuts(flight: Flight, time: Float[np.ndarray, "N"]) -> tuple[Bool[np.ndarray
 def _refuse_what_never_changes(kept: list[Flight], name: str) -> None:
     if sum(map(len, kept)) < 100:
         return
-    for group in _NEEDED:
+    for group in _needed(kept[0]):
         first = getattr(kept[0], group)[0]
         if all((getattr(piece, group) == first).all() for piece in kept):
             raise InputError(
-                f"{name}: {', '.join(GROUPS[group])} never change in {sum(map(len, kept))} rows; "
+                f"{name}: {', '.join(_COLUMNS[group])} never change in {sum(map(len, kept))} rows; "
                 "nothing was measured. Leave it out."
             )
 

@@ -106,6 +106,8 @@ def contradictions(pieces: Sequence[Flight]) -> list[str]:
     """
     if sum(map(len, pieces)) < FEWEST_TURNS:
         return []
+    if not pieces[0].has_state:
+        return motor_contradictions(pieces)
     seen = [relation for relation in relations(pieces) if len(relation.first) >= relation.fewest]
     return (
         _scale_of_one_signal(seen)

@@ -36,6 +36,12 @@ GROUPS: dict[str, tuple[str, ...]] = {
 }
 """Columns of our format, by the field of `Flight` that they fill."""
 
+OPTIONAL: dict[str, tuple[str, ...]] = {
+    "accelerometer": ("acceleration_x", "acceleration_y", "acceleration_z"),
+    "rotor_speed": ("rotor_speed_1", "rotor_speed_2", "rotor_speed_3", "rotor_speed_4"),
+}
+"""Columns that a log may have or not, likewise."""
+
 _COLUMNS = tuple(column for columns in GROUPS.values() for column in columns)
 
 _LEGEND = (
@@ -79,12 +85,28 @@ class Flight:
     """Rows at the beginning that are there for their commands only, in a stretch of a longer
     flight; see `sampling`."""
 
+    accelerometer: Float[np.ndarray, "N 3"] | None = None
+    """Specific force along body x, y, z [m/s2], 9.81 along z at rest; None where it was not logged."""
+    rotor_speed: Float[np.ndarray, "N 4"] | None = None
+    """Measured speed of rotors 1 to 4 [rad/s]; None where it was not logged."""
+
     def __len__(self) -> int:
         return len(self.position)
 
+    @property
+    def has_state(self) -> bool:
+        """Whether it is more than a log of accelerometer, gyro and commands alone."""
+        return self.accelerometer is None or bool(np.isfinite(self.position).any())
+
+    @property
+    def arrays(self) -> dict[str, np.ndarray]:
+        """What has a number for each row, by its group in `GROUPS` or `OPTIONAL`."""
+        groups = (group for group in (*GROUPS, *OPTIONAL) if group != "time")
+        return {group: found for group in groups if (found := getattr(self, group)) is not None}
+
     def part(self, start: int, stop: int) -> "Flight":
         """The rows from `start` to before `stop`."""
-        arrays = {group: getattr(self, group)[start:stop] for group in GROUPS if group != "time"}
+        arrays = {group: values[start:stop] for group, values in self.arrays.items()}
         return replace(self, lead=max(0, self.lead - start), **arrays)
 
     @property
@@ -109,6 +131,10 @@ def to_csv(flight: Flight, record: Mapping[str, Any] | None = None) -> str:
     for group, names in GROUPS.items():
         if group != "time":
             values = getattr(flight, group).reshape(len(flight), -1)
+            columns |= {name: values[:, number] for number, name in enumerate(names)}
+    for group, names in OPTIONAL.items():
+        values = getattr(flight, group)
+        if values is not None:
             columns |= {name: values[:, number] for number, name in enumerate(names)}
     frame = polars.DataFrame(
         {name: values.astype(np.float64) for name, values in columns.items()}
@@ -177,12 +203,21 @@ def timed(table: Table) -> tuple[Flight, Float[np.ndarray, "N"]]:
         where, sign = ("line 2 is not", "# ") if table.first_line else ("its metadata lack", "")
         wanted = f"'{sign}commands: held' or '{sign}commands: sampled'"
         raise InputError(f"{table.name}: {where} {wanted}. Add it; see docs/flight-log.md.")
-    column = tables.numbers(table, _COLUMNS)
+    logged = {
+        group: names for group, names in OPTIONAL.items() if set(names) <= set(table.frame.columns)
+    }
+    column = tables.numbers(
+        table, [*_COLUMNS, *(name for names in logged.values() for name in names)]
+    )
     simulated = table.head.get("simulated", "no")
     known = column["time"][np.isfinite(column["time"])]
     arrays: dict[str, Any] = {
         group: np.stack([column[name] for name in GROUPS[group]], axis=-1).astype(np.float32)
         for group in ("position", "velocity", "attitude", "body_rates", "command", "setpoint")
+    }
+    arrays |= {
+        group: np.stack([column[name] for name in names], axis=-1).astype(np.float32)
+        for group, names in logged.items()
     }
     flight = Flight(
         name=table.name,

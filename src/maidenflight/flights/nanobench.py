@@ -87,7 +87,13 @@ def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], 
     )
     with np.errstate(invalid="ignore"):  # what is not finite is refused by checking
         time = column["t"] - column["t"][0]
-    return [(flight, time)], [compensation.note(table.name, law)]
+    return [(flight, time)], [_law_note(table.name, law)]
+
+
+def _law_note(name: str, law: str | None) -> str:
+    if law:
+        return compensation.note(name, law, compensation.BY_THRUST)
+    return compensation.note(name, compensation.PLUS, compensation.BY_VOLTAGE)
 
 
 def _wrapped(angle: np.ndarray) -> np.ndarray:

@@ -14,7 +14,16 @@ from typing import NamedTuple
 import numpy as np
 
 from maidenflight.errors import InputError
-from maidenflight.flights import authors, cflib, checking, log, nanobench, tables
+from maidenflight.flights import (
+    authors,
+    cflib,
+    checking,
+    compensation,
+    log,
+    nanobench,
+    tables,
+    usddeck,
+)
 from maidenflight.flights.log import Flight
 from maidenflight.flights.sampling import sampled
 from maidenflight.flights.tables import Table
@@ -107,12 +116,13 @@ def read_flights(
     most: float = math.inf,
     history: int = HISTORY,
     commands: str | None = None,
+    battery_law: str | None = None,
 ) -> Flights:
     """Reads and checks flights.
 
     Args:
         path: a file, or a folder that is searched with all its folders for `.csv`, `.csv.gz` and
-            `.parquet`.
+            `.parquet`, and for micro-SD logs of a Crazyflie, which have no extension.
         on_file: called with (files read, files found), for a progress bar.
         most: flight to keep [s]. Of more, stretches of every flight are kept, one file being in
             memory beside them.
@@ -121,6 +131,8 @@ def read_flights(
             commanded the motors. Logs of a Crazyflie's variables do not say, and are taken as
             "sampled", as of the firmware's PID, unless given. Taken the wrong way, latency is half
             a row off.
+        battery_law: a key of `compensation.LAWS`, by which a Crazyflie's PWM is read as thrust, whatever
+            the logs say.
 
     Returns:
         Gapless pieces of flights in which the drone flies, in the order of the files' names. Of a
@@ -133,10 +145,16 @@ def read_flights(
     """
     if commands not in (*COMMANDS, None):
         raise InputError(f"commands {commands!r}; expected {' or '.join(COMMANDS)}.")
+    if battery_law not in (*compensation.LAWS, None):
+        known = ", ".join(map(repr, compensation.LAWS))
+        raise InputError(f"battery law {battery_law!r}; known are {known}.")
     path = Path(path)
     paths, refused = _files(path)
     seen = _Seen([], [], [], refused)
-    read = (_said(flight, commands, seen) for flight in _read(paths, path.is_file(), seen, on_file))
+    read = (
+        _said(flight, commands, seen)
+        for flight in _read(paths, path.is_file(), seen, battery_law, on_file)
+    )
     flights, duration = sampled(read, most, history)
     if not flights:
         raise InputError(
@@ -184,12 +202,16 @@ class _Seen(NamedTuple):
 
 
 def _read(
-    paths: list[Path], alone: bool, seen: _Seen, on_file: Callable[[int, int], None] | None
+    paths: list[Path],
+    alone: bool,
+    seen: _Seen,
+    battery_law: str | None,
+    on_file: Callable[[int, int], None] | None,
 ) -> Iterator[Flight]:
     """Pieces of flights, one file after another."""
     for number, file in enumerate(paths, 1):
         try:
-            yield from _of_file(file, alone, seen)
+            yield from _of_file(file, alone, seen, battery_law)
         except InputError as error:
             if alone:
                 raise
@@ -198,8 +220,24 @@ def _read(
             on_file(number, len(paths))
 
 
-def _of_file(file: Path, alone: bool, seen: _Seen) -> list[Flight]:
-    table = tables.read(file, "/".join(filter(None, (file.parent.name, file.name))))
+def _is_micro_sd(file: Path) -> bool:
+    """Whether a file without an extension begins as a micro-SD log."""
+    try:
+        with file.open("rb") as opened:
+            return usddeck.recognises(opened.read(usddeck.HEAD))
+    except OSError:
+        return False
+
+
+def _table(file: Path, name: str) -> Table:
+    raw = tables.content(file)
+    return usddeck.table(raw, name) if usddeck.recognises(raw) else tables.parsed(raw, file, name)
+
+
+def _of_file(file: Path, alone: bool, seen: _Seen, battery_law: str | None) -> list[Flight]:
+    table = _table(file, "/".join(filter(None, (file.parent.name, file.name))))
+    if battery_law:
+        table = replace(table, head={**table.head, compensation.SAID_IN_HEAD: battery_law})
     kind = next((kind for kind in FORMATS if kind.recognises(table)), None)
     if kind is not None:
         flights, dropped = _checked(table, kind)
@@ -267,6 +305,8 @@ def _files(path: Path) -> tuple[list[Path], list[str]]:
     found = []
     for folder, _, names in os.walk(path, onerror=unreadable):
         found += [Path(folder) / name for name in names if name.endswith(SUFFIXES)]
+        bare = (Path(folder) / name for name in names if "." not in name)
+        found += [file for file in bare if _is_micro_sd(file)]
     astray = [file for file in found if file.is_symlink() and not file.exists()]
     refused += [f"{file}: this link leads nowhere. Mend or remove it." for file in sorted(astray)]
     files = sorted(file for file in found if file.is_file())

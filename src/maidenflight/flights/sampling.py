@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from maidenflight.flights.log import GROUPS, Flight
+from maidenflight.flights.log import Flight
 from maidenflight.flights.windows import BLOCK, HISTORY, SHORTEST_HISTORY
 
 UNIT = 100
@@ -119,7 +119,5 @@ def _places(flight: Flight, number: int, history: int) -> list[tuple[Flight, int
 
 def _copied(flight: Flight, start: int, stop: int, lead: int) -> Flight:
     """Some rows of a flight, apart from the others, which can be forgotten then."""
-    arrays = {
-        group: getattr(flight, group)[start:stop].copy() for group in GROUPS if group != "time"
-    }
+    arrays = {group: values[start:stop].copy() for group, values in flight.arrays.items()}
     return replace(flight, lead=lead, **arrays)

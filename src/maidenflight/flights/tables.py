@@ -52,7 +52,11 @@ def read(path: Path, name: str) -> Table:
     Raises:
         InputError: the file cannot be read, or holds no table.
     """
-    raw = content(path)
+    return parsed(content(path), path, name)
+
+
+def parsed(raw: bytes, path: Path, name: str) -> Table:
+    """Reads the table in a file's bytes; see `read`."""
     if raw[:4] == _PARQUET:
         return _from_parquet(raw, name)
     if path.name.endswith(".parquet"):

@@ -23,6 +23,8 @@ from maidenflight.errors import InputError
 from maidenflight.flights.tables import Table
 
 MAGIC = 0xBC
+HEAD = 5
+"""Bytes that tell such a log."""
 CLOCK = "time"
 """The column of time that is added [s]; it starts at 0."""
 _CLOCKS = {1: ("u4", 1e-3), 2: ("u8", 1e-6)}
@@ -44,7 +46,12 @@ class _Event(NamedTuple):
 
 def recognises(raw: bytes) -> bool:
     """Whether a file's first bytes are those of such a log."""
-    return len(raw) >= 5 and raw[0] == MAGIC and int.from_bytes(raw[1:3], "little") in _CLOCKS and raw[4] < 4
+    return (
+        len(raw) >= HEAD
+        and raw[0] == MAGIC
+        and int.from_bytes(raw[1:3], "little") in _CLOCKS
+        and raw[4] < 4
+    )
 
 
 def table(raw: bytes, name: str) -> Table:
@@ -144,7 +151,9 @@ def _joined(
         rows = None if number == main else _rows(stamps, records[CLOCK].astype(np.int64))
         for place, column in enumerate(events[number].columns):
             values = records[f"f{place}"].astype(np.float64)
-            columns.setdefault(column, values if rows is None else _spread(values, rows, len(stamps)))
+            columns.setdefault(
+                column, values if rows is None else _spread(values, rows, len(stamps))
+            )
     return polars.DataFrame(columns)
 
 
@@ -153,7 +162,9 @@ def _rows(stamps: Int[np.ndarray, "N"], arrived: Int[np.ndarray, "M"]) -> Int[np
     return np.searchsorted(np.maximum.accumulate(stamps), arrived)
 
 
-def _spread(values: Float[np.ndarray, "M"], rows: Int[np.ndarray, "M"], count: int) -> Float[np.ndarray, "N"]:
+def _spread(
+    values: Float[np.ndarray, "M"], rows: Int[np.ndarray, "M"], count: int
+) -> Float[np.ndarray, "N"]:
     """Values in their rows, the latest where several fall into one; elsewhere not a number."""
     column = np.full(count + 1, np.nan)
     column[rows] = values

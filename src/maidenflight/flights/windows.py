@@ -24,6 +24,8 @@ SHORTEST_HISTORY = 30
 is taken to equal it."""
 EVERY = 10
 """Every tenth row starts a window (Gronauer et al. 2022, sec. Simulation Optimization)."""
+SAME_RATE = 0.005
+"""Share by which periods may differ and still be one: a drone's clock is off by as much."""
 BLOCK = 5.0
 """Length of the stretches of flight that count as independent when uncertainty is estimated [s]."""
 
@@ -66,7 +68,7 @@ def windows(
     """
     flights = list(flights)
     periods = {flight.period for flight in flights}
-    if len(periods) > 1:
+    if periods and max(periods) > (1 + SAME_RATE) * min(periods):
         rates = ", ".join(f"{1 / period:.6g} Hz" for period in sorted(periods))
         raise InputError(
             f"flights of different rates ({rates}); identify from flights of one rate at a time."
