@@ -53,9 +53,7 @@ def hovering(rows: int, step: int = 2000, start: int = 5_000_000, seed: int = 0)
         motors = tuple(40000 + 100 * generator.normal(size=4))
         values = (
             *state,
-            0.0,
-            0.0,
-            0.0,
+            *(0.001 * noise[:3]),
             1.0,
             *sensors,
             *motors,
@@ -74,9 +72,7 @@ def test_records_come_back_with_their_time_in_seconds(version: int) -> None:
     step, unit = (2, 1e-3) if version == 1 else (2000, 1e-6)
     table = usddeck.table(written(EVENTS, hovering(5, step), version), "log00")
     assert_allclose(table.frame["time"].to_numpy(), np.arange(5) * step * unit, atol=1e-12)
-    assert_allclose(
-        table.frame["stateEstimate.x"].to_numpy(), 0.1 + 1e-5 * np.arange(5), rtol=1e-6
-    )
+    assert_allclose(table.frame["stateEstimate.x"].to_numpy(), 0.1 + 1e-5 * np.arange(5), rtol=1e-6)
     assert table.frame["pm.vbatMV"].to_list() == [3700.0] * 5
     assert table.notes == ()
 

@@ -225,7 +225,7 @@ def _chosen(table: Table) -> dict[str, Spelling]:
 def _law(table: Table, values: dict[str, np.ndarray], volts: np.ndarray) -> tuple[str, str]:
     """The battery law by which motors are read, and why by it."""
     said = table.head.get(compensation.SAID_IN_HEAD)
-    if said in compensation.LAWS:
+    if said is not None and said in compensation.LAWS:
         return said, compensation.SAID
     if "thrust" in values:
         found = compensation.law_of(values["PWM"], volts, values["thrust"][:, 0])

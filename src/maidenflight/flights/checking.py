@@ -126,7 +126,7 @@ def resampled(
         return flight, time, []
     ends = [0, *(np.flatnonzero(step > (MAX_GAP_ROWS + 0.5) * flight.period) + 1), len(time)]
     grids = [
-        np.arange(time[first], time[last - 1] + 1e-9, flight.period)
+        np.arange(float(time[first]), float(time[last - 1]) + 1e-9, flight.period)
         for first, last in pairwise(ends)
     ]
     grid = np.concatenate(grids)
