@@ -1,4 +1,5 @@
-# make demo: the whole line on a virtual drone.   make test: all tests.   Both create the environment from the lock first.
+# make demo: the full pipeline on a virtual drone.   make test: all but the slow tests.   make test-all: all.
+# Each creates the environment from the lock first.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -6,13 +7,16 @@ BIN := $(VENV)/bin
 export PIP_CONSTRAINT := requirements.lock
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: demo test lint docs format lock clean
+.PHONY: demo test test-all lint docs format lock clean
 
 demo: $(VENV)/.installed
 	$(BIN)/maidenflight demo
 	@echo 'To go on: . $(BIN)/activate && maidenflight --help'
 
 test: $(VENV)/.installed-dev
+	$(BIN)/python -m pytest -n auto --dist loadfile -m 'not slow'
+
+test-all: $(VENV)/.installed-dev
 	$(BIN)/python -m pytest -n auto --dist loadfile
 
 lint: $(VENV)/.installed-dev

@@ -49,6 +49,7 @@ def test_variants_change_one_thing_and_each_control_structure_begins_with_its_ba
     )
 
 
+@pytest.mark.slow
 def test_actions_are_told_from_a_flights_log(ablations: Any) -> None:
     """With PWM control commands are the actions, cut off at [-1, 1] and known to the step of the
     motors' timers."""

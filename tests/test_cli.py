@@ -216,6 +216,7 @@ def test_a_drone_is_printed_and_read_back(tmp_path: Path, monkeypatch: Any, caps
     )
 
 
+@pytest.mark.slow
 def test_the_line_from_logs_to_report_in_json(
     tmp_path: Path, monkeypatch: Any, capsys: Any
 ) -> None:
@@ -270,6 +271,7 @@ def test_the_line_from_logs_to_report_in_json(
     assert "simulated" in page.read_text()
 
 
+@pytest.mark.slow
 def test_flight_times_of_ours_and_the_authors_policies_are_predicted(
     tmp_path: Path, monkeypatch: Any, capsys: Any
 ) -> None:
@@ -381,6 +383,7 @@ def test_flight_times_of_ours_and_the_authors_policies_are_predicted(
         assert output.read_bytes() != first
 
 
+@pytest.mark.slow
 def test_policies_are_trained_over_what_flights_leave_possible(
     tmp_path: Path, monkeypatch: Any, capsys: Any
 ) -> None:
@@ -468,6 +471,7 @@ def test_policies_are_trained_over_what_flights_leave_possible(
     assert (made["randomization"], made["heading"]) == ("wide", 0.1)
 
 
+@pytest.mark.slow
 def test_training_that_is_interrupted_says_how_to_go_on_and_does(
     tmp_path: Path, monkeypatch: Any, capsys: Any
 ) -> None:

@@ -3,7 +3,7 @@ import json
 import pytest
 
 from maidenflight import terminal
-from maidenflight.demo import Demo, Listener, Plan, demo, reached
+from maidenflight.demo import Demo, Listener, Plan, demo
 from maidenflight.training.analytic_gradient import AnalyticGradient
 
 QUICK = Plan(
@@ -17,6 +17,7 @@ QUICK = Plan(
     longest=0.5,
 )
 HEARD: list[str] = []
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +45,6 @@ def test_every_stage_runs_in_order_and_leaves_its_results(runs: tuple[Demo, Demo
         *("firmware/policy.h", "firmware/policy.c"),
     }
     assert result.transfer.table.height == 4
-    assert 0 <= reached(result.transfer.table) <= 4
     assert json.loads((result.folder / "demo.json").read_text())["seed"] == 3
 
 

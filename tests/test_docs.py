@@ -49,6 +49,7 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
+@pytest.mark.slow
 def test_the_python_of_the_readme_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for number, flight in enumerate(
         mf.record(mf.virtual_drone(7), jax.random.key(0), flights=2, duration=4.0)
@@ -68,6 +69,7 @@ def test_the_python_of_the_readme_runs(tmp_path: Path, monkeypatch: pytest.Monke
     assert (tmp_path / "report.html").exists()
 
 
+@pytest.mark.slow
 def test_the_python_of_the_simulators_page_runs() -> None:
     pytest.importorskip("gymnasium")
     snippets = blocks("docs/simulator.md", "python")
@@ -80,6 +82,7 @@ def test_the_python_of_the_simulators_page_runs() -> None:
     assert names["picture"].shape == (480, 640, 3)
 
 
+@pytest.mark.slow
 def test_the_commands_of_the_readme_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     commands = [
         line
@@ -166,6 +169,7 @@ def test_the_python_of_the_transfer_page_runs(
     assert "quantile_90" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_the_python_of_the_identification_page_runs(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -187,6 +191,7 @@ def test_the_python_of_the_identification_page_runs(
     assert len(names["drones"].drones.mass) > 100
 
 
+@pytest.mark.slow
 def test_the_python_and_the_commands_of_the_realities_page_run(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -318,6 +323,7 @@ def recipes() -> dict[str, str]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("title", ["My drone", "My logs", "My task", "My controller", "My reality"])
 @pytest.mark.usefixtures("less_work")
 def test_a_recipe_is_short_and_runs(title: str, monkeypatch: pytest.MonkeyPatch) -> None:

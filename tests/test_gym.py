@@ -55,6 +55,7 @@ def same(one, other):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("control", ["pwm", "attitude_rate"])
 @pytest.mark.parametrize("name", IDS)
 def test_gymnasiums_own_check_passes_without_a_warning(name, control):
@@ -99,6 +100,7 @@ def test_what_a_step_gave_is_ones_own_to_change():
     kept[:] = 0.0
 
 
+@pytest.mark.slow
 def test_time_up_is_truncation_and_the_statistics_are_those_of_the_flight():
     environment = gymnasium.make("maidenflight/Tracking-v0", **SHORT)
     environment.reset(seed=0)
@@ -128,6 +130,7 @@ def test_failure_is_termination_and_says_why():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [gymnasium.make, gymnasium.make_vec])
 def test_an_action_that_is_no_number_is_told(make):
     environment = make(CIRCLE, **({} if make is gymnasium.make else {"num_envs": 3}))
@@ -168,6 +171,7 @@ def test_many_drones_fly_as_each_does_alone_with_its_seed():
     assert np.all(ends >= 2)
 
 
+@pytest.mark.slow
 def test_the_step_after_an_end_begins_the_next_episode_and_nothing_else():
     drones = gymnasium.make_vec("maidenflight/Tracking-v0", num_envs=2, **SHORT)
     drones.reset(seed=[1, 2])

@@ -35,6 +35,7 @@ def table_2() -> Any:
     return script("table_2")
 
 
+@pytest.mark.slow
 def test_table_2_stands_beside_the_papers_and_the_truth(
     table_2: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -85,6 +86,7 @@ def test_a_value_lies_below_inside_or_above_an_interval(table_2: Any) -> None:
     ]
 
 
+@pytest.mark.slow
 def test_history_and_hidden_layers_are_studied(
     tmp_path: Path, monkeypatch: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -121,6 +123,7 @@ def figure_4() -> Any:
     return script("figure_4")
 
 
+@pytest.mark.slow
 def test_figure_4_draws_the_flights_of_a_matrix_and_draws_them_again_from_the_table(
     figure_4: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

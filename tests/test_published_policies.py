@@ -60,6 +60,7 @@ def outputs(
     return jax.vmap(one)(jnp.arange(len(before)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("control", ROWS_PER_ACTION)
 def test_published_policies_give_their_logged_outputs(control: str) -> None:
     rows, found, longest = ROWS_PER_ACTION[control], policies(control), 2100

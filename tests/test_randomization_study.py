@@ -107,6 +107,7 @@ def identified(folder: Path) -> Path:
     )
 
 
+@pytest.mark.slow
 def test_drones_of_each_randomization_are_about_the_identified_one_and_the_recipes_task_pays_for_turning_away(
     study: Any, tmp_path: Path
 ) -> None:
@@ -130,6 +131,7 @@ def test_drones_of_each_randomization_are_about_the_identified_one_and_the_recip
     assert "heading" in study.task_of("recipe").name
 
 
+@pytest.mark.slow
 def test_policies_train_and_fly_and_a_second_run_draws_from_the_tables(
     study: Any, tmp_path: Path, monkeypatch: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -209,6 +211,7 @@ def test_what_cannot_be_done_is_told_before_training(
     assert not (tmp_path / "made").exists()
 
 
+@pytest.mark.slow
 def test_policies_fly_under_the_structure_that_is_asked_for() -> None:
     """One that turns the motors off: the drone falls 0.25 m within half a second; with none named
     it flies as the authors' did."""

@@ -388,6 +388,7 @@ def test_published_files_are_written_byte_for_byte_and_guarded(shared_data, name
             from_authors_json(changed, "here", given.control)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "most"),
     [

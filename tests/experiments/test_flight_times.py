@@ -150,6 +150,7 @@ def test_yaw_rate_is_the_rate_pids_own_set_point() -> None:
     )
 
 
+@pytest.mark.slow
 def test_policies_see_the_history_and_hold_the_actions_of_their_own_rate() -> None:
     """As in an environment that acts at that rate: its layout is held against the drone's logs.
     Only the guard looks more often."""
@@ -193,6 +194,7 @@ def times(flown: polars.DataFrame) -> list:
     return flown.select("policy", "trial", "duration", "end_reason").rows()
 
 
+@pytest.mark.slow
 def test_a_policys_flights_are_its_own_whoever_flies_beside_it() -> None:
     """Also policies of other sizes, histories and control structures, more trials, and less
     time."""
@@ -242,6 +244,7 @@ assert jax.device_count() == 2
 """
 
 
+@pytest.mark.slow
 def test_two_devices_give_what_one_gives() -> None:
     done = subprocess.run(
         [sys.executable, "-c", DEVICES, str(Path(__file__).parent)],

@@ -67,6 +67,7 @@ def test_the_papers_matrices_are_the_papers() -> None:
     }
 
 
+@pytest.mark.slow
 def test_a_row_a_flight(flown: Any) -> None:
     _, table, said = flown
     assert table.height == 2 * 2 * 2 * 2
@@ -85,6 +86,7 @@ def test_a_row_a_flight(flown: Any) -> None:
     ]
 
 
+@pytest.mark.slow
 def test_policies_are_kept_as_they_were_trained(flown: Any) -> None:
     folder, _, _ = flown
     files = sorted((folder / "made" / "policies").glob("*/*.json"))
@@ -97,6 +99,7 @@ def test_policies_are_kept_as_they_were_trained(flown: Any) -> None:
     assert policy.record(files[0])["settings"]["training_rate"] == 100
 
 
+@pytest.mark.slow
 def test_what_was_interrupted_goes_on_to_the_same_table(
     flown: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -120,6 +123,7 @@ def test_what_was_interrupted_goes_on_to_the_same_table(
     assert table.read_bytes() == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("old", "new"),
     [

@@ -85,6 +85,7 @@ def test_every_policy_flies_every_reality_and_the_logs_match_the_table() -> None
     assert not np.array_equal(flown.flights[0].position[0], flown.flights[1].position[0])
 
 
+@pytest.mark.slow
 def test_an_untrained_policy_ends_by_a_guard() -> None:
     table = transfer(POLICIES, [virtual_drone(1)], trials=1, duration=2.0).table
     assert set(table["end_reason"]) <= {"tilt", "position error", "body rate"}

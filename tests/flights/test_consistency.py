@@ -134,6 +134,7 @@ def test_pieces_are_judged_together_but_not_across_their_gaps():
     assert len(consistency.contradictions(turned)) == 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("folder", ["authors/flights/attitude", "authors/flights/attitude_rate"])
 def test_no_real_flight_is_refused(shared_data, folder):
     read = read_flights(shared_data / folder)

@@ -128,6 +128,7 @@ def real(shared_data):
     return {name: tables.read(folder / f"{name}.csv.gz", name) for name in FILES}
 
 
+@pytest.mark.slow
 def test_real_logs_tell_their_battery_compensation(real):
     notes = {name: nanobench.flights(table)[1][0] for name, table in real.items()}
     assert "legacy propellers (as" in notes[FILES[0]]
@@ -150,6 +151,7 @@ def test_a_real_wandering_clock_is_followed(real):
         assert np.corrcoef(gyro, moved)[0, 1] > after
 
 
+@pytest.mark.slow
 def test_real_flights_are_used_from_take_off_to_landing(real, shared_data):
     for name, seconds in ((FILES[0], 30), (FILES[1], 30), (FILES[2], 30)):
         assert read_flights(shared_data / "nanobench" / f"{name}.csv.gz").duration > seconds

@@ -66,6 +66,7 @@ def search(objective, seed, box=BOX):
     )
 
 
+@pytest.mark.slow
 def test_the_loss_of_the_normal_equations_is_the_objective(objective):
     at = planted.drone(**BESIDE)
     assert objective.normal_equations(at, NAMES).loss == pytest.approx(objective(at), rel=1e-5)
@@ -109,6 +110,7 @@ def test_the_unit_cubes_gradient_is_that_of_central_differences(objective):
     np.testing.assert_allclose(found, expected, rtol=0.02)
 
 
+@pytest.mark.slow
 def test_five_starts_end_at_one_optimum_no_higher_than_the_bayesian_one(objective):
     """The objectives within 0.5 %, for near an exact fit they rise like a cone; no more than 8
     evaluations on all windows."""
@@ -184,6 +186,7 @@ def test_the_box_is_never_left_and_an_optimum_outside_is_met_at_its_face(objecti
     assert points[np.argmin(losses)][0] > 0.999
 
 
+@pytest.mark.slow
 def test_identify_follows_gradients_unless_told_otherwise(flights):
     seen = []
     found = identify(

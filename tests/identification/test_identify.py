@@ -44,6 +44,7 @@ def quick(flights):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("planted_xi", [(1.9, 0.06, 0.012), (1.7, 0.03, 0.004), (1.6, 0.11, 0.025)])
 @pytest.mark.parametrize("method", METHODS)
 def test_a_planted_drone_is_found_again(planted_xi, method):
@@ -117,6 +118,7 @@ def test_the_optimum_is_the_best_point_of_history(quick):
         assert estimate.value == pytest.approx(best[name])
 
 
+@pytest.mark.slow
 def test_the_same_key_gives_the_same_result_and_another_key_another(flights, quick):
     again = identify(
         flights,
@@ -202,6 +204,7 @@ def test_progress_is_counted_to_the_plan(flights):
     assert seen == [(done, planned) for done in range(1, planned + 1)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("bounds", "side"), [((1.5, 1.75), "1.75"), ((2.1, 2.5), "2.1")])
 def test_an_optimum_at_a_search_bound_gives_a_note(flights, bounds, side):
     found = identify(
@@ -250,6 +253,7 @@ def test_a_single_stretch_of_flight_has_no_interval_to_be_sure_of(flights):
     assert any("interval" in note for note in found.notes)
 
 
+@pytest.mark.slow
 def test_a_third_of_the_real_pwm_flights_gives_the_studys_drone(shared_data):
     """Thrust and total lag of the throw-away study on these logs, from every third policy."""
     folders = sorted((shared_data / "authors" / "flights" / "pwm").iterdir())[::3]

@@ -31,6 +31,7 @@ def found(flights):
     return identify(flights, FIRST, jax.random.key(1), objective="likelihood", trials=2)
 
 
+@pytest.mark.slow
 def test_a_planted_drone_is_found_again_from_noisy_flights_under_feedback(found):
     """k_F within 1 %, T_m + latency within 3 ms, latency within 2 ms, from a start that is 7 %, 37
     ms and 9 ms off."""
@@ -41,12 +42,14 @@ def test_a_planted_drone_is_found_again_from_noisy_flights_under_feedback(found)
     assert found.objective < found.start_objective - 0.1
 
 
+@pytest.mark.slow
 def test_a_random_start_ends_where_the_first_does(found):
     for estimate in found.estimates.values():
         width = np.subtract(*estimate.interval[::-1])
         assert abs(estimate.trials[0] - estimate.trials[1]) < 0.1 * width
 
 
+@pytest.mark.slow
 def test_the_truth_is_as_far_as_the_drawn_drones_say(found):
     """Within three standard deviations of them, and these are a few percent."""
     for name, truth in TRUTH.items():
@@ -59,6 +62,7 @@ def test_the_truth_is_as_far_as_the_drawn_drones_say(found):
         assert draws.std() < 0.1 * truth
 
 
+@pytest.mark.slow
 def test_lag_and_latency_trade_against_one_another_among_the_drawn_drones(found):
     """What a longer lag delays a shorter latency makes up for: their sum is known better than that
     of independent draws."""
@@ -66,6 +70,7 @@ def test_lag_and_latency_trade_against_one_another_among_the_drawn_drones(found)
     assert np.corrcoef(lag, delay)[0, 1] < -0.3
 
 
+@pytest.mark.slow
 def test_the_noise_of_the_sensors_is_found_beside_and_the_drone_flies_with_it(found):
     """Planted are 0.05 rad/s of the gyro and 0.01 m/s of the velocity, and a position without
     error."""

@@ -80,6 +80,7 @@ def test_a_walk_and_white_noise_together_are_told_apart(generator):
     assert told["velocity_noise"] == pytest.approx(0.02, rel=0.15)
 
 
+@pytest.mark.slow
 def test_a_gyros_noise_is_told_from_a_disturbance_that_lasts(generator):
     """Thrusts that wander by a share s of full thrust turn the body by 2 L / sqrt(2) s F / I, four
     independent rotors together."""

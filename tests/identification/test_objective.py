@@ -187,6 +187,7 @@ def test_one_compilation_serves_all_parameters(cut, monkeypatch):
     assert len(traces) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cores", [1, 2, 3, 64])
 def test_what_is_computed_does_not_depend_on_the_number_of_cores(monkeypatch, cores):
     """To the last bit: 600 windows in three chunks, of all and of every second."""

@@ -48,6 +48,7 @@ def noisy(noisy_windows):
     return OneStep(noisy_windows, 0.01, STEPS)
 
 
+@pytest.mark.slow
 def test_the_errors_of_a_noiseless_flight_vanish_at_the_truth_and_grow_away_from_it(flights):
     some = cut(flights)
 
@@ -66,6 +67,7 @@ def test_the_errors_of_a_noiseless_flight_vanish_at_the_truth_and_grow_away_from
         assert size(**{name: far}).max() > 2 * size(**{name: near}).max() > 10 * size().max(), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("steps", [2, 5, 10])
 def test_latencies_of_several_rows_are_told_apart_however_fine_the_steps(steps, flights):
     """A delay line that is sized by the steps and not by the rows forgets what is 45 ms old."""
@@ -209,6 +211,7 @@ def long():
     return OneStep(cut(planted.with_noise(planted.logs(TRUTH, count=64), seed=1)), 0.01, STEPS)
 
 
+@pytest.mark.slow
 def test_gradient_and_curvature_are_differences_of_the_value_whose_noise_model_is_fitted_anew(long):
     equations = long.normal_equations(TRUTH, NAMES)
     assert equations.loss == long(TRUTH)
@@ -267,6 +270,7 @@ def test_one_step_of_a_constant_torque_leaves_no_mean_error(noisy, noisy_windows
     assert abs(after) < 0.01 * abs(before)
 
 
+@pytest.mark.slow
 def test_neither_cores_nor_chunks_change_what_comes_out(noisy_windows, noisy, monkeypatch):
     """Twenty copies of the flights fill two chunks; each copy has the products that the flights
     have alone."""

@@ -47,6 +47,7 @@ def test_the_first_neighbourhood_may_be_too_small_or_too_large(radius):
     )
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_about_as_often_as_they_promise():
     held = []
     for seed in range(40):

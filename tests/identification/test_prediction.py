@@ -164,6 +164,7 @@ def test_other_input_that_makes_no_sense_is_refused(flights):
         prediction_error([flights[0], dataclasses.replace(flights[1], period=0.02)], {})
 
 
+@pytest.mark.slow
 def test_chunks_are_filled_and_cut(flights):
     cut = windows(flights * 5, 5)
     assert len(cut.block) > objective._CHUNK

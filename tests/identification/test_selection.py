@@ -35,6 +35,7 @@ def found():
         return identify(flights, "auto", trials=1, on_step=told.append), told
 
 
+@pytest.mark.slow
 def test_what_was_planted_is_chosen_and_what_buys_nothing_is_not(found):
     identified, told = found
     assert {step.group: step.kept for step in identified.bought} == {
@@ -50,6 +51,7 @@ def test_what_was_planted_is_chosen_and_what_buys_nothing_is_not(found):
         assert 0 < step.error < 0.02
 
 
+@pytest.mark.slow
 def test_what_was_chosen_has_the_planted_values(found):
     estimates = found[0].estimates
     assert estimates["spin_down_ratio"].value == pytest.approx(1.8, rel=0.06)

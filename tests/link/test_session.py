@@ -57,6 +57,7 @@ def test_blocks_fit_into_a_packet():
     assert max(block.size for block in (STATE, with_policy(MOTORS), VARIANCE)) <= ROOM
 
 
+@pytest.mark.slow
 def test_identify_finds_the_fake_drone_in_what_record_wrote(tmp_path):
     (flight,) = flown(FakeDrone(), tmp_path, plan(4.0, 0.7, 0.1, 1))
     assert flight.ending.reason == COMPLETE

@@ -29,6 +29,7 @@ def noise(period, key, steps):
     return lax.scan(one, jnp.zeros((5000, 4)), jax.random.split(key, steps))[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("period", [0.002, 0.01])
 def test_the_noise_is_as_strong_and_as_slow_however_often_it_is_drawn(period):
     chains = np.asarray(noise(np.float32(period), jax.random.key(0), round(0.24 / period)))

@@ -350,6 +350,7 @@ def test_a_reality_in_pybullet_hides_the_same_constants(pybullet):
     assert env.battery
 
 
+@pytest.mark.slow
 def test_the_firmwares_pid_flies_the_circle_in_pybullet(pybullet):
     (flight,) = recording.record(workflow.reality("pybullet:7"), jax.random.key(0), 1, 4.0, 0.0)
     assert flight.simulated == "pybullet-7"

@@ -143,6 +143,7 @@ def test_a_wider_range_of_rates_is_asked_for_by_smaller_actions():
             control.attitude_rate(highest_rate=wrong)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("firmware", FIRMWARES)
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("sign", [1, -1])

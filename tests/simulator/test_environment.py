@@ -329,6 +329,7 @@ def test_a_late_estimator_shows_the_state_of_the_period_before():
         )
 
 
+@pytest.mark.slow
 def test_practice_begins_anew_with_the_next_prepared_drone_after_each_end():
     fresh = jax.vmap(partial(randomized_reset, WORLD, relative_box(PAPER)))(
         jax.random.split(KEY, 7)
@@ -501,6 +502,7 @@ def test_an_action_that_is_not_a_number_ends_the_episode():
     assert tasks.END_REASONS[int(step_result.end_reason)] == "not finite"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["latency", "motor_time_constant", "thrust_to_weight"])
 @pytest.mark.parametrize("structure", ["pwm", "attitude_rate"])
 def test_the_gradient_of_a_flight_with_respect_to_the_drone_is_its_slope(name, structure):
@@ -530,6 +532,7 @@ def test_the_gradient_of_a_flight_with_respect_to_the_drone_is_its_slope(name, s
     np.testing.assert_allclose(slope, numeric, rtol=0.03)
 
 
+@pytest.mark.slow
 def test_the_ground_lifts_a_drone_that_hovers_just_above_it():
     task = tasks.take_off()
     env = Environment(task=task)

@@ -89,6 +89,7 @@ def difference(generation, compiled):
     return dict(zip(SCENARIOS, np.abs(ours - real).max(axis=-1), strict=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("generation", GENERATIONS)
 @pytest.mark.parametrize("scenario", SCENARIOS)
 def test_motor_commands_are_the_real_firmwares_to_the_count(scenario, generation):

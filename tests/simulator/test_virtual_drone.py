@@ -102,6 +102,7 @@ def test_an_action_holds_for_ten_milliseconds_whatever_the_controllers_rate(cont
     np.testing.assert_allclose(env.control_period(drone.parameters), 0.01, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_firmwares_pid_flies_the_circle_on_every_virtual_drone():
     drones = [virtual_drone(seed, kind) for kind in VARIANTS for seed in SEEDS]
     env = drones[-1].environment(tasks.circle(), control.position_pid())

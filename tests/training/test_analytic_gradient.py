@@ -15,6 +15,7 @@ from maidenflight.training import analytic_gradient
 from maidenflight.training.analytic_gradient import AnalyticGradient
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("structure", "rate"), [("pwm", 100), ("attitude_rate", 50)])
 def test_an_update_changes_the_network_and_nothing_else_of_a_policy(
     structure: str, rate: int
@@ -53,10 +54,10 @@ def test_without_a_rate_for_hidden_layers_adam_steps_everywhere_and_its_steps_sh
     network = untrained(jax.random.key(0), (8, 8), 2, control.pwm()).network
     rule = analytic_gradient._optimiser(settings)
     with jax.numpy_dtype_promotion("standard"):
-        state, steps = rule.init(network), []
+        state, steps, update = rule.init(network), [], jax.jit(rule.update)
         slope = jax.tree.map(jnp.ones_like, network)
         for _ in range(settings.updates + 1):
-            step, state = rule.update(slope, state, network)
+            step, state = update(slope, state, network)
             steps.append(step)
     # Of a constant slope Adam's every step is its rate (Kingma and Ba 2015, sec. 2.1): here a
     # cosine from the first to 2 % of it.
@@ -66,6 +67,7 @@ def test_without_a_rate_for_hidden_layers_adam_steps_everywhere_and_its_steps_sh
         np.testing.assert_allclose(leaf, -0.0002, rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_gradient_through_the_simulator_is_the_slope_of_the_cost() -> None:
     simulated, drone = Environment(), noiseless(crazyflie())
     settings = AnalyticGradient(horizon=12)
@@ -92,6 +94,7 @@ def test_gradient_through_the_simulator_is_the_slope_of_the_cost() -> None:
     assert slope == pytest.approx(np.mean(numeric), rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_lost_drone_is_held_and_gives_no_gradient() -> None:
     simulated, drone = Environment(), noiseless(crazyflie())
     env_state = environment.reset(simulated, drone, jax.random.key(2))
@@ -115,6 +118,7 @@ def test_a_lost_drone_is_held_and_gives_no_gradient() -> None:
     np.testing.assert_array_equal(after.state.position, lost.state.position)
 
 
+@pytest.mark.slow
 def test_a_failure_costs_most_and_what_is_lost_anyway_pulls_no_more() -> None:
     """The slope of the cost of a failure is that of a sigmoid of the greatest danger."""
     simulated, drone = Environment(), noiseless(crazyflie())
@@ -144,6 +148,7 @@ def test_a_failure_costs_most_and_what_is_lost_anyway_pulls_no_more() -> None:
     assert float(edge[1]) > 10 * abs(float(lost[1]))
 
 
+@pytest.mark.slow
 def test_a_share_of_the_drones_starts_anew_after_each_update() -> None:
     keys, drones = jax.random.split(jax.random.key(5), 1), 64
     drone = crazyflie()

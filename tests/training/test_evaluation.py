@@ -13,6 +13,7 @@ from maidenflight.training.evaluation import Evaluation, evaluate
 BOX = relative_box(crazyflie(), 0.10)
 
 
+@pytest.mark.slow
 def test_a_score_is_what_a_plain_loop_counts() -> None:
     simulated, policy, episodes, steps = Environment(), untrained(jax.random.key(4)), 3, 80
     score = evaluate(simulated, policy, BOX, jax.random.key(1), episodes, steps)

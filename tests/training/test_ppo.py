@@ -10,7 +10,7 @@ import pytest
 
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import untrained
-from maidenflight.simulator import control, tasks
+from maidenflight.simulator import tasks
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import relative_box
 from maidenflight.simulator.rollout import randomized_reset
@@ -32,21 +32,32 @@ SMALL = PPO(
     actor_minibatches=4,
     critic_minibatches=4,
 )
+TINY = changed(
+    SMALL,
+    updates=4,
+    drones=8,
+    horizon=4,
+    hidden=(8,),
+    critic_hidden=(8,),
+    evaluations=2,
+    episodes=4,
+)
 KEYS = jax.random.split(jax.random.key(5), 2)
 
 
-def _learned(*ends: int) -> Any:
-    learners, first = ppo.begin(SIMULATED, SMALL, BOX, KEYS), 0
+def _learned(settings: PPO, *ends: int) -> Any:
+    learners, first = ppo.begin(SIMULATED, settings, BOX, KEYS), 0
     for end in ends:
-        learners, first = ppo.learn(SIMULATED, SMALL, BOX, learners, KEYS, first, end), end
+        learners, first = ppo.learn(SIMULATED, settings, BOX, learners, KEYS, first, end), end
     return learners
 
 
 @pytest.fixture(scope="module")
 def learned() -> Any:
-    return _learned(SMALL.updates)
+    return _learned(SMALL, SMALL.updates)
 
 
+@pytest.mark.slow
 def test_training_makes_policies_fly_that_did_not(learned: Any) -> None:
     policies = jax.tree.map(
         lambda *leaves: jnp.concatenate(leaves),
@@ -61,7 +72,7 @@ def test_training_makes_policies_fly_that_did_not(learned: Any) -> None:
 
 
 def test_the_same_key_gives_the_same_policy_however_often_training_pauses() -> None:
-    straight, paused = _learned(10), _learned(3, 10)
+    straight, paused = _learned(TINY, 4), _learned(TINY, 1, 4)
     for one, other in zip(jax.tree.leaves(straight), jax.tree.leaves(paused), strict=True):
         np.testing.assert_array_equal(one, other)
     weights = straight.policy.weights[0]
@@ -69,11 +80,8 @@ def test_the_same_key_gives_the_same_policy_however_often_training_pauses() -> N
 
 
 def test_interrupted_training_goes_on_to_the_same_policies(tmp_path: Path) -> None:
-    settings = changed(SMALL, updates=4, evaluations=2, episodes=4)
-    task = tasks.circle()
-
     def learn(saved: Path | None, hear: Any) -> Any:
-        return train(task, control.pwm(), BOX, KEYS, settings, hear, saved)
+        return train(SIMULATED.task, SIMULATED.controller, BOX, KEYS, TINY, hear, saved)
 
     def interrupt(_: Progress) -> None:
         raise KeyboardInterrupt
@@ -92,6 +100,7 @@ def test_interrupted_training_goes_on_to_the_same_policies(tmp_path: Path) -> No
         np.testing.assert_array_equal(one, other)
 
 
+@pytest.mark.slow
 def test_the_policy_normalises_by_all_observations_so_far(learned: Any) -> None:
     np.testing.assert_array_equal(learned.sights.seen, SMALL.updates * SMALL.drones * SMALL.horizon)
     np.testing.assert_array_equal(learned.policy.observation_mean, learned.sights.mean[:, :40])
@@ -150,6 +159,7 @@ def test_what_comes_after_failure_is_nothing_and_after_the_time_limit_the_critic
     assert float(found[0]) == expected
 
 
+@pytest.mark.slow
 def test_the_value_at_an_end_is_of_the_drone_before_another_takes_over() -> None:
     short = tasks.circle()._replace(duration=0.05)
     simulated, settings = Environment.matching(BOX.centre, short), PPO(horizon=16)
