@@ -1,6 +1,6 @@
 """Feeds damaged files to everything that reads files, and counts what comes of it.
 
-`python benchmarks/fuzz.py` reads 100,000 inputs and writes the table of docs/reliability.md;
+`python benchmarks/fuzz.py` reads 100,000 inputs and writes the table of docs/studies/reliability.md;
 `--inputs 2000 --output none` is a look. A reader may accept a file or raise `InputError` with one
 short line. What counts against it: any other exception, a warning or a dead process (crash); an
 answer that takes longer than `LONGEST` (hang); and a file accepted that holds something else than
@@ -344,7 +344,7 @@ def table(found: dict[str, Counts]) -> str:
 @click.option("--only", type=int, help="One input alone, by its number.")
 @click.option(
     "--output",
-    default="docs/reliability.md",
+    default="docs/studies/reliability.md",
     show_default=True,
     help="Page to write; none for a look.",
 )

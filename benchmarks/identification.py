@@ -1,5 +1,5 @@
 """Measures how fast maidenflight identifies a drone from as much flight as the paper had, and
-writes a part of docs/benchmarks.md.
+writes a part of docs/studies/benchmarks.md.
 
 The flights are simulated, so that anybody can run it; the authors' real ones are read too where
 they are given.
@@ -29,7 +29,7 @@ from maidenflight.identification.objective import Objective
 from maidenflight.parameters import Parameters, crazyflie, replace
 from maidenflight.simulator.virtual_drone import VirtualDrone
 
-PAGE = Path(__file__).parent.parent / "docs" / "benchmarks.md"
+PAGE = Path(__file__).parent.parent / "docs" / "studies" / "benchmarks.md"
 WINDOWS = 37_673
 """Windows of 50 rows that the paper had (sec. Simulation Optimization)."""
 FLIGHTS, DURATION, SEED = 121, 32.0, 0

@@ -2,7 +2,7 @@
 files.
 
 `python benchmarks/interrupted_commands.py` prints each interruption and writes the table of
-docs/reliability.md. Every command does little work, with compiled programs kept as the command line
+docs/studies/reliability.md. Every command does little work, with compiled programs kept as the command line
 keeps them. Half of the interruptions fall on a run into a new place, half on one that may replace
 the results of an earlier run (`--overwrite`, of another seed). After each, every file there must be
 whole, byte for byte what the earlier run or an undisturbed one wrote, and of the earlier results
@@ -163,7 +163,7 @@ def wrong(
 @click.option("--command", "wanted", multiple=True, help="These commands alone; may be repeated.")
 @click.option(
     "--output",
-    default="docs/reliability.md",
+    default="docs/studies/reliability.md",
     show_default=True,
     help="Page to write; none for a look.",
 )

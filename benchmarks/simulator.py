@@ -1,5 +1,5 @@
 """Measures how fast maidenflight simulates, crazyflow beside it, and writes the tables of
-docs/benchmarks.md.
+docs/studies/benchmarks.md.
 
 Both sides run in processes of their own and are asked in turn, so that what else the machine does
 falls on both. Every figure is a median; the batch and the layout at which a side is best are found
@@ -348,7 +348,7 @@ def details(found: Found) -> str:
 @click.option(
     "--output",
     type=click.Path(path_type=Path, exists=True),
-    default=FOLDER.parent / "docs" / "benchmarks.md",
+    default=FOLDER.parent / "docs" / "studies" / "benchmarks.md",
     show_default=True,
 )
 @click.option(

@@ -380,7 +380,7 @@ def test_the_cells_of_the_notebook_run_and_it_stores_no_outputs() -> None:
 def test_the_papers_page_names_functions_and_tests_that_there_are_and_every_equation_that_the_code_cites() -> (
     None
 ):
-    text = (ROOT / "docs/paper.md").read_text()
+    text = (ROOT / "docs/studies/paper.md").read_text()
     tests = {path.name: path.read_text() for path in (ROOT / "tests").rglob("test_*.py")}
     named = re.findall(r"`(test_\w+\.py)::(test_\w+)`", text)
     assert len(named) > 30
@@ -393,7 +393,7 @@ def test_the_papers_page_names_functions_and_tests_that_there_are_and_every_equa
     }
     rows = [line for line in text.splitlines() if line.startswith("| `eq:")]
     assert {row.split("`")[1] for row in rows} == cited
-    assert all("](api/" in row and "::test_" in row for row in rows)
+    assert all("](../api/" in row and "::test_" in row for row in rows)
 
 
 def shown(page: Path) -> set[str]:
