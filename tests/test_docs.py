@@ -218,7 +218,7 @@ def test_the_python_and_the_commands_of_the_realities_page_run(
 
 def test_every_command_that_a_page_shows_is_one_that_there_is() -> None:
     shown = 0
-    for page in ["README.md", *(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md"))]:
+    for page in [str(path.relative_to(ROOT)) for path in PAGES]:
         for line in [
             line for block in blocks(page, "sh") for line in block.replace("\\\n", " ").splitlines()
         ]:
