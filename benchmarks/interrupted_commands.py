@@ -2,8 +2,8 @@
 files.
 
 `python benchmarks/interrupted_commands.py` prints each interruption and writes the table of
-docs/studies/reliability.md. Every command does little work, with compiled programs kept as the command line
-keeps them. Half of the interruptions fall on a run into a new place, half on one that may replace
+docs/studies/reliability.md. Every command does little work, with compiled programs kept as the
+command line keeps them. Half of the interruptions fall on a run into a new place, half on one that may replace
 the results of an earlier run (`--overwrite`, of another seed). After each, every file there must be
 whole, byte for byte what the earlier run or an undisturbed one wrote, and of the earlier results
 none may be missing.
