@@ -141,6 +141,16 @@ def test_a_log_with_its_columns_in_another_order_is_read_in_a_folder_too(tmp_pat
     assert len(read_flights(tmp_path)) == 1
 
 
+def test_a_flight_that_two_files_hold_is_used_once(tmp_path):
+    flights = [calm(200, 1), calm(200, 2), calm(200, 1)]
+    for number, flight in enumerate(flights):
+        log.write(tmp_path / f"log_{number}.csv", flight, {"copy": number})
+    read = read_flights(tmp_path)
+    assert [path.name for path in read.paths] == ["log_0.csv", "log_1.csv"]
+    assert len(read) == 2
+    assert ["log_2" in note for note in read.notes] == [True]
+
+
 def test_notes_of_all_files_are_kept(tmp_path):
     lines = ours(200).decode().split("\n")
     put(tmp_path / "gap.csv", "\n".join(lines[:100] + lines[120:]).encode())

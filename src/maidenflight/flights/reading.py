@@ -4,6 +4,7 @@ A folder with damaged logs still gives the sound ones; nothing is passed over wi
 result tables that maidenflight itself writes.
 """
 
+import hashlib
 import math
 import os
 from collections.abc import Callable, Iterator
@@ -135,8 +136,8 @@ def read_flights(
             the logs say.
 
     Returns:
-        Gapless pieces of flights in which the drone flies, in the order of the files' names. Of a
-        folder, with the files that were refused and why; and a note for each table that is no
+        Gapless pieces of flights in which the drone flies, in the order of the files' names. A
+        flight that two files hold is used once. Of a folder, with the files that were refused and why; and a note for each table that is no
         flight log.
 
     Raises:
@@ -150,7 +151,7 @@ def read_flights(
         raise InputError(f"battery law {battery_law!r}; known are {known}.")
     path = Path(path)
     paths, refused = _files(path)
-    seen = _Seen([], [], [], refused)
+    seen = _Seen([], [], [], refused, {})
     read = (
         _said(flight, commands, seen)
         for flight in _read(paths, path.is_file(), seen, battery_law, on_file)
@@ -199,6 +200,8 @@ class _Seen(NamedTuple):
     notes: list[str]
     others: list[str]
     refused: list[str]
+    digests: dict[str, str]
+    """Names of flights, by the hash of what they hold."""
 
 
 def _read(
@@ -241,6 +244,14 @@ def _of_file(file: Path, alone: bool, seen: _Seen, battery_law: str | None) -> l
     kind = next((kind for kind in FORMATS if kind.recognises(table)), None)
     if kind is not None:
         flights, dropped = _checked(table, kind)
+        held = hashlib.sha256()
+        for flight in flights:
+            held.update(flight.position.tobytes() + flight.command.tobytes())
+        first = seen.digests.get(held.hexdigest())
+        if flights and first is not None:
+            seen.notes.append(f"{table.name}: holds the same flight as {first}; used once")
+            return []
+        seen.digests[held.hexdigest()] = table.name
         seen.notes.extend(dropped)
         seen.paths.append(file)
         return flights
