@@ -23,9 +23,12 @@ from maidenflight.flights import recording
 from maidenflight.flights.reading import read_flights
 from maidenflight.flights.windows import Windows, windows
 from maidenflight.identification import bayesian, gradient
-from maidenflight.identification.bayesian import PAPER_BOUNDS, Box
+from maidenflight.identification.box import PAPER_BOUNDS, Box
+from maidenflight.identification.gauss_newton import NormalEquations, in_unit_cube
 from maidenflight.identification.identify import identify
+from maidenflight.identification.likelihood import Likelihood
 from maidenflight.identification.objective import Objective
+from maidenflight.identification.replay import Replay
 from maidenflight.parameters import Parameters, crazyflie, replace
 from maidenflight.simulator.virtual_drone import VirtualDrone
 
@@ -109,13 +112,13 @@ class Clock:
         self.plain += 1
         return loss
 
-    def equations(self, unit: np.ndarray, every: int) -> gradient.NormalEquations:
+    def equations(self, unit: np.ndarray, every: int) -> NormalEquations:
         """The same with derivatives, of each so manieth window."""
         began = time.perf_counter()
         found = self.objective.normal_equations(drone(unit), BOX.names, every)
         self.inside += time.perf_counter() - began
         self.with_derivatives += 1 / every
-        return gradient.in_unit_cube(found, BOX, unit)
+        return in_unit_cube(found, BOX, unit)
 
 
 def bayesian_search(objective: Objective, evaluations: int, seed: int) -> Search:
@@ -207,13 +210,13 @@ def measure_authors(folder: Path | None) -> list[str]:
     paper's objective.
     """
     rows = []
-    for objective, told in (("likelihood", "as it is"), ("replay", "by replay")):
+    for settings, told in ((Likelihood(), "as it is"), (Replay(), "by replay")):
         what = f"`identify` {told}, on the authors' 108 PWM flights, reading and intervals included"
         if folder is None or not folder.is_dir():
             rows.append(f"| {what} | not measured: give their folder with --authors | - | - |")
             continue
         began = time.perf_counter()
-        found = identify(read_flights(folder), objective=objective)
+        found = identify(read_flights(folder), settings)
         seconds = time.perf_counter() - began
         values = ", ".join(f"{found.estimates[name].value:.4g}" for name in PAPER_BOUNDS)
         rows.append(

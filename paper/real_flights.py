@@ -31,9 +31,11 @@ from maidenflight.flights.windows import windows
 from maidenflight.identification import one_step
 from maidenflight.identification.ensembles import TRIM, trim_ensemble
 from maidenflight.identification.estimates import Identification
-from maidenflight.identification.identify import AUTO, identify
+from maidenflight.identification.identify import identify
+from maidenflight.identification.likelihood import Likelihood
 from maidenflight.identification.one_step import OneStep
 from maidenflight.identification.prediction import predict
+from maidenflight.identification.replay import Replay
 from maidenflight.identification.selection import FIRST
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy
@@ -41,6 +43,8 @@ from maidenflight.policy import Policy
 STRUCTURES = ("pwm", "attitude_rate", "attitude")
 PERIOD, STEPS = 0.01, 5
 HELD_OUT = 0.3
+ONCE = Likelihood(trials=1)
+"""Settings of every identification by likelihood here."""
 TRAP = (
     *FIRST,
     "inertia_x",
@@ -226,8 +230,8 @@ def nanobench(folder: Path, seed: int) -> list[str]:
         "latency": (0.0, 0.05),
     }
     found = {
-        "chosen by likelihood": identify(training, AUTO, key, trials=1),
-        "three by replay": identify(training, FIRST, key, objective="replay", bounds=wide),
+        "chosen by likelihood": identify(training, ONCE, key=key),
+        "three by replay": identify(training, Replay(), key=key, bounds=wide),
     }
     drones = {**{name: one.parameters for name, one in found.items()}, "paper": mf.crazyflie()}
     ones = one_step_likelihood(drones, training, judged)
@@ -304,11 +308,11 @@ def main() -> None:
 
     key = jax.random.key(given.seed)
     found = {
-        "chosen by likelihood": identify(training, AUTO, key, trials=1),
-        "three by likelihood": identify(training, FIRST, key, trials=1),
-        "three by replay": identify(training, FIRST, key, objective="replay"),
+        "chosen by likelihood": identify(training, ONCE, key=key),
+        "three by likelihood": identify(training, ONCE, over=FIRST, key=key),
+        "three by replay": identify(training, Replay(), key=key),
         "ten by replay (the trap)": identify(
-            training, TRAP, key, objective="replay", trials=1, bounds={
+            training, Replay(trials=1), over=TRAP, key=key, bounds={
                 "spin_down_ratio": (0.5, 4.0), "inertia_x": (6e-6, 1e-4), "inertia_y": (6e-6, 1e-4), "rotational_damping": (0.0, 1e-3),
                 "drag_x": (0.0, 3.0), "drag_y": (0.0, 3.0), "drag_z": (0.0, 3.0),
             },
@@ -352,11 +356,10 @@ def main() -> None:
         show("Open loop, held-out PWM flights [m, m/s, deg, rad/s]", open_loop(judged, drones))
     )
     by_structure = {
-        structure: identify(flights, AUTO, key, trials=1)
-        for structure, flights in everything.items()
+        structure: identify(flights, ONCE, key=key) for structure, flights in everything.items()
     }
     by_structure["together"] = identify(
-        [flight for flights in everything.values() for flight in flights], AUTO, key, trials=1
+        [flight for flights in everything.values() for flight in flights], ONCE, key=key
     )
     texts.append(show("By control structure, all flights", parameter_rows(by_structure)))
     for name, one in {**found, **by_structure}.items():

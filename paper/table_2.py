@@ -25,10 +25,11 @@ from maidenflight.flights import recording
 from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import read_flights
 from maidenflight.flights.windows import windows
-from maidenflight.identification.bayesian import PAPER_BOUNDS
+from maidenflight.identification.box import PAPER_BOUNDS
 from maidenflight.identification.estimates import Identification
-from maidenflight.identification.identify import METHODS, identify
+from maidenflight.identification.identify import identify
 from maidenflight.identification.objective import Objective
+from maidenflight.identification.replay import METHODS, Replay
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.simulator.control import CONTROLLERS
 from maidenflight.simulator.virtual_drone import VirtualDrone
@@ -135,12 +136,8 @@ def entries(
             key = jax.random.key(plan.seed)
             found = identify(
                 flights,
+                Replay(method, length, trials=plan.trials, evaluations=evaluations),
                 key=key,
-                objective="replay",
-                length=length,
-                evaluations=evaluations,
-                trials=plan.trials,
-                method=method,
             )
             print(
                 f"{name}, T = {length}, {method}: {found.windows} windows, {found.seconds:.1f} s",

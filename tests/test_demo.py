@@ -4,13 +4,13 @@ import pytest
 
 from maidenflight import terminal
 from maidenflight.demo import Demo, Listener, Plan, demo
+from maidenflight.identification.likelihood import Likelihood
 from maidenflight.training.analytic_gradient import AnalyticGradient
 
 QUICK = Plan(
     flights=2,
     duration=4.0,
-    evaluations=15,
-    trials=1,
+    identification=Likelihood(trials=1, evaluations=15),
     policies=2,
     learner=AnalyticGradient(updates=2, evaluations=1, drones=4, horizon=4, episodes=4),
     flight_trials=2,

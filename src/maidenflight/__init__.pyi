@@ -8,7 +8,9 @@ from .flights.log import Flight as Flight
 from .flights.reading import read_flights as read_flights
 from .flights.recording import record as record
 from .identification.identify import identify as identify
+from .identification.likelihood import Likelihood as Likelihood
 from .identification.prediction import prediction_error as prediction_error
+from .identification.replay import Replay as Replay
 from .parameters import Parameters as Parameters
 from .parameters import crazyflie as crazyflie
 from .policy import Policy as Policy

@@ -15,6 +15,7 @@ from maidenflight import results, workflow
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.identification.estimates import Identification
 from maidenflight.identification.identify import AUTO
+from maidenflight.identification.likelihood import Likelihood
 from maidenflight.parameters import Parameters
 from maidenflight.reporting.page import report
 from maidenflight.training.analytic_gradient import AnalyticGradient
@@ -31,10 +32,8 @@ class Plan:
     """Of each of them [s]."""
     over: str | Sequence[str] = AUTO
     """Parameters to identify; `AUTO`: the flights choose them."""
-    evaluations: int = 60
-    """Most evaluations of the likelihood, a trial."""
-    trials: int = 1
-    """Trials of the optimiser."""
+    identification: Likelihood = Likelihood(trials=1)
+    """Settings of identification."""
     policies: int = 3
     """Policies trained."""
     learner: AnalyticGradient = AnalyticGradient(updates=1000, evaluations=10)
@@ -98,10 +97,8 @@ def demo(folder: Path, seed: int, plan: Plan, listener: Listener) -> Demo:
             recorded,
             seed,
             folder / "drone.toml",
-            plan.over,
-            "crazyflie",
-            evaluations=plan.evaluations,
-            trials=plan.trials,
+            plan.identification,
+            over=plan.over,
             on_evaluation=listener.evaluation,
         ),
     )

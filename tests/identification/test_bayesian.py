@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 
 from maidenflight.identification import bayesian
-from maidenflight.identification.bayesian import PAPER_BOUNDS, Box
+from maidenflight.identification.box import PAPER_BOUNDS, Box
 
 BOX = Box(tuple(PAPER_BOUNDS), *zip(*PAPER_BOUNDS.values(), strict=True))
 

@@ -9,9 +9,11 @@ import pytest
 from maidenflight.errors import InputError
 from maidenflight.flights.windows import windows
 from maidenflight.identification import bayesian, gradient
-from maidenflight.identification.bayesian import PAPER_BOUNDS, Box
+from maidenflight.identification.box import PAPER_BOUNDS, Box
+from maidenflight.identification.gauss_newton import NormalEquations, in_unit_cube
 from maidenflight.identification.identify import identify
-from maidenflight.identification.objective import NormalEquations, Objective
+from maidenflight.identification.objective import Objective
+from maidenflight.identification.replay import Replay
 from maidenflight.parameters import crazyflie, noiseless, replace
 
 TRUTH = np.array([1.9, 0.06, 0.012])
@@ -53,7 +55,7 @@ def search(objective, seed, box=BOX):
         )
 
     def equations(unit, every):
-        return gradient.in_unit_cube(objective.normal_equations(at(unit), NAMES, every), box, unit)
+        return in_unit_cube(objective.normal_equations(at(unit), NAMES, every), box, unit)
 
     kinks = gradient.kinks(box, float(objective.time_step))
     return gradient.minimise(
@@ -100,9 +102,7 @@ def test_both_models_of_the_curvature_are_symmetric_and_positive_and_one_is_the_
 
 def test_the_unit_cubes_gradient_is_that_of_central_differences(objective):
     unit = BOX.unit(np.array(list(BESIDE.values())))
-    found = gradient.in_unit_cube(
-        objective.normal_equations(drone(unit), NAMES), BOX, unit
-    ).gradient
+    found = in_unit_cube(objective.normal_equations(drone(unit), NAMES), BOX, unit).gradient
     shifts = 2e-3 * np.eye(3)
     expected = [
         (objective(drone(unit + shift)) - objective(drone(unit - shift))) / 4e-3 for shift in shifts
@@ -191,9 +191,8 @@ def test_identify_follows_gradients_unless_told_otherwise(flights):
     seen = []
     found = identify(
         flights,
+        Replay(),
         key=jax.random.key(2),
-        objective="replay",
-        trials=2,
         on_evaluation=lambda *counts: seen.append(counts),
     )
     for name, truth in zip(NAMES, TRUTH, strict=True):
@@ -202,6 +201,6 @@ def test_identify_follows_gradients_unless_told_otherwise(flights):
     assert seen[-1][0] == seen[-1][1] == found.evaluations == len(found.history)
 
 
-def test_an_unknown_method_is_refused_in_words(flights):
+def test_an_unknown_method_is_refused_in_words():
     with pytest.raises(InputError, match=r"unknown method 'newton'.*gradient, bayesian"):
-        identify(flights, objective="replay", method="newton")
+        Replay("newton")

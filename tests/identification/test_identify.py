@@ -16,15 +16,19 @@ from maidenflight.errors import InputError
 from maidenflight.flights.log import write as write_log
 from maidenflight.flights.reading import read_flights
 from maidenflight.identification import likelihood
-from maidenflight.identification.bayesian import PAPER_BOUNDS
+from maidenflight.identification.box import PAPER_BOUNDS
 from maidenflight.identification.ensembles import posterior_ensemble, trim_ensemble
-from maidenflight.identification.estimates import SAVED
-from maidenflight.identification.identify import AUTO, METHODS, _doubts, identify
+from maidenflight.identification.estimates import SAVED, doubts
+from maidenflight.identification.identify import AUTO, identify
+from maidenflight.identification.likelihood import Likelihood
 from maidenflight.identification.posterior import DESIGN
+from maidenflight.identification.replay import METHODS, Replay
 from maidenflight.identification.selection import FIRST
 from maidenflight.parameters import QUANTITIES, check, crazyflie, noiseless, read, replace, write
 
-FEW: dict[str, Any] = {"evaluations": 12, "trials": 1, "method": "bayesian", "objective": "replay"}
+FEW = Replay("bayesian", trials=1, evaluations=12)
+QUICK = Replay("bayesian", trials=2, evaluations=14)
+ONCE = Likelihood(trials=1)
 
 
 @pytest.fixture(scope="module")
@@ -34,14 +38,7 @@ def flights():
 
 @pytest.fixture(scope="module")
 def quick(flights):
-    return identify(
-        flights,
-        key=jax.random.key(5),
-        evaluations=14,
-        trials=2,
-        method="bayesian",
-        objective="replay",
-    )
+    return identify(flights, QUICK, key=jax.random.key(5))
 
 
 @pytest.mark.slow
@@ -49,7 +46,7 @@ def quick(flights):
 @pytest.mark.parametrize("method", METHODS)
 def test_a_planted_drone_is_found_again(planted_xi, method):
     """k_F within 1 %, T_m + latency within 3 ms, latency within 4 ms."""
-    found = identify(planted.logs(planted.drone(*planted_xi)), objective="replay", method=method)
+    found = identify(planted.logs(planted.drone(*planted_xi)), Replay(method))
     thrust, lag, delay = (found.estimates[name].value for name in PAPER_BOUNDS)
     print(
         f"planted {planted_xi}: k_F {thrust / planted_xi[0] - 1:+.2%}, T_m + latency "
@@ -64,7 +61,7 @@ def test_a_planted_drone_is_found_again(planted_xi, method):
 
 def test_one_parameter_alone_is_found_and_the_others_are_kept(flights):
     start = planted.drone(1.7, 0.06, 0.012)
-    found = identify(flights, ["thrust_to_weight"], start=start, **FEW)
+    found = identify(flights, FEW, over=["thrust_to_weight"], start=start)
     assert found.estimates["thrust_to_weight"].value == pytest.approx(1.9, rel=0.005)
     assert list(found.estimates) == ["thrust_to_weight"]
     for name in QUANTITIES:
@@ -120,22 +117,8 @@ def test_the_optimum_is_the_best_point_of_history(quick):
 
 @pytest.mark.slow
 def test_the_same_key_gives_the_same_result_and_another_key_another(flights, quick):
-    again = identify(
-        flights,
-        key=jax.random.key(5),
-        evaluations=14,
-        trials=2,
-        method="bayesian",
-        objective="replay",
-    )
-    other = identify(
-        flights,
-        key=jax.random.key(6),
-        evaluations=14,
-        trials=2,
-        method="bayesian",
-        objective="replay",
-    )
+    again = identify(flights, QUICK, key=jax.random.key(5))
+    other = identify(flights, QUICK, key=jax.random.key(6))
     assert again.to_table() == quick.to_table()
     assert again.history.equals(quick.history)
     assert not other.history.equals(quick.history)
@@ -187,19 +170,19 @@ def test_flights_whose_commands_mean_different_thrusts_are_refused(flights):
 
 def test_restless_samples_are_doubted(flights):
     sampled = [dataclasses.replace(flight, held=False) for flight in flights]
-    (doubt,) = _doubts({"actuator_noise": 0.14}, sampled)
+    (doubt,) = doubts({"actuator_noise": 0.14}, sampled)
     assert "lag and inertia cannot be trusted" in doubt
     assert (
-        _doubts({"actuator_noise": 0.14}, flights)
-        == _doubts({"actuator_noise": 0.03}, sampled)
-        == _doubts({}, sampled)
+        doubts({"actuator_noise": 0.14}, flights)
+        == doubts({"actuator_noise": 0.03}, sampled)
+        == doubts({}, sampled)
         == []
     )
 
 
 def test_progress_is_counted_to_the_plan(flights):
     seen = []
-    identify(flights, on_evaluation=lambda done, planned: seen.append((done, planned)), **FEW)
+    identify(flights, FEW, on_evaluation=lambda done, planned: seen.append((done, planned)))
     planned = 12 + 3 * DESIGN
     assert seen == [(done, planned) for done in range(1, planned + 1)]
 
@@ -209,10 +192,8 @@ def test_progress_is_counted_to_the_plan(flights):
 def test_an_optimum_at_a_search_bound_gives_a_note(flights, bounds, side):
     found = identify(
         flights,
+        Replay(trials=1, evaluations=40),
         bounds={**PAPER_BOUNDS, "thrust_to_weight": bounds},
-        evaluations=40,
-        trials=1,
-        objective="replay",
     )
     assert any(
         note.startswith(f"thrust_to_weight lies at its search bound {side}") for note in found.notes
@@ -239,17 +220,17 @@ def test_an_optimum_inside_its_bounds_gives_no_note(quick):
 )
 def test_what_cannot_be_searched_is_refused_in_words(flights, over, bounds, words):
     with pytest.raises(InputError, match=words):
-        identify(flights, over, objective="replay", bounds={**PAPER_BOUNDS, **bounds})
+        identify(flights, Replay(), over=over, bounds={**PAPER_BOUNDS, **bounds})
 
 
 def test_too_little_flight_is_refused():
     with pytest.raises(InputError, match="no flights to identify from; give at least one"):
-        identify([], objective="replay")
+        identify([], Replay())
 
 
 def test_a_single_stretch_of_flight_has_no_interval_to_be_sure_of(flights):
     """One block cannot be redrawn; a note must say so, lest an interval of no width be believed."""
-    found = identify(flights[:1], ["thrust_to_weight"], start=noiseless(crazyflie()), **FEW)
+    found = identify(flights[:1], FEW, over=["thrust_to_weight"], start=noiseless(crazyflie()))
     assert any("interval" in note for note in found.notes)
 
 
@@ -260,7 +241,7 @@ def test_a_third_of_the_real_pwm_flights_gives_the_studys_drone(shared_data):
     assert len(folders) == 12
     # Policies that crash within half a second leave a folder without a usable flight.
     flights = itertools.chain.from_iterable(usable(folder) for folder in folders)
-    found = identify(flights, objective="replay", evaluations=25, trials=2)
+    found = identify(flights, Replay(evaluations=25))
     thrust, lag, delay = (found.estimates[name].value for name in PAPER_BOUNDS)
     print(
         f"real: k_F {thrust:.3f}, T_m {1e3 * lag:.1f} ms, latency {1e3 * delay:.1f} ms, "
@@ -295,10 +276,8 @@ def test_of_a_large_folder_only_as_much_as_asked_for_reaches_the_identification(
                 tmp_path,
                 0,
                 tmp_path / "drone.toml",
-                None,
-                "crazyflie",
-                history=30,
-                most_seconds=most,
+                Likelihood(lead_in=30),
+                reading=workflow.Reading(most_seconds=most),
             )
         assert reached.value.args[0] == pytest.approx(duration)
         assert len(reached.value.args[1]) == notes
@@ -311,7 +290,7 @@ def noisy(flights):
 
 @pytest.fixture(scope="module")
 def likely(noisy):
-    return identify(noisy, FIRST, key=jax.random.key(5), trials=1)
+    return identify(noisy, ONCE, over=FIRST, key=jax.random.key(5))
 
 
 def test_likelihood_is_the_objective_unless_told_otherwise(likely, quick):
@@ -338,7 +317,8 @@ def test_a_most_likely_value_lies_in_its_interval_and_its_draws_within_bounds(li
 
 
 def test_a_parameter_at_a_bound_keeps_its_draws_within_it(noisy):
-    found = identify(noisy, ["thrust_to_weight"], trials=1, bounds={"thrust_to_weight": (1.5, 1.8)})
+    bounds = {"thrust_to_weight": (1.5, 1.8)}
+    found = identify(noisy, ONCE, over=["thrust_to_weight"], bounds=bounds)
     assert found.draws["thrust_to_weight"].max() <= 1.8
     assert any(
         note.startswith("thrust_to_weight lies at its search bound 1.8") for note in found.notes
@@ -346,8 +326,8 @@ def test_a_parameter_at_a_bound_keeps_its_draws_within_it(noisy):
 
 
 def test_the_same_key_gives_the_same_likelihood_and_another_key_other_draws(noisy, likely):
-    again = identify(noisy, FIRST, key=jax.random.key(5), trials=1)
-    other = identify(noisy, FIRST, key=jax.random.key(6), trials=1)
+    again = identify(noisy, ONCE, over=FIRST, key=jax.random.key(5))
+    other = identify(noisy, ONCE, over=FIRST, key=jax.random.key(6))
     assert again.to_table() == likely.to_table()
     assert again.posterior_table() == likely.posterior_table()
     assert other.posterior_table() != likely.posterior_table()
@@ -415,12 +395,20 @@ def test_a_posterior_that_makes_no_sense_is_refused_in_words(table, words):
 
 def test_parameters_are_chosen_by_likelihood_only(flights):
     with pytest.raises(InputError, match="chosen by likelihood only"):
-        identify(flights, AUTO, objective="replay")
+        identify(flights, Replay(), over=AUTO)
 
 
-def test_an_unknown_objective_is_refused_with_the_known_ones(flights):
-    with pytest.raises(InputError, match=r"unknown objective 'least squares'.*likelihood, replay"):
-        identify(flights, objective="least squares")
+def test_settings_of_no_method_are_refused(flights):
+    settings: Any = "least squares"
+    with pytest.raises(InputError, match="least squares"):
+        identify(flights, settings)
+
+
+@pytest.mark.parametrize("wrong", [{"trials": 0}, {"evaluations": -1}, {"lead_in": 0}])
+@pytest.mark.parametrize("settings", [Likelihood, Replay])
+def test_settings_that_make_no_sense_are_refused_by_name(settings, wrong):
+    with pytest.raises(InputError, match=f"{settings.__name__}.{next(iter(wrong))}"):
+        settings(**wrong)
 
 
 def test_trims_differ_as_they_did_between_flights_and_nothing_else_does() -> None:

@@ -7,12 +7,11 @@ import jax
 import numpy as np
 import planted
 import pytest
-from scipy.optimize import least_squares
 
 from maidenflight.errors import InputError
 from maidenflight.identification import likelihood, one_step
 from maidenflight.identification.identify import identify
-from maidenflight.identification.objective import NormalEquations
+from maidenflight.identification.likelihood import Likelihood
 from maidenflight.identification.selection import FIRST, GROUPS
 from maidenflight.parameters import QUANTITIES, component, crazyflie, replace
 
@@ -28,7 +27,7 @@ def flights():
 
 @pytest.fixture(scope="module")
 def found(flights):
-    return identify(flights, FIRST, jax.random.key(1), objective="likelihood", trials=2)
+    return identify(flights, Likelihood(trials=2), over=FIRST, key=jax.random.key(1))
 
 
 @pytest.mark.slow
@@ -98,46 +97,6 @@ def test_bounds_are_physical_and_hold_the_drone_and_all_that_may_be_chosen():
     )
 
 
-def bent(unit):
-    """Residuals of a curved valley in the unit cube, and their Jacobian: Rosenbrock's, its lowest
-    point at (0.6, 0.4)."""
-    x, y = 2.5 * (np.asarray(unit) - [0.2, 0.4 - 1 / 2.5])
-    return np.array([10 * (y - x**2), 1 - x]), 2.5 * np.array([[-20 * x, 10], [-1, 0]])
-
-
-def test_the_climb_ends_where_scipys_least_squares_does():
-    seen = []
-
-    def equations(unit):
-        seen.append(unit)
-        residuals, jacobian = bent(unit)
-        curvature = jacobian.T @ jacobian
-        return NormalEquations(
-            0.5 * float(residuals @ residuals), jacobian.T @ residuals, curvature, curvature
-        )
-
-    points, values = likelihood._climb(equations, np.array([0.15, 0.7]), 200, 1e-9)
-    expected = least_squares(lambda unit: bent(unit)[0], [0.15, 0.7], bounds=(0, 1), xtol=1e-12)
-    np.testing.assert_allclose(points[np.argmin(values)], expected.x, atol=1e-3)
-    np.testing.assert_allclose(expected.x, [0.6, 0.4], atol=1e-6)
-    np.testing.assert_array_equal(points, seen)
-    assert values[-1] < 1e-7
-
-
-def test_the_climb_stops_after_as_many_evaluations_as_it_may_make():
-    def equations(unit):
-        residuals, jacobian = bent(unit)
-        return NormalEquations(
-            0.5 * float(residuals @ residuals),
-            jacobian.T @ residuals,
-            jacobian.T @ jacobian,
-            jacobian.T @ jacobian,
-        )
-
-    assert len(likelihood._climb(equations, np.array([0.15, 0.7]), 3, 1e-9)[1]) == 3
-    assert len(likelihood._climb(equations, np.array([0.15, 0.7]), 1, 1e-9)[1]) == 1
-
-
 def test_every_third_flight_judges_those_that_fit(flights):
     fitted, judged = likelihood._split(flights)
     assert [flight.name for flight in judged] == [f"planted {number}" for number in range(2, 32, 3)]
@@ -159,6 +118,6 @@ def test_flights_shorter_than_a_window_are_refused_in_words(flights):
     with pytest.raises(
         InputError, match=f"no flight is long enough for a window of {one_step.LENGTH} rows"
     ):
-        identify(few, FIRST)
+        identify(few, over=FIRST)
     with pytest.raises(InputError, match="no flights"):
-        identify([], FIRST)
+        identify([], over=FIRST)

@@ -12,8 +12,9 @@ import pytest
 from hypothesis import given
 
 from maidenflight.identification import selection
+from maidenflight.identification.gauss_newton import NormalEquations
 from maidenflight.identification.identify import identify
-from maidenflight.identification.objective import NormalEquations
+from maidenflight.identification.likelihood import Likelihood
 from maidenflight.identification.selection import FIRST, GROUPS
 from maidenflight.parameters import COMPONENTS, replace
 
@@ -32,7 +33,7 @@ def found():
     told = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(selection, "choose", partial(selection.choose, groups=FEW))
-        return identify(flights, "auto", trials=1, on_step=told.append), told
+        return identify(flights, Likelihood(trials=1), over="auto", on_group=told.append), told
 
 
 @pytest.mark.slow

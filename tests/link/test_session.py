@@ -68,11 +68,9 @@ def test_identify_finds_the_fake_drone_in_what_record_wrote(tmp_path):
     start = parameters.replace(parameters.crazyflie(), latency=0.0)
     found = mf.identify(
         read,
-        ["thrust_to_weight", "motor_time_constant"],
-        objective="replay",
+        mf.Replay(trials=1, evaluations=11),
+        over=["thrust_to_weight", "motor_time_constant"],
         start=start,
-        evaluations=11,
-        trials=1,
     )
     assert found.parameters.thrust_to_weight == pytest.approx(THRUST_TO_WEIGHT, rel=0.02)
     assert found.parameters.motor_time_constant == pytest.approx(MOTOR_TIME_CONSTANT, rel=0.2)

@@ -15,6 +15,8 @@ from maidenflight.errors import InputError
 if TYPE_CHECKING:
     from maidenflight.flights.reading import Flights
     from maidenflight.identification.estimates import Identification
+    from maidenflight.identification.likelihood import Likelihood
+    from maidenflight.identification.replay import Replay
 
 
 @click.command()
@@ -92,10 +94,8 @@ _commands = click.option(
 )
 @click.option(
     "--length",
-    default=30,
-    show_default=True,
     type=click.IntRange(1, 500),
-    help="T, rows of a replayed window.",
+    help="T, rows of a replayed window; 30 unless given.",
 )
 @click.option(
     "--history",
@@ -120,10 +120,8 @@ _commands = click.option(
 )
 @click.option(
     "--method",
-    default="gradient",
-    show_default=True,
     type=click.Choice(["gradient", "bayesian"]),
-    help="Of a replay.",
+    help="Optimiser of a replay; gradient unless given.",
 )
 @click.option(
     "--bounds",
@@ -150,6 +148,9 @@ def identify(
     seed: int,
     as_json: bool,
     overwrite: bool,
+    bounds: dict[str, tuple[float, float]],
+    most_seconds: float,
+    commands: str | None,
     **settings: Any,
 ) -> None:
     """Identify a drone's parameters from LOGS.
@@ -165,22 +166,24 @@ def identify(
         if over in (None, "auto")
         else [name.strip() for name in over.split(",") if name.strip()]
     )
-    _must_be_known([*(names if isinstance(names, list) else []), *settings["bounds"]])
+    _must_be_known([*(names if isinstance(names, list) else []), *bounds])
     with terminal.progress("identify", None) as move:
         flights, found = workflow.identify_from(
             logs,
             seed,
             output,
-            names,
-            start,
-            **settings,
+            _settings(**settings),
+            start=start,
+            over=names,
+            bounds=bounds,
+            reading=workflow.Reading(most_seconds, commands),
             on_file=lambda done, of: (
                 move(done, of, "reading flights") if done < of else move(0, None, "compiling")
             ),
             on_evaluation=lambda done, of: move(
                 done, of or None, "evaluations" if of else f"{done} evaluations"
             ),
-            on_step=lambda step: move(
+            on_group=lambda step: move(
                 0,
                 None,
                 f"{step.group} {'kept' if step.kept else 'not kept'}: {step.gain:+.4f} nats a row",
@@ -197,6 +200,24 @@ def identify(
         print(f"written to {output}")
 
     options.emit(as_json, _identification_content(flights, found) | {"output": str(output)}, text)
+
+
+def _settings(
+    objective: str, method: str | None, length: int | None, history: int, **common: Any
+) -> "Likelihood | Replay":
+    """Settings of identification from what the command line says."""
+    from maidenflight.identification.likelihood import Likelihood
+    from maidenflight.identification.replay import Replay
+
+    given = {"method": method, "length": length}
+    of_replay: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    if objective == "replay":
+        return Replay(lead_in=history, **of_replay, **common)
+    if of_replay:
+        raise InputError(
+            f"--{next(iter(of_replay))} is of a replay; leave it out, or add --objective replay."
+        )
+    return Likelihood(lead_in=history, **common)
 
 
 def _must_be_known(names: Iterable[str]) -> None:

@@ -7,7 +7,6 @@ models the logarithm of the objective, because both span decades while what matt
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,58 +17,11 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import ConstantKernel, Kernel, Matern, WhiteKernel
 from threadpoolctl import threadpool_limits
 
-PAPER_BOUNDS: dict[str, tuple[float, float]] = {
-    "thrust_to_weight": (1.5, 2.5),
-    "motor_time_constant": (0.01, 0.50),
-    "latency": (0.0, 0.05),
-}
-"""Search bounds, SI units (Gronauer et al. 2022, sec. Simulation Optimization)."""
-
-LOGARITHMIC = ("motor_time_constant", "spin_down_ratio")
-"""Parameters searched on a logarithmic scale."""
-
 _FIRST = 10
 """Evaluations spread evenly before the process is asked."""
 _GROWTH = 1.1
 """The kernel is fitted anew when there are so many times more evaluations. Its length scales settle
 early, and each fit costs more than an evaluation."""
-
-
-@dataclass(frozen=True)
-class Box:
-    """The search box, and the way between parameters' values and the unit cube."""
-
-    names: tuple[str, ...]
-    lower: tuple[float, ...]
-    upper: tuple[float, ...]
-
-    def _ends(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        logarithmic = np.array([name in LOGARITHMIC for name in self.names])
-        low, high = np.array(self.lower), np.array(self.upper)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return (
-                np.where(logarithmic, np.log(low), low),
-                np.where(logarithmic, np.log(high), high),
-                logarithmic,
-            )
-
-    def values(self, unit: Float[np.ndarray, "... d"]) -> Float[np.ndarray, "... d"]:
-        """Parameter values at points of the unit cube."""
-        low, high, logarithmic = self._ends()
-        scaled = low + np.asarray(unit) * (high - low)
-        return np.where(logarithmic, np.exp(scaled), scaled)
-
-    def slope(self, unit: Float[np.ndarray, "d"]) -> Float[np.ndarray, "d"]:
-        """Derivative of each value with respect to its coordinate in the unit cube."""
-        low, high, logarithmic = self._ends()
-        return (high - low) * np.where(logarithmic, self.values(unit), 1.0)
-
-    def unit(self, values: Float[np.ndarray, "... d"]) -> Float[np.ndarray, "... d"]:
-        """Points of the unit cube at parameter values."""
-        low, high, logarithmic = self._ends()
-        with np.errstate(divide="ignore", invalid="ignore"):
-            scaled = np.where(logarithmic, np.log(values), values)
-        return (scaled - low) / (high - low)
 
 
 def minimise(

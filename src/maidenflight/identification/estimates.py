@@ -15,11 +15,16 @@ import polars
 from maidenflight import parameters
 from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
+from maidenflight.flights.windows import BLOCK
+from maidenflight.identification import posterior
+from maidenflight.identification.box import Box
 from maidenflight.identification.selection import Step
 from maidenflight.inputs import StrPath
-from maidenflight.parameters import Parameters, replace
+from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, replace
 from maidenflight.simulator.randomization import Ensemble
 
+_FEWEST_BLOCKS = 6
+"""Stretches of flight below which redrawing them says little."""
 SAVED = 200
 """Drones of the posterior that a TOML file holds."""
 
@@ -210,3 +215,88 @@ class Identification:
 
 def _short(value: float) -> float:
     return float(f"{value:.6g}")
+
+
+def estimates_of(
+    box: Box,
+    optimum: np.ndarray,
+    optima: np.ndarray,
+    interval: tuple[np.ndarray, np.ndarray],
+    spread: np.ndarray,
+    valley: tuple[np.ndarray, np.ndarray] | None = None,
+) -> dict[str, Estimate]:
+    """Estimates from points of the box's unit cube: the optimum, that of each trial, the ends of
+    the interval; the spread and the valley are in the parameters' units.
+    """
+    low, high = interval
+    value, low, high = (
+        box.values(unit) for unit in (optimum, np.minimum(low, optimum), np.maximum(high, optimum))
+    )
+    trials = box.values(optima)
+    return {
+        name: Estimate(
+            value=float(value[i]),
+            interval=(float(low[i]), float(high[i])),
+            trials=tuple(map(float, trials[:, i])),
+            spread=float(spread[i]),
+            valley=None if valley is None else (float(valley[0][i]), float(valley[1][i])),
+        )
+        for i, name in enumerate(box.names)
+    }
+
+
+def evaluations_table(
+    box: Box,
+    runs: Sequence[tuple[np.ndarray, np.ndarray]],
+    drawn: posterior.Bootstrap | None = None,
+) -> polars.DataFrame:
+    """A row for each evaluation: the trial, from 1 on (0: the bootstrap's), values, objective."""
+    parts = []
+    everything = list(runs) if drawn is None else [*runs, (drawn.points, drawn.losses)]
+    for trial, (points, losses) in enumerate(everything, 1):
+        columns: dict[str, np.ndarray] = dict(zip(box.names, box.values(points).T, strict=True))
+        number = 0 if trial > len(runs) else trial
+        parts.append(
+            polars.DataFrame(
+                {"trial": np.full(len(losses), number), **columns, "objective": losses}
+            )
+        )
+    return polars.concat(parts)
+
+
+RESTLESS = 0.08
+"""Noise of motors beyond which it is not theirs: real Crazyflies have 0.03 to 0.04 of full
+thrust."""
+
+
+def doubts(noise: Mapping[str, float], flights: Sequence[Flight]) -> list[str]:
+    """What makes the result doubtful although its intervals are narrow."""
+    found = noise.get("actuator_noise", 0.0)
+    if found < RESTLESS or all(flight.held for flight in flights):
+        return []
+    return [
+        f"motors seem to differ from their commands by {found:.2f} of full thrust, too much for "
+        "motors: the log's commands are samples of a"
+        " faster loop, so that lag and inertia cannot be trusted. Fly a policy at the log's rate, "
+        "or record with more excitation."
+    ]
+
+
+def notes_on(box: Box, optimum: np.ndarray, blocks: int) -> list[str]:
+    """What makes intervals too narrow, or values depend on the search's bounds."""
+    notes = []
+    if blocks < _FEWEST_BLOCKS:
+        notes.append(
+            f"each interval rests on {blocks} stretches of flight and is too narrow; record at "
+            f"least {_FEWEST_BLOCKS * BLOCK:.0f} s."
+        )
+    for name, place, low, high in zip(box.names, optimum, box.lower, box.upper, strict=True):
+        quantity = QUANTITIES[COMPONENTS[name][0]]
+        side = low if place < 0.5 else high
+        physical = side in (quantity.lower, quantity.upper)
+        if (place < 0.01 or place > 0.99) and not physical:
+            notes.append(
+                f"{name} lies at its search bound {side:g} {quantity.unit}; widen it: "
+                f"--bounds {name}=LOWER,UPPER."
+            )
+    return notes

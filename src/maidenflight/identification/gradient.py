@@ -1,31 +1,32 @@
-"""Identification by gradients through the simulator: Gauss-Newton steps, damped as far as the
-objective asks for it.
+"""Minimising the objective of a replay by gradients through the simulator.
 
-The objective is a sum of absolute values and of norms, so its curvature lies in their kinks. Two
-models of it are blended. The one of Gauss and Newton, with rounded kinks, leads to the optimum in
-few steps. The one of iteratively reweighted least squares is never too flat where residuals are
-linear in the parameters, and is right where a model fits without error. Damping blends from the
-first to the second, and then scales the second.
+The objective is a sum of absolute values and of norms, so its curvature lies in their kinks.
+`curvature` rounds the kinks; `majorant`, that of iteratively reweighted least squares, is right
+where a model fits without error.
 
-Windows overlap, so few of them tell nearly where the optimum is: a far start comes near on some
-dozens, then on every fifth, and only the last steps see all. The curvature that they teach is
-carried along.
+Windows overlap, so few of them show nearly where the optimum is: a random start comes near on some
+dozens of windows, then on every fifth, and only the last steps use all of them. Each stage keeps
+the curvature that the one before it found.
 
 Where a command arrives just when a physics step begins, the objective has a kink in the latency,
-and its optimum likes to lie in one. So no step looks across a kink. It ends just behind it; what
-the slope says there tells whether to go on or back.
+and its optimum often lies in one. So a step ends just behind the next kink; the slope there shows
+whether to go on or back.
 """
 
 from collections.abc import Callable, Sequence
-from itertools import count
-from typing import NamedTuple
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import lsq_linear
 
-from maidenflight.identification.bayesian import Box
-from maidenflight.identification.objective import NormalEquations
+from maidenflight.identification.box import Box
+from maidenflight.identification.gauss_newton import (
+    INSIDE,
+    Descent,
+    NormalEquations,
+    Rules,
+    descend,
+)
 
 FAR = 64
 """Windows, about, of which the way from a random start is found."""
@@ -39,9 +40,6 @@ be had, and on all."""
 _FEWEST = 2
 """Steps on all windows, however small: a step says how far the optimum is only once the curvature
 is that of all."""
-INSIDE = 1e-7
-"""Distance from the box's faces at which slopes are taken: on a face, as where there is no latency
-at all, one can be one-sided."""
 _BEHIND = 1e-6
 """Distance behind a kink at which a step across it ends."""
 
@@ -62,20 +60,6 @@ def kinks(box: Box, time_step: float) -> list[Float[np.ndarray, "k"]]:
         )
         found.append((steps * time_step - low) / (high - low))
     return found
-
-
-def in_unit_cube(
-    equations: NormalEquations, box: Box, point: Float[np.ndarray, "d"]
-) -> NormalEquations:
-    """Normal equations per unit of the search's cube instead of per SI unit of the parameters."""
-    scale = box.slope(point)
-    square = np.outer(scale, scale)
-    return NormalEquations(
-        equations.loss,
-        equations.gradient * scale,
-        equations.curvature * square,
-        equations.majorant * square,
-    )
 
 
 def minimise(
@@ -102,9 +86,6 @@ def minimise(
 
     Returns:
         The points evaluated on all windows and their values, in the order of evaluation.
-
-    Source: Marquardt 1963, An algorithm for least-squares estimation of nonlinear parameters; the
-    blend is ours.
     """
     points, losses = [], []
 
@@ -131,77 +112,22 @@ def minimise(
     far = max(1, size // FAR)
     stages = []
     if far > 1:
-        stages.append((far, [np.empty(0)] * len(kinks), _FAR_STEPS, _FAR_SMALL))
+        stages.append((far, [np.empty(0)] * len(kinks), Rules(0, _FAR_STEPS, _FAR_SMALL)))
     if far > MIDDLE:
-        stages.append((MIDDLE, kinks, _MIDDLE_STEPS, _MIDDLE_SMALL))
-    point, curvature = generator.random(len(kinks)), None
-    for every, places, steps, small in stages:
-        found = descend(on_each(every), point, curvature, places, 0, steps, small)
+        stages.append((MIDDLE, kinks, Rules(0, _MIDDLE_STEPS, _MIDDLE_SMALL)))
+    stages.append((1, kinks, Rules(_FEWEST, max(0, evaluations - 3), _SMALL)))
+    point, curvature, found = generator.random(len(kinks)), None, None
+    for every, places, rules in stages:
+        damping = 1.0 if curvature is None else 0.0
+        found = descend(on_each(every), point, rules, partial(cell, places), damping, curvature)
         point, curvature = found.ahead, found.equations.curvature
-    found = descend(on_each(1), point, curvature, kinks, _FEWEST, max(0, evaluations - 3), _SMALL)
+    assert found is not None
     # The last two evaluations are without derivatives, at a fifth of the cost.
     if len(losses) < evaluations:
         loss = plain(found.ahead)
         if len(losses) < evaluations:
             plain(_along(found, loss))
     return np.array(points), np.array(losses)
-
-
-class Descent(NamedTuple):
-    """Where a descent ended."""
-
-    point: Float[np.ndarray, "d"]
-    """The lowest point."""
-    equations: NormalEquations
-    """Derivatives there."""
-    ahead: Float[np.ndarray, "d"]
-    """Where the next step would lead."""
-    low: Float[np.ndarray, "d"]
-    high: Float[np.ndarray, "d"]
-    """How far it may lead."""
-
-
-def descend(
-    equations: Callable[[Float[np.ndarray, "d"]], NormalEquations],
-    point: Float[np.ndarray, "d"],
-    curvature: Float[np.ndarray, "d d"] | None,
-    kinks: Sequence[Float[np.ndarray, "k"]],
-    fewest: int,
-    steps: int,
-    small: float,
-) -> Descent:
-    """Goes down until a step would be small.
-
-    Args:
-        equations: point to the objective with derivatives.
-        point: where to begin.
-        curvature: what other windows taught of it, if anything; it is kept, and corrected only by
-            how the gradient changes. In it is what the method of Gauss and Newton leaves out, here
-            as much as half of it.
-        kinks: for each of d dimensions, where the objective's slope jumps.
-        fewest: steps that are taken however small they are.
-        steps: most steps.
-        small: a step that is small, in each dimension.
-    """
-    came, here = point, equations(point)
-    keeps, damping = curvature is not None, 1.0
-    if keeps:
-        here, damping = here._replace(curvature=curvature), 0.0
-    for number in count():
-        low, high = cell(kinks, point, came)
-        there = step(here, point, damping, low, high)
-        if (number >= fewest and np.abs(there - point).max() < small) or number >= steps:
-            return Descent(point, here, there, low, high)
-        ahead = equations(there)
-        if ahead.loss < here.loss:
-            ahead = ahead._replace(curvature=here.curvature) if keeps else ahead
-            # Across a kink the slope jumps, which is no curvature.
-            crossed = ((there == low) & (low > 0)) | ((there == high) & (high < 1))
-            ahead = ahead if crossed.any() else corrected(ahead, here, there - point)
-            came, point, here, damping = point, there, ahead, damping / 4
-        else:
-            damping = max(4 * damping, 0.5)
-    raise AssertionError("unreachable")
 
 
 def cell(
@@ -233,41 +159,3 @@ def _along(found: Descent, loss: float) -> Float[np.ndarray, "d"]:
     bend = 2 * (loss - found.equations.loss - slope)
     share = np.clip(-slope / bend, 0.25, 4.0) if bend > 0 else 2.0
     return np.clip(found.point + share * shift, found.low, found.high)
-
-
-def corrected(
-    ahead: NormalEquations, here: NormalEquations, shift: Float[np.ndarray, "d"]
-) -> NormalEquations:
-    """Curvature that explains how the gradient changed over the last step: the update of Broyden,
-    Fletcher, Goldfarb and Shanno.
-    """
-    change = ahead.gradient - here.gradient
-    along, explained = ahead.curvature @ shift, float(shift @ change)
-    if explained <= 0.1 * float(shift @ along):
-        return ahead
-    update = np.outer(change, change) / explained - np.outer(along, along) / float(shift @ along)
-    return ahead._replace(curvature=ahead.curvature + update)
-
-
-def step(
-    equations: NormalEquations,
-    point: Float[np.ndarray, "d"],
-    damping: float,
-    low: Float[np.ndarray, "d"] | float = INSIDE,
-    high: Float[np.ndarray, "d"] | float = 1 - INSIDE,
-) -> Float[np.ndarray, "d"]:
-    """The point between `low` and `high` at which the damped quadratic model is lowest."""
-    blend = min(damping, 1.0)
-    matrix = (1 - blend) * equations.curvature + blend * max(damping, 1.0) * equations.majorant
-    # A parameter that moves nothing has no curvature; it stays where it is.
-    matrix = matrix + np.diag(1e-6 * np.diag(equations.majorant) + 1e-9)
-    values, vectors = np.linalg.eigh(matrix)
-    root = np.sqrt(np.maximum(values, 1e-9 * values.max()))
-    bounds = (low - point - 1e-12, high - point + 1e-12)
-    shift = lsq_linear(
-        root[:, None] * vectors.T,
-        -(vectors.T @ equations.gradient) / root,
-        bounds=bounds,
-        method="bvls",
-    ).x
-    return np.clip(point + shift, low, high)

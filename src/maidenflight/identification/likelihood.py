@@ -1,8 +1,10 @@
-"""Identification by maximum likelihood of one-step errors: parameters that flights under feedback
-do not bias, and the noise beside.
+"""Identification by maximum likelihood of one-step errors, which feedback does not bias.
+
+`Likelihood` holds its settings, `identified` finds the drone and the noise of its sensors and
+motors.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -11,61 +13,69 @@ from jaxtyping import Float
 
 from maidenflight.flights.log import Flight
 from maidenflight.flights.windows import HISTORY, SHORTEST_HISTORY, windows
-from maidenflight.identification import gradient, one_step, posterior, selection
-from maidenflight.identification.bayesian import Box
+from maidenflight.identification import one_step, posterior, selection
+from maidenflight.identification.box import Box, search_box
+from maidenflight.identification.estimates import (
+    Identification,
+    doubts,
+    estimates_of,
+    evaluations_table,
+    notes_on,
+)
+from maidenflight.identification.gauss_newton import (
+    INSIDE,
+    NormalEquations,
+    Rules,
+    descend,
+    in_unit_cube,
+    inside,
+)
 from maidenflight.identification.noise_levels import noise_levels
-from maidenflight.identification.objective import NormalEquations
 from maidenflight.identification.one_step import OneStep
+from maidenflight.identification.problem import Problem, must_be_positive
 from maidenflight.identification.selection import Step
-from maidenflight.parameters import Parameters, component, replace
+from maidenflight.parameters import Parameters, check, component, replace
 
-_PILOT = 128
-"""Windows on which a far start comes near the optimum."""
-_COARSE, _FINE = 0.002, 0.001
-"""Nominal physics steps [s] on the way and at the end. At 5 ms a command that arrives within a step
-is seen so coarsely that the lag comes out 1 ms short; at 2 ms the latency is still 0.1 ms off,
-which is as much as two minutes of flight leave open."""
 _CLOSE = 0.02
 """Gain of log likelihood of all flights [nats] below which a step is the last: a fifth of a
 standard error moves it by as much."""
 
 
 @dataclass(frozen=True)
-class Likely:
-    """What maximum likelihood found."""
+class Likelihood:
+    """Settings of identification by likelihood."""
 
-    drone: Parameters
-    """The start, with the most likely values and the noise of the flights in place."""
-    box: Box
-    """The search box of the parameters that were identified."""
-    optimum: Float[np.ndarray, "d"]
-    """In the box's unit cube, as are the next two."""
-    runs: list[tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n"]]]
-    """Points evaluated on all windows and their values, of each trial; finely only in the best,
-    which ends at the optimum."""
-    value: float
-    """Minus the mean log likelihood of a row at the optimum."""
-    draws: Float[np.ndarray, "N d"]
-    """Drones as likely as the flights leave them (Laplace's approximation with the sandwich
-    covariance)."""
-    spread: Float[np.ndarray, "d"]
-    """Standard deviation between stretches of flight, beyond what their noise explains; in the
-    parameters' units."""
-    bought: tuple[Step, ...]
-    """What each group of parameters bought, where the flights chose them."""
-    noise: Mapping[str, float]
-    """Noise fields of `drone`."""
-    stretches: int
-    rows: int
-    start_value: float
-    """Minus the mean log likelihood of a row at the start."""
+    trials: int = 2
+    """Repetitions of the optimiser. The first begins at the start, the others at random."""
+    evaluations: int = 60
+    """Most evaluations of the likelihood in a trial; it stops by itself after two to six."""
+    lead_in: int = HISTORY
+    """Rows of commands before a window, from which its motors' speed is inferred."""
+    physics_step: float = 0.001
+    """Nominal physics step [s] of the last steps of the optimiser. At 5 ms a command that arrives
+    within a step is resolved so coarsely that the lag comes out 1 ms short."""
+    coarse_physics_step: float = 0.002
+    """Nominal physics step [s] before that. The latency is then still 0.1 ms off, as much as two
+    minutes of flight leave open."""
+    pilot_windows: int = 128
+    """Windows on which a random start comes near the optimum."""
+
+    def __post_init__(self) -> None:
+        """Refuses what makes no sense."""
+        must_be_positive(self)
 
 
 class _Fit(NamedTuple):
+    """The end of one trial."""
+
     drone: Parameters
     box: Box
     optimum: Float[np.ndarray, "d"]
-    run: tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n"]]
+    """In the box's unit cube, as are the points."""
+    points: Float[np.ndarray, "n d"]
+    """Points evaluated on the last objective."""
+    values: Float[np.ndarray, "n"]
+    """Minus the mean log likelihood of a row there."""
 
 
 def bounds(start: Parameters) -> dict[str, tuple[float, float]]:
@@ -94,143 +104,171 @@ def bounds(start: Parameters) -> dict[str, tuple[float, float]]:
     }
 
 
-def maximise(
-    flights: Sequence[Flight],
-    box: Callable[[Sequence[str]], Box],
-    over: Sequence[str],
-    start: Parameters,
-    history: int,
-    evaluations: int,
-    trials: int,
-    generator: np.random.Generator,
-    on_evaluation: Callable[[], None] | None = None,
-    on_step: Callable[[Step], None] | None = None,
-) -> Likely:
-    """Finds the drone and the noise under which what the flights show is most likely.
-
-    Args:
-        flights: checked flights of one rate.
-        box: parameters' names to their search box.
-        over: the parameters; none to let the flights choose.
-        start: where the first trial begins, and what is kept of the other parameters.
-        history: rows of commands before a window, from which its motors' speed is inferred.
-        evaluations: most evaluations of a trial.
-        trials: the first begins at the start, the others at random.
-        generator: random numbers.
-        on_evaluation: called after each evaluation on all windows.
-        on_step: called with what each group of parameters bought.
+def identified(problem: Problem, settings: Likelihood) -> Identification:
+    """Finds the drone and the noise under which the flights are most likely.
 
     Raises:
-        InputError: too little flight.
+        InputError: too little flight, or a parameter that cannot be searched.
     """
-    period = flights[0].period
+    flights, start = problem.flights, problem.start
+    if problem.over is not None:
+        _box(problem, problem.over)
+    coarse = _objective(flights, settings, settings.coarse_physics_step)
+    fine = _objective(flights, settings, settings.physics_step)
+    pilot = _objective(flights, settings, settings.coarse_physics_step, _every(coarse, settings))
+    over, first, bought = problem.over, start, []
+    if over is None:
+        over, first, bought = _chosen(problem, settings)
+    found = [_fit(problem, settings, [coarse], over, first)]
+    for _ in range(settings.trials - 1):
+        found.append(_fit(problem, settings, [pilot, coarse], over, start, at_random=True))
+    best = int(np.argmin([one.values.min() for one in found]))
+    found[best] = _fit(problem, settings, [fine], over, found[best].drone)
+    drone, box, optimum, _, values = found[best]
+    scores, curvatures = fine.derivatives(drone, box.names)[1:]
+    draws = _posterior(found[best], scores, curvatures, problem.generator)
+    noise = noise_levels(fine.mean_products(drone), drone, flights[0].period)
+    drone = replace(drone, **{name: np.float32(value) for name, value in noise.items()})
+    spread = posterior.spread(scores * fine.rows, curvatures * fine.rows)
+    optima = np.array([one.points[int(np.argmin(one.values))] for one in found])
+    return Identification(
+        parameters=check(drone, "identified parameters"),
+        estimates=estimates_of(box, optimum, optima, posterior.interval(draws), spread),
+        kind="likelihood",
+        objective=float(values.min()),
+        start_objective=fine(start),
+        source=problem.source,
+        windows=int(fine.rows) // (one_step.LENGTH - one_step.ORDER),
+        evaluations=sum(len(one.values) for one in found),
+        seconds=0.0,
+        history=evaluations_table(box, [(one.points, one.values) for one in found]),
+        draws=dict(zip(box.names, box.values(draws).T, strict=True)),
+        bought=tuple(bought),
+        noise=noise,
+        notes=(*notes_on(box, optimum, fine.blocks), *doubts(noise, flights)),
+    )
 
-    def of(some: Sequence[Flight], step: float = _COARSE, every: int = 1) -> OneStep:
-        return _objective(some, history, step, every)
 
-    def fit(
-        objectives: Sequence[OneStep],
-        names: Sequence[str],
-        first: Parameters,
-        at_random: bool = False,
-        close: float = 0.0,
-    ) -> _Fit:
-        """Climbs on one objective after another, on each until a step gains less than `_CLOSE`, or
-        than `close` a row.
-        """
-        searched = box(names)
+def _chosen(
+    problem: Problem, settings: Likelihood
+) -> tuple[tuple[str, ...], Parameters, list[Step]]:
+    """The parameters that predict held-out flights better, and the best drone of the others."""
+    fitted, judged = _split(problem.flights)
+    training, held_out = (
+        _objective(part, settings, settings.coarse_physics_step) for part in (fitted, judged)
+    )
+    sample = _objective(fitted, settings, settings.coarse_physics_step, _every(training, settings))
 
-        def at(unit: np.ndarray) -> Parameters:
-            values = zip(searched.names, searched.values(unit), strict=True)
-            return replace(first, **{name: np.float32(value) for name, value in values})
+    def roughly(names: Sequence[str], first: Parameters) -> Parameters:
+        return _fit(
+            problem, settings, [sample, training], names, first, close=selection.ROUGH
+        ).drone
 
-        def climb(target: OneStep, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            def equations(unit: np.ndarray) -> NormalEquations:
-                if on_evaluation is not None:
-                    on_evaluation()
-                return gradient.in_unit_cube(
-                    target.normal_equations(at(unit), searched.names), searched, unit
-                )
+    return selection.choose(
+        training, held_out, roughly, problem.start, on_step=problem.on_group, sample=sample
+    )
 
-            return _climb(equations, point, evaluations, max(close, _CLOSE / target.rows))
 
-        point = searched.unit(np.array([float(component(first, name)) for name in searched.names]))
-        point = (
-            generator.random(len(point))
-            if at_random
-            else np.clip(point, gradient.INSIDE, 1 - gradient.INSIDE)
-        )
-        points, values = np.empty((0, len(point))), np.empty(0)
-        for target in objectives:
-            points, values = climb(target, point)
-            point = points[int(np.argmin(values))]
-        return _Fit(at(point), searched, point, (points, values))
+def _fit(
+    problem: Problem,
+    settings: Likelihood,
+    objectives: Sequence[OneStep],
+    names: Sequence[str],
+    first: Parameters,
+    *,
+    at_random: bool = False,
+    close: float = 0.0,
+) -> _Fit:
+    """Maximises one likelihood after another, each until a step gains less than `_CLOSE`, or than
+    `close` a row.
+    """
+    box = _box(problem, names)
+    point = box.unit(np.array([float(component(first, name)) for name in box.names]))
+    point = (
+        problem.generator.random(len(point)) if at_random else np.clip(point, INSIDE, 1 - INSIDE)
+    )
+    points, values = np.empty((0, len(point))), np.empty(0)
+    for target in objectives:
+        small = max(close, _CLOSE / target.rows)
+        rules = Rules(1, settings.evaluations - 1, small_gain=small, easing=8.0, firmness=2.0)
+        points, values = _descended(problem, target, rules, box, first, point)
+        point = points[int(np.argmin(values))]
+    return _Fit(box.drone(first, point), box, point, points, values)
 
-    coarse, everything = of(flights), of(flights, _FINE)
-    pilot = of(flights, every=max(1, coarse.size // _PILOT))
-    first, bought = start, []
-    if not over:
-        fitted, judged = _split(flights)
-        training, held_out = of(fitted), of(judged)
-        sample = of(fitted, every=max(1, training.size // _PILOT))
 
-        def roughly(names: Sequence[str], first: Parameters) -> Parameters:
-            return fit([sample, training], names, first, close=selection.ROUGH).drone
+def _descended(
+    problem: Problem,
+    target: OneStep,
+    rules: Rules,
+    box: Box,
+    first: Parameters,
+    point: Float[np.ndarray, "d"],
+) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n"]]:
+    """Points evaluated from one on, and their values."""
+    points, values = [], []
 
-        over, first, bought = selection.choose(
-            training, held_out, roughly, start, on_step=on_step, sample=sample
-        )
-    found = [fit([coarse], over, first)]
-    found += [fit([pilot, coarse], over, start, at_random=True) for _ in range(trials - 1)]
-    best = int(np.argmin([one.run[1].min() for one in found]))
-    found[best] = fit([everything], over, found[best].drone)
-    drone, searched, optimum, (_, values) = found[best]
-    _, scores, curvatures = everything.derivatives(drone, searched.names)
-    slope = searched.slope(optimum)
+    def equations(unit: np.ndarray) -> NormalEquations:
+        problem.evaluated(0)
+        found = target.normal_equations(box.drone(first, unit), box.names)
+        points.append(unit)
+        values.append(found.loss)
+        return in_unit_cube(found, box, unit)
+
+    descend(equations, point, rules, inside, damping=0.0)
+    return np.array(points), np.array(values)
+
+
+def _posterior(
+    fit: _Fit,
+    scores: Float[np.ndarray, "B d"],
+    curvatures: Float[np.ndarray, "B d d"],
+    generator: np.random.Generator,
+) -> Float[np.ndarray, "N d"]:
+    """Samples of the posterior in the unit cube: Laplace's approximation with the sandwich
+    covariance.
+    """
+    slope = fit.box.slope(fit.optimum)
     covariance = posterior.sandwich(scores * slope, curvatures.sum(axis=0) * np.outer(slope, slope))
-    draws = np.clip(
-        generator.multivariate_normal(optimum, covariance, posterior.RESAMPLES, method="eigh"),
+    return np.clip(
+        generator.multivariate_normal(fit.optimum, covariance, posterior.RESAMPLES, method="eigh"),
         0.0,
         1.0,
     )
-    levels = noise_levels(everything.mean_products(drone), drone, period)
-    return Likely(
-        drone=replace(drone, **{name: np.float32(value) for name, value in levels.items()}),
-        box=searched,
-        optimum=optimum,
-        runs=[one.run for one in found],
-        value=float(values.min()),
-        draws=draws,
-        spread=posterior.spread(scores * everything.rows, curvatures * everything.rows),
-        bought=tuple(bought),
-        noise=levels,
-        stretches=everything.blocks,
-        rows=int(everything.rows),
-        start_value=everything(start),
-    )
 
 
-def log_likelihood(flights: Sequence[Flight], drone: Parameters, history: int = HISTORY) -> float:
-    """Mean log likelihood of a row [nats]: how well one-step predictions by a drone foresee
+def log_likelihood(
+    flights: Sequence[Flight], drone: Parameters, settings: Likelihood | None = None
+) -> float:
+    """Mean log likelihood of a row [nats]: how well one-step predictions by a drone agree with
     flights, under the noise that suits them best.
 
     Args:
         flights: checked flights of one rate.
         drone: the drone; its noise does not count.
-        history: rows of commands before a window, from which its motors' speed is inferred.
+        settings: uses `lead_in` and `physics_step`; `Likelihood()` unless given.
 
     Raises:
         InputError: too little flight.
     """
-    return -_objective(flights, history, _FINE)(drone)
+    settings = Likelihood() if settings is None else settings
+    return -_objective(flights, settings, settings.physics_step)(drone)
 
 
-def _objective(flights: Sequence[Flight], history: int, step: float, every: int = 1) -> OneStep:
-    """The objective on every so many windows, in physics steps of about so many seconds."""
-    cut, period = (
-        windows(flights, one_step.LENGTH, every=one_step.LENGTH, history=history),
-        flights[0].period,
-    )
+def _box(problem: Problem, names: Sequence[str]) -> Box:
+    return search_box(names, {**bounds(problem.start), **problem.bounds})
+
+
+def _every(objective: OneStep, settings: Likelihood) -> int:
+    """Windows from one of the pilot's to the next."""
+    return max(1, objective.size // settings.pilot_windows)
+
+
+def _objective(
+    flights: Sequence[Flight], settings: Likelihood, step: float, every: int = 1
+) -> OneStep:
+    """The objective on each `every`-th window, in physics steps of about `step` seconds."""
+    cut = windows(flights, one_step.LENGTH, every=one_step.LENGTH, history=settings.lead_in)
+    period = flights[0].period
     return OneStep(
         type(cut)(*(array[::every] for array in cut)), period, max(1, round(period / step))
     )
@@ -272,42 +310,3 @@ def _split(flights: Sequence[Flight]) -> tuple[list[Flight], list[Flight]]:
     return [part for parts in fitted for part in parts], [
         part for parts in judged for part in parts
     ]
-
-
-def _climb(
-    equations: Callable[[Float[np.ndarray, "d"]], NormalEquations],
-    point: Float[np.ndarray, "d"],
-    evaluations: int,
-    close: float,
-) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n"]]:
-    """Damped Gauss-Newton steps in the unit cube until one gains less than `close`, or fails and
-    its slope promised less than that.
-
-    How the gradient changes corrects the curvature. A step that promises hardly anything is not
-    taken: to confirm it costs as much as any.
-
-    Source: Marquardt 1963, An algorithm for least-squares estimation of nonlinear parameters.
-    """
-    here, damping = equations(point), 0.0
-    points, values = [point], [here.loss]
-    while len(points) < evaluations:
-        there = gradient.step(here, point, damping)
-        if len(points) > 1 and damping < 1 and here.gradient @ (point - there) < close / 4:
-            break
-        ahead = equations(there)
-        points.append(there)
-        values.append(ahead.loss)
-        gain = here.loss - ahead.loss
-        if gain > 0:
-            point, here, damping = (
-                there,
-                gradient.corrected(ahead, here, there - point),
-                damping / 8,
-            )
-            if gain < close:
-                break
-        elif here.gradient @ (point - there) < close:
-            break
-        else:
-            damping = max(4 * damping, 2.0)
-    return np.array(points), np.array(values)

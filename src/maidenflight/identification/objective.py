@@ -17,6 +17,7 @@ from jaxtyping import Array, Float, Int
 
 from maidenflight import cores
 from maidenflight.flights.windows import Windows
+from maidenflight.identification.gauss_newton import NormalEquations
 from maidenflight.parameters import Parameters, component, replace
 from maidenflight.simulator import actuators, dynamics, environment, latency, rotations
 from maidenflight.simulator.dynamics import State
@@ -174,24 +175,6 @@ def on_all_cores(
     return [np.concatenate(pieces) for pieces in zip(*parts, strict=True)]
 
 
-class NormalEquations(NamedTuple):
-    """The objective around a point: its slope, and two models of how it curves.
-
-    Per unit of each of d parameters.
-    """
-
-    loss: float
-    """Mean loss of the windows."""
-    gradient: Float[np.ndarray, "d"]
-    """J^T V r, with J the Jacobian of the weighted residuals r."""
-    curvature: Float[np.ndarray, "d d"]
-    """Gauss-Newton: J^T B J, with B the second derivative of the loss in r, its kinks rounded. Best
-    near an optimum."""
-    majorant: Float[np.ndarray, "d d"]
-    """J^T V J with the weights V of iteratively reweighted least squares, 1 / |r_i| + 1 / |r|_2:
-    never too flat for a linear r."""
-
-
 class Objective:
     """The objective over a set of windows, held on the device and compiled once for all parameters.
 
@@ -247,6 +230,10 @@ class Objective:
     ) -> NormalEquations:
         """Loss, gradient and curvature. Costs as much as four to eight evaluations.
 
+        With J the Jacobian of the weighted residuals r: the gradient is J^T V r with the weights V
+        of iteratively reweighted least squares, 1 / |r_i| + 1 / |r|_2; the majorant is J^T V J; the
+        curvature is J^T B J, with B the second derivative of the loss in r, its kinks rounded.
+
         Args:
             parameters: where.
             names: d names of `parameters.COMPONENTS`.
@@ -258,9 +245,9 @@ class Objective:
         parameters = jax.tree.map(jnp.asarray, replace(parameters, time_step=self.time_step))
 
         def sums(first: int, end: int) -> tuple[Array, ...]:
-            share = (self.size, every, first, end)
+            share = Share(self.size, every, first, end)
             found = _normal_equations(
-                self._windows, parameters, *self._settings, *share, self.steps, tuple(names)
+                self._windows, parameters, self._settings, share, self.steps, tuple(names)
             )
             return tuple(part[first:end] for part in found)
 
@@ -302,16 +289,25 @@ def _losses(
     return lax.fori_loop(first, end, fill, jnp.zeros(windows.block.shape))
 
 
-@partial(jax.jit, static_argnums=(8, 9))
+class Share(NamedTuple):
+    """Some chunks of some of the windows."""
+
+    windows: Array | int
+    """How many there are."""
+    every: Array | int
+    """Of these each so many-th is used."""
+    first: Array | int
+    """The first chunk."""
+    end: Array | int
+    """The chunk after the last."""
+
+
+@partial(jax.jit, static_argnums=(4, 5))
 def _normal_equations(
     windows: Windows,
     parameters: Parameters,
-    weights: Array,
-    discount: Array,
-    count: Array | int,
-    every: Array | int,
-    first: Array | int,
-    end: Array | int,
+    settings: tuple[Array, Array],
+    share: Share,
     steps: int,
     names: tuple[str, ...],
 ) -> tuple[
@@ -320,9 +316,8 @@ def _normal_equations(
     Float[Array, "chunks d d"],
     Float[Array, "chunks d d"],
 ]:
-    """`NormalEquations` summed over each of some chunks of each `every`-th of the first `count`
-    windows, zeros for the others.
-    """
+    """`NormalEquations` summed over each chunk of a share, zeros for the other chunks."""
+    (weights, discount), (count, every, first, end) = settings, share
     values = jnp.stack([jnp.asarray(component(parameters, name), jnp.float32) for name in names])
     d = len(names)
 

@@ -27,13 +27,8 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from maidenflight.flights.windows import Windows
-from maidenflight.identification.objective import (
-    NormalEquations,
-    in_chunks,
-    on_all_cores,
-    under_way,
-    wrapped,
-)
+from maidenflight.identification.gauss_newton import NormalEquations
+from maidenflight.identification.objective import in_chunks, on_all_cores, under_way, wrapped
 from maidenflight.parameters import Parameters, replace
 from maidenflight.simulator import dynamics, environment, rotations
 from maidenflight.simulator.dynamics import State

@@ -7,7 +7,7 @@ Each is a function from plain tables to SVG text, for the report and for use fro
 from maidenflight.identification.prediction import predicted_windows
 from maidenflight.reporting.identification_figures import corner, horizons, valley, windows
 
-found = maidenflight.identify(flights, objective="replay")  # a likelihood has draws for the corner
+found = maidenflight.identify(flights, maidenflight.Replay())  # a likelihood has draws for the corner
 plot, but no valley best = {name: estimate.value for name, estimate in found.estimates.items()}
 Path("valley.svg").write_text(valley(found.history, found.estimates))
 Path("corner.svg").write_text(corner(found.draws, best)) models = {"identified": found.parameters,

@@ -24,7 +24,13 @@ from maidenflight.workflow.flying import (
     transfer_summary,
     transfer_to,
 )
-from maidenflight.workflow.logs import evaluations_beside, identify_from, record, validate_with
+from maidenflight.workflow.logs import (
+    Reading,
+    evaluations_beside,
+    identify_from,
+    record,
+    validate_with,
+)
 from maidenflight.workflow.policies import policy_files, task_to_fly
 from maidenflight.workflow.training import (
     CHECKPOINT,
@@ -44,6 +50,7 @@ __all__ = [
     "TRIMS",
     "WATCHED",
     "WIDE",
+    "Reading",
     "best_policy",
     "evaluations_beside",
     "export",

@@ -1,8 +1,9 @@
 """From logs to a drone: record, identify, validate."""
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import jax
 import polars
@@ -10,11 +11,11 @@ import polars
 from maidenflight import parameters, results
 from maidenflight.flights import log, recording
 from maidenflight.flights.reading import COMMANDS, MOST, Flights, read_flights
-from maidenflight.flights.windows import HISTORY
 from maidenflight.identification.estimates import Identification
-from maidenflight.identification.identify import METHODS, OBJECTIVES, identify
-from maidenflight.identification.likelihood import log_likelihood
+from maidenflight.identification.identify import identify
+from maidenflight.identification.likelihood import Likelihood, log_likelihood
 from maidenflight.identification.prediction import predicted_windows, prediction_error
+from maidenflight.identification.replay import Replay
 from maidenflight.identification.selection import Step
 from maidenflight.inputs import StrPath
 from maidenflight.simulator.virtual_drone import VirtualDrone
@@ -69,63 +70,60 @@ def evaluations_beside(output: StrPath) -> Path:
     )
 
 
+@dataclass(frozen=True)
+class Reading:
+    """How logs are read."""
+
+    most_seconds: float = MOST
+    """Flight to use [s]; of more, segments of every flight are."""
+    commands: str | None = None
+    """What commands stand for where logs do not say it; see `read_flights`."""
+
+
 def identify_from(
     logs: StrPath,
     seed: int,
     output: StrPath,
-    over: Sequence[str] | str | None,
-    start: str,
+    settings: Likelihood | Replay | None = None,
     *,
-    objective: str = OBJECTIVES[0],
-    length: int = 30,
-    history: int = HISTORY,
-    evaluations: int = 60,
-    trials: int = 2,
+    start: str = "crazyflie",
+    over: Sequence[str] | str | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
-    method: str = METHODS[0],
-    most_seconds: float = MOST,
-    commands: str | None = None,
+    reading: Reading | None = None,
     on_file: Callable[[int, int], None] | None = None,
     on_evaluation: Callable[[int, int], None] | None = None,
-    on_step: Callable[[Step], None] | None = None,
+    on_group: Callable[[Step], None] | None = None,
 ) -> tuple[Flights, Identification]:
     """Identifies a drone from logs.
 
-    Writes `output` (TOML) and, to `evaluations_beside` it, every evaluation.
-
-    Of more than `most_seconds` of flight, stretches of every flight are used. `commands`: see
-    `read_flights`.
+    Writes `output` (TOML) and, to `evaluations_beside` it, every evaluation. `settings` is
+    `Likelihood()` unless given; the other arguments are as of `identify`.
     """
-    flights = read_flights(logs, on_file, most_seconds, history, commands)
+    settings = Likelihood() if settings is None else settings
+    reading = Reading() if reading is None else reading
+    flights = read_flights(logs, on_file, reading.most_seconds, settings.lead_in, reading.commands)
     found = identify(
         flights,
-        over,
-        jax.random.key(seed),
-        objective=objective,
+        settings,
         start=parameters.read(start),
-        length=length,
-        history=history,
-        evaluations=evaluations,
-        trials=trials,
+        over=over,
         bounds=bounds,
-        method=method,
+        key=jax.random.key(seed),
         on_evaluation=on_evaluation,
-        on_step=on_step,
+        on_group=on_group,
     )
-    settings: dict[str, Any] = {
-        "start": Path(start).name,
-        "over": over if isinstance(over, str) else list(over or found.estimates),
-        "objective": objective,
-        "history": history,
-        "evaluations": evaluations,
-        "trials": trials,
-        "most_seconds": most_seconds,
-        "commands": commands,
-        "bounds": {name: list(pair) for name, pair in (bounds or {}).items()},
-    }
-    if objective == "replay":
-        settings |= {"length": length, "method": method}
-    made = results.record(seed=seed, inputs=flights.paths, settings=settings)
+    made = results.record(
+        seed=seed,
+        inputs=flights.paths,
+        settings={
+            "start": Path(start).name,
+            "over": over if isinstance(over, str) else list(over or found.estimates),
+            "objective": found.kind,
+            **dataclasses.asdict(settings),
+            **dataclasses.asdict(reading),
+            "bounds": {name: list(pair) for name, pair in (bounds or {}).items()},
+        },
+    )
     found.write(output, made)
     results.write(evaluations_beside(output), found.history.write_csv(float_precision=9))
     return flights, found

@@ -1,0 +1,100 @@
+"""The search box of an identification, and its unit cube."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from maidenflight.errors import InputError
+from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, replace
+
+PAPER_BOUNDS: dict[str, tuple[float, float]] = {
+    "thrust_to_weight": (1.5, 2.5),
+    "motor_time_constant": (0.01, 0.50),
+    "latency": (0.0, 0.05),
+}
+"""Search bounds, SI units (Gronauer et al. 2022, sec. Simulation Optimization)."""
+
+LOGARITHMIC = ("motor_time_constant", "spin_down_ratio")
+"""Parameters searched on a logarithmic scale."""
+
+
+@dataclass(frozen=True)
+class Box:
+    """The search box, and the way between parameters' values and the unit cube."""
+
+    names: tuple[str, ...]
+    """Names of `parameters.COMPONENTS`."""
+    lower: tuple[float, ...]
+    """Their lower bounds, SI units."""
+    upper: tuple[float, ...]
+    """Their upper bounds, SI units."""
+
+    def _ends(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        logarithmic = np.array([name in LOGARITHMIC for name in self.names])
+        low, high = np.array(self.lower), np.array(self.upper)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return (
+                np.where(logarithmic, np.log(low), low),
+                np.where(logarithmic, np.log(high), high),
+                logarithmic,
+            )
+
+    def values(self, unit: Float[np.ndarray, "... d"]) -> Float[np.ndarray, "... d"]:
+        """Parameter values at points of the unit cube."""
+        low, high, logarithmic = self._ends()
+        scaled = low + np.asarray(unit) * (high - low)
+        return np.where(logarithmic, np.exp(scaled), scaled)
+
+    def slope(self, unit: Float[np.ndarray, "d"]) -> Float[np.ndarray, "d"]:
+        """Derivative of each value with respect to its coordinate in the unit cube."""
+        low, high, logarithmic = self._ends()
+        return (high - low) * np.where(logarithmic, self.values(unit), 1.0)
+
+    def unit(self, values: Float[np.ndarray, "... d"]) -> Float[np.ndarray, "... d"]:
+        """Points of the unit cube at parameter values."""
+        low, high, logarithmic = self._ends()
+        with np.errstate(divide="ignore", invalid="ignore"):
+            scaled = np.where(logarithmic, np.log(values), values)
+        return (scaled - low) / (high - low)
+
+    def drone(self, start: Parameters, unit: Float[np.ndarray, "d"]) -> Parameters:
+        """A drone with the values at a point of the unit cube in place."""
+        values = zip(self.names, self.values(unit), strict=True)
+        return replace(start, **{name: np.float32(value) for name, value in values})
+
+
+def search_box(over: Sequence[str], bounds: Mapping[str, tuple[float, float]]) -> Box:
+    """The box of some parameters.
+
+    Args:
+        over: their names.
+        bounds: search bounds by name, of these and perhaps others.
+
+    Raises:
+        InputError: a name is unknown or comes twice, or has no bounds or impossible ones.
+    """
+    for name in over:
+        if name not in COMPONENTS:
+            raise InputError(
+                f"unknown parameter {name!r} to identify; known are {', '.join(COMPONENTS)}."
+            )
+        if name not in bounds:
+            raise InputError(
+                f"no search bounds for {name}; give them, as in --bounds {name}=LOWER,UPPER."
+            )
+        low, high = bounds[name]
+        quantity = QUANTITIES[COMPONENTS[name][0]]
+        if not quantity.lower <= low < high <= quantity.upper:
+            raise InputError(
+                f"bounds of {name} = [{low:g}, {high:g}]; expected a rising pair within "
+                f"[{quantity.lower:g}, {quantity.upper:g}] {quantity.unit}."
+            )
+    if not over or len(set(over)) != len(over):
+        raise InputError("name each parameter to identify once, and at least one.")
+    return Box(
+        tuple(over),
+        tuple(bounds[name][0] for name in over),
+        tuple(bounds[name][1] for name in over),
+    )

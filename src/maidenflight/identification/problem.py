@@ -1,0 +1,48 @@
+"""What an identification is asked for, whatever its method."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from maidenflight.errors import InputError
+from maidenflight.flights.log import Flight
+from maidenflight.identification.estimates import Source
+from maidenflight.identification.selection import Step
+from maidenflight.parameters import Parameters
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Flights, parameters to identify from them, and where to begin."""
+
+    flights: Sequence[Flight]
+    """Checked flights of one rate, at least one."""
+    source: Source
+    """What is recorded of them."""
+    start: Parameters
+    """Where the first trial begins, and what is kept of the other parameters."""
+    over: tuple[str, ...] | None
+    """Names of the parameters to identify; `None`: the flights choose."""
+    bounds: Mapping[str, tuple[float, float]]
+    """Search bounds by name, SI units, in place of the method's."""
+    generator: np.random.Generator
+    """Random numbers."""
+    evaluated: Callable[[int], None]
+    """Called after each evaluation with the number that is planned in all; 0: not known."""
+    on_group: Callable[[Step], None] | None = None
+    """Called with the log-likelihood gain of each group of parameters that is tried."""
+
+
+def must_be_positive(settings: Any) -> None:
+    """Refuses settings with a number that is not positive.
+
+    Raises:
+        InputError: names the setting and its value.
+    """
+    for name, value in vars(settings).items():
+        if isinstance(value, int | float) and not value > 0:
+            raise InputError(
+                f"{type(settings).__name__}({name}={value!r}); expected a positive number."
+            )
