@@ -1,6 +1,6 @@
 """Measures what training reaches, how fast and in how much memory.
 
-Writes tables, recipes and learning curves into docs/training.md.
+Writes its table into docs/training.md, recipes and learning curves into docs/studies/training.md.
 
 Every policy is scored on 1,000 episodes that it has not seen: noise, drones drawn within +-10 % of
 a Crazyflie with a motor lag of 80 ms and a latency of 20 ms, the task's own start, no exploration.
@@ -296,7 +296,8 @@ def drawn(measured: dict[str, Measured]) -> str:
     help="Of a look: SVG file for the learning curves; none unless given.",
 )
 def main(output: Path, chosen: tuple[str, ...], updates: int | None, picture: Path | None) -> None:
-    """Trains five policies of each kind and writes what came of them into the page OUTPUT.
+    """Trains five policies of each kind and writes what came of them into the page OUTPUT, their
+    commands and curves into its study.
 
     A look at less leaves the page alone.
     """
@@ -310,13 +311,19 @@ def main(output: Path, chosen: tuple[str, ...], updates: int | None, picture: Pa
         if picture is not None:
             picture.write_text(drawn(measured))
         return
-    picture = output.with_name("training_curves.svg")
+    study = output.parent / "studies" / "training.md"
+    picture = study.with_name("training_curves.svg")
     picture.write_text(drawn(measured))
     write(
         output,
         {
             "training": "\n".join([HEAD, *(each.row for each in measured.values())]),
             "training-machine": f"{CORES} cores; load at the end {os.getloadavg()[0]:.1f}.",
+        },
+    )
+    write(
+        study,
+        {
             "training-recipes": recipes(),
             "training-curves": "![Return over the time of training, a panel a "
             f"recipe]({picture.name})",
