@@ -25,7 +25,7 @@ import click
 from page import write
 
 from maidenflight import results
-from maidenflight.workflow import CHECKPOINT
+from maidenflight.run_folder import CHECKPOINT
 
 
 class Command(NamedTuple):

@@ -22,7 +22,7 @@ import click
 import numpy as np
 
 from maidenflight import results
-from maidenflight.workflow import CHECKPOINT
+from maidenflight.run_folder import CHECKPOINT
 
 POLL = 2e-4
 """How often a folder is looked at for a file that is being written [s]."""

@@ -2,7 +2,6 @@
 report.
 """
 
-import json
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -11,7 +10,7 @@ from typing import Any
 
 import polars
 
-from maidenflight import results, workflow
+from maidenflight import run_folder, workflow
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.identification.estimates import Identification
 from maidenflight.identification.identify import AUTO
@@ -84,11 +83,11 @@ def demo(folder: Path, seed: int, plan: Plan, listener: Listener) -> Demo:
         seconds[name] = round(time.perf_counter() - began, 2)
         return made
 
-    recorded = folder / "recorded"
+    recorded = folder / run_folder.RECORDED[0]
     run(
         "record",
         lambda: workflow.record(
-            drone, seed, recorded, folder / "reality.toml", plan.flights, plan.duration, 0.06
+            drone, seed, recorded, folder / run_folder.REALITY, plan.flights, plan.duration, 0.06
         ),
     )
     _, found = run(
@@ -96,17 +95,17 @@ def demo(folder: Path, seed: int, plan: Plan, listener: Listener) -> Demo:
         lambda: workflow.identify_from(
             recorded,
             seed,
-            folder / "drone.toml",
+            folder / run_folder.DRONE,
             plan.identification,
             over=plan.over,
             on_evaluation=listener.evaluation,
         ),
     )
-    policies = folder / "policies"
+    policies = folder / run_folder.POLICIES
     run(
         "train",
         lambda: workflow.train_for(
-            folder / "drone.toml",
+            folder / run_folder.DRONE,
             seed,
             policies,
             plan.policies,
@@ -118,15 +117,18 @@ def demo(folder: Path, seed: int, plan: Plan, listener: Listener) -> Demo:
     flown = run(
         "transfer",
         lambda: workflow.transfer_to(
-            [policies], [drone], seed, folder / "transfer", plan.flight_trials, plan.longest
+            [policies],
+            [drone],
+            seed,
+            folder / run_folder.TRANSFER,
+            plan.flight_trials,
+            plan.longest,
         ),
     )
     best = workflow.best_policy(flown, workflow.policy_files([policies]))
-    run("export", lambda: workflow.export(best, folder / "firmware", seed))
-    results.write(
-        folder / "demo.json", json.dumps({"seed": seed, "stages": seconds}, indent=1) + "\n"
-    )
-    page = run("report", lambda: report(folder, folder / "report.html"))
+    run("export", lambda: workflow.export(best, folder / run_folder.FIRMWARE, seed))
+    run_folder.write_stages(folder, seed, seconds)
+    page = run("report", lambda: report(folder, folder / run_folder.REPORT))
     return Demo(drone.parameters, found, flown, seconds, folder, page, best)
 
 

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from maidenflight import inputs, results
+from maidenflight import inputs, results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
 from maidenflight.simulator.control import Controller
@@ -354,7 +354,7 @@ def kept(
     Raises:
         InputError: the folder holds policies with another record.
     """
-    files = [Path(folder) / f"policy_{number}.json" for number in range(1, count + 1)]
+    files = [run_folder.POLICY.path(folder, number) for number in range(1, count + 1)]
     if anew or not all(path.exists() for path in files):
         for path in files if anew else []:
             path.unlink(missing_ok=True)

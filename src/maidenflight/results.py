@@ -15,8 +15,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock, Timeout
-
 from maidenflight import __version__, inputs
 from maidenflight.errors import InputError, WriteError
 from maidenflight.inputs import StrPath
@@ -76,6 +74,8 @@ def claim(path: StrPath) -> Callable[[], None]:
     Raises:
         InputError: another process holds the lock.
     """
+    from filelock import FileLock, Timeout
+
     place = hashlib.sha256(str(Path(path).resolve()).encode()).hexdigest()[:16]
     owner = os.getuid() if hasattr(os, "getuid") else 0
     file = Path(tempfile.gettempdir(), f"maidenflight-{owner}-{place}.lock")

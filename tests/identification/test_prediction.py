@@ -10,9 +10,9 @@ from maidenflight.flights.windows import windows
 from maidenflight.identification import objective, prediction
 from maidenflight.identification.objective import simulate
 from maidenflight.identification.prediction import (
+    ERROR_UNITS,
     LOGGED,
     NOTHING_CHANGES,
-    QUANTITIES,
     predicted_windows,
     prediction_error,
 )
@@ -20,7 +20,7 @@ from maidenflight.parameters import replace
 
 TRUE = planted.drone(1.8, 0.07, 0.012)
 WRONG = planted.drone(1.7, 0.09, 0.012)
-COLUMNS = list(QUANTITIES)
+COLUMNS = list(ERROR_UNITS)
 
 
 @pytest.fixture(scope="module")

@@ -5,10 +5,11 @@ from pathlib import Path
 
 import click
 
+from maidenflight import run_folder
 from maidenflight.cli import options
 
 _EXPORTED = {
-    "c": "firmware",
+    "c": run_folder.FIRMWARE,
     "onnx": "onnx_policy",
     "authors": "authors_policy",
     "crazyflie": "crazyflie_app",
@@ -77,7 +78,7 @@ _REPORT = b"<footer>Written by maidenflight "
 )
 def report(run: Path, output: Path | None, as_json: bool, overwrite: bool) -> None:
     """Make one self-contained HTML page of a RUN folder."""
-    output = output or run / "report.html"
+    output = output or run / run_folder.REPORT
     with suppress(OSError):
         overwrite = overwrite or (output.is_file() and _REPORT in output.read_bytes())
     options.must_be_new(output, overwrite)

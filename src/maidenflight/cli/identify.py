@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from maidenflight import terminal
+from maidenflight import run_folder, terminal
 from maidenflight.cli import options
 from maidenflight.errors import InputError
 
@@ -70,7 +70,7 @@ _commands = click.option(
 @options.output(
     "TOML file for the identified drone; identification.csv goes beside it, "
     "NAME_identification.csv beside NAME.toml.",
-    "drone.toml",
+    run_folder.DRONE,
 )
 @click.option(
     "--over",
@@ -160,7 +160,7 @@ def identify(
     options.must_be_new(output, overwrite)
     from maidenflight import workflow
 
-    options.must_be_new(workflow.evaluations_beside(output), overwrite)
+    options.must_be_new(run_folder.beside(output), overwrite)
     names = (
         over
         if over in (None, "auto")
@@ -274,7 +274,7 @@ def _times(_: click.Context, __: click.Parameter, given: str) -> list[float]:
 @click.command()
 @click.argument("drone_", metavar="DRONE")
 @click.argument("logs", type=options.PATH)
-@options.output("CSV file for the errors and their intervals.", "validation.csv")
+@options.output("CSV file for the errors and their intervals.", run_folder.VALIDATION.name)
 @click.option(
     "--horizons",
     default="0.1,0.25,0.5",

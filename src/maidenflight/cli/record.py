@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from maidenflight import terminal
+from maidenflight import run_folder, terminal
 from maidenflight.cli import cache, options
 from maidenflight.errors import InputError
 
@@ -153,14 +153,14 @@ def record(
             workflow.reality(reality),
             seed,
             output,
-            output / "reality.toml",
+            output / run_folder.REALITY,
             count,
             duration,
             excitation,
         )
     content = {
         "flights": [str(path) for path in written],
-        "truth": str(output / "reality.toml"),
+        "truth": str(output / run_folder.REALITY),
         "simulated": True,
     }
     options.emit(
@@ -168,7 +168,7 @@ def record(
         content,
         lambda: print(
             f"{count} simulated flights of {duration:g} s in {output}/; the truth is in "
-            "reality.toml"
+            f"{run_folder.REALITY}"
         ),
     )
 

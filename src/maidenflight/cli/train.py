@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from maidenflight import cores, terminal
+from maidenflight import cores, run_folder, terminal
 from maidenflight.cli import options
 from maidenflight.cli.interruption import resumable
 from maidenflight.training.scoreboards import BOARDS
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 @click.option(
     "--drone",
     "drone_",
-    default="drone.toml",
+    default=run_folder.DRONE,
     show_default=True,
     help="Drone to train for: a TOML file or a name.",
 )
-@options.output("Folder for the policies.", "policies")
+@options.output("Folder for the policies.", run_folder.POLICIES)
 @click.option(
     "--control",
     default="pwm",
@@ -144,7 +144,7 @@ def train(
     with (
         _watched(view, drone_, control, task) as watch,
         terminal.progress("train", settings.updates) as move,
-        resumable(output / workflow.CHECKPOINT),
+        resumable(output / run_folder.CHECKPOINT),
     ):
 
         def hear(progress: "Progress") -> None:
@@ -176,7 +176,7 @@ def train(
         )
     scores = _scores(heard, count)
     content = {
-        "policies": [str(output / f"policy_{number}.json") for number in range(1, count + 1)],
+        "policies": [str(run_folder.POLICY.path(output, number)) for number in range(1, count + 1)],
         "scores": scores,
     }
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from maidenflight import cores, terminal
+from maidenflight import cores, run_folder, terminal
 from maidenflight.cli import options
 from maidenflight.cli.interruption import resumable
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("policies", nargs=-1, type=options.PATH)
-@options.output("Folder for the flights.", "transfer")
+@options.output("Folder for the flights.", run_folder.TRANSFER)
 @click.option(
     "--reality",
     "realities",
@@ -135,7 +135,7 @@ def _transfer_matrix(
     asked = matrix.read(settings)
     with (
         terminal.progress("transfer", len(asked.cells)) as move,
-        resumable(output / workflow.CELLS),
+        resumable(output / run_folder.POLICIES),
     ):
         flights = workflow.transfer_matrix(asked, output, move, anew=overwrite and not resume)
     cells = matrix.by_cell(flights, asked.duration)
@@ -164,11 +164,11 @@ def _transfer_matrix(
 @click.option(
     "--drone",
     "drone_",
-    default="drone.toml",
+    default=run_folder.DRONE,
     show_default=True,
     help="Identified drone: a TOML file or a name.",
 )
-@options.output("CSV file for the flights, one row each.", "prediction.csv")
+@options.output("CSV file for the flights, one row each.", run_folder.PREDICTION.name)
 @click.option(
     "--trials",
     default=16,

@@ -23,6 +23,7 @@ from maidenflight.flights.windows import EVERY, HISTORY, Windows, first_start, w
 from maidenflight.identification.objective import PHYSICS_STEP, in_chunks, physics_steps, simulate
 from maidenflight.identification.posterior import RESAMPLES, interval
 from maidenflight.parameters import Parameters, replace
+from maidenflight.run_folder import ERROR_UNITS
 
 HORIZONS = (0.1, 0.25, 0.5)
 """How far ahead errors are told unless asked otherwise [s]."""
@@ -31,8 +32,6 @@ NOTHING_CHANGES = "nothing changes"
 the window's start."""
 LOGGED = "logged"
 """Name of what was measured, among what models predict."""
-QUANTITIES = {"position": "m", "velocity": "m/s", "attitude": "rad", "body_rates": "rad/s"}
-"""Columns of errors and their units."""
 _SIGNALS = [
     column
     for group in ("position", "velocity", "attitude", "body_rates")
@@ -112,7 +111,7 @@ def prediction_error(
                 "windows": len(start),
                 "stretches": len(blocks),
             }
-            for quantity, column in enumerate(QUANTITIES):
+            for quantity, column in enumerate(ERROR_UNITS):
                 here = (number, place, quantity)
                 entry |= {
                     column: float(value[here]),

@@ -6,7 +6,6 @@ one `Run`.
 """
 
 import os
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,68 +14,17 @@ from typing import Any
 import numpy as np
 import polars
 
-from maidenflight import inputs, parameters, results
+from maidenflight import inputs, parameters, results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.flights import log
 from maidenflight.flights.log import Flight
-from maidenflight.identification import prediction
 from maidenflight.parameters import COMPONENTS, Parameters
 from maidenflight.reporting import identified, unshown
 from maidenflight.reporting.identified import SIMULATED, UNKNOWN, Kinds, Origin
 from maidenflight.reporting.identified import Estimate as Estimate
+from maidenflight.run_folder import Table
 
-FLIGHT_COLUMNS: dict[str, Any] = {
-    "flight": polars.Int64,
-    "policy": polars.String,
-    "reality": polars.String,
-    "trial": polars.Int64,
-    "duration": polars.Float64,
-    "end_reason": polars.String,
-    "position_error": polars.Float64,
-}
-"""Columns of `flights.csv` and their kinds."""
-MATRIX_COLUMNS: dict[str, Any] = {
-    **dict.fromkeys(("control", "reality", "end_reason"), polars.String),
-    **dict.fromkeys(("number", "trial"), polars.Int64),
-    **dict.fromkeys(
-        ("motor_time_constant", "latency", "duration", "position_error"), polars.Float64
-    ),
-}
-"""The same of a matrix: what each policy was trained for, and its number in its cell."""
-PREDICTION_COLUMNS: dict[str, Any] = {
-    **dict.fromkeys(("policy", "control", "end_reason"), polars.String),
-    "trial": polars.Int64,
-    "duration": polars.Float64,
-}
-"""Columns of `prediction.csv` and their kinds."""
-TRAINING_COLUMNS: dict[str, Any] = dict.fromkeys(
-    ("steps", "policy", "episode_return", "survival", "position_error"), polars.Float64
-)
-"""Columns of `training.csv` and their kinds."""
-ERROR_COLUMNS: dict[str, Any] = {
-    "model": polars.String,
-    "horizon": polars.Float64,
-    **dict.fromkeys(
-        (f"{name}{end}" for name in prediction.QUANTITIES for end in ("", "_low", "_high")),
-        polars.Float64,
-    ),
-}
-"""Columns of `validation.csv` and their kinds."""
-WINDOW_COLUMNS: dict[str, Any] = {
-    "window": polars.Int64,
-    "model": polars.String,
-    **dict.fromkeys(
-        ("time", "roll", "pitch", "body_rate_x", "body_rate_y", "position_z"), polars.Float64
-    ),
-}
-"""Columns of `validation_windows.csv` that are drawn, and their kinds."""
-_TIMES, _MOST_SECONDS = ("duration", "horizon", "time"), 1e6
-"""Columns of times, which are numbers from 0 to some."""
-_MOST_ANY = 1e15
-"""What no number of a table comes near."""
-_RECORDED = ("recorded", "flights")
-"""Folders of recorded flights, as the demo and `maidenflight record` call theirs."""
 MOST = 300
 """Flights that the viewer holds, and logs of recorded flights that are read; more would make the
 page heavy."""
@@ -146,7 +94,7 @@ class Run:
 def of_transfer(flown: Transfer) -> Run:
     """The run of test flights in memory."""
     return Run(
-        table=_columns(flown.table, FLIGHT_COLUMNS, "transfer"), flights=tuple(flown.flights)
+        table=run_folder.FLIGHTS.checked(flown.table, "transfer"), flights=tuple(flown.flights)
     )
 
 
@@ -161,39 +109,42 @@ def read(folder: Path) -> Run:
             f"{folder}: no such folder. Give the folder of a run, such as maidenflight demo writes."
         )
     records: dict[str, Mapping[str, Any]] = {}
-    tested = folder / "transfer" if (folder / "transfer").is_dir() else folder
-    table = _test_flights(tested / "flights.csv", records)
-    home = next((folder / name for name in _RECORDED if (folder / name).is_dir()), folder)
-    reality = _drone(
-        (folder if os.path.lexists(folder / "reality.toml") else home) / "reality.toml", records
+    tested = _folder(folder, run_folder.TRANSFER)
+    table = _test_flights(tested / run_folder.FLIGHTS.name, records)
+    home = _folder(folder, *run_folder.RECORDED)
+    hidden = next(
+        (place for place in (folder, home) if os.path.lexists(place / run_folder.REALITY)), folder
     )
-    recorded = _numbered(home.glob("flight_*.csv")) if home != tested or table is None else []
+    reality = _drone(hidden / run_folder.REALITY, records)
+    recorded = run_folder.LOG.find(home) if home != tested or table is None else []
     recorded_flights = _logs(recorded[:MOST], records)
-    drone = _drone(folder / "drone.toml", records)
-    found_by = inputs.from_toml(_text(folder / "drone.toml")) if drone is not None else {}
-    trained = folder / "policies" if (folder / "policies").is_dir() else folder
-    policies = {path.stem: _json(path) for path in _numbered(trained.glob("policy_*.json"))}
+    drone = _drone(folder / run_folder.DRONE, records)
+    found_by = (
+        inputs.from_toml(run_folder.text(folder / run_folder.DRONE)) if drone is not None else {}
+    )
+    trained = _folder(folder, run_folder.POLICIES)
+    policies = {path.stem: run_folder.json_object(path) for path in run_folder.POLICY.find(trained)}
     for name, content in policies.items():
         _keep(records, trained / f"{name}.json", content.get("record"))
-    flights = _logs(_numbered(tested.glob("flight_*.csv")), records) if table is not None else ()
+    flights = _logs(run_folder.LOG.find(tested), records) if table is not None else ()
     if table is not None and flights and len(flights) != table.height:
         raise InputError(
             f"{tested}: {len(flights)} flight logs, but flights.csv has {table.height} rows. Run "
             "the transfer again."
         )
-    validation = _table(folder / "validation.csv", ERROR_COLUMNS, records)
-    windows = _table(folder / "validation_windows.csv", WINDOW_COLUMNS, records)
+    validation = _table(folder / run_folder.VALIDATION.name, run_folder.VALIDATION, records)
+    windows = _table(folder / run_folder.WINDOWS.name, run_folder.WINDOWS, records)
     told = _kinds(recorded, recorded_flights, found_by, records, reality is not None)
     found = Run(
         reality=reality,
         recorded=recorded_flights,
         logs=len(recorded),
         drone=drone,
-        estimates=identified.estimates(found_by, folder / "drone.toml"),
+        estimates=identified.estimates(found_by, folder / run_folder.DRONE),
         origin=identified.origin(found_by, told[0]),
-        objective=identified.objective(found_by, folder / "drone.toml"),
-        search=_search(folder / "identification.csv"),
-        posterior=identified.posterior(found_by, folder / "drone.toml"),
+        objective=identified.objective(found_by, folder / run_folder.DRONE),
+        search=_search(folder / run_folder.EVALUATIONS.name),
+        posterior=identified.posterior(found_by, folder / run_folder.DRONE),
         validation=validation,
         windows=windows,
         predicted=told[1],
@@ -203,12 +154,12 @@ def read(folder: Path) -> Run:
             for name, content in policies.items()
             if "control" in content
         },
-        training=_table(trained / "training.csv", TRAINING_COLUMNS),
+        training=_table(trained / run_folder.TRAINING.name, run_folder.TRAINING),
         table=table,
         flights=flights,
-        prediction=_table(folder / "prediction.csv", PREDICTION_COLUMNS, records),
+        prediction=_table(folder / run_folder.PREDICTION.name, run_folder.PREDICTION, records),
         records=records,
-        seconds=_seconds(folder / "demo.json"),
+        seconds=run_folder.read_stages(folder),
         unshown=unshown.find(folder, {tested, trained, home}),
     )
     if not found.known:
@@ -219,6 +170,11 @@ def read(folder: Path) -> Run:
             "flight logs."
         )
     return found
+
+
+def _folder(folder: Path, *names: str) -> Path:
+    """The first folder of these names in a run's, or else that itself: it is one of a stage."""
+    return next((folder / name for name in names if (folder / name).is_dir()), folder)
 
 
 def _kinds(
@@ -242,57 +198,15 @@ def _kinds(
     if len(own) == 1:
         known |= dict.fromkeys(used, *own)
     predicted = identified.inputs(
-        records.get("validation.csv") or records.get("validation_windows.csv")
+        records.get(run_folder.VALIDATION.name) or records.get(run_folder.WINDOWS.name)
     )
     return found, identified.kinds_of(predicted, known, otherwise if own <= otherwise else UNKNOWN)
 
 
 def holds_flights(folder: Path) -> bool:
     """Whether a folder is that of a run with test flights or recorded ones."""
-    return any((folder / name).exists() for name in ("flights.csv", "transfer", *_RECORDED))
-
-
-def _numbered(paths: Any) -> list[Path]:
-    """Files in the order of the number in their names: flight_100 after flight_99."""
-    return sorted(
-        paths,
-        key=lambda path: ([int(digits) for digits in re.findall(r"\d+", path.name)], path.name),
-    )
-
-
-def _text(path: Path) -> str:
-    try:
-        return inputs.text(path)
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as text ({error}).") from error
-
-
-def _json(path: Path) -> dict[str, Any]:
-    if not os.path.lexists(path):
-        return {}
-    try:
-        content = inputs.from_json(_text(path))
-        if not isinstance(content, dict):
-            raise ValueError("no object")
-    except InputError:
-        raise
-    except ValueError as error:
-        raise InputError(
-            f"{path}: not valid JSON ({error}). Write it again or remove it."
-        ) from error
-    return content
-
-
-def _seconds(path: Path) -> dict[str, float]:
-    stages = _json(path).get("stages", {})
-    if not isinstance(stages, dict) or not all(
-        type(value) in (int, float) and 0 <= value < 1e9 for value in stages.values()
-    ):
-        raise InputError(
-            f"{path}: stages = {stages!r}; expected seconds of each. Remove the file, or run the "
-            "demo again."
-        )
-    return {stage: float(seconds) for stage, seconds in stages.items()}
+    names = (run_folder.FLIGHTS.name, run_folder.TRANSFER, *run_folder.RECORDED)
+    return any((folder / name).exists() for name in names)
 
 
 def _keep(records: dict[str, Mapping[str, Any]], path: Path, record: Any) -> None:
@@ -305,23 +219,10 @@ def _keep(records: dict[str, Mapping[str, Any]], path: Path, record: Any) -> Non
         records[name] = record
 
 
-def _keep_line(records: dict[str, Mapping[str, Any]], path: Path, text: str) -> None:
-    """Keeps the record in a line of its own at a file's start."""
-    line = next(
-        (line for line in text.split("\n", 4)[:4] if line.startswith("# record: ")), "# record: {}"
-    )
-    try:
-        _keep(records, path, inputs.from_json(line.removeprefix("# record: ")))
-    except ValueError:
-        raise InputError(
-            f"{path}: the line '# record:' holds no valid JSON. Write '# record: {{}}' there."
-        ) from None
-
-
 def _drone(path: Path, records: dict[str, Mapping[str, Any]]) -> Parameters | None:
     if not os.path.lexists(path):
         return None
-    text = _text(path)
+    text = run_folder.text(path)
     try:
         record = inputs.from_toml(text).get("record")
     except ValueError as error:
@@ -333,7 +234,7 @@ def _drone(path: Path, records: dict[str, Mapping[str, Any]]) -> Parameters | No
 def _logs(paths: Sequence[Path], records: dict[str, Mapping[str, Any]]) -> tuple[Flight, ...]:
     flights = []
     for path in paths:
-        text = _text(path)
+        text = run_folder.text(path)
         if not text.startswith(log.MARK):
             raise InputError(
                 f"{path}: not a flight log of maidenflight; its first line should begin with "
@@ -345,36 +246,33 @@ def _logs(paths: Sequence[Path], records: dict[str, Mapping[str, Any]]) -> tuple
                 f"{path}: rows are {flights[-1].period:g} s apart; expected a time that "
                 "increases, in seconds. Log it again."
             )
-        _keep_line(records, path, text)
+        _keep(records, path, run_folder.record_of(text, path))
     return tuple(flights)
 
 
 def _search(path: Path) -> polars.DataFrame | None:
     """Evaluations of an objective; every parameter that was searched has a column of numbers."""
-    search = _table(path, {"objective": polars.Float64})
+    search = _table(path, run_folder.EVALUATIONS)
     if search is None:
         return None
-    return _columns(
-        search,
-        dict.fromkeys(
-            [name for name in search.columns if name in COMPONENTS or name == "objective"],
-            polars.Float64,
-        ),
-        str(path),
-    )
+    searched = {name: float for name in search.columns if name in COMPONENTS}
+    return Table(run_folder.EVALUATIONS.name, searched).checked(search, str(path))
 
 
 def _test_flights(path: Path, records: dict[str, Mapping[str, Any]]) -> polars.DataFrame | None:
     """The rows of `flights.csv`.
 
-    A matrix's say what each policy was trained for, of which its name is made.
+    Those of a matrix say what each policy was trained for, and its name is made of that.
     """
-    table = _table(path, {}, records)
-    if table is None or "policy" in table.columns or "number" not in table.columns:
-        return None if table is None else _columns(table, FLIGHT_COLUMNS, str(path))
-    rows = _columns(table, MATRIX_COLUMNS, str(path))
+    if not os.path.lexists(path):
+        return None
+    rows, record = run_folder.read_flights(path)
+    _keep(records, Path(path.name), record)
+    if "policy" in rows.columns:
+        return rows
     names = [
-        f"{row['control']}_{1e3 * row['motor_time_constant']:g}ms_{1e3 * row['latency']:g}ms/{row['number']}"
+        f"{row['control']}_{1e3 * row['motor_time_constant']:g}ms_"
+        f"{1e3 * row['latency']:g}ms/{row['number']}"
         for row in rows.iter_rows(named=True)
     ]
     return rows.with_columns(
@@ -383,72 +281,15 @@ def _test_flights(path: Path, records: dict[str, Mapping[str, Any]]) -> polars.D
 
 
 def _table(
-    path: Path, columns: Mapping[str, Any], records: dict[str, Mapping[str, Any]] | None = None
+    path: Path, table: Table, records: dict[str, Mapping[str, Any]] | None = None
 ) -> polars.DataFrame | None:
-    """Reads a table, and the record in its second line into `records`, where it has one."""
+    """Reads a table, and its record into `records`."""
     if not os.path.lexists(path):
         return None
-    text = _text(path)
-    header = next(
-        (line for line in text.split("\n") if line.strip() and not line.startswith("#")), ""
-    ).split(",")
-    if len(set(header)) < len(header) or not text.endswith("\n"):
-        what = (
-            "its last line is cut off"
-            if len(set(header)) == len(header)
-            else "a column is there twice"
-        )
-        raise InputError(f"{path}: not a readable CSV table ({what}). Make it again.")
-    try:
-        frame = polars.read_csv(text.encode(), infer_schema_length=None, comment_prefix="#")
-    except (polars.exceptions.PolarsError, OSError, ValueError) as error:
-        raise InputError(
-            f"{path}: not a readable CSV table ({str(error).splitlines()[0]})."
-        ) from error
+    rows, record = table.read(path)
     if records is not None:
-        _keep_line(records, Path(path.name), text)
-    return _columns(frame, columns, str(path))
-
-
-def _columns(frame: polars.DataFrame, columns: Mapping[str, Any], where: str) -> polars.DataFrame:
-    missing = [name for name in columns if name not in frame.columns]
-    if missing or frame.height == 0:
-        problem = f"missing column {', '.join(missing)}" if missing else "no rows"
-        raise InputError(
-            f"{where}: {problem}; expected a table with {', '.join(columns) or 'a row a flight'}."
-        )
-    try:
-        numbers = {name: polars.col(name).cast(kind) for name, kind in columns.items()}
-        floats = {
-            name: numbers[name].fill_null(float("nan"))
-            for name, kind in columns.items()
-            if kind == polars.Float64
-        }
-        words = {
-            name: numbers[name].fill_null("")
-            for name, kind in columns.items()
-            if kind == polars.String
-        }
-        read = frame.with_columns(**(numbers | floats | words))
-    except polars.exceptions.PolarsError as error:
-        raise InputError(
-            f"{where}: {str(error).splitlines()[0]}; expected numbers in the columns of numbers."
-        ) from error
-    for name in floats:
-        odd = (read[name].abs() > _MOST_ANY) & read[name].is_finite()
-        if odd.any():
-            raise InputError(
-                f"{where}: {name} is {read[name][odd.arg_max() or 0]} in a row; expected SI "
-                "units. Make the table again."
-            )
-    for name in [name for name in _TIMES if name in columns]:
-        odd = ~read[name].is_between(0, _MOST_SECONDS).fill_null(False)
-        if odd.any():
-            raise InputError(
-                f"{where}: {name} is {read[name][odd.arg_max() or 0]} in a row; expected seconds. "
-                "Make the table again."
-            )
-    return read
+        _keep(records, Path(path.name), record)
+    return rows
 
 
 def truth(run: Run) -> tuple[tuple[float, float], ...]:

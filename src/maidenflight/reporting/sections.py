@@ -9,6 +9,7 @@ from string import Template
 
 import polars
 
+from maidenflight import run_folder
 from maidenflight.reporting import (
     flight_figures,
     flight_tables,
@@ -174,7 +175,8 @@ def _held_out(run: Run) -> str:
     Nothing where they do not tell.
     """
     told = [
-        run.records.get(name, {}).get("inputs", []) for name in ("validation.csv", "drone.toml")
+        run.records.get(name, {}).get("inputs", [])
+        for name in (run_folder.VALIDATION.name, run_folder.DRONE)
     ]
     known = [inputs if isinstance(inputs, list) else [] for inputs in told]
     predicted, identified = (

@@ -7,9 +7,13 @@ from contextlib import suppress
 from html import escape
 from pathlib import Path
 
-from maidenflight import inputs
+from maidenflight import inputs, run_folder
 
-_KINDS = {"flights.csv": "test flights", "policy_*.json": "policies", "flight_*.csv": "flight logs"}
+_KINDS = {
+    run_folder.FLIGHTS.name: "test flights",
+    f"{run_folder.POLICY.stem}_*{run_folder.POLICY.suffix}": "policies",
+    f"{run_folder.LOG.stem}_*{run_folder.LOG.suffix}": "flight logs",
+}
 """What a folder holds, by the names of the files in it."""
 _MOST = 20
 """Names of a kind that are told."""
@@ -45,16 +49,16 @@ def _folders(folder: Path, shown: Collection[Path]) -> Iterator[tuple[str, str]]
 
 def _files(folder: Path) -> Iterator[tuple[str, str]]:
     for own, kind in (
-        ("prediction.csv", "predicted flights"),
-        ("validation.csv", "prediction errors"),
+        (run_folder.PREDICTION.name, "predicted flights"),
+        (run_folder.VALIDATION.name, "prediction errors"),
     ):
         for path in sorted(folder.glob(f"{own.removesuffix('.csv')}*.csv")):
-            if path.name not in (own, "validation_windows.csv") and _begins(
+            if path.name not in (own, run_folder.WINDOWS.name) and _begins(
                 path, f"# maidenflight {own.removesuffix('.csv')} "
             ):
                 yield kind, path.name
     for path in sorted(folder.glob("*.toml")):
-        if path.name != "drone.toml" and _identified(path):
+        if path.name != run_folder.DRONE and _identified(path):
             yield "identified drones", path.name
 
 

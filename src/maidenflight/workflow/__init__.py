@@ -16,7 +16,6 @@ from maidenflight.workflow.drones import (
     usual_randomization,
 )
 from maidenflight.workflow.flying import (
-    CELLS,
     best_policy,
     flights_to_view,
     predict_with,
@@ -24,16 +23,9 @@ from maidenflight.workflow.flying import (
     transfer_summary,
     transfer_to,
 )
-from maidenflight.workflow.logs import (
-    Reading,
-    evaluations_beside,
-    identify_from,
-    record,
-    validate_with,
-)
+from maidenflight.workflow.logs import Reading, identify_from, record, validate_with
 from maidenflight.workflow.policies import policy_files, task_to_fly
 from maidenflight.workflow.training import (
-    CHECKPOINT,
     SETTINGS,
     WATCHED,
     settings_for,
@@ -42,8 +34,6 @@ from maidenflight.workflow.training import (
 )
 
 __all__ = [
-    "CELLS",
-    "CHECKPOINT",
     "POSSIBLE",
     "POSTERIOR",
     "SETTINGS",
@@ -52,7 +42,6 @@ __all__ = [
     "WIDE",
     "Reading",
     "best_policy",
-    "evaluations_beside",
     "export",
     "flights_to_view",
     "identify_from",

@@ -9,7 +9,7 @@ from pathlib import Path
 import jax
 import polars
 
-from maidenflight import parameters, policy, results
+from maidenflight import parameters, policy, results, run_folder
 from maidenflight.deployment.authors_json import read_policy
 from maidenflight.experiments import matrix
 from maidenflight.experiments.as_flown import AS_FLOWN, FIRMWARE
@@ -27,20 +27,6 @@ from maidenflight.simulator import control, tasks
 from maidenflight.simulator.virtual_drone import VirtualDrone
 from maidenflight.workflow.drones import possible_drones, reality, usual_randomization
 from maidenflight.workflow.policies import names, policy_files, read_as
-
-CELLS = "policies"
-"""In the folder of a matrix: a folder of policies for each of its cells."""
-
-_ZERO_SHOT = (
-    "# maidenflight zero-shot flights 1: simulated, a row a flight; training_rate Hz, "
-    "motor_time_constant s and latency s of the policy's"
-    " training, duration s, position_error m"
-)
-
-_PREDICTION = (
-    "# maidenflight prediction 1: simulated flights of given policies as the authors' "
-    "drone ran them, a row a flight; duration s"
-)
 
 
 def transfer_to(
@@ -78,7 +64,7 @@ def transfer_to(
         log.write(Path(folder) / f"{flight.name}.csv", flight, made) for flight in flown.flights
     ]
     results.remove_older(written, made)
-    results.write(Path(folder) / "flights.csv", flown.table.write_csv())
+    run_folder.FLIGHTS.write(Path(folder, run_folder.FLIGHTS.name), flown.table)
     return flown
 
 
@@ -122,7 +108,7 @@ def transfer_matrix(
     inputs += [name for name in asked.realities if Path(name).is_file()]
     made, table = (
         results.plain(results.record(seed=asked.seed, inputs=inputs, settings=settings)),
-        Path(folder) / "flights.csv",
+        Path(folder, run_folder.MATRIX_FLIGHTS.name),
     )
     if results.told(table) == made and not anew:
         return polars.read_csv(table, comment_prefix="#")
@@ -130,11 +116,13 @@ def transfer_matrix(
     for done, cell in enumerate(asked.cells):
         if on_cell is not None:
             on_cell(done, len(asked.cells), f"training {cell.name}")
-        policies[cell] = _policies_of(asked, cell, nominal, Path(folder) / CELLS / cell.name, anew)
+        policies[cell] = _policies_of(
+            asked, cell, nominal, Path(folder, run_folder.POLICIES, cell.name), anew
+        )
     if on_cell is not None:
         on_cell(len(asked.cells), len(asked.cells), "flying")
     flights = matrix.fly(asked, policies, realities)
-    results.write_table(table, _ZERO_SHOT, made, flights.write_csv())
+    run_folder.MATRIX_FLIGHTS.write(table, flights, made)
     return flights
 
 
@@ -213,7 +201,7 @@ def predict_with(
     }
     settings |= {"firmware": firmware}
     made = results.record(seed=seed, inputs=inputs, settings=settings)
-    results.write_table(output, _PREDICTION, made, flown.write_csv(float_precision=2))
+    run_folder.PREDICTION.write(output, flown, made)
     return files, flown
 
 

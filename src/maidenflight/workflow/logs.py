@@ -8,7 +8,7 @@ from pathlib import Path
 import jax
 import polars
 
-from maidenflight import parameters, results
+from maidenflight import parameters, results, run_folder
 from maidenflight.flights import log, recording
 from maidenflight.flights.reading import COMMANDS, MOST, Flights, read_flights
 from maidenflight.identification.estimates import Identification
@@ -20,18 +20,6 @@ from maidenflight.identification.selection import Step
 from maidenflight.inputs import StrPath
 from maidenflight.simulator.virtual_drone import VirtualDrone
 from maidenflight.workflow.drones import table
-
-_VALIDATION = (
-    "# maidenflight validation 1: open-loop prediction errors, root mean squares over windows; "
-    "horizon s, position m, velocity m/s,"
-    " attitude rad, body_rates rad/s; _low and _high end the 95 % interval over stretches of flight"
-)
-
-_WINDOWS = (
-    "# maidenflight windows 1: a few windows, as logged and as each model predicts them open loop "
-    "from their first row; start s in the"
-    " flight, time s, position m, velocity m/s, roll pitch yaw rad, body_rate rad/s"
-)
 
 
 def record(
@@ -60,16 +48,6 @@ def record(
     return written
 
 
-def evaluations_beside(output: StrPath) -> Path:
-    """Where the evaluations of an identification go: `identification.csv` for `drone.toml`,
-    `NAME_identification.csv` for `NAME.toml`.
-    """
-    path = Path(output)
-    return path.with_name(
-        "identification.csv" if path.stem == "drone" else f"{path.stem}_identification.csv"
-    )
-
-
 @dataclass(frozen=True)
 class Reading:
     """How logs are read."""
@@ -96,7 +74,7 @@ def identify_from(
 ) -> tuple[Flights, Identification]:
     """Identifies a drone from logs.
 
-    Writes `output` (TOML) and, to `evaluations_beside` it, every evaluation. `settings` is
+    Writes `output` (TOML) and, to `run_folder.beside` it, every evaluation. `settings` is
     `Likelihood()` unless given; the other arguments are as of `identify`.
     """
     settings = Likelihood() if settings is None else settings
@@ -125,7 +103,7 @@ def identify_from(
         },
     )
     found.write(output, made)
-    results.write(evaluations_beside(output), found.history.write_csv(float_precision=9))
+    run_folder.EVALUATIONS.write(run_folder.beside(output), found.history)
     return flights, found
 
 
@@ -159,9 +137,8 @@ def validate_with(
     inputs = [drone] if Path(drone).is_file() else []
     settings = {"drone": Path(drone).name, "horizons": list(horizons)}
     made = results.record(seed=seed, inputs=[*inputs, *flights.paths], settings=settings)
-    results.write_table(output, _VALIDATION, made, errors.write_csv(float_precision=9))
-    beside = Path(output).with_name(f"{Path(output).stem}_windows.csv")
-    results.write_table(beside, _WINDOWS, made, drawn.write_csv(float_precision=6))
+    run_folder.VALIDATION.write(output, errors, made)
+    run_folder.WINDOWS.write(run_folder.windows_beside(output), drawn, made)
     likelihoods = {name: log_likelihood(flights.flights, model) for name, model in models.items()}
     told = ", ".join(f"{name} {value:.2f}" for name, value in likelihoods.items())
     judged = f"log likelihood of a row [nats], of two drones the better one has more: {told}"

@@ -9,7 +9,7 @@ from typing import Any
 import jax
 import polars
 
-from maidenflight import parameters, policy, results
+from maidenflight import parameters, policy, results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import transfer
 from maidenflight.flights.log import Flight
@@ -22,9 +22,6 @@ from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.ppo import PPO
 from maidenflight.training.train import Progress, Settings, recorded, train
 from maidenflight.workflow.drones import randomized, table
-
-CHECKPOINT = "training.npz"
-"""In the folder of policies: training that is under way; gone once they are written."""
 
 WATCHED = 10.0
 """Longest flight that is shown of a policy in training [s]."""
@@ -83,7 +80,7 @@ def train_for(
     Args:
         drone: TOML file or name.
         seed: random seed.
-        folder: where to write. Until the policies are written it holds `CHECKPOINT`.
+        folder: where to write. Until the policies are written it holds `run_folder.CHECKPOINT`.
         count: policies.
         settings: of the method.
         randomization: half width of a box about the drone; `POSTERIOR`: the drones that its flights
@@ -103,7 +100,7 @@ def train_for(
         WriteError: a file cannot be written, as on a full disk; what was reached until the last
             score is kept.
     """
-    saved = Path(folder) / CHECKPOINT
+    saved = Path(folder, run_folder.CHECKPOINT)
     if resume and not saved.exists():
         raise InputError(f"{saved}: no training to resume. {_how_to_begin(Path(folder))}")
     controller = control.CONTROLLERS[structure]()
@@ -148,8 +145,9 @@ def train_for(
         seed=seed, inputs=inputs, settings=said if inputs else {"drone": str(drone), **said}
     )
     for number, trained in enumerate(policies, 1):
-        policy.write(Path(folder) / f"policy_{number}.json", trained, {**made, "number": number})
-    results.write(Path(folder) / "training.csv", polars.DataFrame(rows).write_csv())
+        file = run_folder.POLICY.path(folder, number)
+        policy.write(file, trained, {**made, "number": number})
+    run_folder.TRAINING.write(Path(folder, run_folder.TRAINING.name), polars.DataFrame(rows))
     _remove_older(Path(folder), count)
     saved.unlink()
     return policies
@@ -159,7 +157,7 @@ def _remove_older(folder: Path, count: int) -> None:
     """Removes what an earlier training of more policies left, that no one takes them for this
     one's.
     """
-    for path in folder.glob("policy_*.json"):
+    for path in run_folder.POLICY.find(folder):
         number = path.stem.removeprefix("policy_")
         with suppress(InputError):
             if (
@@ -172,7 +170,7 @@ def _remove_older(folder: Path, count: int) -> None:
 
 def _how_to_begin(folder: Path) -> str:
     """What to do where there is no checkpoint to go on from."""
-    if (folder / "training.csv").exists():
+    if (folder / run_folder.TRAINING.name).exists():
         return (
             "The policies there are of a training that has ended. Give --overwrite instead of "
             "--resume to train others in their place."

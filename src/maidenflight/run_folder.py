@@ -1,0 +1,327 @@
+"""What a run folder holds: name, columns and heading of each table, and the names of its other files.
+
+Writers and the report's reader both take them from here. A run folder is what `maidenflight demo`
+writes, or any part of it: the folder of a single stage, or of a matrix.
+"""
+
+import json
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from maidenflight import inputs, results
+from maidenflight.errors import InputError
+from maidenflight.inputs import StrPath
+
+if TYPE_CHECKING:
+    from polars import DataFrame
+
+DRONE = "drone.toml"
+"""The identified drone."""
+REALITY = "reality.toml"
+"""The hidden parameters of the virtual drone that was recorded."""
+RECORDED = ("recorded", "flights")
+"""Folders of recorded flights, as the demo and `maidenflight record` call them."""
+POLICIES = "policies"
+"""Folder of trained policies; in that of a matrix, one folder of policies for each cell."""
+TRANSFER = "transfer"
+"""Folder of zero-shot flights."""
+FIRMWARE = "firmware"
+"""Folder of exported C."""
+REPORT = "report.html"
+CHECKPOINT = "training.npz"
+"""In the folder of policies: training that is under way; removed once they are written."""
+STAGES = "demo.json"
+"""Seed of a demo, and the seconds that each of its stages took."""
+
+ERROR_UNITS = {"position": "m", "velocity": "m/s", "attitude": "rad", "body_rates": "rad/s"}
+"""Units of the prediction errors, by quantity."""
+
+_RECORD = "# record: "
+_MAX_SECONDS, _MAX_NUMBER = 1e6, 1e15
+"""Limits of what a time and any other number of a table may be."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A CSV file: its name, what it has in common with others of its kind, reader and writer."""
+
+    name: str
+    columns: Mapping[str, type]
+    """Columns that readers rely on, each `int`, `float` or `str`; a file may have more."""
+    heading: str = ""
+    """What the file is, on its first line as a comment, above its record; a file without it begins
+    with the column names."""
+    digits: int | None = None
+    """Decimals of numbers; as many as they have unless given."""
+    times: tuple[str, ...] = field(default=("duration", "horizon", "time"), kw_only=True)
+    """Columns that are times from 0 on [s]."""
+
+    def write(
+        self, path: StrPath, rows: "DataFrame", record: Mapping[str, Any] | None = None
+    ) -> Path:
+        """Writes the table; the record only where it has a heading.
+
+        Raises:
+            ValueError: a column is missing.
+            WriteError: the file cannot be written.
+        """
+        missing = self.columns.keys() - set(rows.columns)
+        if missing:
+            raise ValueError(f"{self.name}: missing column {', '.join(sorted(missing))}")
+        csv = rows.write_csv(float_precision=self.digits)
+        if not self.heading:
+            return results.write(path, csv)
+        return results.write_table(path, f"# {self.heading}", record or {}, csv)
+
+    def read(self, path: Path) -> tuple["DataFrame", dict[str, Any]]:
+        """The rows, and the record in the comments above them; empty where there is none.
+
+        Raises:
+            InputError: the file is no such table, or is cut off.
+        """
+        import polars
+
+        content = text(path)
+        lines = (line for line in content.split("\n") if line.strip() and line[0] != "#")
+        names = next(lines, "").split(",")
+        problem = "a column is there twice" if len(set(names)) < len(names) else ""
+        problem = problem or ("" if content.endswith("\n") else "its last line is cut off")
+        if problem:
+            raise InputError(f"{path}: not a readable CSV table ({problem}). Make it again.")
+        record = record_of(content, path)
+        try:
+            rows = polars.read_csv(content.encode(), infer_schema_length=None, comment_prefix="#")
+        except (polars.exceptions.PolarsError, OSError, ValueError) as error:
+            reason = str(error).splitlines()[0]
+            raise InputError(f"{path}: not a readable CSV table ({reason}).") from error
+        return self.checked(rows, str(path)), record
+
+    def checked(self, rows: "DataFrame", where: str) -> "DataFrame":
+        """The rows with each column in its type; an empty cell becomes NaN or an empty text.
+
+        Raises:
+            InputError: a column is missing or not of its type, there are no rows, or a number is
+                not possible.
+        """
+        import polars
+
+        missing = [name for name in self.columns if name not in rows.columns]
+        if missing or rows.height == 0:
+            problem = f"missing column {', '.join(missing)}" if missing else "no rows"
+            expected = ", ".join(self.columns) or "a row a flight"
+            raise InputError(f"{where}: {problem}; expected a table with {expected}.")
+        filled = {float: float("nan"), str: "", int: None}
+        try:
+            typed = rows.with_columns(
+                polars.col(name).cast(kind).fill_null(filled[kind])
+                if filled[kind] is not None
+                else polars.col(name).cast(kind)
+                for name, kind in self.columns.items()
+            )
+        except polars.exceptions.PolarsError as error:
+            reason = str(error).splitlines()[0]
+            raise InputError(
+                f"{where}: {reason}; expected numbers in the columns of numbers."
+            ) from error
+        for name in (name for name, kind in self.columns.items() if kind is float):
+            number = typed[name]
+            wrong = (number.abs() > _MAX_NUMBER) & number.is_finite()
+            expected = "SI units"
+            if name in self.times:
+                wrong = ~number.is_between(0, _MAX_SECONDS).fill_null(False)
+                expected = "seconds"
+            if wrong.any():
+                raise InputError(
+                    f"{where}: {name} is {number[wrong.arg_max() or 0]} in a row; expected "
+                    f"{expected}. Make the table again."
+                )
+        return typed
+
+
+FLIGHTS = Table(
+    "flights.csv",
+    {
+        **{"flight": int, "policy": str, "reality": str, "trial": int},
+        **{"duration": float, "end_reason": str, "position_error": float},
+    },
+)
+"""Zero-shot flights, a row a flight."""
+MATRIX_FLIGHTS = Table(
+    FLIGHTS.name,
+    {
+        **{"control": str, "motor_time_constant": float, "latency": float, "number": int},
+        **{"reality": str, "trial": int, "duration": float},
+        **{"end_reason": str, "position_error": float},
+    },
+    "maidenflight zero-shot flights 1: simulated, a row a flight; training_rate Hz, "
+    "motor_time_constant s and latency s of the policy's training, duration s, position_error m",
+)
+"""The same of a matrix: what each policy was trained for, and its number in its cell."""
+PREDICTION = Table(
+    "prediction.csv",
+    {"policy": str, "control": str, "trial": int, "duration": float, "end_reason": str},
+    "maidenflight prediction 1: simulated flights of given policies as the authors' drone ran them, "
+    "a row a flight; duration s",
+    digits=2,
+)
+"""Flight times predicted on the identified drone, a row a flight."""
+TRAINING = Table(
+    "training.csv",
+    {
+        "steps": float,
+        "policy": float,
+        **dict.fromkeys(("episode_return", "survival", "position_error"), float),
+    },
+)
+"""Scores of policies in training, a row a policy and evaluation."""
+EVALUATIONS = Table("identification.csv", {"objective": float}, digits=9)
+"""Evaluations of an identification's objective, a row each, with a column a parameter."""
+VALIDATION = Table(
+    "validation.csv",
+    {"model": str, "horizon": float}
+    | {f"{name}{end}": float for name in ERROR_UNITS for end in ("", "_low", "_high")},
+    "maidenflight validation 1: open-loop prediction errors, root mean squares over windows; horizon "
+    "s, position m, velocity m/s, attitude rad, body_rates rad/s; _low and _high end the 95 % "
+    "interval over segments of flight",
+    digits=9,
+)
+"""Errors of open-loop predictions, a row a model and horizon."""
+WINDOWS = Table(
+    "validation_windows.csv",
+    {
+        **{"window": int, "model": str, "time": float, "roll": float, "pitch": float},
+        **dict.fromkeys(("body_rate_x", "body_rate_y", "position_z"), float),
+    },
+    "maidenflight windows 1: a few windows, as logged and as each model predicts them open loop from "
+    "their first row; start s in the flight, time s, position m, velocity m/s, roll pitch yaw rad, "
+    "body_rate rad/s",
+    digits=6,
+)
+"""Some windows of flight, logged and predicted, a row a model and time."""
+
+
+def read_flights(path: Path) -> tuple["DataFrame", dict[str, Any]]:
+    """The rows of `FLIGHTS` or `MATRIX_FLIGHTS`, whichever the file is, and its record.
+
+    Raises:
+        InputError: see `Table.read`.
+    """
+    rows, record = Table(FLIGHTS.name, {}).read(path)
+    of_matrix = "number" in rows.columns and "policy" not in rows.columns
+    return (MATRIX_FLIGHTS if of_matrix else FLIGHTS).checked(rows, str(path)), record
+
+
+@dataclass(frozen=True)
+class Numbered:
+    """Files that are numbered from 1 on."""
+
+    stem: str
+    suffix: str
+
+    def path(self, folder: StrPath, number: int) -> Path:
+        """The file of a number."""
+        return Path(folder, f"{self.stem}_{number}{self.suffix}")
+
+    def find(self, folder: Path) -> list[Path]:
+        """The files in a folder by their number: flight_100 after flight_99."""
+        return sorted(
+            folder.glob(f"{self.stem}_*{self.suffix}"),
+            key=lambda path: ([int(part) for part in re.findall(r"\d+", path.name)], path.name),
+        )
+
+
+POLICY = Numbered("policy", ".json")
+LOG = Numbered("flight", ".csv")
+
+
+def beside(drone: StrPath) -> Path:
+    """Where the evaluations of an identification go.
+
+    `identification.csv` for `drone.toml`, `NAME_identification.csv` for `NAME.toml`.
+    """
+    path = Path(drone)
+    named = EVALUATIONS.name if path.stem == Path(DRONE).stem else f"{path.stem}_{EVALUATIONS.name}"
+    return path.with_name(named)
+
+
+def windows_beside(validation: StrPath) -> Path:
+    """Where the windows of a validation go: `NAME_windows.csv` for `NAME.csv`."""
+    path = Path(validation)
+    return path.with_name(f"{path.stem}_windows.csv")
+
+
+def text(path: Path) -> str:
+    """A file's text.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    try:
+        return inputs.text(path)
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read as text ({error}).") from error
+
+
+def json_object(path: Path) -> dict[str, Any]:
+    """The object in a JSON file; empty where there is no such file.
+
+    Raises:
+        InputError: it holds something else.
+    """
+    if not os.path.lexists(path):
+        return {}
+    written = text(path)
+    try:
+        content = inputs.from_json(written)
+    except ValueError as error:
+        raise InputError(
+            f"{path}: not valid JSON ({error}). Write it again or remove it."
+        ) from error
+    if not isinstance(content, dict):
+        raise InputError(f"{path}: holds no JSON object. Write it again or remove it.")
+    return content
+
+
+def record_of(content: str, path: Path) -> dict[str, Any]:
+    """The record among the first lines of a file's text; empty where there is none.
+
+    Raises:
+        InputError: it is not valid JSON.
+    """
+    lines = content.split("\n", 4)[:4]
+    line = next((line for line in lines if line.startswith(_RECORD)), f"{_RECORD}{{}}")
+    try:
+        record = inputs.from_json(line.removeprefix(_RECORD))
+    except ValueError:
+        raise InputError(
+            f"{path}: the line '# record:' holds no valid JSON. Write '# record: {{}}' there."
+        ) from None
+    return record if isinstance(record, dict) else {}
+
+
+def write_stages(folder: StrPath, seed: int, seconds: Mapping[str, float]) -> Path:
+    """Writes how long each stage of a demo took [s]."""
+    content = json.dumps({"seed": seed, "stages": dict(seconds)}, indent=1)
+    return results.write(Path(folder, STAGES), f"{content}\n")
+
+
+def read_stages(folder: Path) -> dict[str, float]:
+    """How long each stage took [s]; empty where that is not known.
+
+    Raises:
+        InputError: the file says no seconds.
+    """
+    path = folder / STAGES
+    stages = json_object(path).get("stages", {})
+    if not isinstance(stages, dict) or not all(
+        type(value) in (int, float) and 0 <= value < 1e9 for value in stages.values()
+    ):
+        raise InputError(
+            f"{path}: stages = {stages!r}; expected seconds of each. Remove the file, or run the "
+            "demo again."
+        )
+    return {stage: float(seconds) for stage, seconds in stages.items()}
