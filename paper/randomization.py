@@ -79,7 +79,7 @@ QUICK = {
     "attitude": AnalyticGradient(updates=600, horizon=32, hidden_rate=0.0),
 }
 """Settings of training, by control structure: half as long as the command line's, or less, and by
-Adam alone, as docs/zero-shot.md was measured."""
+Adam alone, as docs/studies/randomization.md was measured."""
 RECIPE = {
     kind: replaced(settings, updates=settings.updates * 2) for kind, settings in QUICK.items()
 }

@@ -239,7 +239,7 @@ def wide_box(
     """Drones about an identified one that a policy should fly too, so that it flies drones unlike
     the identified one.
 
-    Found by trying what carries policies over to virtual drones (docs/zero-shot.md).
+    Found by trying what carries policies over to virtual drones (docs/studies/randomization.md).
 
     Args:
         nominal: the identified drone.
