@@ -24,8 +24,8 @@ from scipy.spatial.transform import Rotation
 
 import maidenflight as mf
 from maidenflight import results
-from maidenflight.flights import recording
-from maidenflight.flights.recording import Rows
+from maidenflight.flights import flying
+from maidenflight.flights.flying import Rows
 from maidenflight.policy import Policy
 from maidenflight.simulator.environment import Environment
 from maidenflight.training.train import Progress
@@ -124,7 +124,7 @@ def _fly(env: Environment, policy: Policy, drone: mf.Parameters, keys: Array) ->
     starts = PERIOD * jnp.arange(len(COLOURS)) / len(COLOURS)
 
     def one(key: Array, start: Array) -> Rows:
-        return recording.fly(
+        return flying.fly(
             env, lambda observation, number: policy(observation), drone, key, steps, start
         )
 

@@ -55,6 +55,7 @@ from maidenflight.reporting import svg
 from maidenflight.reporting.flight_figures import COLOURS
 from maidenflight.reporting.svg import Panel
 from maidenflight.simulator import control
+from maidenflight.simulator.virtual_drone import VirtualDrone
 
 IDENTIFIED = {"motor_time_constant": 0.0490, "spin_down_ratio": 2.278, "latency": 0.00687}
 """Of the authors' drone, from its PWM flights, identified with lags alone: a lag that grows with
@@ -858,7 +859,10 @@ def lags_of(realities: Sequence[str], given: argparse.Namespace) -> dict[str, fl
                 # PyBullet is another engine for the same constants, and need not be installed to
                 # ask for them.
                 what = places.get(name, f"{'virtual' if kind == 'pybullet' else kind}:{seed}")
-                found[name] = total_lag(workflow.reality(what).parameters)
+                place = workflow.reality(what)
+                if not isinstance(place, VirtualDrone):
+                    raise InputError(f"{what} has no parameters.")
+                found[name] = total_lag(place.parameters)
             except InputError as error:
                 raise InputError(
                     f"reality {name} is unknown ({error}) Give --reality {name}=FILE.toml or "

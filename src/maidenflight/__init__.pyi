@@ -24,6 +24,8 @@ from .simulator.environment import step as step
 from .simulator.randomization import randomize as randomize
 from .simulator.randomization import relative_box as relative_box
 from .simulator.randomization import wide_box as wide_box
+from .simulator.reality import Reality as Reality
+from .simulator.reality import reality as reality
 from .simulator.rollout import rollout as rollout
 from .simulator.tasks import circle as circle
 from .simulator.tasks import figure_eight as figure_eight

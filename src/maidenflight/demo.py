@@ -17,6 +17,7 @@ from maidenflight.identification.identify import AUTO
 from maidenflight.identification.likelihood import Likelihood
 from maidenflight.parameters import Parameters
 from maidenflight.reporting.page import report
+from maidenflight.simulator.virtual_drone import virtual_drone
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.train import Progress
 
@@ -74,7 +75,7 @@ def demo(folder: Path, seed: int, plan: Plan, listener: Listener) -> Demo:
     summary.
     """
     seconds: dict[str, float] = {}
-    drone = workflow.reality(f"virtual:{seed}")
+    drone = virtual_drone(seed)
 
     def run(name: str, stage: Callable[[], Any]) -> Any:
         listener.stage(name)

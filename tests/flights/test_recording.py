@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from made_flights import same, volts
 
-from maidenflight.flights import checking, log, recording
+from maidenflight.flights import checking, flying, log, recording
 from maidenflight.simulator.virtual_drone import virtual_drone
 
 DRONE = virtual_drone(3)
@@ -103,10 +103,10 @@ def test_a_recorded_flight_has_nothing_to_complain_about_and_survives_its_file(f
 
 
 def test_without_a_battery_the_logged_command_is_the_ratio():
-    values: dict[str, Any] = {name: np.ones((5, 3), np.float32) for name in recording.Rows._fields}
+    values: dict[str, Any] = {name: np.ones((5, 3), np.float32) for name in flying.Rows._fields}
     values |= {"ratio": np.full((5, 4), 0.625, np.float32), "battery": np.full(5, 3.5, np.float32)}
-    flight = recording.to_flight(
-        recording.Rows(**values), "made", held=True, has_battery=False, simulated="x", period=0.02
+    flight = flying.to_flight(
+        flying.Rows(**values), "made", held=True, has_battery=False, simulated="x", period=0.02
     )
     np.testing.assert_array_equal(flight.command, values["ratio"])
     assert (flight.held, flight.simulated, flight.period) == (True, "x", 0.02)

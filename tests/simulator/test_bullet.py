@@ -19,7 +19,7 @@ from maidenflight.flights import recording
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import untrained
 from maidenflight.simulator import bullet, control, dynamics, environment, rotations, tasks
-from maidenflight.simulator.bullet import DAMPING, Bullet
+from maidenflight.simulator.bullet import DAMPING, Bullet, bullet_drone
 from maidenflight.simulator.dynamics import State
 from maidenflight.simulator.rollout import rollout
 from maidenflight.simulator.virtual_drone import virtual_drone
@@ -342,8 +342,9 @@ def test_the_same_settings_are_the_same_engine(pybullet):
 
 
 def test_a_reality_in_pybullet_hides_the_same_constants(pybullet):
-    drone, other = workflow.reality("pybullet:7"), workflow.reality("virtual:7")
+    drone, other = bullet_drone(7), virtual_drone(7)
     assert (drone.name, other.name) == ("pybullet-7", "virtual-7")
+    assert workflow.reality("pybullet:7").name == drone.name
     jax.tree.map(np.testing.assert_array_equal, drone.parameters, other.parameters)
     env = drone.environment(tasks.circle(), control.pwm())
     assert env.integrator == Bullet(linear_damping=0.04, angular_damping=0.04)

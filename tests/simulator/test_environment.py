@@ -6,12 +6,12 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-import numpy_reference
 import pytest
 from arrays import float32, float64
 from jax import lax
 from jaxtyping import Array, Float
 
+import numpy_reference
 from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, noiseless, replace
 from maidenflight.simulator import control, dynamics, environment, latency, tasks

@@ -13,8 +13,8 @@ from maidenflight.errors import InputError
 CONTROLS = ("pwm", "attitude_rate", "attitude")
 TASKS = ("circle", "figure_eight", "hover", "take_off")
 REALITIES = (
-    "near:SEED, virtual:SEED, far:SEED, ever stranger; pybullet:SEED (virtual:SEED in "
-    "PyBullet); or a drone's TOML file"
+    "near:SEED, virtual:SEED or far:SEED, with growing mismatch to the training model; "
+    "pybullet:SEED (virtual:SEED in PyBullet); MODULE:FACTORY of your own; or a drone's TOML file"
 )
 PATH = click.Path(path_type=Path)
 

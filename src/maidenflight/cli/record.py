@@ -63,7 +63,7 @@ def _duration(
     "--reality",
     default="virtual:7",
     show_default=True,
-    help=f"Which virtual drone: {options.REALITIES}.",
+    help=f"What flies: {options.REALITIES}.",
 )
 @_flights(4)
 @_duration(30.0, 2.0, "Seconds of each.")
@@ -158,18 +158,18 @@ def record(
             duration,
             excitation,
         )
+    truth = output / run_folder.REALITY
+    known = str(truth) if truth.exists() else None
     content = {
         "flights": [str(path) for path in written],
-        "truth": str(output / run_folder.REALITY),
+        "truth": known,
         "simulated": True,
     }
+    where = f"; the true parameters are in {run_folder.REALITY}" if known else ""
     options.emit(
         as_json,
         content,
-        lambda: print(
-            f"{count} simulated flights of {duration:g} s in {output}/; the truth is in "
-            f"{run_folder.REALITY}"
-        ),
+        lambda: print(f"{count} simulated flights of {duration:g} s in {output}/{where}"),
     )
 
 

@@ -34,7 +34,7 @@ from maidenflight.policy import CONTROLS, Policy
 from maidenflight.simulator import control, tasks
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.randomization import relative_box
-from maidenflight.simulator.virtual_drone import VirtualDrone
+from maidenflight.simulator.reality import AnyReality
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.train import recorded, train
 
@@ -307,7 +307,7 @@ def train_cell(matrix: Matrix, cell: Cell, nominal: Parameters) -> tuple[Policy,
 
 
 def fly(
-    matrix: Matrix, policies: Mapping[Cell, Sequence[Policy]], realities: Sequence[VirtualDrone]
+    matrix: Matrix, policies: Mapping[Cell, Sequence[Policy]], realities: Sequence[AnyReality]
 ) -> polars.DataFrame:
     """Flies all policies, each at its structure's own rate whatever the rate that it was trained
     at.

@@ -1,10 +1,9 @@
-"""Zero-shot flights: policies fly in realities that they have never seen, and a guard says when
-each flight ends.
+"""`transfer`: zero-shot flights of policies in realities, and the guards that end them.
 
 Source of the experiment and its guards: Gronauer et al. 2022, sec. Zero-Shot Experiments.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -12,17 +11,19 @@ from typing import Any
 import jax
 import numpy as np
 import polars
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from maidenflight.errors import InputError
-from maidenflight.flights import recording
+from maidenflight.flights import flying
+from maidenflight.flights.flying import Pilot, Rows
 from maidenflight.flights.log import Flight
-from maidenflight.flights.recording import Rows
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy
-from maidenflight.simulator import control, tasks
+from maidenflight.simulator import control, environment, rotations, tasks
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.reality import MOTORS, AnyReality, Reality, Truth, checked
+from maidenflight.simulator.sensors import Measurement
 from maidenflight.simulator.tasks import MAX_POSITION_ERROR_M, Task
 from maidenflight.simulator.virtual_drone import VirtualDrone
 
@@ -32,11 +33,13 @@ MAX_TILT_RAD = np.radians(30.0)
 """Roll or pitch at which the backup PID takes over [rad]."""
 MAX_BODY_RATE_RAD_S = np.radians(800.0)
 """Roll or pitch rate at which it takes over [rad/s]."""
+TIME_LIMIT = "time limit"
+"""End reason of a flight in which no guard trips."""
 
 
 @dataclass(frozen=True)
 class Transfer:
-    """What came of zero-shot flights."""
+    """Results of zero-shot flights."""
 
     table: polars.DataFrame
     """One row a flight: flight, policy, reality, trial, duration [s], end_reason, position_error
@@ -45,49 +48,55 @@ class Transfer:
     """Their logs, in the table's order, each up to its end."""
 
 
-@partial(jax.jit, static_argnums=(0, 4))
-def _fly(env: Environment, policies: Policy, drones: Parameters, keys: Array, steps: int) -> Rows:
-    def one(policy: Policy, drone: Parameters, key: Array) -> Rows:
-        return recording.fly(
-            env, lambda observation, number: policy(observation), drone, key, steps
-        )
+def guards(
+    position: Float[np.ndarray, "... 3"],
+    attitude: Float[np.ndarray, "... 3"],
+    body_rates: Float[np.ndarray, "... 3"],
+    setpoint: Float[np.ndarray, "... 3"],
+) -> dict[str, Any]:
+    """Which guards trip, by the end reason that they give.
 
-    return jax.vmap(one)(policies, drones, keys)
+    Args:
+        position: true position [m].
+        attitude: true roll, pitch, yaw [rad].
+        body_rates: true [rad/s].
+        setpoint: [m].
+
+    Returns:
+        Arrays of bool of shape (...), by end reason.
+    """
+    finite = np.isfinite(np.concatenate([position, attitude, body_rates], axis=-1)).all(axis=-1)
+    distance = np.linalg.norm(np.subtract(position, setpoint, dtype=np.float64), axis=-1)
+    return {
+        "not finite": ~finite,
+        "body rate": np.abs(body_rates[..., :2]).max(axis=-1) > MAX_BODY_RATE_RAD_S,
+        "tilt": np.abs(attitude[..., :2]).max(axis=-1) > MAX_TILT_RAD,
+        "position error": distance > MAX_POSITION_ERROR_M,
+    }
 
 
-def end_of_flight(rows: Rows, period: float) -> tuple[int, str]:
+def end_of_flight(rows: Rows) -> tuple[int, str]:
     """When a flight ends and why.
 
     Args:
         rows: one flight, without batch axes, as long as it may last.
-        period: control period [s].
 
     Returns:
         Number of control periods flown, and one of `not finite`, `body rate`, `tilt`, `position
         error`, `time limit`; where guards trip at once, the first of these.
     """
-    position = np.asarray(rows.true_position, np.float64)
-    attitude, rates = (
-        np.asarray(rows.true_attitude, np.float64),
-        np.asarray(rows.true_body_rates, np.float64),
-    )
-    distance = np.linalg.norm(position - np.asarray(rows.true_setpoint, np.float64), axis=1)
-    guards = {
-        "not finite": ~np.isfinite(np.concatenate([position, attitude, rates], axis=1)).all(axis=1),
-        "body rate": np.abs(rates[:, :2]).max(axis=1) > MAX_BODY_RATE_RAD_S,
-        "tilt": np.abs(attitude[:, :2]).max(axis=1) > MAX_TILT_RAD,
-        "position error": distance > MAX_POSITION_ERROR_M,
-    }
-    first = {reason: int(np.argmax(tripped)) for reason, tripped in guards.items() if tripped.any()}
+    judged = rows.true_position, rows.true_attitude, rows.true_body_rates, rows.true_setpoint
+    tripped = guards(*(np.asarray(values, np.float64) for values in judged))
+    first = {reason: int(np.argmax(where)) for reason, where in tripped.items() if where.any()}
     if not first:
-        return len(distance), "time limit"
+        return len(rows.true_position), TIME_LIMIT
     reason = min(first, key=lambda name: first[name])
     return first[reason] + 1, reason
 
 
 def transfer(
     policies: Sequence[Policy] | Policy,
-    realities: Sequence[VirtualDrone] | VirtualDrone,
+    realities: Sequence[AnyReality] | AnyReality,
     trials: int = 3,
     key: Array | None = None,
     *,
@@ -99,7 +108,7 @@ def transfer(
     """Flies every policy in every reality.
 
     Each flight starts from hover within 2 cm of the reference's start, as when a drone hands over
-    from its PID.
+    from its PID. Virtual drones are flown all at once; other realities one flight after another.
 
     Args:
         policies: policies of one control structure and layer sizes, or one.
@@ -112,16 +121,66 @@ def transfer(
         names: what the table calls the policies; policy_1, policy_2, ... unless given.
 
     Raises:
-        InputError: no policy, no reality, or policies of different shapes.
+        InputError: no policy, no reality, or policies of different shapes; or a reality that takes
+            neither motor commands nor those of the policies.
     """
     policies = [policies] if isinstance(policies, Policy) else policies
-    realities = [realities] if isinstance(realities, VirtualDrone) else realities
-    _check_kinds(policies, Policy, "policy.read(FILE)")
-    _check_kinds(
-        realities, VirtualDrone, "mf.virtual_drone(7) or mf.VirtualDrone(NAME, PARAMETERS)"
-    )
-    if not policies or not realities or trials < 1:
+    several: Any = realities if isinstance(realities, list | tuple) else [realities]
+    for one in policies:
+        if not isinstance(one, Policy):
+            raise InputError(
+                f"{str(one)[:60]!r} is no Policy; expected what policy.read(FILE) gives."
+            )
+    places = [checked(one) for one in several]
+    if not policies or not places or trials < 1:
         raise InputError("a transfer needs at least one policy, one reality and one trial.")
+    controller = _controller_of(policies, controller)
+    key = jax.random.key(0) if key is None else key
+    names = list(names or (f"policy_{number}" for number in range(1, len(policies) + 1)))
+    plan = [(policy, trial) for policy in range(len(policies)) for trial in range(trials)]
+    period = 1 / policies[0].rate
+    table: list[dict[str, Any]] = []
+    flights: list[Flight] = []
+    for number, reality in enumerate(places):
+        keys = jax.random.split(jax.random.fold_in(key, number), len(plan))
+        flown = _fly_plan(
+            reality,
+            [policies[policy] for policy, _ in plan],
+            controller,
+            task or tasks.circle(),
+            keys,
+            round(duration * policies[0].rate),
+        )
+        for (policy, trial), rows in zip(plan, flown, strict=True):
+            steps, reason = end_of_flight(rows)
+            rows = jax.tree.map(lambda values, end=steps: values[:end], rows)
+            error = np.linalg.norm(rows.true_position - rows.true_setpoint, axis=1)
+            table.append(
+                {
+                    "flight": len(table) + 1,
+                    "policy": names[policy],
+                    "reality": reality.name,
+                    "trial": trial + 1,
+                    "duration": round(steps * period, 6),
+                    "end_reason": reason,
+                    "position_error": round(float(np.mean(error, dtype=np.float64)), 6),
+                }
+            )
+            flights.append(
+                flying.to_flight(
+                    rows,
+                    f"flight_{len(table):02d}",
+                    held=controller.rate == controller.action_rate,
+                    has_battery=isinstance(reality, VirtualDrone) and reality.battery,
+                    simulated=reality.name,
+                    period=period,
+                )
+            )
+    return Transfer(polars.DataFrame(table), tuple(flights))
+
+
+def _controller_of(policies: Sequence[Policy], controller: Controller | None) -> Controller:
+    """The controller that all policies are for."""
     shapes = {
         (policy.control, policy.rate, policy.history, policy.layer_sizes) for policy in policies
     }
@@ -137,66 +196,76 @@ def transfer(
             f"{controller.name}, acts at"
             f" {controller.action_rate} Hz. Give the one that they were trained for."
         )
-    key = jax.random.key(0) if key is None else key
-    names = list(names or (f"policy_{number}" for number in range(1, len(policies) + 1)))
-    plan = [(policy, trial) for policy in range(len(policies)) for trial in range(trials)]
-    stacked = jax.tree.map(
-        lambda *leaves: np.stack(leaves), *(policies[policy] for policy, _ in plan)
+    return controller
+
+
+def _fly_plan(
+    reality: AnyReality,
+    policies: Sequence[Policy],
+    controller: Controller,
+    task: Task,
+    keys: Array,
+    steps: int,
+) -> Iterator[Rows]:
+    """The rows of a flight of each policy, with the key of the same place."""
+    if not isinstance(reality, VirtualDrone):
+        for policy, key in zip(policies, keys, strict=True):
+            pilot = _pilot(reality, policy, controller)
+            yield flying.fly_reality(reality, pilot, task, key, steps, _ended)
+        return
+    env = replace(reality.environment(task, controller), history=policies[0].history)
+    stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *policies)
+    drones = jax.tree.map(
+        lambda leaf: np.broadcast_to(leaf, (len(policies), *np.shape(leaf))), reality.parameters
     )
-    rows: list[dict[str, Any]] = []
-    flights: list[Flight] = []
-    for number, reality in enumerate(realities):
-        env = replace(
-            reality.environment(task or tasks.circle(), controller), history=policies[0].history
-        )
-        drones = jax.tree.map(
-            lambda leaf: np.broadcast_to(leaf, (len(plan), *np.shape(leaf))), reality.parameters
-        )
-        keys = jax.random.split(jax.random.fold_in(key, number), len(plan))
-        flown = jax.tree.map(
-            np.asarray, _fly(env, stacked, drones, keys, round(duration * policies[0].rate))
-        )
-        for place, (policy, trial) in enumerate(plan):
-            logged, row = _one_flight(
-                flown,
-                place,
-                reality,
-                env,
-                1 / policies[0].rate,
-                f"flight_{len(rows) + 1:02d}",
-            )
-            rows.append(
-                {
-                    "flight": len(rows) + 1,
-                    "policy": names[policy],
-                    "reality": reality.name,
-                    "trial": trial + 1,
-                    **row,
-                }
-            )
-            flights.append(logged)
-    return Transfer(polars.DataFrame(rows), tuple(flights))
+    flown = jax.tree.map(np.asarray, _fly(env, stacked, drones, keys, steps))
+    for place in range(len(policies)):
+        yield jax.tree.map(lambda values, place=place: values[place], flown)
 
 
-def _check_kinds(given: Sequence[Any], kind: type, way: str) -> None:
-    for one in given:
-        if not isinstance(one, kind):
-            raise InputError(f"{str(one)[:60]!r} is no {kind.__name__}; expected what {way} gives.")
+@partial(jax.jit, static_argnums=(0, 4))
+def _fly(env: Environment, policies: Policy, drones: Parameters, keys: Array, steps: int) -> Rows:
+    def one(policy: Policy, drone: Parameters, key: Array) -> Rows:
+        return flying.fly(env, lambda observation, number: policy(observation), drone, key, steps)
+
+    return jax.vmap(one)(policies, drones, keys)
 
 
-def _one_flight(
-    flown: Rows, place: int, reality: VirtualDrone, env: Environment, period: float, name: str
-) -> tuple[Flight, dict[str, Any]]:
-    """The log of one of many flights up to its end, and how it went."""
-    steps, reason = end_of_flight(jax.tree.map(lambda values: values[place], flown), period)
-    rows = jax.tree.map(lambda values: values[place, :steps], flown)
-    error = np.linalg.norm(rows.true_position - rows.true_setpoint, axis=1)
-    logged = recording.to_flight(
-        rows, name, held=True, has_battery=env.battery, simulated=reality.name, period=period
+def _ended(truth: Truth, setpoint: Float[np.ndarray, "3"]) -> bool:
+    attitude = np.asarray(_attitude(truth.quaternion))
+    return any(guards(truth.position, attitude, truth.body_rates, setpoint).values())
+
+
+_attitude = jax.jit(rotations.to_attitude)
+
+
+def _pilot(reality: Reality, policy: Policy, controller: Controller) -> Pilot:
+    """What flies a policy in a reality, by its own controller if it has the policy's."""
+    actor = _actor(policy, controller, reality.hover)
+    if reality.takes == MOTORS:
+        return flying.cascade(controller, actor)
+    raise InputError(
+        f"{reality.name} takes {reality.takes!r}; expected {MOTORS!r}, or the policies' own "
+        f"{controller.name!r}."
     )
-    row = {
-        "duration": round(steps * period, 6),
-        "end_reason": reason,
-        "position_error": round(float(np.mean(error, dtype=np.float64)), 6),
-    }
-    return logged, row
+
+
+def _actor(policy: Policy, controller: Controller, hover: float) -> flying.Act:
+    """The policy one instant at a time, with its history and last action."""
+    history: Any = None
+    action = np.asarray(controller.level(np.float32(hover)))  # type: ignore[arg-type]
+
+    def act(measurement: Measurement, setpoint: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4"]:
+        nonlocal history, action
+        instant = np.asarray(_observe(measurement, setpoint, action))[None]
+        if history is None:
+            history = np.repeat(instant, policy.history, axis=0)
+        history = np.concatenate([history[1:], instant])
+        action = np.asarray(_act(policy, history.reshape(-1)))
+        return action
+
+    return act
+
+
+_observe = jax.jit(environment.observe)
+_act = jax.jit(Policy.__call__)

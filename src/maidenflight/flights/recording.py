@@ -1,141 +1,50 @@
-"""Recording flights on a virtual drone: the firmware's position PID, or a policy, flies.
-
-The sensors' signals are logged.
-"""
+"""`record`: flights of the firmware's position PID in a reality, excited so that motors show."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from maidenflight.errors import InputError
+from maidenflight.flights import flying
+from maidenflight.flights.flying import Pilot, Rows
 from maidenflight.flights.log import Flight
 from maidenflight.parameters import Parameters
-from maidenflight.simulator import battery, control, dynamics, environment, rotations, tasks
+from maidenflight.simulator import control, tasks
 from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.firmware import POSITION_RATE
+from maidenflight.simulator.reality import MOTORS, POSITION, AnyReality, Reality, checked
 from maidenflight.simulator.tasks import Task
 from maidenflight.simulator.virtual_drone import VirtualDrone
 
-
-class Rows(NamedTuple):
-    """What is logged of N control periods; the rows of `Flight`, and the truth that no log has."""
-
-    position: Float[Array, "N 3"]
-    velocity: Float[Array, "N 3"]
-    attitude: Float[Array, "N 3"]
-    body_rates: Float[Array, "N 3"]
-    ratio: Float[Array, "N 4"]
-    """Motor ratio; the thrust command where no battery is simulated. That of the row's own period
-    where a command holds for it, else that in force when the row was measured."""
-    battery: Float[Array, "N"]
-    setpoint: Float[Array, "N 3"]
-    true_position: Float[Array, "N 3"]
-    """At the end of the period [m]."""
-    true_setpoint: Float[Array, "N 3"]
-    """At the end of the period [m]."""
-    true_attitude: Float[Array, "N 3"]
-    true_body_rates: Float[Array, "N 3"]
-
-
-def fly(
-    env: Environment,
-    act: Callable[[Float[Array, "20H"], Int[Array, ""]], Float[Array, "4"]],
-    parameters: Parameters,
-    key: Array,
-    steps: int,
-    start: Float[Array, ""] | float = 0.0,
-) -> Rows:
-    """Flies from hover at the reference's start and logs every control period.
-
-    A failed flight goes on; who reads the rows decides where it ended.
-
-    Args:
-        env: what is simulated.
-        act: (observation, number of the control period) to action.
-        parameters: the drone.
-        key: random key.
-        steps: control periods, static.
-        start: the reference's clock at the start [s].
-    """
-    place_key, begin_key, key = jax.random.split(key, 3)
-    offset = 0.02 * jax.random.uniform(place_key, (3,), minval=-1.0, maxval=1.0)
-    state = dynamics.at_hover(env.task.reference(jnp.asarray(start)) + offset, parameters)
-    first = environment.begin(env, state, jnp.asarray(start), parameters, begin_key)
-
-    def one(
-        env_state: environment.EnvState, now: tuple[Array, Array]
-    ) -> tuple[environment.EnvState, Rows]:
-        number, key = now
-        after, step_result = environment.step(
-            env, env_state, act(environment.observation(env_state), number), parameters, key
-        )
-        seen = env_state.measurement
-        motors = after.actuators if env.commands_per_action == 1 else env_state.actuators
-        return after, Rows(
-            position=seen.position,
-            velocity=seen.velocity,
-            attitude=rotations.to_attitude(seen.quaternion),
-            body_rates=seen.body_rates,
-            ratio=motors.ratio,
-            battery=motors.voltage,
-            setpoint=env.task.reference(env_state.time),
-            true_position=after.state.position,
-            true_setpoint=step_result.setpoint,
-            true_attitude=rotations.to_attitude(after.state.quaternion),
-            true_body_rates=after.state.body_rates,
-        )
-
-    return jax.lax.scan(one, first, (jnp.arange(steps), jax.random.split(key, steps)))[1]
+DITHER_PERIODS = 5
+"""Control periods of 10 ms for which `dither` holds."""
 
 
 def dither(
     strength: Float[Array, ""], steps: int, key: Array
 ) -> Callable[[Float[Array, "20H"], Int[Array, ""]], Float[Array, "4"]]:
-    """Excitation for a PID: each motor's command is raised or lowered by `strength`, anew every 50
-    ms.
+    """Excitation for a PID: each motor's command is raised or lowered by `strength`.
 
-    A PID that only follows a slow circle hardly moves its motors, and what it does answers the very
-    disturbances that a replay of its commands cannot know. Excitation from outside the loop is what
-    makes lag and latency visible.
+    The signs are drawn every 50 ms. A PID that follows a slow circle hardly moves its motors, and
+    what it does answers disturbances that a replay of its commands cannot know. Excitation from
+    outside the loop is what makes lag and latency visible.
 
     Args:
         strength: thrust command [-].
         steps: control periods.
         key: random key.
     """
-    signs = jax.random.rademacher(key, (steps // 5 + 1, 4), dtype=jnp.float32)
-    return lambda observation, number: strength * signs[number // 5]
+    signs = _signs(steps, key)
+    return lambda observation, number: strength * signs[number // DITHER_PERIODS]
 
 
-def to_flight(
-    rows: Rows, name: str, *, held: bool, has_battery: bool, simulated: str, period: float = 0.01
-) -> Flight:
-    """A flight log of logged rows.
-
-    The command is read back from the motor ratio, as from a real log.
-    """
-    logged: dict[str, np.ndarray] = {
-        field: np.asarray(values) for field, values in rows._asdict().items()
-    }
-    command = logged["ratio"]
-    if has_battery:
-        command = np.asarray(battery.thrust_command(command, logged["battery"][:, None]))
-    return Flight(
-        name=name,
-        period=period,
-        position=logged["position"],
-        velocity=logged["velocity"],
-        attitude=logged["attitude"],
-        body_rates=logged["body_rates"],
-        command=command,
-        battery=logged["battery"],
-        setpoint=logged["setpoint"],
-        held=held,
-        simulated=simulated,
-    )
+@partial(jax.jit, static_argnums=0)
+def _signs(steps: int, key: Array) -> Float[Array, "K 4"]:
+    return jax.random.rademacher(key, (steps // DITHER_PERIODS + 1, 4), dtype=jnp.float32)
 
 
 @partial(jax.jit, static_argnums=(0, 3))
@@ -148,44 +57,73 @@ def _fly_pid(
 ) -> Rows:
     def one(key: Array) -> Rows:
         dither_key, key = jax.random.split(key)
-        return fly(env, dither(strength, steps, dither_key), parameters, key, steps)
+        return flying.fly(env, dither(strength, steps, dither_key), parameters, key, steps)
 
     return jax.vmap(one)(keys)
 
 
 def record(
-    drone: VirtualDrone,
+    reality: AnyReality,
     key: Array,
     flights: int = 4,
     duration: float = 30.0,
     excitation: float = 0.05,
     task: Task | None = None,
 ) -> Sequence[Flight]:
-    """Lets the firmware's position PID fly a task on a virtual drone and logs it at 100 Hz.
+    """Lets the firmware's position PID fly a task in a reality and logs it at 100 Hz.
+
+    A reality that takes positions flies its own controller instead.
 
     Args:
-        drone: the reality.
+        reality: what is flown.
         key: random key.
         flights: how many.
         duration: of each [s].
         excitation: strength of `dither` [-]; 0 is the plain PID.
         task: the circle of the paper unless given.
+
+    Raises:
+        InputError: a reality that takes neither motor commands nor positions, or one that takes
+            positions and an excitation above 0.
     """
-    env = drone.environment(task or tasks.circle(), control.position_pid())
-    rows = _fly_pid(
-        env,
-        drone.parameters,
-        jax.random.split(key, flights),
-        round(duration * 100),
-        jnp.float32(excitation),
-    )
+    task, steps = task or tasks.circle(), round(duration * POSITION_RATE)
+    keys = jax.random.split(key, flights)
+    if isinstance(reality := checked(reality), VirtualDrone):
+        env = reality.environment(task, control.position_pid())
+        rows = _fly_pid(env, reality.parameters, keys, steps, jnp.float32(excitation))
+        logged = [
+            jax.tree.map(lambda values, n=number: values[n], rows) for number in range(flights)
+        ]
+        has_battery = env.battery
+    else:
+        logged = [_fly_one(reality, task, one, steps, excitation) for one in keys]
+        has_battery = False
     return [
-        to_flight(
-            jax.tree.map(lambda values, number=number: values[number], rows),
-            f"flight_{number + 1:02d}",
+        flying.to_flight(
+            rows,
+            f"flight_{number:02d}",
             held=False,
-            has_battery=env.battery,
-            simulated=drone.name,
+            has_battery=has_battery,
+            simulated=reality.name,
         )
-        for number in range(flights)
+        for number, rows in enumerate(logged, 1)
     ]
+
+
+def _fly_one(reality: Reality, task: Task, key: Array, steps: int, excitation: float) -> Rows:
+    """A flight of the PID, or of a reality's own position controller."""
+    dither_key, key = jax.random.split(key)
+    if reality.takes == MOTORS:
+        signs = np.asarray(_signs(steps, dither_key))
+        actions = iter(np.float32(excitation) * np.repeat(signs, DITHER_PERIODS, axis=0))
+        pilot = flying.cascade(control.position_pid(), lambda *_: next(actions))
+    elif reality.takes == POSITION and excitation == 0.0:
+        pilot = Pilot(
+            lambda _, setpoint: np.append(setpoint, 0.0), POSITION_RATE, POSITION_RATE, False
+        )
+    else:
+        raise InputError(
+            f"{reality.name} takes {reality.takes!r} with excitation = {excitation}; recording "
+            f"needs a reality that takes {MOTORS!r}, or {POSITION!r} with excitation = 0."
+        )
+    return flying.fly_reality(reality, pilot, task, key, steps)

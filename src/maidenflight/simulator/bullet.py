@@ -1,26 +1,27 @@
-"""The same drone in PyBullet: a second opinion on our rigid body, and a reality that none of our
-equations integrate.
+"""`Bullet`, PyBullet as an `Integrator`, and `bullet_drone`, a virtual drone flown in it.
 
-The body is made in code, without a mesh or URDF: mass, diagonal inertia, and a force at each
-rotor's place, so that Bullet works out the torques of the lever arms itself. What we hand to it is
-the motors (`dynamics.motor_derivative`, `dynamics.rotor_forces`), their reaction torque about the
-body's z axis and the rotor drag; weight, gyroscopic torque, damping and the step are Bullet's.
+It checks our rigid body independently and serves as an evaluation drone that none of our equations
+integrate. The body is made in code, without a mesh or URDF: mass, diagonal inertia, and a force at
+the place of each rotor, so that Bullet works out the torques of the lever arms. Bullet is given the
+motors (`dynamics.motor_derivative`, `dynamics.rotor_forces`), their reaction torque about the body
+z axis and the rotor drag; weight, gyroscopic torque, damping and the step are Bullet's own.
 
 The body is Bullet's default kind, a multibody with a base and no links. Read back and measured
 (version 3.2.7):
 
-- A shapeless body is made with no inertia; the diagonal must be set afterwards.
-- The gyroscopic torque is there, explicit in the rates, so that free rotation gains energy at first order in the step. A body in
-  maximal coordinates, Bullet's other kind, treats it implicitly and loses energy instead.
-- Damping is 0.04 unless it is set: an acceleration of -0.04 (1 + |v|) v, and likewise for the angular velocity.
+- A body without a shape is made without inertia; the diagonal must be set afterwards.
+- The gyroscopic torque is explicit in the rates, so that free rotation gains energy at first order
+  in the step. A body in maximal coordinates, the other kind, treats it implicitly and loses energy.
+- Damping is 0.04 unless set: an acceleration of -0.04 (1 + |v|) v, and the same for the angular
+  velocity.
 - Every component of either velocity is clipped to 100 m/s or rad/s.
-- The step is `dynamics.euler`'s with an exact rotation in place of the normalised quaternion.
+- The step is that of `dynamics.euler`, with an exact rotation in place of the normalised quaternion.
 """
 
 import atexit
 import importlib
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -35,6 +36,7 @@ from maidenflight.parameters import Parameters
 from maidenflight.simulator import dynamics
 from maidenflight.simulator.dynamics import State
 from maidenflight.simulator.geometry import ROTORS
+from maidenflight.simulator.virtual_drone import VirtualDrone, virtual_drone
 
 DAMPING = 0.04
 """Bullet's own linear and angular damping [-], in force unless switched off."""
@@ -102,8 +104,13 @@ class Bullet:
         return _state(np.split(np.array(flown), _PARTS, axis=-1), np.asarray(rotor_speed))
 
     def _moved(self, rows: Array) -> np.ndarray:
-        """The host's side of a step: rows of 13 numbers of the body, 7 of the motors and 12
-        constants to rows of 13.
+        """A step on the host.
+
+        Args:
+            rows: 13 numbers of the body, 7 of the motors and 12 constants each.
+
+        Returns:
+            The 13 numbers of each body after the step.
         """
         given = np.asarray(rows)
         moved = np.empty((*given.shape[:-1], 13), given.dtype)
@@ -117,6 +124,16 @@ class Bullet:
                 world.step(values[13:20])
                 moved[place] = world.read()
         return moved
+
+
+def bullet_drone(seed: int) -> VirtualDrone:
+    """The virtual drone of a seed in PyBullet, with the damping that Bullet has by default.
+
+    Raises:
+        InputError: the seed is negative, or PyBullet is not installed.
+    """
+    engine = Bullet(DAMPING, DAMPING)
+    return replace(virtual_drone(seed), name=f"pybullet-{seed}", integrator=engine)
 
 
 class _World:
@@ -222,8 +239,10 @@ def _pybullet() -> Any:
 def _motors(
     rotor_speed: Float[Array, "4"], command: Float[Array, "4"], parameters: Parameters
 ) -> tuple[Float[Array, "4"], Float[Array, "7"]]:
-    """Rotor speeds after a step, as `dynamics.euler` moves them, and their push: four forces [N],
-    and the torque besides theirs [N m].
+    """Rotor speeds after a step of `dynamics.euler`, and what they push with.
+
+    Returns:
+        Rotor speeds, and four forces [N] followed by the torque that these do not make [N m].
     """
     spin_up = dynamics.motor_derivative(rotor_speed, command, parameters)
     rotor_speed = rotor_speed + parameters.time_step * spin_up
@@ -256,9 +275,7 @@ def _state(parts: Any, rotor_speed: Any) -> State:
 
 
 def _constants(parameters: Parameters) -> Float[Array, "12"]:
-    """What Bullet needs of xi: mass, inertia, arm length, drag, flapping, damping, gravity, time
-    step.
-    """
+    """Mass, inertia, arm length, drag, flapping, damping, gravity and time step."""
     names = (
         "mass",
         "inertia",

@@ -1,10 +1,11 @@
-"""Virtual drones: realities that differ from the training model in variant, not only in numbers.
+"""`VirtualDrone`, a simulated drone to fly unseen, and `virtual_drone`, which draws one by seed.
 
-They are simulated, and everything made with them says so. A virtual drone has effects that the
-paper's model lacks: RK4 at 1 kHz, a battery that sags behind 8-bit PWM and the firmware's
-compensation, motors that slow down more lazily than they speed up, rotor drag, and an estimator and
-a gyro that are late. Its constants are drawn from a seed and hidden from identification and
-training.
+What is made with them is marked as simulated. Constants are drawn from a seed and not shown to
+identification and training. There are three variants, with growing mismatch to the model that
+policies train on: `near` has other numbers; `virtual` also effects that the paper's model lacks
+(a battery that sags behind 8-bit PWM and the firmware's compensation, motors that slow down more
+slowly than they speed up, rotor drag, a late estimator and gyro); `far` also those that the
+authors' flights show. All are integrated by RK4 at 1 kHz.
 """
 
 import math
@@ -23,20 +24,26 @@ from maidenflight.simulator.tasks import Task
 
 @dataclass(frozen=True)
 class VirtualDrone:
-    """A simulated reality."""
+    """A simulated drone that differs from the training model."""
 
     name: str
     parameters: Parameters
-    """The truth; `time_step` is 1 ms."""
+    """The true parameters; `time_step` is 1 ms."""
     integrator: Integrator = dynamics.rk4
-    """The engine."""
+    """The physics engine."""
+    battery: bool = True
+    """Whether commands pass through battery compensation, 8-bit PWM and a battery that sags."""
 
     def environment(self, task: Task, controller: Controller) -> Environment:
-        """How this drone is simulated for a task and a control structure."""
+        """The environment in which this drone flies a task under a control structure."""
         memory = 2 + math.ceil(
             max(0.010, float(self.parameters.estimator_delay)) * Environment.estimate_rate - 1e-6
         )
-        settings = {"integrator": self.integrator, "battery": True, "estimator_memory": memory}
+        settings = {
+            "integrator": self.integrator,
+            "battery": self.battery,
+            "estimator_memory": memory,
+        }
         return Environment.matching(self.parameters, task, controller, **settings)
 
 
@@ -51,13 +58,13 @@ RANGES: dict[str, tuple[float, float]] = {
     "battery_discharge": (0.002, 0.005),
     "estimator_delay": (0.002, 0.008),
 }
-"""Range from which each hidden constant is drawn, SI units. Drag, inertia and torque factors
-scatter about the paper's.
+"""Uniform range of each hidden constant, SI units; drag, inertia and torque factors vary about the
+paper's values.
 
-The ranges lie within published Crazyflies: thrust-to-weight ratios of 1.47 to 1.97, lags of 55 to
-136 ms, 27 to 33 g; battery resistance and discharge are of the size that the 2.7 to 3.8 V of the
-authors' flights tell. Latency stays below what the firmware's own PID bears: its rate loop crosses
-over near 40 rad/s, where 17 ms cost the whole phase margin.
+The ranges lie within those of published Crazyflies: thrust-to-weight ratios of 1.47 to 1.97, lags
+of 55 to 136 ms, 27 to 33 g. Battery resistance and discharge have the size that the 2.7 to 3.8 V of
+the authors' flights show. Latency is below what the firmware's PID tolerates: its rate loop crosses
+over near 40 rad/s, where 17 ms take the whole phase margin.
 """
 
 
@@ -68,18 +75,18 @@ FAR_RANGES: dict[str, tuple[float, float]] = {
     "rotor_momentum": (6e-5, 9e-5),
     "flapping_moment": (2e-4, 4e-4),
 }
-"""What a far drone has instead: the size of each is that of the authors' drone, identified from its
-flights (docs/identification.md).
+"""What the `far` variant has instead, of the size identified from the authors' flights
+(docs/identification.md).
 
-Its estimates do not walk as theirs do: guards of zero-shot flights look at the true position, from
-which no policy could then keep.
+The random-walk drift of their estimates is left out: guards of zero-shot flights look at the true
+position, which no policy could then hold.
 """
 FAR_TORQUE_BIAS_STD_N_M = np.array([5e-5, 5e-5, 3e-5], np.float32)
-"""Standard deviation of a far drone's constant torques [N m]; those of the authors' flights have
-2e-5 to 1.3e-4."""
+"""Standard deviation of the constant torques of the `far` variant [N m]; those of the authors'
+flights have 2e-5 to 1.3e-4."""
 
 VARIANTS = ("near", "virtual", "far")
-"""Of virtual drones, of growing strangeness."""
+"""Variants of virtual drones, by growing mismatch to the training model."""
 
 
 def virtual_drone(seed: int, variant: str = "virtual") -> VirtualDrone:
@@ -87,10 +94,10 @@ def virtual_drone(seed: int, variant: str = "virtual") -> VirtualDrone:
 
     Args:
         seed: a whole number, not negative; the same seed is the same drone.
-        variant: `near`: only its numbers differ from the paper's model, which it shares, its motors'
-            mean lag being that of the virtual drone. `virtual`: see above. `far`: what flights of
-            the authors' drone tell comes on top; a weak battery, motors that slow down twice as
-            lazily, turning rotors, a moment against the flight's direction, constant torques.
+        variant: `near`: the paper's model with other numbers, and the mean motor lag of the virtual
+            drone of the same seed. `virtual`: the effects above. `far`: in addition a lower
+            thrust-to-weight ratio, motors that slow down half as fast as they speed up, the
+            rotors' angular momentum, a flapping moment and constant torques.
 
     Raises:
         InputError: the seed is negative, or there is no such variant.
@@ -106,14 +113,11 @@ def virtual_drone(seed: int, variant: str = "virtual") -> VirtualDrone:
         drawn = _in_the_papers_model(drawn)
     if variant == "far":
         generator = np.random.default_rng([seed, 0x0D201E, 1])
-        strange = {
+        further = {
             name: float(generator.uniform(low, high)) for name, (low, high) in FAR_RANGES.items()
         }
-        drawn = replace(
-            drawn,
-            **strange,
-            torque_bias=FAR_TORQUE_BIAS_STD_N_M * generator.standard_normal(3).astype(np.float32),
-        )
+        torques = FAR_TORQUE_BIAS_STD_N_M * generator.standard_normal(3).astype(np.float32)
+        drawn = replace(drawn, **further, torque_bias=torques)
     return VirtualDrone(f"{variant}-{seed}", drawn)
 
 
@@ -131,8 +135,8 @@ def _drawn(generator: np.random.Generator) -> Parameters:
         **drawn,
         **drawn_vectors,
         torque_to_thrust=nominal.torque_to_thrust * np.float32(generator.uniform(0.9, 1.2)),
-        # What the firmware's low-pass filter of 80 Hz leaves of the gyro's noise, and how long it
-        # takes: sqrt(2) / (2 pi 80 Hz).
+        # What the firmware's low-pass filter of 80 Hz leaves of the gyro's noise, and its delay:
+        # sqrt(2) / (2 pi 80 Hz).
         gyro_noise=0.01,
         gyro_time_constant=0.0028,
         actuator_noise=0.01,

@@ -4,6 +4,7 @@ Each function reads what it is given, does one stage, writes its results with a 
 making, and returns them.
 """
 
+from maidenflight.simulator.reality import reality
 from maidenflight.workflow.deployment import export
 from maidenflight.workflow.drones import (
     POSSIBLE,
@@ -12,7 +13,6 @@ from maidenflight.workflow.drones import (
     WIDE,
     possible_drones,
     randomized,
-    reality,
     usual_randomization,
 )
 from maidenflight.workflow.flying import (

@@ -1,10 +1,6 @@
-"""Drones by the words of a command line: realities to fly in, what to train over, what to predict
-for.
-"""
+"""Drones by the words of a command line: what to train over and what to predict for."""
 
-import dataclasses
 import tomllib
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +8,10 @@ import jax
 import numpy as np
 
 from maidenflight import parameters
-from maidenflight.errors import InputError
 from maidenflight.identification.ensembles import TRIM, posterior_ensemble, trim_ensemble
 from maidenflight.inputs import StrPath
 from maidenflight.parameters import Parameters
 from maidenflight.simulator import control
-from maidenflight.simulator.bullet import DAMPING, Bullet
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.randomization import (
     Distribution,
@@ -26,7 +20,6 @@ from maidenflight.simulator.randomization import (
     relative_box,
     wide_box,
 )
-from maidenflight.simulator.virtual_drone import VARIANTS, VirtualDrone, virtual_drone
 
 POSTERIOR = "posterior"
 """Randomize over the drones that the flights of an identified drone leave possible."""
@@ -40,47 +33,6 @@ WIDE = "wide"
 
 POSSIBLE = 256
 """Drones drawn from a box, of which each predicted flight flies one."""
-
-
-_WITH_SEED = (*VARIANTS, "pybullet")
-"""Kinds of realities that a seed makes."""
-
-
-def reality(name: str) -> VirtualDrone:
-    """A virtual drone by name.
-
-    Args:
-        name: `virtual:SEED`, or `near:SEED` and `far:SEED`, its milder and its stranger kin;
-            `pybullet:SEED`, the first in PyBullet with the damping that Bullet has unless told
-            otherwise; or a drone's TOML file, which is then simulated as finely as a virtual drone.
-
-    Raises:
-        InputError: none of these, or PyBullet is not installed.
-    """
-    kind, _, seed = name.partition(":")
-    if kind in _WITH_SEED and not Path(name).exists():
-        if not seed.isdecimal():
-            raise InputError(f"{name}: expected {kind}:SEED with a whole number, such as {kind}:7.")
-        if kind == "pybullet":
-            return dataclasses.replace(
-                virtual_drone(int(seed)),
-                name=f"pybullet-{int(seed)}",
-                integrator=Bullet(DAMPING, DAMPING),
-            )
-        return virtual_drone(int(seed), kind)
-    if name not in parameters.DRONES and not Path(name).exists():
-        meant = get_close_matches(kind, [*_WITH_SEED, *parameters.DRONES], 1)
-        hint = (
-            f" Did you mean {f'{meant[0]}:{seed or 7}' if meant[0] in _WITH_SEED else meant[0]}?"
-            if meant
-            else ""
-        )
-        expected = ", ".join(f"{one}:SEED" for one in _WITH_SEED)
-        raise InputError(
-            f"{name}: no such reality.{hint} Expected {expected}, a drone's TOML file, or "
-            f"{' or '.join(parameters.DRONES)}."
-        )
-    return VirtualDrone(Path(name).stem, parameters.replace(parameters.read(name), time_step=0.001))
 
 
 def randomized(drone: StrPath, randomization: float | str, controller: Controller) -> Distribution:

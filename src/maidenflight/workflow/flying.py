@@ -24,14 +24,14 @@ from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy
 from maidenflight.reporting import run
 from maidenflight.simulator import control, tasks
-from maidenflight.simulator.virtual_drone import VirtualDrone
-from maidenflight.workflow.drones import possible_drones, reality, usual_randomization
+from maidenflight.simulator.reality import AnyReality, reality
+from maidenflight.workflow.drones import possible_drones, usual_randomization
 from maidenflight.workflow.policies import names, policy_files, read_as
 
 
 def transfer_to(
     given: Sequence[StrPath],
-    realities: Sequence[VirtualDrone],
+    realities: Sequence[AnyReality],
     seed: int,
     folder: StrPath,
     trials: int,

@@ -18,12 +18,13 @@ from maidenflight.identification.prediction import predicted_windows, prediction
 from maidenflight.identification.replay import Replay
 from maidenflight.identification.selection import Step
 from maidenflight.inputs import StrPath
+from maidenflight.simulator.reality import AnyReality
 from maidenflight.simulator.virtual_drone import VirtualDrone
 from maidenflight.workflow.drones import table
 
 
 def record(
-    drone: VirtualDrone,
+    drone: AnyReality,
     seed: int,
     folder: StrPath,
     truth: StrPath,
@@ -31,8 +32,9 @@ def record(
     duration: float,
     excitation: float,
 ) -> list[Path]:
-    """Records flights on a virtual drone: one CSV a flight in `folder`, and the hidden parameters
-    in `truth`.
+    """Records flights in a reality: one CSV a flight in `folder`.
+
+    The true parameters of a virtual drone are written to `truth`; other realities have none.
     """
     settings = {
         "reality": drone.name,
@@ -42,7 +44,10 @@ def record(
     }
     made = results.record(seed=seed, inputs=[], settings=settings)
     flown = recording.record(drone, jax.random.key(seed), count, duration, excitation)
-    parameters.write(truth, drone.parameters, {"record": made})
+    if isinstance(drone, VirtualDrone):
+        parameters.write(truth, drone.parameters, {"record": made})
+    else:
+        Path(truth).unlink(missing_ok=True)
     written = [log.write(Path(folder) / f"{flight.name}.csv", flight, made) for flight in flown]
     results.remove_older(written, made)
     return written

@@ -1,0 +1,179 @@
+"""What policies fly in: the `Reality` protocol, the `REALITIES` registry, and `reality` by name.
+
+A reality is a `VirtualDrone`, of which many are flown at once in JAX, or anything that follows the
+`Reality` protocol: another simulator or a test bench, flown one command at a time.
+"""
+
+import sys
+from collections.abc import Callable
+from difflib import get_close_matches
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+
+from maidenflight import parameters
+from maidenflight.errors import InputError
+from maidenflight.simulator.bullet import bullet_drone
+from maidenflight.simulator.sensors import Measurement
+from maidenflight.simulator.virtual_drone import VARIANTS, VirtualDrone, virtual_drone
+
+MOTORS = "pwm"
+"""`Reality.takes` of one that takes thrust commands of the four motors, u in [0, 1]."""
+POSITION = "position"
+"""`Reality.takes` of one that flies its own position controller: x, y, z [m] and yaw [rad]."""
+
+
+class Truth(NamedTuple):
+    """The state by which a flight is judged, and the motor commands for its log."""
+
+    position: Float[np.ndarray, "3"]
+    """World [m]."""
+    quaternion: Float[np.ndarray, "4"]
+    """Attitude, body to world (x, y, z, w)."""
+    body_rates: Float[np.ndarray, "3"]
+    """[rad/s]."""
+    command: Float[np.ndarray, "4"]
+    """Thrust commands u of the motors now, in [0, 1]; NaN where unknown."""
+
+
+@runtime_checkable
+class Reality(Protocol):
+    """A drone flown one command at a time; it keeps its own state and needs no JAX.
+
+    Arrays may be of NumPy or lists; axes, units and motors are those of `dynamics.State`.
+    """
+
+    @property
+    def name(self) -> str:
+        """What tables and logs call it."""
+        ...
+
+    @property
+    def rate(self) -> int:
+        """Calls of `step` a second [Hz]; a multiple of the controller's rate: 100 for PWM policies,
+        500 where the firmware's PIDs command the motors.
+        """
+        ...
+
+    @property
+    def hover(self) -> float:
+        """Thrust command u of each motor at which it hovers, in (0, 1]."""
+        ...
+
+    @property
+    def takes(self) -> str:
+        """What `step` takes.
+
+        `MOTORS`, `POSITION`, or the name of a control structure whose commands it follows by its
+        own controller, such as `"attitude_rate"`: thrust u, then roll, pitch and yaw rate [rad/s].
+        """
+        ...
+
+    def reset(self, position: Float[np.ndarray, "3"], seed: int) -> None:
+        """Begins a flight: hover, level and at rest, at a position [m]; the seed is of its noise."""
+        ...
+
+    def step(self, command: Float[np.ndarray, "4"]) -> None:
+        """Holds a command for a period of 1 / `rate`."""
+        ...
+
+    def observe(self) -> Measurement:
+        """What the sensors say now."""
+        ...
+
+    def truth(self) -> Truth:
+        """The true state now."""
+        ...
+
+
+AnyReality = VirtualDrone | Reality
+
+REALITIES: dict[str, Callable[[int], AnyReality]] = {
+    **{variant: partial(virtual_drone, variant=variant) for variant in VARIANTS},
+    "pybullet": bullet_drone,
+}
+"""Realities that a seed makes, by the NAME of `NAME:SEED`."""
+
+
+def reality(name: str) -> AnyReality:
+    """A reality by name.
+
+    Args:
+        name: `NAME:SEED` with a name of `REALITIES`; `MODULE:FACTORY`, a class or function without
+            arguments that makes a reality, in a Python module that can be imported or lies in the
+            working folder; or a drone's TOML file or name, simulated at 1 kHz as virtual drones are.
+
+    Raises:
+        InputError: none of these, or PyBullet is not installed.
+    """
+    kind, _, rest = name.partition(":")
+    if name in parameters.DRONES or Path(name).exists():
+        drone = parameters.replace(parameters.read(name), time_step=0.001)
+        return VirtualDrone(Path(name).stem, drone)
+    if kind in REALITIES:
+        if not rest.isdecimal():
+            raise InputError(f"{name}: expected {kind}:SEED with a whole number, such as {kind}:7.")
+        return REALITIES[kind](int(rest))
+    if rest and not rest.isdecimal():
+        return _imported(kind, rest)
+    raise InputError(
+        f"{name}: no such reality.{_hint(kind, rest)} Expected "
+        f"{', '.join(f'{one}:SEED' for one in REALITIES)}, MODULE:FACTORY, a drone's TOML file, or "
+        f"{' or '.join(parameters.DRONES)}."
+    )
+
+
+def checked(given: Any) -> AnyReality:
+    """Returns a reality.
+
+    Raises:
+        InputError: it is none.
+    """
+    if isinstance(given, VirtualDrone | Reality) and not isinstance(given, type):
+        return given
+    lacking = ", ".join(member for member in _MEMBERS if not hasattr(given, member))
+    raise InputError(
+        f"{str(given)[:60]!r} is no reality. Give what mf.virtual_drone(7) or mf.reality(NAME) "
+        f"gives, or an instance of a Reality; this lacks {lacking or 'nothing but is a class'}."
+    )
+
+
+_MEMBERS = ("name", "rate", "hover", "takes", "reset", "step", "observe", "truth")
+
+
+def _hint(kind: str, rest: str) -> str:
+    meant = get_close_matches(kind, [*REALITIES, *parameters.DRONES], 1)
+    if not meant:
+        return ""
+    seed = rest if rest.isdecimal() else "7"
+    return f" Did you mean {f'{meant[0]}:{seed}' if meant[0] in REALITIES else meant[0]}?"
+
+
+def _imported(module: str, factory: str) -> AnyReality:
+    """What a factory in a module makes."""
+    where = f"{module}:{factory}"
+    if (
+        str(Path.cwd()) not in sys.path
+    ):  # The folder of a script is there; that of a command is not.
+        sys.path.insert(0, str(Path.cwd()))
+    try:
+        found = import_module(module)
+    except ModuleNotFoundError as error:
+        raise InputError(
+            f"{where}: {error}.{_hint(module, factory)} Expected MODULE:FACTORY with a Python "
+            f"module that is installed or lies in {Path.cwd()}."
+        ) from error
+    make = getattr(found, factory, None)
+    if not callable(make):
+        raise InputError(
+            f"{where}: {found.__name__} has no class or function {factory!r}. It has "
+            f"{', '.join(name for name in vars(found) if not name.startswith('_'))}."
+        )
+    try:
+        return checked(make())
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
