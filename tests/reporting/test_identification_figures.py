@@ -12,9 +12,13 @@ from maidenflight.errors import InputError
 from maidenflight.identification import surrogate
 from maidenflight.identification.prediction import LOGGED, NOTHING_CHANGES
 from maidenflight.parameters import COMPONENTS
-from maidenflight.reporting import identification_figures as pictures
 from maidenflight.reporting import svg, text
+from maidenflight.reporting.corner_figure import MOST, corner
+from maidenflight.reporting.delay_figures import loss_landscape
+from maidenflight.reporting.prediction_figures import horizons
+from maidenflight.reporting.prediction_figures import windows as window_figure
 from maidenflight.reporting.run import Estimate
+from maidenflight.reporting.sections import NARROW, WIDE
 
 SVG = "{http://www.w3.org/2000/svg}"
 BEST = np.array([1.7, 0.080, 0.014])
@@ -119,10 +123,10 @@ def ticked(picture, panel, vertical):
     return np.array(found)
 
 
-@pytest.mark.parametrize("width", [pictures.NARROW, pictures.WIDE])
+@pytest.mark.parametrize("width", [NARROW, WIDE])
 def test_the_optimum_is_where_the_axes_say(width):
-    picture = pictures.valley(search(), ESTIMATES, width=width)
-    panel = panels(picture)["valley"]
+    picture = loss_landscape(search(), ESTIMATES, width=width)
+    panel = panels(picture)["delays"]
     middle = (
         points(paths(panel, "orange")[0]).mean(axis=0),
         points(paths(panel, "orange")[1]).mean(axis=0),
@@ -161,7 +165,7 @@ def test_a_contour_is_where_the_objective_is_that_much_higher_with_the_others_at
     ids=["few", "on a line", "flat", "a hill", "a kink", "one"],
 )
 def test_no_contours_where_no_quadratic_fits(rows):
-    picture = pictures.valley(rows)
+    picture = loss_landscape(rows)
     assert "No contours" in picture
     assert "fitted" not in picture
     panels(picture)
@@ -169,34 +173,34 @@ def test_no_contours_where_no_quadratic_fits(rows):
 
 def test_a_table_without_a_valley_is_refused():
     with pytest.raises(InputError, match="no column latency"):
-        pictures.valley(search().drop("latency"))
+        loss_landscape(search().drop("latency"))
     with pytest.raises(InputError, match="finite objective"):
-        pictures.valley(search().with_columns(objective=polars.lit(float("nan"))))
+        loss_landscape(search().with_columns(objective=polars.lit(float("nan"))))
     with pytest.raises(InputError, match="likelihoods"):
-        pictures.valley(search().with_columns(objective=polars.col("objective") - 61))
+        loss_landscape(search().with_columns(objective=polars.col("objective") - 61))
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 8])
 def test_a_panel_for_each_pair_and_each_parameter(count):
     names = list(COMPONENTS)[:count]
-    found = panels(pictures.corner(draws(names), width=pictures.WIDE))
+    found = panels(corner(draws(names), width=WIDE))
     assert set(found) == {
         f"{across} {up}" for row, up in enumerate(names) for across in names[: row + 1]
     }
 
 
 def test_a_large_posterior_is_cut_to_what_can_be_read():
-    picture = pictures.corner(draws(list(COMPONENTS)[:15]), width=pictures.WIDE)
+    picture = corner(draws(list(COMPONENTS)[:15]), width=WIDE)
     found = panels(picture)
-    assert len(found) == pictures.MOST * (pictures.MOST + 1) / 2
+    assert len(found) == MOST * (MOST + 1) / 2
     assert min(float(panel.attrib["width"]) for panel in found.values()) > 100
-    assert f"draws of {pictures.MOST} parameters, those of its 15" in picture
+    assert f"draws of {MOST} parameters, those of its 15" in picture
 
 
 def test_the_posterior_marks_optimum_and_correlation():
     drawn = draws(NAMES)
     best = {name: float(np.median(values)) for name, values in drawn.items()}
-    picture = pictures.corner(drawn, best)
+    picture = corner(drawn, best)
     for row, upward in enumerate(NAMES):
         for across in NAMES[:row]:
             panel = panels(picture)[f"{across} {upward}"]
@@ -223,7 +227,7 @@ def test_a_narrow_posterior_keeps_the_strongest_correlations_and_says_so():
         name: np.random.default_rng(number).normal(size=200) for number, name in enumerate(names)
     }
     drawn[names[9]] = drawn[names[3]] + 0.1 * drawn[names[9]]
-    picture = pictures.corner(drawn, width=pictures.NARROW)
+    picture = corner(drawn, width=NARROW)
     found = panels(picture)
     assert f"{names[3]} {names[9]}" in found
     assert len(found) == 10
@@ -248,7 +252,7 @@ def test_a_narrow_posterior_keeps_the_strongest_correlations_and_says_so():
 )
 def test_odd_draws_make_a_picture_without_nan(drawn):
     for optimum in (None, {"latency": 0.05}):
-        picture = pictures.corner(drawn, optimum)
+        picture = corner(drawn, optimum)
         panels(picture)
         assert not re.search(r"nan|inf\b", picture.split("</style>")[1])
 
@@ -256,13 +260,13 @@ def test_odd_draws_make_a_picture_without_nan(drawn):
 def test_draws_that_do_not_belong_together_are_refused():
     for drawn in ({}, {"latency": np.empty(0)}, {"latency": np.ones(3), "mass": np.ones(2)}):
         with pytest.raises(InputError, match="as many draws"):
-            pictures.corner(drawn)
+            corner(drawn)
     with pytest.raises(InputError, match="not finite"):
-        pictures.corner({"latency": np.array([0.01, np.nan])})
+        corner({"latency": np.array([0.01, np.nan])})
 
 
 def test_errors_grow_in_four_panels_and_names_cannot_become_markup():
-    picture = pictures.horizons(errors())
+    picture = horizons(errors())
     found = panels(picture)
     assert set(found) == {"position", "velocity", "attitude", "body_rates"}
     assert "mine &lt;1&gt;" in picture
@@ -281,8 +285,8 @@ def test_errors_grow_in_four_panels_and_names_cannot_become_markup():
 
 def test_windows_as_many_as_fit():
     wide, narrow = (
-        pictures.windows(windows(), pictures.WIDE),
-        pictures.windows(windows(), pictures.NARROW),
+        window_figure(windows(), WIDE),
+        window_figure(windows(), NARROW),
     )
     assert len(panels(wide)) == 5 * 4
     assert len(panels(narrow)) == 5 * 2

@@ -1,15 +1,18 @@
-"""Box plots of flight times as SVG: a row a policy or a cell of a matrix, a panel a reality, a
-colour a control structure.
+"""Box plots of flight times: a row a policy or cell of a matrix, a panel a reality.
 
 ```python
 from maidenflight.reporting.flight_figures import flight_times
 
-rows = flown.table.select(row="policy", colour=polars.lit("blue"), panel="reality",
-duration="duration", end_reason="end_reason") Path("flights.svg").write_text(flight_times(rows))
+rows = flown.table.select(
+    polars.lit("blue").alias("colour"),
+    "duration",
+    "end_reason",
+    row="policy",
+    panel="reality",
+)
+Path("flights.svg").write_text(flight_times(rows))
 ```
 """
-
-from html import escape
 
 import numpy as np
 import polars
@@ -37,11 +40,10 @@ def flight_times(
     title: str = "Flight times",
     labels: dict[str, str] | None = None,
 ) -> str:
-    """Box plots: boxes hold the middle half of the flights, their thick line is the median, dots
-    are flights.
+    """Box plots: a box holds the middle half of the flights, its thick line is the median.
 
     Args:
-        rows: a row a flight: `row`, `colour` (of the house), `panel`, `duration` [s] and
+        rows: a row a flight: `row`, `colour` (a name in `colours.css`), `panel`, `duration` [s] and
             `end_reason`. Where it has `group`, rows of a group stand together under its name. Of a
             row's name only what follows a tab is shown.
         width: of the picture [px].
@@ -63,7 +65,7 @@ def flight_times(
         )
     lines, panels = _lines(rows), rows["panel"].unique(maintain_order=True).to_list()
     legend, tall = svg.legend(svg.TITLE, width, _legend(rows, labels or {}))
-    beside = min(max(len(_told(name)) for _, name in lines) * svg.LETTER + 18, 0.34 * width)
+    beside = min(max(len(_shown(name)) for _, name in lines) * svg.LETTER + 18, 0.34 * width)
     columns = min(len(panels), max(int((width - beside) // 230), 1))
     step, above = 22.0 if len(lines) <= 45 else 15.0, 34 if len(panels) > 1 else 8
     side, high, top = (width - beside) / columns, step * len(lines) + 8, svg.TITLE + tall + above
@@ -105,7 +107,7 @@ def _panel(
         if kind == "row" and each in own
     ]
     outside, _ = svg.axes(panel, "flight time [s]", "", few=5, left=False)
-    above = [svg.text(panel.left, panel.top - 9, escape(name), "strong")] if name else []
+    above = [svg.text(panel.left, panel.top - 9, name, "strong")] if name else []
     return [outside, *above, svg.framed(panel, [grid, *rows], name or "flights")]
 
 
@@ -126,9 +128,9 @@ def _names(lines: list[tuple[str, str]], top: float, step: float, room: float) -
     parts = []
     for place, (kind, name) in enumerate(lines):
         most = int((room - 12) / svg.LETTER)
-        told = _told(name)
-        short = told if len(told) <= most else f"{told[: most - 1]}…"
-        words = escape(short) if short == told else f"{escape(short)}<title>{escape(told)}</title>"
+        whole = _shown(name)
+        short = whole if len(whole) <= most else f"{whole[: most - 1]}…"
+        words = short if short == whole else svg.titled(short, whole)
         down = top + 4 + (place + 0.5) * step + 4.5
         parts.append(
             svg.text(0, down, words, "strong")
@@ -138,10 +140,8 @@ def _names(lines: list[tuple[str, str]], top: float, step: float, room: float) -
     return parts
 
 
-def _told(name: str) -> str:
-    """What is shown of a row's name: what follows a tab, before which stands what tells rows of
-    equal names apart.
-    """
+def _shown(name: str) -> str:
+    """What is shown of a row's name: what follows a tab; rows of equal names differ before it."""
     return name.rpartition("\t")[2]
 
 

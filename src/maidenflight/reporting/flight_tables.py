@@ -1,16 +1,14 @@
-"""The page's tables of flights: one row a test flight, a cell of a matrix, a policy whose flights
-are predicted.
-"""
-
-from html import escape
+"""The page's tables of flights: a row a test flight, a cell of a matrix, or a predicted policy."""
 
 import polars
+from markupsafe import Markup
 
 from maidenflight.experiments import flight_times, matrix
 from maidenflight.identification.prediction import NOTHING_CHANGES
 from maidenflight.reporting import tables
 from maidenflight.reporting.run import Run, viewable
 from maidenflight.reporting.tables import Cell
+from maidenflight.reporting.text import ERRORS
 
 NAMES = {"pwm": "PWM", "attitude_rate": "Attitude rate", "attitude": "Attitude"}
 """Control structures as people call them."""
@@ -25,65 +23,49 @@ _COLUMNS = {
 }
 
 
-def control(name: str) -> str:
-    """A control structure's name, or what stands for it."""
-    return NAMES.get(name, name)
+def _control(name: str) -> Cell:
+    return Cell(NAMES.get(name, name), name)
 
 
-def flights(run: Run) -> str:
+def flights(run: Run) -> Markup | str:
     """The test flights, for sorting and for choosing what the viewer shows."""
     if run.table is None:
         return ""
     viewed, rows = set(viewable(run)), []
     for place, row in enumerate(run.table.iter_rows(named=True)):
-        number = str(row["flight"])
-        if place in viewed:
-            number = (
-                '<button type=button class=choose aria-label="Show flight '
-                f'{row["flight"]}">{row["flight"]}</button>'
-            )
-        cells = [
-            Cell(number, row["flight"]),
-            tables.words(row["policy"]),
-            tables.words(row["reality"]),
-            tables.words(str(row["trial"])),
-        ]
-        cells += [
-            tables.number(row["duration"], 2),
-            tables.words(row["end_reason"]),
-            tables.number(row["position_error"], 2, 100.0),
-        ]
-        rows.append((f'data-flight="{place}"', cells))
-    return tables.sortable(
-        "flights", list(_COLUMNS.items()), rows, run.table.select(list(_COLUMNS))
-    )
+        number, name = row["flight"], f"flight {row['flight']}"
+        rows.append(
+            [
+                tables.choice(number, name) if place in viewed else tables.plain(number),
+                *(tables.plain(row[column]) for column in ("policy", "reality")),
+                Cell(str(row["trial"]), str(row["trial"])),
+                tables.number(row["duration"], 2),
+                tables.plain(row["end_reason"]),
+                tables.number(row["position_error"], 2, 100.0),
+            ]
+        )
+    columns = list(_COLUMNS)
+    heads = list(_COLUMNS.items())
+    return tables.sortable("flights", heads, rows, run.table.select(columns), of_flights=True)
 
 
-def recorded(run: Run) -> str:
+def recorded(run: Run) -> Markup | str:
     """The recorded flights, for choosing what the viewer shows."""
+    if not run.recorded:
+        return ""
     viewed, rows, file = set(viewable(run)), [], []
     for place, flight in enumerate(run.recorded):
-        name = escape(flight.name)
-        shown = (
-            f'<button type=button class=choose aria-label="Show {name}">{name}</button>'
-            if place in viewed
-            else name
+        name, where = flight.name, flight.simulated or "a real drone"
+        rows.append(
+            [
+                tables.choice(name, name) if place in viewed else tables.plain(name),
+                tables.plain(where),
+                tables.number(flight.duration, 2),
+                tables.plain(len(flight)),
+            ]
         )
-        where = flight.simulated or "a real drone"
-        cells = [
-            Cell(shown, flight.name),
-            tables.words(where),
-            tables.number(flight.duration, 2),
-            Cell(str(len(flight)), len(flight)),
-        ]
-        rows.append((f'data-flight="{place}"', cells))
         file.append(
-            {
-                "flight": flight.name,
-                "drone": where,
-                "duration": flight.duration,
-                "rows": len(flight),
-            }
+            {"flight": name, "drone": where, "duration": flight.duration, "rows": len(flight)}
         )
     heads = [
         ("flight", "Flight"),
@@ -91,7 +73,7 @@ def recorded(run: Run) -> str:
         ("duration", "Duration [s]"),
         ("rows", "Rows"),
     ]
-    return tables.sortable("flights", heads, rows, polars.DataFrame(file))
+    return tables.sortable("flights", heads, rows, polars.DataFrame(file), of_flights=True)
 
 
 def is_matrix(run: Run) -> bool:
@@ -101,116 +83,75 @@ def is_matrix(run: Run) -> bool:
     )
 
 
-def cells(run: Run) -> str:
+def cells(run: Run) -> Markup | str:
     """A row a reality and cell of a matrix."""
     if run.table is None or not is_matrix(run):
         return ""
     found = matrix.by_cell(run.table, float(run.table["duration"].to_numpy().max()))
-    heads = [
-        ("control", "Control"),
-        ("motor_time_constant", "T<sub>m</sub> trained for [ms]"),
-        ("latency", "Latency trained for [ms]"),
-    ]
-    heads += [
-        ("reality", "Drone"),
-        ("flights", "Flights"),
-        ("mean", "Mean time [s]"),
-        ("median", "Median time [s]"),
-        ("share", "To the end [%]"),
-    ]
+    lag = Markup("T<sub>m</sub> trained for [ms]")
+    heads = [("control", "Control"), ("motor_time_constant", lag)]
+    heads += [("latency", "Latency trained for [ms]"), ("reality", "Drone"), ("flights", "Flights")]
+    heads += [("mean", "Mean time [s]"), ("median", "Median time [s]"), ("share", "To the end [%]")]
     rows = []
     for row in found.iter_rows(named=True):
-        told = [Cell(escape(control(row["control"])), row["control"])]
-        told += [
-            Cell(f"{1e3 * row[name]:g}", row[name]) for name in ("motor_time_constant", "latency")
-        ]
-        told += [tables.words(row["reality"]), Cell(str(row["flights"]), row["flights"])]
-        told += [
-            tables.number(row["mean"], 2),
-            tables.number(row["median"], 2),
-            tables.number(row["share"], 0, 100.0),
-        ]
-        rows.append(("", told))
+        delays = ("motor_time_constant", "latency")
+        rows.append(
+            [
+                _control(row["control"]),
+                *(Cell(f"{1e3 * row[name]:g}", row[name]) for name in delays),
+                *(tables.plain(row[name]) for name in ("reality", "flights")),
+                *(tables.number(row[name], 2) for name in ("mean", "median")),
+                tables.number(row["share"], 0, 100.0),
+            ]
+        )
     return tables.sortable("cells", heads, rows, found)
 
 
-def predictions(run: Run) -> str:
+def predictions(run: Run) -> Markup | str:
     """A row a policy whose flights are predicted."""
     if run.prediction is None:
         return ""
     found, rows = flight_times.summary(run.prediction), []
+    times = ("mean", "quantile_10", "quantile_50", "quantile_90")
     for row in found.iter_rows(named=True):
         ends = run.prediction.filter(polars.col("policy") == row["policy"])["end_reason"].to_list()
         usual = max(dict.fromkeys(ends), key=ends.count)
-        told = [
-            tables.words(row["policy"]),
-            Cell(escape(control(row["control"])), row["control"]),
-            Cell(str(row["trials"]), row["trials"]),
-        ]
-        told += [
-            tables.number(row[name], 2)
-            for name in ("mean", "quantile_10", "quantile_50", "quantile_90")
-        ]
+        shown = Markup("{} <small>({} of {})</small>").format(usual, ends.count(usual), len(ends))
         rows.append(
-            (
-                "",
-                [
-                    *told,
-                    Cell(
-                        f"{escape(usual)} <small>({ends.count(usual)} of {len(ends)})</small>",
-                        usual,
-                    ),
-                ],
-            )
+            [
+                tables.plain(row["policy"]),
+                _control(row["control"]),
+                tables.plain(row["trials"]),
+                *(tables.number(row[name], 2) for name in times),
+                Cell(shown, usual),
+            ]
         )
-    heads = [
-        ("policy", "Policy"),
-        ("control", "Control"),
-        ("trials", "Flights"),
-        ("mean", "Mean [s]"),
-    ]
-    heads += [(f"quantile_{percent}", f"{percent} % [s]") for percent in (10, 50, 90)]
+    heads = [("policy", "Policy"), ("control", "Control"), ("trials", "Flights")]
+    heads += zip(times, ("Mean [s]", "10 % [s]", "50 % [s]", "90 % [s]"), strict=True)
     return tables.sortable("prediction", [*heads, ("end", "Most frequent end")], rows, found)
 
 
-def errors(run: Run) -> str:
-    """A row a model and horizon of what was validated."""
+def errors(run: Run) -> Markup | str:
+    """A row a model and horizon; * marks what is worse than the persistence baseline."""
     if run.validation is None:
         return ""
-    shown = {
-        "position": (100.0, "cm"),
-        "velocity": (1.0, "m/s"),
-        "attitude": (57.29578, "°"),
-        "body_rates": (1.0, "rad/s"),
-    }
-    simplest = {
+    baseline = {
         row["horizon"]: row
         for row in run.validation.iter_rows(named=True)
         if row["model"] == NOTHING_CHANGES
     }
     rows = []
     for row in run.validation.iter_rows(named=True):
-        told = [Cell(f"{row['horizon']:g}", row["horizon"]), tables.words(row["model"])]
-        for name, (scale, _) in shown.items():
-            low, high = (
-                f"{scale * row[f'{name}_{end}']:#.3g}".removesuffix(".") for end in ("low", "high")
+        cells = [Cell(f"{row['horizon']:g}", row["horizon"]), tables.plain(row["model"])]
+        for name, shown in ERRORS.items():
+            value, low, high = (
+                f"{shown.scale * row[f'{name}{end}']:#.3g}".removesuffix(".")
+                for end in ("", "_low", "_high")
             )
-            worse = (
-                " *"
-                if row["horizon"] in simplest and row[name] > simplest[row["horizon"]][name]
-                else ""
-            )
-            told.append(
-                Cell(
-                    f"{scale * row[name]:#.3g}".removesuffix(".")
-                    + f"{worse} <small>{low} .. {high}</small>",
-                    row[name],
-                )
-            )
-        rows.append(("", told))
+            worse = row[name] > baseline.get(row["horizon"], {}).get(name, float("inf"))
+            cell = Markup("{}{} <small>{} .. {}</small>")
+            cells.append(Cell(cell.format(value, " *" if worse else "", low, high), row[name]))
+        rows.append(cells)
     heads = [("horizon", "Ahead [s]"), ("model", "Model")]
-    heads += [
-        (name, f"{name.replace('_', ' ').capitalize()} [{unit}]")
-        for name, (_, unit) in shown.items()
-    ]
+    heads += [(name, f"{shown.name.capitalize()} [{shown.unit}]") for name, shown in ERRORS.items()]
     return tables.sortable("errors", heads, rows, run.validation)

@@ -1,9 +1,10 @@
-"""What the page says of how a drone was identified: from which flights, what each group of
-parameters bought, what stayed unknown.
-"""
+"""How a drone was identified: from which flights, by which gains, and with what left out."""
+
+from typing import NamedTuple
 
 import numpy as np
 import polars
+from markupsafe import Markup
 
 from maidenflight.parameters import Parameters, component, crazyflie
 from maidenflight.reporting import tables, text
@@ -12,10 +13,10 @@ from maidenflight.reporting.run import Run, true_ends
 from maidenflight.reporting.tables import Cell
 
 _COMMANDS = {
-    "held": "commands were taken as held from row to row",
-    "sampled": "commands were taken as samples of a faster loop",
-    "held and sampled": "commands of some logs were taken as held from row to row, of others as "
-    "samples of a faster loop",
+    "held": "commands were taken as a zero-order hold from row to row",
+    "sampled": "commands were taken as subsampled from a faster loop",
+    "held and sampled": "commands of some logs were taken as a zero-order hold from row to row, "
+    "of others as subsampled from a faster loop",
 }
 _EFFECTS = {
     "a sagging battery": ("battery_resistance", "battery_discharge"),
@@ -37,44 +38,41 @@ it."""
 
 
 def flights(run: Run) -> str:
-    """How many flights there were, and how they were taken."""
+    """How many flights there were, and what their commands were taken as."""
     origin, found = run.origin, source(run.origin, ", ")
     facts = [f"from {found}"] if found else []
-    facts += (
-        [f"cut into {text.plural(origin.windows, 'window')}"] if origin.windows is not None else []
-    )
-    told = [f"Identified {', '.join(facts)}"] if facts else []
-    told += [_COMMANDS[origin.commands]] if origin.commands else []
-    return f"<p>{'; '.join(told)}.</p>" if told else ""
+    if origin.windows is not None:
+        facts.append(f"cut into {text.plural(origin.windows, 'window')}")
+    parts = [f"Identified {', '.join(facts)}"] if facts else []
+    parts += [_COMMANDS[origin.commands]] if origin.commands else []
+    return "; ".join(parts)
 
 
-def missed(run: Run) -> str:
-    """How many intervals miss the truth, and which effects of the virtual drone were not
-    identified.
-    """
+class Missed(NamedTuple):
+    """How far the identified drone is from the virtual one."""
+
+    outside: int
+    """Intervals that the truth lies outside of."""
+    of: str
+    """How many there are, in words."""
+    effects: list[str]
+    """Effects of the virtual drone that were not identified."""
+
+
+def missed(run: Run) -> Missed | None:
+    """How far the identified drone is from the virtual one; `None` where that is not known."""
     if run.reality is None:
-        return ""
+        return None
     outside = 0
     for name, found in run.estimates.items():
         low, high = sorted(true_ends(run, name))
         outside += found.interval[0] > high or found.interval[1] < low
-    told = (
-        f" The truth lies outside the interval of {outside} of these "
-        f"{text.plural(len(run.estimates), 'parameter')}."
-    )
-    left = _left_out(run, run.reality)
-    if outside and left:
-        told += (
-            " The virtual drone has effects that were not identified, and identified "
-            f"parameters make up for them: {', '.join(left)}."
-        )
-    return told
+    count = text.plural(len(run.estimates), "parameter")
+    return Missed(outside, count, _left_out(run, run.reality))
 
 
 def _left_out(run: Run, reality: Parameters) -> list[str]:
-    """Effects in which the virtual drone differs from the identified one, and that were not sought
-    or not found.
-    """
+    """Effects in which the virtual drone differs, and that were not sought or not found."""
     drone = crazyflie() if run.drone is None else run.drone
     return [
         effect
@@ -87,38 +85,29 @@ def _left_out(run: Run, reality: Parameters) -> list[str]:
     ]
 
 
-def bought(run: Run) -> str:
-    """What each group of parameters bought, folded away."""
-    if not run.origin.bought:
+def gains(run: Run) -> Markup | str:
+    """Log-likelihood gain of each group of parameters, where the flights chose them."""
+    steps = run.origin.bought
+    if not steps:
         return ""
-    rows = []
-    for step in run.origin.bought:
-        gain = f"{step.gain:+.4f} <small>± {step.error:.4f}</small>".replace("-", "\N{MINUS SIGN}")
-        rows.append(
-            (
-                "",
-                [
-                    tables.words(step.group.replace("_", " ")),
-                    Cell(gain, step.gain),
-                    tables.words("yes" if step.kept else "no"),
-                ],
-            )
-        )
+    rows = [
+        [
+            tables.plain(step.group.replace("_", " ")),
+            Cell(
+                Markup("{} <small>± {}</small>").format(
+                    f"{step.gain:+.4f}".replace("-", "\N{MINUS SIGN}"), f"{step.error:.4f}"
+                ),
+                step.gain,
+            ),
+            tables.plain("yes" if step.kept else "no"),
+        ]
+        for step in steps
+    ]
     heads = [
         ("group", "Parameters"),
-        ("gain", "Log likelihood gained a row [nats]"),
+        ("gain", "Log-likelihood gain a row [nats]"),
         ("kept", "Kept"),
     ]
-    table = tables.sortable(
-        "bought", heads, rows, polars.DataFrame([step._asdict() for step in run.origin.bought])
-    )
-    note = (
-        "<p class=note>Groups were added to the three of the paper one after the other, in this "
-        "order, and judged by flights, or stretches"
-        " of flight, that were held out. Kept is what gains more than twice its standard error "
-        "(±, over stretches of flight) and at"
-        " least 0.001 nats a row.</p>"
-    )
-    return (
-        f"<details><summary>What each group of parameters bought</summary>{table}{note}</details>"
+    return tables.sortable(
+        "gains", heads, rows, polars.DataFrame([each._asdict() for each in steps])
     )

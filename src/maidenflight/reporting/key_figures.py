@@ -1,7 +1,10 @@
-"""The few numbers that matter of a run, big, at the head of its page."""
+"""The few numbers that matter of a run, large, at the head of its page."""
+
+from typing import NamedTuple
 
 import numpy as np
 import polars
+from markupsafe import Markup
 
 from maidenflight.experiments.transfer import MAX_DURATION_S
 from maidenflight.reporting import lead, parameter_tables, text
@@ -10,18 +13,18 @@ from maidenflight.reporting.flight_tables import is_matrix
 from maidenflight.reporting.run import Run
 
 
-def key_figures(run: Run) -> str:
-    """The few numbers that matter, big."""
-    shown = [*_of_parameters(run), *_of_training(run), *_of_predictions(run), *_of_flights(run)]
-    entries = "".join(
-        f"<li><b>{value}</b><span>{label}</span><span class=note>{note}</span></li>"
-        for value, label, note in shown
-    )
-    return f'<ul class="figures">{entries}</ul>' if shown else ""
+class Figure(NamedTuple):
+    """A number, its unit, what it is, and a note."""
+
+    value: str
+    unit: str
+    label: str
+    note: str
 
 
-Figure = tuple[str, str, str]
-"""A number, what it is, and a note."""
+def key_figures(run: Run) -> list[Figure]:
+    """The few numbers that matter."""
+    return [*_of_parameters(run), *_of_training(run), *_of_predictions(run), *_of_flights(run)]
 
 
 def _of_parameters(run: Run) -> list[Figure]:
@@ -29,10 +32,8 @@ def _of_parameters(run: Run) -> list[Figure]:
     for name, words in lead.NAMES.items():
         if name in run.estimates:
             value, low, high = parameter_tables.estimate(run, name)
-            unit = f" <small>{text.unit(name)}</small>" if text.unit(name) else ""
-            shown.append(
-                (f"{value}{unit}", f"{words} {text.symbol(name)}", f"95 % interval {low} to {high}")
-            )
+            label = Markup("{} {}").format(words, text.symbol(name))
+            shown.append(Figure(value, text.unit(name), label, f"95 % interval {low} to {high}"))
     return shown
 
 
@@ -44,14 +45,16 @@ def _of_training(run: Run) -> list[Figure]:
     best = last.sort("episode_return", descending=True).row(0, named=True)
     of = f"of {text.plural(last.height, 'policy')}" if last.height > 1 else "at the end of training"
     return [
-        (text.number(best["episode_return"], 3), "return of the best policy", of),
-        (
-            f"{100 * best['survival']:.1f} <small>%</small>",
+        Figure(text.number(best["episode_return"], 3), "", "return of the best policy", of),
+        Figure(
+            f"{100 * best['survival']:.1f}",
+            "%",
             "episodes that it survives",
             "in simulation, with randomization",
         ),
-        (
-            f"{_centimetres(best['position_error'])} <small>cm</small>",
+        Figure(
+            f"{_centimetres(best['position_error'])}",
+            "cm",
             "its mean position error",
             "mean over an episode",
         ),
@@ -72,18 +75,21 @@ def _of_flights(run: Run) -> list[Figure]:
         _mean(run.table["position_error"].to_numpy()),
     )
     return [
-        (
-            f"{reached.height} <small>of {run.table.height}</small>",
+        Figure(
+            f"{reached.height}",
+            f"of {run.table.height}",
             f"{word} flights reached {limit:g} s",
             lead.flown_on(run) or "zero-shot",
         ),
-        (
-            f"{median:.1f} <small>s</small>",
+        Figure(
+            f"{median:.1f}",
+            "s",
             "their median flight time",
             f"longest allowed {limit:g} s",
         ),
-        (
-            f"{_centimetres(error)} <small>cm</small>",
+        Figure(
+            f"{_centimetres(error)}",
+            "cm",
             "their mean position error",
             "mean over flights",
         ),
@@ -101,18 +107,21 @@ def _of_predictions(run: Run) -> list[Figure]:
     reached = run.prediction.filter(polars.col("end_reason") == REACHED).height
     count = run.prediction.height
     return [
-        (
-            f"{np.median(times):.1f} <small>s</small>",
+        Figure(
+            f"{np.median(times):.1f}",
+            "s",
             "predicted flight time on the identified drone",
             f"median over {text.plural(len(times), 'policy')}",
         ),
-        (
-            f"{times.max():.1f} <small>s</small>",
+        Figure(
+            f"{times.max():.1f}",
+            "s",
             "that of the policy that flies longest",
             "mean over its flights",
         ),
-        (
-            f"{100 * reached / count:.0f} <small>%</small>",
+        Figure(
+            f"{100 * reached / count:.0f}",
+            "%",
             "predicted flights reach the time limit",
             f"{reached} of {count}",
         ),

@@ -4,7 +4,6 @@ Only what is known is said: a run is called simulated where all its flights are 
 """
 
 from collections.abc import Iterable
-from html import escape
 from typing import Any
 
 import polars
@@ -23,9 +22,7 @@ NAMES = {
 
 
 def kind(run: Run) -> str:
-    """The badge: `simulated`, `real`, both, of which flights that is said where others are
-    otherwise or not known, or nothing.
-    """
+    """The badge: `simulated`, `real` or both, with the flights it holds for; or nothing."""
     flown, drawn_from = _flown(run), _drawn_from(run)
     if flown == {True} and drawn_from - {True}:
         return f"{_what(run)} simulated"
@@ -168,7 +165,7 @@ def _where(run: Run, table: polars.DataFrame) -> str:
     return (
         _on(run.flights)
         if run.flights
-        else f"on {listed(escape(name) for name in table['reality'].unique(maintain_order=True))}"
+        else f"on {listed(name for name in table['reality'].unique(maintain_order=True))}"
     )
 
 
@@ -178,15 +175,15 @@ def _on(flights: Iterable[Any]) -> str:
     return "on " + listed(
         [
             *(["a real drone"] if "" in names else []),
-            *([f"{escape(virtual)} (simulated)"] if virtual else []),
+            *([f"{virtual} (simulated)"] if virtual else []),
         ]
     )
 
 
 def flown_on(run: Run) -> str:
-    """Where test flights flew, in a few words (HTML)."""
+    """Where test flights flew, in a few words."""
     virtual = _virtual(flight.simulated for flight in run.flights if flight.simulated)
-    return f"on {escape(virtual)}" if virtual else ""
+    return f"on {virtual}" if virtual else ""
 
 
 def listed(entries: Iterable[str]) -> str:

@@ -1,25 +1,20 @@
-"""The picture of identified parameters beside the literature: where they lie among what others give
-for a Crazyflie.
-"""
+"""The picture of identified parameters beside what others give for a Crazyflie."""
 
 from collections.abc import Mapping
-from html import escape
 
 import numpy as np
 
 from maidenflight.errors import InputError
 from maidenflight.reporting import literature, svg
+from maidenflight.reporting.delay_figures import Estimated
 from maidenflight.reporting.svg import Panel
-from maidenflight.reporting.valley import Estimated
 
 ROW = 30.0
 """Height of a parameter [px]."""
 
 
 def comparable(name: str) -> bool:
-    """Whether a parameter can be shown as a multiple of the paper's value: the paper has one, and
-    it is above zero.
-    """
+    """Whether the paper has a value above zero, of which a parameter can be shown as a multiple."""
     return literature.of_the_paper(name) > 0
 
 
@@ -142,7 +137,7 @@ def _grid(panel: Panel) -> str:
 def _others(panel: Panel, values: list[tuple[float, str]], down: float) -> str:
     places = [(float(panel.across(np.log2(ratio))), source) for ratio, source in values]
     return "".join(
-        f"<g>{svg.stroke(f'M{place:.1f} {down:.1f}h0', 'spots', 'soft')}<title>{escape(source)}</title></g>"
+        f"<g>{svg.stroke(f'M{place:.1f} {down:.1f}h0', 'spots', 'soft')}{svg.titled('', source)}</g>"
         for place, source in places
     )
 

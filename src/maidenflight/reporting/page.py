@@ -1,36 +1,40 @@
-"""The report of a run: one HTML file that needs nothing else, neither a network nor a server.
+"""The report of a run: one HTML file that needs nothing else, neither a network nor a server."""
 
-The page's frame, style and scripts are the files beside this module.
-"""
-
+import json
 import re
 from collections.abc import Callable
-from html import escape
-from importlib import resources
 from pathlib import Path
-from string import Template
+from typing import Any, NamedTuple
+
+from markupsafe import Markup
 
 from maidenflight import __version__, results
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.inputs import StrPath
-from maidenflight.reporting import key_figures, lead, records, sections, text, unshown, viewer
+from maidenflight.reporting import key_figures, lead, sections, viewer
 from maidenflight.reporting import run as runs
+from maidenflight.reporting.html import asset, render
 from maidenflight.reporting.run import Run
 
-_SECTIONS: tuple[tuple[str, str, Callable[[Run], str]], ...] = (
+
+class Section(NamedTuple):
+    """A part of the page: its anchor, its heading and what it shows."""
+
+    name: str
+    title: str
+    content: Markup
+
+
+_SECTIONS: tuple[tuple[str, str, Callable[[Run], Markup]], ...] = (
     ("parameters", "Parameters", sections.parameters),
     ("validation", "Prediction", sections.prediction),
     ("training", "Training", sections.training),
     ("predicted", "Predicted flight times", sections.predicted),
     ("flights", "Test flights", sections.flights),
     ("recorded", "Recorded flights", sections.recorded),
-    (
-        "reproduce",
-        "Reproduce",
-        lambda run: records.seconds(run) + records.records(run) + unshown.told(run.unshown),
-    ),
+    ("reproduce", "Reproduce", sections.reproduce),
 )
-"""Anchor, title and content of the page's sections; one of which nothing is known is left out."""
+"""Anchor, title and content of the page's sections; an empty one is left out."""
 
 
 def report(source: StrPath | Transfer, path: StrPath) -> Path:
@@ -53,37 +57,37 @@ def report(source: StrPath | Transfer, path: StrPath) -> Path:
 
 def to_html(run: Run) -> str:
     """The page."""
-    drawn = [(name, title, content) for name, title, make in _SECTIONS if (content := make(run))]
-    held = viewer.held(run)
-    scripts = ["page.js", *(["scene.js", "traces.js", "viewer.js"] if held else [])]
-    return Template(_file("page.html")).substitute(
-        title=escape(lead.title(run)),
-        badge=f"<span class=badge>{lead.kind(run)}</span>" if lead.kind(run) else "",
+    made = [Section(name, title, make(run)) for name, title, make in _SECTIONS]
+    logs = viewer.held(run)
+    scripts = ["page.js", *(["scene.js", "traces.js", "viewer.js"] if logs else [])]
+    page = render(
+        "page.html",
+        title=lead.title(run),
+        badge=lead.kind(run),
         lead=lead.lead(run),
         figures=key_figures.key_figures(run),
-        links="".join(f'<a href="#{name}">{title}</a>' for name, title, _ in drawn),
-        sections="\n".join(
-            f'<section id="{name}"><h2>{title}</h2>{content}</section>'
-            for name, title, content in drawn
-        ),
+        sections=[section for section in made if section.content],
         version=__version__,
-        style=_file("colours.css") + _themes() + _file("style.css"),
-        content=text.embed("logs", held) if held else "",
-        scripts="\n".join(f"<script>{_file(name)}</script>" for name in scripts),
+        style=asset("colours.css") + _themes() + asset("style.css"),
+        logs=_json(logs) if logs else "",
+        scripts=[asset(name) for name in scripts],
     )
+    return f"{page}\n"
 
 
-def _file(name: str) -> str:
-    return resources.files("maidenflight.reporting").joinpath(name).read_text(encoding="utf-8")
+def _json(content: Any) -> Markup:
+    """Content as JSON within a script element: nothing in it can end the element."""
+    text = json.dumps(content, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    return Markup(text.replace("<", "\\u003c"))
 
 
-def _themes() -> str:
+def _themes() -> Markup:
     """Light and dark again, for those who choose another than their system has.
 
     Print is always light.
     """
-    light, dark = re.findall(r":root \{(.*?)\}", _file("colours.css"), re.DOTALL)
-    return (
+    light, dark = re.findall(r":root \{(.*?)\}", asset("colours.css"), re.DOTALL)
+    return Markup(
         f":root[data-theme=light] {{{light}  color-scheme: light;\n}}\n"
         f"@media screen {{ :root[data-theme=dark] {{{dark}  color-scheme: dark;\n}} }}\n"
     )

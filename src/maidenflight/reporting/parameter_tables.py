@@ -1,13 +1,11 @@
 """The page's tables of parameters: identified, true, the paper's, others'; and all of a drone."""
 
-from html import escape
-
 import numpy as np
 import polars
+from markupsafe import Markup
 
-from maidenflight.flights.windows import BLOCK
 from maidenflight.parameters import COMPONENTS, QUANTITIES, component
-from maidenflight.reporting import identification_tables, literature, tables, text
+from maidenflight.reporting import literature, tables, text
 from maidenflight.reporting.run import Estimate, Run, true_ends
 from maidenflight.reporting.tables import Cell
 
@@ -18,9 +16,7 @@ _RANGES = {
 
 
 def scaled(run: Run, name: str) -> tuple[float, str]:
-    """Factor and unit of an identified parameter, with a power of ten where its number would be all
-    zeros.
-    """
+    """Factor and unit of an identified parameter, with a power of ten for one that is small."""
     return text.scale(name, [run.estimates[name].value])
 
 
@@ -37,84 +33,75 @@ def _written(value: float, digits: int) -> str:
 
 
 def _truth(run: Run, name: str, scale: float) -> Cell:
-    """The truth with its meaning where it is a range."""
+    """The truth, with what its ends are where it is a range."""
     ends = true_ends(run, name)
     if name not in _RANGES or np.isclose(*ends):
         return Cell(text.number(ends[0] * scale), ends[0])
-    parts = zip(ends, _RANGES[name], strict=True)
-    return Cell(
-        " ..<br>".join(
-            f"{end * text.factor(name):.1f} <small>({word})</small>" for end, word in parts
-        ),
-        ends[0],
-    )
+    parts = [
+        Markup("{} <small>({})</small>").format(f"{end * text.factor(name):.1f}", word)
+        for end, word in zip(ends, _RANGES[name], strict=True)
+    ]
+    return Cell(Markup(" ..<br>").join(parts), ends[0])
 
 
 def _head(name: str, unit: str) -> Cell:
-    told = f" [{unit}]" if unit else ""
-    return Cell(f"{text.symbol(name)}{told}<small> {escape(_meaning(name))}</small>", name)
+    shown = Markup("{}{}<small> {}</small>")
+    return Cell(shown.format(text.symbol(name), f" [{unit}]" if unit else "", _meaning(name)), name)
 
 
 def _meaning(name: str) -> str:
     """What a parameter is; of a component of a vector, which."""
-    told = text.quantity(name).meaning
-    return (
-        told
-        if COMPONENTS.get(name, (name, None))[1] is None
-        else told.replace(": x, y, z", f", {name[-1]}").replace(" x, y, z", f" {name[-1]}")
-    )
+    meaning = text.quantity(name).meaning
+    if COMPONENTS.get(name, (name, None))[1] is None:
+        return meaning
+    return meaning.replace(": x, y, z", f", {name[-1]}").replace(" x, y, z", f" {name[-1]}")
 
 
-def estimates(run: Run) -> str:
+def estimates(run: Run) -> Markup | str:
     """The identified parameters beside the truth, the paper and others."""
     if not run.estimates:
         return ""
-    spread = any(found.spread is not None for found in run.estimates.values())
-    heads = [("parameter", "Parameter"), ("value", "Identified"), ("interval", "95 % interval")]
-    heads += [("spread", "Between stretches")] if spread else []
+    spread = has_spread(run)
+    heads: list[tuple[str, str]] = [("parameter", "Parameter"), ("value", "Identified")]
+    heads += [("interval", "95 % interval")]
+    heads += [("spread", "Between segments")] if spread else []
     heads += [("truth", "Truth")] if run.reality is not None else []
     heads += [("paper", "Paper"), ("others", "Others")]
-    rows, file = [], []
-    for name, found in run.estimates.items():
-        value, low, high = estimate(run, name)
-        scale, unit = scaled(run, name)
-        paper, others = (
-            literature.of_the_paper(name),
-            [each.value for each in literature.published(name)],
-        )
-        cells = [_head(name, unit), Cell(f"<b>{value}</b>", found.value)]
-        cells.append(Cell(f"{low} .. {high}", found.interval[0]))
-        cells += [_spread(found, scale)] if spread else []
-        cells += [_truth(run, name, scale)] if run.reality is not None else []
-        cells += [Cell(text.number(paper * scale), paper), _range(others, scale)]
-        rows.append(("", cells))
-        ends = true_ends(run, name) if run.reality is not None else (None, None)
-        file.append(
-            {
-                "parameter": name,
-                "unit": text.quantity(name).unit,
-                "value": found.value,
-                "low": found.interval[0],
-                "high": found.interval[1],
-            }
-            | ({"spread": found.spread} if spread else {})
-            | {"truth": ends[0], "truth_to": ends[1], "paper": paper}
-            | {"others_from": min(others, default=None), "others_to": max(others, default=None)}
-        )
-    between = (
-        f" Between stretches: how far the parameter moves from one stretch of {BLOCK:g} s to the "
-        "next (standard deviation), by itself or"
-        " for what the model lacks, beyond chance; a single flight may be as far off."
-        if spread
-        else ""
+    rows = [_row(run, name, spread) for name in run.estimates]
+    file = [_in_si(run, name, spread) for name in run.estimates]
+    return tables.sortable(
+        "estimates", heads, rows, polars.DataFrame(file, infer_schema_length=None)
     )
-    return (
-        tables.sortable("estimates", heads, rows, polars.DataFrame(file, infer_schema_length=None))
-        + "<p class=note>The interval comes from how stretches of flight differ: it shows how "
-        "much the result depends on the flights"
-        f" recorded, not how well the model fits.{between}{identification_tables.missed(run)}"
-        f" Paper: {literature.PAPER}, a real Crazyflie 2.1, another drone than this.</p>"
-    )
+
+
+def has_spread(run: Run) -> bool:
+    """Whether it is known of any parameter how it differs between segments of flight."""
+    return any(found.spread is not None for found in run.estimates.values())
+
+
+def _row(run: Run, name: str, spread: bool) -> list[Cell]:
+    found, (scale, unit) = run.estimates[name], scaled(run, name)
+    value, low, high = estimate(run, name)
+    paper = literature.of_the_paper(name)
+    cells = [_head(name, unit), Cell(Markup("<b>{}</b>").format(value), found.value)]
+    cells.append(Cell(f"{low} .. {high}", found.interval[0]))
+    cells += [_spread(found, scale)] if spread else []
+    cells += [_truth(run, name, scale)] if run.reality is not None else []
+    cells.append(Cell(text.number(paper * scale), paper))
+    return [*cells, _range([each.value for each in literature.published(name)], scale)]
+
+
+def _in_si(run: Run, name: str, spread: bool) -> dict[str, str | float | None]:
+    """A row of the table's file."""
+    found, others = run.estimates[name], [each.value for each in literature.published(name)]
+    ends = true_ends(run, name) if run.reality is not None else (None, None)
+    low, high = found.interval
+    row: dict[str, str | float | None] = {"parameter": name, "unit": text.quantity(name).unit}
+    row |= {"value": found.value, "low": low, "high": high}
+    row |= {"spread": found.spread} if spread else {}
+    row |= {"truth": ends[0], "truth_to": ends[1], "paper": literature.of_the_paper(name)}
+    row |= {"others_from": min(others, default=None), "others_to": max(others, default=None)}
+    return row
 
 
 def _spread(found: Estimate, scale: float) -> Cell:
@@ -130,72 +117,46 @@ def _range(values: list[float], scale: float) -> Cell:
     if not values:
         return Cell(text.NOTHING, float("nan"))
     low, high = text.number(min(values) * scale, 3), text.number(max(values) * scale, 3)
-    return Cell(
-        low if low == high else f"{low} .. {high} <small>({len(values)})</small>", min(values)
-    )
+    shown = Markup("{} .. {} <small>({})</small>").format(low, high, len(values))
+    return Cell(low if low == high else shown, min(values))
 
 
-def others(run: Run) -> str:
-    """What others give for the identified parameters, and who, folded away."""
+def others(run: Run) -> Markup | str:
+    """What others give for the identified parameters, and who."""
     known = [each for name in run.estimates for each in literature.published(name)]
     if not known:
         return ""
     rows = []
     for each in known:
         scale, unit = scaled(run, each.parameter)
-        rows.append(
-            (
-                "",
-                [
-                    _head(each.parameter, unit),
-                    Cell(text.number(each.value * scale, 3), each.value),
-                    tables.words(each.source),
-                ],
-            )
-        )
-    file = polars.DataFrame([each._asdict() for each in known])
-    table = tables.sortable(
-        "literature",
-        [("parameter", "Parameter"), ("value", "Value"), ("source", "Source")],
-        rows,
-        file,
-    )
-    count = len({each.source for each in known})
-    return (
-        f"<details><summary>What {count} other sources give for a "
-        f"Crazyflie</summary>{table}</details>"
+        value = Cell(text.number(each.value * scale, 3), each.value)
+        rows.append([_head(each.parameter, unit), value, tables.plain(each.source)])
+    heads = [("parameter", "Parameter"), ("value", "Value"), ("source", "Source")]
+    return tables.sortable(
+        "literature", heads, rows, polars.DataFrame([each._asdict() for each in known])
     )
 
 
-def constants(run: Run) -> str:
-    """Every parameter that the simulation was trained with, folded away."""
-    known = [
-        (head, drone)
-        for head, drone in (("Identified", run.drone), ("Truth", run.reality))
-        if drone is not None
-    ]
+def sources(run: Run) -> int:
+    """How many others give any of the identified parameters."""
+    return len({each.source for name in run.estimates for each in literature.published(name)})
+
+
+def constants(run: Run) -> Markup | str:
+    """Every parameter of the identified drone and of the virtual one."""
+    drones = {"Identified": run.drone, "Truth": run.reality}
+    known = {head: drone for head, drone in drones.items() if drone is not None}
     if not known:
         return ""
     rows, file = [], []
     for name, (field, _) in COMPONENTS.items():
-        values = [float(component(drone, name)) for _, drone in known]
+        values = [float(component(drone, name)) for drone in known.values()]
         factor = text.factor(name)
-        rows.append(
-            (
-                "",
-                [
-                    _head(name, text.unit(name)),
-                    *(Cell(text.number(value * factor), value) for value in values),
-                ],
-            )
-        )
+        shown = (Cell(text.number(value * factor), value) for value in values)
+        rows.append([_head(name, text.unit(name)), *shown])
         file.append(
             {"parameter": name, "unit": QUANTITIES[field].unit}
-            | {head.lower(): value for (head, _), value in zip(known, values, strict=True)}
+            | dict(zip(map(str.lower, known), values, strict=True))
         )
-    heads = [("parameter", "Parameter"), *((head.lower(), head) for head, _ in known)]
-    table = tables.sortable("all", heads, rows, polars.DataFrame(file))
-    return (
-        f"<details><summary>All {len(QUANTITIES)} parameters of the "
-        f"drone</summary>{table}</details>"
-    )
+    heads = [("parameter", "Parameter"), *((head.lower(), head) for head in known)]
+    return tables.sortable("all", heads, rows, polars.DataFrame(file))

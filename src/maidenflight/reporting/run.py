@@ -20,7 +20,7 @@ from maidenflight.experiments.transfer import Transfer
 from maidenflight.flights import log
 from maidenflight.flights.log import Flight
 from maidenflight.parameters import COMPONENTS, Parameters
-from maidenflight.reporting import identified, unshown
+from maidenflight.reporting import identified, other_files
 from maidenflight.reporting.identified import SIMULATED, UNKNOWN, Kinds, Origin
 from maidenflight.reporting.identified import Estimate as Estimate
 from maidenflight.run_folder import Table
@@ -72,7 +72,7 @@ class Run:
     """How each file was made, by the file's name."""
     seconds: Mapping[str, float] = field(default_factory=dict)
     """Wall time of each stage."""
-    unshown: Mapping[str, list[str]] = field(default_factory=dict)
+    other_files: Mapping[str, list[str]] = field(default_factory=dict)
     """Names of what else the folder holds, by kind."""
 
     @property
@@ -160,7 +160,7 @@ def read(folder: Path) -> Run:
         prediction=_table(folder / run_folder.PREDICTION.name, run_folder.PREDICTION, records),
         records=records,
         seconds=run_folder.read_stages(folder),
-        unshown=unshown.find(folder, {tested, trained, home}),
+        other_files=other_files.find(folder, {tested, trained, home}),
     )
     if not found.known:
         raise InputError(

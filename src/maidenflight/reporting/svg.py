@@ -1,19 +1,19 @@
-"""Pictures as SVG text, drawn for a width in pixels, so that letters are as large on a phone as on
-a screen.
+"""Pictures as SVG text, drawn for a width in pixels, so that letters have one size everywhere.
 
-Colours are the house's CSS variables. Each picture carries what they mean, in light and in dark,
-and so stands alone as a file too.
+Colours are CSS variables of `colours.css`, which each picture carries in light and in dark, so that
+it stands alone as a file too. Paths of numbers are put together here, where a template would bring
+nothing; all text goes through `text` or `titled`, which escape what is no `Markup`.
 """
 
 import math
 import re
 from collections.abc import Iterable, Sequence
-from html import escape
 from importlib import resources
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from markupsafe import Markup, escape
 
 from maidenflight.reporting import text as names
 
@@ -59,7 +59,7 @@ def picture(width: float, height: float, title: str, parts: Iterable[str]) -> st
         '<svg xmlns="http://www.w3.org/2000/svg" class="picture" role="img" '
         f'aria-label="{escape(title)}" {size}><style>{style}</style>'
         '<rect class="paper" width="100%" '
-        f'height="100%"/>{text(0, 18, escape(title), "title")}{"".join(parts)}</svg>\n'
+        f'height="100%"/>{text(0, 18, title, "title")}{"".join(parts)}</svg>\n'
     )
 
 
@@ -69,14 +69,14 @@ def framed(panel: Panel, content: Iterable[str], name: str = "") -> str:
     `name` is kept in the file, for who looks for the panel there.
     """
     left, top, width, height = (_number(side) for side in panel[:4])
-    told = f' data-panel="{escape(name)}"' if name else ""
+    named = f' data-panel="{escape(name)}"' if name else ""
     edge = (
         '<path class="frame" d="M0.5 '
         f'0.5H{_number(panel.width - 0.5)}V{_number(panel.height - 0.5)}H0.5Z"/>'
     )
     return (
         f'<svg x="{left}" y="{top}" width="{width}" '
-        f'height="{height}"{told}>{"".join(content)}{edge}</svg>'
+        f'height="{height}"{named}>{"".join(content)}{edge}</svg>'
     )
 
 
@@ -117,29 +117,39 @@ def dots(panel: Panel, x: Any, y: Any, look: str, colour: str) -> str:
 
 
 def stroke(path: str, look: str, colour: str) -> str:
-    """A path drawn in a colour of the house."""
+    """A path drawn in a colour."""
     return f'<path class="{look}" style="stroke:var(--{colour})" d="{path}"/>' if path else ""
 
 
 def fill(path: str, look: str, colour: str) -> str:
-    """A path filled with a colour of the house."""
+    """A path filled with a colour."""
     return f'<path class="filled {look}" style="fill:var(--{colour})" d="{path}"/>'
 
 
 def text(
-    x: float, y: float, markup: str, look: str = "", anchor: str = "start", turn: bool = False
+    x: float,
+    y: float,
+    words: str | Markup,
+    look: str = "",
+    anchor: str = "start",
+    turn: bool = False,
 ) -> str:
-    """Text whose markup is SVG already; `turn`ed it reads upwards."""
+    """A line of text, escaped unless it is `Markup`; `turn`ed it reads upwards."""
     place = (
         f'transform="translate({_number(x)} {_number(y)}) rotate(-90)"'
         if turn
         else f'x="{_number(x)}" y="{_number(y)}"'
     )
     kind = f' class="{look}"' if look else ""
-    return f'<text {place}{kind} text-anchor="{anchor}">{markup}</text>'
+    return f'<text {place}{kind} text-anchor="{anchor}">{escape(words)}</text>'
 
 
-def symbol(name: str) -> str:
+def titled(words: str, tip: str) -> Markup:
+    """Text with more of it for who points at it."""
+    return Markup("{}<title>{}</title>").format(words, tip)
+
+
+def symbol(name: str) -> Markup:
     """A parameter's symbol, with its index lowered."""
 
     def lowered(found: re.Match[str]) -> str:
@@ -147,7 +157,7 @@ def symbol(name: str) -> str:
         after = found[2] or "\N{ZERO WIDTH SPACE}"
         return f'<tspan class="sub" dy="3">{found[1]}</tspan><tspan dy="-3">{after}</tspan>'
 
-    return re.sub(r"<sub>(.*?)</sub>([^<]?)", lowered, names.symbol(name))
+    return Markup(re.sub(r"<sub>(.*?)</sub>([^<]?)", lowered, str(names.symbol(name))))
 
 
 def paragraph(x: float, y: float, width: float, words: str, look: str = "") -> tuple[str, float]:
@@ -161,18 +171,17 @@ def paragraph(x: float, y: float, width: float, words: str, look: str = "") -> t
             else [*lines, word]
         )
     return "".join(
-        text(x, y + 13 + 18 * number, escape(each), look) for number, each in enumerate(lines)
+        text(x, y + 13 + 18 * number, each, look) for number, each in enumerate(lines)
     ), 18.0 * len(lines)
 
 
-def legend(y: float, width: float, entries: Sequence[tuple[str, str]]) -> tuple[str, float]:
-    """Samples (a drawing of 24 x 12 px) with their names, in as many lines as the width needs.
-
-    And their height [px].
-    """
+def legend(
+    y: float, width: float, entries: Sequence[tuple[str, str | Markup]]
+) -> tuple[str, float]:
+    """Samples (drawings of 24 x 12 px) with their names, in lines of a width; and their height."""
     parts, x, row = [], 0.0, 0
     for sample, name in entries:
-        needed = 30 + len(re.sub(r"<[^>]*>", "", name)) * LETTER
+        needed = 30 + len(Markup(name).striptags() if isinstance(name, Markup) else name) * LETTER
         if x > 0 and x + needed > width:
             x, row = 0.0, row + 1
         place = f"translate({_number(x)} {_number(y + ENTRY * row)})"
@@ -210,13 +219,12 @@ def written(value: float, decimals: int) -> str:
 def axes(
     panel: Panel, below: str | None, beside: str, few: int = 6, left: bool = True, room: float = 35
 ) -> tuple[str, str]:
-    """Numbers and names along a panel's lower and left edges, and the grid within it, which is to
-    be drawn first.
+    """Numbers and names along a panel's lower and left edges, and the grid to draw first in it.
 
     Args:
         panel: the panel.
-        below: name of the lower axis as SVG; `None` for neither name nor numbers there.
-        beside: name of the left axis as SVG.
+        below: name of the lower axis; `None` for neither name nor numbers there.
+        beside: name of the left axis.
         few: most numbers along the lower axis.
         left: whether there are numbers along the left axis.
         room: from the left axis to its name [px].
@@ -259,10 +267,7 @@ def _anchor(place: float, width: float) -> str:
 
 
 def margin(values: Any, floor: float = -math.inf) -> tuple[float, float]:
-    """A range that holds the finite values with a little room around them, not below a floor.
-
-    Never empty.
-    """
+    """A range with a little room around the finite values, not below a floor; never empty."""
     finite = np.asarray(values, np.float64)
     finite = finite[np.isfinite(finite)]
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)

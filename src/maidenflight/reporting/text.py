@@ -1,21 +1,33 @@
-"""Numbers, symbols and units as a person reads them: milliseconds, degrees and centimetres instead
-of SI, and HTML that cannot break.
+"""Numbers, symbols and units as a person reads them: ms, degrees and cm instead of SI units."""
 
-The only place of the report where units change.
-"""
-
-import html
-import json
 import math
 import re
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from markupsafe import Markup, escape
 
 from maidenflight.parameters import COMPONENTS, QUANTITIES, Quantity
 
 NOTHING = "\N{EN DASH}"
 """Stands for a number that is not known."""
+
+
+class Shown(NamedTuple):
+    """How a quantity is shown: its name, shown value per SI value, and unit."""
+
+    name: str
+    scale: float
+    unit: str
+
+
+ERRORS = {
+    "position": Shown("position", 100.0, "cm"),
+    "velocity": Shown("velocity", 1.0, "m/s"),
+    "attitude": Shown("attitude", math.degrees(1.0), "°"),
+    "body_rates": Shown("body rates", 1.0, "rad/s"),
+}
+"""How prediction errors are shown, in tables, pictures and terminals."""
 
 _GREEK = {
     "Delta": "Δ",
@@ -29,28 +41,22 @@ _GREEK = {
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-def symbol(name: str) -> str:
-    """A parameter's symbol as HTML: `T_m` becomes T with a subscript, and `inertia_x` I with an
-    x.
-    """
+def symbol(name: str) -> Markup:
+    """A parameter's symbol as HTML: `T_m` becomes T with a subscript, `inertia_x` I with an x."""
     letters = "|".join(_GREEK)
     field, place = COMPONENTS.get(name, (name, None))
     given = QUANTITIES[field].symbol + ("" if place is None else f"_{'xyz'[place]}")
     shown = re.sub(rf"(?<![a-z])({letters})(?![a-z])", lambda found: _GREEK[found[0]], given)
-    return re.sub(r"_(\w+)", r"<sub>\1</sub>", html.escape(shown))
+    return Markup(re.sub(r"_(\w+)", r"<sub>\1</sub>", str(escape(shown))))
 
 
 def quantity(name: str) -> Quantity:
-    """What is known of a parameter, or of the field that a component such as `inertia_x` is part
-    of.
-    """
+    """The quantity of a parameter, or of the vector that a component such as `inertia_x` is in."""
     return QUANTITIES[COMPONENTS.get(name, (name, None))[0]]
 
 
 def scale(name: str, values: Any) -> tuple[float, str]:
-    """The factor that makes values of a parameter numbers without many zeros, and the unit with its
-    power of ten, plain text.
-    """
+    """Shown value per SI value, for numbers without many zeros, and the unit with its power."""
     if factor(name) != 1.0:
         return factor(name), unit(name)
     largest = float(np.max(np.abs(values), initial=0.0))
@@ -88,9 +94,8 @@ def number(value: Any, digits: int = 4) -> str:
     shown = f"{value:.{digits}g}"
     if "e" in shown:
         mantissa, exponent = shown.split("e")
-        return f"{mantissa} \N{MULTIPLICATION SIGN} 10<sup>{int(exponent)}</sup>".replace(
-            "-", "\N{MINUS SIGN}"
-        )
+        power = str(int(exponent)).translate(_RAISED)
+        shown = f"{mantissa} \N{MULTIPLICATION SIGN} 10{power}"
     return shown.replace("-", "\N{MINUS SIGN}")
 
 
@@ -99,11 +104,3 @@ def plural(count: int, noun: str) -> str:
     if count == 1:
         return f"1 {noun}"
     return f"{count} {noun[:-1]}ies" if noun.endswith("y") else f"{count} {noun}s"
-
-
-def embed(identity: str, content: Any) -> str:
-    """Content as JSON within HTML: nothing in it can end the element."""
-    text = json.dumps(content, separators=(",", ":"), ensure_ascii=False, allow_nan=False).replace(
-        "<", "\\u003c"
-    )
-    return f'<script type="application/json" id="{identity}">{text}</script>'

@@ -1,5 +1,4 @@
-"""Pictures of training as SVG text: how policies that learn side by side come on, and how far they
-are apart.
+"""Learning curves of policies that are trained side by side.
 
 ```python
 from maidenflight.reporting.training_figures import learning_curves
@@ -11,7 +10,6 @@ Path("training.svg").write_text(
 """
 
 from collections.abc import Mapping, Sequence
-from html import escape
 
 import numpy as np
 import polars
@@ -43,8 +41,7 @@ def learning_curves(
     width: float = 720,
     title: str = "Learning curves",
 ) -> str:
-    """A panel a training and score: the mean of its policies, thick, within their range, and each
-    of them, thin.
+    """A panel a training and score: mean, range and each of its policies.
 
     Args:
         trainings: by name, rows of `policy`, the scores and `over`, as in training.csv; all
@@ -73,7 +70,7 @@ def learning_curves(
     parts = [legend]
     for number, (name, score) in enumerate((name, score) for name in trainings for score in scores):
         label, scale = SCORES[score]
-        told = [
+        label_parts = [
             *([name] if len(trainings) > 1 else []),
             *([label] if len(scores) > 1 or len(trainings) == 1 else []),
         ]
@@ -91,7 +88,7 @@ def learning_curves(
             y,
         )
         axes = svg.axes(panel, OVER[over][0], "", few=4)
-        parts += [svg.text(panel.left, panel.top - 9, escape(": ".join(told)), "strong"), axes[0]]
+        parts += [svg.text(panel.left, panel.top - 9, ": ".join(label_parts), "strong"), axes[0]]
         parts.append(
             svg.framed(panel, [axes[1], *_curves(panel, places, values)], f"{name} {score}")
         )
@@ -110,9 +107,7 @@ def _legend(policies: int) -> list[tuple[str, str]]:
 
 
 def _by_policy(rows: polars.DataFrame, score: str, over: str) -> tuple[np.ndarray, np.ndarray]:
-    """E places, as they are shown, and a score of each of P policies there: E x P, not a number
-    where it is not known.
-    """
+    """E places, as they are shown, and a score of P policies there, (E, P); NaN if not known."""
     numbers = rows.with_columns(polars.col(over, score).cast(polars.Float64)).filter(
         polars.col(over).is_finite()
     )

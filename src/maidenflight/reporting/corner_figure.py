@@ -1,42 +1,26 @@
-"""Pictures of what flights tell of a drone: how sure they are of its parameters, and how well
-models predict them.
-
-Each is a function from plain tables to SVG text, for the report and for use from Python:
+"""The corner plot of a posterior: each parameter against each other, and its distribution.
 
 ```python
-from maidenflight.identification.prediction import predicted_windows
-from maidenflight.reporting.identification_figures import corner, horizons, valley, windows
-
-found = maidenflight.identify(flights, maidenflight.Replay())  # a likelihood has draws for the corner
-plot, but no valley best = {name: estimate.value for name, estimate in found.estimates.items()}
-Path("valley.svg").write_text(valley(found.history, found.estimates))
-Path("corner.svg").write_text(corner(found.draws, best)) models = {"identified": found.parameters,
-"paper's crazyflie": maidenflight.crazyflie()}
-Path("horizons.svg").write_text(horizons(maidenflight.prediction_error(held_out, models)))
-Path("windows.svg").write_text(windows(predicted_windows(held_out, models)))
+found = maidenflight.identify(flights)
+best = {name: estimate.value for name, estimate in found.estimates.items()}
+Path("corner.svg").write_text(corner(found.draws, best))
 ```
 
 `width` is that of the place where a picture will stand [px]. Letters keep their size, so a narrow
-picture shows less at once.
+picture shows fewer parameters.
 """
 
-from collections.abc import Mapping, Sequence
-from html import escape
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-import polars
 from jaxtyping import Float
 
 from maidenflight.errors import InputError
 from maidenflight.identification.posterior import LEVEL
-from maidenflight.identification.prediction import LOGGED, NOTHING_CHANGES
 from maidenflight.reporting import svg, text
 from maidenflight.reporting.svg import Panel
-from maidenflight.reporting.valley import valley as valley
 
-WIDE, NARROW = 1072, 343
-"""Widths of the report on a screen and on a phone, less its margins [px]."""
 SMALLEST = 62.0
 """Side of a panel of the corner plot; where one would be smaller, fewer parameters are shown
 [px]."""
@@ -48,25 +32,6 @@ SHOWN = 200
 all of them."""
 STRONG = 0.5
 """Correlation from which on the corner plot prints it bold."""
-_LOOKS = (("", "orange"), ("dashed", "purple"), ("", "blue"), ("dashed", "green"))
-"""How models are drawn, in their order: the identified drone and the paper's have the colours that
-they have in the valley."""
-_ERRORS = {
-    "position": ("position [cm]", 100.0),
-    "velocity": ("velocity [m/s]", 1.0),
-    "attitude": ("attitude [°]", 180 / np.pi),
-    "body_rates": ("body rates [rad/s]", 1.0),
-}
-"""Label and shown value per SI value of the errors."""
-_SIGNALS = {
-    "roll": ("roll [°]", 180 / np.pi),
-    "pitch": ("pitch [°]", 180 / np.pi),
-    "body_rate_x": ("roll rate [rad/s]", 1.0),
-    "body_rate_y": ("pitch rate [rad/s]", 1.0),
-    "position_z": ("height gained [cm]", 100.0),
-}
-"""Label and shown value per SI value of what is drawn of windows; heights count from a window's
-start."""
 
 
 def corner(
@@ -283,136 +248,4 @@ def _ends(shown: _Marginal, side: float) -> list[tuple[float, str]]:
     return [
         (place, svg.written(end, decimals))
         for place, end in zip((low - apart, high + apart), shown.ends, strict=True)
-    ]
-
-
-def horizons(errors: polars.DataFrame, width: float = 720) -> str:
-    """How the errors of open-loop predictions grow, a line a model with its 95 % interval.
-
-    Dotted, what predicts that nothing changes.
-
-    Args:
-        errors: as `prediction_error` gives them.
-        width: of the picture [px].
-    """
-    names = errors["model"].unique(maintain_order=True).to_list()
-    looks = _looks(names)
-    legend, tall = svg.legend(svg.TITLE, width, _line_legend(looks))
-    columns = 4 if width >= 900 else 2 if width >= 500 else 1
-    side, high = width / columns, 200.0
-    last = float(errors["horizon"].to_numpy().max())
-    parts = [legend]
-    for number, (column, (label, scale)) in enumerate(_ERRORS.items()):
-        most = scale * float(errors[column].to_numpy().max())
-        place = (
-            number % columns * side + 40,
-            svg.TITLE + tall + 32 + number // columns * (high + 74),
-        )
-        panel = Panel(
-            *place, side - 52, high, (0.0, last * 1.02), svg.margin([0.0, most], floor=0.0)
-        )
-        axes = svg.axes(panel, "time ahead [s]", "", few=5)
-        content = [axes[1]]
-        for name in reversed(names):
-            rows = errors.filter(polars.col("model") == name).sort("horizon")
-            ahead = np.concatenate([[0.0], rows["horizon"].to_numpy()])
-            middle, low, upper = (
-                np.concatenate([[0.0], scale * rows[f"{column}{end}"].to_numpy()])
-                for end in ("", "_low", "_high")
-            )
-            look, colour = looks[name]
-            content.append(
-                svg.band(panel, ahead, low, upper, colour)
-                + svg.line(panel, ahead, middle, look, colour)
-            )
-            content.append(svg.dots(panel, ahead[1:], middle[1:], "spots", colour))
-        parts += [
-            svg.text(panel.left, panel.top - 9, label, "strong"),
-            axes[0],
-            svg.framed(panel, content, column),
-        ]
-    rows = -(-len(_ERRORS) // columns)
-    return svg.picture(
-        width, svg.TITLE + tall + 20 + rows * (high + 74), "Errors over the time predicted", parts
-    )
-
-
-def windows(rows: polars.DataFrame, width: float = 720) -> str:
-    """Logged flight and what models make of its commands alone, window by window.
-
-    A narrow picture shows the first windows only, and its title says how many of all.
-
-    Args:
-        rows: as `predicted_windows` gives them.
-        width: of the picture [px].
-    """
-    known = rows["window"].unique(maintain_order=True).to_list()
-    fit = known[: max(1, int((width - 50) // 145))]
-    names = [name for name in rows["model"].unique(maintain_order=True).to_list() if name != LOGGED]
-    looks = _looks(names)
-    logged = (
-        svg.dots(Panel(0, 0, 24, 12, (0, 4), (0, 2)), [0.5, 1.5, 2.5, 3.5], [1] * 4, "dots", "ink"),
-        LOGGED,
-    )
-    legend, tall = svg.legend(svg.TITLE, width, [logged, *_line_legend(looks)])
-    side, high, gap = (width - 46) / len(fit), 100.0, 34.0
-    top = svg.TITLE + tall + 28
-    shown = rows.filter(polars.col("window").is_in(fit)).with_columns(
-        position_z=polars.col("position_z")
-        - polars.col("position_z").first().over("window", "model")
-    )
-    last = float(shown["time"].to_numpy().max())
-    parts = [legend]
-    for line, (column, (label, scale)) in enumerate(_SIGNALS.items()):
-        y = svg.margin(scale * shown[column].to_numpy())
-        for number, window in enumerate(fit):
-            panel = Panel(
-                46 + number * side,
-                top + line * (high + gap),
-                side - 10,
-                high,
-                (0.0, 1.02 * last),
-                y,
-            )
-            part = shown.filter(polars.col("window") == window)
-            below = "time [s]" if line == len(_SIGNALS) - 1 else None
-            axes = svg.axes(panel, below, "", few=3, left=number == 0)
-            content = [axes[1]]
-            measured = part.filter(polars.col("model") == LOGGED)
-            every = max(1, round(measured.height * 4.5 / panel.width))
-            content.append(
-                svg.dots(
-                    panel,
-                    measured["time"][::every],
-                    scale * measured[column][::every].to_numpy(),
-                    "dots",
-                    "ink",
-                )
-            )
-            for name in reversed(names):
-                predicted = part.filter(polars.col("model") == name)
-                content.append(
-                    svg.line(
-                        panel, predicted["time"], scale * predicted[column].to_numpy(), *looks[name]
-                    )
-                )
-            parts += [axes[0], svg.framed(panel, content, f"{column} {window}")]
-        parts.append(svg.text(46, top + line * (high + gap) - 8, label, "strong"))
-    some = f", {len(fit)} of {len(known)}" if len(fit) < len(known) else ""
-    return svg.picture(
-        width, top + len(_SIGNALS) * (high + gap) + 30, f"Predicted windows{some}", parts
-    )
-
-
-def _looks(names: Sequence[str]) -> dict[str, tuple[str, str]]:
-    """Look and colour of each model's line."""
-    models = [name for name in names if name != NOTHING_CHANGES]
-    looks = {name: _LOOKS[number % len(_LOOKS)] for number, name in enumerate(models)}
-    return looks | ({NOTHING_CHANGES: ("dotted", "soft")} if NOTHING_CHANGES in names else {})
-
-
-def _line_legend(looks: Mapping[str, tuple[str, str]]) -> list[tuple[str, str]]:
-    return [
-        (svg.stroke("M0 6H24", f"line {look}".strip(), colour), escape(name))
-        for name, (look, colour) in looks.items()
     ]

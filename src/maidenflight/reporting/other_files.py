@@ -1,10 +1,7 @@
-"""What a run folder holds beside what its page shows, so that nothing is left out without a
-word.
-"""
+"""Other files of a run folder, which its page does not show but names."""
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from contextlib import suppress
-from html import escape
 from pathlib import Path
 
 from maidenflight import inputs, run_folder
@@ -15,8 +12,8 @@ _KINDS = {
     f"{run_folder.LOG.stem}_*{run_folder.LOG.suffix}": "flight logs",
 }
 """What a folder holds, by the names of the files in it."""
-_MOST = 20
-"""Names of a kind that are told."""
+MOST = 20
+"""Names of a kind that the page lists."""
 
 
 def find(folder: Path, shown: Collection[Path]) -> dict[str, list[str]]:
@@ -72,20 +69,3 @@ def _identified(path: Path) -> bool:
     with suppress(OSError, UnicodeDecodeError):
         return "\n[identification]" in inputs.text(path)
     return False
-
-
-def told(found: Mapping[str, list[str]]) -> str:
-    """The names in a line of the page."""
-    if not found:
-        return ""
-    parts = [
-        f"{kind}: {escape(', '.join(names[:_MOST]))}{_more(names)}" for kind, names in found.items()
-    ]
-    return (
-        f"<p class=note>Also in this folder, but not on this page: {'; '.join(parts)}."
-        " <code>maidenflight report FOLDER</code> makes a page of one of these folders.</p>"
-    )
-
-
-def _more(names: list[str]) -> str:
-    return f" and {len(names) - _MOST} more" if len(names) > _MOST else ""

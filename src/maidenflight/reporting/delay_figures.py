@@ -1,5 +1,7 @@
-"""The picture of the objective's valley: where identification looked, and how well two delays are
-told apart.
+"""Pictures of the two delays, motor time constant and latency, and how well flights tell them apart.
+
+The loss landscape is of a replay's objective, with the evaluations that identification made; the
+posterior is of a likelihood.
 """
 
 from collections.abc import Mapping, Sequence
@@ -8,6 +10,7 @@ from typing import Protocol
 import numpy as np
 import polars
 from jaxtyping import Float
+from markupsafe import Markup
 
 from maidenflight.errors import InputError
 from maidenflight.identification import surrogate
@@ -17,10 +20,10 @@ from maidenflight.reporting import svg
 from maidenflight.reporting.svg import Panel
 
 LEVELS = (0.3, 1.0, 3.0)
-"""Contours of the valley, above the optimum [%]."""
-EDGE = 1.0
-"""The contour that is the valley's edge [%]."""
-_DELAYS = ("motor_time_constant", "latency")
+"""Contours of the loss landscape, above the optimum [%]."""
+NAMED = 1.0
+"""The contour that is drawn thick, with its name beside it [%]."""
+DELAYS = ("motor_time_constant", "latency")
 
 
 class Estimated(Protocol):
@@ -37,7 +40,7 @@ class Estimated(Protocol):
         ...
 
 
-def valley(
+def loss_landscape(
     search: polars.DataFrame,
     estimates: Mapping[str, Estimated] | None = None,
     truth: Sequence[tuple[float, float]] = (),
@@ -62,7 +65,7 @@ def valley(
         InputError: no finite objective, one that is not above zero, or no column of one of the two
             parameters.
     """
-    missing = [name for name in (*_DELAYS, "objective") if name not in search.columns]
+    missing = [name for name in (*DELAYS, "objective") if name not in search.columns]
     rows = (
         search.clear()
         if missing
@@ -70,25 +73,25 @@ def valley(
     )
     if rows.height == 0:
         raise InputError(
-            "no valley to draw: "
+            "no loss landscape to draw: "
             f"{f'no column {missing[0]}' if missing else 'no evaluation has a finite objective'}."
         )
     if rows["objective"][-1] <= 0:
         raise InputError(
-            "no valley to draw: objectives below zero, of which a share means nothing. Are they "
-            "likelihoods? Draw `corner`."
+            "no loss landscape to draw: objectives below zero, of which a share means nothing. Are "
+            "they likelihoods? Draw `delay_posterior`."
         )
     names = [name for name in rows.columns if name not in ("trial", "objective")]
     above = (rows["objective"].to_numpy() / rows["objective"].min() - 1) * 100
-    points = rows.select(_DELAYS).to_numpy() * 1e3
-    known = estimates if estimates is not None and set(_DELAYS) <= set(estimates) else {}
-    best = np.array([known[name].value * 1e3 for name in _DELAYS]) if known else points[-1]
-    paper = np.array([1e3 * float(getattr(crazyflie(), name)) for name in _DELAYS])
+    points = rows.select(DELAYS).to_numpy() * 1e3
+    known = estimates if estimates is not None and set(DELAYS) <= set(estimates) else {}
+    best = np.array([known[name].value * 1e3 for name in DELAYS]) if known else points[-1]
+    paper = np.array([1e3 * float(getattr(crazyflie(), name)) for name in DELAYS])
     box = 1e3 * np.reshape(np.array([*truth, *truth[:1]], np.float64), (-1, 2))
     fitted = surrogate.valley(
         rows.select(names).to_numpy(),
         rows["objective"].to_numpy(),
-        [names.index(name) for name in _DELAYS],
+        [names.index(name) for name in DELAYS],
     )
     contours = (
         {level: 1e3 * fitted.contour(best / 1e3, level) for level in LEVELS} if fitted else {}
@@ -105,47 +108,53 @@ def valley(
     ]
     content.append(svg.line(panel, best.sum() - np.array(panel.y), panel.y, "thin dashed", "soft"))
     content += [_contour(panel, level, curve) for level, curve in contours.items()]
-    sides = (
-        np.array([1e3 * np.array(known[name].interval) for name in _DELAYS]).T if known else None
-    )
+    sides = np.array([1e3 * np.array(known[name].interval) for name in DELAYS]).T if known else None
     content.append(_marked(panel, best, paper, box, sides))
     note, deep = svg.paragraph(
-        0, panel.top + panel.height + 46, width, _fit_told(fitted, len(names) - 2)
+        0, panel.top + panel.height + 46, width, _fit_note(fitted, len(names) - 2)
     )
     axes = svg.axes(
         panel,
-        f"motor time constant {svg.symbol(_DELAYS[0])} [ms]",
-        f"latency {svg.symbol(_DELAYS[1])} [ms]",
+        _label("motor time constant", DELAYS[0]),
+        _label("latency", DELAYS[1]),
         room=42,
     )
-    parts = [legend, axes[0], svg.framed(panel, [axes[1], *content], "valley"), note]
+    parts = [legend, axes[0], svg.framed(panel, [axes[1], *content], "delays"), note]
     return svg.picture(
-        width, panel.top + panel.height + 50 + deep, "The valley of the objective", parts
+        width, panel.top + panel.height + 50 + deep, "Loss landscape of the delays", parts
     )
+
+
+def _label(words: str, name: str) -> Markup:
+    return Markup("{} {} [ms]").format(words, svg.symbol(name))
 
 
 def _classes(above: Float[np.ndarray, "n"]) -> dict[str, np.ndarray]:
-    """Evaluations by the colour that tells how far they are above the best."""
-    return {"high": above > 10, "middle": (above > EDGE) & (above <= 10), "low": above <= EDGE}
+    """Evaluations by their colour, which shows how far they are above the best."""
+    return {"high": above > 10, "middle": (above > NAMED) & (above <= 10), "low": above <= NAMED}
 
 
-def _legend(total: float, known: bool, contours: bool, truth: bool) -> list[tuple[str, str]]:
-    dots = {"low": f"within {EDGE:g} % of the best", "middle": "within 10 %", "high": "worse"}
+def _legend(
+    total: float, known: bool, contours: bool, truth: bool
+) -> list[tuple[str, str | Markup]]:
+    dots = {"low": f"within {NAMED:g} % of the best", "middle": "within 10 %", "high": "worse"}
     spot = Panel(0, 0, 24, 12, (0, 2), (0, 2))
     entries = [
         (svg.evaluations(spot, np.ones((1, 2)), colour), name) for colour, name in dots.items()
     ]
     if contours:
-        others = " and ".join(f"{level:g} %" for level in LEVELS if level != EDGE)
+        others = " and ".join(f"{level:g} %" for level in LEVELS if level != NAMED)
         entries.append(
-            (svg.stroke("M0 6H24", "line", "blue"), f"{EDGE:g} % above the optimum, fitted")
+            (svg.stroke("M0 6H24", "line", "blue"), f"{NAMED:g} % above the optimum, fitted")
         )
         entries.append((svg.stroke("M0 6H24", "thin", "blue"), others))
     return [*entries, *_marks(total, known, truth)]
 
 
-def _marks(total: float, known: bool, truth: bool, remark: str = "") -> list[tuple[str, str]]:
-    """Legend of what stands in each picture of the two delays."""
+def _marks(
+    total: float, known: bool, truth: bool, remark: str = ""
+) -> list[tuple[str, str | Markup]]:
+    """Legend of what is in both pictures."""
     return [
         *([(svg.stroke("M0 6H24", "line", "green"), "truth")] if truth else []),
         (svg.diamond(12, 6, "purple"), f"paper's drone{remark}"),
@@ -155,17 +164,15 @@ def _marks(total: float, known: bool, truth: bool, remark: str = "") -> list[tup
         ),
         (
             svg.stroke("M0 6H24", "thin dashed", "soft"),
-            f"{svg.symbol(_DELAYS[0])} + {svg.symbol(_DELAYS[1])} = {total:.1f} ms",
+            Markup("{} + {} = {} ms").format(*map(svg.symbol, DELAYS), f"{total:.1f}"),
         ),
     ]
 
 
 def _contour(panel: Panel, level: float, curve: Float[np.ndarray, "n 2"]) -> str:
-    """A closed curve; only the valley's edge has its name beside it, for the others lie too close
-    on a phone.
-    """
+    """A closed curve; only one has its name beside it, for the others lie too close on a phone."""
     closed = np.concatenate([curve, curve[:1]])
-    if level != EDGE:
+    if level != NAMED:
         return svg.line(panel, closed[:, 0], closed[:, 1], "thin", "blue")
     across, down = panel.at(*curve[np.argmin(curve[:, 0])])
     return svg.line(panel, closed[:, 0], closed[:, 1], "", "blue") + svg.text(
@@ -173,7 +180,7 @@ def _contour(panel: Panel, level: float, curve: Float[np.ndarray, "n 2"]) -> str
     )
 
 
-def _fit_told(fitted: surrogate.Valley | None, others: int) -> str:
+def _fit_note(fitted: surrogate.Valley | None, others: int) -> str:
     if fitted is None:
         return "No contours: too few evaluations near the best, or no quadratic fits them."
     best = (
@@ -181,27 +188,26 @@ def _fit_told(fitted: surrogate.Valley | None, others: int) -> str:
         if others
         else ""
     )
-    told = (
+    note = (
         f"Contours: a quadratic{best}, fitted to the {fitted.evaluations} evaluations within "
         f"{fitted.reach:g} % of the best, which it"
         f" misses by {fitted.error:.2g} % (rms). Each dot has its own values of the other "
         "parameters, so one inside a contour can be worse."
     )
-    return told.replace(" %", "\N{NO-BREAK SPACE}%")
+    return note.replace(" %", "\N{NO-BREAK SPACE}%")
 
 
 SHARES = (0.5, 0.95)
-"""What the ellipses about a cloud of draws hold of it."""
+"""Shares of the samples that the ellipses hold."""
 
 
-def cloud(
+def delay_posterior(
     draws: Mapping[str, Float[np.ndarray, "N"]],
     estimates: Mapping[str, Estimated],
     truth: Sequence[tuple[float, float]] = (),
     width: float = 720,
 ) -> str:
-    """What a likelihood leaves open of motor time constant and latency: draws of its posterior, and
-    ellipses that hold shares of them.
+    """Posterior samples of motor time constant and latency, and ellipses that hold shares of them.
 
     Args:
         draws: N values by parameter [SI]; an entry of each belongs together.
@@ -213,23 +219,23 @@ def cloud(
     Raises:
         InputError: draws or estimates of one of the two parameters are missing.
     """
-    if not set(_DELAYS) <= set(draws) or not set(_DELAYS) <= set(estimates):
+    if not set(DELAYS) <= set(draws) or not set(DELAYS) <= set(estimates):
         raise InputError(
-            f"no valley to draw: expected draws and estimates of {' and '.join(_DELAYS)}."
+            f"no posterior to draw: expected draws and estimates of {' and '.join(DELAYS)}."
         )
-    points = 1e3 * np.array([draws[name] for name in _DELAYS], np.float64).T
-    best = np.array([1e3 * estimates[name].value for name in _DELAYS])
-    paper = np.array([1e3 * float(getattr(crazyflie(), name)) for name in _DELAYS])
+    points = 1e3 * np.array([draws[name] for name in DELAYS], np.float64).T
+    best = np.array([1e3 * estimates[name].value for name in DELAYS])
+    paper = np.array([1e3 * float(getattr(crazyflie(), name)) for name in DELAYS])
     box = 1e3 * np.reshape(np.array([*truth, *truth[:1]], np.float64), (-1, 2))
     curves = {share: _ellipse(points, share) for share in SHARES}
-    sides = np.array([1e3 * np.array(estimates[name].interval) for name in _DELAYS]).T
+    sides = np.array([1e3 * np.array(estimates[name].interval) for name in DELAYS]).T
     near = np.concatenate([points, sides, [best], box, *curves.values()])
     middle, reach = (near.max(axis=0) + near.min(axis=0)) / 2, np.ptp(near, axis=0)
-    # A cloud is to be seen, though the paper's drone may be far from it.
+    # The samples are to be seen, though the paper's drone may be far from it.
     inside = bool((np.abs(paper - middle) < 1.5 * reach).all())
     seen = np.concatenate([near, [paper]]) if inside else near
     spot = Panel(0, 0, 24, 12, (0, 2), (0, 2))
-    entries = [(svg.dots(spot, [1], [1], "fine", "blue"), "drone that the flights speak for")]
+    entries = [(svg.dots(spot, [1], [1], "fine", "blue"), "posterior sample")]
     entries.append((svg.stroke("M0 6H24", "line", "blue"), f"{100 * SHARES[1]:.0f} % of them"))
     entries.append((svg.stroke("M0 6H24", "thin", "blue"), f"{100 * SHARES[0]:.0f} %"))
     legend, tall = svg.legend(
@@ -256,18 +262,16 @@ def cloud(
     content.append(_marked(panel, best, paper, box, sides))
     outside, grid = svg.axes(
         panel,
-        f"motor time constant {svg.symbol(_DELAYS[0])} [ms]",
-        f"latency {svg.symbol(_DELAYS[1])} [ms]",
+        _label("motor time constant", DELAYS[0]),
+        _label("latency", DELAYS[1]),
         room=42,
     )
-    parts = [legend, outside, svg.framed(panel, [grid, *content], "valley")]
-    return svg.picture(width, panel.top + panel.height + 46, "The valley of the objective", parts)
+    parts = [legend, outside, svg.framed(panel, [grid, *content], "delays")]
+    return svg.picture(width, panel.top + panel.height + 46, "Posterior of the delays", parts)
 
 
 def _ellipse(points: Float[np.ndarray, "n 2"], share: float) -> Float[np.ndarray, "m 2"]:
-    """The ellipse that holds a share of a normal distribution with the points' mean and
-    covariance.
-    """
+    """The ellipse that holds a share of the normal distribution of the points."""
     turn = np.linspace(0, 2 * np.pi, 97)
     spread, axes = np.linalg.eigh(
         np.atleast_2d(np.cov(points.T)) if len(points) > 2 else np.zeros((2, 2))
@@ -279,9 +283,7 @@ def _ellipse(points: Float[np.ndarray, "n 2"], share: float) -> Float[np.ndarray
 def _marked(
     panel: Panel, best: np.ndarray, paper: np.ndarray, box: np.ndarray, sides: np.ndarray | None
 ) -> str:
-    """Truth, the paper's drone and the optimum with its interval, in the order in which they cover
-    each other.
-    """
+    """Truth, the paper's drone and the optimum with its interval, the later over the earlier."""
     drawn = svg.line(panel, box[:, 0], box[:, 1], "", "green") + svg.diamond(
         *panel.at(*paper), "purple"
     )
