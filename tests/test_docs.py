@@ -21,6 +21,7 @@ import maidenflight as mf
 from maidenflight import cli, parameters, policy
 from maidenflight.flights import log
 from maidenflight.policy import Policy
+from maidenflight.simulator import reality as registry
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.tasks import Task
@@ -215,6 +216,37 @@ def test_the_python_and_the_commands_of_the_realities_page_run(
         monkeypatch.setattr(sys, "argv", arguments + LESS_WORK[arguments[1]])
         cli.main()
     assert Path("recorded/reality.toml").exists()
+
+
+def test_a_reality_of_ones_own_as_the_page_on_extending_shows_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    made, used, entered = blocks("docs/extending.md", "python")[-3:]
+    monkeypatch.setattr(mf, "transfer", partial(mf.transfer, duration=0.5), raising=False)
+    monkeypatch.setattr(registry, "REALITIES", dict(registry.REALITIES))
+    names: dict[str, Any] = {"policies": [policy.untrained(jax.random.key(0))]}
+    for snippet in (
+        made,
+        used.replace("flights=2, duration=4.0", "flights=1, duration=1.0"),
+        entered,
+    ):
+        exec(compile(snippet, "docs/extending.md", "exec"), names)
+    (flight,) = names["flights"]
+    assert np.abs(flight.attitude[:, :2]).max() < 0.4
+    assert np.abs(flight.position[:, 2] - 1.0).max() < 0.2
+    assert set(names["flown"].table["reality"]) == {"virtual-7", "mine"}
+    assert mf.reality("mine:0").name == "mine"
+    Path("my_simulator.py").write_text(made)
+    policy.write("policies/policy_1.json", policy.untrained(jax.random.key(0)))
+    (command,) = [
+        shlex.split(line)
+        for line in blocks("docs/extending.md", "sh")[-1].splitlines()
+        if "--reality" in line
+    ]
+    monkeypatch.setattr(sys, "argv", command + LESS_WORK["transfer"])
+    monkeypatch.setattr("sys.path", list(sys.path))
+    cli.main()
+    assert "mine" in Path("transfer/flights.csv").read_text()
 
 
 def test_every_command_that_a_page_shows_is_one_that_there_is() -> None:
