@@ -52,8 +52,8 @@ from maidenflight.training.train import recorded, train
 RANDOMIZATION = 0.10
 """Half width of the box of drones to train over."""
 QUICK = {
-    "pwm": AnalyticGradient(updates=400, hidden_rate=0.0),
-    "attitude_rate": AnalyticGradient(updates=300, horizon=32, hidden_rate=0.0),
+    "pwm": AnalyticGradient(updates=400, hidden_learning_rate=0.0),
+    "attitude_rate": AnalyticGradient(updates=300, horizon=32, hidden_learning_rate=0.0),
 }
 """Settings of training, by control structure: a quarter as long as the command line's, and by Adam
 alone, as docs/studies/ablations.md was measured."""
@@ -76,7 +76,7 @@ class Variant(NamedTuple):
     name: str = BASELINE
     action_penalty: float = ACTION_PENALTY
     action_rate_penalty: float = ACTION_RATE_PENALTY
-    excess: float = AnalyticGradient.excess
+    excess: float = AnalyticGradient.action_excess_penalty
     """Our training's own cost of actions beyond [-1, 1]."""
     highest_rate: float = HIGHEST_RATE
     """[deg/s]."""
@@ -720,7 +720,9 @@ def run(given: argparse.Namespace) -> None:
     chosen = [one for one in VARIANTS if one.control in (given.control or QUICK)]
     updates = {kind: given.updates or settings.updates for kind, settings in QUICK.items()}
     settings = {
-        one: replaced(QUICK[one.control], updates=updates[one.control], excess=one.excess)
+        one: replaced(
+            QUICK[one.control], updates=updates[one.control], action_excess_penalty=one.excess
+        )
         for one in chosen
     }
     made = {one: record({**one._asdict(), **recorded(settings[one])}) for one in chosen}

@@ -6,7 +6,7 @@ structure about an identified drone: on the drone itself (`none`), on a box of +
 (`box`, the paper's fields) and on the drones that its flights leave possible (`posterior`), each as
 `maidenflight train` does it but half as long; and by a `recipe` that shall transfer: over a box
 that also covers trims and drones unlike it (`wide_box`), for longer, and with a price on turning
-away (`facing`). Each policy flies 200 times on drones of the posterior and 200 times with the trims
+away (`with_yaw_penalty`). Each policy flies 200 times on drones of the posterior and 200 times with the trims
 that differ from flight to flight, as real flights would be flown, and 16 times in each of some
 realities that training has not seen. It writes `flights.csv` with a row a flight and
 `randomization.svg`, and prints shares of flights that reach 20 s, differences between
@@ -74,9 +74,9 @@ class Cell(NamedTuple):
 
 
 QUICK = {
-    "pwm": AnalyticGradient(updates=800, hidden_rate=0.0),
-    "attitude_rate": AnalyticGradient(updates=600, horizon=32, hidden_rate=0.0),
-    "attitude": AnalyticGradient(updates=600, horizon=32, hidden_rate=0.0),
+    "pwm": AnalyticGradient(updates=800, hidden_learning_rate=0.0),
+    "attitude_rate": AnalyticGradient(updates=600, horizon=32, hidden_learning_rate=0.0),
+    "attitude": AnalyticGradient(updates=600, horizon=32, hidden_learning_rate=0.0),
 }
 """Settings of training, by control structure: half as long as the command line's, or less, and by
 Adam alone, as docs/studies/randomization.md was measured."""
@@ -86,13 +86,17 @@ RECIPE = {
 """Those of the recipe: drones that differ more take longer to learn."""
 CELLS = [Cell(kind, randomization) for kind in QUICK for randomization in COLOURS]
 
-HEADING = 0.1
+YAW_PENALTY = 0.1
 """What the recipe's task takes for a radian of heading, a control period."""
 
 
 def task_of(randomization: str) -> Task:
     """The paper's circle; for the recipe with a price on turning away."""
-    return tasks.facing(tasks.circle(), HEADING) if randomization == "recipe" else tasks.circle()
+    return (
+        tasks.with_yaw_penalty(tasks.circle(), YAW_PENALTY)
+        if randomization == "recipe"
+        else tasks.circle()
+    )
 
 
 def settings_of(cell: Cell, updates: int | None) -> AnalyticGradient:
@@ -116,7 +120,7 @@ def trained(
     """
     controller = control.CONTROLLERS[cell.control]()
     drones = workflow.randomized(drone, RANDOMIZATIONS[cell.randomization], controller)
-    priced = {"heading": HEADING} if cell.randomization == "recipe" else {}
+    priced = {"yaw_penalty": YAW_PENALTY} if cell.randomization == "recipe" else {}
     said = {
         **cell._asdict(),
         "drones": str(drones),

@@ -462,13 +462,13 @@ def test_policies_are_trained_over_what_flights_leave_possible(
     assert code == 0, err
     made = json.loads((policies / "policy_1.json").read_text())["record"]["settings"]
     assert made["randomization"] == "posterior"
-    assert "heading" not in made
+    assert "yaw_penalty" not in made
     code, out, err = run(
-        monkeypatch, capsys, *trained[:-2], "wide", "--heading", 0.1, "--overwrite"
+        monkeypatch, capsys, *trained[:-2], "wide", "--yaw-penalty", 0.1, "--overwrite"
     )
     assert code == 0, err
     made = json.loads((policies / "policy_1.json").read_text())["record"]["settings"]
-    assert (made["randomization"], made["heading"]) == ("wide", 0.1)
+    assert (made["randomization"], made["yaw_penalty"]) == ("wide", 0.1)
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ QUICK = Plan(
     duration=4.0,
     identification=Likelihood(trials=1, evaluations=15),
     policies=2,
-    learner=AnalyticGradient(updates=2, evaluations=1, drones=4, horizon=4, episodes=4),
+    learner=AnalyticGradient(updates=2, evaluations=1, num_envs=4, horizon=4, episodes=4),
     flight_trials=2,
     longest=0.5,
 )

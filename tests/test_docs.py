@@ -29,7 +29,7 @@ from maidenflight.simulator.virtual_drone import VirtualDrone
 
 ROOT = Path(__file__).parent.parent
 QUICK = mf.AnalyticGradient(
-    updates=2, evaluations=1, drones=4, horizon=4, episodes=4, hidden_rate=0.0
+    updates=2, evaluations=1, num_envs=4, horizon=4, episodes=4, hidden_learning_rate=0.0
 )
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 LESS_WORK = {
@@ -274,11 +274,11 @@ def test_the_commands_of_the_zero_shot_page_run(monkeypatch: pytest.MonkeyPatch)
         duration = 0.5
         [control.pwm]
         updates = 2
-        drones = 4
+        num_envs = 4
         horizon = 4
         evaluations = 1
         episodes = 4
-        hidden_rate = 0
+        hidden_learning_rate = 0
     """
     for command in blocks("docs/zero-shot.md", "sh")[0].splitlines():
         words = shlex.split(command, comments=True)

@@ -254,11 +254,11 @@ def test_the_help_of_training_tells_how_many_updates_are_usual() -> None:
 
 def test_a_checkpoint_of_other_settings_says_which(tmp_path: Path) -> None:
     path, state = tmp_path / "training.npz", np.zeros(2, np.float32)
-    words = {"settings": {"updates": 300, "drones": 4}, "history": 2}
+    words = {"settings": {"updates": 300, "num_envs": 4}, "history": 2}
     checkpoint.save(path, state, checkpoint.fingerprint(words, state))
     for others, numbers, says in (
         (
-            {**words, "settings": {"updates": 500, "drones": 4}},
+            {**words, "settings": {"updates": 500, "num_envs": 4}},
             state,
             r"another training: updates was 300 and is 500\. Give",
         ),

@@ -135,7 +135,7 @@ def test_figure_4_draws_the_flights_of_a_matrix_and_draws_them_again_from_the_ta
         duration = 0.3
         [control.pwm]
         updates = 3
-        drones = 2
+        num_envs = 2
         horizon = 2
         hidden = [8]
         evaluations = 1

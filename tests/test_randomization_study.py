@@ -127,15 +127,15 @@ def test_drones_of_each_randomization_are_about_the_identified_one_and_the_recip
     unknown = parameters.write(tmp_path / "plain.toml", drone)
     plain = jax.vmap(partial(randomize, workflow.randomized(unknown, "wide", control.pwm())))(keys)
     assert not np.any(plain.torque_bias)
-    assert "heading" not in study.task_of("box").name
-    assert "heading" in study.task_of("recipe").name
+    assert "yaw penalty" not in study.task_of("box").name
+    assert "yaw penalty" in study.task_of("recipe").name
 
 
 @pytest.mark.slow
 def test_policies_train_and_fly_and_a_second_run_draws_from_the_tables(
     study: Any, tmp_path: Path, monkeypatch: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    settings = study.AnalyticGradient(updates=1, drones=2, horizon=2, hidden=(8,), episodes=2)
+    settings = study.AnalyticGradient(updates=1, num_envs=2, horizon=2, hidden=(8,), episodes=2)
     monkeypatch.setattr(study, "QUICK", {"pwm": settings})
     made = tmp_path / "made"
     few = [

@@ -27,7 +27,7 @@ SOURCE = Path(maidenflight.__file__).parent
 FREE = {
     "results.py": "the one that writes",
     "link/rows.py": "packets of a real flight are appended as they come",
-    "training/scoreboards.py": "event files, written by their own packages while training goes on",
+    "training/loggers.py": "event files, written by their own packages while training goes on",
     "reporting/live.py": "recordings, written by rerun while training goes on",
     "training/checkpoint.py": "an archive in memory",
     "cli/cache.py": "the cache of compiled programs",

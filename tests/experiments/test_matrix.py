@@ -25,12 +25,12 @@ duration = 1
 [control.attitude]
 rate = 100
 updates = 2
-drones = 2
+num_envs = 2
 horizon = 2
 evaluations = 1
 episodes = 2
 hidden = [8]
-hidden_rate = 0
+hidden_learning_rate = 0
 """
 
 

@@ -354,14 +354,16 @@ def test_a_task_with_a_price_on_turning_away_pays_so_much_less_and_is_one_object
     state = dynamics.at_hover(SETPOINT, PAPER)._replace(
         quaternion=rotations.from_attitude(float32([0.1, -0.2, yaw]))
     )
-    priced = tasks.facing(task, 0.1)
-    lost = task.reward(state, SETPOINT, STILL, STILL) - priced.reward(state, SETPOINT, STILL, STILL)
+    penalised = tasks.with_yaw_penalty(task, 0.1)
+    lost = task.reward(state, SETPOINT, STILL, STILL) - penalised.reward(
+        state, SETPOINT, STILL, STILL
+    )
     assert lost == pytest.approx(0.1 * abs(yaw), abs=1e-6)
-    assert priced is tasks.facing(task, 0.1)
-    assert priced.name not in (task.name, tasks.facing(task, 0.2).name)
-    assert (priced.failure, priced.danger, priced.duration) == (
+    assert penalised is tasks.with_yaw_penalty(task, 0.1)
+    assert penalised.name not in (task.name, tasks.with_yaw_penalty(task, 0.2).name)
+    assert (penalised.failure, penalised.failure_margin, penalised.duration) == (
         task.failure,
-        task.danger,
+        task.failure_margin,
         task.duration,
     )
 
@@ -393,7 +395,7 @@ def test_each_task_says_why_it_failed():
 
 
 @pytest.mark.parametrize("task", [CIRCLE, HOVER, TAKE_OFF, TRACKING], ids=lambda task: task.name)
-def test_danger_is_at_least_one_where_a_task_has_failed_and_has_a_slope_everywhere(task):
+def test_the_failure_margin_is_positive_only_while_safe_and_has_a_finite_gradient_everywhere(task):
     sizes = float32([0.4] * 3 + [1.5, 1.5, 3.0] + [6.0] * 3)
     draws = sizes * np.random.default_rng(4).uniform(-1.0, 1.0, (2000, 9)).astype(np.float32)
     wild = dynamics.State(
@@ -405,15 +407,16 @@ def test_danger_is_at_least_one_where_a_task_has_failed_and_has_a_slope_everywhe
     )
     calm = jax.tree.map(lambda leaf: leaf[None], dynamics.at_hover(SETPOINT, PAPER))
     states = jax.tree.map(lambda *parts: jnp.concatenate(parts), calm, wild)
-    danger, slope = jax.vmap(jax.value_and_grad(lambda state: task.danger(state, SETPOINT)))(states)
+    margin_of = jax.value_and_grad(lambda state: task.failure_margin(state, SETPOINT))
+    margin, slope = jax.vmap(margin_of)(states)
     failed = np.asarray(jax.vmap(lambda state: task.failure(state, SETPOINT))(states)) > 0
     # Whoever stays on the ground fails by that alone, wherever the set-point is.
     failed &= np.asarray(states.position[:, 2] >= tasks.AIRBORNE_HEIGHT_M) | (task is not TAKE_OFF)
     assert 100 < failed.sum() < 1990
-    assert np.all(danger[failed] >= 1.0 - 1e-6)
+    assert np.all(margin[failed] <= 1e-6)
     if task in (CIRCLE, TRACKING):
-        assert np.all(danger[~failed] <= 1.0 + 1e-6)
-    assert float(danger[0]) == 0.0
+        assert np.all(margin[~failed] >= -1e-6)
+    assert float(margin[0]) == 1.0
     for leaf in jax.tree.leaves(slope):
         assert np.all(np.isfinite(leaf))
 
@@ -434,12 +437,12 @@ def test_a_length_of_what_is_not_a_number_is_not_a_number():
         (
             lambda time: np.array([np.sin(time), 0.0, 1.0]),
             1.0,
-            "no function of time that JAX can follow",
+            "not a function of time that JAX can trace",
         ),
         (
             lambda time: jnp.zeros(3) if time > 1 else jnp.ones(3),
             1.0,
-            "no function of time that JAX can follow",
+            "not a function of time that JAX can trace",
         ),
         (lambda time: jnp.zeros(3), -1.0, "duration = -1.0 s of an episode; expected more than 0"),
     ],

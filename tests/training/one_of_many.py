@@ -19,7 +19,13 @@ if __name__ == "__main__":
     if count > 1:
         jax.distributed.initialize(f"localhost:{port}", count, number)
     assert len(jax.devices()) == count
-    few: dict[str, Any] = {"updates": 6, "drones": 8, "horizon": 8, "evaluations": 2, "episodes": 8}
+    few: dict[str, Any] = {
+        "updates": 6,
+        "num_envs": 8,
+        "horizon": 8,
+        "evaluations": 2,
+        "episodes": 8,
+    }
     keys = jax.random.split(jax.random.key(0), 2)
     # Each device shuffles its own drones' periods: only a whole batch holds the same ones however
     # many devices there are.

@@ -22,7 +22,7 @@ def test_an_update_changes_the_network_and_nothing_else_of_a_policy(
 ) -> None:
     controller, settings = (
         control.CONTROLLERS[structure](),
-        AnalyticGradient(drones=2, horizon=2, learning_rate=0.01),
+        AnalyticGradient(num_envs=2, horizon=2, learning_rate=0.01),
     )
     drone = replace(crazyflie(), time_step=np.float32(control.time_step(controller)))
     world, box, keys = (
@@ -41,7 +41,9 @@ def test_an_update_changes_the_network_and_nothing_else_of_a_policy(
     ]
     # Adam's first step is 1 to 1.5 times its rate in every weight, Muon's its rate in every
     # direction, as well as five iterations tell.
-    moved = [(np.linalg.norm(step, ord=2, axis=(1, 2)), settings.hidden_rate) for step in hidden]
+    moved = [
+        (np.linalg.norm(step, ord=2, axis=(1, 2)), settings.hidden_learning_rate) for step in hidden
+    ]
     for far, expected in [*moved, (np.abs(last).max(axis=(1, 2)), settings.learning_rate)]:
         assert ((far > 0.5 * expected) & (far < 1.6 * expected)).all(), far
     again = analytic_gradient.learn(world, settings, box, before, keys, 0, 1)
@@ -50,7 +52,7 @@ def test_an_update_changes_the_network_and_nothing_else_of_a_policy(
 
 
 def test_without_a_rate_for_hidden_layers_adam_steps_everywhere_and_its_steps_shrink() -> None:
-    settings = AnalyticGradient(updates=50, learning_rate=0.01, hidden_rate=0.0)
+    settings = AnalyticGradient(updates=50, learning_rate=0.01, hidden_learning_rate=0.0)
     network = untrained(jax.random.key(0), (8, 8), 2, control.pwm()).network
     rule = analytic_gradient._optimiser(settings)
     with jax.numpy_dtype_promotion("standard"):
@@ -120,7 +122,7 @@ def test_a_lost_drone_is_held_and_gives_no_gradient() -> None:
 
 @pytest.mark.slow
 def test_a_failure_costs_most_and_what_is_lost_anyway_pulls_no_more() -> None:
-    """The slope of the cost of a failure is that of a sigmoid of the greatest danger."""
+    """The slope of the cost of a failure is that of a sigmoid of the smallest margin."""
     simulated, drone = Environment(), noiseless(crazyflie())
     env_state, policy = (
         environment.reset(simulated, drone, jax.random.key(2)),
@@ -137,7 +139,7 @@ def test_a_failure_costs_most_and_what_is_lost_anyway_pulls_no_more() -> None:
             )[0]
 
         values = [
-            jax.value_and_grad(cost)(away, AnalyticGradient(horizon=4, failure=failure))
+            jax.value_and_grad(cost)(away, AnalyticGradient(horizon=4, failure_penalty=failure))
             for failure in (0.0, 5.0)
         ]
         return values[1][0] - values[0][0], values[1][1] - values[0][1]
@@ -153,8 +155,8 @@ def test_a_share_of_the_drones_starts_anew_after_each_update() -> None:
     keys, drones = jax.random.split(jax.random.key(5), 1), 64
     drone = crazyflie()
     world, box = Environment.matching(drone), relative_box(drone)
-    settings = AnalyticGradient(drones=drones, horizon=2, restart=0.3, hidden=(8,))
+    settings = AnalyticGradient(num_envs=drones, horizon=2, reset_fraction=0.3, hidden=(8,))
     learners = analytic_gradient.learn(
         world, settings, box, analytic_gradient.begin(world, settings, box, keys), keys, 0, 1
     )
-    assert 8 <= int(jnp.sum(learners.drones.env_state.elapsed == 0.0)) <= 30
+    assert 8 <= int(jnp.sum(learners.instances.env_state.elapsed == 0.0)) <= 30

@@ -25,7 +25,7 @@ BOX = relative_box(replace(crazyflie(), motor_time_constant=0.04, latency=0.0), 
 SIMULATED = Environment.matching(BOX.centre, tasks.circle()._replace(duration=0.6))
 SMALL = PPO(
     updates=250,
-    drones=128,
+    num_envs=128,
     horizon=16,
     learning_rate=4e-3,
     critic_learning_rate=3e-3,
@@ -35,7 +35,7 @@ SMALL = PPO(
 TINY = changed(
     SMALL,
     updates=4,
-    drones=8,
+    num_envs=8,
     horizon=4,
     hidden=(8,),
     critic_hidden=(8,),
@@ -102,10 +102,16 @@ def test_interrupted_training_goes_on_to_the_same_policies(tmp_path: Path) -> No
 
 @pytest.mark.slow
 def test_the_policy_normalises_by_all_observations_so_far(learned: Any) -> None:
-    np.testing.assert_array_equal(learned.sights.seen, SMALL.updates * SMALL.drones * SMALL.horizon)
-    np.testing.assert_array_equal(learned.policy.observation_mean, learned.sights.mean[:, :40])
-    np.testing.assert_array_equal(learned.policy.observation_std, learned.sights.deviation[:, :40])
-    shares = learned.sights.mean[
+    np.testing.assert_array_equal(
+        learned.observation_moments.seen, SMALL.updates * SMALL.num_envs * SMALL.horizon
+    )
+    np.testing.assert_array_equal(
+        learned.policy.observation_mean, learned.observation_moments.mean[:, :40]
+    )
+    np.testing.assert_array_equal(
+        learned.policy.observation_std, learned.observation_moments.deviation[:, :40]
+    )
+    shares = learned.observation_moments.mean[
         :, -10:-1
     ]  # of the centre's constants, all but the latency, which is 0
     np.testing.assert_allclose(shares, jnp.ones_like(shares), atol=0.02)
@@ -118,7 +124,7 @@ def _plain_advantages(
     terminated: Any,
     truncated: Any,
     discount: float,
-    trace: float,
+    gae_lambda: float,
 ) -> Any:
     found = np.zeros(len(rewards))
     for first in range(len(rewards)):
@@ -129,7 +135,7 @@ def _plain_advantages(
             )
             if terminated[now] or truncated[now]:
                 break
-            weight *= discount * trace
+            weight *= discount * gae_lambda
     return found
 
 
@@ -141,7 +147,9 @@ def test_advantages_are_those_of_a_plain_loop() -> None:
     assert terminated.any()
     assert truncated.any()
     found = advantages(
-        *map(jnp.asarray, (rewards, values, after, terminated, truncated)), discount=0.9, trace=0.8
+        *map(jnp.asarray, (rewards, values, after, terminated, truncated)),
+        discount=0.9,
+        gae_lambda=0.8,
     )
     plain = _plain_advantages(rewards, values, after, terminated, truncated, 0.9, 0.8)
     np.testing.assert_allclose(found, plain, rtol=1e-4, atol=1e-5)
@@ -155,7 +163,9 @@ def test_what_comes_after_failure_is_nothing_and_after_the_time_limit_the_critic
     terminated: bool, truncated: bool, expected: float
 ) -> None:
     ends = jnp.array([terminated]), jnp.array([truncated])
-    found = advantages(jnp.ones(1), jnp.zeros(1), jnp.full(1, 7.0), *ends, discount=0.5, trace=0.9)
+    found = advantages(
+        jnp.ones(1), jnp.zeros(1), jnp.full(1, 7.0), *ends, discount=0.5, gae_lambda=0.9
+    )
     assert float(found[0]) == expected
 
 
@@ -165,18 +175,26 @@ def test_the_value_at_an_end_is_of_the_drone_before_another_takes_over() -> None
     simulated, settings = Environment.matching(BOX.centre, short), PPO(horizon=16)
     policy = untrained(jax.random.key(1))
     drone = randomized_reset(simulated, BOX, jax.random.key(2))
-    fly = jax.jit(partial(ppo._fly, simulated, settings))
+    fly = jax.jit(partial(ppo._rollout, simulated, settings))
     _, _, flown = fly(BOX, policy, jnp.float32(0.1), drone, jnp.zeros(()), jax.random.key(3))
     over = np.asarray(flown.truncated)
     np.testing.assert_array_equal(np.flatnonzero(over), [4, 9, 14])
     assert not np.any(flown.terminated)
     goes_on = ~over[:-1]
-    np.testing.assert_array_equal(flown.sight_after[:-1][goes_on], flown.sight[1:][goes_on])
+    np.testing.assert_array_equal(
+        flown.next_critic_observation[:-1][goes_on], flown.critic_observation[1:][goes_on]
+    )
     # The newest of the two instants that a drone saw last is not what the next one sees first, nor
     # is its last action.
-    np.testing.assert_array_equal(flown.sight_after[:, 36:40], flown.action)
+    np.testing.assert_array_equal(flown.next_critic_observation[:, 36:40], flown.action)
     assert np.all(
-        np.any(np.asarray(flown.sight_after[:-1][over[:-1]] != flown.sight[1:][over[:-1]]), axis=1)
+        np.any(
+            np.asarray(
+                flown.next_critic_observation[:-1][over[:-1]]
+                != flown.critic_observation[1:][over[:-1]]
+            ),
+            axis=1,
+        )
     )
     discounted = 0.0
     for number, reward in enumerate(np.asarray(flown.reward, float)):
@@ -227,10 +245,10 @@ def test_the_running_moments_are_those_of_all_samples_on_all_devices() -> None:
 
 def test_the_papers_settings_are_the_papers() -> None:
     paper = PPO.paper()
-    assert paper.drones * paper.horizon == 64_000
+    assert paper.num_envs * paper.horizon == 64_000
     assert recorded(paper) == {
         "updates": 500,
-        "drones": 64,
+        "num_envs": 64,
         "horizon": 1000,
         "hidden": [50, 50],
         "critic_hidden": [64, 64],
@@ -243,11 +261,11 @@ def test_the_papers_settings_are_the_papers() -> None:
         "critic_minibatches": 16,
         "clip": 0.2,
         "discount": 0.99,
-        "trace": 0.95,
-        "standardised": False,
-        "largest_reward": 10.0,
-        "first_noise": 0.5,
-        "last_noise": 0.01,
+        "gae_lambda": 0.95,
+        "normalize_advantages": False,
+        "reward_clip": 10.0,
+        "initial_noise_std": 0.5,
+        "final_noise_std": 0.01,
         "evaluations": 15,
         "episodes": 128,
     }
@@ -257,7 +275,8 @@ def test_the_papers_settings_are_the_papers() -> None:
 def test_only_a_critic_that_may_sees_the_truth() -> None:
     drone = randomized_reset(SIMULATED, BOX, jax.random.key(1))
     blind, seeing = (
-        ppo._sight(SIMULATED, settings, BOX.centre, drone) for settings in (PPO.paper(), PPO())
+        ppo._critic_observation(SIMULATED, settings, BOX.centre, drone)
+        for settings in (PPO.paper(), PPO())
     )
     np.testing.assert_array_equal(blind, seeing[:40])
     state = drone.env_state.state

@@ -23,12 +23,12 @@ from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import relative_box
 from maidenflight.training import train as module
 from maidenflight.training.analytic_gradient import AnalyticGradient
-from maidenflight.training.evaluation import evaluate
+from maidenflight.training.evaluation import Evaluation, evaluate
 from maidenflight.training.train import Progress, train
 
 BOX = relative_box(replace(crazyflie(), motor_time_constant=0.08, latency=0.012), 0.10)
-TINY = AnalyticGradient(updates=4, drones=4, horizon=4, hidden=(8,), evaluations=4, episodes=4)
-SMALL = AnalyticGradient(updates=400, drones=16, horizon=64, evaluations=4, episodes=32)
+TINY = AnalyticGradient(updates=4, num_envs=4, horizon=4, hidden=(8,), evaluations=4, episodes=4)
+SMALL = AnalyticGradient(updates=400, num_envs=16, horizon=64, evaluations=4, episodes=32)
 TASK, CONTROLLER = tasks.circle(), control.pwm()
 """The same objects in every test, so that training is compiled once a file."""
 KEYS = jax.random.split(jax.random.key(5), 2)
@@ -207,6 +207,19 @@ def test_a_full_disk_is_said_in_a_line_and_training_goes_on_when_there_is_space(
     )
 
 
+def training_that_gives(*policies: Policy) -> Any:
+    """In place of `train`: one evaluation, a checkpoint, and these policies."""
+
+    def given(*arguments: Any) -> tuple[Policy, ...]:
+        *_, keys, _, on_progress, saved, _ = arguments
+        score = Evaluation(*(jnp.zeros(len(keys)) for _ in Evaluation._fields))
+        on_progress(Progress(1, 1, score))
+        Path(saved).touch()
+        return policies
+
+    return given
+
+
 def test_what_a_killed_run_left_is_cleared_and_does_not_stand_in_the_way(
     tmp_path: Path, monkeypatch: Any
 ) -> None:
@@ -218,9 +231,7 @@ def test_what_a_killed_run_left_is_cleared_and_does_not_stand_in_the_way(
         options.must_be_new(tmp_path, False)
     with pytest.raises(InputError, match=r"no training to resume\. Leave out --resume"):
         workflow.train_for("crazyflie", 0, tmp_path, 1, TINY, 0.1, resume=True)
-    monkeypatch.setattr(
-        "maidenflight.workflow.training.train", lambda *_: (tmp_path / "training.npz").touch() or ()
-    )
+    monkeypatch.setattr("maidenflight.workflow.training.train", training_that_gives())
     workflow.train_for("crazyflie", 0, tmp_path, 1, TINY, 0.1)
     assert [path.name for path in tmp_path.iterdir()] == ["training.csv"]
 
@@ -231,10 +242,7 @@ def test_policies_of_an_earlier_training_of_more_go(tmp_path: Path, monkeypatch:
         policy.write(tmp_path / f"policy_{number}.json", older, {"number": number})
     policy.write(tmp_path / "policy_4.json", older, {"note": "put here by somebody"})
     (tmp_path / "policy_5.json").write_text("not a policy")
-    monkeypatch.setattr(
-        "maidenflight.workflow.training.train",
-        lambda *_: (tmp_path / "training.npz").touch() or (older,),
-    )
+    monkeypatch.setattr("maidenflight.workflow.training.train", training_that_gives(older))
     workflow.train_for("crazyflie", 7, tmp_path, 1, TINY, 0.1)
     assert sorted(path.name for path in tmp_path.glob("*.json")) == [
         "policy_1.json",

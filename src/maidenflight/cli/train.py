@@ -1,4 +1,4 @@
-"""train: policies around a drone."""
+"""The command train."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -12,7 +12,7 @@ import click
 from maidenflight import cores, run_folder, terminal
 from maidenflight.cli import options
 from maidenflight.cli.interruption import resumable
-from maidenflight.training.scoreboards import BOARDS
+from maidenflight.training.loggers import LOGGERS
 
 if TYPE_CHECKING:
     from maidenflight.training.evaluation import Evaluation
@@ -44,21 +44,21 @@ if TYPE_CHECKING:
     default=3,
     show_default=True,
     type=click.IntRange(1, 64),
-    help="How many, each from its own seed.",
+    help="Number of policies, each with its own seed.",
 )
 @click.option(
     "--history",
     default=2,
     show_default=True,
     type=click.IntRange(1, 50),
-    help="Instants that a policy sees: the last so many.",
+    help="Number of last instants in a policy's observation.",
 )
 @click.option(
     "--method",
     default="gradient",
     show_default=True,
     type=click.Choice(["gradient", "ppo"]),
-    help="How policies learn.",
+    help="Training method.",
 )
 @click.option(
     "--updates",
@@ -72,30 +72,28 @@ if TYPE_CHECKING:
     default="0.1",
     show_default=True,
     callback=options.randomization("posterior", "wide"),
-    help="Half width of the parameters' box; posterior: the drones that the identified flights "
-    "leave possible; or wide: drones unlike it"
-    " too, with all the constant torques that its flights had.",
+    help="Half width of the parameters' box; posterior: samples of the identified posterior; or "
+    "wide: a wide box, with the constant torques of all its flights.",
 )
 @click.option(
-    "--heading",
+    "--yaw-penalty",
     default=0.0,
     show_default=True,
     type=options.Range(0.0, 10.0),
-    help="Price of a radian of heading, a control period; 0.1 keeps a drone from turning away in "
-    "long flights, of which the paper's reward"
-    " says nothing.",
+    help="Cost of a radian of yaw, per control period; 0.1 keeps the yaw near 0 in long flights. "
+    "The paper's reward does not depend on yaw.",
 )
 @click.option(
     "--resume",
     is_flag=True,
-    help="Go on with training that was interrupted in the folder, with the same result.",
+    help="Resume training that was interrupted in the folder, with the same result.",
 )
 @click.option(
     "--log",
-    "boards",
+    "logger_names",
     multiple=True,
-    type=click.Choice(list(BOARDS)),
-    help="Show scores there too, as they come: event files in OUTPUT/tensorboard, or Weights & "
+    type=click.Choice(list(LOGGERS)),
+    help="Log evaluations while training runs: event files in OUTPUT/tensorboard, or Weights & "
     "Biases. May be repeated.",
 )
 @click.option(
@@ -103,8 +101,8 @@ if TYPE_CHECKING:
     is_flag=False,
     flag_value="",
     metavar="[FILE]",
-    help="Show scores and how the best policy flies while training runs: in rerun's viewer, or "
-    "into an .rrd FILE for it.",
+    help="Show evaluations and flights of the best policy while training runs: in rerun's viewer, "
+    "or in an .rrd FILE for it.",
 )
 @options.seed
 @options.as_json
@@ -119,19 +117,18 @@ def train(
     method: str,
     updates: int | None,
     randomize: float | str,
-    heading: float,
+    yaw_penalty: float,
     resume: bool,
-    boards: tuple[str, ...],
+    logger_names: tuple[str, ...],
     view: str | None,
     seed: int,
     as_json: bool,
     overwrite: bool,
 ) -> None:
-    """Train policies around a drone.
+    """Train policies for a drone.
 
-    They learn by gradients through the simulator, or by PPO. Interrupted, by Ctrl-C or anything
-    else, it loses at most what it learned since the last score: give the same command with
-    --resume.
+    By gradients through the simulator, or by PPO. Interrupted training loses at most the updates
+    since the last evaluation: give the same command with --resume.
     """
     options.must_exist(drone_)
     options.must_be_new(output, overwrite, resume)
@@ -149,7 +146,7 @@ def train(
 
         def hear(progress: "Progress") -> None:
             nonlocal began
-            # The first score comes after compiling, and those of a resumed training come at once.
+            # The first evaluation includes compilation; those of a checkpoint take no time.
             rate = (
                 (progress.steps - heard[0].steps) / (time.perf_counter() - began) if heard else None
             )
@@ -170,9 +167,9 @@ def train(
             control,
             task,
             resume,
-            boards,
+            logger_names,
             history,
-            heading,
+            yaw_penalty,
         )
     scores = _scores(heard, count)
     content = {
@@ -192,7 +189,9 @@ def train(
         ]
         terminal.table("Trained policies", ["policy", "return", "survival", "position error"], rows)
         if falling := [
-            row[0] for row, score in zip(rows, scores, strict=True) if score["survival"] < _FLIES
+            row[0]
+            for row, score in zip(rows, scores, strict=True)
+            if score["survival"] < _MIN_SURVIVAL
         ]:
             print(
                 f"note: {', '.join(falling)} hardly ever last an episode; train with more "
@@ -203,12 +202,12 @@ def train(
     options.emit(as_json, content, text)
 
 
-_FLIES = 0.1
-"""Survival below which a policy is said not to fly."""
+_MIN_SURVIVAL = 0.1
+"""Survival below which a policy is reported as not flying."""
 
 
 def _scores(heard: list["Progress"], count: int) -> list[dict[str, float]]:
-    """Each policy's at its best, which is the one that training keeps."""
+    """Each policy's best scores, which are those of the policy that training keeps."""
 
     def best(number: int) -> "Evaluation":
         return reduce(
@@ -226,7 +225,7 @@ def _scores(heard: list["Progress"], count: int) -> list[dict[str, float]]:
 def _watched(
     view: str | None, drone_: str, control: str, task: str
 ) -> Iterator[Callable[["Progress"], None]]:
-    """What shows each score of a training in rerun; nothing unless asked for."""
+    """A function that shows each evaluation in rerun; without --view it does nothing."""
     if view is None:
         yield lambda progress: None
         return

@@ -1,15 +1,14 @@
-"""The paper's experiment: policies trained for many motors, and all of them flown in realities that
-they have not seen.
+"""The paper's experiment: policies trained for many motors and flown in unseen realities.
 
-A matrix has a cell for each control structure, motor lag and latency. Its settings stand in one
-TOML file:
+A matrix has a cell for each control structure, motor time constant and latency. Its settings are
+one TOML file:
 
-    drone = "crazyflie"                     # whose other parameters are kept: a name or a TOML file
+    drone = "crazyflie"                     # nominal parameters: a name or a TOML file
     realities = ["virtual:7"]               # where to fly
-    motor_time_constant = [0.04, 0.08]      # T_m of the drones trained for [s]
-    latency = [0.0, 0.015]                  # and their latency [s]
-    [control.pwm]                           # a control structure; settings of training, those of
-    `AnalyticGradient`, and `rate` updates = 800
+    motor_time_constant = [0.04, 0.08]      # T_m to train for [s]
+    latency = [0.0, 0.015]                  # latency to train for [s]
+    [control.pwm]                           # a control structure: fields of AnalyticGradient, rate
+    updates = 800
 
 Source: Gronauer et al. 2022, sec. Zero-Shot Experiments.
 """
@@ -40,7 +39,7 @@ from maidenflight.training.train import recorded, train
 
 
 class Cell(NamedTuple):
-    """What some policies are trained for."""
+    """Control structure, motor time constant and latency that policies are trained for."""
 
     control: str
     motor_time_constant: float
@@ -56,13 +55,13 @@ class Cell(NamedTuple):
 
 @dataclass(frozen=True)
 class Matrix:
-    """What is trained and flown."""
+    """Settings of training and of the flights."""
 
     controls: Mapping[str, AnalyticGradient]
     """Settings of training, by control structure."""
     rates: Mapping[str, int]
-    """Actions a second in training [Hz], by control structure. All of them fly at their structure's
-    own rate."""
+    """Actions per second in training [Hz], by control structure. All fly at their structure's own
+    rate."""
     motor_time_constant: tuple[float, ...]
     """[s]."""
     latency: tuple[float, ...]
@@ -72,7 +71,7 @@ class Matrix:
     randomization: float = 0.10
     """Half width of the box about each cell's drone."""
     policies: int = 3
-    """Of each cell, each from its own seed."""
+    """Per cell, each with its own seed."""
     trials: int = 3
     """Flights of each policy in each reality."""
     duration: float = MAX_DURATION_S
@@ -81,7 +80,7 @@ class Matrix:
 
     @property
     def cells(self) -> list[Cell]:
-        """All of them, a control structure after the other."""
+        """All cells, ordered by control structure."""
         return [
             Cell(kind, lag, latency)
             for kind in self.controls
@@ -90,7 +89,7 @@ class Matrix:
         ]
 
     def sketch(self) -> "Matrix":
-        """One policy a cell, trained for a third as long: for a look."""
+        """The matrix with one policy per cell and a third of the updates."""
         shorter = {
             kind: dataclasses.replace(one, updates=max(1, one.updates // 3))
             for kind, one in self.controls.items()
@@ -98,7 +97,7 @@ class Matrix:
         return dataclasses.replace(self, controls=shorter, policies=1)
 
     def said(self, cell: Cell) -> dict[str, Any]:
-        """All that a cell's policies depend on but the drone's file and the seed; plain values."""
+        """All settings that a cell's policies depend on, except the drone's file and the seed."""
         own = {
             "randomization": self.randomization,
             "policies": self.policies,
@@ -124,15 +123,14 @@ _PLAIN = {
     "latency": (list, "a list of seconds"),
 }
 _MOST = 10**6
-"""Of whatever is counted in settings of training."""
+"""Upper limit of any number in settings of training."""
 
 
 def read(path: StrPath) -> Matrix:
     """Reads a matrix from its TOML file.
 
     Raises:
-        InputError: the file is not there, not TOML, or says something that a matrix does not have
-            or that cannot be.
+        InputError: the file is missing or not TOML, or an entry is unknown or out of range.
     """
     try:
         told = inputs.from_toml(inputs.text(path))
@@ -193,10 +191,7 @@ def _plain(path: StrPath, name: str, value: Any) -> Any:
 
 
 def _as(kind: type, value: Any) -> Any:
-    """A whole number as a float where one is wanted, infinite where it is too large.
-
-    All else as it is.
-    """
+    """An integer as a float if one is expected, infinite if too large; all else unchanged."""
     return (
         (float(value) if abs(value) < 1e300 else math.inf)
         if kind is float and type(value) is int
@@ -251,17 +246,14 @@ def _settings(path: StrPath, kind: str, told: Mapping[str, Any]) -> tuple[Analyt
 
 
 def _sensible(value: Any) -> bool:
-    """Whether a setting of training is a number that training can use.
-
-    A tuple is of whole numbers.
-    """
+    """Whether a setting of training is in range; tuples hold whole numbers."""
     if isinstance(value, tuple):
         return all(type(entry) is int and _sensible(entry) for entry in value)
     return (value > 0 if type(value) is int else value >= 0) and value <= _MOST
 
 
 def _controller(kind: str, rate: int) -> Controller:
-    """A control structure at another rate than its own."""
+    """A control structure at the rate of training."""
     own = control.CONTROLLERS[kind]()
     if rate == own.action_rate:
         return own
@@ -274,14 +266,12 @@ def _controller(kind: str, rate: int) -> Controller:
 
 
 def train_cell(matrix: Matrix, cell: Cell, nominal: Parameters) -> tuple[Policy, ...]:
-    """Policies of a cell, as trained: at the rate of training.
-
-    They depend neither on the other cells nor on the matrix's place for theirs.
+    """Trains the policies of a cell; they do not depend on the other cells.
 
     Args:
         matrix: settings.
         cell: one of its cells.
-        nominal: the drone whose other parameters are kept.
+        nominal: drone with all other parameters.
     """
     controller = _controller(cell.control, matrix.rates[cell.control])
     drone = replace(
@@ -309,8 +299,7 @@ def train_cell(matrix: Matrix, cell: Cell, nominal: Parameters) -> tuple[Policy,
 def fly(
     matrix: Matrix, policies: Mapping[Cell, Sequence[Policy]], realities: Sequence[AnyReality]
 ) -> polars.DataFrame:
-    """Flies all policies, each at its structure's own rate whatever the rate that it was trained
-    at.
+    """Flies all policies, each at its structure's own rate, not that of training.
 
     Args:
         matrix: settings.
@@ -318,7 +307,7 @@ def fly(
         realities: where to fly.
 
     Returns:
-        A row a flight: control, training_rate [Hz], motor_time_constant and latency trained for
+        One row per flight: control, training_rate [Hz], motor_time_constant and latency trained for
         [s], number (of the policy in its cell), reality, trial, duration [s], end_reason,
         position_error [m].
     """
@@ -355,8 +344,10 @@ def fly(
 
 
 def by_cell(flights: polars.DataFrame, longest: float = MAX_DURATION_S) -> polars.DataFrame:
-    """A row a reality and cell: policies, flights, mean and median flight time [s], and the share
-    of flights that last the longest.
+    """Flight times by reality and cell.
+
+    Policies, flights, mean and median flight time [s], and the share of flights that reach the
+    longest duration.
     """
     duration = polars.col("duration")
     return flights.group_by(

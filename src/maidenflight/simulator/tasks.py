@@ -1,6 +1,4 @@
-"""Tasks: where an episode starts, what the drone shall follow, what that is worth and when it has
-failed.
-"""
+"""Tasks: initial states, reference, reward, failure and the margin to failure."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -43,14 +41,14 @@ class Task(NamedTuple):
     """(parameters) to the command u, in [0, 1], that the motors had before the episode."""
     floor: float | None = None
     """Height [m] at which the drone stands on a floor; `None`: there is no floor."""
-    danger: Callable[[State, Float[Array, "3"]], Float[Array, ""]] | None = None
-    """(state, setpoint) to how near failure is: at least 1 where the drone has failed, and
-    differentiable, as a failure is not; `None`: there is no such measure, and training by gradients
-    learns of failure by distance, tilt and body rates alone."""
+    failure_margin: Callable[[State, Float[Array, "3"]], Float[Array, ""]] | None = None
+    """(state, setpoint) to the differentiable margin to failure as a share of its limit: 1 where
+    nothing is wrong, positive while safe, at most 0 where the drone has failed. `None`: training by
+    gradients learns of failure from distance, tilt and body rates alone."""
 
 
 END_REASONS = ("", "time limit", "not finite", "body rate", "tilt", "position error", "height")
-"""Why an episode ends. Where several hold at once, the first of these is told."""
+"""Why an episode ends. Where several hold at once, it is the first of these."""
 TIME_LIMIT, NOT_FINITE = END_REASONS.index("time limit"), END_REASONS.index("not finite")
 MAX_POSITION_ERROR_M = 0.25
 """Distance from the set-point [m] at which an episode fails (Gronauer et al. 2022, sec.
@@ -153,20 +151,19 @@ def paper_reward(
     action_penalty: float = ACTION_PENALTY,
     action_rate_penalty: float = ACTION_RATE_PENALTY,
 ) -> Float[Array, ""]:
-    """The paper's reward, its penalties negative: -(|e| + 1e-4 |a| + 1e-3 |a - a_previous| + 1e-3
-    |omega|) - 100 if |e| > 0.25 m.
+    """The paper's reward with negative penalties.
 
-    The paper prints the penalties with a plus sign and the terminal reward with a minus; one of
-    them must turn.
+    -(|e| + 1e-4 |a| + 1e-3 |a - a_previous| + 1e-3 |omega|) - 100 if |e| > 0.25 m. The paper prints
+    the penalties with a plus sign and the terminal reward with a minus; their signs must agree.
 
     Args:
         state: the drone after the step.
-        setpoint: where it should be [m].
+        setpoint: desired position [m].
         action: of the step, not clipped.
         previous_action: of the step before.
-        farthest: distance from the set-point [m] beyond which 100 is paid.
-        action_penalty: what |a| costs.
-        action_rate_penalty: what |a - a_previous| costs.
+        farthest: distance from the set-point [m] beyond which 100 is subtracted.
+        action_penalty: weight of |a|.
+        action_rate_penalty: weight of |a - a_previous|.
 
     Source: Gronauer et al. 2022, sec. Experimental Setup.
     """
@@ -180,16 +177,15 @@ def paper_reward(
 
 
 @cache
-def facing(task: Task, price: float) -> Task:
-    """A task with a price on turning away from heading 0 as well.
+def with_yaw_penalty(task: Task, yaw_penalty: float) -> Task:
+    """The task with a cost of yaw.
 
-    The paper's rewards do not look at the heading, and its episodes last 5 s. Constant torques and
-    the gyro's bias turn a drone on, further than training has ever seen, and there the policy is
-    lost.
+    The paper's rewards do not depend on yaw, and its episodes last 5 s. Constant torques and the
+    gyro's bias turn a drone further than training has seen, where the policy fails.
 
     Args:
-        task: the task; what fails stays what it is.
-        price: what a radian of heading costs, a control period.
+        task: the task; its failures stay the same.
+        yaw_penalty: cost of a radian of yaw, per control period.
     """
 
     def reward(
@@ -198,12 +194,12 @@ def facing(task: Task, price: float) -> Task:
         action: Float[Array, "4"],
         previous_action: Float[Array, "4"],
     ) -> Float[Array, ""]:
-        return task.reward(state, setpoint, action, previous_action) - price * jnp.abs(
+        return task.reward(state, setpoint, action, previous_action) - yaw_penalty * jnp.abs(
             rotations.heading(state.quaternion)
         )
 
-    # Its own name, so that no training is resumed at another price.
-    return task._replace(name=f"{task.name}, heading {price:g}", reward=reward)
+    # A name of its own, so that training is not resumed with another penalty.
+    return task._replace(name=f"{task.name}, yaw penalty {yaw_penalty:g}", reward=reward)
 
 
 def too_far(
@@ -238,37 +234,39 @@ def strayed(
     return reason(position_error=too_far(state, setpoint, farthest))
 
 
-def straying(
+def position_margin(
     state: State, setpoint: Float[Array, "3"], farthest: float = MAX_POSITION_ERROR_M
 ) -> Float[Array, ""]:
-    """Distance from the set-point over the distance at which a task fails."""
-    return norm(setpoint - state.position) / farthest
+    """1 less the distance from the set-point over the distance at which a task fails."""
+    return 1.0 - norm(setpoint - state.position) / farthest
 
 
-def tilting(state: State) -> Float[Array, ""]:
+def _tilt_share(state: State) -> Float[Array, ""]:
     """1 where roll or pitch alone is 60 deg; where both are tilted it is reached earlier."""
     upright = rotations.body_z(state.quaternion)[2]
     return (1.0 - upright) / (1.0 - np.float32(np.cos(MAX_TILT_RAD)))
 
 
-def hover_danger(state: State, setpoint: Float[Array, "3"]) -> Float[Array, ""]:
-    """The greatest of body rates, tilt and sinking, each over what `hover_failure` allows."""
+def hover_margin(state: State, setpoint: Float[Array, "3"]) -> Float[Array, ""]:
+    """1 less the greatest of body rates, tilt and sinking, each over `hover_failure`'s limit."""
     p, q, r = jnp.abs(state.body_rates) / np.float32(MAX_BODY_RATE_RAD_S)
     sinking = (setpoint[2] - state.position[2]) / (setpoint[2] - MIN_HEIGHT_M)
-    return reduce(jnp.maximum, [p, q, r, tilting(state), sinking])
+    return 1.0 - reduce(jnp.maximum, [p, q, r, _tilt_share(state), sinking])
 
 
-def take_off_danger(state: State, setpoint: Float[Array, "3"]) -> Float[Array, ""]:
-    """The greater of distance and tilt, each over what `take_off_failure` allows.
+def take_off_margin(state: State, setpoint: Float[Array, "3"]) -> Float[Array, ""]:
+    """The smaller of the margins of distance and tilt, each relative to `take_off_failure`.
 
-    To stay on the ground is far from the set-point too.
+    A drone that stays on the ground is far from the set-point too.
     """
-    return jnp.maximum(straying(state, setpoint, TAKE_OFF_MAX_POSITION_ERROR_M), tilting(state))
+    distance = position_margin(state, setpoint, TAKE_OFF_MAX_POSITION_ERROR_M)
+    return jnp.minimum(distance, 1.0 - _tilt_share(state))
 
 
 def hover_failure(state: State, setpoint: Float[Array, "3"]) -> Int[Array, ""]:
-    """The authors' failure of hover: roll or pitch beyond 60 deg, a body rate beyond 300 deg/s or a
-    height below 0.2 m.
+    """The authors' failure of hover.
+
+    Roll or pitch beyond 60 deg, a body rate beyond 300 deg/s or a height below 0.2 m.
     """
     p, q, r = jnp.abs(state.body_rates)
     spinning = jnp.maximum(jnp.maximum(p, q), r) > np.float32(MAX_BODY_RATE_RAD_S)
@@ -278,8 +276,10 @@ def hover_failure(state: State, setpoint: Float[Array, "3"]) -> Int[Array, ""]:
 
 
 def take_off_failure(state: State, setpoint: Float[Array, "3"]) -> Int[Array, ""]:
-    """Steeper than 60 deg, 0.5 m from the set-point, or still on the ground when the set-point is
-    0.5 m up.
+    """Failure of a take-off.
+
+    Roll or pitch beyond 60 deg, 0.5 m from the set-point, or still on the ground when the set-point
+    is 0.5 m above it.
     """
     height = state.position[2]
     left_behind = (setpoint[2] > TAKE_OFF_MAX_POSITION_ERROR_M) & (height < AIRBORNE_HEIGHT_M)
@@ -347,8 +347,8 @@ def circle(
         diameter: [m].
         period: [s].
         height: [m].
-        action_penalty: what |a| costs, as of `paper_reward`.
-        action_rate_penalty: what |a - a_previous| costs.
+        action_penalty: weight of |a| in `paper_reward`.
+        action_rate_penalty: weight of |a - a_previous| there.
 
     Source: Gronauer et al. 2022, sec. Experimental Setup; start values from the authors' code.
     """
@@ -357,12 +357,14 @@ def circle(
     reward = partial(
         paper_reward, action_penalty=action_penalty, action_rate_penalty=action_rate_penalty
     )
-    return Task("circle", reference, reset, reward, strayed, duration=5.0, danger=straying)
+    return Task(
+        "circle", reference, reset, reward, strayed, duration=5.0, failure_margin=position_margin
+    )
 
 
 @once
 def hover(height: float = 1.0) -> Task:
-    """Come to rest above the origin from up to 0.25 m away, tilted, turning and facing anywhere.
+    """Come to rest above the origin, from up to 0.25 m away, tilted, turning, with any yaw.
 
     5 s an episode.
 
@@ -371,7 +373,13 @@ def hover(height: float = 1.0) -> Task:
     reference = trajectories.hold((0.0, 0.0, height))
     reset = _starting(reference, HOVER_START)
     return Task(
-        "hover", reference, reset, hover_reward, hover_failure, duration=5.0, danger=hover_danger
+        "hover",
+        reference,
+        reset,
+        hover_reward,
+        hover_failure,
+        duration=5.0,
+        failure_margin=hover_margin,
     )
 
 
@@ -381,7 +389,7 @@ def take_off(height: float = 1.0, duration: float = 1.5) -> Task:
 
     5 s an episode.
 
-    The ground holds what sinks to it, without a bounce or a tilt; near it, thrust grows
+    The ground stops the drone without a bounce or a tilt; near it, thrust grows
     (`dynamics.near_ground`).
 
     Source: authors' code, there called "not yet working properly".
@@ -407,7 +415,7 @@ def take_off(height: float = 1.0, duration: float = 1.5) -> Task:
         duration=5.0,
         first_command=motors_off,
         floor=STANDING_HEIGHT_M,
-        danger=take_off_danger,
+        failure_margin=take_off_margin,
     )
 
 
@@ -439,7 +447,7 @@ def tracking(
         shape = jax.eval_shape(trajectory, jnp.zeros(())).shape
     except (TypeError, AttributeError, jax.errors.JAXTypeError) as error:
         raise InputError(
-            "the trajectory is no function of time that JAX can follow; write it with jax.numpy, "
+            "the trajectory is not a function of time that JAX can trace; write it with jax.numpy, "
             f"without if ({error})."
         ) from error
     if shape != (3,):
@@ -448,15 +456,15 @@ def tracking(
             "position [m]."
         )
     reset = _starting(trajectory, CIRCLE_START, latest_start, moving=True)
-    reward, failed, danger = (
-        partial(judge, farthest=farthest) for judge in (paper_reward, strayed, straying)
+    reward, failed, margin = (
+        partial(rule, farthest=farthest) for rule in (paper_reward, strayed, position_margin)
     )
-    return Task("tracking", trajectory, reset, reward, failed, duration, danger=danger)
+    return Task("tracking", trajectory, reset, reward, failed, duration, failure_margin=margin)
 
 
 @once
 def figure_eight(period: float = trajectories.NORMAL) -> Task:
-    """Fly a lying eight in a period [s], from anywhere on it; an episode lasts a period."""
+    """Fly a horizontal figure-eight in a period [s], from anywhere on it, one period an episode."""
     return tracking(trajectories.figure_eight(period), period, latest_start=period)._replace(
         name="figure_eight"
     )

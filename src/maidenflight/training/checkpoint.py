@@ -1,6 +1,6 @@
-"""Training on file: arrays in NumPy's own format, with a fingerprint of what is trained.
+"""Checkpoints of training: arrays in NumPy's format, with a fingerprint of what is trained.
 
-Nothing that could run code.
+Reading one never runs code from it.
 """
 
 import hashlib
@@ -37,16 +37,15 @@ _DAMAGED = (
     ),
     *(zipfile.BadZipFile, zlib.error, struct.error),
 )
-"""What NumPy and its readers of archives raise over bytes that make no sense."""
+"""What NumPy and its archive readers raise for damaged bytes."""
 
 
 def fingerprint(words: Mapping[str, Any], numbers: Any) -> str:
-    """What tells one training from another: a hash, and the words themselves in one line, so that
-    it can be told what differs.
+    """Identifies a training: a hash, and the settings in one line to name differences.
 
     Args:
-        words: plain values.
-        numbers: a pytree of arrays, compared to the last bit.
+        words: settings, plain values.
+        numbers: a pytree of arrays, compared bit by bit.
     """
     said = json.dumps(words, sort_keys=True)
     text = hashlib.sha256(said.encode())
@@ -56,12 +55,12 @@ def fingerprint(words: Mapping[str, Any], numbers: Any) -> str:
     return f"{text.hexdigest()[:16]} {said}"
 
 
-def _difference(found: str, told: str) -> str:
-    """What differs between two fingerprints, in words; nothing where they do not say."""
-    if found == told:
+def _difference(found: str, expected: str) -> str:
+    """Names what differs between two fingerprints; empty if it cannot be read from them."""
+    if found == expected:
         return ""
     try:
-        before, now = (_flat(json.loads(one.partition(" ")[2])) for one in (found, told))
+        before, now = (_flat(json.loads(one.partition(" ")[2])) for one in (found, expected))
     except (ValueError, AttributeError, RecursionError):
         return ""
     names = [name for name in {**before, **now} if before.get(name) != now.get(name)]
@@ -74,15 +73,15 @@ def _difference(found: str, told: str) -> str:
 
 
 def _flat(words: Mapping[str, Any]) -> dict[str, Any]:
-    """Words with those of settings beside them."""
+    """All values, those of `settings` on the same level."""
     words = dict(words)
     return {**words.pop("settings", {}), **words}
 
 
-def save(path: str | PathLike[str], state: Any, told: str) -> None:
-    """Writes a state of training whole or not at all.
+def save(path: str | PathLike[str], state: Any, fingerprint: str) -> None:
+    """Writes a state of training, whole or not at all.
 
-    Where several processes train together, the first of them does.
+    Of several processes that train together, only the first writes.
 
     Raises:
         WriteError: the file cannot be written; what was there before is kept.
@@ -91,7 +90,7 @@ def save(path: str | PathLike[str], state: Any, told: str) -> None:
     if jax.process_index() > 0:
         return
     file = io.BytesIO()
-    np.savez(file, title=np.array(f"{_TITLE}\n{__version__}\n{told}"), **leaves)  # type: ignore[arg-type]
+    np.savez(file, title=np.array(f"{_TITLE}\n{__version__}\n{fingerprint}"), **leaves)  # type: ignore[arg-type]
     results.write(path, file.getvalue())
 
 
@@ -101,20 +100,20 @@ def _whole(leaf: Any) -> np.ndarray:
     return np.asarray(leaf)
 
 
-def restored(path: str | PathLike[str], start: Callable[[], T], told: str) -> T:
-    """The state in a file, or a fresh one where there is no such file.
+def restored(path: str | PathLike[str], start: Callable[[], T], expected: str) -> T:
+    """The state in a file, or a new one if there is no such file.
 
     Args:
         path: as given to `save`.
-        start: makes a fresh state; its shapes are those that the file must have.
-        told: fingerprint of this training.
+        start: makes a new state; the file's arrays must have its shapes.
+        expected: fingerprint of this training.
 
     Raises:
         InputError: the file is damaged, or of another training.
     """
     if not os.path.lexists(path):
         return start()
-    remedy = "Give the settings, seed and drone that it was begun with, or another folder."
+    remedy = "Give the settings, seed and drone that it was started with, or another folder."
     shapes, structure = tree.flatten(jax.eval_shape(start))
     try:
         with np.load(io.BytesIO(inputs.content(path)), allow_pickle=False) as content:
@@ -123,19 +122,19 @@ def restored(path: str | PathLike[str], start: Callable[[], T], told: str) -> T:
             whole = len(content.files) == len(shapes) + 1
     except _DAMAGED as error:
         raise InputError(
-            f"{path}: not a checkpoint of training ({error}). Remove it to begin anew."
+            f"{path}: not a checkpoint of training ({error}). Remove it to start again."
         ) from error
     if title != _TITLE or version != __version__:
         raise InputError(
             f"{path}: a checkpoint of maidenflight {version}; this is {__version__}. Finish it "
-            "there, or remove it to begin anew."
+            "there, or remove it to start again."
         )
     sound = whole and all(
         leaf.shape == shape.shape and leaf.dtype == shape.dtype
         for leaf, shape in zip(leaves, shapes, strict=True)
     )
-    if found != told or not sound:
+    if found != expected or not sound:
         raise InputError(
-            f"{path}: a checkpoint of another training{_difference(found, told)}. {remedy}"
+            f"{path}: a checkpoint of another training{_difference(found, expected)}. {remedy}"
         )
     return tree.unflatten(structure, [jax.numpy.asarray(leaf) for leaf in leaves])

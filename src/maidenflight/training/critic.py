@@ -1,4 +1,4 @@
-"""What PPO knows of how good it is to be where a drone is: a network of its own, and advantages."""
+"""PPO's critic: its network, generalised advantage estimation, and running moments."""
 
 from typing import NamedTuple
 
@@ -29,21 +29,22 @@ class Moments(NamedTuple):
 
 
 class Critic(NamedTuple):
-    """A network that tells the scaled discounted return to come."""
+    """A network that predicts the scaled discounted return."""
 
     weights: tuple[Float[Array, "outputs inputs"], ...]
     biases: tuple[Float[Array, "outputs"], ...]
 
-    def __call__(self, sight: Float[Array, "S"]) -> Float[Array, ""]:
-        """Value of a normalised sight."""
+    def __call__(self, observation: Float[Array, "S"]) -> Float[Array, ""]:
+        """Value of a normalised observation."""
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
-            sight = jnp.tanh(weight @ sight + bias)
-        return (self.weights[-1] @ sight + self.biases[-1])[0]
+            observation = jnp.tanh(weight @ observation + bias)
+        return (self.weights[-1] @ observation + self.biases[-1])[0]
 
 
 def untrained_critic(key: Array, sizes: tuple[int, ...]) -> Critic:
-    """Kaiming-uniform weights and zero biases (Gronauer et al. 2022, sec. Zero-Shot
-    Experiments).
+    """Kaiming-uniform weights and zero biases.
+
+    Source: Gronauer et al. 2022, sec. Zero-Shot Experiments.
     """
 
     def layer(key: Array, inputs: int, outputs: int) -> Array:
@@ -61,19 +62,19 @@ def advantages(
     terminated: Bool[Array, "T"],
     truncated: Bool[Array, "T"],
     discount: float,
-    trace: float,
+    gae_lambda: float,
 ) -> Float[Array, "T"]:
-    """Generalised advantage estimation: how much better than the critic's guess each of T
-    successive actions did.
+    """Generalised advantage estimation over T successive actions.
 
     Args:
         rewards: of each period.
-        values: the critic's guesses before each.
-        values_after: and after each, before another drone takes over.
-        terminated: whether the drone failed; nothing comes after.
-        truncated: whether time was up; the critic's guess stands for what would have come.
+        values: the critic's values before each.
+        values_after: and after each, before a reset.
+        terminated: whether the drone failed; the return after it is 0.
+        truncated: whether the time limit was reached; the critic's value stands for the return
+            after it.
         discount: gamma.
-        trace: lambda.
+        gae_lambda: lambda.
 
     Source: Schulman et al. 2016, eq. 16; truncation as in Pardo et al. 2018.
     """
@@ -83,7 +84,7 @@ def advantages(
         later: Float[Array, ""], now: tuple[Array, Array]
     ) -> tuple[Float[Array, ""], Float[Array, ""]]:
         surprise, over = now
-        advantage = surprise + discount * trace * jnp.where(over, 0.0, later)
+        advantage = surprise + discount * gae_lambda * jnp.where(over, 0.0, later)
         return advantage, advantage
 
     return lax.scan(one, jnp.zeros(()), (surprises, terminated | truncated), reverse=True)[1]
@@ -108,6 +109,6 @@ def merged(one: Moments, other: Moments) -> Moments:
     return Moments(count, one.mean + share * step, variance)
 
 
-def worth(sights: Moments, critic: Critic, sight: Float[Array, "S"]) -> Float[Array, ""]:
-    """Of a state as it is seen, before it is normalised."""
-    return critic((sight - sights.mean) / sights.deviation)
+def value_of(moments: Moments, critic: Critic, observation: Float[Array, "S"]) -> Float[Array, ""]:
+    """Value of an observation that is not yet normalised."""
+    return critic((observation - moments.mean) / moments.deviation)

@@ -1,5 +1,6 @@
-"""How training is laid over devices: each flies a share of a policy's drones, and all learn from
-the mean of what they saw.
+"""Training on several devices.
+
+Each simulates a share of a policy's environments, and gradients are averaged over all.
 """
 
 from collections.abc import Callable
@@ -13,58 +14,60 @@ from jaxtyping import Array
 
 Learner = TypeVar("Learner")
 DRONES = "drones"
-"""Axis of the mesh over which a policy's drones are laid."""
-EVERYWHERE = PartitionSpec()
-"""What all devices hold alike."""
-LAID = PartitionSpec(None, DRONES)
-"""Arrays with an axis of policies and one of drones."""
+"""Axis of the mesh over which a policy's environments are sharded."""
+REPLICATED = PartitionSpec()
+"""Arrays that every device holds whole."""
+SHARDED = PartitionSpec(None, DRONES)
+"""Arrays with an axis of policies and one of environments."""
 
 
-def mesh(drones: int) -> Mesh:
-    """All devices, of all processes, or as many as share the drones evenly."""
+def mesh(num_envs: int) -> Mesh:
+    """All devices of all processes, or the most that divide the environments evenly."""
     devices = jax.devices()
-    count = max(number for number in range(1, len(devices) + 1) if drones % number == 0)
+    count = max(number for number in range(1, len(devices) + 1) if num_envs % number == 0)
     return Mesh(np.array(devices[:count]), (DRONES,))
 
 
 def own(keys: Array) -> Array:
-    """Of one key a drone, those of the drones on this device."""
+    """Of one key per environment, those of the environments on this device."""
     count = keys.shape[0] // lax.axis_size(DRONES)
     return lax.dynamic_slice_in_dim(keys, lax.axis_index(DRONES) * count, count)
 
 
-def begun(one: Callable[[Array], Learner], laid: Learner, drones: int, keys: Array) -> Learner:
-    """A learner of each key, stacked.
+def begun(
+    one: Callable[[Array], Learner], sharding: Learner, num_envs: int, keys: Array
+) -> Learner:
+    """A learner for each key, stacked.
 
     Args:
-        one: key to a learner with this device's share of the drones.
-        laid: which parts of a learner are laid over devices.
-        drones: of each learner.
-        keys: one a policy.
+        one: key to a learner with this device's share of the environments.
+        sharding: of each part of a learner.
+        num_envs: of each learner.
+        keys: one per policy.
     """
     return jax.shard_map(
-        jax.vmap(one), mesh=mesh(drones), in_specs=EVERYWHERE, out_specs=laid, check_vma=False
+        jax.vmap(one), mesh=mesh(num_envs), in_specs=REPLICATED, out_specs=sharding, check_vma=False
     )(keys)
 
 
 def advanced(
     update: Callable[[Learner, Array, Array], Learner],
-    laid: Learner,
-    drones: int,
+    sharding: Learner,
+    num_envs: int,
     learners: Learner,
     keys: Array,
     first: Array | int,
     end: Array | int,
 ) -> Learner:
-    """Stacked learners after the updates from `first` to before `end`.
+    """Stacked learners after updates `first` to `end` - 1.
 
     Args:
         update: (learner, key, number of the update) to the learner after it; the key depends on the
             number alone.
-        laid: which parts of a learner are laid over devices.
-        drones: of each learner.
+        sharding: of each part of a learner.
+        num_envs: of each learner.
         learners: stacked.
-        keys: one a policy.
+        keys: one per policy.
         first: number of the first update.
         end: number after the last.
     """
@@ -79,8 +82,8 @@ def advanced(
 
     return jax.shard_map(
         jax.vmap(one),
-        mesh=mesh(drones),
-        in_specs=(laid, EVERYWHERE),
-        out_specs=laid,
+        mesh=mesh(num_envs),
+        in_specs=(sharding, REPLICATED),
+        out_specs=sharding,
         check_vma=False,
     )(learners, keys)

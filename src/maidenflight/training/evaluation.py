@@ -1,5 +1,6 @@
-"""How good a policy is: episodes of its task, with noise and randomization, as they are scored in
-the paper.
+"""Evaluation of policies: return, survival and position error over randomized episodes.
+
+With noise and randomization, as in the paper.
 """
 
 from functools import partial
@@ -26,10 +27,10 @@ class Evaluation(NamedTuple):
     """Distance from the set-point [m], over all steps before failure."""
 
     def beats(self, other: "Evaluation") -> Bool[Array, ""]:
-        """Whether it is better: by survival, to the nearest twentieth, and among equals by return.
+        """Whether it is better: by survival, to the nearest twentieth, then by return.
 
-        By return alone a drone that falls at once, and so collects little cost, could beat one that
-        flies.
+        By return alone a drone that crashes at once, and so collects little cost, could beat one
+        that flies.
         """
         mine, others = (jnp.round(20 * score.survival) for score in (self, other))
         return (mine > others) | ((mine == others) & (self.episode_return > other.episode_return))
@@ -44,15 +45,15 @@ def evaluate(
     episodes: int = 256,
     steps: int | None = None,
 ) -> Evaluation:
-    """Scores a policy without exploration noise.
+    """Evaluates a policy without exploration noise.
 
     Args:
         env: task and control structure; static.
         policy: the policy.
-        box: drones to draw from, one an episode.
+        box: distribution of drones; one is drawn for each episode.
         key: random key; the same key gives the same episodes.
-        episodes: how many; static.
-        steps: control periods of an episode; as many as the task lasts unless given; static.
+        episodes: number of episodes; static.
+        steps: control periods of an episode, by default the task's duration; static.
     """
     periods = round(env.task.duration * env.controller.action_rate) if steps is None else steps
 

@@ -1,9 +1,8 @@
-"""Proximal policy optimisation (Schulman et al. 2017), as in the paper and, with settings of our
-own, faster.
+"""Proximal policy optimisation (Schulman et al. 2017), with the paper's settings and faster ones.
 
-Each update flies drones with noise on their actions, tells by a critic which actions did better
-than expected, makes those more likely, though none by much, and fits the critic. Time that is up is
-no failure: what would have come then is the critic's guess.
+Each update simulates environments with noise on the actions, estimates advantages with a critic,
+maximises the clipped surrogate and fits the critic. The time limit is a truncation, not a failure:
+the critic's value stands for the return after it.
 """
 
 from collections.abc import Callable
@@ -30,13 +29,13 @@ from maidenflight.training.critic import (
     merged,
     moments_of,
     untrained_critic,
-    worth,
+    value_of,
 )
-from maidenflight.training.devices import DRONES, EVERYWHERE, LAID, advanced, begun, own
+from maidenflight.training.devices import DRONES, REPLICATED, SHARDED, advanced, begun, own
 
-PERIODS_PER_FRESH_DRONE = 8
-"""For every so many control periods a drone is prepared that takes over when another's episode
-ends."""
+PERIODS_PER_RESET = 8
+"""Control periods for which one initial state is prepared; episodes that end continue from the
+prepared states."""
 
 
 @dataclass(frozen=True)
@@ -47,11 +46,11 @@ class PPO:
     """
 
     updates: int = 600
-    """Epochs: flights, each followed by the passes over them."""
-    drones: int = 512
-    """Drones flown side by side, each with its own constants."""
+    """Epochs: a rollout, followed by the optimiser's passes over it."""
+    num_envs: int = 512
+    """Environments simulated in parallel, each with a drone of its own."""
     horizon: int = 32
-    """Control periods that each drone flies an update; it goes on from where it was."""
+    """Control periods per environment and update; episodes continue in the next update."""
     hidden: tuple[int, ...] = (50, 50)
     """Sizes of the actor's hidden layers, ReLU."""
     critic_hidden: tuple[int, ...] = (64, 64)
@@ -60,51 +59,51 @@ class PPO:
     """Whether the critic, which does not fly, also sees the true state and the drone's
     constants."""
     learning_rate: float = 2e-3
-    """Adam's first step size of the actor; it falls linearly to 0."""
+    """Adam's initial learning rate of the actor; it decays linearly to 0."""
     critic_learning_rate: float = 1e-3
-    """Adam's step size of the critic."""
+    """Adam's learning rate of the critic."""
     actor_passes: int = 4
-    """How often the actor goes through an update's flights."""
+    """The actor's passes over a rollout."""
     actor_minibatches: int = 8
-    """Gradient steps a pass of the actor."""
+    """The actor's gradient steps per pass."""
     critic_passes: int = 4
-    """How often the critic goes through them."""
+    """The critic's passes over a rollout."""
     critic_minibatches: int = 8
-    """Gradient steps a pass of the critic."""
+    """The critic's gradient steps per pass."""
     clip: float = 0.2
-    """A step gains nothing by making an action more, or less, likely than by this share."""
+    """Clip range of the probability ratio."""
     discount: float = 0.99
-    """What a reward is worth one control period earlier."""
-    trace: float = 0.95
-    """Lambda of generalised advantage estimation: 0 trusts the critic, 1 the rewards."""
-    standardised: bool = True
-    """Whether an update's advantages are brought to mean 0 and deviation 1."""
-    largest_reward: float = 3.0
+    """gamma, discount factor per control period [-]."""
+    gae_lambda: float = 0.95
+    """lambda of generalised advantage estimation [-]: 0 relies on the critic, 1 on rewards."""
+    normalize_advantages: bool = True
+    """Whether an update's advantages are normalised to mean 0 and standard deviation 1."""
+    reward_clip: float = 3.0
     """Rewards, divided by the running standard deviation of discounted returns, are clipped to +-
-    this."""
-    first_noise: float = 0.4
+    this value."""
+    initial_noise_std: float = 0.4
     """Standard deviation of the noise on actions in the first update."""
-    last_noise: float = 0.15
-    """To what it falls, linearly."""
+    final_noise_std: float = 0.15
+    """Standard deviation in the last update; it decays linearly."""
     evaluations: int = 15
-    """How often the policy is scored; the best one is kept."""
+    """How often the policy is evaluated; the best one is kept."""
     episodes: int = 128
-    """Episodes a score."""
+    """Episodes per evaluation."""
 
     @classmethod
     def paper(cls) -> Self:
         """The paper's settings: 500 epochs of 64,000 steps, as by 64 workers of 1,000.
 
-        What differs: drones fly on from one epoch into the next, while workers began anew;
-        minibatches are drawn from all drones together; the actor's last layer starts ten times
-        smaller, and the first epoch normalises as `policy.untrained` does.
+        What differs: episodes continue from one epoch to the next, while the paper's workers were
+        reset; minibatches are drawn from all environments together; the actor's last layer starts
+        ten times smaller, and the first epoch normalises as `policy.untrained` does.
 
         Source: Gronauer et al. 2022, sec. Zero-Shot Experiments; reward scaling and the critic's
         passes are from the authors' code.
         """
         return cls(
             updates=500,
-            drones=64,
+            num_envs=64,
             horizon=1000,
             critic_sees_truth=False,
             learning_rate=3e-4,
@@ -113,10 +112,10 @@ class PPO:
             actor_minibatches=1,
             critic_passes=5,
             critic_minibatches=16,
-            standardised=False,
-            largest_reward=10.0,
-            first_noise=0.5,
-            last_noise=0.01,
+            normalize_advantages=False,
+            reward_clip=10.0,
+            initial_noise_std=0.5,
+            final_noise_std=0.01,
         )
 
 
@@ -125,26 +124,27 @@ class _Learner(NamedTuple):
     critic: Critic
     optimisers: tuple[optax.OptState, optax.OptState]
     """Of the actor and of the critic."""
-    sights: Moments
+    observation_moments: Moments
+    """Of what the critic sees."""
     returns: Moments
     """Of discounted returns."""
-    drones: EnvInstance
-    discounted: Float[Array, "drones"]
-    """Rewards of each drone's episode so far, older ones discounted."""
+    instances: EnvInstance
+    discounted: Float[Array, "num_envs"]
+    """Discounted sum of the rewards of each episode so far."""
 
 
-_LAID = _Learner(*[EVERYWHERE] * 5, *[LAID] * 2)  # type: ignore[arg-type]
+_SHARDING = _Learner(*[REPLICATED] * 5, *[SHARDED] * 2)  # type: ignore[arg-type]
 
 
 class _Period(NamedTuple):
-    """What a control period gave."""
+    """One control period of a rollout."""
 
-    sight: Float[Array, "S"]
-    sight_after: Float[Array, "S"]
-    """At its end, before another drone takes over."""
+    critic_observation: Float[Array, "S"]
+    next_critic_observation: Float[Array, "S"]
+    """At its end, before a reset."""
     action: Float[Array, "4"]
     noise: Float[Array, "4"]
-    """How many standard deviations the action was off the policy's."""
+    """Of the action, in standard deviations."""
     reward: Float[Array, ""]
     discounted: Float[Array, ""]
     terminated: Bool[Array, ""]
@@ -153,47 +153,46 @@ class _Period(NamedTuple):
 
 @partial(jax.jit, static_argnums=(0, 1))
 def begin(env: Environment, settings: PPO, box: Distribution, keys: Array) -> _Learner:
-    """Learners that know nothing, one a key, stacked."""
+    """Untrained learners, one per key, stacked."""
 
     def one(key: Array) -> _Learner:
         policy_key, critic_key, key = jax.random.split(key, 3)
         policy = untrained(policy_key, settings.hidden, env.history, env.controller)
-        drones = jax.vmap(partial(randomized_reset, env, box))(
-            own(jax.random.split(key, settings.drones))
+        instances = jax.vmap(partial(randomized_reset, env, box))(
+            own(jax.random.split(key, settings.num_envs))
         )
-        sights = jax.vmap(partial(_sight, env, settings, box.centre))(drones)
-        unseen = jnp.zeros(sights.shape[1] - policy.observation_mean.size)
-        mean = jnp.concatenate([policy.observation_mean, unseen])
-        deviation = jnp.concatenate([policy.observation_std, unseen + 1.0])
+        observations = jax.vmap(partial(_critic_observation, env, settings, box.centre))(instances)
+        hidden = jnp.zeros(observations.shape[1] - policy.observation_mean.size)
+        mean = jnp.concatenate([policy.observation_mean, hidden])
+        deviation = jnp.concatenate([policy.observation_std, hidden + 1.0])
         critic = untrained_critic(critic_key, (mean.size, *settings.critic_hidden, 1))
         optimisers = tuple(optax.adam(0.0).init(network) for network in (policy.network, critic))
-        seen, returns = (
+        moments, returns = (
             Moments(jnp.zeros(()), mean, deviation**2),
             Moments(jnp.zeros(()), jnp.zeros(()), jnp.ones(())),
         )
-        discounted = jnp.zeros(sights.shape[0])
-        return _Learner(policy, critic, optimisers, seen, returns, drones, discounted)  # type: ignore[arg-type]
+        discounted = jnp.zeros(observations.shape[0])
+        return _Learner(policy, critic, optimisers, moments, returns, instances, discounted)  # type: ignore[arg-type]
 
-    return begun(one, _LAID, settings.drones, keys)
-
-
-_TOLD = (*PAPER_FIELDS, "latency")
-"""Constants of the drone that the critic sees."""
+    return begun(one, _SHARDING, settings.num_envs, keys)
 
 
-def _sight(
+_CRITIC_PARAMETERS = (*PAPER_FIELDS, "latency")
+"""Parameters of the drone that the critic sees."""
+
+
+def _critic_observation(
     env: Environment, settings: PPO, centre: Parameters, drone: EnvInstance
 ) -> Float[Array, "S"]:
-    """What the critic sees: the policy's observation and, where it sees the truth, state and
-    constants.
-    """
+    """The policy's observation and, with `critic_sees_truth`, true state and parameters."""
     seen = environment.observation(drone.env_state)
     if not settings.critic_sees_truth:
         return seen
     state = drone.env_state.state
     relative = state._replace(position=state.position - env.task.reference(drone.env_state.time))
     own, middle = (
-        [jnp.ravel(getattr(each, name)) for name in _TOLD] for each in (drone.parameters, centre)
+        [jnp.ravel(getattr(each, name)) for name in _CRITIC_PARAMETERS]
+        for each in (drone.parameters, centre)
     )
     constants = [
         value / jnp.where(nominal == 0, 1.0, nominal)
@@ -202,7 +201,7 @@ def _sight(
     return jnp.concatenate([seen, *relative, *constants])
 
 
-def _fly(
+def _rollout(
     env: Environment,
     settings: PPO,
     box: Distribution,
@@ -212,16 +211,16 @@ def _fly(
     discounted: Float[Array, ""],
     key: Array,
 ) -> tuple[EnvInstance, Float[Array, ""], _Period]:
-    """Flies one drone for a horizon with noise on its actions.
+    """Simulates one environment for a horizon with noise on the actions.
 
     Returns:
-        The drone that flies in the end, its discounted return so far, and each period, stacked
-        along a first axis.
+        Its final instance, its discounted return so far, and each period, stacked along a first
+        axis.
     """
-    fresh_key, noise_key, key = jax.random.split(key, 3)
-    count = max(1, settings.horizon // PERIODS_PER_FRESH_DRONE)
-    fresh = jax.vmap(partial(randomized_reset, env, box))(jax.random.split(fresh_key, count))
-    sight = partial(_sight, env, settings, box.centre)
+    reset_key, noise_key, key = jax.random.split(key, 3)
+    count = max(1, settings.horizon // PERIODS_PER_RESET)
+    resets = jax.vmap(partial(randomized_reset, env, box))(jax.random.split(reset_key, count))
+    observe = partial(_critic_observation, env, settings, box.centre)
 
     def one(
         carry: tuple[EnvInstance, Array], now: tuple[Array, Array, Array]
@@ -236,12 +235,12 @@ def _fly(
             settings.discount * discounted + step_result.reward,
         )
         flown = (step_result.reward, discounted, step_result.terminated, step_result.truncated)
-        over = step_result.terminated | step_result.truncated
-        another = tree.map(lambda leaf: leaf[number % count], fresh)
+        done = step_result.terminated | step_result.truncated
+        reset = tree.map(lambda leaf: leaf[number % count], resets)
         carry = tree.map(
-            lambda new, old: jnp.where(over, new, old), (another, 0.0), (after, discounted)
+            lambda new, old: jnp.where(done, new, old), (reset, 0.0), (after, discounted)
         )
-        return carry, _Period(sight(drone), sight(after), action, noise, *flown)
+        return carry, _Period(observe(drone), observe(after), action, noise, *flown)
 
     noises = jax.random.normal(noise_key, (settings.horizon, ACTION_SIZE))
     periods = (jnp.arange(settings.horizon), noises, jax.random.split(key, settings.horizon))
@@ -252,14 +251,14 @@ def _fly(
 def surrogate(
     ratio: Float[Array, "..."], advantage: Float[Array, "..."], clip: float
 ) -> Float[Array, "..."]:
-    """What PPO maximises, of actions that are `ratio` times as likely as when they were flown.
+    """PPO's clipped objective of actions that are `ratio` times as likely as in the rollout.
 
     Source: Schulman et al. 2017, eq. 7.
     """
     return jnp.minimum(ratio * advantage, jnp.clip(ratio, 1.0 - clip, 1.0 + clip) * advantage)
 
 
-def _fitted(
+def _fit(
     cost: Callable[[Any, Any], Float[Array, ""]],
     network: Any,
     optimiser: optax.OptState,
@@ -271,17 +270,17 @@ def _fitted(
 ) -> tuple[Any, optax.OptState]:
     """Adam over shuffled minibatches.
 
-    Each device goes through its samples, and all take the mean of their gradients.
+    Each device uses its own samples; gradients are averaged over devices.
 
     Args:
         cost: (network, some samples) to their mean cost.
-        network: what changes.
+        network: weights and biases.
         optimiser: Adam's state.
         learning_rate: step size.
-        samples: pytree with a common first axis; what is left over by the minibatches waits for
-            another shuffle.
-        passes: how often to go through them.
-        minibatches: steps a pass.
+        samples: pytree with a common first axis; a remainder that fills no minibatch is left out
+            of that pass.
+        passes: over all samples.
+        minibatches: steps per pass.
         key: random key.
     """
     count = tree.leaves(samples)[0].shape[0]
@@ -289,9 +288,8 @@ def _fitted(
     def step(carry: tuple[Any, Any], some: Any) -> tuple[tuple[Any, Any], None]:
         network, optimiser = carry
         gradient = lax.pmean(jax.grad(cost)(network, some), DRONES)
-        with jax.numpy_dtype_promotion(
-            "standard"
-        ):  # optax mixes integers and floats, whatever its user has set
+        # optax mixes integers and floats.
+        with jax.numpy_dtype_promotion("standard"):
             changes, optimiser = optax.adam(learning_rate).update(gradient, optimiser)
         return (optax.apply_updates(network, changes), optimiser), None
 
@@ -310,21 +308,23 @@ def _fitted(
     return lax.scan(once, (network, optimiser), jax.random.split(key, passes))[0]
 
 
-def _judged(
+def _advantages_and_targets(
     settings: PPO, learner: _Learner, flown: _Period
-) -> tuple[Float[Array, "drones T"], Float[Array, "drones T"]]:
-    """Advantage of each action and what the critic should have guessed before it."""
-    value = jax.vmap(jax.vmap(partial(worth, learner.sights, learner.critic)))
-    values, values_after = value(flown.sight), value(flown.sight_after)
+) -> tuple[Float[Array, "num_envs T"], Float[Array, "num_envs T"]]:
+    """Advantage of each action and the critic's target for its observation."""
+    value = jax.vmap(jax.vmap(partial(value_of, learner.observation_moments, learner.critic)))
+    values, values_after = value(flown.critic_observation), value(flown.next_critic_observation)
     rewards = jnp.clip(
-        flown.reward / learner.returns.deviation, -settings.largest_reward, settings.largest_reward
+        flown.reward / learner.returns.deviation, -settings.reward_clip, settings.reward_clip
     )
-    estimate = jax.vmap(partial(advantages, discount=settings.discount, trace=settings.trace))
+    estimate = jax.vmap(
+        partial(advantages, discount=settings.discount, gae_lambda=settings.gae_lambda)
+    )
     gains = estimate(rewards, values, values_after, flown.terminated, flown.truncated)
-    if not settings.standardised:
+    if not settings.normalize_advantages:
         return gains, gains + values
-    spread = moments_of(gains.reshape(-1))
-    return (gains - spread.mean) / spread.deviation, gains + values
+    moments = moments_of(gains.reshape(-1))
+    return (gains - moments.mean) / moments.deviation, gains + values
 
 
 def _update(
@@ -335,23 +335,26 @@ def _update(
     key: Array,
     number: Array,
 ) -> _Learner:
-    """One epoch of one policy; each device flies its drones."""
+    """One epoch of one policy; each device simulates its environments."""
     flight_key, actor_key, critic_key = jax.random.split(key, 3)
-    left = 1.0 - number / settings.updates
-    deviation = settings.last_noise + (settings.first_noise - settings.last_noise) * left
-    fly = jax.vmap(partial(_fly, env, settings, box, learner.policy, deviation))
-    drones, discounted, flown = fly(
-        learner.drones, learner.discounted, own(jax.random.split(flight_key, settings.drones))
+    remaining = 1.0 - number / settings.updates
+    deviation = (
+        settings.final_noise_std
+        + (settings.initial_noise_std - settings.final_noise_std) * remaining
     )
-    judged = flown, *_judged(settings, learner, flown)
-    flown, gains, targets = tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), judged)
+    fly = jax.vmap(partial(_rollout, env, settings, box, learner.policy, deviation))
+    instances, discounted, flown = fly(
+        learner.instances, learner.discounted, own(jax.random.split(flight_key, settings.num_envs))
+    )
+    samples = flown, *_advantages_and_targets(settings, learner, flown)
+    flown, gains, targets = tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), samples)
 
     def actor_cost(network: Any, some: tuple[_Period, Array]) -> Float[Array, ""]:
         policy = learner.policy.with_network(network)
 
         def one(period: _Period, gain: Float[Array, ""]) -> Float[Array, ""]:
             noise = (
-                period.action - policy(period.sight[: policy.observation_mean.size])
+                period.action - policy(period.critic_observation[: policy.observation_mean.size])
             ) / deviation
             return surrogate(
                 jnp.exp(jnp.sum(period.noise**2 - noise**2) / 2.0), gain, settings.clip
@@ -360,42 +363,48 @@ def _update(
         return -jnp.mean(jax.vmap(one)(*some))
 
     def critic_cost(critic: Critic, some: tuple[Array, Array]) -> Float[Array, ""]:
-        sights, targets = some
-        return jnp.mean((jax.vmap(partial(worth, learner.sights, critic))(sights) - targets) ** 2)
+        observations, targets = some
+        return jnp.mean(
+            (
+                jax.vmap(partial(value_of, learner.observation_moments, critic))(observations)
+                - targets
+            )
+            ** 2
+        )
 
-    network, actor_optimiser = _fitted(
+    network, actor_optimiser = _fit(
         actor_cost,
         learner.policy.network,
         learner.optimisers[0],
-        settings.learning_rate * left,
+        settings.learning_rate * remaining,
         (flown, gains),
         settings.actor_passes,
         settings.actor_minibatches,
         actor_key,
     )
-    critic, critic_optimiser = _fitted(
+    critic, critic_optimiser = _fit(
         critic_cost,
         learner.critic,
         learner.optimisers[1],
         settings.critic_learning_rate,
-        (flown.sight, targets),
+        (flown.critic_observation, targets),
         settings.critic_passes,
         settings.critic_minibatches,
         critic_key,
     )
-    sights = merged(learner.sights, moments_of(flown.sight))
+    moments = merged(learner.observation_moments, moments_of(flown.critic_observation))
     returns = merged(learner.returns, moments_of(flown.discounted))
-    policy = _seeing(learner.policy.with_network(network), sights)
+    policy = _normalizing(learner.policy.with_network(network), moments)
     return _Learner(
-        policy, critic, (actor_optimiser, critic_optimiser), sights, returns, drones, discounted
+        policy, critic, (actor_optimiser, critic_optimiser), moments, returns, instances, discounted
     )
 
 
-def _seeing(policy: Policy, sights: Moments) -> Policy:
-    """A policy that normalises by the moments of sights, whose first part is the observation."""
+def _normalizing(policy: Policy, moments: Moments) -> Policy:
+    """The policy with these moments, whose first part is the policy's observation."""
     size = policy.observation_mean.size
     return replace(
-        policy, observation_mean=sights.mean[:size], observation_std=sights.deviation[:size]
+        policy, observation_mean=moments.mean[:size], observation_std=moments.deviation[:size]
     )
 
 
@@ -409,11 +418,11 @@ def learn(
     first: Array | int,
     end: Array | int,
 ) -> _Learner:
-    """Stacked learners after the updates from `first` to before `end`."""
+    """Stacked learners after updates `first` to `end` - 1."""
     return advanced(
         partial(_update, env, settings, box),
-        _LAID,
-        settings.drones,
+        _SHARDING,
+        settings.num_envs,
         learners,
         keys,
         first,

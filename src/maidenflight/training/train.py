@@ -1,9 +1,8 @@
-"""Training policies: one loop for every method, which scores them, keeps the best and can be
-interrupted.
+"""Training policies: one loop for all methods, with evaluation, the best policy and checkpoints.
 
-A method is two functions, `begin` and `learn`, and the frozen dataclass of its settings. What
-random numbers an update uses depends on its number alone, so that neither how often policies are
-scored nor an interruption changes what they learn.
+A method is two functions, `begin` and `learn`, and the frozen dataclass of its settings. The random
+numbers of an update depend on its number alone, so that neither the number of evaluations nor an
+interruption changes the result.
 """
 
 from collections.abc import Callable
@@ -31,7 +30,7 @@ from maidenflight.training.ppo import PPO
 
 
 class Settings(Protocol):
-    """What the settings of every method have; frozen dataclasses, hashable."""
+    """Settings that every method has; frozen dataclasses, hashable."""
 
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
@@ -42,22 +41,22 @@ class Settings(Protocol):
 
     @property
     def evaluations(self) -> int:
-        """How often the policy is scored; the best one is kept."""
+        """How often the policy is evaluated; the best one is kept."""
         ...
 
     @property
     def episodes(self) -> int:
-        """Episodes a score."""
+        """Episodes per evaluation."""
         ...
 
     @property
-    def drones(self) -> int:
-        """Drones flown side by side."""
+    def num_envs(self) -> int:
+        """Environments simulated in parallel."""
         ...
 
     @property
     def horizon(self) -> int:
-        """Control periods that each of them flies an update."""
+        """Control periods per environment and update."""
         ...
 
 
@@ -70,16 +69,13 @@ def recorded(settings: Settings) -> dict[str, Any]:
 
 
 class Method(NamedTuple):
-    """How policies learn. P policies learn side by side.
-
-    Whatever has a leading axis of P is called stacked.
-    """
+    """A training method for P policies at a time; stacked means with a leading axis of P."""
 
     begin: Callable[[Environment, Any, Distribution, Array], Any]
     """(environment, settings, drones, P keys) to P stacked learners, each with a field `policy`."""
     learn: Callable[[Environment, Any, Distribution, Any, Array, int, int], Any]
-    """(environment, settings, drones, learners, P keys, first, end) to the learners after the
-    updates from `first` to before `end`."""
+    """(environment, settings, drones, learners, P keys, first, end) to the learners after updates
+    `first` to `end` - 1."""
 
 
 METHODS: dict[type, Method] = {
@@ -90,27 +86,27 @@ METHODS: dict[type, Method] = {
 
 
 class Progress(NamedTuple):
-    """What a caller hears between two scores; arrays have one entry a policy."""
+    """State of training at an evaluation; arrays have one entry per policy."""
 
     update: int
     steps: int
     """Control periods simulated so far, all policies together."""
     score: Evaluation
     best: Policy | None = None
-    """Of each policy what it was at its best score so far, stacked; `None` with scores that a
-    checkpoint remembers, but the last."""
+    """Each policy at its best evaluation so far, stacked; `None` for evaluations that are read from
+    a checkpoint, except the last."""
 
 
-class _Course(NamedTuple):
-    """All that training has reached; what a checkpoint holds."""
+class _State(NamedTuple):
+    """State of training, as a checkpoint holds it."""
 
     learners: Any
     best: Policy
     best_score: Evaluation
     scores: Evaluation
-    """Of every score so far and to come: E x P, not a number where it is still to come."""
+    """E x P, all evaluations; not a number where they are still to come."""
     scored: Array
-    """How many of them there are."""
+    """Number of evaluations so far."""
 
 
 def train(
@@ -123,22 +119,22 @@ def train(
     saved: str | PathLike[str] | None = None,
     history: int = 2,
 ) -> tuple[Policy, ...]:
-    """Trains one policy a key, all in one call.
+    """Trains one policy per key, all in one call.
 
     Args:
-        task: what to fly.
-        controller: control structure that the policy acts on.
-        box: distribution of drones; the policy must do well over its draws.
-        keys: random keys, one a policy.
-        settings: of the method, which their class chooses; `AnalyticGradient()` unless given.
-        on_progress: called after each of the scores; first with those that a checkpoint remembers.
-        saved: a file that is written anew after each of the scores. Where it exists, training goes
-            on from it and ends with the same policies as if it had never stopped.
-        history: H, instants that a policy sees: the last so many. The first layer grows with it.
+        task: the task to fly.
+        controller: control structure that the policy commands.
+        box: distribution of drones to train over.
+        keys: random keys, one per policy.
+        settings: of the method, which is chosen by their class; default `AnalyticGradient()`.
+        on_progress: called after each evaluation; first with those of the checkpoint.
+        saved: checkpoint, written after each evaluation. If it exists, training resumes from it and
+            ends with the same policies as without the interruption.
+        history: H, number of last instants in an observation. The first layer grows with it.
 
     Returns:
-        For each key the policy of the best score (`Evaluation.beats`), in the keys' order. Cost
-        grows linearly with keys and updates.
+        For each key, in order, the policy at its best evaluation (`Evaluation.beats`). Time grows
+        linearly with keys and updates.
 
     Raises:
         InputError: policies cannot be made for this control structure or history; the drones' time
@@ -183,34 +179,34 @@ def train(
     env = Environment.matching(box.centre, task, controller, history=history)
     ends = _ends(settings)
 
-    def start() -> _Course:
+    def start() -> _State:
         learners = begin(env, settings, box, keys)
         nothing = Evaluation(
             *(jnp.full((len(ends), len(keys)), jnp.nan) for _ in Evaluation._fields)
         )
         worst = Evaluation(*(jnp.full(len(keys), -jnp.inf) for _ in Evaluation._fields))
-        return _Course(learners, learners.policy, worst, nothing, jnp.zeros((), jnp.int32))
+        return _State(learners, learners.policy, worst, nothing, jnp.zeros((), jnp.int32))
 
-    def report(course: _Course, number: int) -> None:
+    def report(state: _State, number: int) -> None:
         if on_progress is not None:
-            score = Evaluation(*(value[number] for value in course.scores))
-            best = course.best if number + 1 == int(course.scored) else None
+            score = Evaluation(*(value[number] for value in state.scores))
+            best = state.best if number + 1 == int(state.scored) else None
             on_progress(
                 Progress(
                     ends[number],
-                    ends[number] * settings.drones * settings.horizon * len(keys),
+                    ends[number] * settings.num_envs * settings.horizon * len(keys),
                     score,
                     best,
                 )
             )
 
-    told = _fingerprint(env, settings, box, keys)
-    course = start() if saved is None else checkpoint.restored(saved, start, told)
-    for number in range(int(course.scored)):
-        report(course, number)
-    for number in range(int(course.scored), len(ends)):
+    fingerprint = _fingerprint(env, settings, box, keys)
+    state = start() if saved is None else checkpoint.restored(saved, start, fingerprint)
+    for number in range(int(state.scored)):
+        report(state, number)
+    for number in range(int(state.scored), len(ends)):
         first = ends[number - 1] if number else 0
-        learners = learn(env, settings, box, course.learners, keys, first, ends[number])
+        learners = learn(env, settings, box, state.learners, keys, first, ends[number])
         scores = _scores(env, settings.episodes, learners.policy, box)
         if not np.all(np.isfinite(scores.episode_return)):
             kept = (
@@ -223,26 +219,26 @@ def train(
                 f"is not a number.{kept} Train again with"
                 " a smaller learning_rate, or over drones that differ less."
             )
-        course = _ahead(course, learners, scores)
+        state = _advanced(state, learners, scores)
         if saved is not None:
-            checkpoint.save(saved, course, told)
-        report(course, number)
-    return tuple(_one_of(course.best, number) for number in range(len(keys)))
+            checkpoint.save(saved, state, fingerprint)
+        report(state, number)
+    return tuple(_one_of(state.best, number) for number in range(len(keys)))
 
 
-def _ahead(course: _Course, learners: Any, scores: Evaluation) -> _Course:
-    """The course after one more score; of each policy the better one is kept."""
-    better = scores.beats(course.best_score)
+def _advanced(state: _State, learners: Any, scores: Evaluation) -> _State:
+    """The state after one more evaluation; of each policy the better one is kept."""
+    better = scores.beats(state.best_score)
 
     def chosen(new: Array, old: Array) -> Array:
         return jnp.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)
 
-    return _Course(
+    return _State(
         learners,
-        best=tree.map(chosen, learners.policy, course.best),
-        best_score=tree.map(chosen, scores, course.best_score),
-        scores=tree.map(lambda rows, now: rows.at[course.scored].set(now), course.scores, scores),
-        scored=course.scored + 1,
+        best=tree.map(chosen, learners.policy, state.best),
+        best_score=tree.map(chosen, scores, state.best_score),
+        scores=tree.map(lambda rows, now: rows.at[state.scored].set(now), state.scores, scores),
+        scored=state.scored + 1,
     )
 
 
@@ -251,7 +247,7 @@ def _one_of(stacked: Policy, number: int) -> Policy:
 
 
 def _ends(settings: Settings) -> list[int]:
-    """Numbers of updates after which policies are scored: evenly spread, the last at the end."""
+    """Updates after which policies are evaluated: evenly spaced, the last at the end."""
     count = max(1, min(settings.evaluations, settings.updates))
     return [round(settings.updates * number / count) for number in range(1, count + 1)]
 

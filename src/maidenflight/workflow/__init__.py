@@ -27,7 +27,7 @@ from maidenflight.workflow.logs import Reading, identify_from, record, validate_
 from maidenflight.workflow.policies import policy_files, task_to_fly
 from maidenflight.workflow.training import (
     SETTINGS,
-    WATCHED,
+    WATCHED_DURATION_S,
     settings_for,
     train_for,
     watched_flight,
@@ -38,7 +38,7 @@ __all__ = [
     "POSTERIOR",
     "SETTINGS",
     "TRIMS",
-    "WATCHED",
+    "WATCHED_DURATION_S",
     "WIDE",
     "Reading",
     "best_policy",

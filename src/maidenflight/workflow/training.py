@@ -17,33 +17,33 @@ from maidenflight.inputs import StrPath
 from maidenflight.policy import Policy
 from maidenflight.simulator import control, tasks
 from maidenflight.simulator.virtual_drone import VirtualDrone
-from maidenflight.training import scoreboards
+from maidenflight.training import loggers
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.ppo import PPO
 from maidenflight.training.train import Progress, Settings, recorded, train
 from maidenflight.workflow.drones import randomized, table
 
-WATCHED = 10.0
+WATCHED_DURATION_S = 10.0
 """Longest flight that is shown of a policy in training [s]."""
 
 SETTINGS: dict[str, AnalyticGradient] = {
     "pwm": AnalyticGradient(),
     "attitude_rate": AnalyticGradient(
-        drones=256, horizon=32, hidden=(128, 128), failure=10.0, restart=0.5
+        num_envs=256, horizon=32, hidden=(128, 128), failure_penalty=10.0, reset_fraction=0.5
     ),
-    "attitude": AnalyticGradient(updates=1200, drones=128, horizon=32),
+    "attitude": AnalyticGradient(updates=1200, num_envs=128, horizon=32),
 }
-"""What works out of the box, by control structure: a policy that acts less often looks as far ahead
-in fewer periods, and to tell the starts that it can save from those that it cannot takes more
-drones, and at 50 Hz, where most of them depend on it, more weights."""
+"""Default settings by control structure. At a lower rate the same time ahead is fewer periods. To
+separate initial states that can be saved from those that cannot takes more environments, and at
+50 Hz, where most episodes depend on it, a larger network."""
 
 
 def settings_for(
     structure: str, task: str, method: str = "gradient", updates: int | None = None
 ) -> Settings:
-    """What works out of the box for a control structure, a task and a method, all by name.
+    """Default settings for a control structure, a task and a method, all by name.
 
-    With other updates if given.
+    `updates` replaces the number of updates if given.
     """
     settings = PPO() if method == "ppo" else _by_gradient(structure, task)
     return settings if updates is None else dataclasses.replace(settings, updates=updates)
@@ -52,7 +52,7 @@ def settings_for(
 def _by_gradient(structure: str, task: str) -> AnalyticGradient:
     settings = SETTINGS[structure]
     if task == "hover":  # which fails beyond 5.2 rad/s
-        return dataclasses.replace(settings, updates=2 * settings.updates, spin_margin=4.0)
+        return dataclasses.replace(settings, updates=2 * settings.updates, body_rate_margin=4.0)
     if task == "figure_eight":  # eight times as large as the circle, and faster
         return dataclasses.replace(settings, updates=3 * settings.updates)
     return settings
@@ -69,40 +69,40 @@ def train_for(
     structure: str = "pwm",
     task: str = "circle",
     resume: bool = False,
-    boards: Sequence[str] = (),
+    logger_names: Sequence[str] = (),
     history: int = 2,
-    heading: float = 0.0,
+    yaw_penalty: float = 0.0,
 ) -> tuple[Policy, ...]:
-    """Trains policies around a drone.
+    """Trains policies for a drone.
 
-    Writes one JSON a policy and `training.csv` with their scores.
+    Writes one JSON per policy and `training.csv` with their scores.
 
     Args:
         drone: TOML file or name.
         seed: random seed.
         folder: where to write. Until the policies are written it holds `run_folder.CHECKPOINT`.
-        count: policies.
+        count: number of policies.
         settings: of the method.
-        randomization: half width of a box about the drone; `POSTERIOR`: the drones that its flights
-            leave possible; or `WIDE`: drones unlike it too.
-        on_progress: called after each score.
+        randomization: half width of a box about the drone; `POSTERIOR`: samples of its posterior;
+            or `WIDE`: a wide box about it.
+        on_progress: called after each evaluation.
         structure: name of a control structure in `control.CONTROLLERS`.
         task: name in `tasks.TASKS`.
-        resume: go on from the checkpoint in the folder, with the same result as if training had
-            never stopped.
-        boards: where scores are shown too, names in `scoreboards.BOARDS`.
-        history: H, instants that a policy sees.
-        heading: price of a radian of heading, a control period; see `tasks.facing`.
+        resume: resume from the checkpoint in the folder, with the same result as without the
+            interruption.
+        logger_names: names in `loggers.LOGGERS`.
+        history: H, number of last instants in an observation.
+        yaw_penalty: cost of a radian of yaw, per control period; see `tasks.with_yaw_penalty`.
 
     Raises:
-        InputError: there is nothing to resume, or it is another training; or a board's package is
-            not installed.
-        WriteError: a file cannot be written, as on a full disk; what was reached until the last
-            score is kept.
+        InputError: there is nothing to resume, or the checkpoint is of another training; or a
+            logger's package is not installed.
+        WriteError: a file cannot be written, as on a full disk; the state at the last evaluation
+            is kept.
     """
     saved = Path(folder, run_folder.CHECKPOINT)
     if resume and not saved.exists():
-        raise InputError(f"{saved}: no training to resume. {_how_to_begin(Path(folder))}")
+        raise InputError(f"{saved}: no training to resume. {_how_to_start(Path(folder))}")
     controller = control.CONTROLLERS[structure]()
     box = randomized(drone, randomization, controller)
     rows: list[dict[str, Any]] = []
@@ -128,18 +128,22 @@ def train_for(
         "policies": count,
         "history": history,
         "full": table(drone, "identification").get("full"),
-        "heading": heading or None,
+        "yaw_penalty": yaw_penalty or None,
         **recorded(settings),
     }
     keys = jax.random.split(jax.random.key(seed), count)
-    with scoreboards.opened(
-        boards, folder, count, {"drone": Path(drone).name, "seed": seed, **said}
+    with loggers.opened(
+        logger_names, folder, count, {"drone": Path(drone).name, "seed": seed, **said}
     ) as show:
-        # Only now is all that was given known to make sense, and an earlier training may go.
+        # Only now are all inputs checked, and an earlier training may be removed.
         for left in [*([] if resume else [saved]), *results.leftovers(folder)]:
             left.unlink(missing_ok=True)
-        practised = tasks.facing(tasks.TASKS[task](), heading) if heading else tasks.TASKS[task]()
-        policies = train(practised, controller, box, keys, settings, note, saved, history)
+        trained_task = (
+            tasks.with_yaw_penalty(tasks.TASKS[task](), yaw_penalty)
+            if yaw_penalty
+            else tasks.TASKS[task]()
+        )
+        policies = train(trained_task, controller, box, keys, settings, note, saved, history)
     inputs = [drone] if Path(drone).is_file() else []
     made = results.record(
         seed=seed, inputs=inputs, settings=said if inputs else {"drone": str(drone), **said}
@@ -154,9 +158,7 @@ def train_for(
 
 
 def _remove_older(folder: Path, count: int) -> None:
-    """Removes what an earlier training of more policies left, that no one takes them for this
-    one's.
-    """
+    """Removes policies of an earlier training that had more of them."""
     for path in run_folder.POLICY.find(folder):
         number = path.stem.removeprefix("policy_")
         with suppress(InputError):
@@ -168,23 +170,23 @@ def _remove_older(folder: Path, count: int) -> None:
                 path.unlink()
 
 
-def _how_to_begin(folder: Path) -> str:
-    """What to do where there is no checkpoint to go on from."""
+def _how_to_start(folder: Path) -> str:
+    """What to do if there is no checkpoint to resume from."""
     if (folder / run_folder.TRAINING.name).exists():
         return (
             "The policies there are of a training that has ended. Give --overwrite instead of "
             "--resume to train others in their place."
         )
-    begun = folder.is_dir() and set(folder.iterdir()) > set(results.leftovers(folder))
+    started = folder.is_dir() and set(folder.iterdir()) > set(results.leftovers(folder))
     return (
-        "Give --overwrite instead of --resume to begin one."
-        if begun
-        else "Leave out --resume to begin one."
+        "Give --overwrite instead of --resume to start one."
+        if started
+        else "Leave out --resume to start one."
     )
 
 
 def watched_flight(drone: StrPath, structure: str, task: str) -> Callable[[Policy], Flight]:
-    """A function that lets a policy fly once, on the very drone that policies are trained around.
+    """A function that flies a policy once, on the drone at the centre of training.
 
     Args:
         drone: TOML file or name.
@@ -196,5 +198,5 @@ def watched_flight(drone: StrPath, structure: str, task: str) -> Callable[[Polic
         Path(drone).stem, control.in_fitting_steps(parameters.read(drone), controller)
     )
     return lambda one: transfer(
-        [one], [reality], 1, task=flown, controller=controller, duration=WATCHED
+        [one], [reality], 1, task=flown, controller=controller, duration=WATCHED_DURATION_S
     ).flights[0]

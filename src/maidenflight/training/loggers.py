@@ -1,8 +1,7 @@
-"""Scores of training on boards that people watch: TensorBoard and Weights & Biases, whose packages
-are extras.
+"""Loggers of training: TensorBoard and Weights & Biases, whose packages are extras.
 
-A board is a context. Entered, it gives the function that `train` calls after each score; left, it
-closes what it opened. It differs from a result: event files carry the time of day and the host.
+A logger is a context manager that gives the function for `train`'s `on_progress`. Unlike results,
+event files hold the time of day and the host's name.
 """
 
 import socket
@@ -26,11 +25,11 @@ Listener = Callable[["Progress"], None]
 def tensorboard(
     folder: str | PathLike[str], policies: int, settings: Mapping[str, Any]
 ) -> Iterator[Listener]:
-    """Writes event files, a run a policy, over the control periods that all policies have flown.
+    """Writes event files, one run per policy, over control periods of all policies together.
 
-    What `folder` holds of an earlier training is removed with the first score, because training
-    that goes on from a checkpoint tells its whole story again. Until then, as when the checkpoint
-    is refused, it stays.
+    Event files of an earlier training are removed at the first evaluation, because training that
+    resumes reports all earlier evaluations again. Until then, as when the checkpoint is refused,
+    they stay.
 
     Args:
         folder: event files go to `tensorboard/policy_1`, `policy_2` and so on in it.
@@ -112,14 +111,14 @@ class _Events:
 def wandb(
     folder: str | PathLike[str], policies: int, settings: Mapping[str, Any]
 ) -> Iterator[Listener]:
-    """Sends scores to Weights & Biases, a run a policy in one group, over the control periods that
-    all policies have flown.
+    """Sends evaluations to Weights & Biases, one run per policy, in one group.
 
-    Its own environment variables say where to: `WANDB_PROJECT` (`maidenflight` unless set),
+    The horizontal axis is control periods, all policies together.
+
+    Its own environment variables say where: `WANDB_PROJECT` (`maidenflight` unless set),
     `WANDB_ENTITY`, `WANDB_RUN_GROUP` (the folder's name unless set), `WANDB_DIR` (the folder unless
-    set), and with `WANDB_MODE=offline` it needs neither a network nor an account. Runs of training
-    that was interrupted end as failed; what goes on from the checkpoint is a new run with the whole
-    story.
+    set), and with `WANDB_MODE=offline` it needs neither a network nor an account. Runs of
+    interrupted training end as failed; resumed training is a new run with all evaluations.
 
     Args:
         folder: of the policies.
@@ -179,39 +178,39 @@ def _ended(run: Any) -> Iterator[Any]:
     run.finish()
 
 
-BOARDS: dict[
+LOGGERS: dict[
     str, Callable[[str | PathLike[str], int, Mapping[str, Any]], AbstractContextManager[Listener]]
 ] = {
     "tensorboard": tensorboard,
     "wandb": wandb,
 }
-"""Boards by name, as the command line offers them."""
+"""Loggers by name, as the command line offers them."""
 
 
 @contextmanager
 def opened(
     names: Sequence[str], folder: str | PathLike[str], policies: int, settings: Mapping[str, Any]
 ) -> Iterator[Listener]:
-    """Several boards as one; none, where none is named.
+    """Several loggers as one; none, where none is named.
 
     Args:
-        names: keys of `BOARDS`.
+        names: keys of `LOGGERS`.
         folder: of the policies.
         policies: how many learn.
         settings: plain values that are kept with the scores.
 
     Raises:
-        InputError: a board's package is not installed, or it cannot be opened.
+        InputError: a logger's package is not installed, or it cannot be opened.
     """
     with ExitStack() as stack:
-        boards = [
-            stack.enter_context(BOARDS[name](folder, policies, settings))
+        loggers = [
+            stack.enter_context(LOGGERS[name](folder, policies, settings))
             for name in dict.fromkeys(names)
         ]
 
         def show(progress: "Progress") -> None:
-            for board in boards:
-                board(progress)
+            for logger in loggers:
+                logger(progress)
 
         yield show
 

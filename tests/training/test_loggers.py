@@ -14,7 +14,7 @@ import pytest
 
 from event_files import scalars
 from maidenflight.errors import InputError, WriteError
-from maidenflight.training import scoreboards
+from maidenflight.training import loggers
 from maidenflight.training.evaluation import Evaluation
 from maidenflight.training.train import Progress
 
@@ -33,7 +33,7 @@ def test_tensorboard_holds_a_run_a_policy_and_each_score_once_after_a_resume(
 ) -> None:
     pytest.importorskip("tensorboardX")
     for last in (1, 2):
-        with scoreboards.opened(
+        with loggers.opened(
             ["tensorboard", "tensorboard"], tmp_path, 2, {"task": "circle"}
         ) as show:
             for number in range(1, last + 1):
@@ -50,7 +50,7 @@ def test_tensorboard_holds_a_run_a_policy_and_each_score_once_after_a_resume(
 
 def test_scores_can_be_seen_while_training_goes_on(tmp_path: Path) -> None:
     pytest.importorskip("tensorboardX")
-    with scoreboards.tensorboard(tmp_path, 1, {}) as show:
+    with loggers.tensorboard(tmp_path, 1, {}) as show:
         show(heard(1))
         latest = time.monotonic() + 30
         while len(scalars(tmp_path / "tensorboard" / "policy_1")) < 3:
@@ -60,12 +60,12 @@ def test_scores_can_be_seen_while_training_goes_on(tmp_path: Path) -> None:
 
 def test_an_earlier_log_stays_until_there_is_a_score(tmp_path: Path) -> None:
     pytest.importorskip("tensorboardX")
-    with scoreboards.tensorboard(tmp_path, 2, {}) as show:
+    with loggers.tensorboard(tmp_path, 2, {}) as show:
         show(heard(1))
-    with pytest.raises(InputError, match="refused"), scoreboards.tensorboard(tmp_path, 1, {}):
+    with pytest.raises(InputError, match="refused"), loggers.tensorboard(tmp_path, 1, {}):
         raise InputError("refused")
     assert len(scalars(tmp_path / "tensorboard" / "policy_2")) == 3
-    with scoreboards.tensorboard(tmp_path, 1, {}) as show:
+    with loggers.tensorboard(tmp_path, 1, {}) as show:
         show(heard(1))
     assert scalars(tmp_path / "tensorboard" / "policy_2") == []
 
@@ -74,7 +74,7 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     pytest.importorskip("tensorboardX")
     (tmp_path / "tensorboard").write_text("in the way")
     with (
-        scoreboards.tensorboard(tmp_path, 1, {}) as show,
+        loggers.tensorboard(tmp_path, 1, {}) as show,
         pytest.raises(InputError, match="cannot be written"),
     ):
         show(heard(1))
@@ -89,7 +89,7 @@ def test_a_disk_that_fills_up_is_said_and_nothing_more_comes_of_it(
         raise OSError(errno.ENOSPC, "No space left on device")
 
     def two_scores() -> None:
-        with scoreboards.tensorboard(tmp_path, 1, {}) as show:
+        with loggers.tensorboard(tmp_path, 1, {}) as show:
             show(heard(1))
             monkeypatch.setattr(os, "fsync", full)
             show(heard(2))
@@ -139,7 +139,7 @@ def fake(monkeypatch: pytest.MonkeyPatch) -> Wandb:
 
 
 def test_weights_and_biases_gets_a_run_a_policy(fake: Wandb, tmp_path: Path) -> None:
-    with scoreboards.opened(["wandb"], tmp_path / "hover", 2, {"task": "hover"}) as show:
+    with loggers.opened(["wandb"], tmp_path / "hover", 2, {"task": "hover"}) as show:
         show(heard(1))
         show(heard(2))
         assert [run.ended for run in fake.runs] == [None, None]
@@ -167,7 +167,7 @@ def test_its_environment_variables_win(
     given = {"PROJECT": "mine", "RUN_GROUP": "first", "DIR": "elsewhere"}
     for name, value in given.items():
         monkeypatch.setenv(f"WANDB_{name}", value)
-    with scoreboards.wandb(tmp_path, 1, {}):
+    with loggers.wandb(tmp_path, 1, {}):
         pass
     assert [fake.runs[0].arguments[name] for name in ("project", "group", "dir")] == list(
         given.values()
@@ -175,7 +175,7 @@ def test_its_environment_variables_win(
 
 
 def test_runs_of_what_was_interrupted_end_as_failed(fake: Wandb, tmp_path: Path) -> None:
-    with pytest.raises(KeyboardInterrupt), scoreboards.wandb(tmp_path, 2, {}):
+    with pytest.raises(KeyboardInterrupt), loggers.wandb(tmp_path, 2, {}):
         raise KeyboardInterrupt
     assert [run.ended for run in fake.runs] == ["failed", "failed"]
 
@@ -186,23 +186,23 @@ def test_a_run_that_cannot_be_begun_gives_one_line_and_closes_the_others(
     fake.refuses = True
     with (
         pytest.raises(InputError, match=r"No API key configured\. Or set WANDB_MODE=offline"),
-        scoreboards.wandb(tmp_path, 2, {}),
+        loggers.wandb(tmp_path, 2, {}),
     ):
         pass
     assert [run.ended for run in fake.runs] == ["failed"]
 
 
 @pytest.mark.parametrize(
-    ("board", "package"), [("tensorboard", "tensorboardX"), ("wandb", "wandb")]
+    ("logger", "package"), [("tensorboard", "tensorboardX"), ("wandb", "wandb")]
 )
 def test_a_missing_package_is_said_before_anything_happens(
-    board: str, package: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    logger: str, package: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, package, None)
-    expected = rf"pip install 'maidenflight\[{board}\]'"
+    expected = rf"pip install 'maidenflight\[{logger}\]'"
     with (
         pytest.raises(InputError, match=expected),
-        scoreboards.opened([board], tmp_path / "policies", 1, {}),
+        loggers.opened([logger], tmp_path / "policies", 1, {}),
     ):
         pass
     assert not (tmp_path / "policies").exists()
