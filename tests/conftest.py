@@ -2,6 +2,7 @@
 run; the authors' data where it is."""
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 # Compilation is most of what tests take: what one process compiled the others read, and so does the
@@ -22,6 +23,15 @@ settings.register_profile(
     "reproducible", derandomize=True, deadline=None, max_examples=25, database=None
 )
 settings.load_profile("reproducible")
+
+
+@pytest.fixture(scope="module")
+def quick_compilation() -> Iterator[None]:
+    """XLA without its optimizations, for what is compiled and hardly run: half the time."""
+    before = jax.config.jax_disable_most_optimizations  # type: ignore[attr-defined]
+    jax.config.update("jax_disable_most_optimizations", True)
+    yield
+    jax.config.update("jax_disable_most_optimizations", before)
 
 
 @pytest.fixture(scope="session")

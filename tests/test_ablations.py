@@ -140,6 +140,7 @@ def test_effects_are_of_policies_paired_where_they_are_the_same(ablations: Any) 
     assert weighted["change"].item() == pytest.approx(0.05)
 
 
+@pytest.mark.slow
 def test_variants_are_trained_flown_and_drawn_and_nothing_twice(
     ablations: Any, tmp_path: Path, monkeypatch: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:

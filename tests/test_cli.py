@@ -384,6 +384,7 @@ def test_flight_times_of_ours_and_the_authors_policies_are_predicted(
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("quick_compilation")
 def test_policies_are_trained_over_what_flights_leave_possible(
     tmp_path: Path, monkeypatch: Any, capsys: Any
 ) -> None:
@@ -472,6 +473,7 @@ def test_policies_are_trained_over_what_flights_leave_possible(
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("quick_compilation")
 def test_training_that_is_interrupted_says_how_to_go_on_and_does(
     tmp_path: Path, monkeypatch: Any, capsys: Any
 ) -> None:
@@ -549,6 +551,7 @@ def test_a_board_whose_package_is_missing_is_said_before_training_begins(
     assert not (tmp_path / "policies").exists()
 
 
+@pytest.mark.slow
 def test_a_drone_is_validated(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
     logs, output, drone = tmp_path / "recorded", tmp_path / "validation.csv", tmp_path / "mine.toml"
     assert (

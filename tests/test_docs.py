@@ -140,6 +140,7 @@ def test_all_public_names_resolve() -> None:
     assert np.isfinite(float(parameters.crazyflie().mass))
 
 
+@pytest.mark.slow
 def test_the_python_of_the_training_page_runs(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -264,6 +265,7 @@ def test_every_command_that_a_page_shows_is_one_that_there_is() -> None:
     assert shown > 20
 
 
+@pytest.mark.slow
 def test_the_commands_of_the_zero_shot_page_run(monkeypatch: pytest.MonkeyPatch) -> None:
     told = """
         realities = ["near:7"]
@@ -392,6 +394,7 @@ def test_a_recipe_is_short_and_runs(title: str, monkeypatch: pytest.MonkeyPatch)
         assert mf.read_flights("logs").duration == pytest.approx(4.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", ["quickstart", "concepts", "choosing"])
 @pytest.mark.usefixtures("less_work")
 def test_the_python_of_the_first_pages_runs(page: str) -> None:
@@ -402,6 +405,7 @@ def test_the_python_of_the_first_pages_runs(page: str) -> None:
     assert Path("report.html").exists() == (page == "quickstart")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("less_work")
 def test_the_cells_of_the_notebook_run_and_it_stores_no_outputs() -> None:
     cells = json.loads((ROOT / "docs/notebooks/from_logs_to_policy.ipynb").read_text())["cells"]

@@ -67,6 +67,7 @@ def test_gymnasiums_own_check_passes_without_a_warning(name, control):
     assert environment.metadata["render_fps"] == {"pwm": 100, "attitude_rate": 50}[control]
 
 
+@pytest.mark.slow
 def test_the_same_seed_is_the_same_episodes_in_every_instance():
     one, other = gymnasium.make(CIRCLE), gymnasium.make(CIRCLE)
     first = flown(one, 150, seed=3)

@@ -177,6 +177,7 @@ def test_network_computes_what_python_computes_and_passes_its_self_test(
     assert drone.self_test()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compiler", COMPILERS)
 @pytest.mark.parametrize(
     ("structure", "history"),

@@ -72,7 +72,10 @@ INSTRUCTIONS = 16_000
 FLASH, RAM = 24_000, 2_000
 """Bars of the object [bytes], weights included, and of its variables, its state and its stack."""
 
-pytestmark = pytest.mark.skipif(bool(MISSING), reason=f"not on this machine: {', '.join(MISSING)}")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(bool(MISSING), reason=f"not on this machine: {', '.join(MISSING)}"),
+]
 
 
 class Flown(NamedTuple):

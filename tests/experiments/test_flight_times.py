@@ -368,6 +368,7 @@ def published(folder: Path, kind: str) -> tuple[list[Policy], np.ndarray]:
     return policies, np.array(means)
 
 
+@pytest.mark.slow
 def test_a_drone_of_three_parameters_ranks_the_published_pwm_policies_as_their_flights_did(
     shared_data: Path,
 ) -> None:

@@ -33,6 +33,8 @@ hidden = [8]
 hidden_learning_rate = 0
 """
 
+pytestmark = pytest.mark.usefixtures("quick_compilation")
+
 
 def put(folder: Path, text: str) -> Path:
     return results.write(folder / "matrix.toml", text)

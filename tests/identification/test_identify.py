@@ -180,6 +180,7 @@ def test_restless_samples_are_doubted(flights):
     )
 
 
+@pytest.mark.slow
 def test_progress_is_counted_to_the_plan(flights):
     seen = []
     identify(flights, FEW, on_evaluation=lambda done, planned: seen.append((done, planned)))
@@ -228,6 +229,7 @@ def test_too_little_flight_is_refused():
         identify([], Replay())
 
 
+@pytest.mark.slow
 def test_a_single_stretch_of_flight_has_no_interval_to_be_sure_of(flights):
     """One block cannot be redrawn; a note must say so, lest an interval of no width be believed."""
     found = identify(flights[:1], FEW, over=["thrust_to_weight"], start=noiseless(crazyflie()))
@@ -293,6 +295,7 @@ def likely(noisy):
     return identify(noisy, ONCE, over=FIRST, key=jax.random.key(5))
 
 
+@pytest.mark.slow
 def test_likelihood_is_the_objective_unless_told_otherwise(likely, quick):
     assert (likely.kind, quick.kind) == ("likelihood", "replay")
     assert likely.to_table()["kind"] == "likelihood"
@@ -300,6 +303,7 @@ def test_likelihood_is_the_objective_unless_told_otherwise(likely, quick):
     assert not quick.noise
 
 
+@pytest.mark.slow
 def test_a_most_likely_value_lies_in_its_interval_and_its_draws_within_bounds(likely, noisy):
     searched = likelihood.bounds(crazyflie())
     for name, estimate in likely.estimates.items():
@@ -316,6 +320,7 @@ def test_a_most_likely_value_lies_in_its_interval_and_its_draws_within_bounds(li
     assert len(likely.history) == likely.evaluations
 
 
+@pytest.mark.slow
 def test_a_parameter_at_a_bound_keeps_its_draws_within_it(noisy):
     bounds = {"thrust_to_weight": (1.5, 1.8)}
     found = identify(noisy, ONCE, over=["thrust_to_weight"], bounds=bounds)
@@ -325,6 +330,7 @@ def test_a_parameter_at_a_bound_keeps_its_draws_within_it(noisy):
     )
 
 
+@pytest.mark.slow
 def test_the_same_key_gives_the_same_likelihood_and_another_key_other_draws(noisy, likely):
     again = identify(noisy, ONCE, over=FIRST, key=jax.random.key(5))
     other = identify(noisy, ONCE, over=FIRST, key=jax.random.key(6))
@@ -336,6 +342,7 @@ def test_the_same_key_gives_the_same_likelihood_and_another_key_other_draws(nois
     )
 
 
+@pytest.mark.slow
 def test_a_posterior_comes_back_from_its_file_as_drones_to_train_on(likely, tmp_path):
     path = write(tmp_path / "mine.toml", likely.parameters, {"posterior": likely.posterior_table()})
     table = tomllib.loads(path.read_text())["posterior"]

@@ -226,6 +226,7 @@ def test_gradient_and_curvature_are_differences_of_the_value_whose_noise_model_i
         ), name
 
 
+@pytest.mark.slow
 def test_each_stretchs_gradient_is_the_slope_of_its_value_when_all_stretches_fit_the_autoregression_anew(
     long,
 ):

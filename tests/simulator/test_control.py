@@ -119,6 +119,7 @@ def test_an_action_is_added_to_the_position_pids_commands(firmware):
     np.testing.assert_allclose(excited - plain, [0.1, -0.1, 0.05, 0.0], atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("firmware", FIRMWARES)
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("sign", [1, -1])

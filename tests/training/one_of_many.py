@@ -25,13 +25,14 @@ if __name__ == "__main__":
         "horizon": 8,
         "evaluations": 2,
         "episodes": 8,
+        "hidden": (8,),
     }
     keys = jax.random.split(jax.random.key(0), 2)
     # Each device shuffles its own drones' periods: only a whole batch holds the same ones however
     # many devices there are.
     for settings in (
         AnalyticGradient(**few),
-        PPO(**few, actor_minibatches=1, critic_minibatches=1),
+        PPO(**few, critic_hidden=(8,), actor_minibatches=1, critic_minibatches=1),
     ):
         name, saved = (
             type(settings).__name__,
