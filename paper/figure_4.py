@@ -28,6 +28,7 @@ from maidenflight.experiments.transfer import MAX_DURATION_S
 from maidenflight.reporting import svg
 from maidenflight.reporting.flight_figures import COLOURS
 from maidenflight.reporting.svg import Panel
+from maidenflight.terminal import flight_output
 
 SETTINGS = Path(__file__).with_name("zero_shot.toml")
 
@@ -191,7 +192,7 @@ def run(settings: Path, small: bool, authors: Path | None, output: Path) -> None
     results.write(
         output / "figure_4.svg", chart(drawn if real is None else {**drawn, "real": real})
     )
-    terminal.cells(matrix.by_cell(flights, asked.duration))
+    flight_output.cells(matrix.by_cell(flights, asked.duration))
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from event_files import scalars
 from maidenflight import cli, parameters, policy, results, terminal
 from maidenflight.cli import cache
 from maidenflight.flights import reading
+from maidenflight.terminal import flight_output
 
 COMMANDS = (
     "demo",
@@ -491,7 +492,7 @@ def test_training_that_is_interrupted_says_how_to_go_on_and_does(
         "--log",
         "tensorboard",
     )
-    scores = terminal.scores
+    scores = flight_output.scores
 
     def interrupt(*_: Any) -> str:
         raise KeyboardInterrupt

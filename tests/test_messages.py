@@ -17,6 +17,7 @@ from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.identification.estimates import Estimate
 from maidenflight.identification.selection import Step
+from maidenflight.terminal import drone_output, flight_output
 from maidenflight.training import checkpoint
 from maidenflight.training.evaluation import Evaluation
 from maidenflight.training.train import Progress
@@ -187,7 +188,7 @@ def test_a_policy_and_reality_have_a_row(capsys: Any) -> None:
         "duration": [19.2],
         "position_error": [0.013],
     }
-    terminal.by_policy(polars.DataFrame(columns))
+    flight_output.by_policy(polars.DataFrame(columns))
     assert re.search(r"policy_1 +far-7 +8 of 9 +19\.20 s +1\.3 cm", capsys.readouterr().out)
 
 
@@ -211,22 +212,24 @@ def test_equal_notes_are_said_once(capsys: Any) -> None:
     assert said[-1] == "  and 2 more; --json lists them all"
 
 
-def test_how_sure_a_gain_is_cannot_be_told_from_one_stretch(capsys: Any) -> None:
+def test_a_gain_of_one_segment_has_no_standard_error(capsys: Any) -> None:
     found: Any = SimpleNamespace(
         bought=(Step("drag", 0.0018, 0.0, True), Step("inertia", 0.01, 1e-19, True))
     )
-    terminal.bought(found)
-    out = capsys.readouterr().out
-    assert out.count("+- ??????") == 2
-    assert "cannot be told from one stretch" in out
-    terminal.bought(SimpleNamespace(bought=(Step("drag", 0.0018, 1e-4, True),)))  # type: ignore[arg-type]
-    assert "?" not in capsys.readouterr().out
+    drone_output.gains(found)
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ["drag", "+0.0018", "unknown", "kept"] in rows
+    assert ["inertia", "+0.0100", "unknown", "kept"] in rows
+    found.bought = (Step("drag", 0.0018, 1e-4, True),)
+    drone_output.gains(found)
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ["drag", "+0.0018", "0.0001", "kept"] in rows
 
 
 def test_without_a_terminal_each_score_is_a_line(capsys: Any) -> None:
     moves: list[Any] = []
     score = Evaluation(*(jnp.array([value, value]) for value in (-7.5, 1.0, 0.013)))
-    terminal.scored(lambda *given: moves.append(given), Progress(20, 1000, score), 100, 5000.0)
+    flight_output.scored(lambda *given: moves.append(given), Progress(20, 1000, score), 100, 5000.0)
     told = "return -7.5, survival 100%, error 1.3 cm, 5 k steps/s"
     assert moves == [(20, 100, told)]
     assert capsys.readouterr().err == f"update 20 of 100: {told}\n"
@@ -306,20 +309,20 @@ def test_estimates_have_units_to_read_and_say_what_they_rest_on(capsys: Any) -> 
         kind="likelihood",
         **fit,
     )
-    terminal.estimates(found)
-    terminal.kept(found, "crazyflie")
-    terminal.reached_objective(found, "crazyflie")
+    drone_output.estimates(found)
+    drone_output.kept(found, "crazyflie")
+    drone_output.reached_objective(found, "crazyflie")
     out = capsys.readouterr().out
     assert re.search(r"latency +7\.15 +7\.08 \.\. 7\.21 +0\.22 +ms", out)
     assert re.search(r"torque_bias_x +-58\.83 +-97\.05 \.\. -23\.16 +110 +1e-6 N m", out)
     assert "kept from crazyflie: mass 28 g and arm length 39.6 mm" in out
     assert "noise found: position_walk 0.0924 m/sqrt(s), actuator_noise 0.02\n" in out
     assert (
-        "log likelihood 14.82 nats a row (13.42 for crazyflie; more is better), after 8 "
+        "log-likelihood 14.82 nats a row (13.42 for crazyflie; more is better), after 8 "
         "evaluations of it in 107.2 s" in out
     )
     found.kind = "replay"
-    terminal.estimates(found, {"latency": "7 + 3 sensors", "torque_bias_x": "-6e-05"})
+    drone_output.estimates(found, {"latency": "7 + 3 sensors", "torque_bias_x": "-6e-05"})
     out = capsys.readouterr().out
     assert "between trials: standard deviation" in out
     assert re.search(r"torque_bias_x .* -60 +1e-6 N m", out)

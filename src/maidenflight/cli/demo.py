@@ -8,6 +8,7 @@ import click
 
 from maidenflight import cores, terminal
 from maidenflight.cli import options
+from maidenflight.terminal import demo_output, flight_output
 
 if TYPE_CHECKING:
     from maidenflight.demo import Demo, Plan
@@ -53,10 +54,12 @@ def demo(output: Path | None, seed: int, as_json: bool, overwrite: bool) -> None
             Listener(
                 stage=begin,
                 evaluation=lambda done, of: move(done, of or None, f"identify: {done} evaluations"),
-                training=lambda progress: terminal.scored(move, progress, plan.learner.updates),
+                training=lambda progress: flight_output.scored(
+                    move, progress, plan.learner.updates
+                ),
             ),
         )
-    options.emit(as_json, _content(result), lambda: terminal.summary(result))
+    options.emit(as_json, _content(result), lambda: demo_output.summary(result))
 
 
 def _stages(plan: "Plan") -> dict[str, str]:
@@ -79,7 +82,7 @@ def _content(result: "Demo") -> dict[str, Any]:
             name: {"value": estimate.value, "interval": list(estimate.interval)}
             for name, estimate in result.identification.estimates.items()
         },
-        "truth": terminal.truth(result),
+        "truth": demo_output.truth(result),
         "flights": result.transfer.table.to_dicts(),
         "stages": result.seconds,
         "best": str(result.best),

@@ -11,6 +11,7 @@ import click
 from maidenflight import run_folder, terminal
 from maidenflight.cli import options
 from maidenflight.errors import InputError
+from maidenflight.terminal import drone_output
 
 if TYPE_CHECKING:
     from maidenflight.flights.reading import Flights
@@ -193,10 +194,10 @@ def identify(
 
     def text() -> None:
         _print_flights(flights, found.windows)
-        terminal.bought(found)
-        terminal.estimates(found)
-        terminal.kept(found, start)
-        terminal.reached_objective(found, start)
+        drone_output.gains(found)
+        drone_output.estimates(found)
+        drone_output.kept(found, start)
+        drone_output.reached_objective(found, start)
         print(f"written to {output}")
 
     options.emit(as_json, _identification_content(flights, found) | {"output": str(output)}, text)
@@ -335,7 +336,7 @@ def validate(
 
     def text() -> None:
         _print_flights(flights, errors["windows"][0])
-        terminal.predictions(errors, simulated=simulated)
+        drone_output.predictions(errors, simulated=simulated)
         print(
             f"written to {output} in SI units, with 95 % intervals over {errors['stretches'][0]} "
             "stretches of flight;"

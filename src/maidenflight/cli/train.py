@@ -12,6 +12,7 @@ import click
 from maidenflight import cores, run_folder, terminal
 from maidenflight.cli import options
 from maidenflight.cli.interruption import resumable
+from maidenflight.terminal import flight_output
 from maidenflight.training.loggers import LOGGERS
 
 if TYPE_CHECKING:
@@ -152,7 +153,7 @@ def train(
             )
             began = began if heard else time.perf_counter()
             heard.append(progress)
-            terminal.scored(move, progress, settings.updates, rate)
+            flight_output.scored(move, progress, settings.updates, rate)
             watch(progress)
 
         move(0, settings.updates, "compiling, until the first score")

@@ -11,6 +11,7 @@ import click
 from maidenflight import cores, run_folder, terminal
 from maidenflight.cli import options
 from maidenflight.cli.interruption import resumable
+from maidenflight.terminal import flight_output
 
 if TYPE_CHECKING:
     from polars import DataFrame
@@ -114,11 +115,11 @@ def transfer(
     }
 
     def text() -> None:
-        if flown.table.height <= terminal.FEW:
-            terminal.flights(flown)
-        terminal.by_policy(summary)
+        if flown.table.height <= flight_output.FEW:
+            flight_output.flights(flown)
+        flight_output.by_policy(summary)
         if len(files) > 1:
-            terminal.best([best], "longest mean flight; among equals the smallest mean error")
+            flight_output.best([best], "longest mean flight; among equals the smallest mean error")
         print(f"written to {output}/, a row a flight in flights.csv")
 
     options.emit(as_json, content, text)
@@ -141,7 +142,7 @@ def _transfer_matrix(
     cells = matrix.by_cell(flights, asked.duration)
 
     def text() -> None:
-        terminal.cells(cells)
+        flight_output.cells(cells)
         print(
             f"{flights.height} simulated flights of {len(asked.cells) * asked.policies} policies, "
             f"written to {output}/flights.csv"
@@ -256,9 +257,9 @@ def predict(
     ]
 
     def text() -> None:
-        terminal.flight_times(flown)
+        flight_output.flight_times(flown)
         if len(files) > 1:
-            terminal.best(best, f"longest mean, {longest:.2f} s")
+            flight_output.best(best, f"longest mean, {longest:.2f} s")
         print(f"written to {output}")
 
     content = {

@@ -95,7 +95,8 @@ def gains(run: Run) -> Markup | str:
             tables.plain(step.group.replace("_", " ")),
             Cell(
                 Markup("{} <small>± {}</small>").format(
-                    f"{step.gain:+.4f}".replace("-", "\N{MINUS SIGN}"), f"{step.error:.4f}"
+                    f"{step.gain:+.4f}".replace("-", "\N{MINUS SIGN}"),
+                    f"{step.error:.4f}" if text.error_known(step.gain, step.error) else "unknown",
                 ),
                 step.gain,
             ),

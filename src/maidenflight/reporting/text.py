@@ -99,6 +99,11 @@ def number(value: Any, digits: int = 4) -> str:
     return shown.replace("-", "\N{MINUS SIGN}")
 
 
+def error_known(gain: float, error: float) -> bool:
+    """Whether a gain has a standard error; of one segment it comes out as zero or as a rounding."""
+    return error > 1e-9 * abs(gain)
+
+
 def plural(count: int, noun: str) -> str:
     """`1 flight`, `2 flights`, `3 policies`."""
     if count == 1:

@@ -1,0 +1,164 @@
+"""Output of identified drones: parameters, how they were found, and how well they predict."""
+
+from textwrap import fill
+from typing import TYPE_CHECKING
+
+from maidenflight.terminal import table
+
+if TYPE_CHECKING:
+    from polars import DataFrame
+
+    from maidenflight.identification.estimates import Identification
+
+_IN_MS = ("motor_time_constant", "latency")
+"""Parameters whose truth is given in milliseconds, as text."""
+
+
+def estimates(found: "Identification", truth: dict[str, str] | None = None) -> None:
+    """Prints identified parameters, beside the truth where it is known."""
+    replayed = found.kind == "replay"
+    rows: list[list[str]] = []
+    for name, estimate in found.estimates.items():
+        scale, unit = _scale(name, estimate.value)
+
+        def shown(number: float, scale: float = scale) -> str:
+            return f"{number * scale:.4g}"
+
+        row = [
+            name,
+            shown(estimate.value),
+            f"{shown(estimate.interval[0])} .. {shown(estimate.interval[1])}",
+            f"{float(f'{estimate.spread * scale:.2g}'):g}",
+        ]
+        if replayed:
+            row.append(
+                ""
+                if estimate.valley is None
+                else f"{shown(estimate.valley[0])} .. {shown(estimate.valley[1])}"
+            )
+            row.append(
+                f"{float(f'{estimate.trial_deviation * scale:.2g}'):g}"
+                if len(estimate.trials) > 1
+                else ""
+            )
+        if truth is not None:
+            row.append(truth.get(name, "") if name in _IN_MS else shown(float(truth[name])))
+        rows.append([*row, unit])
+    further = [
+        *(["range within\n1 %", "between\ntrials"] if replayed else []),
+        *(["truth"] if truth is not None else []),
+    ]
+    table(
+        "Identified parameters",
+        ["parameter", "value", "95 % interval", "between\nsegments", *further, "unit"],
+        rows,
+    )
+    print("between segments: standard deviation; the next flight may be as far off")
+    if replayed:
+        print("between trials: standard deviation, of the optimiser only")
+
+
+def _scale(name: str, value: float) -> tuple[float, str]:
+    """Shown value per SI value, and the unit in which it is shown."""
+    from maidenflight.parameters import COMPONENTS, QUANTITIES
+
+    unit = QUANTITIES[COMPONENTS[name][0]].unit
+    unit = "" if unit == "-" else unit
+    if unit == "s":
+        return 1e3, "ms"
+    return (1e6, f"1e-6 {unit}".strip()) if 0.0 < abs(value) < 1e-3 else (1.0, unit)
+
+
+def kept(found: "Identification", start: str) -> None:
+    """Prints what identified parameters rest on, and the noise found."""
+    from maidenflight.parameters import QUANTITIES
+
+    mass, arm = float(found.parameters.mass), float(found.parameters.arm_length)
+    if not {"mass", "arm_length"} & set(found.estimates):
+        print(
+            f"kept from {start}: mass {mass * 1e3:.4g} g and arm length {arm * 1e3:.4g} mm, on "
+            "which inertias and torques depend;"
+        )
+        print("if yours differ, give your drone with --start.")
+    if found.noise:
+        levels = (
+            f"{name} {value:.3g} {QUANTITIES[name].unit}".removesuffix(" -")
+            for name, value in found.noise.items()
+            if value
+        )
+        print(fill(f"noise found: {', '.join(levels)}", 118))
+
+
+def reached_objective(found: "Identification", start: str) -> None:
+    """Prints how well the identified drone fits, beside the one that the search began with."""
+    if found.kind == "replay":
+        fit = (
+            f"mean error of a replayed window {found.objective:.4g} "
+            f"({found.start_objective:.4g} for {start})"
+        )
+    else:
+        fit = (
+            f"log-likelihood {-found.objective:.4g} nats a row ({-found.start_objective:.4g} "
+            f"for {start}; more is better)"
+        )
+    print(f"{fit}, after {found.evaluations} evaluations of it in {found.seconds:.1f} s")
+
+
+def gains(found: "Identification") -> None:
+    """Prints the log-likelihood gain of each group of parameters, where the flights chose them."""
+    if not found.bought:
+        return
+    from maidenflight.reporting.text import error_known
+
+    known = [error_known(step.gain, step.error) for step in found.bought]
+    rows = [
+        [
+            step.group,
+            f"{step.gain:+.4f}",
+            f"{step.error:.4f}" if sure else "unknown",
+            "kept" if step.kept else "not kept",
+        ]
+        for step, sure in zip(found.bought, known, strict=True)
+    ]
+    heads = ["parameters", "gain a row\n(nats)", "standard\nerror", ""]
+    table("Log-likelihood gain on held-out flights", heads, rows)
+    if not all(known):
+        print("unknown: one held-out segment of flight gives no standard error; give more flights.")
+
+
+def predictions(errors: "DataFrame", simulated: bool) -> None:
+    """Prints prediction errors, a block of rows for each horizon.
+
+    `*` marks what is worse than the persistence baseline.
+    """
+    from maidenflight.identification.prediction import NOTHING_CHANGES
+    from maidenflight.reporting.text import ERRORS
+
+    baseline = {
+        row["horizon"]: row
+        for row in errors.iter_rows(named=True)
+        if row["model"] == NOTHING_CHANGES
+    }
+    rows: list[list[str]] = []
+    for row in errors.iter_rows(named=True):
+        worse = {name: not row[name] <= baseline[row["horizon"]][name] for name in ERRORS}
+        cells = [
+            f"{'* ' if worse[name] else ''}{row[name] * scale:#.3g}"
+            for name, (_, scale, _) in ERRORS.items()
+        ]
+        first = row["model"] == errors["model"][0]
+        rows.append(
+            [
+                f"{row['horizon']:g} s" if first else "",
+                row["model"],
+                *(cell.removesuffix(".") for cell in cells),
+            ]
+        )
+    heads = [f"{name}\n{unit}" for name, _, unit in ERRORS.values()]
+    title = (
+        f"Open-loop prediction errors on {'simulated' if simulated else 'real'} flight, root "
+        "mean squares"
+    )
+    table(title, ["ahead", "model", *heads], rows, numbers_from=2)
+    if any(cell.startswith("*") for row in rows for cell in row[2:]):
+        print(f"* worse than predicting that {NOTHING_CHANGES}")
