@@ -98,7 +98,7 @@ def fly(
 
 
 def _start(key: Array) -> tuple[Float[Array, "3"], Array, Array]:
-    """Offset of the start from the reference [m], and keys of the first measurement and the rest."""
+    """Offset of the start from the reference [m]; keys of the first measurement and the rest."""
     place_key, begin_key, key = jax.random.split(key, 3)
     offset = 0.02 * jax.random.uniform(place_key, (3,), minval=-1.0, maxval=1.0)
     return offset, begin_key, key

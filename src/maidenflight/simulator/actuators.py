@@ -1,6 +1,4 @@
-"""From thrust command to motor command: actuator noise, the optional battery, and the square root
-of the motor model.
-"""
+"""From thrust command to rotor speed command: actuator noise, optional battery, square root."""
 
 from typing import NamedTuple
 
@@ -12,7 +10,7 @@ from maidenflight.simulator import battery
 
 
 class Actuators(NamedTuple):
-    """What the actuators remember from one command to the next."""
+    """State of the actuators from one command to the next."""
 
     noise: Float[Array, "4"]
     """Ornstein-Uhlenbeck noise added to u [-]."""
@@ -38,8 +36,7 @@ def ornstein_uhlenbeck(
     parameters: Parameters,
     normal: Float[Array, "4"],
 ) -> Float[Array, "4"]:
-    """Next sample of the actuator noise, exact at any time step: its strength does not depend on
-    how often it is drawn.
+    """Next sample of the actuator noise, an Ornstein-Uhlenbeck process, exact at any time step.
 
     Source: the process of Gronauer et al. 2022, sec. Simulation Environment; Molchanov et al. 2019.
     """
@@ -51,9 +48,9 @@ def ornstein_uhlenbeck(
 
 
 def rotor_speed_command(command: Float[Array, "4"]) -> Float[Array, "4"]:
-    """sqrt(u), with a zero instead of an infinite gradient at u = 0. Source: Gronauer et al.
+    """sqrt(u), with a zero instead of an infinite gradient at u = 0.
 
-    2022, eq:motor-dynamics.
+    Source: Gronauer et al. 2022, eq:motor-dynamics.
     """
     none = command <= 0
     return jnp.where(none, 0.0, jnp.sqrt(jnp.where(none, 1.0, command)))
@@ -70,7 +67,7 @@ def actuate(
     """Turns a thrust command into the rotor speed command that enters the delay line.
 
     Args:
-        actuators: memory.
+        actuators: state before.
         command: u, in [0, 1].
         period: time for which the command holds [s].
         parameters: uses the noise and `battery` fields.
@@ -79,7 +76,7 @@ def actuate(
             8-bit PWM.
 
     Returns:
-        New memory and sqrt(u) of the noisy command, in [0, 1].
+        New state and sqrt(u) of the noisy command, in [0, 1].
     """
     noise = ornstein_uhlenbeck(actuators.noise, period, parameters, normal)
     if with_battery:

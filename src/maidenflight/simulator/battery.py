@@ -1,8 +1,8 @@
 """The battery and the firmware's compensation for it: from thrust command to motor ratio and back.
 
-A Crazyflie raises the motors' ratio as the battery falls, so that a thrust command keeps its
-meaning until the ratio reaches one. Logs hold the ratio after compensation, so the same law read
-backwards recovers the command.
+A Crazyflie raises the motor ratio as the battery voltage falls, so that a thrust command gives the
+same thrust until the ratio reaches one. Logs hold the ratio after compensation; the inverse of the
+same law recovers the command.
 
 Source: Crazyflie firmware 2021.10, src/drivers/src/motors.c, motorsCompensateBatteryVoltage; the
 scales were verified on the authors' flight logs (97 % of 617,316 samples exact, all within one
@@ -26,8 +26,8 @@ Numbers = TypeVar("Numbers", jax.Array, np.ndarray)
 COUNTS = 60000.0
 """The firmware's thrust counts that are u = 1 here, as in the authors' code and flights."""
 MOST_COUNTS = 65535.0
-"""The most it has. It is u = 1 in logs that tell the firmware's own share of full thrust
-(`flights.cflib`, our own of a real drone)."""
+"""The largest count; u = 1 in logs of the firmware's own share of full thrust (`flights.cflib`, and
+our own logs of a real drone)."""
 _GRAMS = 60.0 * COUNTS / 65536.0
 """Thrust [g] of four motors that the firmware expects at u = 1."""
 _SQUARE, _LINEAR = -0.0006239, 0.088
@@ -53,8 +53,7 @@ def motor_ratio(command: Numbers, voltage: Numbers) -> Numbers:
 
 
 def thrust_command(ratio: Numbers, voltage: Numbers) -> Numbers:
-    """Thrust command that a motor ratio stands for: the inverse of `motor_ratio` at the middle of
-    its 8-bit step.
+    """Thrust command of a motor ratio: the inverse of `motor_ratio` at the middle of its step.
 
     Args:
         ratio: motor ratio after compensation; zero means that the motor is off.
@@ -77,7 +76,7 @@ def voltage(
 ) -> Float[Array, ""]:
     """Battery voltage under load: V = V_0 - (dV/dt) drawn - R mean(ratio) [V].
 
-    A linear stand-in for a LiPo's middle range, of our own making.
+    A linear model of the middle range of a LiPo cell; ours.
 
     Args:
         charge_drawn: time at full ratio that the motors have run for [s].

@@ -15,7 +15,7 @@ The body is Bullet's default kind, a multibody with a base and no links. Read ba
 - Damping is 0.04 unless set: an acceleration of -0.04 (1 + |v|) v, and the same for the angular
   velocity.
 - Every component of either velocity is clipped to 100 m/s or rad/s.
-- The step is that of `dynamics.euler`, with an exact rotation in place of the normalised quaternion.
+- The step is that of `dynamics.euler`, with an exact rotation instead of a normalised quaternion.
 """
 
 import atexit
@@ -178,9 +178,7 @@ class _World:
         )
 
     def step(self, push: list[float]) -> None:
-        """One step under the rotors' forces, the torque that these do not make (see `_motors`),
-        drag, flapping and damping.
-        """
+        """One step under the forces and torque of `_motors`, drag, flapping and damping."""
         bullet, frame = self.bullet, self.bullet.LINK_FRAME
         forces, further = push[:4], push[4:]
         for force, place in zip(forces, self.places, strict=True):

@@ -4,9 +4,9 @@ A `State` is one drone's. Rotors 1 to 4 are front right, back right, back left, 
 turn counter-clockwise. Inside this module a *command* is a rotor speed command sqrt(u), already
 delayed, noisy and averaged over the step.
 
-Sums over axes are written out: a matrix product or a reduction over three numbers would end the
-loops that XLA fuses, and cost two thirds of the speed. Torques are tuples until all are summed,
-since each array stacked on the way costs as much again.
+Sums over axes are written out: a matrix product or a reduction over three numbers would keep XLA
+from fusing loops, and cost two thirds of the speed. Torques are tuples until all are summed, since
+stacking an array on the way costs as much again.
 """
 
 from collections.abc import Callable
@@ -70,12 +70,10 @@ def torque(forces: Float[Array, "4"], parameters: Parameters) -> Axes:
 def further_torque(state: State, spin_up: Float[Array, "4"], parameters: Parameters) -> Axes:
     """Torque on the body [N m] about x, y and z that the paper's model lacks.
 
-    Zero in its Crazyflie.
-
-    Four parts: the rotors' pitching moment against the flight's direction, -c_f z x v (flapping
-    blades, and rotors above the centre of mass); damping of roll and pitch rates; the reaction to
-    rotors that spin up, with the signs of their drag torque; and a constant bias (an off-centre
-    battery, unequal motors).
+    It is zero for the paper's Crazyflie. Four parts: the rotors' pitching moment against the
+    flight's direction, -c_f z x v (flapping blades, and rotors above the centre of mass); damping
+    of roll and pitch rates; the reaction to rotors that spin up, with the signs of their drag
+    torque; and a constant bias (an off-centre battery, unequal motors).
 
     Args:
         state: the drone.
@@ -124,8 +122,9 @@ def linear_acceleration(state: State, parameters: Parameters) -> Float[Array, "3
 def angular_acceleration(
     state: State, spin_up: Float[Array, "4"], parameters: Parameters
 ) -> Float[Array, "3"]:
-    """Angular acceleration [rad/s2], body: I domega/dt = eta - omega x (I omega), with eta all
-    torques on the body.
+    """Angular acceleration [rad/s2], body: I domega/dt = eta - omega x (I omega).
+
+    eta is the sum of all torques on the body.
 
     Args:
         state: the drone.
@@ -153,8 +152,7 @@ def angular_acceleration(
 def motor_derivative(
     rotor_speed: Float[Array, "4"], command: Float[Array, "4"], parameters: Parameters
 ) -> Float[Array, "4"]:
-    """Rate of change of the rotor speeds [1/s]: T_m dnu/dt = sqrt(u) - nu, and less where only the
-    air brakes a rotor.
+    """Rate of change of the rotor speeds [1/s]: T_m dnu/dt = sqrt(u) - nu, and less when coasting.
 
     A motor that slows down lags by T_m `spin_down_ratio` + T_c (nu - sqrt(u)) / nu^2: the time that
     the motor takes and the time that the air takes, one after the other. The air's drag grows with
@@ -166,8 +164,8 @@ def motor_derivative(
         parameters: `motor_time_constant` T_m [s] holds while the motor speeds up, `spin_down_ratio`
             and `motor_coasting` T_c [s] besides while it slows down.
 
-    Source: Gronauer et al. 2022, eq:motor-dynamics; coasting is ours, told by the authors' flights
-    (docs/identification.md).
+    Source: Gronauer et al. 2022, eq:motor-dynamics; coasting is ours, identified from the authors'
+    flights (docs/identification.md).
     """
     change = command - rotor_speed
     _, square, lag = _lags(change, rotor_speed, parameters)
@@ -177,12 +175,13 @@ def motor_derivative(
 def _lags(
     change: Float[Array, "4"], rotor_speed: Float[Array, "4"], parameters: Parameters
 ) -> tuple[Array, Array, Array]:
-    """A motor's own lag [s], nu^2, and nu^2 times the lag with coasting [s], so that a rate takes
-    one division, which is dear.
+    """A motor's own lag [s], nu^2, and nu^2 times the lag with coasting [s].
+
+    So that a rate takes one division, which is slow.
     """
     slower = parameters.motor_time_constant * parameters.spin_down_ratio
     time_constant = jnp.where(change < 0, slower, parameters.motor_time_constant)
-    # A rotor as slow as this lifts nothing; without it one that stands would divide by zero.
+    # Of a rotor too slow to lift anything; avoids a division by zero for one that stands.
     square = rotor_speed * rotor_speed + 1e-6
     return (
         time_constant,
@@ -194,10 +193,10 @@ def _lags(
 def spin_up(
     rotor_speed: Float[Array, "4"], command: Float[Array, "4"], parameters: Parameters
 ) -> Float[Array, "4"]:
-    """Mean rate of change of the rotor speeds over a step with a held command [1/s]: second order,
-    and stable at any step.
+    """Mean rate of change of the rotor speeds over a step with a constant command [1/s].
 
-    One linearly implicit step, which is the trapezoidal rule where nothing coasts.
+    One linearly implicit step, second order and stable at any step size; the trapezoidal rule where
+    nothing coasts.
 
     Source: Rosenbrock 1963, Some general implicit processes for the numerical solution of
     differential equations (one stage).
@@ -215,8 +214,9 @@ def spin_up(
 def _rate_of_change(
     before: Float[Array, "4"], after: Float[Array, "4"], parameters: Parameters
 ) -> Float[Array, "4"]:
-    """The rotors' mean rate of change over a step [1/s], from its ends: the motors' formula, asked
-    again, costs a third of the speed.
+    """The rotors' mean rate of change over a step [1/s], from its ends.
+
+    Evaluating the motors' formula again would cost a third of the speed.
     """
     return (after - before) * (1.0 / parameters.time_step)
 
@@ -234,11 +234,9 @@ def derivative(state: State, command: Float[Array, "4"], parameters: Parameters)
 
 
 def euler(state: State, command: Float[Array, "4"], parameters: Parameters) -> State:
-    """One semi-implicit Euler step: motors, then velocities, then positions, each from the newest
-    values.
+    """One semi-implicit Euler step: motors, velocities, positions, each from the newest values.
 
-    First order, and half a step less late than explicit Euler; PyBullet, the paper's engine, steps
-    the same way.
+    First order. PyBullet, the paper's engine, steps the same way.
     """
     dt = parameters.time_step
     rotor_speed = state.rotor_speed + dt * motor_derivative(state.rotor_speed, command, parameters)
@@ -257,12 +255,11 @@ def euler(state: State, command: Float[Array, "4"], parameters: Parameters) -> S
 
 
 def midpoint(state: State, command: Float[Array, "4"], parameters: Parameters) -> State:
-    """One step whose forces are those of the middle: motors by a linearly implicit step, then
-    velocities, then positions.
+    """One step under the forces at its middle: motors (linearly implicit), velocities, positions.
 
-    Second order in all that is fast, at the cost of `euler`, which applies the forces of a step's
-    end and so is half a step early in every integration: at 5 ms steps about 5 ms of the way from
-    command to attitude, as much as a Crazyflie's whole latency.
+    Second order for all fast states, at the cost of `euler`. That one applies the forces of a
+    step's end and so is half a step early in every integration: at 5 ms steps about 5 ms from
+    command to attitude, as much as the latency of a Crazyflie.
     """
     dt = parameters.time_step
     rotor_speed = state.rotor_speed + dt * spin_up(state.rotor_speed, command, parameters)
@@ -282,7 +279,7 @@ def midpoint(state: State, command: Float[Array, "4"], parameters: Parameters) -
 
 
 def rk4(state: State, command: Float[Array, "4"], parameters: Parameters) -> State:
-    """One step of the classical fourth-order Runge-Kutta method with a held command."""
+    """One step of the classical fourth-order Runge-Kutta method with a constant command."""
     dt = parameters.time_step
 
     def shifted(slope: State, by: Float[Array, ""]) -> State:
@@ -298,9 +295,7 @@ def rk4(state: State, command: Float[Array, "4"], parameters: Parameters) -> Sta
 
 
 def held_by_floor(state: State, height: float) -> State:
-    """A drone that would sink below a floor rests on it instead, at once and without a bounce.
-
-    Ours.
+    """A drone that would sink below a floor stops on it at once, without a bounce; ours.
 
     Args:
         state: the drone.
@@ -320,8 +315,9 @@ formula to this end)."""
 
 
 def near_ground(parameters: Parameters, height: Float[Array, ""]) -> Parameters:
-    """The drone as it is near the ground, where the same rotor speed lifts more: F (1 + min(c_g /
-    z^2, 4/15)).
+    """The drone near the ground, where the same rotor speed lifts more.
+
+    F (1 + min(c_g / z^2, 4/15)).
 
     Args:
         parameters: uses `ground_effect` c_g [m2].
@@ -337,9 +333,7 @@ def near_ground(parameters: Parameters, height: Float[Array, ""]) -> Parameters:
 
 
 def checked(state: State) -> State:
-    """Returns a state whose numbers are all finite.
-
-    Inside compiled functions, where they are not known, any state.
+    """Returns a state whose numbers are all finite; inside compiled functions any state.
 
     Raises:
         InputError: a number is not finite.

@@ -1,8 +1,8 @@
 """Latency as a delay line, continuous and differentiable in the delay.
 
-Commands are held for one command period. Over a physics step the motor sees the delayed command's
-exact mean, so that a delay between two steps, or between two commands, blends its neighbours
-instead of jumping: an index into a buffer would make every objective flat in the latency between
+Commands pass a zero-order hold of one command period. Over a physics step the motor sees the exact
+mean of the delayed command, so that a delay between two steps, or between two commands, is
+interpolated: with an index into a buffer every objective would be constant in the latency between
 steps.
 """
 
@@ -17,7 +17,7 @@ SLOWEST = QUANTITIES["latency"].upper
 
 
 def slots(command_period: float) -> int:
-    """How many held commands a delay line must remember.
+    """Number of commands that a delay line must hold.
 
     Args:
         command_period: time between two commands [s]; one slot is spare for periods randomized to
@@ -27,13 +27,14 @@ def slots(command_period: float) -> int:
 
 
 def push(line: Float[Array, "slots 4"], command: Float[Array, "4"]) -> Float[Array, "slots 4"]:
-    """Puts the newest command in front and forgets the oldest."""
+    """Puts the newest command in front and drops the oldest."""
     return jnp.concatenate([command[None], line[:-1]])
 
 
 def with_room(line: Float[Array, "slots 4"], commands: int) -> Float[Array, "slots+commands 4"]:
-    """A line with room in front for commands to come: cheaper than a `push` for each, which moves
-    the whole line.
+    """A line with room in front for commands to come.
+
+    Cheaper than a `push` for each, which moves the whole line.
     """
     return jnp.concatenate([jnp.zeros((commands, 4)), line])
 
@@ -51,8 +52,7 @@ def delayed(
     steps: int,
     newest: Int[Array, ""] | int = 0,
 ) -> Float[Array, "steps 4"]:
-    """What the motors see in each physics step of the period that the newest command starts: the
-    delayed command's mean.
+    """Mean of the delayed command in each physics step of the newest command's period.
 
     Step i sees the commands of the time from (i dt - Delta) to ((i + 1) dt - Delta), where the
     newest command (slot 0) starts at 0 and slot j holds from -j h to (1 - j) h, h = steps dt. A

@@ -1,5 +1,6 @@
-"""Standard random numbers, normal and uniform, from one draw: many small draws would cost more than
-the physics they disturb.
+"""Standard normal and uniform random numbers of a step from one draw.
+
+Many small draws would take longer than the physics.
 """
 
 import jax

@@ -2,7 +2,7 @@
 
 A distribution is a pytree that can draw one drone and prints like mathematics: factors about a
 drone (`relative_box`), ranges of values (`uniform_box`), or drones to choose from (`Ensemble`),
-such as those that an identification holds possible.
+such as the posterior samples of an identification.
 """
 
 from collections.abc import Sequence
@@ -31,11 +31,11 @@ Randomization)."""
 
 
 class Distribution(Protocol):
-    """What drones can be drawn from."""
+    """A distribution over drones."""
 
     @property
     def centre(self) -> Parameters:
-        """The drone in the middle, whose `time_step` tells how finely time is cut."""
+        """The drone in the middle; its `time_step` is that of the simulation."""
         ...
 
     def draw(self, key: Array) -> Parameters:
@@ -110,7 +110,7 @@ class UniformBox:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Ensemble:
-    """Drones of which each is as likely as the next."""
+    """Equally likely drones."""
 
     drones: Parameters
     """Stacked along a first axis."""
@@ -172,8 +172,7 @@ def relative_box(
 
 
 def uniform_box(nominal: Parameters, **ranges: tuple[float, float]) -> UniformBox:
-    """A box of values in SI units, such as `uniform_box(crazyflie(), latency=(0.0, 0.03),
-    battery_voltage=(3.4, 4.2))`.
+    """A box of values in SI units, such as `uniform_box(crazyflie(), latency=(0.0, 0.03))`.
 
     Args:
         nominal: the values of all other fields.
@@ -206,8 +205,8 @@ def uniform_box(nominal: Parameters, **ranges: tuple[float, float]) -> UniformBo
 
 
 _LOOSE = {"position_walk": (0.5, 0.5), "velocity_walk": (0.5, 0.5)}
-"""Half the wandering of the estimates: with all of it policies learn to hold their place so loosely
-that drones unlike theirs lose it."""
+"""Half the random-walk drift of the estimates: with all of it policies hold their position so
+weakly that they lose it on drones unlike theirs."""
 _LIKE = {
     **_LOOSE,
     "motor_time_constant": (0.8, 1.6),
@@ -223,12 +222,12 @@ WIDTHS: dict[str, dict[str, tuple[float, float]]] = {
         "torque_to_thrust": (0.9, 2.8),
     },
     "attitude_rate": _LIKE,
-    # A drone whose least thrust lifts it (`control.attitude`) teaches nothing.
+    # Not drones that the least thrust of `control.attitude` lifts, which cannot descend.
     "attitude": {**_LIKE, "motor_time_constant": (0.8, 1.4), "thrust_to_weight": (0.92, 1.2)},
 }
 """Least and greatest factors of `wide_box`, by control structure: published Crazyflies have
-thrust-to-weight ratios of up to 1.97 and lags of up to 136 ms, down as up. No drone has a rotor
-torque so large; trained over less, PWM policies flew worse on all others."""
+thrust-to-weight ratios of up to 1.97 and lags of up to 136 ms, in both directions. No drone has a
+rotor torque so large; trained over less, PWM policies flew worse on all others."""
 TRIM_WIDTHS = {"pwm": 2.0, "attitude_rate": 2.0, "attitude": 1.0}
 """Half width of `wide_box` in constant torques, in their deviations between flights."""
 
@@ -236,10 +235,9 @@ TRIM_WIDTHS = {"pwm": 2.0, "attitude_rate": 2.0, "attitude": 1.0}
 def wide_box(
     nominal: Parameters, structure: str, trims: Sequence[float] | np.ndarray = (0.0, 0.0, 0.0)
 ) -> UniformBox:
-    """Drones about an identified one that a policy should fly too, so that it flies drones unlike
-    the identified one.
+    """A wide box about an identified drone, for policies that fly drones unlike it too.
 
-    Found by trying what carries policies over to virtual drones (docs/studies/randomization.md).
+    Chosen by how well policies transfer to virtual drones (docs/studies/randomization.md).
 
     Args:
         nominal: the identified drone.
@@ -279,8 +277,9 @@ def randomize(distribution: Distribution, key: Array) -> Parameters:
 
 
 def _uniform(lower: Parameters, upper: Parameters, key: Array) -> Parameters:
-    """Values between two drones, from one draw: one for each field would take longer to compile
-    than a step of the simulator.
+    """Values between two drones, from one draw.
+
+    A draw for each field would take longer to compile than a step of the simulator.
     """
     lows, structure = jax.tree.flatten(lower)
     sizes = [np.size(low) for low in lows]

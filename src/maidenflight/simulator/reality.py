@@ -54,8 +54,10 @@ class Reality(Protocol):
 
     @property
     def rate(self) -> int:
-        """Calls of `step` a second [Hz]; a multiple of the controller's rate: 100 for PWM policies,
-        500 where the firmware's PIDs command the motors.
+        """Calls of `step` a second [Hz].
+
+        A multiple of the controller's rate: 100 for PWM policies, 500 where the firmware's PIDs
+        command the motors.
         """
         ...
 
@@ -74,7 +76,7 @@ class Reality(Protocol):
         ...
 
     def reset(self, position: Float[np.ndarray, "3"], seed: int) -> None:
-        """Begins a flight: hover, level and at rest, at a position [m]; the seed is of its noise."""
+        """Begins a flight: hover, level and at rest, at a position [m]; the seed is for noise."""
         ...
 
     def step(self, command: Float[np.ndarray, "4"]) -> None:
@@ -105,7 +107,7 @@ def reality(name: str) -> AnyReality:
     Args:
         name: `NAME:SEED` with a name of `REALITIES`; `MODULE:FACTORY`, a class or function without
             arguments that makes a reality, in a Python module that can be imported or lies in the
-            working folder; or a drone's TOML file or name, simulated at 1 kHz as virtual drones are.
+            working folder; or a drone's TOML file or name, simulated at 1 kHz like virtual drones.
 
     Raises:
         InputError: none of these, or PyBullet is not installed.

@@ -1,6 +1,6 @@
-"""Flying a policy for many control periods.
+"""Rollouts: a policy for many control periods, with or without automatic resets.
 
-Pure functions of one drone, of which `jax.vmap` makes many.
+Pure functions of one drone; `jax.vmap` batches them.
 """
 
 from collections.abc import Callable
@@ -26,7 +26,7 @@ PolicyFunction = Callable[[Float[Array, "20H"]], Float[Array, "4"]]
 
 
 class EnvInstance(NamedTuple):
-    """A drone in flight."""
+    """An environment's state, and the parameters of the drone that flies in it."""
 
     env_state: EnvState
     parameters: Parameters
@@ -51,8 +51,8 @@ def rollout(
         steps: control periods; static.
 
     Returns:
-        The last episode state, and each period's episode (before it) and outcome, stacked along a
-        first axis of `steps`.
+        The last state, and the state before and the result of each period, stacked along a first
+        axis of `steps`.
     """
 
     def one(env_state: EnvState, key: Array) -> tuple[EnvState, tuple[EnvState, StepResult]]:
@@ -67,7 +67,7 @@ def rollout(
 def randomized_reset(
     environment: Environment, distribution: Distribution, key: Array
 ) -> EnvInstance:
-    """Draws a drone and an episode that starts where the task starts it."""
+    """Draws a drone's parameters and resets its episode."""
     drone_key, reset_key = jax.random.split(key)
     parameters = distribution.draw(drone_key)
     return EnvInstance(reset(environment, parameters, reset_key), parameters)
@@ -81,22 +81,20 @@ def rollout_with_auto_reset(
     key: Array,
     steps: int,
 ) -> tuple[EnvInstance, tuple[EnvState, StepResult]]:
-    """Flies a policy for a number of control periods.
-
-    After a finished episode the next of the prepared drones takes over.
+    """Flies a policy for a number of control periods; after an episode the next drone flies.
 
     Args:
         environment: what is simulated.
         policy: observation to action.
         drone: where to begin.
-        fresh: F prepared drones, stacked along a first axis; the one that takes over is that of the
-            period's number modulo F.
+        fresh: F drones at the start of an episode, stacked along a first axis; a reset in period n
+            takes number n modulo F.
         key: random key.
         steps: control periods; static.
 
     Returns:
-        The drone that flies in the end, and each period's episode (before it) and outcome, stacked
-        along a first axis of `steps`.
+        The last instance, and the state before and the result of each period, stacked along a first
+        axis of `steps`.
     """
     count = fresh.env_state.time.shape[0]
 

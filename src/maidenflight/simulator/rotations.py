@@ -1,7 +1,7 @@
-"""Attitude as unit quaternions (x, y, z, w), body to world, and as roll, pitch, yaw (intrinsic ZYX:
-R = Rz Ry Rx).
+"""Attitude as unit quaternions (x, y, z, w), body to world, and as roll, pitch, yaw.
 
-World: z up. Body: x forward, y left, z up. Positive pitch is nose down.
+The angles are intrinsic ZYX: R = Rz Ry Rx. World: z up. Body: x forward, y left, z up. Positive
+pitch is nose down.
 """
 
 import jax.numpy as jnp
@@ -10,9 +10,7 @@ from jaxtyping import Array, Float
 
 
 def axes(quaternion: Float[Array, "4"]) -> tuple[tuple[Float[Array, ""], ...], ...]:
-    """The body's x, y and z axes in the world, each as its three coordinates: the columns of the
-    rotation matrix.
-    """
+    """The body's x, y and z axes in the world: the columns of the rotation matrix."""
     x, y, z, w = quaternion
     return (
         (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)),

@@ -1,6 +1,4 @@
-"""What the drone knows of itself: a noisy, perhaps late estimate of its state, and a gyro with
-noise and bias.
-"""
+"""Sensors: a noisy, optionally late estimate of the state, and a gyro with noise and bias."""
 
 from typing import NamedTuple
 
@@ -26,12 +24,12 @@ NORMALS, UNIFORMS = 12, 6
 DRIFT_NORMALS = 6
 """Random numbers of one `walk_estimate`."""
 DRIFT_TIME = 1.0
-"""Time in which an error of the estimated velocity is forgotten [s]; a flight log of seconds cannot
-tell it from a pure random walk."""
+"""Correlation time of the error of the estimated velocity [s]; a flight log of seconds cannot
+distinguish it from a pure random walk."""
 
 
 def turn_on_bias(parameters: Parameters, normal: Float[Array, "3"]) -> Float[Array, "3"]:
-    """Gyro bias [rad/s] at power-on, constant over a flight but for its random walk.
+    """Gyro bias [rad/s] at power-on.
 
     Args:
         parameters: uses `gyro_turn_on_bias`.
@@ -64,12 +62,11 @@ def walk_estimate(
     parameters: Parameters,
     normal: Float[Array, "6"],
 ) -> Float[Array, "6"]:
-    """The errors of an estimated position [m] and velocity [m/s] after some time: they walk, and
-    the position integrates the velocity.
+    """Random-walk drift of the estimated position [m] and velocity [m/s] after some time.
 
-    An estimator without a position sensor, such as optical flow's, is wrong by a random walk; a
-    policy that follows it roams. White noise of the size seen from one row of a log to the next
-    averages out within a few rows and hides that.
+    The position error integrates the velocity error. The error of an estimator without a position
+    sensor, such as that of optical flow, is a random walk, which a policy follows. White noise of
+    the size seen between two rows of a log averages out within a few rows and does not model this.
 
     Args:
         drift: errors of position and velocity before.
@@ -93,8 +90,9 @@ def low_pass(
     elapsed: Float[Array, ""],
     parameters: Parameters,
 ) -> Float[Array, "3"]:
-    """The gyro's low-pass filter after some time: tau_g dy/dt = omega - y, exact for body rates
-    that change along a straight line.
+    """The gyro's low-pass filter after some time: tau_g dy/dt = omega - y.
+
+    Exact for body rates that change linearly.
 
     Args:
         filtered: y before [rad/s].
@@ -153,9 +151,7 @@ def measure(
 
 
 def remember(past: Float[Array, "memory 10"], state: State) -> Float[Array, "memory 10"]:
-    """Puts the newest position, velocity and quaternion in front of an estimator's memory and
-    forgets the oldest.
-    """
+    """Puts the newest position, velocity and quaternion in front and drops the oldest."""
     newest = jnp.concatenate([state.position, state.velocity, state.quaternion])
     return jnp.concatenate([newest[None], past[:-1]])
 
@@ -163,8 +159,9 @@ def remember(past: Float[Array, "memory 10"], state: State) -> Float[Array, "mem
 def delayed(
     past: Float[Array, "memory 10"], state: State, period: Float[Array, ""], parameters: Parameters
 ) -> State:
-    """The state with its position, velocity and attitude `estimator_delay` old, blended between
-    remembered instants.
+    """The state with its position, velocity and attitude `estimator_delay` old.
+
+    Interpolated between remembered instants.
 
     Args:
         past: memory, newest first, one row an estimate; row 0 is the present.

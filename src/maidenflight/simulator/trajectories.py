@@ -1,9 +1,8 @@
-"""Reference trajectories: position as a function of time, never of step counts, so that every
-control rate sees the same one.
+"""Reference trajectories: position as a function of time, and way-points from files.
 
-Each shape starts at (0, 0, height), where a hovering drone can pick it up. A trajectory is made
-once for its arguments and is then the same object for ever, so that it can be a static argument of
-compiled programs; way-points are therefore tuples.
+Time, not step counts, so that every control rate sees the same reference. Each shape starts at
+(0, 0, height). The same arguments give the same object, so that a trajectory can be a static
+argument of compiled programs; way-points are therefore tuples.
 """
 
 import csv
@@ -41,9 +40,7 @@ Made = TypeVar("Made")
 
 
 def once(make: Callable[Arguments, Made]) -> Callable[Arguments, Made]:
-    """Makes one object for the same arguments, whether they are given by position, by name or by
-    default.
-    """
+    """Caches a function by its arguments, given by position, by name or by default."""
     cached, known = cache(make), signature(make)
 
     @wraps(make)
@@ -57,8 +54,9 @@ def once(make: Callable[Arguments, Made]) -> Callable[Arguments, Made]:
 
 @once
 def circle(diameter: float = 0.5, period: float = 3.0, height: float = 1.0) -> Trajectory:
-    """A level circle, clock-wise seen from above, that starts at (0, 0, height) towards +y with its
-    centre on the x axis.
+    """A level circle, clock-wise seen from above, with its centre on the x axis.
+
+    It starts at (0, 0, height) towards +y.
 
     Args:
         diameter: [m].
@@ -80,7 +78,7 @@ def circle(diameter: float = 0.5, period: float = 3.0, height: float = 1.0) -> T
 
 @once
 def hold(position: tuple[float, float, float] = (0.0, 0.0, 1.0)) -> Trajectory:
-    """One point [m] for ever."""
+    """A constant point [m]."""
     return lambda time: jnp.stack([jnp.full_like(time, coordinate) for coordinate in position])
 
 
@@ -105,8 +103,9 @@ def climb(height: float = 1.0, duration: float = 1.5) -> Trajectory:
 
 @once
 def figure_eight(period: float = NORMAL, width: float = 2.0, height: float = 1.0) -> Trajectory:
-    """A level lemniscate of Bernoulli along the x axis that starts at its crossing towards +x and
-    +y.
+    """A level lemniscate of Bernoulli along the x axis.
+
+    It starts at its crossing towards +x and +y.
 
     Args:
         period: [s]; `SLOW`, `NORMAL` and `FAST` are SimpleFlight's.
@@ -165,10 +164,10 @@ def zigzag(points: Waypoints) -> Trajectory:
 
 @once
 def polynomial(points: Waypoints) -> Trajectory:
-    """The curve of least jerk from rest to rest through all way-points: quintic pieces with four
-    continuous derivatives.
+    """The minimum-jerk curve from rest to rest through all way-points.
 
-    It may swing out between points whose distances in time are very unequal. Holds the first point
+    Quintic pieces with four continuous derivatives; it may overshoot between points whose distances
+    in time are very unequal. Holds the first point
     before and the last after.
 
     Args:
@@ -180,9 +179,8 @@ def polynomial(points: Waypoints) -> Trajectory:
     Source: Flash and Hogan 1985 for one piece; through more points, the natural generalisation to a
     quintic spline.
     """
-    from scipy.interpolate import (
-        make_interp_spline,
-    )  # takes longer to import than all the rest of the simulator needs
+    # Imported here, since it takes longer than the import of the rest of the simulator.
+    from scipy.interpolate import make_interp_spline
 
     table = _checked(points)
     times, lengths = table[:, 0], np.diff(table[:, 0])[:, None]
@@ -202,7 +200,7 @@ def random_waypoints(
     longest: float = 1.5,
     height: float = 1.0,
 ) -> Waypoints:
-    """Way-points at one height that begin at (0, 0, height) and jump about in a square.
+    """Random way-points in a square at one height; the first is (0, 0, height).
 
     Args:
         key: random key.
@@ -280,7 +278,7 @@ def read_waypoints(file: StrPath, fastest: float = 5.0) -> Waypoints:
         ) from error
     for name, row in rows:
         if len(row) > len(COLUMNS):
-            raise InputError(f"{file}: {name} has more cells than the header. Mend or drop it.")
+            raise InputError(f"{file}: {name} has more cells than the header. Correct or drop it.")
     points = [
         tuple(
             _number(text, f"{file}: {name}: {column}")
@@ -341,10 +339,10 @@ def _checked(
 def _piecewise(
     times: Float[np.ndarray, "n"], powers: Float[np.ndarray, "degree m 3"]
 ) -> Trajectory:
-    """Polynomials between times: piece i is the sum of `powers[k, i]` s^k, where s goes from 0 to
-    1; holds its ends beyond them.
+    """Polynomials between times, constant beyond its ends.
 
-    At a time where two pieces meet, the slope is that of the later one.
+    Piece i is the sum of `powers[k, i]` s^k, where s goes from 0 to 1. At a time where two pieces
+    meet, the slope is that of the later one.
     """
     knots = times.astype(np.float32)
     lengths, table = np.diff(knots), powers.astype(np.float32)
