@@ -1,4 +1,4 @@
-"""The authors' flight logs: 22 columns at 100 Hz, float16 as it came over the radio.
+"""The authors' flight logs: 22 columns at 100 Hz, in float16 as sent over the radio.
 
 The motors are logged after battery compensation, so the command is recovered with
 `simulator.battery`. `time` is rounded to as much as 31 ms and serves only to find where a file
@@ -35,7 +35,7 @@ COLUMNS = (
 )
 
 _SATURATED = 255 / 256
-"""Motor ratio at which the battery gives all it has, whatever was commanded."""
+"""Motor ratio at which the motors are saturated."""
 
 PERIOD = 0.01
 """Time between two rows [s]."""
@@ -118,8 +118,7 @@ def _flight(table: dict[str, np.ndarray], name: str) -> Flight:
         invalid="ignore"
     ):  # a battery that is not a number makes a command that is not one, which checking drops
         command = battery.thrust_command(ratio, voltage[:, None])
-    # The network's own command, where the network commanded the motors, equals what the motors were
-    # told.
+    # Where the network commanded the motors, its own command equals that of the motors.
     wanted = (np.clip(columns("n0", "n1", "n2", "n3"), -1.0, 1.0) + 1.0) / 2.0
     free = np.isfinite(command) & (ratio < _SATURATED)
     held = bool(free.any() and np.median(np.abs(command - wanted)[free]) < 0.02)

@@ -1,11 +1,10 @@
-"""Logs of a Crazyflie by its own variables: micro-SD logs, and CSV as cflib's log callbacks or the client's log writer
-leave it.
+"""Logs of a Crazyflie by its own variables: CSV of cflib or of the client, and micro-SD logs.
 
 Columns are the firmware's log variables with their dots (`stateEstimate.x`, `gyro.z`, `motor.m1`),
 and one of time; of each signal there are several spellings, and the first that is complete is
 taken. Units and signs are the firmware's: degrees, millimetres in `stateEstimateZ`, a pitch that is
-positive nose up, a `ratePitch` likewise; the gyro is not inverted. Blocks that are logged apart but
-stamped alike are laid together, and a battery that is logged more rarely is held.
+positive nose up, and so is `ratePitch`; the gyro is not inverted. Blocks with the same time stamps
+are joined, and a battery that is logged at a lower rate is repeated.
 
 Source: Crazyflie firmware 2025.12, src/modules/src/stabilizer.c, stabilizer_types.h,
 quatcompress.h; docs on log blocks.
@@ -50,8 +49,9 @@ def _quaternion(values: np.ndarray) -> np.ndarray:
 
 
 def _compressed(values: np.ndarray) -> np.ndarray:
-    """Roll, pitch, yaw of a 32-bit quaternion: two bits name its largest component, ten each hold
-    sign and size of the others.
+    """Roll, pitch, yaw of a 32-bit quaternion.
+
+    Two bits name its largest component; ten each hold sign and size of the others.
     """
     code = np.where((values >= 0) & (values < 2**32), values, 0)[:, 0].astype(np.uint64)
     largest = (code >> np.uint64(30)).astype(int)
@@ -165,8 +165,8 @@ def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], 
         table.name, {name: found for name, found in needed.items() if name != "battery"}
     )
     law, how = _law(table, values, volts)
-    told = read[clock][np.isfinite(read[clock])]
-    step = np.median(np.diff(told)) if len(told) > 1 else 10.0
+    stamps = read[clock][np.isfinite(read[clock])]
+    step = np.median(np.diff(stamps)) if len(stamps) > 1 else 10.0
     with np.errstate(invalid="ignore"):  # what is not finite is refused by checking
         time = (read[clock] - read[clock][0]) * (1e-3 if abs(step) >= 1 else 1.0)
     unknown = np.full((rows, 3), np.nan)

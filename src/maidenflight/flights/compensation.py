@@ -1,8 +1,7 @@
-"""From the motors' PWM back to the thrust command: the battery compensations that Crazyflie
-firmwares have had.
+"""From the motors' PWM back to the thrust command, by the laws of several Crazyflie firmwares.
 
-A Crazyflie logs PWM after it has made up for the falling battery. PWM times battery is the motors'
-voltage, and the law of its firmware tells the thrust that it stands for. The laws differ by some
+A Crazyflie logs PWM after battery compensation. PWM times battery voltage is the motors' voltage,
+and the firmware's law gives the thrust command that it stands for. The laws differ by some
 hundredths of the thrust and in their slope, so a log's own `controller.cmd_thrust`, the mean
 command of the four motors, decides between them where it is there.
 
@@ -27,21 +26,22 @@ NONE = "firmware of 2021, before it compensates"
 
 
 BRUSHLESS = "2.1 Brushless"
-"""Its firmware maps forces to PWM without the battery, so that thrust falls with it. Here u is what the
-motors' voltage gives: the rotors' speed is affine in it, (volts + 0.30 V) / 4.50 V of that at 4.2 V, by
-the measured speeds of 16 flights (15,012 rpm at 1.534 V, 16,290 rpm at 1.690 V)."""
+"""Its firmware maps forces to PWM without the battery, so that thrust falls with it. Here u is what
+the motors' voltage gives: the rotor speed is affine in it, (volts + 0.30 V) / 4.50 V of that at 4.2
+V, by the measured speeds of 16 flights (15,012 rpm at 1.534 V, 16,290 rpm at 1.690 V)."""
 UNKNOWN = "unknown, PWM squared"
 """Where the battery was not logged: rotor speed proportional to PWM."""
 HOVER_VOLTS = 1.9
-"""Mean voltage of the motors in flight [V] below which they are taken for brushless: those hover at 1.5
-to 1.7 V, brushed ones at 2.3 V and more."""
+"""Mean voltage of the motors in flight [V] below which they are taken for brushless: those hover at
+1.5 to 1.7 V, brushed ones at 2.3 V and more."""
 
 
 def _cubic(
     volts: np.ndarray, constant: float, linear: float, square: float, cube: float, most: float
 ) -> np.ndarray:
-    """Share of full thrust at a motor voltage: a third-order polynomial in N over the largest
-    thrust of a motor [N].
+    """Share of full thrust at a motor voltage.
+
+    A third-order polynomial [N] over the largest thrust of a motor [N].
     """
     thrust = constant + volts * (linear + volts * (square + volts * cube))
     return np.where(volts <= 0, 0.0, np.clip(thrust / most, 0.0, 1.0))
@@ -114,8 +114,9 @@ def law_of(
 
 
 def _miss(command: np.ndarray, thrust: np.ndarray) -> float:
-    """Median error where no motor is at its end: the firmware cuts what one lacks from all, so that
-    their mean falls short.
+    """Median error where no motor is saturated.
+
+    The firmware subtracts what one motor lacks from all, so that their mean is too small.
     """
     free = command.max(axis=1, initial=0.0) < 0.98
     return (
@@ -140,12 +141,12 @@ def assumed(pwm: Float[np.ndarray, "N 4"], volts: Float[np.ndarray, "N"]) -> str
 
 
 def note(name: str, law: str, how: str) -> str:
-    """What to tell the user about the law that a file's commands were read by, and why by it."""
+    """A note for the user: the law that a file's commands were read by, and why."""
     return f"{name}: battery compensation of the {law} ({how})"
 
 
-BY_THRUST = "as its thrust command tells"
-BY_VOLTAGE = "assumed; controller.cmd_thrust beside the motors would tell, or say --battery-law"
+BY_THRUST = "by its logged thrust command"
+BY_VOLTAGE = "assumed; log controller.cmd_thrust beside the motors, or give --battery-law"
 SAID = "as said"
 SAID_IN_HEAD = "battery law"
 """Key by which a table's head, such as a comment line of a CSV, says the law."""

@@ -1,21 +1,23 @@
-"""NanoBench's 51 columns: a Crazyflie 2.1 under motion capture, at 100 Hz, each stream logged by
-its own clock and laid side by side.
+"""NanoBench logs: 51 columns of a Crazyflie 2.1 under motion capture, at 100 Hz.
 
-Found on its 26 flights, of which 25 leave the ground:
-- The drone's own streams agree in time, in every file: the estimated attitude follows the gyro by 6 ms (quartiles 5 to 8), roll,
-  pitch and yaw acceleration follow the motors' torque by 44, 40 and 61 ms (correlations 0.41, 0.35,
-  0.40, all positive).
-- Vicon's clock wanders against them within a flight, by tens of ms, in five files by -200 to +190 ms. Matching its angular rates to
-  the gyro in stretches of 1.5 s follows it. Over 0.2 s the gyro then predicts Vicon's roll and
-  pitch to 0.83 deg instead of 1.02 (better in 25 of 25 flights) and the accelerometer, which had no
-  part in it, its vertical velocity to 9.0 mm/s instead of 10.0 (better in 22).
-- Vicon's velocity is the change of its position (correlation 1.00, 0 ms); the estimator's is late by 30 to 50 ms (0.80 to 0.94) and
-  its position jumps. So position, velocity and attitude are Vicon's, moved onto the drone's clock;
-  body rates are the gyro's.
-- Signs are ours: Vicon's Euler angles are its quaternion's, rad, nose down positive (the estimator's pitch is the legacy one, -0.94),
-  the gyro is in rad/s. PWM is after battery compensation, by two laws: 21 files that of the 2.1+
-  propellers, three (B2_circle_fast_rep2, B2_circle_medium_rep3, B3_figure8_medium_rep2) that of the
-  legacy ones. The logged thrust command decides; see `compensation`.
+Each stream was logged by its own clock. Measured on its 26 flights, of which 25 leave the ground:
+
+- The drone's own streams agree in time in every file: the estimated attitude follows the gyro by
+  6 ms (quartiles 5 to 8); roll, pitch and yaw acceleration follow the motors' torque by 44, 40 and
+  61 ms (correlations 0.41, 0.35, 0.40, all positive).
+- Vicon's clock drifts against them within a flight by tens of ms, in five files by -200 to +190 ms.
+  Its angular rates are matched to the gyro in segments of 1.5 s. Over 0.2 s the gyro then predicts
+  Vicon's roll and pitch to 0.83 deg instead of 1.02 (better in 25 of 25 flights), and the
+  accelerometer, which was not used, its vertical velocity to 9.0 mm/s instead of 10.0 (better in
+  22).
+- Vicon's velocity is the change of its position (correlation 1.00, 0 ms); the estimator's is 30 to
+  50 ms late (0.80 to 0.94), and its position jumps. So position, velocity and attitude are Vicon's,
+  moved onto the drone's clock; body rates are the gyro's.
+- Signs are ours: Vicon's Euler angles are those of its quaternion, rad, nose down positive (the
+  estimator's pitch is the legacy one, -0.94); the gyro is in rad/s. PWM is after battery
+  compensation, by two laws: 21 files by that of the 2.1+ propellers, three (B2_circle_fast_rep2,
+  B2_circle_medium_rep3, B3_figure8_medium_rep2) by that of the legacy ones. The logged thrust
+  command decides; see `compensation`.
 
 Source: Ullah and Baca 2026, arXiv 2603.09908, github syediu/nanobench-iros2026.
 """
@@ -39,11 +41,11 @@ COLUMNS = ("t", *VICON, *GYRO, *MOTORS, *SETPOINT, "pwr_pm_vbat", "pid_controlle
 PERIOD = 0.01
 """Time between two rows [s]."""
 MAX_SHIFT_ROWS = 25
-"""Rows by which Vicon's clock is looked for on either side."""
+"""Largest shift of Vicon's clock that is tried, either way."""
 EVERY = 25
-"""Rows between two looks."""
+"""Rows between two matches."""
 HALF = 75
-"""Half the rows that a look covers."""
+"""Half the rows of a match."""
 
 
 def recognises(table: Table) -> bool:
@@ -52,8 +54,7 @@ def recognises(table: Table) -> bool:
 
 
 def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], list[str]]:
-    """The flight in a table, unchecked, with the time of its rows [s], and how its commands were
-    read.
+    """The flight in a table, unchecked, with the time of its rows [s], and a note on its commands.
 
     Raises:
         InputError: a column is missing or not numeric.
@@ -105,9 +106,9 @@ def lag(
 ) -> Float[np.ndarray, "N"]:
     """Rows by which the gyro is later than an attitude logged by another clock, for each row.
 
-    Every `EVERY` rows the correlation of roll and pitch rate is taken at all whole lags over `HALF`
-    rows on either side; the path through these that correlates best without leaping is found by
-    dynamic programming, and a parabola refines it.
+    Every `EVERY` rows the correlation of roll and pitch rate over `HALF` rows on either side is
+    taken at all whole lags. Dynamic programming finds the smooth path of largest correlation, and a
+    parabola refines it.
 
     Args:
         rates: body rates [rad/s].
@@ -118,28 +119,28 @@ def lag(
         return np.zeros(len(rates))
     turned = Rotation.from_euler("ZYX", np.nan_to_num(attitude)[:, ::-1])
     seen = np.pad((turned[:-2].inv() * turned[2:]).as_rotvec() / (2 * PERIOD), ((1, 1), (0, 0)))
-    gyro, seen = (_lively(np.nan_to_num(values[:, :2])) for values in (rates, seen))
+    gyro, seen = (_band_passed(np.nan_to_num(values[:, :2])) for values in (rates, seen))
     lags = np.arange(-MAX_SHIFT_ROWS, MAX_SHIFT_ROWS + 1)
-    looks = rows[::EVERY]
-    power = _around((gyro**2).sum(axis=1), HALF, looks)
+    matched = rows[::EVERY]
+    power = _around((gyro**2).sum(axis=1), HALF, matched)
     seen_power = (seen**2).sum(axis=1)
-    match = np.empty((len(looks), len(lags)))
+    match = np.empty((len(matched), len(lags)))
     for number, shift in enumerate(lags):
         moved = np.clip(rows - shift, 0, rows[-1])
-        both = _around(gyro[:, 0] * seen[moved, 0] + gyro[:, 1] * seen[moved, 1], HALF, looks)
+        both = _around(gyro[:, 0] * seen[moved, 0] + gyro[:, 1] * seen[moved, 1], HALF, matched)
         match[:, number] = both / np.maximum(
-            np.sqrt(power * _around(seen_power[moved], HALF, looks)), 1e-6
+            np.sqrt(power * _around(seen_power[moved], HALF, matched)), 1e-6
         )
-    path = _steadiest(match)
+    path = _smoothest_path(match)
     inner = np.clip(path, 1, len(lags) - 2)
-    before, at, after = (match[np.arange(len(looks)), inner + step] for step in (-1, 0, 1))
+    before, at, after = (match[np.arange(len(matched)), inner + step] for step in (-1, 0, 1))
     bend = np.minimum(before - 2 * at + after, -1e-6)
     refined = lags[inner] + np.clip((before - after) / (2 * bend), -0.5, 0.5)
-    return np.interp(rows, looks, refined)
+    return np.interp(rows, matched, refined)
 
 
-def _lively(values: np.ndarray) -> np.ndarray:
-    """What is between 0.07 and 1 s long: neither noise nor drift."""
+def _band_passed(values: np.ndarray) -> np.ndarray:
+    """Without noise shorter than 0.07 s and drift longer than 1 s."""
     return _smooth(values, 3) - _smooth(values, 50)
 
 
@@ -154,9 +155,10 @@ def _around(values: np.ndarray, half: int, rows: np.ndarray) -> np.ndarray:
     return summed[np.minimum(rows + half + 1, len(values))] - summed[np.maximum(rows - half, 0)]
 
 
-def _steadiest(match: np.ndarray, price: float = 0.02, farthest: int = 3) -> np.ndarray:
-    """Path of columns through the rows of a matrix with the largest sum, less a price for each
-    column of change.
+def _smoothest_path(match: np.ndarray, penalty: float = 0.02, farthest: int = 3) -> np.ndarray:
+    """Path of columns through the rows of a matrix with the largest sum.
+
+    A change of column costs `penalty` for each column, `farthest` at most.
     """
     columns = np.arange(match.shape[1])
     moves = np.arange(-farthest, farthest + 1)
@@ -165,7 +167,7 @@ def _steadiest(match: np.ndarray, price: float = 0.02, farthest: int = 3) -> np.
     came = np.clip(came, 0, len(columns) - 1)
     total, back = match[0], []
     for row in match[1:]:
-        options = np.where(reachable, total[came] - price * np.abs(moves)[:, None], -np.inf)
+        options = np.where(reachable, total[came] - penalty * np.abs(moves)[:, None], -np.inf)
         choice = options.argmax(axis=0)
         back.append(came[choice, columns])
         total = options[choice, columns] + row

@@ -1,6 +1,6 @@
-"""A sample of more flight than can be held: stretches of every flight, as much of it as asked for.
+"""`sampled`: segments of every flight, where there is more flight than is wanted in memory.
 
-Each flight gives up to the same number of seconds, so that no long one drowns the others.
+Each flight gives at most the same number of seconds, so that long ones do not dominate.
 """
 
 import math
@@ -14,27 +14,25 @@ from maidenflight.flights.log import Flight
 from maidenflight.flights.windows import BLOCK, HISTORY, SHORTEST_HISTORY
 
 UNIT = 100
-"""Rows by which stretches grow: those of a window of the likelihood, so that a stretch wastes
-none."""
+"""Rows by which segments grow: those of a window of the likelihood, so that none are wasted."""
 _SLACK = 1.25
-"""Times the flight asked for that is held while more is read, so that not every new flight makes
-all others be cut anew."""
+"""Share of the wanted duration that is kept while more is read, so that not every new flight makes
+all others be cut again."""
 
 
 def sampled(
     flights: Iterable[Flight], most: float, history: int = HISTORY
 ) -> tuple[list[Flight], float]:
-    """Keeps all flights if they last no longer than asked for together, else stretches of those
-    that last longer than their share.
+    """Keeps all flights if they are short enough together, else segments of the longer ones.
 
-    Stretches lie at random places, always the same ones, and carry the rows before them that their
-    windows need; those are windows that would be cut from the whole flight, too. However many
-    flights there are, each gives `UNIT` rows.
+    Flights that last longer than an equal share are cut. Segments lie at random places that depend
+    on the flight's number alone, and carry the rows before them that their windows need; their
+    windows are among those of the whole flight. Each flight gives at least `UNIT` rows.
 
     Args:
         flights: checked flights, of which one at a time need be in memory beside those that are
             kept.
-        most: what to keep, all flights together [s]; a stretch may bring a row more.
+        most: what to keep, all flights together [s]; a segment may add a row.
         history: rows of commands before a window.
 
     Returns:
@@ -81,8 +79,9 @@ def _share(durations: Float[np.ndarray, "N"], most: float) -> float:
 
 
 def _shortened(parts: list[Flight], number: int, share: float, history: int) -> list[Flight]:
-    """What its share leaves of the `number`-th flight, whole or cut to stretches by a larger share
-    before: the first ones of those.
+    """The part of the `number`-th flight that its share leaves.
+
+    Of a flight that a larger share has cut before, the first segments.
     """
     if share == math.inf:
         return parts
@@ -101,13 +100,14 @@ def _shortened(parts: list[Flight], number: int, share: float, history: int) -> 
             lead = max(history, SHORTEST_HISTORY)
             cut.append(_copied(flight, start - lead, start + UNIT * min(units, left) + 1, lead))
             left -= units
-    # A flight too short for a stretch and its history is kept as it is.
+    # A flight too short for a segment and its history is kept as it is.
     return cut or [_copied(parts[0], 0, len(parts[0]), 0)]
 
 
 def _places(flight: Flight, number: int, history: int) -> list[tuple[Flight, int, int]]:
-    """Where stretches of `BLOCK` lie in a flight, in the order in which they are taken: row of the
-    first window, and units.
+    """Segments of `BLOCK` of a flight in the order in which they are taken.
+
+    Each as the flight, the row of its first window, and its number of units.
     """
     # Windows start where they do in the whole flight.
     first = SHORTEST_HISTORY + UNIT * max(0, math.ceil((history - SHORTEST_HISTORY) / UNIT))

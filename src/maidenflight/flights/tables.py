@@ -23,7 +23,7 @@ _GZIP, _PARQUET, _UTF16 = b"\x1f\x8b", b"PAR1", (b"\xff\xfe", b"\xfe\xff")
 
 @dataclass(frozen=True)
 class Table:
-    """A table as read: columns of whatever kind, at least one row."""
+    """A table as read: columns of any type, at least one row."""
 
     name: str
     """What errors name."""
@@ -47,7 +47,7 @@ class Table:
 
 
 def read(path: Path, name: str) -> Table:
-    """Reads the table in a file, whatever of the known ways it is written in.
+    """Reads the table in a file of any known format.
 
     Raises:
         InputError: the file cannot be read, or holds no table.
@@ -61,7 +61,7 @@ def parsed(raw: bytes, path: Path, name: str) -> Table:
         return _from_parquet(raw, name)
     if path.name.endswith(".parquet"):
         raise InputError(
-            f"{name}: not a Parquet file (it begins with {raw[:4]!r}). Write it anew, or name it "
+            f"{name}: not a Parquet file (it begins with {raw[:4]!r}). Write it again, or name it "
             ".csv if it is one."
         )
     return from_text(decoded(raw, name), name)
