@@ -144,7 +144,7 @@ def test_the_logged_thrust_tells_the_compensation(law):
         "ctrltarget.z",
     ]
     flight, _, notes = one(polars.DataFrame(columns(law)).select(wanted))
-    assert notes == [f"made: battery compensation of the {law} (as its thrust command tells)"]
+    assert notes == [f"made: battery compensation of the {law} ({compensation.BY_THRUST})"]
     np.testing.assert_allclose(flight.command, driven(ROWS).command, atol=3e-3)
     np.testing.assert_array_equal(flight.setpoint[0], [0, 0, 1])
 

@@ -60,7 +60,7 @@ def test_columns_keep_their_meaning():
     for group, tolerance in (("position", 0.002), ("velocity", 0.01), ("attitude", 0.005)):
         np.testing.assert_allclose(getattr(flight, group), getattr(made, group), atol=tolerance)
     assert notes == [
-        "made: battery compensation of the 2.1+ propellers (as its thrust command tells)"
+        f"made: battery compensation of the 2.1+ propellers ({compensation.BY_THRUST})"
     ]
     assert (flight.held, flight.simulated, flight.period) == (False, "", 0.01)
 
