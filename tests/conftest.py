@@ -28,7 +28,7 @@ settings.load_profile("reproducible")
 @pytest.fixture(scope="module")
 def quick_compilation() -> Iterator[None]:
     """XLA without its optimizations, for what is compiled and hardly run: half the time."""
-    before = jax.config.jax_disable_most_optimizations  # type: ignore[attr-defined]
+    before = jax.config.read("jax_disable_most_optimizations")
     jax.config.update("jax_disable_most_optimizations", True)
     yield
     jax.config.update("jax_disable_most_optimizations", before)
