@@ -131,9 +131,10 @@ def real(shared_data):
 @pytest.mark.slow
 def test_real_logs_tell_their_battery_compensation(real):
     notes = {name: nanobench.flights(table)[1][0] for name, table in real.items()}
-    assert "legacy propellers (as" in notes[FILES[0]]
-    assert all("2.1+ propellers (as" in notes[name] for name in FILES[1:3])
-    assert "assumed" in notes[FILES[3]]
+    assert f"legacy propellers ({compensation.BY_THRUST})" in notes[FILES[0]]
+    plus = f"{compensation.PLUS} ({compensation.BY_THRUST})"
+    assert all(plus in notes[name] for name in FILES[1:3])
+    assert compensation.BY_VOLTAGE in notes[FILES[3]]
 
 
 def test_a_real_wandering_clock_is_followed(real):
