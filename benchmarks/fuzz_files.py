@@ -272,7 +272,7 @@ def file_readers() -> list[Reader]:
             "record in a table",
             4,
             (_told(),),
-            lambda _, path: results.told(path),
+            lambda _, path: results.read_record(path),
             lambda _: [],
             _unsound_record,
             lenient=True,

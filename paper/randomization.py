@@ -212,7 +212,7 @@ def flown(
     made = results.plain(
         results.record(seed=given.seed, inputs=[given.drone, *files, *reality], settings=settings)
     )
-    if path.exists() and results.told(path) != made:
+    if path.exists() and results.read_record(path) != made:
         raise InputError(
             f"{path}: flights of other policies or settings. Choose another folder with -o."
         )

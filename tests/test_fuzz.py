@@ -109,8 +109,8 @@ def test_an_input_is_the_same_every_time() -> None:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ('{"a": 1, "a": 2}', "'a' stands twice"),
-        ('[{"b": {"c": 1, "c": 1}}]', "'c' stands twice"),
+        ('{"a": 1, "a": 2}', "'a'"),
+        ('[{"b": {"c": 1, "c": 1}}]', "'c'"),
         ("[" * 100_000, "too deep"),
     ],
     ids=["twice", "twice below", "deep"],

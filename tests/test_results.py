@@ -92,8 +92,8 @@ def test_without_randomness_and_inputs_a_record_has_neither(tmp_path):
     ],
 )
 def test_a_tables_record_is_found_in_its_comments(tmp_path, text, record):
-    assert results.told(results.write(tmp_path / "table.csv", text)) == record
-    assert results.told(tmp_path / "nothing.csv") is None
+    assert results.read_record(results.write(tmp_path / "table.csv", text)) == record
+    assert results.read_record(tmp_path / "nothing.csv") is None
 
 
 def test_tables_of_an_earlier_run_of_the_same_kind_go_and_nothing_else(tmp_path):
@@ -123,4 +123,4 @@ def test_comments_are_read_and_what_follows_is_not(tmp_path):
     (tmp_path / "table.csv").write_bytes(
         b'# a\r\n# record: {"seed": 1}\ntime\n' + b"0.0\n" * 10_000 + b"\xff"
     )
-    assert results.told(tmp_path / "table.csv") == {"seed": 1}
+    assert results.read_record(tmp_path / "table.csv") == {"seed": 1}

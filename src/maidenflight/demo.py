@@ -1,6 +1,4 @@
-"""The whole line in one go, on a virtual drone: record, identify, train, fly unseen, export,
-report.
-"""
+"""The full pipeline on a virtual drone: record, identify, train, fly zero-shot, export, report."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -61,7 +59,7 @@ class Demo:
 
 @dataclass(frozen=True)
 class Listener:
-    """Who hears how the demo goes on."""
+    """Functions that are called as the demo goes on."""
 
     stage: Callable[[str], None]
     evaluation: Callable[[int, int], None]
@@ -134,5 +132,5 @@ def demo(folder: Path, seed: int, plan: Plan, listener: Listener) -> Demo:
 
 
 def reached(table: polars.DataFrame) -> int:
-    """Flights that lasted as long as they might."""
+    """Number of flights that reached the time limit."""
     return table.filter(polars.col("end_reason") == "time limit").height

@@ -1,9 +1,8 @@
-"""What all files that are read have in common: they are ordinary files, and what they say they say
-once.
+"""Reading of text, JSON and TOML that users give.
 
-The functions are those of the standard library, with its exceptions; but a pipe that nobody writes
-to and a device without an end are refused instead of waited for, a key that stands twice is refused
-instead of the last one taken, and brackets a thousand deep are an error of the text like any other.
+The functions raise the exceptions of the standard library. Unlike it, they refuse pipes and
+devices, which may never end, refuse a key that occurs twice in an object, and report text that is
+nested too deep as any other error of the text.
 """
 
 import errno
@@ -19,7 +18,7 @@ StrPath = str | os.PathLike[str]
 
 
 def content(path: StrPath) -> bytes:
-    """Bytes of a file.
+    """The bytes of a file.
 
     Raises:
         OSError: it cannot be read, or is a pipe, a socket or a device.
@@ -57,7 +56,7 @@ def comments(path: StrPath) -> list[str]:
 
 
 def from_json(text: str) -> Any:
-    """What a text in JSON says.
+    """The content of a JSON text.
 
     Raises:
         ValueError: not JSON, a key stands twice in an object, or nested too deep.
@@ -69,7 +68,7 @@ def from_json(text: str) -> Any:
 
 
 def from_toml(text: str) -> dict[str, Any]:
-    """What a text in TOML says.
+    """The content of a TOML text.
 
     Raises:
         ValueError: not TOML, or nested too deep.
@@ -85,5 +84,5 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(found) < len(pairs):
         names = [name for name, _ in pairs]
         twice = next(name for name in names if names.count(name) > 1)
-        raise ValueError(f"{twice[:40]!r} stands twice in one object")
+        raise ValueError(f"{twice[:40]!r} is there twice in one object")
     return found

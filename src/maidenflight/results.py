@@ -1,5 +1,4 @@
-"""What every result file has in common: it is written whole or not at all, and it says where it
-comes from.
+"""Result files: written whole or not at all, with a record of how they were made.
 
 A record never holds the time of day, a host name or an absolute path, so the same seed gives the
 same bytes.
@@ -25,8 +24,7 @@ _LOCK_TIMEOUT = 0.2
 
 
 def write(path: StrPath, content: str | bytes) -> Path:
-    """Writes a file atomically: a reader sees the old content or the new, never a part, also after
-    a power cut.
+    """Writes a file atomically: even after a power cut it has its old content or the new.
 
     Args:
         path: where to write; missing folders are made.
@@ -100,8 +98,7 @@ def claim(path: StrPath) -> Callable[[], None]:
 
 
 def remove_older(written: Sequence[StrPath], record: Mapping[str, Any]) -> None:
-    """Removes tables beside those just written that an earlier run of the same kind left and this
-    one did not replace.
+    """Removes tables that an earlier run of the same kind left beside those just written.
 
     Args:
         written: CSV files of one folder.
@@ -112,7 +109,7 @@ def remove_older(written: Sequence[StrPath], record: Mapping[str, Any]) -> None:
     for path in {
         beside for folder in {path.parent for path in kept} for beside in folder.glob("*.csv")
     } - kept:
-        older = told(path)
+        older = read_record(path)
         if (
             older is not None
             and isinstance(older.get("settings"), dict)
@@ -135,7 +132,7 @@ def digest(path: StrPath) -> str:
 def record(
     *, seed: int | None, inputs: Sequence[StrPath], settings: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """What a result file says of its own making.
+    """How a result was made, as its file records it.
 
     Args:
         seed: the random seed, `None` where no randomness was used.
@@ -163,7 +160,7 @@ def plain(record: Mapping[str, Any]) -> dict[str, Any]:
 def write_table(path: StrPath, heading: str, record: Mapping[str, Any], rows: str) -> Path:
     """Writes a CSV file with a line that says what it is and its record in comments above.
 
-    `told` finds the record again.
+    `read_record` reads the record.
 
     Args:
         path: where to write.
@@ -177,7 +174,7 @@ def write_table(path: StrPath, heading: str, record: Mapping[str, Any], rows: st
     return write(path, f"{heading}\n# record: {json.dumps(record)}\n{rows}")
 
 
-def told(path: StrPath) -> dict[str, Any] | None:
+def read_record(path: StrPath) -> dict[str, Any] | None:
     """The record in the comments of a CSV file, as a line `# record: ` of JSON.
 
     Nothing where there is no such file or line.

@@ -1,4 +1,4 @@
-"""What a run folder holds: name, columns and heading of each table, and the names of its other files.
+"""What a run folder holds: name, columns and heading of each table, names of the other files.
 
 Writers and the report's reader both take them from here. A run folder is what `maidenflight demo`
 writes, or any part of it: the folder of a single stage, or of a matrix.
@@ -164,8 +164,8 @@ MATRIX_FLIGHTS = Table(
 PREDICTION = Table(
     "prediction.csv",
     {"policy": str, "control": str, "trial": int, "duration": float, "end_reason": str},
-    "maidenflight prediction 1: simulated flights of given policies as the authors' drone ran them, "
-    "a row a flight; duration s",
+    "maidenflight prediction 1: simulated flights of given policies as the authors' drone ran "
+    "them, a row a flight; duration s",
     digits=2,
 )
 """Flight times predicted on the identified drone, a row a flight."""
@@ -184,9 +184,9 @@ VALIDATION = Table(
     "validation.csv",
     {"model": str, "horizon": float}
     | {f"{name}{end}": float for name in ERROR_UNITS for end in ("", "_low", "_high")},
-    "maidenflight validation 1: open-loop prediction errors, root mean squares over windows; horizon "
-    "s, position m, velocity m/s, attitude rad, body_rates rad/s; _low and _high end the 95 % "
-    "interval over segments of flight",
+    "maidenflight validation 1: open-loop prediction errors, root mean squares over windows; "
+    "horizon s, position m, velocity m/s, attitude rad, body_rates rad/s; _low and _high end the "
+    "95 % interval over segments of flight",
     digits=9,
 )
 """Errors of open-loop predictions, a row a model and horizon."""
@@ -196,9 +196,9 @@ WINDOWS = Table(
         **{"window": int, "model": str, "time": float, "roll": float, "pitch": float},
         **dict.fromkeys(("body_rate_x", "body_rate_y", "position_z"), float),
     },
-    "maidenflight windows 1: a few windows, as logged and as each model predicts them open loop from "
-    "their first row; start s in the flight, time s, position m, velocity m/s, roll pitch yaw rad, "
-    "body_rate rad/s",
+    "maidenflight windows 1: a few windows, as logged and as each model predicts them open loop "
+    "from their first row; start s in the flight, time s, position m, velocity m/s, roll pitch yaw "
+    "rad, body_rate rad/s",
     digits=6,
 )
 """Some windows of flight, logged and predicted, a row a model and time."""

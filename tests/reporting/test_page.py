@@ -245,7 +245,8 @@ def own(run):
     )
     (run / "validation.csv").write_text(
         "# what\n# record: "
-        f"{json.dumps(RECORD | {'inputs': ['drone.toml sha256:0', 'mine.csv sha256:a']})}\n{errors().write_csv()}"
+        f"{json.dumps(RECORD | {'inputs': ['drone.toml sha256:0', 'mine.csv sha256:a']})}\n"
+        f"{errors().write_csv()}"
     )
     (run / "prediction.csv").write_text(
         "policy,control,end_reason,trial,duration\npolicy_1,pwm,tilt,1,2.0\n"
@@ -627,10 +628,18 @@ def browsed(made, tmp_path, wishes, *more) -> str:
         "--disable-component-update --disable-sync"
     )
     shown = subprocess.run(
-        [str(CHROMIUM), "--headless", "--no-sandbox", "--disable-gpu", *quiet.split(), f"--user-data-dir={tmp_path / 'profile'}",
-         "--enable-logging=stderr", "--v=0", *more, "--dump-dom", f"{made.as_uri()}#{wishes}"],
-        capture_output=True, text=True, timeout=120, check=True, env=environ | {"HOME": str(tmp_path)},
-    )  # fmt: skip
+        [
+            *(str(CHROMIUM), "--headless", "--no-sandbox", "--disable-gpu", *quiet.split()),
+            f"--user-data-dir={tmp_path / 'profile'}",
+            *("--enable-logging=stderr", "--v=0", *more),
+            *("--dump-dom", f"{made.as_uri()}#{wishes}"),
+        ],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+        env=environ | {"HOME": str(tmp_path)},
+    )
     assert [line for line in shown.stderr.splitlines() if "CONSOLE" in line] == []
     return shown.stdout
 

@@ -1,4 +1,4 @@
-"""The user's cache folder: compiled programs, and what a Crazyflie says of itself."""
+"""The user's cache folder: compiled programs, and tables of contents of Crazyflies."""
 
 import os
 import platform
@@ -19,8 +19,7 @@ def folder() -> Path:
 
 
 def keep_compiled() -> None:
-    """Keeps compiled programs in the user's cache folder, by processor: what was compiled once
-    starts at once the next time.
+    """Keeps compiled programs in the user's cache folder, by processor.
 
     JAX's own variable names another folder; set to nothing it keeps none.
     """
@@ -40,8 +39,7 @@ def keep_compiled() -> None:
         programs.mkdir(parents=True, exist_ok=True)
         os.environ["JAX_COMPILATION_CACHE_DIR"] = str(programs)
         os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
-    # What a killed process left half written, or a full disk, costs a compilation and is no news to
-    # users.
+    # A file that a killed process or a full disk left incomplete only costs a compilation.
     warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache entry")
 
 

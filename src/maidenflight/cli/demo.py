@@ -1,4 +1,4 @@
-"""demo: the whole line on a virtual drone."""
+"""demo: the full pipeline on a virtual drone."""
 
 import sys
 from pathlib import Path
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 @options.as_json
 @options.overwrite
 def demo(output: Path | None, seed: int, as_json: bool, overwrite: bool) -> None:
-    """Run the whole line on a virtual drone, in minutes.
+    """Run the full pipeline on a virtual drone, in minutes.
 
     It records flights, identifies the drone from them, trains policies, flies them unseen, exports
     the best one and writes a report.
@@ -67,7 +67,7 @@ def _stages(plan: "Plan") -> dict[str, str]:
     return {
         "record": f"{plan.flights} flights of {plan.duration:g} s on a virtual drone (simulated), "
         "flown by the firmware's PID",
-        "identify": "motors, delays and whatever else these flights can tell",
+        "identify": "motors, delays and whatever else these flights determine",
         "train": f"{plan.policies} policies by gradients through the simulator",
         "transfer": f"{plan.policies * plan.flight_trials} zero-shot flights in the virtual "
         "reality they have not seen",

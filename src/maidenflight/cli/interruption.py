@@ -1,4 +1,4 @@
-"""Ctrl-C: none is lost, and interrupted work says how to go on."""
+"""Handling of Ctrl-C: none is lost, and interrupted work says how to resume."""
 
 import _thread
 import shlex
@@ -75,9 +75,10 @@ def resumable(checkpoint: Path) -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         if not checkpoint.exists():
-            anew = shlex.join(["maidenflight", *sys.argv[1:]])
+            again_from_start = shlex.join(["maidenflight", *sys.argv[1:]])
             print(
-                f"maidenflight: interrupted before anything was reached. Start again with: {anew}",
+                "maidenflight: interrupted before anything was reached. Start again with: "
+                f"{again_from_start}",
                 file=sys.stderr,
             )
             sys.exit(130)

@@ -86,8 +86,7 @@ def must_exist(drone: str) -> None:
 
 
 def must_be_new(path: Path, overwrite: bool, resume: bool | None = None) -> None:
-    """Refuses to write into a folder that holds something, over a file, or where another process is
-    about to; keeps the place for us.
+    """Refuses a place where something is or another process writes, and locks it for this one.
 
     Args:
         path: where the command is to write.
@@ -116,9 +115,7 @@ def print_notes(notes: Iterable[str]) -> None:
 
 
 def emit(as_json: bool, content: dict[str, Any], text: Callable[[], None]) -> None:
-    """Prints a command's result: its content as JSON if that was asked for, or what `text`
-    prints.
-    """
+    """Prints a command's result: its content as JSON if asked for, or what `text` prints."""
     if as_json:
         print(json.dumps(content))
     else:

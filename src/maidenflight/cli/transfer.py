@@ -1,6 +1,4 @@
-"""transfer and predict: policies in realities that they have not seen, and on the identified
-drone.
-"""
+"""transfer and predict: policies in unseen realities, and on the identified drone."""
 
 from collections import Counter
 from pathlib import Path
@@ -138,7 +136,7 @@ def _transfer_matrix(
         terminal.progress("transfer", len(asked.cells)) as move,
         resumable(output / run_folder.POLICIES),
     ):
-        flights = workflow.transfer_matrix(asked, output, move, anew=overwrite and not resume)
+        flights = workflow.transfer_matrix(asked, output, move, restart=overwrite and not resume)
     cells = matrix.by_cell(flights, asked.duration)
 
     def text() -> None:
@@ -189,7 +187,7 @@ def _transfer_matrix(
     callback=options.randomization("trim", "posterior"),
     help="trim: constant torques differ as between the identified flights, the default where the "
     "drone's file tells how; posterior: drones"
-    " that those flights leave possible; or the half width of the parameters' box, 0 for the "
+    " drawn from its posterior; or the half width of the parameters' box, 0 for the "
     "drone as it is.",
 )
 @click.option(
@@ -250,10 +248,12 @@ def predict(
             on_policy=lambda done, of: move(done, of, "policies flown"),
         )
 
-    told = _flight_times_content(files, flown)
-    longest = max(entry["mean_duration"] for entry in told)
+    policies_shown = _flight_times_content(files, flown)
+    longest = max(entry["mean_duration"] for entry in policies_shown)
     best = [
-        file for file, entry in zip(files, told, strict=True) if entry["mean_duration"] == longest
+        file
+        for file, entry in zip(files, policies_shown, strict=True)
+        if entry["mean_duration"] == longest
     ]
 
     def text() -> None:
@@ -263,7 +263,7 @@ def predict(
         print(f"written to {output}")
 
     content = {
-        "policies": told,
+        "policies": policies_shown,
         "best": str(best[0]),
         "notes": notes,
         "simulated": True,

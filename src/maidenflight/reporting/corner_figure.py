@@ -40,8 +40,7 @@ def corner(
     width: float = 720,
     level: float = LEVEL,
 ) -> str:
-    """Draws of a posterior, each parameter against each other, with their distributions on the
-    diagonal.
+    """Posterior samples, each parameter against each other, with distributions on the diagonal.
 
     Where there are more than `MOST` or than fit the width, those with the strongest correlations
     are shown, and the note below says so.
@@ -107,11 +106,11 @@ def corner(
         if len(shown) < len(values)
         else ""
     )
-    told = (
+    drawn = (
         f"{text.plural(len(values[shown[0].name]), 'draw')} of "
         f"{text.plural(len(shown), 'parameter')}{few}."
     )
-    note, deep = svg.paragraph(0, top + len(shown) * side + foot, width, told)
+    note, deep = svg.paragraph(0, top + len(shown) * side + foot, width, drawn)
     return svg.picture(
         width, top + len(shown) * side + foot + deep + 4, "Posterior", [*parts, note]
     )
@@ -157,9 +156,7 @@ def _correlations(rows: Float[np.ndarray, "d N"]) -> Float[np.ndarray, "d d"]:
 
 
 def _most_correlated(correlation: Float[np.ndarray, "d d"], most: int) -> list[int]:
-    """Places of at most so many parameters: those of the strongest correlations, in their own
-    order.
-    """
+    """Places of at most so many parameters, in their order: those with strongest correlations."""
     if len(correlation) <= most:
         return list(range(len(correlation)))
     pairs = np.argwhere(np.tril(np.ones_like(correlation), -1) > 0)
@@ -237,9 +234,7 @@ def _beside(shown: _Marginal, left: float, top: float, side: float) -> str:
 
 
 def _ends(shown: _Marginal, side: float) -> list[tuple[float, str]]:
-    """Where the interval's ends are along a panel's side, far enough apart to be read, and what
-    they are.
-    """
+    """Places of the interval's ends along a panel's side, far enough apart, and their labels."""
     low, high = (shown.ends - shown.range[0]) / (shown.range[1] - shown.range[0]) * side
     apart = max(12.0 - (high - low), 0.0) / 2
     width = shown.ends[1] - shown.ends[0]

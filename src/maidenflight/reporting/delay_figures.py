@@ -1,4 +1,4 @@
-"""Pictures of the two delays, motor time constant and latency, and how well flights tell them apart.
+"""Pictures of motor time constant and latency, and of how well flights tell them apart.
 
 The loss landscape is of a replay's objective, with the evaluations that identification made; the
 posterior is of a likelihood.

@@ -1,6 +1,6 @@
-"""How the page begins: what kind of run this is, in a title, a badge and two or three sentences.
+"""Title, badge and first sentences of the page.
 
-Only what is known is said: a run is called simulated where all its flights are known to be.
+A run is called simulated only where all its flights are known to be.
 """
 
 from collections.abc import Iterable

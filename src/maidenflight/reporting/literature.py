@@ -1,8 +1,7 @@
-"""What others use for the parameters of a Crazyflie 2: measured, identified or assumed, each with
-its source.
+"""Parameters of a Crazyflie 2 that others measured, identified or assumed, with their sources.
 
-They differ by more than any of them says, with batteries, propellers, payloads and methods: they
-tell what is plausible, not what is true.
+They differ with batteries, propellers, payloads and methods, by more than any source says, and so
+show what is plausible, not what is true.
 """
 
 from typing import NamedTuple
@@ -33,21 +32,44 @@ class Published(NamedTuple):
 
 _OTHERS: dict[str, dict[str, float]] = {
     "thrust_to_weight": {
-        _LANDRY: 2.25, _SECONDS: 2.25, _DELAYS: 1.97, _ROTORPY: 1.95, _SIMPLE: 1.60, _CRAZYFLOW: 1.49, _RL_TOOLS: 1.47,
+        _LANDRY: 2.25,
+        _SECONDS: 2.25,
+        _DELAYS: 1.97,
+        _ROTORPY: 1.95,
+        _SIMPLE: 1.60,
+        _CRAZYFLOW: 1.49,
+        _RL_TOOLS: 1.47,
     },
     "motor_time_constant": {
-        _SECONDS: 0.150, _CRAZYFLOW: 0.136, _DELAYS: 0.072, _ROTORPY: 0.072, _RL_TOOLS: 0.055, _QUADSWARM: 0.037, _SIMPLE: 0.025,
+        _SECONDS: 0.150,
+        _CRAZYFLOW: 0.136,
+        _DELAYS: 0.072,
+        _ROTORPY: 0.072,
+        _RL_TOOLS: 0.055,
+        _QUADSWARM: 0.037,
+        _SIMPLE: 0.025,
     },
     "spin_down_ratio": {_RL_TOOLS: 249 / 55, _CRAZYFLOW: 106 / 136},
     "inertia_x": {
-        _CRAZYFLOW: 1.68e-5, _FOERSTER: 1.66e-5, _ROTORPY: 1.43e-5, _LANDRY: 1.4e-5, _SIMPLE: 1.4e-5, _DELAYS: 1.03e-5,
-        _RL_TOOLS: 9.4e-6, _SECONDS: 3.85e-6,
+        _CRAZYFLOW: 1.68e-5,
+        _FOERSTER: 1.66e-5,
+        _ROTORPY: 1.43e-5,
+        _LANDRY: 1.4e-5,
+        _SIMPLE: 1.4e-5,
+        _DELAYS: 1.03e-5,
+        _RL_TOOLS: 9.4e-6,
+        _SECONDS: 3.85e-6,
     },
     "inertia_y": {_CRAZYFLOW: 1.68e-5, _FOERSTER: 1.67e-5, _ROTORPY: 1.43e-5, _LANDRY: 1.4e-5},
     "inertia_z": {_CRAZYFLOW: 2.98e-5, _FOERSTER: 2.93e-5, _ROTORPY: 2.89e-5, _LANDRY: 2.17e-5},
-    "torque_to_thrust": {_FOERSTER: 5.96e-3, _CRAZYFLOW: 7.35e-3, _LANDRY: 2.51e-2, _ROTORPY: 3.39e-2},
+    "torque_to_thrust": {
+        _FOERSTER: 5.96e-3,
+        _CRAZYFLOW: 7.35e-3,
+        _LANDRY: 2.51e-2,
+        _ROTORPY: 3.39e-2,
+    },
     "mass": {_CRAZYFLOW: 0.0328, _SIMPLE: 0.0321, _ROTORPY: 0.030, _LANDRY: 0.027},
-}  # fmt: skip
+}
 """By parameter and source [SI]. Where a source gives two motor lags, the first is that of speeding
 up and their ratio the slowdown."""
 

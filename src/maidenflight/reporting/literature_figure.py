@@ -135,10 +135,12 @@ def _grid(panel: Panel) -> str:
 
 
 def _others(panel: Panel, values: list[tuple[float, str]], down: float) -> str:
-    places = [(float(panel.across(np.log2(ratio))), source) for ratio, source in values]
+    places = [
+        (float(panel.across(np.log2(ratio))), svg.titled("", source)) for ratio, source in values
+    ]
     return "".join(
-        f"<g>{svg.stroke(f'M{place:.1f} {down:.1f}h0', 'spots', 'soft')}{svg.titled('', source)}</g>"
-        for place, source in places
+        f"<g>{svg.stroke(f'M{place:.1f} {down:.1f}h0', 'spots', 'soft')}{tip}</g>"
+        for place, tip in places
     )
 
 

@@ -1,8 +1,7 @@
-"""A live view with rerun, whose package is an extra: flights in space with all that they measured,
-and training while it runs.
+"""A live view by rerun, an extra package: flights in space, and training while it runs.
 
-What is shown goes to the viewer, which is started, or into a file for it. A drone is an entity with
-its path, its reference, the set-point of the moment, thrusts as arrows, and time series beside it.
+Data goes to the viewer, which is started, or into a file for it. A drone is an entity with its
+path, its reference, the current set-point, thrusts as arrows, and time series beside it.
 """
 
 import os
@@ -27,7 +26,7 @@ if TYPE_CHECKING:
     from maidenflight.training.train import Progress
 
 _DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
-"""Variables that tell of a display on Linux."""
+"""Environment variables that name a display on Linux."""
 _LONGEST_WAIT = 10.0
 """For a viewer to take what it was sent [s]."""
 TABBED = 12
@@ -102,8 +101,7 @@ def show_flights(flights: Sequence[Flight], path: Path | None = None) -> None:
 def training(
     fly: Callable[["Policy"], Flight], path: Path | None = None
 ) -> Iterator[Callable[["Progress"], None]]:
-    """Shows training while it runs: scores of all policies, and how the best one of each score
-    flies.
+    """Shows training while it runs: scores of all policies, and how the best one flies.
 
     Args:
         fly: lets a policy fly once.
@@ -204,7 +202,7 @@ def _recording(rerun: Any, path: Path | None, layout: Any) -> Iterator[Any]:
     else:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            # What cannot be written is told by rerun in a log line only.
+            # Rerun reports a file that cannot be written only in its log.
             path.touch()
         except OSError as error:
             raise WriteError(path, error) from error

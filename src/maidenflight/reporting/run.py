@@ -1,8 +1,6 @@
-"""What a run folder holds, each part of it optional: the one place that knows the names of its
-files.
+"""A run as the report shows it, read from a folder or from a `Transfer` in memory.
 
-A folder of the demo, of one stage alone, of a matrix, and a `Transfer` in memory are fillings of
-one `Run`.
+Each part is optional: a folder may be that of the demo, of one stage or of a matrix.
 """
 
 import os
@@ -47,7 +45,7 @@ class Run:
     objective: str = "replay"
     """Which objective the identification searched, `replay` or `likelihood`."""
     search: polars.DataFrame | None = None
-    """One row an evaluation of it."""
+    """Its evaluations, a row each."""
     posterior: Mapping[str, np.ndarray] = field(default_factory=dict)
     """Draws of the identified parameters, SI units; an entry of each belongs together."""
     validation: polars.DataFrame | None = None
@@ -134,20 +132,20 @@ def read(folder: Path) -> Run:
         )
     validation = _table(folder / run_folder.VALIDATION.name, run_folder.VALIDATION, records)
     windows = _table(folder / run_folder.WINDOWS.name, run_folder.WINDOWS, records)
-    told = _kinds(recorded, recorded_flights, found_by, records, reality is not None)
+    kinds = _kinds(recorded, recorded_flights, found_by, records, reality is not None)
     found = Run(
         reality=reality,
         recorded=recorded_flights,
         logs=len(recorded),
         drone=drone,
         estimates=identified.estimates(found_by, folder / run_folder.DRONE),
-        origin=identified.origin(found_by, told[0]),
+        origin=identified.origin(found_by, kinds[0]),
         objective=identified.objective(found_by, folder / run_folder.DRONE),
         search=_search(folder / run_folder.EVALUATIONS.name),
         posterior=identified.posterior(found_by, folder / run_folder.DRONE),
         validation=validation,
         windows=windows,
-        predicted=told[1],
+        predicted=kinds[1],
         policies=len(policies),
         controls={
             name: str(content["control"])
@@ -184,8 +182,9 @@ def _kinds(
     records: Mapping[str, Mapping[str, Any]],
     virtual: bool,
 ) -> tuple[Kinds, Kinds]:
-    """Kinds of the flights that the drone was identified from, and of those that were predicted: by
-    their logs, where these lie here.
+    """Kinds of the flights that the drone was identified from, and of those that were predicted.
+
+    By their logs, where these are in the folder.
     """
     known: dict[str, bool | None] = {
         results.digest(path): bool(flight.simulated)
@@ -293,8 +292,9 @@ def _table(
 
 
 def truth(run: Run) -> tuple[tuple[float, float], ...]:
-    """Corners of what is true of a virtual drone: T_m speeding up to slowing down, latency of
-    commands to that with the sensors' [s].
+    """Corners of the true delays of a virtual drone, (T_m, latency) [s].
+
+    T_m from speeding up to slowing down, latency from that of commands to that with the sensors'.
     """
     if run.reality is None:
         return ()
@@ -304,8 +304,9 @@ def truth(run: Run) -> tuple[tuple[float, float], ...]:
 
 
 def true_ends(run: Run, name: str) -> tuple[float, float]:
-    """What is true of a parameter of a virtual drone [SI]: from and to, where the drone has two
-    values for what the model has one for.
+    """The true value of a parameter of a virtual drone, from and to [SI].
+
+    They differ where the drone has two values for what the model has one for.
     """
     assert run.reality is not None
     same = float(parameters.component(run.reality, name))
@@ -324,9 +325,7 @@ def usable(flight: Flight) -> slice:
 
 
 def viewable(run: Run) -> list[int]:
-    """Places of the flights that the viewer holds: the first `MOST` of those `shown` that have
-    anything in them.
-    """
+    """Places among those `shown` of the flights that the viewer holds: the first with two rows."""
     return [number for number, flight in enumerate(shown(run)) if usable(flight).stop > 1][:MOST]
 
 

@@ -1,6 +1,4 @@
-"""What the viewer of flights needs of them: columns of whole numbers, decimated, as text in the
-page.
-"""
+"""Flights for the page's viewer: decimated columns of 16-bit numbers in base64."""
 
 import base64
 from typing import Any
@@ -35,13 +33,13 @@ def held(run: Run) -> dict[str, Any]:
         rows = np.concatenate([flight.position, flight.attitude, flight.command], axis=1)[kept][
             ::every
         ]
-        told = {
+        about = {
             "row": place,
             "label": _label(run, place, flight),
             "simulated": flight.simulated,
             "period": round(flight.period * every, 6),
         }
-        packed.append({**told, **_packed(rows), "reference": references.index(reference)})
+        packed.append({**about, **_packed(rows), "reference": references.index(reference)})
     arm = float((run.drone or crazyflie()).arm_length)
     shape = {"arm": round(arm, 5), "rotors": geometry.ROTORS[:, :2].round(7).tolist()}
     return {**shape, "references": references, "flights": packed} if packed else {}
@@ -56,20 +54,17 @@ def _label(run: Run, place: int, flight: Flight) -> str:
     if run.table is None:
         return f"{flight.name}, {flight.duration:.1f} s"
     row = run.table.row(place, named=True)
-    return "Flight {flight}: {policy} in {reality}, trial {trial}, {duration:.1f} s, {end_reason}".format(
-        **row
-    )
+    label = "Flight {flight}: {policy} in {reality}, trial {trial}, {duration:.1f} s, {end_reason}"
+    return label.format(**row)
 
 
 def _packed(rows: np.ndarray) -> dict[str, Any]:
-    """Columns of 16-bit numbers, one after the other in base64, each with the value of its middle
-    and of a step.
-    """
+    """Columns of 16-bit numbers, one after the other, with each one's middle value and step."""
     columns = np.asarray(rows, np.float64).T
     low, high = columns.min(axis=1), columns.max(axis=1)
     middle, step = (low + high) / 2, np.maximum((high - low) / _LEVELS, 1e-9)
     levels = np.rint((columns - middle[:, None]) / step[:, None]).astype("<i2")
-    # Seven digits of a step are more than its 16 bits can tell.
+    # Seven digits of a step are more than 16 bits need.
     ends = {
         "middle": [round(float(value), 7) for value in middle],
         "step": [float(f"{value:.7g}") for value in step],

@@ -1,6 +1,4 @@
-"""Policies flown from files: in unseen realities, as the paper's whole matrix, and as the real
-drone would.
-"""
+"""Flights of policies from files: in unseen realities, as a matrix, and as on the real drone."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -72,7 +70,7 @@ def transfer_matrix(
     asked: Matrix,
     folder: StrPath,
     on_cell: Callable[[int, int, str], None] | None = None,
-    anew: bool = False,
+    restart: bool = False,
 ) -> polars.DataFrame:
     """Trains the policies of a matrix and flies them.
 
@@ -85,7 +83,7 @@ def transfer_matrix(
         asked: the matrix.
         folder: where to write.
         on_cell: called with (cells done, cells, what is next).
-        anew: use nothing of what an earlier run wrote there.
+        restart: use nothing of what an earlier run wrote there.
 
     Returns:
         What `matrix.fly` gives.
@@ -110,14 +108,14 @@ def transfer_matrix(
         results.plain(results.record(seed=asked.seed, inputs=inputs, settings=settings)),
         Path(folder, run_folder.MATRIX_FLIGHTS.name),
     )
-    if results.told(table) == made and not anew:
+    if results.read_record(table) == made and not restart:
         return polars.read_csv(table, comment_prefix="#")
     policies: dict[Cell, Sequence[Policy]] = {}
     for done, cell in enumerate(asked.cells):
         if on_cell is not None:
             on_cell(done, len(asked.cells), f"training {cell.name}")
         policies[cell] = _policies_of(
-            asked, cell, nominal, Path(folder, run_folder.POLICIES, cell.name), anew
+            asked, cell, nominal, Path(folder, run_folder.POLICIES, cell.name), restart
         )
     if on_cell is not None:
         on_cell(len(asked.cells), len(asked.cells), "flying")
@@ -127,13 +125,13 @@ def transfer_matrix(
 
 
 def _policies_of(
-    asked: Matrix, cell: Cell, nominal: Parameters, folder: Path, anew: bool
+    asked: Matrix, cell: Cell, nominal: Parameters, folder: Path, restart: bool
 ) -> Sequence[Policy]:
     """Those that the folder holds, or new ones that it holds then."""
     inputs = [asked.drone] if Path(asked.drone).is_file() else []
     made = results.record(seed=asked.seed, inputs=inputs, settings=asked.said(cell))
     return policy.kept(
-        folder, asked.policies, made, lambda: matrix.train_cell(asked, cell, nominal), anew
+        folder, asked.policies, made, lambda: matrix.train_cell(asked, cell, nominal), restart
     )
 
 
@@ -161,10 +159,10 @@ def predict_with(
         output: CSV file.
         trials: flights of each policy.
         duration: longest flight [s].
-        randomization: half width of a box about the drone; `POSTERIOR`: each flight is another of
-            the drones that its flights leave possible; `TRIMS`: constant torques differ between
-            flights as they did in those; `TRIMS` where the drone's file tells how they differ,
-            unless given.
+        randomization: half width of a box about the drone; `POSTERIOR`: each flight is of
+            another posterior sample; `TRIMS`: constant torques differ between flights as between
+            those that the drone was identified from. Unless given, `TRIMS` where the drone's file
+            says how they differ.
         structure: what the authors' policies command; what their files' names say unless given.
         firmware: what the drone runs: that of the authors' drone, or another, for which policies of
             ours are trained.
@@ -220,8 +218,9 @@ def best_policy(flown: Transfer, files: Sequence[Path]) -> Path:
 
 
 def transfer_summary(flown: Transfer) -> polars.DataFrame:
-    """One row a policy and reality: flights, how many of them reached the time limit, mean duration
-    [s], mean position_error [m].
+    """Flights, those that reached the time limit, and mean duration [s] and error [m].
+
+    A row a policy and reality.
     """
     return flown.table.group_by("policy", "reality", maintain_order=True).agg(
         polars.len().alias("flights"),
