@@ -1,4 +1,4 @@
-"""How well predicted flight times tell measured ones."""
+"""Agreement of predicted flight times with measured ones."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from maidenflight.errors import InputError
 
 @dataclass(frozen=True)
 class Agreement:
-    """How well predictions tell what was measured."""
+    """Measures of agreement between predictions and measurements."""
 
     policies: int
     spearman: float

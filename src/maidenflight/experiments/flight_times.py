@@ -47,11 +47,10 @@ published flight went further."""
 
 
 class Start(NamedTuple):
-    """Standard deviations of the state in which the policy takes over, normal about hover at the
-    reference's start.
+    """Standard deviations of the state in which the policy takes over.
 
-    The numbers are those of the first rows of 216 published flights (1.4826 times the median
-    deviation from the median).
+    It is normal about hover at the reference's start. The numbers are those of the first rows of
+    216 published flights (1.4826 times the median deviation from the median).
     """
 
     position: Float[Array, "3"]
@@ -63,8 +62,8 @@ class Start(NamedTuple):
     body_rates: Float[Array, "3"]
     """[rad/s]."""
     homeward: Float[Array, ""]
-    """Minus the correlation of horizontal position and velocity: the PID that hands over is on its
-    way to the start."""
+    """Minus the correlation of horizontal position and velocity: the PID that hands over moves
+    towards the start."""
 
 
 def _start(*numbers: tuple[float, ...] | float) -> Start:
@@ -289,8 +288,9 @@ def _draw(
     trials: UInt[Array, "policies lanes"],
     count: Int[Array, ""],
 ) -> tuple[Int[Array, "policies lanes"], Array]:
-    """Which of so many drones each trial flies, and its key: neither depends on the other trials or
-    policies.
+    """Which of `count` drones each trial flies, and its key.
+
+    Neither depends on the other trials or policies.
     """
 
     def one(own: Array, trial: Array) -> tuple[Array, Array]:
@@ -396,8 +396,9 @@ def _until_next_action(
     key: Array,
     before: tuple[EnvState, Float[Array, "H 20"]],
 ) -> tuple[tuple[EnvState, Float[Array, "H 20"]], Int[Array, "every"]]:
-    """Drone and history `every` rows of 10 ms later, and after each of these why the flight would
-    end; so far apart are instants.
+    """Drone and history one action, `every` rows of 10 ms, later.
+
+    Also, after each row, why the flight would end.
     """
     env_state, history = before
     action = policy(history.reshape(-1))
@@ -417,8 +418,9 @@ def _until_next_action(
 def guard(
     env_state: EnvState, setpoint: Float[Array, "3"], farthest: Float[Array, ""]
 ) -> Int[Array, ""]:
-    """Why the drone would stop the policy now, from what its sensors tell, an index of
-    `END_REASONS`; 0: it would not.
+    """Why the drone's guards would stop the policy now, by its measurements.
+
+    An index of `END_REASONS`; 0: they would not.
 
     Args:
         env_state: the drone.
