@@ -19,6 +19,7 @@ from fuzz_files import (
 from fuzz_reader import Good, Reader, made, table_damaged, tree_damaged
 
 import maidenflight.policy as policies
+from maidenflight import run_folder
 from maidenflight.flights import log
 from maidenflight.reporting import page
 from maidenflight.reporting import run as runs
@@ -26,14 +27,15 @@ from maidenflight.reporting import run as runs
 
 def run_readers() -> list[Reader]:
     """The report, and what it reads."""
-    around = run_folder()
-    tables = {
-        "validation.csv": tuple(runs.ERROR_COLUMNS),
-        "validation_windows.csv": tuple(runs.WINDOW_COLUMNS),
-        "policies/training.csv": tuple(runs.TRAINING_COLUMNS),
-        "transfer/flights.csv": tuple(runs.FLIGHT_COLUMNS),
-        "identification.csv": ("objective",),
+    around = whole_run()
+    places = {
+        run_folder.VALIDATION.name: run_folder.VALIDATION,
+        run_folder.WINDOWS.name: run_folder.WINDOWS,
+        f"{run_folder.POLICIES}/{run_folder.TRAINING.name}": run_folder.TRAINING,
+        f"{run_folder.TRANSFER}/{run_folder.FLIGHTS.name}": run_folder.FLIGHTS,
+        run_folder.EVALUATIONS.name: run_folder.EVALUATIONS,
     }
+    tables = {place: tuple(table.columns) for place, table in places.items()}
     own = tuple(column for columns in log.GROUPS.values() for column in columns)
     good = []
     for place, content in around.items():
@@ -72,7 +74,7 @@ def _paged(folder: Path, _: Path) -> str:
     return page.to_html(runs.read(folder))
 
 
-def run_folder() -> dict[str, bytes]:
+def whole_run() -> dict[str, bytes]:
     """The files of a whole run."""
     tests = made("test_page")
     around = {
