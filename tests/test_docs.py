@@ -75,7 +75,7 @@ def test_the_python_of_the_readme_runs(tmp_path: Path, monkeypatch: pytest.Monke
 def test_the_python_of_the_simulators_page_runs() -> None:
     pytest.importorskip("gymnasium")
     snippets = blocks("docs/simulator.md", "python")
-    assert len(snippets) >= 7
+    assert len(snippets) >= 6
     names: dict[str, Any] = {}
     for snippet in snippets:
         if "bullet" in snippet and importlib.util.find_spec("pybullet") is None:
