@@ -282,7 +282,7 @@ def test_the_commands_of_the_zero_shot_page_run(monkeypatch: pytest.MonkeyPatch)
         episodes = 4
         hidden_learning_rate = 0
     """
-    for command in blocks("docs/zero-shot.md", "sh")[0].splitlines():
+    for command in blocks("docs/studies/zero-shot.md", "sh")[0].splitlines():
         words = shlex.split(command, comments=True)
         if words[0] == "maidenflight":
             settings = Path(words[words.index("--matrix") + 1])
