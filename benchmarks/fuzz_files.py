@@ -21,6 +21,7 @@ from maidenflight import parameters, results, workflow
 from maidenflight.deployment.authors_json import read_policy, to_authors_json
 from maidenflight.experiments import matrix
 from maidenflight.flights import log
+from maidenflight.identification.drone_file import DroneFile, Estimate, Search, Source
 from maidenflight.link import rows
 from maidenflight.link.blocks import MOTORS, STATE
 from maidenflight.parameters import QUANTITIES, Parameters
@@ -40,16 +41,21 @@ def drone(**extra: Any) -> bytes:
     return parameters.to_toml(parameters.crazyflie(), "made", extra).encode()
 
 
-ESTIMATES = {
-    "kind": "replay",
-    "latency": {"value": 0.018, "interval": [0.01, 0.02]},
-    "mass": {"value": 0.028, "interval": [0.02, 0.03]},
-}
-POSTERIOR = {
-    "names": ["latency", "torque_bias_x"],
-    "draws": [[0.018, 1e-5], [0.019, 0.0], [0.017, 2e-5]],
-}
 RECORD = {"version": "0.1.0", "seed": 3, "settings": {"drone": "crazyflie"}}
+IDENTIFIED = DroneFile(
+    parameters.crazyflie(),
+    {
+        "latency": Estimate(0.018, (0.01, 0.02), (0.018,), 0.001),
+        "mass": Estimate(0.028, (0.02, 0.03), (0.028,), 0.0),
+    },
+    {
+        "latency": np.array([0.018, 0.019, 0.017]),
+        "torque_bias_x": np.array([1e-5, 0.0, 2e-5]),
+    },
+    Source(4, 120.0, True, "sampled", 60000.0),
+    Search("replay", 5.0, 116, 60),
+    record=RECORD,
+)
 _TABLES = {quantity.table for quantity in QUANTITIES.values()}
 
 
@@ -200,8 +206,8 @@ def file_readers() -> list[Reader]:
             (
                 Good(
                     "drone.toml",
-                    drone(posterior=POSTERIOR),
-                    tree_damaged(toml, _posterior_needs, "toml", Kind(ANY)),
+                    IDENTIFIED.to_toml("drone").encode(),
+                    tree_damaged(toml, lambda _: True, "toml", Kind(ANY)),
                 ),
             ),
             lambda _, path: workflow.possible_drones(path, workflow.POSTERIOR, 0),
@@ -282,10 +288,6 @@ def file_readers() -> list[Reader]:
 
 def drone_needs(path: tuple[Any, ...]) -> bool:
     return path == ("format",) or path[0] in _TABLES
-
-
-def _posterior_needs(path: tuple[Any, ...]) -> bool:
-    return path[0] == "posterior" or drone_needs(path)
 
 
 def _matrix_needs(path: tuple[Any, ...]) -> bool:

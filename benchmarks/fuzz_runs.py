@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 from fuzz_damage import ANY, REFUSED, Kind
 from fuzz_files import (
-    ESTIMATES,
-    POSTERIOR,
+    IDENTIFIED,
     RECORD,
     drone,
     drone_needs,
@@ -21,6 +20,7 @@ from fuzz_reader import Good, Reader, made, table_damaged, tree_damaged
 import maidenflight.policy as policies
 from maidenflight import run_folder
 from maidenflight.flights import log
+from maidenflight.identification.drone_file import OBJECTIVES
 from maidenflight.reporting import page
 from maidenflight.reporting import run as runs
 
@@ -79,7 +79,7 @@ def whole_run() -> dict[str, bytes]:
     tests = made("test_page")
     around = {
         "reality.toml": drone(record=RECORD),
-        "drone.toml": drone(identification=ESTIMATES, posterior=POSTERIOR, record=RECORD),
+        "drone.toml": IDENTIFIED.to_toml("drone").encode(),
         "identification.csv": b"trial,motor_time_constant,latency,objective\n1,0.08,0.018,5.0\n1,0.09,0.017,6.0\n1,0.07,0.015,7.0\n",
         "validation.csv": f"# errors\n# record: {json.dumps(RECORD)}\n{tests.errors().write_csv()}".encode(),
         "validation_windows.csv": "# windows\n# record: "
@@ -99,7 +99,11 @@ def whole_run() -> dict[str, bytes]:
 
 def unsound_run(read: runs.Run) -> str:
     """What the page is drawn from must be numbers where numbers are promised."""
-    drones = [found for found in (read.reality, read.drone) if found is not None]
+    drones = [
+        found
+        for found in (read.reality, None if read.drone is None else read.drone.parameters)
+        if found is not None
+    ]
     wrong = next(filter(None, map(unsound_drone, drones)), "")
     numbers = [
         entry
@@ -110,7 +114,7 @@ def unsound_run(read: runs.Run) -> str:
         "estimates": not np.isfinite(numbers).all()
         or any(one.interval[0] > one.interval[1] for one in read.estimates.values()),
         "posterior": not all(np.isfinite(draws).all() for draws in read.posterior.values()),
-        "objective": read.objective not in ("replay", "likelihood"),
+        "objective": read.objective not in OBJECTIVES,
         "a period": not all(0 < flight.period < 1 for flight in (*read.recorded, *read.flights)),
         "seconds": not all(
             np.isfinite(seconds) and seconds >= 0 for seconds in read.seconds.values()

@@ -16,7 +16,6 @@ import argparse
 import io
 import json
 import re
-import tomllib
 import warnings
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -36,6 +35,7 @@ from maidenflight import cores, parameters, policy, results, terminal, workflow
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import MAX_DURATION_S, transfer
 from maidenflight.flights.log import Flight
+from maidenflight.identification import drone_file
 from maidenflight.identification.ensembles import posterior_ensemble, trim_ensemble
 from maidenflight.parameters import Parameters, component, replace
 from maidenflight.policy import Policy
@@ -176,11 +176,11 @@ def other_drones(
     """Drones that resemble the one of a file: from its posterior and with its flights' trims where
     it tells them, and with other parts.
     """
-    content = tomllib.loads(Path(file).read_text(encoding="utf-8")) if Path(file).is_file() else {}
+    identified = drone_file.read(file)
     groups: dict[str, list[Parameters]] = {}
-    if "posterior" in content:
-        groups[POSTERIOR] = _first(posterior_ensemble(drone, content["posterior"], file), draws)
-        groups[TRIM] = _first(trim_ensemble(drone, content.get("identification", {}), file), draws)
+    if identified.posterior:
+        groups[POSTERIOR] = _first(posterior_ensemble(drone, identified.posterior, file), draws)
+        groups[TRIM] = _first(trim_ensemble(drone, identified.estimates, file), draws)
     for name, parts in PARTS.items():
         generator = np.random.default_rng([seed, _number(name)])
         groups[name] = [with_other_parts(drone, parts, generator) for _ in range(draws)]

@@ -10,6 +10,7 @@ Source of flights and policies: Gronauer et al. 2022, github SvenGronauer/phoeni
 """
 
 import argparse
+import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ from rich.console import Console
 from rich.table import Table
 
 import maidenflight as mf
-from maidenflight import parameters, results
+from maidenflight import results
 from maidenflight.experiments.agreement import agreement
 from maidenflight.experiments.flight_times import predict_flight_times, summary
 from maidenflight.flights.log import Flight
@@ -83,7 +84,7 @@ def one_step_likelihood(
         for part in (training, judged)
     )
     return {
-        name: -held.per_block(drone, made.noise_model(drone)).sum() / held.rows
+        name: -held.per_segment(drone, made.noise_model(drone)).sum() / held.rows
         for name, drone in drones.items()
     }
 
@@ -118,7 +119,7 @@ def as_flown(found: Identification) -> Parameters:
     """
     if not set(TRIM) & set(found.estimates):
         return found.parameters
-    return trim_ensemble(found.parameters, found.to_table(), "flights").drones
+    return trim_ensemble(found.parameters, found.estimates, "flights").drones
 
 
 def flight_times(
@@ -323,11 +324,8 @@ def main() -> None:
     texts = [
         show("Drones identified from seven of ten PWM policies' flights", parameter_rows(found))
     ]
-    bought = [
-        {"group": step.group, "gain": step.gain, "error": step.error, "kept": step.kept}
-        for step in found["chosen by likelihood"].bought
-    ]
-    texts.append(show("What each group bought [nats a row, held-out flights]", bought))
+    gains = [dataclasses.asdict(gain) for gain in found["chosen by likelihood"].gains]
+    texts.append(show("Gain of each group [nats a row, held-out flights]", gains))
     ones = one_step_likelihood(drones, training, judged)
     many = {rows: multi_step_likelihood(drones, training, judged, rows) for rows in (10, 25, 50)}
     judge = [
@@ -363,11 +361,7 @@ def main() -> None:
     )
     texts.append(show("By control structure, all flights", parameter_rows(by_structure)))
     for name, one in {**found, **by_structure}.items():
-        parameters.write(
-            given.output / f"{name.replace(' ', '_')}.toml",
-            one.parameters,
-            {"identification": one.to_table()},
-        )
+        one.write(given.output / f"{name.replace(' ', '_')}.toml")
     results.write(given.output / "real_flights.md", "\n\n".join(texts) + "\n")
 
 

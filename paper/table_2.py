@@ -74,7 +74,7 @@ SHOWN = {
 NOTES = (
     "The paper's +- and that of our trials are standard deviations over runs of the optimiser on "
     "the same data: they tell of the optimiser."
-    " The interval in brackets is the 95 % bootstrap interval over stretches of flight: it tells "
+    " The interval in brackets is the 95 % bootstrap interval over segments of flight: it tells "
     "of the parameter.",
     "k_F is full thrust over the weight of the paper's 28 g. The authors' code scales thrust by "
     "28 g as well but lifts a body of 30 g, so"
@@ -99,7 +99,7 @@ class Entry:
     @property
     def objectives(self) -> list[float]:
         """Lowest objective of each trial."""
-        trials = self.found.history.filter(polars.col("trial") > 0).group_by(
+        trials = self.found.search.filter(polars.col("trial") > 0).group_by(
             "trial", maintain_order=True
         )
         return trials.agg(polars.col("objective").min())["objective"].to_list()
@@ -177,20 +177,14 @@ def table(name: str, found: Sequence[Entry], lengths: Sequence[int]) -> list[lis
             [
                 "",
                 "Bayesian",
-                *(
-                    spread(each.trial_mean, each.trial_deviation, scale, decimals)
-                    for each in theirs
-                ),
+                *(spread(each.trial_mean, each.trial_sd, scale, decimals) for each in theirs),
             ]
         )
         rows.append(
             [
                 "",
                 "gradient",
-                *(
-                    spread(each.trial_mean, each.trial_deviation, scale, decimals)
-                    for each in estimates
-                ),
+                *(spread(each.trial_mean, each.trial_sd, scale, decimals) for each in estimates),
             ]
         )
         ends = [[f"{scale * end:.{decimals}f}" for end in each.interval] for each in estimates]
@@ -219,7 +213,7 @@ def table(name: str, found: Sequence[Entry], lengths: Sequence[int]) -> list[lis
             ]
         )
     excess = [
-        by["gradient", length].at_paper / by["gradient", length].found.objective - 1
+        by["gradient", length].at_paper / by["gradient", length].found.value - 1
         for length in lengths
     ]
     rows.append(["", "at paper's", *(f"{100 * share:+.1f} %" for share in excess)])
@@ -236,7 +230,7 @@ def as_data(found: Iterable[Entry]) -> polars.DataFrame:
             rows.append(
                 {
                     "flights": entry.flights, "length": entry.length, "method": entry.method, "windows": entry.found.windows,
-                    "parameter": parameter, "trial_mean": estimate.trial_mean, "trial_deviation": estimate.trial_deviation,
+                    "parameter": parameter, "trial_mean": estimate.trial_mean, "trial_sd": estimate.trial_sd,
                     "value": estimate.value, "low": low, "high": high, "truth": entry.truth and entry.truth[parameter],
                     "paper_mean": mean, "paper_deviation": deviation,
                     "objective_mean": float(np.mean(entry.objectives)), "objective_deviation": float(np.std(entry.objectives)),

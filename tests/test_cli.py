@@ -2,7 +2,6 @@ import json
 import os
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,8 @@ from event_files import scalars
 from maidenflight import cli, parameters, policy, results, terminal
 from maidenflight.cli import cache
 from maidenflight.flights import reading
+from maidenflight.identification import drone_file
+from maidenflight.identification.drone_file import DroneFile, Estimate, Search, Source
 from maidenflight.terminal import flight_output
 
 COMMANDS = (
@@ -110,7 +111,7 @@ def test_help_starts_within_a_fifth_of_a_second_of_python_itself() -> None:
         (["train", "--drone", "{tmp}/bad.toml", "-o", "{tmp}/p"], "missing"),
         (
             ["train", "--drone", "crazyflie", "-o", "{tmp}/p", "--randomize", "posterior"],
-            "crazyflie: no usable [posterior] table",
+            "crazyflie: no [posterior]",
         ),
         (["train", "-o", "{tmp}/p", "--randomize", "much"], "posterior"),
         (["transfer", "{tmp}/empty", "-o", "{tmp}/t"], "no policies"),
@@ -157,7 +158,7 @@ def test_help_starts_within_a_fifth_of_a_second_of_python_itself() -> None:
                 "-o",
                 "{tmp}/p.csv",
             ],
-            "no usable [posterior] table",
+            "no [posterior]",
         ),
         (["export", "{tmp}/no.json", "-o", "{tmp}/c"], "cannot be read"),
         (["record", "-o", "{tmp}/full"], "already there"),
@@ -295,11 +296,13 @@ def test_flight_times_of_ours_and_the_authors_policies_are_predicted(
             }
         )
     )
-    tables = {
-        "posterior": {"names": ["latency"], "draws": [[0.001], [0.03]]},
-        "identification": {"torque_bias_x": {"spread": 3e-4}},
-    }
-    parameters.write(drone, parameters.crazyflie(), tables)
+    DroneFile(
+        parameters.crazyflie(),
+        {"torque_bias_x": Estimate(0.0, (-1e-4, 1e-4), (0.0,), 3e-4)},
+        {"latency": np.array([0.001, 0.03])},
+        Source(2, 60.0, True, "sampled", 60000.0),
+        Search("likelihood", -15.0, 60, 3),
+    ).write(drone)
     arguments = (
         "predict",
         theirs,
@@ -438,13 +441,10 @@ def test_policies_are_trained_over_what_flights_leave_possible(
     )
     assert code == 0, err
     assert set(json.loads(out)["parameters"]) == {"thrust_to_weight", "inertia_x"}
-    written = tomllib.loads(drone.read_text())
-    assert (
-        written["identification"]["kind"]
-        == written["record"]["settings"]["objective"]
-        == "likelihood"
-    )
-    assert written["posterior"]["names"] == ["thrust_to_weight", "inertia_x"]
+    written = drone_file.read(drone)
+    assert written.search is not None
+    assert written.search.objective == written.record["settings"]["objective"] == "likelihood"
+    assert list(written.posterior) == ["thrust_to_weight", "inertia_x"]
 
     trained = (
         "train",
@@ -578,7 +578,7 @@ def test_a_drone_is_validated(tmp_path: Path, monkeypatch: Any, capsys: Any) -> 
     for said in (
         "mine.toml",
         "paper's crazyflie",
-        "nothing changes",
+        "persistence",
         "0.05 s",
         "0.3 s",
         "simulated",
@@ -640,7 +640,7 @@ def test_flights_that_made_the_drone_are_called_no_test(
         4,
     )
     made = results.record(seed=0, inputs=[logs / "flight_01.csv"], settings={})
-    parameters.write(drone, parameters.crazyflie(), {"record": made})
+    DroneFile(parameters.crazyflie(), record=made).write(drone)
     code, _, err = run(
         monkeypatch, capsys, "validate", drone, logs, "-o", tmp_path / "v.csv", "--horizons", "0.1"
     )

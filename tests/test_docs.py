@@ -190,7 +190,7 @@ def test_the_python_of_the_identification_page_runs(
     names: dict[str, Any] = {}
     exec(compile(snippet, "docs/identification.md", "exec"), names)
     assert "thrust_to_weight" in capsys.readouterr().out
-    assert names["paper"].kind == "replay"
+    assert names["paper"].objective == "replay"
     assert len(names["drones"].drones.mass) > 100
 
 

@@ -15,8 +15,7 @@ import pytest
 from maidenflight import cli, parameters, policy, terminal, workflow
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import Transfer
-from maidenflight.identification.estimates import Estimate
-from maidenflight.identification.selection import Step
+from maidenflight.identification.drone_file import Estimate, GroupGain
 from maidenflight.terminal import drone_output, flight_output
 from maidenflight.training import checkpoint
 from maidenflight.training.evaluation import Evaluation
@@ -212,18 +211,24 @@ def test_equal_notes_are_said_once(capsys: Any) -> None:
     assert said[-1] == "  and 2 more; --json lists them all"
 
 
-def test_a_gain_of_one_segment_has_no_standard_error(capsys: Any) -> None:
-    found: Any = SimpleNamespace(
-        bought=(Step("drag", 0.0018, 0.0, True), Step("inertia", 0.01, 1e-19, True))
-    )
+@pytest.mark.parametrize(
+    ("gain", "error", "shown"),
+    [
+        (0.0018, 1e-4, ["+0.00180", "0.00010"]),
+        (-3.1e-6, 4.3e-7, ["-0.00000310", "0.00000043"]),
+        (0.1, 0.02, ["+0.1000", "0.0200"]),
+        (0.0, 0.0, ["+0.0000", "0.0000"]),
+        (0.01, 1e-19, ["+0.010000000", "0.000000000"]),
+        (0.0018, None, ["+0.0018", "unknown"]),
+    ],
+)
+def test_a_gain_has_two_digits_of_its_standard_error(
+    gain: float, error: float | None, shown: list[str], capsys: Any
+) -> None:
+    found: Any = SimpleNamespace(gains=(GroupGain("drag", gain, error, True),))
     drone_output.gains(found)
     rows = [line.split() for line in capsys.readouterr().out.splitlines()]
-    assert ["drag", "+0.0018", "unknown", "kept"] in rows
-    assert ["inertia", "+0.0100", "unknown", "kept"] in rows
-    found.bought = (Step("drag", 0.0018, 1e-4, True),)
-    drone_output.gains(found)
-    rows = [line.split() for line in capsys.readouterr().out.splitlines()]
-    assert ["drag", "+0.0018", "0.0001", "kept"] in rows
+    assert ["drag", *shown, "kept"] in rows
 
 
 def test_without_a_terminal_each_score_is_a_line(capsys: Any) -> None:
@@ -301,12 +306,12 @@ def test_estimates_have_units_to_read_and_say_what_they_rest_on(capsys: Any) -> 
         "torque_bias_x": Estimate(-5.883e-05, (-9.705e-05, -2.316e-05), (-5.8e-05,), 1.1e-4, None),
     }
     noise = {"position_walk": 0.0924, "velocity_noise": 0.0, "actuator_noise": 0.02}
-    fit = {"objective": -14.82, "start_objective": -13.42, "evaluations": 8, "seconds": 107.2}
+    fit = {"value": -14.82, "start_value": -13.42, "evaluations": 8, "seconds": 107.2}
     found: Any = SimpleNamespace(
         estimates=estimates,
         noise=noise,
         parameters=parameters.crazyflie(),
-        kind="likelihood",
+        objective="likelihood",
         **fit,
     )
     drone_output.estimates(found)
@@ -321,7 +326,7 @@ def test_estimates_have_units_to_read_and_say_what_they_rest_on(capsys: Any) -> 
         "log-likelihood 14.82 nats a row (13.42 for crazyflie; more is better), after 8 "
         "evaluations of it in 107.2 s" in out
     )
-    found.kind = "replay"
+    found.objective = "replay"
     drone_output.estimates(found, {"latency": "7 + 3 sensors", "torque_bias_x": "-6e-05"})
     out = capsys.readouterr().out
     assert "between trials: standard deviation" in out

@@ -102,13 +102,6 @@ def test_a_file_is_named_after_its_drone_and_keeps_further_tables(tmp_path):
     jax.tree.map(np.testing.assert_array_equal, read(path), crazyflie())
 
 
-def test_a_drone_written_before_rotors_could_coast_does_not_coast():
-    text = edited("motor_coasting", None).replace("format = 2", "format = 1")
-    jax.tree.map(np.testing.assert_array_equal, from_toml(text), crazyflie())
-    with pytest.raises(InputError, match="missing motor_coasting"):
-        from_toml(edited("motor_coasting", None))
-
-
 def edited(name, value):
     """The good file with one value written differently; `None` removes the line."""
     text, count = re.subn(rf"(?m)^{name} = .*$", "" if value is None else f"{name} = {value}", GOOD)
@@ -120,8 +113,9 @@ def edited(name, value):
     ("text", "message"),
     [
         pytest.param(GOOD + "[", "not valid TOML", id="broken"),
-        pytest.param("", "format = None, expected 2", id="empty"),
-        pytest.param(edited("format", 3), "format = 3, expected 2", id="later format"),
+        pytest.param("", "format = None, expected 3", id="empty"),
+        pytest.param(edited("format", 4), "format = 4, expected 3", id="later format"),
+        pytest.param(edited("format", 2), "format = 2, expected 3", id="earlier format"),
         pytest.param(edited("mass", None), "missing mass", id="missing"),
         pytest.param(
             edited("mass", "0.028\nmas = 1.0"),
@@ -137,7 +131,7 @@ def edited(name, value):
             id="wrong table",
         ),
         pytest.param(
-            "format = 2\nbody = 3\n",
+            "format = 3\nbody = 3\n",
             r"body is a value, expected a table \[body\]",
             id="value for a table",
         ),

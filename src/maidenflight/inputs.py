@@ -1,18 +1,23 @@
-"""Reading of text, JSON and TOML that users give.
+"""Reading files: their bytes, text, JSON and TOML, and tables whose entries are checked.
 
-The functions raise the exceptions of the standard library. Unlike it, they refuse pipes and
-devices, which may never end, refuse a key that occurs twice in an object, and report text that is
-nested too deep as any other error of the text.
+The functions have the exceptions of the standard library. Unlike it they refuse pipes and devices
+instead of waiting for them, and a key that an object has twice instead of taking the last one;
+brackets a thousand deep are an error of the text like any other.
 """
 
 import errno
 import json
 import os
 import tomllib
+from collections.abc import Sequence
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
+from maidenflight.errors import InputError
+
+LARGEST = 3.4e38
+"""What no number of a file exceeds; float32 reaches a little further."""
 StrPath = str | os.PathLike[str]
 """A path as a user gives it."""
 
@@ -86,3 +91,115 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         twice = next(name for name in names if names.count(name) > 1)
         raise ValueError(f"{twice[:40]!r} is there twice in one object")
     return found
+
+
+class Fields:
+    """Entries of a TOML table or a JSON object, taken and checked one by one.
+
+    Every method that takes an entry raises InputError where it is missing or of another kind.
+    """
+
+    def __init__(self, content: Any, where: str, title: str, cure: str):
+        """Begins with a table.
+
+        Args:
+            content: what was read in its place.
+            where: the file.
+            title: the table's name in it.
+            cure: what to do where the table is damaged, as a sentence.
+
+        Raises:
+            InputError: it is no table.
+        """
+        self.content: dict[str, Any] = content
+        self._where, self._title, self._cure = where, title, cure
+        self._taken: set[str] = set()
+        if not isinstance(content, dict):
+            raise InputError(
+                f"{where}: {title} is {str(content)[:40]!r}, expected a table [{title}]. {cure}"
+            )
+
+    def refused(self, name: str, expected: str) -> InputError:
+        """The error of an entry."""
+        value = str(self.content[name])[:40] if name in self.content else "missing"
+        return InputError(
+            f"{self._where}: [{self._title}] {name} is {value}, expected {expected}. {self._cure}"
+        )
+
+    def get(self, name: str) -> Any:
+        """An entry as it is, `None` where there is none."""
+        self._taken.add(name)
+        return self.content.get(name)
+
+    def table(self, name: str) -> "Fields":
+        """A table in it."""
+        if name not in self.content:
+            raise self.refused(name, "a table")
+        return Fields(self.get(name), self._where, f"{self._title}.{name}", self._cure)
+
+    def tables(self, name: str) -> list["Fields"]:
+        """The tables of an array in it; none where it is missing."""
+        found = [] if name not in self.content else self.get(name)
+        if not isinstance(found, list):
+            raise self.refused(name, f"tables [[{self._title}.{name}]]")
+        return [Fields(each, self._where, f"{self._title}.{name}", self._cure) for each in found]
+
+    def text(self, name: str) -> str:
+        """A text."""
+        value = self.get(name)
+        if not isinstance(value, str):
+            raise self.refused(name, "a text")
+        return value
+
+    def choice(self, name: str, known: Sequence[str]) -> str:
+        """One of some texts."""
+        value = self.get(name)
+        if not isinstance(value, str) or value not in known:
+            raise self.refused(name, " or ".join(map(repr, known)))
+        return value
+
+    def flag(self, name: str) -> bool:
+        """True or false."""
+        value = self.get(name)
+        if not isinstance(value, bool):
+            raise self.refused(name, "true or false")
+        return value
+
+    def count(self, name: str) -> int:
+        """A whole number from 1 to a billion."""
+        value = self.get(name)
+        if type(value) is not int or not 1 <= value <= 10**9:
+            raise self.refused(name, "a whole number from 1 on")
+        return value
+
+    def number(self, name: str, low: float = -LARGEST, high: float = LARGEST) -> float:
+        """A finite number within two others."""
+        value = self.get(name)
+        if not is_number(value) or not low <= value <= high:
+            raise self.refused(name, "a number" if low == -LARGEST else f"{low:g} to {high:g}")
+        return float(value)
+
+    def numbers(self, name: str) -> tuple[float, ...]:
+        """At least one finite number."""
+        value = self.get(name)
+        if not isinstance(value, list) or not value or not all(map(is_number, value)):
+            raise self.refused(name, "a list of numbers")
+        return tuple(map(float, value))
+
+    def ends(self, name: str) -> tuple[float, float]:
+        """A lower and an upper number."""
+        value = self.numbers(name)
+        if len(value) != 2 or value[0] > value[1]:
+            raise self.refused(name, "[lower, upper]")
+        return value[0], value[1]
+
+    def end(self) -> None:
+        """Refuses entries that nobody took, such as a misspelt one."""
+        for name in self.content:
+            if name not in self._taken:
+                raise self.refused(name, "no such entry")
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value is a finite number that float32 can hold."""
+    return type(value) in (int, float) and -LARGEST <= value <= LARGEST

@@ -152,6 +152,31 @@ def record(
     return made
 
 
+def recorded_inputs(record: Mapping[str, Any], where: str) -> dict[str, str]:
+    """The files that a record names: their names by the digest of their content.
+
+    Args:
+        record: as `record` made it.
+        where: the file that holds it, for errors.
+
+    Raises:
+        InputError: its `inputs` are no list of names with digests.
+    """
+    entries = record.get("inputs", [])
+    if not isinstance(entries, list):
+        entries = [entries]
+    found = {}
+    for entry in entries:
+        name, mark, digest = str(entry).rpartition(" sha256:")
+        if not isinstance(entry, str) or not mark:
+            raise InputError(
+                f"{where}: its record names the input {str(entry)[:40]!r}, expected 'NAME "
+                "sha256:DIGEST'. Write the file again, or remove its record."
+            )
+        found[digest] = name
+    return found
+
+
 def plain(record: Mapping[str, Any]) -> dict[str, Any]:
     """A record as it reads back from JSON."""
     return json.loads(json.dumps(record))

@@ -53,13 +53,13 @@ def test_windows_of_a_sample_are_windows_of_the_whole_flights_to_the_bit(
     given = [calm(rows, seed, held=held) for seed, rows in enumerate((3000, 2000))]
     kept, _ = sampled(given, 25.0, history)
     few, all_of_them = windows(kept, length, every, history), windows(given, length, every, history)
-    assert 20 * 100 / every <= len(few.block) <= 25 * 100 / every
+    assert 20 * 100 / every <= len(few.segment) <= 25 * 100 / every
     place = {row.tobytes(): number for number, row in enumerate(all_of_them.position)}
     found = [place[row.tobytes()] for row in few.position]
     assert len(set(found)) == len(found)
     for one, other in zip(few[:-1], all_of_them[:-1], strict=True):
         np.testing.assert_array_equal(one, other[found])
-    assert np.bincount(few.block).max() * every <= 500
+    assert np.bincount(few.segment).max() * every <= 500
 
 
 def test_a_smaller_sample_is_a_part_of_a_larger_one():
@@ -106,7 +106,7 @@ def test_what_is_not_kept_is_forgotten_while_others_are_read():
         )
 
 
-def test_stretches_of_a_flight_are_fitted_or_judged_by_together():
+def test_segments_of_a_flight_are_fitted_or_judged_by_together():
     kept, _ = sampled(flights((3000,) * 6), 60.0)
     assert len(kept) >= 12
     fitted, judged = likelihood._split(kept)

@@ -8,7 +8,7 @@ import pytest
 from made_flights import calm
 
 from maidenflight.errors import InputError
-from maidenflight.flights.windows import BLOCK, EVERY, HISTORY, SHORTEST_HISTORY, windows
+from maidenflight.flights.windows import EVERY, LEAD_IN, SEGMENT_SECONDS, SHORTEST_LEAD_IN, windows
 
 LENGTH = 30
 
@@ -34,13 +34,13 @@ def numbered(number, rows, **changes):
 def cut():
     """Windows of three flights, one of which is too short to give any."""
     return windows(
-        [numbered(1, 200), numbered(2, SHORTEST_HISTORY + LENGTH), numbered(3, 3001)], LENGTH
+        [numbered(1, 200), numbered(2, SHORTEST_LEAD_IN + LENGTH), numbered(3, 3001)], LENGTH
     )
 
 
 def begins(rows):
     """First rows of all windows that a flight of so many rows holds."""
-    return np.arange(SHORTEST_HISTORY, rows - LENGTH, EVERY)
+    return np.arange(SHORTEST_LEAD_IN, rows - LENGTH, EVERY)
 
 
 def test_every_tenth_row_that_has_a_past_and_a_future_starts_a_window(cut):
@@ -56,7 +56,7 @@ def test_the_state_at_the_start_is_the_starting_rows(cut):
     np.testing.assert_array_equal(cut.position, np.tile(row, (1, 3)))
     np.testing.assert_array_equal(cut.velocity, np.tile(row + np.float32(0.25), (1, 3)))
     np.testing.assert_array_equal(cut.body_rates, np.tile(row + np.float32(0.5), (1, 3)))
-    half = np.array([0.05, 0.5e-4 * SHORTEST_HISTORY])
+    half = np.array([0.05, 0.5e-4 * SHORTEST_LEAD_IN])
     roll_only = [
         np.sin(half[0]) * np.cos(half[1]),
         np.cos(half[0]) * np.sin(half[1]),
@@ -74,14 +74,14 @@ def test_what_is_to_be_predicted_are_the_rows_after_the_start(cut):
             np.tile(expected[:, :, None] + np.float32(offset), (1, 1, 3)),
         )
     np.testing.assert_allclose(
-        cut.measured[0, :, 7], 1e-4 * (SHORTEST_HISTORY + np.arange(1, LENGTH + 1)), rtol=1e-5
+        cut.measured[0, :, 7], 1e-4 * (SHORTEST_LEAD_IN + np.arange(1, LENGTH + 1)), rtol=1e-5
     )
 
 
 def test_commands_run_from_the_history_to_the_last_period(cut):
     first = 10_000 * np.floor(cut.position[:, :1] / 10_000)
     expected = np.maximum(
-        cut.position[:, :1] + np.arange(-HISTORY, LENGTH, dtype=np.float32), first
+        cut.position[:, :1] + np.arange(-LEAD_IN, LENGTH, dtype=np.float32), first
     )
     assert (expected[:, 0] == first[:, 0]).any(), "the first row stands for what came before it"
     np.testing.assert_array_equal(cut.command, np.tile(expected[:, :, None], (1, 1, 4)))
@@ -89,7 +89,7 @@ def test_commands_run_from_the_history_to_the_last_period(cut):
 
 def test_sampled_commands_are_averaged_over_their_period():
     cut = windows([numbered(1, 200, held=False)], LENGTH)
-    rows = np.maximum(np.arange(-HISTORY, LENGTH) + SHORTEST_HISTORY, 0)
+    rows = np.maximum(np.arange(-LEAD_IN, LENGTH) + SHORTEST_LEAD_IN, 0)
     np.testing.assert_allclose(cut.command[0, :, 0], 10_000.5 + rows)
 
 
@@ -99,22 +99,22 @@ def test_no_window_crosses_two_flights(cut):
     assert (np.floor(cut.command[:, 0, 0] / 10_000) == flight).all()
 
 
-def test_blocks_are_contiguous_stretches_of_one_flight(cut):
-    assert (np.diff(cut.block) >= 0).all()
-    np.testing.assert_array_equal(np.unique(cut.block), np.arange(cut.block.max() + 1))
-    for block in range(cut.block.max() + 1):
-        rows = cut.position[cut.block == block, 0]
+def test_segments_are_contiguous_segments_of_one_flight(cut):
+    assert (np.diff(cut.segment) >= 0).all()
+    np.testing.assert_array_equal(np.unique(cut.segment), np.arange(cut.segment.max() + 1))
+    for block in range(cut.segment.max() + 1):
+        rows = cut.position[cut.segment == block, 0]
         assert (np.diff(rows) == EVERY).all(), "one stretch"
-        assert len(rows) * EVERY * 0.01 <= 1.25 * BLOCK
-    assert cut.block.max() + 1 == 1 + round(30.01 / BLOCK)
+        assert len(rows) * EVERY * 0.01 <= 1.25 * SEGMENT_SECONDS
+    assert cut.segment.max() + 1 == 1 + round(30.01 / SEGMENT_SECONDS)
 
 
 def test_windows_are_float32_and_of_the_sizes_promised(cut):
-    count = len(cut.block)
+    count = len(cut.segment)
     assert cut.measured.shape == (count, LENGTH, 12)
-    assert cut.command.shape == (count, HISTORY + LENGTH, 4)
+    assert cut.command.shape == (count, LEAD_IN + LENGTH, 4)
     assert cut.quaternion.shape == (count, 4)
-    assert {array.dtype for name, array in cut._asdict().items() if name != "block"} == {
+    assert {array.dtype for name, array in cut._asdict().items() if name != "segment"} == {
         np.dtype(np.float32)
     }
 
@@ -125,7 +125,7 @@ def test_the_distance_between_starts_can_be_chosen():
 
 
 def test_the_length_of_the_history_can_be_chosen():
-    assert windows([numbered(1, 200)], LENGTH, history=30).command.shape[1:] == (30 + LENGTH, 4)
+    assert windows([numbered(1, 200)], LENGTH, lead_in=30).command.shape[1:] == (30 + LENGTH, 4)
 
 
 def test_flights_of_different_rates_are_refused():
@@ -134,8 +134,8 @@ def test_flights_of_different_rates_are_refused():
 
 
 def test_flights_that_are_too_short_are_refused_with_what_is_needed():
-    least = SHORTEST_HISTORY + LENGTH + 1
-    assert len(windows([calm(least)], LENGTH).block) == 1
+    least = SHORTEST_LEAD_IN + LENGTH + 1
+    assert len(windows([calm(least)], LENGTH).segment) == 1
     with pytest.raises(
         InputError, match=rf"longest {0.01 * (least - 1):.2f} s, needed {0.01 * least:.2f} s"
     ):

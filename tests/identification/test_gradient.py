@@ -198,7 +198,7 @@ def test_identify_follows_gradients_unless_told_otherwise(flights):
     for name, truth in zip(NAMES, TRUTH, strict=True):
         assert found.estimates[name].value == pytest.approx(truth, rel=0.05)
         assert np.ptp(found.estimates[name].trials) < 0.02 * truth
-    assert seen[-1][0] == seen[-1][1] == found.evaluations == len(found.history)
+    assert seen[-1][0] == seen[-1][1] == found.evaluations == len(found.search)
 
 
 def test_an_unknown_method_is_refused_in_words():

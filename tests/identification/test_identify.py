@@ -3,7 +3,6 @@ answer is the study's."""
 
 import dataclasses
 import itertools
-import tomllib
 from typing import Any
 
 import jax
@@ -15,16 +14,17 @@ from maidenflight import workflow
 from maidenflight.errors import InputError
 from maidenflight.flights.log import write as write_log
 from maidenflight.flights.reading import read_flights
-from maidenflight.identification import likelihood
+from maidenflight.identification import drone_file, likelihood
 from maidenflight.identification.box import PAPER_BOUNDS
+from maidenflight.identification.drone_file import SAVED, Estimate
 from maidenflight.identification.ensembles import posterior_ensemble, trim_ensemble
-from maidenflight.identification.estimates import SAVED, doubts
+from maidenflight.identification.estimates import doubts
 from maidenflight.identification.identify import AUTO, identify
 from maidenflight.identification.likelihood import Likelihood
 from maidenflight.identification.posterior import DESIGN
 from maidenflight.identification.replay import METHODS, Replay
 from maidenflight.identification.selection import FIRST
-from maidenflight.parameters import QUANTITIES, check, crazyflie, noiseless, read, replace, write
+from maidenflight.parameters import QUANTITIES, check, crazyflie, noiseless, replace
 
 FEW = Replay("bayesian", trials=1, evaluations=12)
 QUICK = Replay("bayesian", trials=2, evaluations=14)
@@ -53,7 +53,7 @@ def test_a_planted_drone_is_found_again(planted_xi, method):
         f"{1e3 * (lag + delay - sum(planted_xi[1:])):+.2f} ms,",
         end=" ",
     )
-    print(f"latency {1e3 * (delay - planted_xi[2]):+.2f} ms, loss {found.objective:.3f}")
+    print(f"latency {1e3 * (delay - planted_xi[2]):+.2f} ms, loss {found.value:.3f}")
     assert thrust == pytest.approx(planted_xi[0], rel=0.01)
     assert lag + delay == pytest.approx(planted_xi[1] + planted_xi[2], abs=0.003)
     assert delay == pytest.approx(planted_xi[2], abs=0.004)
@@ -76,9 +76,9 @@ def test_the_ensemble_of_an_identification_spreads_as_its_intervals_tell(quick):
         assert min(low, estimate.value) == pytest.approx(estimate.interval[0], rel=1e-4)
         assert max(high, estimate.value) == pytest.approx(estimate.interval[1], rel=1e-4)
     drawn = drones.draw(jax.random.key(3))
-    values = np.stack([getattr(drones.drones, name) for name in quick.draws], axis=1)
+    values = np.stack([getattr(drones.drones, name) for name in quick.posterior], axis=1)
     assert np.any(
-        np.all(values == np.stack([getattr(drawn, name) for name in quick.draws]), axis=1)
+        np.all(values == np.stack([getattr(drawn, name) for name in quick.posterior]), axis=1)
     ), "one of them, whole"
     np.testing.assert_array_equal(drawn.mass, quick.parameters.mass)
 
@@ -93,24 +93,24 @@ def test_an_estimate_lies_in_its_interval_and_in_its_parameters(quick):
 
 def test_trials_are_the_optimisers_best_points(quick):
     for trial in (1, 2):
-        rows = quick.history.filter(quick.history["trial"] == trial)
+        rows = quick.search.filter(quick.search["trial"] == trial)
         best = rows.row(rows["objective"].arg_min(), named=True)
         for name, estimate in quick.estimates.items():
             assert estimate.trials[trial - 1] == pytest.approx(best[name])
     for estimate in quick.estimates.values():
         assert estimate.trial_mean == pytest.approx(np.mean(estimate.trials))
-        assert estimate.trial_deviation == pytest.approx(np.std(estimate.trials))
+        assert estimate.trial_sd == pytest.approx(np.std(estimate.trials))
 
 
 def test_history_has_a_row_for_every_evaluation(quick):
-    assert quick.history.columns == ["trial", *PAPER_BOUNDS, "objective"]
-    assert len(quick.history) == quick.evaluations == 2 * 14 + 3 * DESIGN
-    assert dict(quick.history["trial"].value_counts().iter_rows()) == {1: 14, 2: 14, 0: 3 * DESIGN}
-    assert quick.history["objective"].min() == quick.objective < quick.start_objective
+    assert quick.search.columns == ["trial", *PAPER_BOUNDS, "objective"]
+    assert len(quick.search) == quick.evaluations == 2 * 14 + 3 * DESIGN
+    assert dict(quick.search["trial"].value_counts().iter_rows()) == {1: 14, 2: 14, 0: 3 * DESIGN}
+    assert quick.search["objective"].min() == quick.value < quick.start_value
 
 
 def test_the_optimum_is_the_best_point_of_history(quick):
-    best = quick.history.row(quick.history["objective"].arg_min(), named=True)
+    best = quick.search.row(quick.search["objective"].arg_min(), named=True)
     for name, estimate in quick.estimates.items():
         assert estimate.value == pytest.approx(best[name])
 
@@ -119,29 +119,9 @@ def test_the_optimum_is_the_best_point_of_history(quick):
 def test_the_same_key_gives_the_same_result_and_another_key_another(flights, quick):
     again = identify(flights, QUICK, key=jax.random.key(5))
     other = identify(flights, QUICK, key=jax.random.key(6))
-    assert again.to_table() == quick.to_table()
-    assert again.history.equals(quick.history)
-    assert not other.history.equals(quick.history)
-
-
-def test_the_table_for_the_file_holds_no_time_of_day(quick):
-    table = quick.to_table()
-    assert set(table) == {
-        "kind",
-        "objective",
-        "windows",
-        "evaluations",
-        *dataclasses.asdict(quick.source),
-        *PAPER_BOUNDS,
-    }
-    assert set(table["latency"]) == {
-        "value",
-        "interval",
-        "trial_mean",
-        "trial_deviation",
-        "spread",
-        "valley",
-    }
+    assert again.drone_file().to_toml("one") == quick.drone_file().to_toml("one")
+    assert again.search.equals(quick.search)
+    assert not other.search.equals(quick.search)
 
 
 def test_an_identification_remembers_what_it_rests_on(quick, flights, tmp_path):
@@ -150,12 +130,11 @@ def test_an_identification_remembers_what_it_rests_on(quick, flights, tmp_path):
         "seconds": pytest.approx(sum(flight.duration for flight in flights), abs=0.01),
         "simulated": any(flight.simulated for flight in flights),
         "commands": "held",
-        "full": 60000.0,
+        "full_scale_counts": 60000.0,
     }
-    quick.write(tmp_path / "drone.toml", {"seed": 5})
-    told = tomllib.loads((tmp_path / "drone.toml").read_text())
-    assert told["identification"]["commands"] == "held"
-    assert told["record"] == {"seed": 5}
+    file = drone_file.read(quick.write(tmp_path / "drone.toml", {"seed": 5}))
+    assert file.source == quick.source
+    assert file.record == {"seed": 5}
     assert len(str(quick).splitlines()) == 1 + len(quick.estimates) + len(quick.notes)
 
 
@@ -297,8 +276,7 @@ def likely(noisy):
 
 @pytest.mark.slow
 def test_likelihood_is_the_objective_unless_told_otherwise(likely, quick):
-    assert (likely.kind, quick.kind) == ("likelihood", "replay")
-    assert likely.to_table()["kind"] == "likelihood"
+    assert (likely.objective, quick.objective) == ("likelihood", "replay")
     assert likely.noise
     assert not quick.noise
 
@@ -310,21 +288,21 @@ def test_a_most_likely_value_lies_in_its_interval_and_its_draws_within_bounds(li
         low, high = estimate.interval
         assert low <= estimate.value <= high
         assert getattr(likely.parameters, name) == np.float32(estimate.value)
-        draws = likely.draws[name]
+        draws = likely.posterior[name]
         assert searched[name][0] <= draws.min() < draws.max() <= searched[name][1]
         assert len(np.unique(draws)) > 100
         assert estimate.valley is None
     check(likely.parameters)
     assert likely.windows == len(noisy), "two seconds have room for one"
-    assert likely.history["objective"].min() == likely.objective < likely.start_objective
-    assert len(likely.history) == likely.evaluations
+    assert likely.search["objective"].min() == likely.value < likely.start_value
+    assert len(likely.search) == likely.evaluations
 
 
 @pytest.mark.slow
 def test_a_parameter_at_a_bound_keeps_its_draws_within_it(noisy):
     bounds = {"thrust_to_weight": (1.5, 1.8)}
     found = identify(noisy, ONCE, over=["thrust_to_weight"], bounds=bounds)
-    assert found.draws["thrust_to_weight"].max() <= 1.8
+    assert found.posterior["thrust_to_weight"].max() <= 1.8
     assert any(
         note.startswith("thrust_to_weight lies at its search bound 1.8") for note in found.notes
     )
@@ -334,28 +312,24 @@ def test_a_parameter_at_a_bound_keeps_its_draws_within_it(noisy):
 def test_the_same_key_gives_the_same_likelihood_and_another_key_other_draws(noisy, likely):
     again = identify(noisy, ONCE, over=FIRST, key=jax.random.key(5))
     other = identify(noisy, ONCE, over=FIRST, key=jax.random.key(6))
-    assert again.to_table() == likely.to_table()
-    assert again.posterior_table() == likely.posterior_table()
-    assert other.posterior_table() != likely.posterior_table()
-    assert other.objective == likely.objective, (
-        "the first trial begins at the start, whatever the key"
-    )
+    assert again.drone_file().to_toml("one") == likely.drone_file().to_toml("one")
+    assert not np.array_equal(other.posterior["latency"], likely.posterior["latency"])
+    assert other.value == likely.value, "the first trial begins at the start, whatever the key"
 
 
 @pytest.mark.slow
 def test_a_posterior_comes_back_from_its_file_as_drones_to_train_on(likely, tmp_path):
-    path = write(tmp_path / "mine.toml", likely.parameters, {"posterior": likely.posterior_table()})
-    table = tomllib.loads(path.read_text())["posterior"]
-    assert table["names"] == list(likely.draws)
-    back = posterior_ensemble(read(path), table, str(path))
-    for name, draws in likely.draws.items():
+    file = drone_file.read(likely.write(tmp_path / "mine.toml"))
+    assert list(file.posterior) == list(likely.posterior)
+    back = posterior_ensemble(file.parameters, file.posterior, file.name)
+    for name, draws in likely.posterior.items():
         np.testing.assert_allclose(getattr(back.drones, name), draws[:SAVED], rtol=1e-5)
     np.testing.assert_array_equal(
         back.drones.inertia, np.tile(likely.parameters.inertia, (SAVED, 1))
     )
     drawn = jax.vmap(back.draw)(jax.random.split(jax.random.key(0), 500))
-    rows = np.stack([getattr(drawn, name) for name in likely.draws], axis=1)
-    saved = np.stack([getattr(back.drones, name) for name in likely.draws], axis=1)
+    rows = np.stack([getattr(drawn, name) for name in likely.posterior], axis=1)
+    saved = np.stack([getattr(back.drones, name) for name in likely.posterior], axis=1)
     assert (rows[:, None] == saved[None]).all(axis=2).any(axis=1).all(), (
         "whole drones, values that belong together"
     )
@@ -365,7 +339,7 @@ def test_a_posterior_comes_back_from_its_file_as_drones_to_train_on(likely, tmp_
 def test_a_posterior_over_a_component_moves_that_component_alone():
     drones = posterior_ensemble(
         crazyflie(),
-        {"names": ["inertia_x", "latency"], "draws": [[1e-5, 0.01], [2e-5, 0.02]]},
+        {"inertia_x": np.array([1e-5, 2e-5]), "latency": np.array([0.01, 0.02])},
         "mine.toml",
     ).drones
     expected = np.array([[1e-5, 1.33e-5, 2.64e-5], [2e-5, 1.33e-5, 2.64e-5]], np.float32)
@@ -374,30 +348,12 @@ def test_a_posterior_over_a_component_moves_that_component_alone():
 
 
 @pytest.mark.parametrize(
-    ("table", "words"),
-    [
-        ({}, r"no usable \[posterior\] table"),
-        (3, "no usable"),
-        ({"names": ["latency"]}, "no usable"),
-        ({"draws": [[0.01]]}, "no usable"),
-        ({"names": [], "draws": []}, "no usable"),
-        ({"names": ["latency"], "draws": []}, "no usable"),
-        ({"names": ["latency"], "draws": [0.01, 0.02]}, "no usable"),
-        ({"names": ["latency"], "draws": [[0.01, 0.02]]}, "no usable"),
-        ({"names": ["latency"], "draws": [[0.01], [0.01, 0.02]]}, "no usable"),
-        ({"names": ["latency"], "draws": [["much"]]}, "no usable"),
-        ({"names": "latency", "draws": [[0.01]]}, "no usable"),
-        ({"names": [["latency"]], "draws": [[0.01]]}, "no usable"),
-        ({"names": ["k_F"], "draws": [[1.9]]}, "no usable"),
-        ({"names": ["latency", "latency"], "draws": [[0.01, 0.02]]}, "no usable"),
-        ({"names": ["latency"], "draws": [[0.01], [0.06]]}, "draw 2: latency = 0.06 s is outside"),
-        ({"names": ["latency"], "draws": [[float("nan")]]}, "draw 1: latency = nan s is outside"),
-    ],
+    ("samples", "words"),
+    [({}, "posterior"), ({"latency": np.array([0.01, 0.06])}, r"2: latency = 0\.06")],
 )
-def test_a_posterior_that_makes_no_sense_is_refused_in_words(table, words):
-    with pytest.raises(InputError, match=words) as caught:
-        posterior_ensemble(crazyflie(), table, "mine.toml")
-    assert str(caught.value).startswith("mine.toml")
+def test_samples_that_are_missing_or_no_drones_are_refused(samples, words):
+    with pytest.raises(InputError, match=rf"mine\.toml.*{words}"):
+        posterior_ensemble(crazyflie(), samples, "mine.toml")
 
 
 def test_parameters_are_chosen_by_likelihood_only(flights):
@@ -420,12 +376,12 @@ def test_settings_that_make_no_sense_are_refused_by_name(settings, wrong):
 
 def test_trims_differ_as_they_did_between_flights_and_nothing_else_does() -> None:
     drone = replace(crazyflie(), torque_bias=np.array([0.0, 1e-4, 2e-5], np.float32))
-    table = {
-        "torque_bias_y": {"value": 1e-4, "spread": 5e-5},
-        "torque_bias_z": {"value": 2e-5, "spread": 4e-5},
-        "latency": {"spread": 1.0},
+    estimates = {
+        "torque_bias_y": Estimate(1e-4, (0.0, 2e-4), (1e-4,), 5e-5),
+        "torque_bias_z": Estimate(2e-5, (0.0, 4e-5), (2e-5,), 4e-5),
+        "latency": Estimate(0.01, (0.0, 0.02), (0.01,), 1.0),
     }
-    drones = trim_ensemble(drone, table, "mine.toml").drones
+    drones = trim_ensemble(drone, estimates, "mine.toml").drones
     np.testing.assert_allclose(np.mean(drones.torque_bias, axis=0), drone.torque_bias, atol=1e-6)
     np.testing.assert_allclose(
         np.std(drones.torque_bias, axis=0), [0.0, 5e-5, 4e-5], rtol=0.05, atol=1e-12
@@ -437,15 +393,7 @@ def test_trims_differ_as_they_did_between_flights_and_nothing_else_does() -> Non
     np.testing.assert_array_equal(drones.latency, np.full(256, drone.latency))
 
 
-@pytest.mark.parametrize(
-    "table",
-    [
-        {},
-        {"latency": {"spread": 0.1}},
-        {"torque_bias_x": {"value": 0.0}},
-        {"torque_bias_x": {"spread": "much"}},
-    ],
-)
-def test_a_drone_that_does_not_tell_how_trims_differ_is_refused(table: dict[str, Any]) -> None:
+@pytest.mark.parametrize("estimates", [{}, {"latency": Estimate(0.01, (0.0, 0.02), (0.01,), 0.1)}])
+def test_a_drone_whose_trims_were_not_identified_is_refused(estimates) -> None:
     with pytest.raises(InputError, match=r"mine\.toml.*trims"):
-        trim_ensemble(crazyflie(), table, "mine.toml")
+        trim_ensemble(crazyflie(), estimates, "mine.toml")

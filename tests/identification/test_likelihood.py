@@ -38,7 +38,7 @@ def test_a_planted_drone_is_found_again_from_noisy_flights_under_feedback(found)
     assert thrust == pytest.approx(TRUTH["thrust_to_weight"], rel=0.01)
     assert lag + delay == pytest.approx(TRUTH["motor_time_constant"] + TRUTH["latency"], abs=0.003)
     assert delay == pytest.approx(TRUTH["latency"], abs=0.002)
-    assert found.objective < found.start_objective - 0.1
+    assert found.value < found.start_value - 0.1
 
 
 @pytest.mark.slow
@@ -52,7 +52,7 @@ def test_a_random_start_ends_where_the_first_does(found):
 def test_the_truth_is_as_far_as_the_drawn_drones_say(found):
     """Within three standard deviations of them, and these are a few percent."""
     for name, truth in TRUTH.items():
-        draws, estimate = found.draws[name], found.estimates[name]
+        draws, estimate = found.posterior[name], found.estimates[name]
         assert abs(estimate.value - truth) < 3 * draws.std()
         assert draws.mean() == pytest.approx(estimate.value, abs=0.2 * draws.std())
         assert np.subtract(*estimate.interval[::-1]) / 2 == pytest.approx(
@@ -65,7 +65,7 @@ def test_the_truth_is_as_far_as_the_drawn_drones_say(found):
 def test_lag_and_latency_trade_against_one_another_among_the_drawn_drones(found):
     """What a longer lag delays a shorter latency makes up for: their sum is known better than that
     of independent draws."""
-    lag, delay = found.draws["motor_time_constant"], found.draws["latency"]
+    lag, delay = found.posterior["motor_time_constant"], found.posterior["latency"]
     assert np.corrcoef(lag, delay)[0, 1] < -0.3
 
 

@@ -28,7 +28,7 @@ def objective(cut):
 
 def some(cut, count):
     """The first windows, or all of them several times over."""
-    order = np.arange(count) % len(cut.block)
+    order = np.arange(count) % len(cut.segment)
     return Windows(*(array[order] for array in cut))
 
 
@@ -132,7 +132,7 @@ def test_the_objective_is_the_mean_of_its_windows_loss(objective, cut):
     """Window by window, from `simulate` and the formula in float64."""
     beside = replace(DRONE, thrust_to_weight=1.8)
     losses = objective.per_window(beside)
-    assert losses.shape == cut.block.shape
+    assert losses.shape == cut.segment.shape
     assert objective(beside) == pytest.approx(np.float64(losses).mean(), rel=1e-6)
     simulated = module.simulate(
         Windows(*(array[5] for array in cut)), replace(beside, time_step=np.float32(0.005)), 2
@@ -142,16 +142,16 @@ def test_the_objective_is_the_mean_of_its_windows_loss(objective, cut):
     )
 
 
-def test_blocks_sum_to_the_whole(objective, cut):
-    blocks = objective.per_block(crazyflie())
-    assert blocks.shape == (planted.FLIGHTS,) == (objective.blocks,)
+def test_segments_sum_to_the_whole(objective, cut):
+    blocks = objective.per_segment(crazyflie())
+    assert blocks.shape == (planted.FLIGHTS,) == (objective.segments,)
     np.testing.assert_allclose(blocks.sum() / objective.size, objective(crazyflie()), rtol=1e-6)
     np.testing.assert_allclose(
         blocks[3],
-        objective.per_window(crazyflie())[cut.block == 3].sum(dtype=np.float64),
+        objective.per_window(crazyflie())[cut.segment == 3].sum(dtype=np.float64),
         rtol=1e-6,
     )
-    np.testing.assert_array_equal(objective.windows_per_block, np.bincount(cut.block))
+    np.testing.assert_array_equal(objective.windows_per_segment, np.bincount(cut.segment))
 
 
 @pytest.mark.parametrize("count", [1, 100, 256, 300])

@@ -97,7 +97,7 @@ def test_the_errors_of_a_fall_are_what_is_left_by_hand():
         body_rates=start[9:],
         command=np.zeros((200, 4), np.float32),
         measured=measured,
-        block=np.array(0),
+        segment=np.array(0),
     )
     drone = replace(noiseless(crazyflie()), inertia=(1e-5, 1e-5, 1e-5))
     found = np.asarray(jax.jit(partial(one_step.errors, steps=STEPS))(falling, drone))
@@ -193,7 +193,7 @@ def test_a_stretch_is_judged_by_a_noise_model_found_elsewhere(noisy, noisy_windo
         for lag in range(1, ORDER + 1)
     )
     expected = -norm.logpdf(new, scale=model.deviation).sum(axis=(1, 2))
-    np.testing.assert_allclose(noisy.per_block(TRUTH, model), expected, rtol=1e-4)
+    np.testing.assert_allclose(noisy.per_segment(TRUTH, model), expected, rtol=1e-4)
 
 
 NEAR: Any = dict(zip(NAMES, (0.003, 5e-4, 1.5e-4, 1e-7), strict=True))
@@ -227,7 +227,7 @@ def test_gradient_and_curvature_are_differences_of_the_value_whose_noise_model_i
 
 
 @pytest.mark.slow
-def test_each_stretchs_gradient_is_the_slope_of_its_value_when_all_stretches_fit_the_autoregression_anew(
+def test_each_segments_gradient_is_the_slope_of_its_value_when_all_segments_fit_the_autoregression_anew(
     long,
 ):
     model = long.noise_model(TRUTH)
@@ -237,7 +237,9 @@ def test_each_stretchs_gradient_is_the_slope_of_its_value_when_all_stretches_fit
     for place, name in enumerate(NAMES):
         drones = beside(name, 1), beside(name, -1)
         above, below = (
-            long.per_block(drone, model._replace(coefficients=long.noise_model(drone).coefficients))
+            long.per_segment(
+                drone, model._replace(coefficients=long.noise_model(drone).coefficients)
+            )
             for drone in drones
         )
         slopes = (above - below) / (2 * NEAR[name]) / long.rows
@@ -276,7 +278,7 @@ def test_neither_cores_nor_chunks_change_what_comes_out(noisy_windows, noisy, mo
     """Twenty copies of the flights fill two chunks; each copy has the products that the flights
     have alone."""
     copies = [np.tile(array, (20, *[1] * (array.ndim - 1))) for array in noisy_windows]
-    long = Windows(*copies)._replace(block=np.arange(20 * planted.FLIGHTS))
+    long = Windows(*copies)._replace(segment=np.arange(20 * planted.FLIGHTS))
     together = OneStep(long, 0.01, STEPS)
     found = []
     for count in (1, 2):

@@ -30,7 +30,7 @@ def redrawn(spread, blocks, seed, radius=0.08, limits=ANYWHERE, beside=0.0, on_e
 
 
 @pytest.mark.parametrize(("spread", "blocks"), [(0.03, 100), (0.1, 30), (0.3, 100), (0.5, 60)])
-def test_an_interval_is_1_96_standard_errors_of_the_blocks_mean(spread, blocks):
+def test_an_interval_is_1_96_standard_errors_of_the_segments_mean(spread, blocks):
     optima, drawn = redrawn(spread, blocks, seed=blocks)
     low, high = drawn.interval()
     expected = 1.96 * optima.std(axis=0, ddof=1) / np.sqrt(blocks)
@@ -133,8 +133,8 @@ def test_the_sandwich_of_a_mean_is_its_textbook_variance():
     )
 
 
-def stretches(generator, spread, count=600, noise=1.0):
-    """Scores and curvatures of stretches whose parameters differ by so much, some stretches longer
+def segments(generator, spread, count=600, noise=1.0):
+    """Scores and curvatures of segments whose parameters differ by so much, some segments longer
     than others."""
     curvatures = STEEP * generator.uniform(0.9, 1.1, (count, 1, 1))
     apart = np.asarray(spread) * generator.normal(size=(count, 3))
@@ -145,15 +145,17 @@ def stretches(generator, spread, count=600, noise=1.0):
 
 
 @pytest.mark.parametrize("size", [2.0, 5.0])
-def test_how_much_stretches_differ_is_recovered_beyond_their_noise(size):
+def test_how_much_segments_differ_is_recovered_beyond_their_noise(size):
     own = np.sqrt(np.diag(np.linalg.inv(STEEP)))
-    found = posterior.spread(*stretches(np.random.default_rng(3), size * own))
+    found = posterior.between_segment_sd(*segments(np.random.default_rng(3), size * own))
     np.testing.assert_allclose(found, size * own, rtol=0.2)
 
 
-def test_stretches_that_differ_by_their_noise_alone_have_no_spread():
+def test_segments_that_differ_by_their_noise_alone_have_no_spread():
     own = np.sqrt(np.diag(np.linalg.inv(STEEP)))
-    found = posterior.spread(*stretches(np.random.default_rng(4), np.zeros(3)))
+    found = posterior.between_segment_sd(*segments(np.random.default_rng(4), np.zeros(3)))
     assert (found < 0.4 * own).all()
-    quiet = posterior.spread(*stretches(np.random.default_rng(5), np.zeros(3), noise=0.5))
+    quiet = posterior.between_segment_sd(
+        *segments(np.random.default_rng(5), np.zeros(3), noise=0.5)
+    )
     np.testing.assert_array_equal(quiet, 0.0)

@@ -12,7 +12,7 @@ from maidenflight.identification.objective import simulate
 from maidenflight.identification.prediction import (
     ERROR_UNITS,
     LOGGED,
-    NOTHING_CHANGES,
+    PERSISTENCE,
     predicted_windows,
     prediction_error,
 )
@@ -39,16 +39,16 @@ def errors(table, model):
 
 
 def test_a_row_for_each_model_and_horizon(table):
-    assert table["model"].to_list() == ["true", "wrong", NOTHING_CHANGES] * 3
+    assert table["model"].to_list() == ["true", "wrong", PERSISTENCE] * 3
     assert table["horizon"].to_list() == [0.1] * 3 + [0.25] * 3 + [0.5] * 3
     assert set(table["windows"]) == {5 * 12}
-    assert set(table["stretches"]) == {5}
+    assert set(table["segments"]) == {5}
 
 
 def test_the_model_that_made_the_data_predicts_it(table):
-    assert np.all(errors(table, "true") < 0.02 * errors(table, NOTHING_CHANGES))
+    assert np.all(errors(table, "true") < 0.02 * errors(table, PERSISTENCE))
     assert np.all(errors(table, "true") < 2e-3)
-    assert np.all(errors(table, NOTHING_CHANGES) > 5e-3)
+    assert np.all(errors(table, PERSISTENCE) > 5e-3)
 
 
 def test_errors_of_a_wrong_model_grow_with_the_horizon(table):
@@ -60,7 +60,7 @@ def test_intervals_hold_their_value_and_come_from_the_key(table, flights):
     for column in COLUMNS:
         low, value, high = (table[column + end].to_numpy() for end in ("_low", "", "_high"))
         assert np.all((low >= 0) & (low <= value) & (value <= high))
-        assert np.all((low < high)[table["model"].to_numpy() == NOTHING_CHANGES])
+        assert np.all((low < high)[table["model"].to_numpy() == PERSISTENCE])
     again = [
         prediction_error(flights, {}, key=key)
         for key in (None, jax.random.key(0), jax.random.key(1))
@@ -78,8 +78,8 @@ def test_entries_are_those_of_a_plain_loop_over_windows(flights):
     drone = jax.tree.map(jax.numpy.asarray, replace(WRONG, time_step=np.float32(0.005)))
     alone = jax.jit(lambda window: simulate(window, drone, 2))
     for place, row in enumerate((10, 50)):
-        squares = {name: [] for name in ("wrong", NOTHING_CHANGES)}
-        for number in range(len(cut.block)):
+        squares = {name: [] for name in ("wrong", PERSISTENCE)}
+        for number in range(len(cut.segment)):
             window = jax.tree.map(lambda array, number=number: array[number], cut)
             measured = window.measured[row - 1].astype(np.float64)
             begin = 30 + 10 * number
@@ -89,7 +89,7 @@ def test_entries_are_those_of_a_plain_loop_over_windows(flights):
             ]
             for name, said in (
                 ("wrong", np.asarray(alone(window))[row - 1]),
-                (NOTHING_CHANGES, np.concatenate(start)),
+                (PERSISTENCE, np.concatenate(start)),
             ):
                 turn = rotation(said[6:9]).T @ rotation(measured[6:9])
                 angle = np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1))
@@ -122,7 +122,7 @@ def test_angles_wrap(flights):
         attitude[:, 2] = (attitude[:, 2] + 2 * np.pi) % (2 * np.pi) - np.pi
         turned.append(dataclasses.replace(flight, attitude=attitude))
     assert np.abs(np.diff(turned[0].attitude[:, 2])).max() > 6
-    for name, tolerance in (("true", 1e-4), (NOTHING_CHANGES, 1e-5)):
+    for name, tolerance in (("true", 1e-4), (PERSISTENCE, 1e-5)):
         before, after = (
             errors(prediction_error(some, {"true": TRUE}), name)[:, 2]
             for some in (flights[:2], turned)
@@ -155,7 +155,7 @@ def test_other_input_that_makes_no_sense_is_refused(flights):
     with pytest.raises(InputError, match="no flights"):
         prediction_error([], {})
     with pytest.raises(InputError, match="rename"):
-        prediction_error(flights, {NOTHING_CHANGES: TRUE})
+        prediction_error(flights, {PERSISTENCE: TRUE})
     with pytest.raises(InputError, match="quick: its simulation diverges"):
         prediction_error(
             flights, {"true": TRUE, "quick": replace(TRUE, drag=np.full(3, 1e4, np.float32))}
@@ -167,9 +167,9 @@ def test_other_input_that_makes_no_sense_is_refused(flights):
 @pytest.mark.slow
 def test_chunks_are_filled_and_cut(flights):
     cut = windows(flights * 5, 5)
-    assert len(cut.block) > objective._CHUNK
+    assert len(cut.segment) > objective._CHUNK
     said = prediction.predict(cut, TRUE, 0.01)
-    assert said.shape == (len(cut.block), 5, 12)
+    assert said.shape == (len(cut.segment), 5, 12)
     few = jax.tree.map(lambda array: array[-3:], cut)
     np.testing.assert_allclose(said[-3:], prediction.predict(few, TRUE, 0.01), atol=1e-6)
 

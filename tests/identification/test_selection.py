@@ -39,17 +39,17 @@ def found():
 @pytest.mark.slow
 def test_what_was_planted_is_chosen_and_what_buys_nothing_is_not(found):
     identified, told = found
-    assert {step.group: step.kept for step in identified.bought} == {
+    assert {step.group: step.kept for step in identified.gains} == {
         "spin_down_ratio": True,
         "rotor_momentum": True,
         "flapping_moment": False,
     }
-    assert told == list(identified.bought)
+    assert told == list(identified.gains)
     assert set(identified.estimates) == {*FIRST, *PLANTED}
     assert identified.parameters.flapping_moment == 0
-    for step in identified.bought:
-        assert (step.gain > 0.05) == step.kept
-        assert 0 < step.error < 0.02
+    for step in identified.gains:
+        assert (step.log_likelihood_gain > 0.05) == step.kept
+        assert 0 < step.standard_error < 0.02
 
 
 @pytest.mark.slow
@@ -70,26 +70,26 @@ def test_groups_are_components_and_each_is_in_one_group():
 
 
 class Quadratic:
-    """Minus log likelihoods of B stretches, each quadratic in the components, instead of
+    """Minus log likelihoods of S segments, each quadratic in the components, instead of
     `OneStep`."""
 
     def __init__(
         self,
         optimum: dict[str, float],
         curvature: np.ndarray,
-        stretches: int = 12,
+        segments: int = 12,
         scatter: float = 0.0,
     ):
         self.optimum, self.curvature = optimum, curvature
-        self.rows_per_block = np.full(stretches, 100.0)
-        self.wobble = scatter * np.random.default_rng(0).normal(size=stretches)
+        self.rows_per_segment = np.full(segments, 100.0)
+        self.wobble = scatter * np.random.default_rng(0).normal(size=segments)
 
     def _apart(self, drone: Any) -> np.ndarray:
         return np.array([drone[name] - value for name, value in self.optimum.items()])
 
-    def per_block(self, drone: Any, noise: Any) -> np.ndarray:
+    def per_segment(self, drone: Any, noise: Any) -> np.ndarray:
         apart = self._apart(drone)
-        return self.rows_per_block * 0.5 * (apart @ self.curvature @ apart) * (1 + self.wobble)
+        return self.rows_per_segment * 0.5 * (apart @ self.curvature @ apart) * (1 + self.wobble)
 
     def noise_model(self, drone: Any) -> None:
         return None
@@ -131,7 +131,7 @@ def test_what_a_group_promises_is_what_a_quadratic_gains(seed):
     equations = truth.normal_equations(before, names)
     for group in (("drag_x", "drag_y"), ("flapping_moment",)):
         after = truth.fit((*FIRST, *group), before)
-        gain = (truth.per_block(before, None) - truth.per_block(after, None))[0] / 100
+        gain = (truth.per_segment(before, None) - truth.per_segment(after, None))[0] / 100
         promise = selection._promise(
             equations.gradient, equations.curvature, names, (*FIRST, *group)
         )
@@ -163,7 +163,7 @@ def test_groups_are_tried_by_what_they_promise_and_kept_by_what_they_gain():
     }, "what was not kept did not move"
     wobble = 1 + held_out.wobble.mean()
     expected = [4.0 * wobble, 2.0 * (0.49**2 - 0.51**2) * wobble, 1.0 * wobble]
-    np.testing.assert_allclose([step.gain for step in steps], expected, rtol=1e-6)
+    np.testing.assert_allclose([step.log_likelihood_gain for step in steps], expected, rtol=1e-6)
 
 
 @pytest.mark.parametrize(("gain", "kept"), [(0.5e-3, False), (2e-3, True)])
@@ -171,35 +171,35 @@ def test_a_sure_gain_must_be_worth_its_place(gain, kept):
     names = (*FIRST, "a")
     truth = Quadratic(dict.fromkeys(names, 1.0), np.diag([1.0, 1.0, 1.0, 2 * gain]))
     _, _, (step,) = choose(truth, truth, truth.fit, dict.fromkeys(names, 0.0), {"a": ("a",)})
-    assert step.gain == pytest.approx(gain)
+    assert step.log_likelihood_gain == pytest.approx(gain)
     assert step.kept == kept
 
 
-def test_a_gain_that_stretches_do_not_agree_on_is_not_believed():
-    """Five stretches gain and five lose nearly as much: a mean of a hundredth a row, with a
+def test_a_gain_that_segments_do_not_agree_on_is_not_believed():
+    """Five segments gain and five lose nearly as much: a mean of a hundredth a row, with a
     standard error of a third."""
     gains = np.array([101.0] * 5 + [-99.0] * 5)
-    held_out = SimpleNamespace(rows_per_block=np.full(10, 100.0))
+    held_out = SimpleNamespace(rows_per_segment=np.full(10, 100.0))
     values = iter((gains, np.zeros(10)))
-    held_out.per_block = lambda drone, noise: next(values)
+    held_out.per_segment = lambda drone, noise: next(values)
     training = Quadratic(dict.fromkeys((*FIRST, "a"), 1.0), np.eye(4))
     names, _, (step,) = choose(
         training, held_out, training.fit, dict.fromkeys((*FIRST, "a"), 0.0), {"a": ("a",)}
     )
-    assert step.gain == pytest.approx(0.01)
-    assert step.error == pytest.approx(1 / 3, rel=0.01)
+    assert step.log_likelihood_gain == pytest.approx(0.01)
+    assert step.standard_error == pytest.approx(1 / 3, rel=0.01)
     assert names == FIRST
 
 
-def test_the_standard_error_of_equal_stretches_is_the_textbooks():
+def test_the_standard_error_of_equal_segments_is_the_textbooks():
     gain = np.random.default_rng(1).normal(3.0, 2.0, 40)
     mean, error = selection._mean_gain(gain, np.full(40, 50.0))
     assert mean == pytest.approx(gain.mean() / 50)
     assert error == pytest.approx(gain.std(ddof=1) / np.sqrt(40) / 50)
 
 
-def test_the_standard_error_of_unequal_stretches_is_how_much_means_scatter():
-    """Two thousand draws of thirty stretches of unequal length."""
+def test_the_standard_error_of_unequal_segments_is_how_much_means_scatter():
+    """Two thousand draws of thirty segments of unequal length."""
     generator = np.random.default_rng(2)
     rows = generator.integers(20, 200, 30).astype(float)
     draws = [

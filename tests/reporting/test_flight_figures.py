@@ -8,11 +8,11 @@ import polars
 import pytest
 
 from maidenflight.errors import InputError
+from maidenflight.identification.drone_file import Estimate
 from maidenflight.parameters import COMPONENTS, QUANTITIES
 from maidenflight.reporting import literature
 from maidenflight.reporting.flight_figures import flight_times
 from maidenflight.reporting.literature_figure import beside_literature
-from maidenflight.reporting.run import Estimate
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -82,7 +82,7 @@ def test_nothing_to_draw_is_refused():
     with pytest.raises(InputError, match="no column panel"):
         flight_times(flights(1).drop("panel"))
     with pytest.raises(InputError, match="no parameter to draw"):
-        beside_literature({"drag_x": Estimate(0.3, (0.2, 0.4))})
+        beside_literature({"drag_x": Estimate(0.3, (0.2, 0.4), (0.3,), 0.0)})
 
 
 def test_what_others_give_is_within_the_bounds_of_the_parameter():
@@ -93,7 +93,9 @@ def test_what_others_give_is_within_the_bounds_of_the_parameter():
 
 
 def test_twice_the_papers_value_is_drawn_at_two():
-    picture = beside_literature({"motor_time_constant": Estimate(0.176, (0.176, 0.176))})
+    picture = beside_literature(
+        {"motor_time_constant": Estimate(0.176, (0.176, 0.176), (0.176,), 0.0)}
+    )
     width, [mark] = paths(picture, "literature", "heavy")
     one = float(re.findall(r"M([\d.]+) 0V", paths(picture, "literature", "line")[1][0])[0])
     grid = [

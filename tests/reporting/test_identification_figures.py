@@ -10,14 +10,14 @@ import pytest
 
 from maidenflight.errors import InputError
 from maidenflight.identification import surrogate
-from maidenflight.identification.prediction import LOGGED, NOTHING_CHANGES
+from maidenflight.identification.drone_file import Estimate
+from maidenflight.identification.prediction import LOGGED, PERSISTENCE
 from maidenflight.parameters import COMPONENTS
 from maidenflight.reporting import svg, text
 from maidenflight.reporting.corner_figure import MOST, corner
 from maidenflight.reporting.delay_figures import loss_landscape
 from maidenflight.reporting.prediction_figures import horizons
 from maidenflight.reporting.prediction_figures import windows as window_figure
-from maidenflight.reporting.run import Estimate
 from maidenflight.reporting.sections import NARROW, WIDE
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -27,7 +27,7 @@ HESSIAN = np.array([[9.0, 3.0, 1.0], [3.0, 6.0, 2.0], [1.0, 2.0, 4.0]]) / np.out
     [0.03, 0.004, 0.001], [0.03, 0.004, 0.001]
 )
 ESTIMATES = {
-    name: Estimate(float(value), (float(0.98 * value), float(1.03 * value)))
+    name: Estimate(float(value), (float(0.98 * value), float(1.03 * value)), (float(value),), 0.0)
     for name, value in zip(NAMES, BEST, strict=True)
 }
 
@@ -55,7 +55,7 @@ def draws(names, count=150):
 def errors():
     rows = []
     for horizon in (0.1, 0.5):
-        for slope, name in enumerate(("mine <1>", NOTHING_CHANGES), 1):
+        for slope, name in enumerate(("mine <1>", PERSISTENCE), 1):
             each = dict.fromkeys(
                 ("position", "velocity", "attitude", "body_rates"), slope * horizon
             )

@@ -2,6 +2,7 @@
 without a network."""
 
 import base64
+import dataclasses
 import json
 import re
 import shutil
@@ -19,6 +20,14 @@ from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.flights import log
 from maidenflight.flights.log import Flight
+from maidenflight.identification import drone_file
+from maidenflight.identification.drone_file import (
+    DroneFile,
+    Estimate,
+    GroupGain,
+    Search,
+    Source,
+)
 from maidenflight.reporting import text
 from maidenflight.reporting.page import report
 
@@ -73,28 +82,21 @@ def run(tmp_path):
     """A run folder with everything in it."""
     folder = tmp_path / "run"
     drone = parameters.crazyflie()
-    estimate = {
-        name: {
-            "value": float(getattr(drone, name)),
-            "interval": [float(getattr(drone, name)) * k for k in (0.99, 1.01)],
-        }
-        for name in NAMES
+    estimates = {
+        name: Estimate(value, (0.99 * value, 1.01 * value), (value,), 0.0021)
+        for name, value in ((name, float(getattr(drone, name))) for name in NAMES)
     }
     truth = parameters.replace(drone, spin_down_ratio=1.5, estimator_delay=0.004)
-    parameters.write(folder / "reality.toml", truth, {"record": RECORD})
-    posterior = {
-        "names": list(NAMES),
-        "draws": [[1.72 + i / 1000, 0.088 - i / 1e4, 0.018] for i in range(9)],
-    }
-    parameters.write(
-        folder / "drone.toml",
+    DroneFile(truth, record=RECORD).write(folder / "reality.toml")
+    samples = np.array([[1.72 + i / 1000, 0.088 - i / 1e4, 0.018] for i in range(9)])
+    DroneFile(
         drone,
-        {
-            "identification": {"objective": 1.0, **estimate},
-            "posterior": posterior,
-            "record": RECORD,
-        },
-    )
+        estimates,
+        dict(zip(NAMES, samples.T, strict=True)),
+        Source(2, 20.0, True, "sampled", 60000.0),
+        Search("replay", 1.0, 258, 9),
+        record=RECORD,
+    ).write(folder / "drone.toml")
     log.write(folder / "recorded" / "flight_01.csv", circling(3.0), RECORD)
     grid = [
         {
@@ -134,7 +136,7 @@ def run(tmp_path):
 def errors() -> polars.DataFrame:
     """Errors of two models at two horizons."""
     rows = []
-    for size, model in ((1.0, "drone.toml"), (2.0, "nothing changes")):
+    for size, model in ((1.0, "drone.toml"), (2.0, "persistence")):
         for horizon in (0.1, 0.5):
             each = dict.fromkeys(("position", "velocity", "attitude", "body_rates"), size * horizon)
             ends = {
@@ -204,9 +206,7 @@ def test_a_missing_part_is_left_out_and_the_rest_stays(run, tmp_path, missing):
 
 def test_a_drone_without_draws_has_no_corner_plot(run, tmp_path):
     assert 'id="corner"' in page(run, tmp_path)
-    drone = run / "drone.toml"
-    drone.write_text(re.sub(r"\[posterior\]\n.*?(?=\n\[)", "", drone.read_text(), flags=re.DOTALL))
-    assert "posterior" not in drone.read_text()
+    changed(run, posterior={})
     assert 'id="corner"' not in page(run, tmp_path)
 
 
@@ -228,7 +228,7 @@ def test_real_flights_are_not_called_simulated(tmp_path):
     assert "Everything here is simulated" not in content
 
 
-REAL = 'flights = 14\nseconds = 270.3\nsimulated = false\ncommands = "sampled"\nwindows = 258\n'
+REAL = Source(14, 270.3, False, "sampled", 60000.0)
 ALL_SIMULATED = "Everything here is simulated"
 
 
@@ -254,13 +254,14 @@ def own(run):
     return run
 
 
-def identified(folder, keys):
-    drone = folder / "drone.toml"
-    drone.write_text(drone.read_text().replace("[identification]\n", f"[identification]\n{keys}"))
+def changed(folder, **changes):
+    """Writes the drone file anew, with other contents."""
+    path = folder / "drone.toml"
+    dataclasses.replace(drone_file.read(path), **changes).write(path)
 
 
 def test_a_drone_of_real_flights_is_not_called_simulated(own, tmp_path):
-    identified(own, REAL)
+    changed(own, source=REAL)
     content = page(own, tmp_path)
     assert (
         "<h1>A drone identified from 14 real flights, 270 s <span class=badge>test flights "
@@ -281,16 +282,6 @@ def test_a_drone_of_real_flights_is_not_called_simulated(own, tmp_path):
     assert ALL_SIMULATED not in content
 
 
-def test_a_drone_of_unknown_flights_is_called_neither_real_nor_simulated(own, tmp_path):
-    content = page(own, tmp_path)
-    assert (
-        "<h1>A drone identified from 2 flight logs <span class=badge>test flights "
-        "simulated</span></h1>" in content
-    )
-    assert ALL_SIMULATED not in content
-    assert "real flight" not in content.split("<script")[0]
-
-
 @pytest.mark.parametrize("logs", ["of the same flights", "of others"])
 def test_logs_that_lie_here_tell_only_of_themselves(run, tmp_path, logs):
     place, drone = run / "recorded" / "flight_01.csv", run / "drone.toml"
@@ -304,43 +295,20 @@ def test_logs_that_lie_here_tell_only_of_themselves(run, tmp_path, logs):
     assert (ALL_SIMULATED in content) == (logs == "of the same flights")
 
 
-@pytest.mark.parametrize("keys", ["flights = 2\nsimulated = true\n", "simulated = true\n"])
-def test_that_some_flights_were_simulated_does_not_make_all_so(own, tmp_path, keys):
-    identified(own, keys)
+def test_that_some_flights_were_simulated_does_not_make_all_so(own, tmp_path):
     content = page(own, tmp_path)
     assert ", some or all simulated" in content
     assert ALL_SIMULATED not in content
 
 
-@pytest.mark.parametrize(
-    "keys",
-    [
-        "flights = -1\nseconds = nan\nsimulated = 1\ncommands = 3\nwindows = true\nbought = 4\n",
-        'flights = "14"\nseconds = [1]\nsimulated = "no"\ncommands = ["held"]\nwindows = '
-        "1e3\nbought = [{group = 1}, 2, {}]\n",
-    ],
-    ids=["numbers", "others"],
-)
-def test_what_is_told_of_flights_in_a_wrong_kind_counts_as_not_told(own, tmp_path, keys):
-    expected = page(own, tmp_path)
-    identified(own, keys)
-    assert page(own, tmp_path) == expected
-
-
-def test_what_groups_bought_and_how_parameters_spread_is_told(run, tmp_path):
-    identified(
-        run, 'bought = [{group = "motor_coasting<", gain = -0.02, error = 0.004, kept = false}]\n'
-    )
-    drone = run / "drone.toml"
-    drone.write_text(
-        drone.read_text().replace(
-            "[identification.latency]\n", "[identification.latency]\nspread = 0.0021\n"
-        )
-    )
+def test_gains_of_groups_and_between_segment_sds_are_in_the_tables(run, tmp_path):
+    gains = GroupGain("motor_coasting<", -0.02, 0.004, False), GroupGain("drag", 1e-5, None, False)
+    changed(run, gains=gains)
     content = page(run, tmp_path)
     assert "motor coasting&lt;" in content
-    assert file(content, "gains").row(0) == ("motor_coasting<", -0.02, 0.004, False)
-    assert file(content, "estimates").filter(parameter="latency")["spread"].item() == 0.0021
+    assert [GroupGain(*row) for row in file(content, "gains").iter_rows()] == list(gains)
+    sd = file(content, "estimates").filter(parameter="latency")["between_segment_sd"]
+    assert sd.item() == 0.0021
 
 
 def test_effects_that_were_identified_are_not_blamed(run, tmp_path):
@@ -351,11 +319,14 @@ def test_effects_that_were_identified_are_not_blamed(run, tmp_path):
         drag_x=0.3,
         spin_down_ratio=1.3,
     )
-    parameters.write(run / "reality.toml", truth, {})
-    identified(
+    DroneFile(truth).write(run / "reality.toml")
+    changed(
         run,
-        "drag_x = {value = 0.3, interval = [0.29, 0.31]}\nspin_down_ratio = {value = 1.3, interval "
-        "= [1.2, 1.4]}\n",
+        estimates={
+            **drone_file.read(run / "drone.toml").estimates,
+            "drag_x": Estimate(0.3, (0.29, 0.31), (0.3,), 0.0),
+            "spin_down_ratio": Estimate(1.3, (1.2, 1.4), (1.3,), 0.0),
+        },
     )
     content = page(run, tmp_path)
     assert "The truth lies outside the interval of 1 of these 5 parameters." in content
@@ -365,7 +336,7 @@ def test_effects_that_were_identified_are_not_blamed(run, tmp_path):
     )
 
 
-def test_what_does_no_better_than_nothing_changes_is_marked_and_explained(run, tmp_path):
+def test_what_does_no_better_than_persistence_is_marked_and_explained(run, tmp_path):
     worse = errors().with_columns(
         attitude=polars.when(polars.col("model") == "drone.toml").then(9.0).otherwise("attitude")
     )
@@ -453,10 +424,7 @@ def test_a_broken_file_is_named(run, tmp_path, name, content, message):
 
 def test_the_valley_is_that_of_the_evaluations_or_of_the_posterior(run, tmp_path):
     assert "Each dot is one of 9 evaluations" in page(run, tmp_path)
-    drone = run / "drone.toml"
-    drone.write_text(
-        drone.read_text().replace("[identification]\n", '[identification]\nkind = "likelihood"\n')
-    )
+    changed(run, search=Search("likelihood", -15.0, 258, 9))
     content = page(run, tmp_path)
     assert "posterior sample" in content
     assert "Each dot is one of" not in content
@@ -465,7 +433,7 @@ def test_the_valley_is_that_of_the_evaluations_or_of_the_posterior(run, tmp_path
 ALONE = {
     "identify": (
         ["drone.toml", "identification.csv"],
-        "An identified drone",
+        "A drone identified from 2 flights, 20 s",
         ["parameters", "reproduce"],
     ),
     "train": (
@@ -592,21 +560,6 @@ def test_flights_are_packed_within_a_step_of_what_they_were(run, tmp_path):
     columns = np.array(packed["middle"])[:, None] + levels * np.array(packed["step"])[:, None]
     np.testing.assert_allclose(columns[:3].T, whole.position[::2], atol=2e-5)
     np.testing.assert_allclose(columns[6:].T, whole.command[::2], atol=2e-5)
-
-
-@pytest.mark.parametrize("wrong", ['names = ["speed"]', 'names = ["mass", "latency"]', "names = 3"])
-def test_a_broken_posterior_is_named(run, tmp_path, wrong):
-    drone = run / "drone.toml"
-    drone.write_text(
-        re.sub(
-            r"\[posterior\]\n.*?(?=\n\[)",
-            f"[posterior]\n{wrong}\ndraws = [[1.0], [1.1]]\n",
-            drone.read_text(),
-            flags=re.DOTALL,
-        )
-    )
-    with pytest.raises(InputError, match=r"\[posterior\] needs names"):
-        report(run, tmp_path / "page.html")
 
 
 def test_symbols_units_and_numbers_read_well():

@@ -135,7 +135,7 @@ _commands = click.option(
     default=3600.0,
     show_default=True,
     type=options.Range(min=10.0),
-    help="Flight to use; of more, stretches of every flight are.",
+    help="Flight to use; of more, segments of every flight are.",
 )
 @_commands
 @options.seed
@@ -184,10 +184,11 @@ def identify(
             on_evaluation=lambda done, of: move(
                 done, of or None, "evaluations" if of else f"{done} evaluations"
             ),
-            on_group=lambda step: move(
+            on_group=lambda gain: move(
                 0,
                 None,
-                f"{step.group} {'kept' if step.kept else 'not kept'}: {step.gain:+.4f} nats a row",
+                f"{gain.group} {'kept' if gain.kept else 'not kept'}: "
+                f"{gain.log_likelihood_gain:+.4f} nats a row",
             ),
         )
     options.print_notes(found.notes)
@@ -247,16 +248,16 @@ def _identification_content(flights: "Flights", found: "Identification") -> dict
                 "value": estimate.value,
                 "interval": list(estimate.interval),
                 "trial_mean": estimate.trial_mean,
-                "trial_deviation": estimate.trial_deviation,
-                "spread": estimate.spread,
+                "trial_sd": estimate.trial_sd,
+                "between_segment_sd": estimate.between_segment_sd,
                 "valley": estimate.valley,
             }
             for name, estimate in found.estimates.items()
         },
         "noise": found.noise,
-        "bought": [dataclasses.asdict(step) for step in found.bought],
-        "kind": found.kind,
+        "gains": [dataclasses.asdict(gain) for gain in found.gains],
         "objective": found.objective,
+        "value": found.value,
         "windows": found.windows,
         "evaluations": found.evaluations,
         "seconds": round(found.seconds, 3),
@@ -301,7 +302,7 @@ def validate(
 
     DRONE is a TOML file or a name, LOGS a flight log or a folder of them. From every tenth row the
     drone is simulated with the recorded commands alone; the table tells how far it is from the
-    flight then. Beside it stand the paper's Crazyflie and the prediction that nothing changes:
+    flight then. Beside it stand the paper's Crazyflie and the persistence baseline:
     position, velocity, attitude and body rates stay as they are.
     """
     _must_be_a_drone(drone_, logs)
@@ -338,8 +339,8 @@ def validate(
         _print_flights(flights, errors["windows"][0])
         drone_output.predictions(errors, simulated=simulated)
         print(
-            f"written to {output} in SI units, with 95 % intervals over {errors['stretches'][0]} "
-            "stretches of flight;"
+            f"written to {output} in SI units, with 95 % intervals over {errors['segments'][0]} "
+            "segments of flight;"
         )
         print(f"some windows row by row, for pictures, to {windows}")
 

@@ -28,7 +28,7 @@ from maidenflight.flights import (
 from maidenflight.flights.log import Flight
 from maidenflight.flights.sampling import sampled
 from maidenflight.flights.tables import Table
-from maidenflight.flights.windows import HISTORY
+from maidenflight.flights.windows import LEAD_IN
 from maidenflight.inputs import StrPath
 
 SUFFIXES = (".csv", ".csv.gz", ".parquet")
@@ -115,7 +115,7 @@ def read_flights(
     path: StrPath,
     on_file: Callable[[int, int], None] | None = None,
     most: float = math.inf,
-    history: int = HISTORY,
+    history: int = LEAD_IN,
     commands: str | None = None,
     battery_law: str | None = None,
 ) -> Flights:

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.flights.log import Flight
-from maidenflight.flights.windows import BLOCK, HISTORY, SHORTEST_HISTORY
+from maidenflight.flights.windows import LEAD_IN, SEGMENT_SECONDS, SHORTEST_LEAD_IN
 
 UNIT = 100
 """Rows by which segments grow: those of a window of the likelihood, so that none are wasted."""
@@ -21,7 +21,7 @@ all others be cut again."""
 
 
 def sampled(
-    flights: Iterable[Flight], most: float, history: int = HISTORY
+    flights: Iterable[Flight], most: float, lead_in: int = LEAD_IN
 ) -> tuple[list[Flight], float]:
     """Keeps all flights if they are short enough together, else segments of the longer ones.
 
@@ -33,7 +33,7 @@ def sampled(
         flights: checked flights, of which one at a time need be in memory beside those that are
             kept.
         most: what to keep, all flights together [s]; a segment may add a row.
-        history: rows of commands before a window.
+        lead_in: rows of commands before a window.
 
     Returns:
         What is kept, in the order of the flights, and how long all flights last together [s].
@@ -43,20 +43,20 @@ def sampled(
     share, held, limit = math.inf, 0.0, _SLACK * most
     for flight in flights:
         durations.append(flight.duration)
-        kept.append(_shortened([flight], len(kept), share, history))
+        kept.append(_shortened([flight], len(kept), share, lead_in))
         held += _duration(kept[-1])
         if held > limit:
             # What was cut by a larger share is cut further: the share only falls as flights come
             # in.
             share = _share(np.array(durations), most)
-            kept = [_shortened(parts, number, share, history) for number, parts in enumerate(kept)]
+            kept = [_shortened(parts, number, share, lead_in) for number, parts in enumerate(kept)]
             held = sum(map(_duration, kept))
             limit = _SLACK * max(most, held)
     share = _share(np.array(durations), most)
     return [
         part
         for number, parts in enumerate(kept)
-        for part in _shortened(parts, number, share, history)
+        for part in _shortened(parts, number, share, lead_in)
     ], sum(durations)
 
 
@@ -78,7 +78,7 @@ def _share(durations: Float[np.ndarray, "N"], most: float) -> float:
     return float(shares[np.argmax(rising > shares)])
 
 
-def _shortened(parts: list[Flight], number: int, share: float, history: int) -> list[Flight]:
+def _shortened(parts: list[Flight], number: int, share: float, lead_in: int) -> list[Flight]:
     """The part of the `number`-th flight that its share leaves.
 
     Of a flight that a larger share has cut before, the first segments.
@@ -89,7 +89,7 @@ def _shortened(parts: list[Flight], number: int, share: float, history: int) -> 
     if uncut and _duration(parts) <= share:
         return [_copied(parts[0], 0, len(parts[0]), 0)]
     places = (
-        _places(parts[0], number, history)
+        _places(parts[0], number, lead_in)
         if uncut
         else [(part, part.lead, (len(part) - part.lead) // UNIT) for part in parts]
     )
@@ -97,22 +97,22 @@ def _shortened(parts: list[Flight], number: int, share: float, history: int) -> 
     cut = []
     for flight, start, units in places:
         if left > 0:
-            lead = max(history, SHORTEST_HISTORY)
+            lead = max(lead_in, SHORTEST_LEAD_IN)
             cut.append(_copied(flight, start - lead, start + UNIT * min(units, left) + 1, lead))
             left -= units
-    # A flight too short for a segment and its history is kept as it is.
+    # A flight too short for a segment and its lead-in is kept as it is.
     return cut or [_copied(parts[0], 0, len(parts[0]), 0)]
 
 
-def _places(flight: Flight, number: int, history: int) -> list[tuple[Flight, int, int]]:
-    """Segments of `BLOCK` of a flight in the order in which they are taken.
+def _places(flight: Flight, number: int, lead_in: int) -> list[tuple[Flight, int, int]]:
+    """Segments of `SEGMENT_SECONDS` of a flight in the order in which they are taken.
 
     Each as the flight, the row of its first window, and its number of units.
     """
     # Windows start where they do in the whole flight.
-    first = SHORTEST_HISTORY + UNIT * max(0, math.ceil((history - SHORTEST_HISTORY) / UNIT))
+    first = SHORTEST_LEAD_IN + UNIT * max(0, math.ceil((lead_in - SHORTEST_LEAD_IN) / UNIT))
     units = max(0, len(flight) - first - 1) // UNIT
-    each = max(1, round(BLOCK / (UNIT * flight.period)))
+    each = max(1, round(SEGMENT_SECONDS / (UNIT * flight.period)))
     begins = each * np.random.default_rng(number).permutation(math.ceil(units / each))
     return [(flight, first + UNIT * int(begin), min(each, units - int(begin))) for begin in begins]
 

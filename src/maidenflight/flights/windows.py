@@ -1,4 +1,4 @@
-"""Windows, the paper's mini-trajectories: short stretches of flight, each with the commands that
+"""Windows, the paper's mini-trajectories: short segments of flight, each with the commands that
 came before it.
 
 The motors and the delay line remember; a window that starts with them at rest is a different
@@ -15,19 +15,19 @@ from scipy.spatial.transform import Rotation
 from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
 
-HISTORY = 100
+LEAD_IN = 100
 """Rows before a window's start from which the motors' speed and the delay line are inferred: nine
 lags of a motor of 0.11 s. With 30 rows the motors have not forgotten where they are guessed to
 begin, and their lag is found up to a tenth too short."""
-SHORTEST_HISTORY = 30
+SHORTEST_LEAD_IN = 30
 """Rows that must have been recorded before a window's start; what lies before a flight's first row
 is taken to equal it."""
 EVERY = 10
 """Every tenth row starts a window (Gronauer et al. 2022, sec. Simulation Optimization)."""
 SAME_RATE = 0.005
 """Share by which periods may differ and still be one: a drone's clock is off by as much."""
-BLOCK = 5.0
-"""Length of the stretches of flight that count as independent when uncertainty is estimated [s]."""
+SEGMENT_SECONDS = 5.0
+"""Length of the segments of flight that count as independent when uncertainty is estimated [s]."""
 
 
 class Windows(NamedTuple):
@@ -38,22 +38,22 @@ class Windows(NamedTuple):
     quaternion: Float[np.ndarray, "W 4"]
     body_rates: Float[np.ndarray, "W 3"]
     command: Float[np.ndarray, "W P+T 4"]
-    """u in each period from P = `HISTORY` rows before the start to the end."""
+    """u in each period from P = `LEAD_IN` rows before the start to the end."""
     measured: Float[np.ndarray, "W T 12"]
     """Position, velocity, attitude, body rates in the T rows after the start."""
-    block: Int[np.ndarray, "W"]
-    """Number of the stretch of flight that the window lies in."""
+    segment: Int[np.ndarray, "W"]
+    """Number of the segment of flight that the window lies in."""
 
 
 def first_start(flight: Flight) -> int:
     """The row at which a flight's first window starts: those before it tell what its motors and
     delay line hold.
     """
-    return max(SHORTEST_HISTORY, flight.lead)
+    return max(SHORTEST_LEAD_IN, flight.lead)
 
 
 def windows(
-    flights: Iterable[Flight], length: int, every: int = EVERY, history: int = HISTORY
+    flights: Iterable[Flight], length: int, every: int = EVERY, lead_in: int = LEAD_IN
 ) -> Windows:
     """Cuts flights into windows.
 
@@ -61,7 +61,7 @@ def windows(
         flights: checked flights, all of one period.
         length: T, rows that the simulation must predict.
         every: rows between the starts of two windows.
-        history: P, rows of commands before each start.
+        lead_in: P, rows of commands before each start.
 
     Raises:
         InputError: the flights have different rates, or none is long enough.
@@ -74,7 +74,7 @@ def windows(
             f"flights of different rates ({rates}); identify from flights of one rate at a time."
         )
     parts: dict[str, list[np.ndarray]] = {name: [] for name in Windows._fields}
-    blocks = 0
+    segments = 0
     for flight in flights:
         starts = np.arange(first_start(flight), len(flight) - length, every)
         if starts.size == 0:
@@ -90,15 +90,15 @@ def windows(
         parts["body_rates"].append(flight.body_rates[starts])
         # A flight's first row stands for what came before it.
         parts["command"].append(
-            flight.mean_command[np.maximum(starts[:, None] + np.arange(-history, length), 0)]
+            flight.mean_command[np.maximum(starts[:, None] + np.arange(-lead_in, length), 0)]
         )
         parts["measured"].append(rows[starts[:, None] + np.arange(1, length + 1)])
-        pieces = max(1, round(flight.duration / BLOCK))
-        parts["block"].append(blocks + np.arange(starts.size) * pieces // starts.size)
-        blocks += pieces
+        pieces = max(1, round(flight.duration / SEGMENT_SECONDS))
+        parts["segment"].append(segments + np.arange(starts.size) * pieces // starts.size)
+        segments += pieces
     if not parts["position"]:
         longest = max((flight.duration for flight in flights), default=0.0)
-        needed = (SHORTEST_HISTORY + length + 1) * (flights[0].period if flights else 0.01)
+        needed = (SHORTEST_LEAD_IN + length + 1) * (flights[0].period if flights else 0.01)
         raise InputError(
             f"no flight is long enough for a window of {length} rows: longest {longest:.2f} s, "
             f"needed {needed:.2f} s."
@@ -106,7 +106,7 @@ def windows(
     joined = {name: np.concatenate(arrays) for name, arrays in parts.items()}
     return Windows(
         **{
-            name: array if name == "block" else array.astype(np.float32)
+            name: array if name == "segment" else array.astype(np.float32)
             for name, array in joined.items()
         }
     )

@@ -16,11 +16,11 @@ from jaxtyping import Array
 from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
 from maidenflight.identification import likelihood, replay
+from maidenflight.identification.drone_file import GroupGain
 from maidenflight.identification.estimates import Identification, source_of
 from maidenflight.identification.likelihood import Likelihood
 from maidenflight.identification.problem import Problem
 from maidenflight.identification.replay import Replay
-from maidenflight.identification.selection import Step
 from maidenflight.parameters import Parameters, crazyflie
 
 AUTO = "auto"
@@ -36,7 +36,7 @@ def identify(
     bounds: Mapping[str, tuple[float, float]] | None = None,
     key: Array | None = None,
     on_evaluation: Callable[[int, int], None] | None = None,
-    on_group: Callable[[Step], None] | None = None,
+    on_group: Callable[[GroupGain], None] | None = None,
 ) -> Identification:
     """Identifies parameters from flights.
 

@@ -12,9 +12,10 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.flights.log import Flight
-from maidenflight.flights.windows import HISTORY, SHORTEST_HISTORY, windows
+from maidenflight.flights.windows import LEAD_IN, SHORTEST_LEAD_IN, windows
 from maidenflight.identification import one_step, posterior, selection
 from maidenflight.identification.box import Box, search_box
+from maidenflight.identification.drone_file import GroupGain
 from maidenflight.identification.estimates import (
     Identification,
     doubts,
@@ -33,7 +34,6 @@ from maidenflight.identification.gauss_newton import (
 from maidenflight.identification.noise_levels import noise_levels
 from maidenflight.identification.one_step import OneStep
 from maidenflight.identification.problem import Problem, must_be_positive
-from maidenflight.identification.selection import Step
 from maidenflight.parameters import Parameters, check, component, replace
 
 _CLOSE = 0.02
@@ -49,7 +49,7 @@ class Likelihood:
     """Repetitions of the optimiser. The first begins at the start, the others at random."""
     evaluations: int = 60
     """Most evaluations of the likelihood in a trial; it stops by itself after two to six."""
-    lead_in: int = HISTORY
+    lead_in: int = LEAD_IN
     """Rows of commands before a window, from which its motors' speed is inferred."""
     physics_step: float = 0.001
     """Nominal physics step [s] of the last steps of the optimiser. At 5 ms a command that arrives
@@ -116,9 +116,9 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     coarse = _objective(flights, settings, settings.coarse_physics_step)
     fine = _objective(flights, settings, settings.physics_step)
     pilot = _objective(flights, settings, settings.coarse_physics_step, _every(coarse, settings))
-    over, first, bought = problem.over, start, []
+    over, first, gains = problem.over, start, []
     if over is None:
-        over, first, bought = _chosen(problem, settings)
+        over, first, gains = _chosen(problem, settings)
     found = [_fit(problem, settings, [coarse], over, first)]
     for _ in range(settings.trials - 1):
         found.append(_fit(problem, settings, [pilot, coarse], over, start, at_random=True))
@@ -126,32 +126,32 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     found[best] = _fit(problem, settings, [fine], over, found[best].drone)
     drone, box, optimum, _, values = found[best]
     scores, curvatures = fine.derivatives(drone, box.names)[1:]
-    draws = _posterior(found[best], scores, curvatures, problem.generator)
+    samples = _posterior(found[best], scores, curvatures, problem.generator)
     noise = noise_levels(fine.mean_products(drone), drone, flights[0].period)
     drone = replace(drone, **{name: np.float32(value) for name, value in noise.items()})
-    spread = posterior.spread(scores * fine.rows, curvatures * fine.rows)
+    deviation = posterior.between_segment_sd(scores * fine.rows, curvatures * fine.rows)
     optima = np.array([one.points[int(np.argmin(one.values))] for one in found])
     return Identification(
         parameters=check(drone, "identified parameters"),
-        estimates=estimates_of(box, optimum, optima, posterior.interval(draws), spread),
-        kind="likelihood",
-        objective=float(values.min()),
-        start_objective=fine(start),
+        estimates=estimates_of(box, optimum, optima, posterior.interval(samples), deviation),
+        objective="likelihood",
+        value=float(values.min()),
+        start_value=fine(start),
         source=problem.source,
         windows=int(fine.rows) // (one_step.LENGTH - one_step.ORDER),
         evaluations=sum(len(one.values) for one in found),
         seconds=0.0,
-        history=evaluations_table(box, [(one.points, one.values) for one in found]),
-        draws=dict(zip(box.names, box.values(draws).T, strict=True)),
-        bought=tuple(bought),
+        search=evaluations_table(box, [(one.points, one.values) for one in found]),
+        posterior=dict(zip(box.names, box.values(samples).T, strict=True)),
+        gains=tuple(gains),
         noise=noise,
-        notes=(*notes_on(box, optimum, fine.blocks), *doubts(noise, flights)),
+        notes=(*notes_on(box, optimum, fine.segments), *doubts(noise, flights)),
     )
 
 
 def _chosen(
     problem: Problem, settings: Likelihood
-) -> tuple[tuple[str, ...], Parameters, list[Step]]:
+) -> tuple[tuple[str, ...], Parameters, list[GroupGain]]:
     """The parameters that predict held-out flights better, and the best drone of the others."""
     fitted, judged = _split(problem.flights)
     training, held_out = (
@@ -165,7 +165,7 @@ def _chosen(
         ).drone
 
     return selection.choose(
-        training, held_out, roughly, problem.start, on_step=problem.on_group, sample=sample
+        training, held_out, roughly, problem.start, on_group=problem.on_group, sample=sample
     )
 
 
@@ -220,8 +220,8 @@ def _descended(
 
 def _posterior(
     fit: _Fit,
-    scores: Float[np.ndarray, "B d"],
-    curvatures: Float[np.ndarray, "B d d"],
+    scores: Float[np.ndarray, "S d"],
+    curvatures: Float[np.ndarray, "S d d"],
     generator: np.random.Generator,
 ) -> Float[np.ndarray, "N d"]:
     """Samples of the posterior in the unit cube: Laplace's approximation with the sandwich
@@ -267,7 +267,7 @@ def _objective(
     flights: Sequence[Flight], settings: Likelihood, step: float, every: int = 1
 ) -> OneStep:
     """The objective on each `every`-th window, in physics steps of about `step` seconds."""
-    cut = windows(flights, one_step.LENGTH, every=one_step.LENGTH, history=settings.lead_in)
+    cut = windows(flights, one_step.LENGTH, every=one_step.LENGTH, lead_in=settings.lead_in)
     period = flights[0].period
     return OneStep(
         type(cut)(*(array[::every] for array in cut)), period, max(1, round(period / step))
@@ -284,7 +284,7 @@ def _split(flights: Sequence[Flight]) -> tuple[list[Flight], list[Flight]]:
     long_enough = [
         flight
         for flight in flights
-        if len(flight) > one_step.LENGTH + max(SHORTEST_HISTORY + 1, flight.lead)
+        if len(flight) > one_step.LENGTH + max(SHORTEST_LEAD_IN + 1, flight.lead)
     ]
     whole: list[list[Flight]] = []
     for flight in long_enough:

@@ -131,7 +131,7 @@ def in_chunks(windows: Windows, size: int = _CHUNK) -> Windows:
 
     The last chunk is filled up with windows that stand for nothing new.
     """
-    count = len(windows.block)
+    count = len(windows.segment)
     chunks = -(-count // size)
     order = np.resize(np.arange(count), chunks * size)
     return jax.tree.map(
@@ -198,9 +198,9 @@ class Objective:
             weights: diagonal of W.
         """
         self._windows = in_chunks(windows)
-        self.size = len(windows.block)
-        self.blocks = int(windows.block.max()) + 1
-        self._block = windows.block
+        self.size = len(windows.segment)
+        self.segments = int(windows.segment.max()) + 1
+        self._segment = windows.segment
         self.steps, self.time_step = physics_steps(period)
         self._settings = (jnp.asarray(weights), jnp.float32(discount))
 
@@ -215,11 +215,13 @@ class Objective:
                 ],
             )
 
-        return on_all_cores(losses, len(self._windows.block))[0].reshape(-1)[: self.size]
+        return on_all_cores(losses, len(self._windows.segment))[0].reshape(-1)[: self.size]
 
-    def per_block(self, parameters: Parameters) -> Float[np.ndarray, "B"]:
-        """Sum of the losses of each block's windows."""
-        return np.bincount(self._block, weights=self.per_window(parameters), minlength=self.blocks)
+    def per_segment(self, parameters: Parameters) -> Float[np.ndarray, "S"]:
+        """Sum of the losses of each segment's windows."""
+        return np.bincount(
+            self._segment, weights=self.per_window(parameters), minlength=self.segments
+        )
 
     def __call__(self, parameters: Parameters) -> float:
         """Mean loss of the windows, F(xi, D) over the size of D."""
@@ -259,9 +261,9 @@ class Objective:
         return NormalEquations(float(loss), *derivatives)
 
     @property
-    def windows_per_block(self) -> Float[np.ndarray, "B"]:
-        """Number of windows in each block."""
-        return np.bincount(self._block, minlength=self.blocks).astype(np.float64)
+    def windows_per_segment(self) -> Float[np.ndarray, "S"]:
+        """Number of windows in each segment."""
+        return np.bincount(self._segment, minlength=self.segments).astype(np.float64)
 
 
 @partial(jax.jit, static_argnums=(6,))
@@ -286,7 +288,7 @@ def _losses(
             jax.vmap(one)(jax.tree.map(lambda array: array[number], windows))
         )
 
-    return lax.fori_loop(first, end, fill, jnp.zeros(windows.block.shape))
+    return lax.fori_loop(first, end, fill, jnp.zeros(windows.segment.shape))
 
 
 class Share(NamedTuple):
@@ -366,7 +368,7 @@ def _normal_equations(
             jax.vmap(one)(chunk),
         )
 
-    chunks = -(-windows.block.size // _FEW)
+    chunks = -(-windows.segment.size // _FEW)
     empty = (
         jnp.zeros(chunks),
         jnp.zeros((chunks, d)),

@@ -122,13 +122,13 @@ class OneStep:
         chunked = in_chunks(windows, CHUNK)
         # One by one, so that one program serves any number of windows.
         self._chunks = [type(windows)(*arrays) for arrays in zip(*chunked, strict=True)]
-        self._block = windows.block
-        self.size = len(windows.block)
-        self.blocks = int(windows.block.max()) + 1
-        self.rows_per_block = np.bincount(windows.block, minlength=self.blocks) * float(
+        self._segment = windows.segment
+        self.size = len(windows.segment)
+        self.segments = int(windows.segment.max()) + 1
+        self.rows_per_segment = np.bincount(windows.segment, minlength=self.segments) * float(
             windows.measured.shape[1] - ORDER
         )
-        self.rows = float(self.rows_per_block.sum())
+        self.rows = float(self.rows_per_segment.sum())
         self.steps, self._time_step = steps, np.float32(period / steps)
         self._latest: (
             tuple[Parameters, tuple[str, ...], tuple[float, np.ndarray, np.ndarray]] | None
@@ -137,15 +137,17 @@ class OneStep:
     def _drone(self, parameters: Parameters) -> Parameters:
         return jax.tree.map(jnp.asarray, replace(parameters, time_step=self._time_step))
 
-    def _by_block(self, per_window: np.ndarray) -> np.ndarray:
-        """Sums of what each window adds, by stretch of flight."""
-        rows = per_window.reshape(-1, *per_window.shape[2:])[: len(self._block)].astype(np.float64)
-        sums = np.zeros((self.blocks, *rows.shape[1:]))
-        np.add.at(sums, self._block, rows)
+    def _by_segment(self, per_window: np.ndarray) -> np.ndarray:
+        """Sums of what each window adds, by segment of flight."""
+        rows = per_window.reshape(-1, *per_window.shape[2:])[: len(self._segment)].astype(
+            np.float64
+        )
+        sums = np.zeros((self.segments, *rows.shape[1:]))
+        np.add.at(sums, self._segment, rows)
         return sums
 
-    def products(self, parameters: Parameters) -> Float[np.ndarray, "B 12 P+1 P+1"]:
-        """Products of an error with itself 0 ... P rows before, summed over each stretch of flight.
+    def products(self, parameters: Parameters) -> Float[np.ndarray, "S 12 P+1 P+1"]:
+        """Products of an error with itself 0 ... P rows before, summed over each segment of flight.
 
         All twelve columns.
         """
@@ -156,7 +158,7 @@ class OneStep:
                 [(_products(chunk, drone, self.steps),) for chunk in self._chunks[first:end]]
             )
 
-        return self._by_block(on_all_cores(compute, len(self._chunks))[0])
+        return self._by_segment(on_all_cores(compute, len(self._chunks))[0])
 
     def mean_products(self, parameters: Parameters) -> Float[np.ndarray, "12 P+1 P+1"]:
         """Their mean over the rows."""
@@ -170,14 +172,14 @@ class OneStep:
         """Minus the mean log likelihood of a row."""
         return float(_minus_log_likelihood(self.noise_model(parameters).deviation, np.ones(6)))
 
-    def per_block(self, parameters: Parameters, noise: NoiseModel) -> Float[np.ndarray, "B"]:
-        """Minus the log likelihood of each stretch of flight under a noise model found elsewhere,
+    def per_segment(self, parameters: Parameters, noise: NoiseModel) -> Float[np.ndarray, "S"]:
+        """Minus the log likelihood of each segment of flight under a noise model found elsewhere,
         as for flights held out.
         """
         products = self.products(parameters)[:, np.array(COLUMNS)]
         weights = np.concatenate([np.ones((6, 1)), -noise.coefficients], axis=1)
         new = np.einsum("ci,bcij,cj->bc", weights, products, weights) / noise.deviation[None] ** 2
-        rows = self.rows_per_block
+        rows = self.rows_per_segment
         return rows * _minus_log_likelihood(noise.deviation, new / np.maximum(rows[:, None], 1.0))
 
     def normal_equations(self, parameters: Parameters, names: Sequence[str]) -> NormalEquations:
@@ -195,8 +197,8 @@ class OneStep:
 
     def derivatives(
         self, parameters: Parameters, names: Sequence[str]
-    ) -> tuple[float, Float[np.ndarray, "B d"], Float[np.ndarray, "B d d"]]:
-        """Value, and what each stretch of flight adds to its gradient and curvature.
+    ) -> tuple[float, Float[np.ndarray, "S d"], Float[np.ndarray, "S d d"]]:
+        """Value, and what each segment of flight adds to its gradient and curvature.
 
         See `normal_equations`.
 
@@ -244,7 +246,7 @@ class OneStep:
             )
 
         scores, curvatures, shared = (
-            self._by_block(part) for part in on_all_cores(compute, len(self._chunks))
+            self._by_segment(part) for part in on_all_cores(compute, len(self._chunks))
         )
         pasts = products[..., 1:, 1:] / noise.deviation[:, None, None] ** 2
         left = (

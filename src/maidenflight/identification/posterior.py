@@ -1,8 +1,8 @@
-"""How sure the found parameters are: a bootstrap over stretches of flight.
+"""How sure the found parameters are: a bootstrap over segments of flight.
 
 Repeating an optimiser tells how well it optimises, not how well the data fix the parameters. So the
 *data* are redrawn: blocks of flight with replacement, and the optimum is found anew for each draw.
-A quadratic surrogate, fitted to every block's loss around the optimum, makes that cheap, because
+A quadratic surrogate, fitted to every segment's loss around the optimum, makes that cheap, because
 the surrogate of a sum of losses is the sum of the surrogates.
 """
 
@@ -25,8 +25,8 @@ class Bootstrap(NamedTuple):
     """Optima of redrawn data, in the unit cube of the search."""
 
     optima: Float[np.ndarray, "resamples d"]
-    stretches: Float[np.ndarray, "B d"]
-    """Optima of each stretch of flight by itself, within the last neighbourhood."""
+    separate: Float[np.ndarray, "S d"]
+    """Optima of each segment of flight by itself, within the last neighbourhood."""
     points: Float[np.ndarray, "n d"]
     """Points evaluated on the way."""
     losses: Float[np.ndarray, "n"]
@@ -60,8 +60,8 @@ def design_points(dimensions: int) -> int:
 
 
 def bootstrap(
-    block_losses: Callable[[Float[np.ndarray, "d"]], Float[np.ndarray, "B"]],
-    windows_per_block: Float[np.ndarray, "B"],
+    segment_losses: Callable[[Float[np.ndarray, "d"]], Float[np.ndarray, "S"]],
+    windows_per_segment: Float[np.ndarray, "S"],
     best: Float[np.ndarray, "d"],
     radius: Float[np.ndarray, "d"],
     limits: tuple[Float[np.ndarray, "d"], Float[np.ndarray, "d"]],
@@ -71,60 +71,60 @@ def bootstrap(
     """Redraws the data and finds the optimum of each draw.
 
     Args:
-        block_losses: point to the summed loss of each block's windows.
-        windows_per_block: B numbers of windows.
+        segment_losses: point to the summed loss of each segment's windows.
+        windows_per_segment: S numbers of windows.
         best: the optimum of all data.
         radius: half width of the first neighbourhood in which a surrogate is fitted; it grows or
-            shrinks to fit the spread.
+            shrinks to fit the optima.
         limits: smallest and largest point that makes sense.
         generator: random numbers.
         on_evaluation: called after each evaluation.
     """
     dimensions = len(best)
     points, losses = np.empty((0, dimensions)), np.empty(0)
-    optima = stretches = np.empty((0, dimensions))
+    optima = separate = np.empty((0, dimensions))
     for _ in range(3):
         low, high = np.maximum(best - radius, limits[0]), np.minimum(best + radius, limits[1])
         design = qmc.scale(
             qmc.Sobol(dimensions, rng=generator).random(design_points(dimensions)), low, high
         )
-        per_block = []
+        per_segment = []
         for point in design:
-            per_block.append(block_losses(point))
+            per_segment.append(segment_losses(point))
             if on_evaluation is not None:
                 on_evaluation()
-        matrix = np.array(per_block)
+        matrix = np.array(per_segment)
         centred = (design - best) / radius
         coefficients = np.linalg.lstsq(basis(centred), matrix, rcond=None)[0]
         draws = generator.multinomial(
-            len(windows_per_block),
-            np.full(len(windows_per_block), 1 / len(windows_per_block)),
+            len(windows_per_segment),
+            np.full(len(windows_per_segment), 1 / len(windows_per_segment)),
             RESAMPLES,
         )
         trial = generator.uniform(low, high, (8192, dimensions))
         # A resample's surrogate; the number of windows in it scales the whole and moves no optimum.
         surrogate = basis((trial - best) / radius) @ (coefficients @ draws.T)
         optima = trial[np.argmin(surrogate, axis=0)]
-        stretches = trial[np.argmin(basis((trial - best) / radius) @ coefficients, axis=0)]
+        separate = trial[np.argmin(basis((trial - best) / radius) @ coefficients, axis=0)]
         points = np.concatenate([points, design])
-        losses = np.concatenate([losses, matrix.sum(axis=1) / windows_per_block.sum()])
+        losses = np.concatenate([losses, matrix.sum(axis=1) / windows_per_segment.sum()])
         best = points[int(np.argmin(losses))]
-        spread = np.quantile(np.abs(optima - best), LEVEL, axis=0)
-        radius = np.maximum(np.minimum(2.0 * spread, 2.0 * radius), radius / 4)
-    return Bootstrap(optima, stretches, points, losses)
+        reach = np.quantile(np.abs(optima - best), LEVEL, axis=0)
+        radius = np.maximum(np.minimum(2.0 * reach, 2.0 * radius), radius / 4)
+    return Bootstrap(optima, separate, points, losses)
 
 
 def sandwich(
-    scores: Float[np.ndarray, "B d"], curvature: Float[np.ndarray, "d d"]
+    scores: Float[np.ndarray, "S d"], curvature: Float[np.ndarray, "d d"]
 ) -> Float[np.ndarray, "d d"]:
-    """Covariance of maximum-likelihood estimates when stretches of flight are independent and rows
+    """Covariance of maximum-likelihood estimates when segments of flight are independent and rows
     are not: H^-1 (sum s s^T) H^-1.
 
     Where the model is right this is Laplace's H^-1; where it is not, as for every real drone, it
     stays right and H^-1 is too small.
 
     Args:
-        scores: gradient of minus the log likelihood that each of B stretches adds.
+        scores: gradient of minus the log likelihood that each of S segments adds.
         curvature: H, its second derivative.
 
     Source: White 1982, Maximum likelihood estimation of misspecified models, theorem 3.2.
@@ -139,17 +139,17 @@ def sandwich(
     )
 
 
-def spread(
-    scores: Float[np.ndarray, "B d"], curvatures: Float[np.ndarray, "B d d"]
+def between_segment_sd(
+    scores: Float[np.ndarray, "S d"], curvatures: Float[np.ndarray, "S d d"]
 ) -> Float[np.ndarray, "d"]:
-    """Standard deviation of the parameters between stretches of flight, beyond what noise within a
-    stretch explains.
+    """Standard deviation of the parameters between segments of flight, beyond what noise within a
+    segment explains.
 
-    A stretch whose parameters differ from the mean by x has a score of variance H + H x x^T H, in
+    A segment whose parameters differ from the mean by x has a score of variance H + H x x^T H, in
     nats; the rest is the method of moments.
 
     Args:
-        scores: gradient of minus the log likelihood of each of B stretches.
+        scores: gradient of minus the log likelihood of each of S segments.
         curvatures: its second derivative.
 
     Source: DerSimonian and Laird 1986, Meta-analysis in clinical trials (random effects by

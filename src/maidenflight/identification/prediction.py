@@ -2,8 +2,8 @@
 units.
 
 The objective weighs position a hundred times as much as body rates and so hides where a model
-fails. Here every quantity has its own column, and every model stands beside the simplest prediction
-of all: that nothing changes.
+fails. Here every quantity has its own column, and every model stands beside the persistence
+baseline, which predicts that nothing changes.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from maidenflight.errors import InputError
 from maidenflight.flights.log import GROUPS, Flight
-from maidenflight.flights.windows import EVERY, HISTORY, Windows, first_start, windows
+from maidenflight.flights.windows import EVERY, LEAD_IN, Windows, first_start, windows
 from maidenflight.identification.objective import PHYSICS_STEP, in_chunks, physics_steps, simulate
 from maidenflight.identification.posterior import RESAMPLES, interval
 from maidenflight.parameters import Parameters, replace
@@ -27,7 +27,7 @@ from maidenflight.run_folder import ERROR_UNITS
 
 HORIZONS = (0.1, 0.25, 0.5)
 """How far ahead errors are told unless asked otherwise [s]."""
-NOTHING_CHANGES = "nothing changes"
+PERSISTENCE = "persistence"
 """Name of the prediction that position, velocity, attitude and body rates all stay as they are at
 the window's start."""
 LOGGED = "logged"
@@ -44,7 +44,7 @@ def prediction_error(
     flights: Iterable[Flight],
     models: Mapping[str, Parameters],
     horizons: Sequence[float] = HORIZONS,
-    history: int = HISTORY,
+    lead_in: int = LEAD_IN,
     key: Array | None = None,
 ) -> polars.DataFrame:
     """Predicts flights open loop from every tenth row and tells how far off each model is.
@@ -60,12 +60,12 @@ def prediction_error(
             identified from.
         models: drones by name.
         horizons: times after a window's start [s]; each is taken to the nearest row.
-        history: rows of commands before a window, from which its motors' speed is inferred.
+        lead_in: rows of commands before a window, from which its motors' speed is inferred.
         key: random key of the intervals; `jax.random.key(0)` unless given.
 
     Returns:
-        A row for each horizon and model, and for `NOTHING_CHANGES`: `model`, `horizon` [s],
-        `windows`, `stretches` (of 5 s of flight, redrawn for the intervals), the errors `position`
+        A row for each horizon and model, and for `PERSISTENCE`: `model`, `horizon` [s],
+        `windows`, `segments` (of 5 s of flight, redrawn for the intervals), the errors `position`
         [m], `velocity` [m/s], `attitude` [rad], `body_rates` [rad/s], and each with `_low` and
         `_high` appended the ends of its 95 % bootstrap interval. Cost grows linearly with windows,
         horizon and models.
@@ -77,14 +77,14 @@ def prediction_error(
     flights = list(flights)
     if not flights:
         raise InputError("no flights to predict; give at least one.")
-    if NOTHING_CHANGES in models:
+    if PERSISTENCE in models:
         raise InputError(
-            f"a model is called {NOTHING_CHANGES!r}, the name of what models are compared with; "
+            f"a model is called {PERSISTENCE!r}, the name of what models are compared with; "
             "rename it."
         )
     period = flights[0].period
     rows = _rows(horizons, period)
-    cut = windows(flights, int(rows[-1]), history=history)
+    cut = windows(flights, int(rows[-1]), lead_in=lead_in)
     start = np.concatenate(
         [cut.position, cut.velocity, _attitude(cut.quaternion), cut.body_rates], axis=1
     )
@@ -95,12 +95,12 @@ def prediction_error(
                 f"{name}: its simulation diverges on these flights; a time constant or a damping "
                 f"is too fast for {_STEP}."
             )
-    predictions[NOTHING_CHANGES] = np.broadcast_to(start[:, None], (len(start), len(rows), 12))
+    predictions[PERSISTENCE] = np.broadcast_to(start[:, None], (len(start), len(rows), 12))
     squares = np.stack(
         [_errors(each, cut.measured[:, rows - 1]) ** 2 for each in predictions.values()], axis=1
     )
-    blocks, block = np.unique(cut.block, return_inverse=True)
-    low, high = _interval(squares, block, jax.random.key(0) if key is None else key)
+    numbers, segment = np.unique(cut.segment, return_inverse=True)
+    low, high = _interval(squares, segment, jax.random.key(0) if key is None else key)
     value = np.sqrt(squares.mean(axis=0))
     table = []
     for place, row in enumerate(rows):
@@ -109,7 +109,7 @@ def prediction_error(
                 "model": name,
                 "horizon": round(float(row * period), 6),
                 "windows": len(start),
-                "stretches": len(blocks),
+                "segments": len(numbers),
             }
             for quantity, column in enumerate(ERROR_UNITS):
                 here = (number, place, quantity)
@@ -127,7 +127,7 @@ def predicted_windows(
     models: Mapping[str, Parameters],
     horizon: float = HORIZONS[-1],
     count: int = 4,
-    history: int = HISTORY,
+    lead_in: int = LEAD_IN,
     key: Array | None = None,
 ) -> polars.DataFrame:
     """Predicts a few windows row by row, to look at.
@@ -139,7 +139,7 @@ def predicted_windows(
         models: drones by name.
         horizon: length of a window [s].
         count: how many windows.
-        history: rows of commands before a window, from which its motors' speed is inferred.
+        lead_in: rows of commands before a window, from which its motors' speed is inferred.
         key: random key of the choice; `jax.random.key(0)` unless given.
 
     Returns:
@@ -170,9 +170,11 @@ def predicted_windows(
     repeats = np.bincount(np.resize(generator.permutation(len(long)), count), minlength=len(long))
     parts, places = [], []
     for number in np.flatnonzero(repeats):
-        cut = windows([long[number]], length, history=history)
+        cut = windows([long[number]], length, lead_in=lead_in)
         rows = np.sort(
-            generator.choice(len(cut.block), min(repeats[number], len(cut.block)), replace=False)
+            generator.choice(
+                len(cut.segment), min(repeats[number], len(cut.segment)), replace=False
+            )
         )
         parts.append(jax.tree.map(lambda each, rows=rows: each[rows], cut))
         places += [
@@ -231,7 +233,7 @@ def predict(cut: Windows, parameters: Parameters, period: float) -> Float[np.nda
     steps, time_step = physics_steps(period)
     drone = jax.tree.map(jnp.asarray, replace(parameters, time_step=time_step))
     simulated = np.asarray(_simulate(in_chunks(cut), drone, steps))
-    return simulated.reshape(-1, *simulated.shape[2:])[: len(cut.block)]
+    return simulated.reshape(-1, *simulated.shape[2:])[: len(cut.segment)]
 
 
 @partial(jax.jit, static_argnums=2)
@@ -288,14 +290,14 @@ def _errors(
 
 
 def _interval(
-    squares: Float[np.ndarray, "W M K 4"], block: Int[np.ndarray, "W"], key: Array
+    squares: Float[np.ndarray, "W M K 4"], segment: Int[np.ndarray, "W"], key: Array
 ) -> tuple[Float[np.ndarray, "M K 4"], Float[np.ndarray, "M K 4"]]:
-    """Central interval of the root mean squares when stretches of flight are redrawn, the same for
+    """Central interval of the root mean squares when segments of flight are redrawn, the same for
     all models.
     """
-    counts = np.bincount(block).astype(np.float64)
+    counts = np.bincount(segment).astype(np.float64)
     sums = np.zeros((len(counts), *squares.shape[1:]))
-    np.add.at(sums, block, squares)
+    np.add.at(sums, segment, squares)
     generator = np.random.default_rng(np.asarray(jax.random.bits(key, (2,))).tolist())
     draws = generator.multinomial(
         len(counts), np.full(len(counts), 1 / len(counts)), RESAMPLES

@@ -8,8 +8,8 @@ import numpy as np
 
 from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
+from maidenflight.identification.drone_file import GroupGain
 from maidenflight.identification.estimates import Source
-from maidenflight.identification.selection import Step
 from maidenflight.parameters import Parameters
 
 
@@ -31,7 +31,7 @@ class Problem:
     """Random numbers."""
     evaluated: Callable[[int], None]
     """Called after each evaluation with the number that is planned in all; 0: not known."""
-    on_group: Callable[[Step], None] | None = None
+    on_group: Callable[[GroupGain], None] | None = None
     """Called with the log-likelihood gain of each group of parameters that is tried."""
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.errors import InputError
-from maidenflight.flights.windows import HISTORY, windows
+from maidenflight.flights.windows import LEAD_IN, windows
 from maidenflight.identification import bayesian, gradient, posterior
 from maidenflight.identification.box import PAPER_BOUNDS, Box, search_box
 from maidenflight.identification.estimates import (
@@ -40,7 +40,7 @@ class Replay:
     """`gradient`, which follows derivatives through the simulator, or `bayesian`, the paper's."""
     length: int = 30
     """T, rows of a window (Gronauer et al. 2022, sec. Simulation Optimization)."""
-    lead_in: int = HISTORY
+    lead_in: int = LEAD_IN
     """Rows of commands before a window, from which its motors' speed is inferred."""
     discount: float = DISCOUNT
     """delta, weight of each row over the one before."""
@@ -69,15 +69,15 @@ def identified(problem: Problem, settings: Replay) -> Identification:
         FIRST if problem.over is None else problem.over, {**PAPER_BOUNDS, **problem.bounds}
     )
     d, start, flights = len(box.names), problem.start, problem.flights
-    cut = windows(flights, settings.length, history=settings.lead_in)
+    cut = windows(flights, settings.length, lead_in=settings.lead_in)
     objective = Objective(cut, flights[0].period, settings.discount)
     runs = _searched(problem, settings, box, objective)
     planned = sum(len(losses) for _, losses in runs) + _drawn(box)
     optima = np.array([points[int(np.argmin(losses))] for points, losses in runs])
     best = int(np.argmin([losses.min() for _, losses in runs]))
     drawn = posterior.bootstrap(
-        lambda unit: objective.per_block(box.drone(start, unit)),
-        objective.windows_per_block,
+        lambda unit: objective.per_segment(box.drone(start, unit)),
+        objective.windows_per_segment,
         optima[best],
         np.full(d, _RADIUS),
         (np.zeros(d), np.ones(d)),
@@ -91,19 +91,21 @@ def identified(problem: Problem, settings: Replay) -> Identification:
     valley = _valley(box, optimum, objective, found)
     return Identification(
         parameters=found,
-        estimates=estimates_of(box, optimum, optima, drawn.interval(), _spread(box, drawn), valley),
-        kind="replay",
-        objective=float(losses.min()),
-        start_objective=objective(start),
+        estimates=estimates_of(
+            box, optimum, optima, drawn.interval(), _between_segment_sd(box, drawn), valley
+        ),
+        objective="replay",
+        value=float(losses.min()),
+        start_value=objective(start),
         source=problem.source,
         windows=objective.size,
         evaluations=len(losses),
         seconds=0.0,
-        history=evaluations_table(box, runs, drawn),
-        draws=dict(zip(box.names, box.values(drawn.optima).T, strict=True)),
-        bought=(),
+        search=evaluations_table(box, runs, drawn),
+        posterior=dict(zip(box.names, box.values(drawn.optima).T, strict=True)),
+        gains=(),
         noise={},
-        notes=tuple(notes_on(box, optimum, objective.blocks)),
+        notes=tuple(notes_on(box, optimum, objective.segments)),
     )
 
 
@@ -147,11 +149,11 @@ def _drawn(box: Box) -> int:
     return 3 * posterior.design_points(len(box.names))
 
 
-def _spread(box: Box, drawn: posterior.Bootstrap) -> np.ndarray:
-    """Standard deviation between the optima of single stretches, from their quartiles, which
+def _between_segment_sd(box: Box, drawn: posterior.Bootstrap) -> np.ndarray:
+    """Standard deviation between the optima of single segments, from their quartiles, which
     outliers do not move.
     """
-    quartiles = np.quantile(box.values(drawn.stretches), [0.25, 0.75], axis=0)
+    quartiles = np.quantile(box.values(drawn.separate), [0.25, 0.75], axis=0)
     return (quartiles[1] - quartiles[0]) / 1.349
 
 

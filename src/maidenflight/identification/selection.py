@@ -1,13 +1,13 @@
-"""Which parameters flights can tell: one group after another, as long as flights held out are
-predicted better for it.
+"""Choosing the parameters to identify: groups are added one after another as long as they increase
+the likelihood of held-out flights.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
+from maidenflight.identification.drone_file import GroupGain
 from maidenflight.identification.one_step import OneStep
 from maidenflight.parameters import Parameters
 
@@ -29,26 +29,13 @@ Not among them are damping of the rates and the thrust curve: a little misfit of
 passes for damping one step ahead, and policies that crashed within a second are then predicted to
 fly (docs/identification.md). Name them to identify them."""
 HELD_OUT = 3
-"""Every third flight judges; if there are fewer flights, every third stretch."""
-SURE = 2.0
-"""Gain on held-out stretches over its standard error from which a group is believed."""
-WORTH = 1e-3
-"""Gain of log likelihood a row below which a group is not worth its place."""
-ROUGH = WORTH / 50
-"""Gain of log likelihood a row below which a fit need not be improved to tell what a group is
-worth."""
-
-
-@dataclass(frozen=True)
-class Step:
-    """What adding a group bought."""
-
-    group: str
-    gain: float
-    """Of log likelihood a row, on flights held out."""
-    error: float
-    """Standard error of that gain, over stretches of flight."""
-    kept: bool
+"""Every third flight is held out; if there are fewer flights, every third segment."""
+SIGNIFICANT = 2.0
+"""Gain over its standard error above which a group is kept."""
+SMALLEST_GAIN = 1e-3
+"""Log-likelihood gain of a row [nats] above which a group is kept."""
+ROUGH = SMALLEST_GAIN / 50
+"""Log-likelihood gain of a row [nats] below which a fit need not be improved for the choice."""
 
 
 def choose(
@@ -57,35 +44,34 @@ def choose(
     fit: Callable[[Sequence[str], Parameters], Parameters],
     start: Parameters,
     groups: Mapping[str, Sequence[str]] = GROUPS,
-    on_step: Callable[[Step], None] | None = None,
+    on_group: Callable[[GroupGain], None] | None = None,
     sample: OneStep | None = None,
-) -> tuple[tuple[str, ...], Parameters, list[Step]]:
-    """Adds the group that promises most, fits anew, and keeps it if held-out flights gain.
-
-    Until each is kept or has failed.
+) -> tuple[tuple[str, ...], Parameters, list[GroupGain]]:
+    """Adds the group that promises most, fits, and keeps it if held-out flights gain; until each
+    group has been tried.
 
     What a group promises is the gain of the quadratic model of the likelihood around the fit
-    without it, so that adding a group costs one fit and not one for each of its rivals.
+    without it, so that adding a group costs one fit.
 
     Args:
         training: flights to fit.
-        held_out: flights to judge by.
+        held_out: flights that the gains are measured on.
         fit: names and where to begin, to the training flights' best drone.
         start: where the first fit begins.
         groups: what may be added.
-        on_step: called with what each group bought.
+        on_group: called with the gain of each group.
         sample: some of the training flights' windows, by which the groups are put in order; all of
             them unless given.
 
     Returns:
-        Names of the parameters chosen, the training flights' best drone, and what each group
-        bought, in the order of trying.
+        Names of the parameters chosen, the training flights' best drone, and the gain of each
+        group, in the order of trying.
 
     Source: Rao 1948 (score test); forward selection judged by held-out likelihood.
     """
-    names, left, steps = FIRST, dict(groups), []
+    names, left, gains = FIRST, dict(groups), []
     drone = fit(names, start)
-    value = held_out.per_block(drone, training.noise_model(drone))
+    value = held_out.per_segment(drone, training.noise_model(drone))
     sample = training if sample is None else sample
     while left:
         everything = (*names, *(name for group in left.values() for name in group))
@@ -99,14 +85,15 @@ def choose(
         group = max(promised, key=lambda one: promised[one])
         wider = (*names, *left.pop(group))
         ahead = fit(wider, drone)
-        value_ahead = held_out.per_block(ahead, training.noise_model(ahead))
-        gain, error = _mean_gain(value - value_ahead, held_out.rows_per_block)
-        steps.append(Step(group, gain, error, gain > max(WORTH, SURE * error)))
-        if on_step is not None:
-            on_step(steps[-1])
-        if steps[-1].kept:
+        value_ahead = held_out.per_segment(ahead, training.noise_model(ahead))
+        gain, error = _mean_gain(value - value_ahead, held_out.rows_per_segment)
+        keep = gain > max(SMALLEST_GAIN, SIGNIFICANT * (error or 0.0))
+        gains.append(GroupGain(group, gain, error, keep))
+        if on_group is not None:
+            on_group(gains[-1])
+        if keep:
             names, drone, value = wider, ahead, value_ahead
-    return names, drone, steps
+    return names, drone, gains
 
 
 def _promise(
@@ -123,8 +110,16 @@ def _promise(
     return 0.5 * float(slope / scale @ np.linalg.solve(scaled, slope / scale))
 
 
-def _mean_gain(gain: Float[np.ndarray, "B"], rows: Float[np.ndarray, "B"]) -> tuple[float, float]:
-    """Gain a row, and its standard error with stretches of flight as what is independent."""
-    mean = float(gain.sum() / rows.sum())
-    left = gain - mean * rows
-    return mean, float(np.sqrt(np.sum(left**2) * len(rows) / max(len(rows) - 1, 1)) / rows.sum())
+def _mean_gain(
+    gain: Float[np.ndarray, "S"], rows: Float[np.ndarray, "S"]
+) -> tuple[float, float | None]:
+    """Gain of a row and its standard error, where segments are independent; `None` of one segment.
+
+    Segments without a window have no rows and do not count.
+    """
+    gain, rows = gain[rows > 0], rows[rows > 0]
+    mean, count = float(gain.sum() / rows.sum()), len(rows)
+    if count < 2:
+        return mean, None
+    residual = gain - mean * rows
+    return mean, float(np.sqrt(np.sum(residual**2) * count / (count - 1)) / rows.sum())

@@ -1,4 +1,4 @@
-"""The parameter vector xi: every physical constant of a simulated quadrotor, each with its unit,
+"""The parameters: every physical constant of a simulated quadrotor, each with its unit,
 symbol, bounds and source.
 """
 
@@ -13,7 +13,15 @@ from maidenflight.parameters.quantities import (
     noiseless,
     replace,
 )
-from maidenflight.parameters.toml import FORMAT, from_toml, read, to_toml, write
+from maidenflight.parameters.toml import (
+    FORMAT,
+    document,
+    from_document,
+    from_toml,
+    read,
+    to_toml,
+    write,
+)
 
 __all__ = [
     "COMPONENTS",
@@ -25,6 +33,8 @@ __all__ = [
     "check",
     "component",
     "crazyflie",
+    "document",
+    "from_document",
     "from_toml",
     "noiseless",
     "read",

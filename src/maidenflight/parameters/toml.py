@@ -14,12 +14,8 @@ from maidenflight.inputs import StrPath
 from maidenflight.parameters.named import DRONES, crazyflie
 from maidenflight.parameters.quantities import QUANTITIES, Parameters, check, plain
 
-FORMAT = 2
+FORMAT = 3
 """Version of the TOML layout."""
-_ADDED = {"motor_coasting": 2}
-"""Fields that older layouts lack, and the first layout that has them; drones written before are
-read with what they then were, zero."""
-
 _LARGEST = float(np.finfo(np.float32).max)
 
 
@@ -60,25 +56,42 @@ def to_toml(parameters: Parameters, name: str, extra: Mapping[str, Any] | None =
 
 
 def from_toml(text: str, where: str = "drone.toml") -> Parameters:
-    """Reads one drone from TOML text.
+    """Reads one drone from TOML text; see `from_document` for the errors."""
+    return from_document(_parsed(text, where), where)
+
+
+def _parsed(text: str, where: str) -> dict[str, Any]:
+    try:
+        return inputs.from_toml(text)
+    except ValueError as error:  # TOMLDecodeError, or a number of more digits than Python reads
+        raise InputError(
+            f"{where}: not valid TOML: {error}. Mend it there, or write the file again."
+        ) from error
+
+
+def from_document(document: Mapping[str, Any], where: str) -> Parameters:
+    """Takes the parameters from what a drone's TOML file says.
+
+    Args:
+        document: the file's content.
+        where: the file's name, for errors.
 
     Raises:
-        InputError: not TOML, an unknown key, a missing value, a value that is no number or outside
+        InputError: an unknown format or key, a missing value, a value that is no number or outside
             its physical range.
     """
-    try:
-        document = inputs.from_toml(text)
-    except ValueError as error:  # TOMLDecodeError, or a number of more digits than Python reads
-        raise InputError(f"{where}: not valid TOML: {error}.") from error
     layout = document.get("format")
-    if not isinstance(layout, int) or isinstance(layout, bool) or not 1 <= layout <= FORMAT:
-        raise InputError(f"{where}: format = {layout!r}, expected {FORMAT}. Is it a drone file?")
+    if type(layout) is not int or layout != FORMAT:
+        raise InputError(
+            f"{where}: format = {str(layout)[:40]}, expected {FORMAT}. If it is a drone file of "
+            "another version, identify or write the drone again."
+        )
     astray = next((name for name in document if name in QUANTITIES), None)
     if astray:
         raise InputError(
             f"{where}: {astray} stands outside its table. Put it into [{QUANTITIES[astray].table}]."
         )
-    found: dict[str, Any] = {name: 0.0 for name, since in _ADDED.items() if layout < since}
+    found: dict[str, Any] = {}
     for table in dict.fromkeys(quantity.table for quantity in QUANTITIES.values()):
         content = document.get(table, {})
         if not isinstance(content, dict):
@@ -127,18 +140,29 @@ def write(path: StrPath, parameters: Parameters, extra: Mapping[str, Any] | None
     return results.write(path, to_toml(parameters, Path(path).stem, extra))
 
 
+def document(path: StrPath) -> dict[str, Any]:
+    """What a drone's TOML file says.
+
+    Raises:
+        InputError: no file that can be read as text, or not TOML.
+    """
+    try:
+        text = inputs.text(path)
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(
+            f"{path}: no such drone; give a TOML file or one of: {', '.join(DRONES)}."
+        ) from error
+    return _parsed(text, str(path))
+
+
 def read(drone: StrPath) -> Parameters:
-    """Reads a TOML file, or returns a named drone.
+    """Reads a drone's parameters from its TOML file, or returns a named drone.
+
+    What else an identified drone's file says, `identification.drone_file` reads.
 
     Raises:
         InputError: neither a named drone nor a readable, valid file.
     """
     if str(drone) in DRONES:
         return DRONES[str(drone)]()
-    try:
-        text = inputs.text(drone)
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(
-            f"{drone}: no such drone; give a TOML file or one of: {', '.join(DRONES)}."
-        ) from error
-    return from_toml(text, str(drone))
+    return from_document(document(drone), str(drone))

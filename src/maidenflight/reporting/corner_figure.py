@@ -3,7 +3,7 @@
 ```python
 found = maidenflight.identify(flights)
 best = {name: estimate.value for name, estimate in found.estimates.items()}
-Path("corner.svg").write_text(corner(found.draws, best))
+Path("corner.svg").write_text(corner(found.posterior, best))
 ```
 
 `width` is that of the place where a picture will stand [px]. Letters keep their size, so a narrow

@@ -54,7 +54,7 @@ def loss_landscape(
 
     Args:
         search: a row an evaluation: values of the parameters [SI] and `objective`, as in
-            identification.csv and `Identification.history` of a replay.
+            identification.csv and `Identification.search` of a replay.
         estimates: optimum and interval by parameter; the best evaluation, without an interval,
             unless given.
         truth: what is true of a virtual drone: corners of a box, motor time constant and latency

@@ -4,7 +4,7 @@ import polars
 from markupsafe import Markup
 
 from maidenflight.experiments import flight_times, matrix
-from maidenflight.identification.prediction import NOTHING_CHANGES
+from maidenflight.identification.prediction import PERSISTENCE
 from maidenflight.reporting import tables
 from maidenflight.reporting.run import Run, viewable
 from maidenflight.reporting.tables import Cell
@@ -138,7 +138,7 @@ def errors(run: Run) -> Markup | str:
     baseline = {
         row["horizon"]: row
         for row in run.validation.iter_rows(named=True)
-        if row["model"] == NOTHING_CHANGES
+        if row["model"] == PERSISTENCE
     }
     rows = []
     for row in run.validation.iter_rows(named=True):

@@ -1,5 +1,6 @@
 """How a drone was identified: from which flights, by which gains, and with what left out."""
 
+import dataclasses
 from typing import NamedTuple
 
 import numpy as np
@@ -7,8 +8,7 @@ import polars
 from markupsafe import Markup
 
 from maidenflight.parameters import Parameters, component, crazyflie
-from maidenflight.reporting import tables, text
-from maidenflight.reporting.identified import source
+from maidenflight.reporting import identified, tables, text
 from maidenflight.reporting.run import Run, true_ends
 from maidenflight.reporting.tables import Cell
 
@@ -39,13 +39,11 @@ it."""
 
 def flights(run: Run) -> str:
     """How many flights there were, and what their commands were taken as."""
-    origin, found = run.origin, source(run.origin, ", ")
-    facts = [f"from {found}"] if found else []
-    if origin.windows is not None:
-        facts.append(f"cut into {text.plural(origin.windows, 'window')}")
-    parts = [f"Identified {', '.join(facts)}"] if facts else []
-    parts += [_COMMANDS[origin.commands]] if origin.commands else []
-    return "; ".join(parts)
+    if run.drone is None or run.drone.source is None or run.drone.search is None:
+        return ""
+    found = identified.flights(run.drone, run.kinds, ", ")
+    windows = text.plural(run.drone.search.windows, "window")
+    return f"Identified from {found}, cut into {windows}; {_COMMANDS[run.drone.source.commands]}"
 
 
 class Missed(NamedTuple):
@@ -73,7 +71,7 @@ def missed(run: Run) -> Missed | None:
 
 def _left_out(run: Run, reality: Parameters) -> list[str]:
     """Effects in which the virtual drone differs, and that were not sought or not found."""
-    drone = crazyflie() if run.drone is None else run.drone
+    drone = crazyflie() if run.drone is None else run.drone.parameters
     return [
         effect
         for effect, names in _EFFECTS.items()
@@ -87,28 +85,25 @@ def _left_out(run: Run, reality: Parameters) -> list[str]:
 
 def gains(run: Run) -> Markup | str:
     """Log-likelihood gain of each group of parameters, where the flights chose them."""
-    steps = run.origin.bought
-    if not steps:
+    found = () if run.drone is None else run.drone.gains
+    if not found:
         return ""
-    rows = [
-        [
-            tables.plain(step.group.replace("_", " ")),
-            Cell(
-                Markup("{} <small>± {}</small>").format(
-                    f"{step.gain:+.4f}".replace("-", "\N{MINUS SIGN}"),
-                    f"{step.error:.4f}" if text.error_known(step.gain, step.error) else "unknown",
-                ),
-                step.gain,
-            ),
-            tables.plain("yes" if step.kept else "no"),
-        ]
-        for step in steps
-    ]
+    rows = []
+    for group in found:
+        gain, error = text.with_error(group.log_likelihood_gain, group.standard_error)
+        shown = Markup("{} <small>± {}</small>").format(gain.replace("-", "\N{MINUS SIGN}"), error)
+        rows.append(
+            [
+                tables.plain(group.group.replace("_", " ")),
+                Cell(shown, group.log_likelihood_gain),
+                tables.plain("yes" if group.kept else "no"),
+            ]
+        )
     heads = [
         ("group", "Parameters"),
         ("gain", "Log-likelihood gain a row [nats]"),
         ("kept", "Kept"),
     ]
     return tables.sortable(
-        "gains", heads, rows, polars.DataFrame([each._asdict() for each in steps])
+        "gains", heads, rows, polars.DataFrame([dataclasses.asdict(group) for group in found])
     )

@@ -8,9 +8,9 @@ from typing import Any
 
 import polars
 
-from maidenflight.reporting import text
+from maidenflight.reporting import identified, text
 from maidenflight.reporting.flight_tables import is_matrix
-from maidenflight.reporting.identified import SIMULATED, Kinds, source
+from maidenflight.reporting.identified import SIMULATED, Kinds
 from maidenflight.reporting.run import Run
 
 NAMES = {
@@ -51,7 +51,7 @@ def _flown(run: Run) -> Kinds:
 def _drawn_from(run: Run) -> Kinds:
     """Kinds of the flights that parameters and errors come from."""
     validated = run.validation is not None or run.windows is not None
-    return (run.origin.kinds if run.estimates else frozenset()) | (
+    return (run.kinds if run.estimates else frozenset()) | (
         run.predicted if validated else frozenset()
     )
 
@@ -78,8 +78,8 @@ def title(run: Run) -> str:
     """The page's title, plain text."""
     if run.table is not None and is_matrix(run):
         return f"Zero-shot flights of {text.plural(run.table['policy'].n_unique(), 'policy')}"
-    if run.estimates and not (run.origin.kinds == SIMULATED and drones(run)):
-        found = source(run.origin, ", ")
+    if run.estimates and not (run.kinds == SIMULATED and drones(run)):
+        found = identified.flights(run.drone, run.kinds, ", ")
         return f"A drone identified from {found}" if found else "An identified drone"
     if drones(run) or kind(run) == "real":
         return f"Flights of {drones(run) or 'a real drone'}"
@@ -129,7 +129,7 @@ def _of_the_drone(run: Run) -> list[str]:
         )
         facts.append(
             f"{text.plural(len(run.estimates), 'parameter')} identified from "
-            f"{source(run.origin, ' (', ')') or 'flight logs'}{among}"
+            f"{identified.flights(run.drone, run.kinds, ' (', ')') or 'flight logs'}{among}"
         )
     return facts
 

@@ -4,9 +4,10 @@ import numpy as np
 import polars
 from markupsafe import Markup
 
+from maidenflight.identification.drone_file import Estimate
 from maidenflight.parameters import COMPONENTS, QUANTITIES, component
 from maidenflight.reporting import literature, tables, text
-from maidenflight.reporting.run import Estimate, Run, true_ends
+from maidenflight.reporting.run import Run, true_ends
 from maidenflight.reporting.tables import Cell
 
 _RANGES = {
@@ -61,56 +62,47 @@ def estimates(run: Run) -> Markup | str:
     """The identified parameters beside the truth, the paper and others."""
     if not run.estimates:
         return ""
-    spread = has_spread(run)
     heads: list[tuple[str, str]] = [("parameter", "Parameter"), ("value", "Identified")]
     heads += [("interval", "95 % interval")]
-    heads += [("spread", "Between segments")] if spread else []
+    heads += [("between_segment_sd", "Between segments")]
     heads += [("truth", "Truth")] if run.reality is not None else []
     heads += [("paper", "Paper"), ("others", "Others")]
-    rows = [_row(run, name, spread) for name in run.estimates]
-    file = [_in_si(run, name, spread) for name in run.estimates]
+    rows = [_row(run, name) for name in run.estimates]
+    file = [_in_si(run, name) for name in run.estimates]
     return tables.sortable(
         "estimates", heads, rows, polars.DataFrame(file, infer_schema_length=None)
     )
 
 
-def has_spread(run: Run) -> bool:
-    """Whether it is known of any parameter how it differs between segments of flight."""
-    return any(found.spread is not None for found in run.estimates.values())
-
-
-def _row(run: Run, name: str, spread: bool) -> list[Cell]:
+def _row(run: Run, name: str) -> list[Cell]:
     found, (scale, unit) = run.estimates[name], scaled(run, name)
     value, low, high = estimate(run, name)
     paper = literature.of_the_paper(name)
     cells = [_head(name, unit), Cell(Markup("<b>{}</b>").format(value), found.value)]
     cells.append(Cell(f"{low} .. {high}", found.interval[0]))
-    cells += [_spread(found, scale)] if spread else []
+    cells.append(_between_segments(found, scale))
     cells += [_truth(run, name, scale)] if run.reality is not None else []
     cells.append(Cell(text.number(paper * scale), paper))
     return [*cells, _range([each.value for each in literature.published(name)], scale)]
 
 
-def _in_si(run: Run, name: str, spread: bool) -> dict[str, str | float | None]:
+def _in_si(run: Run, name: str) -> dict[str, str | float | None]:
     """A row of the table's file."""
     found, others = run.estimates[name], [each.value for each in literature.published(name)]
     ends = true_ends(run, name) if run.reality is not None else (None, None)
     low, high = found.interval
     row: dict[str, str | float | None] = {"parameter": name, "unit": text.quantity(name).unit}
     row |= {"value": found.value, "low": low, "high": high}
-    row |= {"spread": found.spread} if spread else {}
+    row |= {"between_segment_sd": found.between_segment_sd}
     row |= {"truth": ends[0], "truth_to": ends[1], "paper": literature.of_the_paper(name)}
     row |= {"others_from": min(others, default=None), "others_to": max(others, default=None)}
     return row
 
 
-def _spread(found: Estimate, scale: float) -> Cell:
-    if found.spread is None:
-        return Cell(text.NOTHING, float("nan"))
-    return Cell(
-        f"{found.spread * scale:.{text.places(found.spread * scale) if found.spread else 0}f}",
-        found.spread,
-    )
+def _between_segments(found: Estimate, scale: float) -> Cell:
+    deviation = found.between_segment_sd * scale
+    shown = f"{deviation:.{text.places(deviation) if deviation else 0}f}"
+    return Cell(shown, found.between_segment_sd)
 
 
 def _range(values: list[float], scale: float) -> Cell:
@@ -144,7 +136,10 @@ def sources(run: Run) -> int:
 
 def constants(run: Run) -> Markup | str:
     """Every parameter of the identified drone and of the virtual one."""
-    drones = {"Identified": run.drone, "Truth": run.reality}
+    drones = {
+        "Identified": None if run.drone is None else run.drone.parameters,
+        "Truth": run.reality,
+    }
     known = {head: drone for head, drone in drones.items() if drone is not None}
     if not known:
         return ""

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import polars
 
-from maidenflight.identification.prediction import LOGGED, NOTHING_CHANGES
+from maidenflight.identification.prediction import LOGGED, PERSISTENCE
 from maidenflight.reporting import svg
 from maidenflight.reporting.svg import Panel
 from maidenflight.reporting.text import ERRORS, Shown
@@ -146,9 +146,9 @@ def windows(rows: polars.DataFrame, width: float = 720) -> str:
 
 def _looks(names: Sequence[str]) -> dict[str, tuple[str, str]]:
     """Look and colour of each model's line."""
-    models = [name for name in names if name != NOTHING_CHANGES]
+    models = [name for name in names if name != PERSISTENCE]
     looks = {name: _LOOKS[number % len(_LOOKS)] for number, name in enumerate(models)}
-    return looks | ({NOTHING_CHANGES: ("dotted", "soft")} if NOTHING_CHANGES in names else {})
+    return looks | ({PERSISTENCE: ("dotted", "soft")} if PERSISTENCE in names else {})
 
 
 def _line_legend(looks: Mapping[str, tuple[str, str]]) -> list[tuple[str, str]]:

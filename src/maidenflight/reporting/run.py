@@ -11,16 +11,18 @@ from typing import Any
 
 import numpy as np
 import polars
+from jaxtyping import Float
 
-from maidenflight import inputs, parameters, results, run_folder
+from maidenflight import results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.flights import log
 from maidenflight.flights.log import Flight
-from maidenflight.parameters import COMPONENTS, Parameters
+from maidenflight.identification import drone_file
+from maidenflight.identification.drone_file import DroneFile, Estimate
+from maidenflight.parameters import COMPONENTS, Parameters, component
 from maidenflight.reporting import identified, other_files
-from maidenflight.reporting.identified import SIMULATED, UNKNOWN, Kinds, Origin
-from maidenflight.reporting.identified import Estimate as Estimate
+from maidenflight.reporting.identified import SIMULATED, UNKNOWN, Kinds
 from maidenflight.run_folder import Table
 
 MOST = 300
@@ -38,16 +40,12 @@ class Run:
     """The first `MOST` flights that were recorded."""
     logs: int = 0
     """How many there are."""
-    drone: Parameters | None = None
-    estimates: Mapping[str, Estimate] = field(default_factory=dict)
-    origin: Origin = field(default_factory=Origin)
-    """The flights that they come from."""
-    objective: str = "replay"
-    """Which objective the identification searched, `replay` or `likelihood`."""
+    drone: DroneFile | None = None
+    """The identified drone."""
+    kinds: Kinds = UNKNOWN
+    """Whether the flights that it was identified from were of a simulated drone."""
     search: polars.DataFrame | None = None
-    """Its evaluations, a row each."""
-    posterior: Mapping[str, np.ndarray] = field(default_factory=dict)
-    """Draws of the identified parameters, SI units; an entry of each belongs together."""
+    """One row an evaluation of the identification's objective."""
     validation: polars.DataFrame | None = None
     """Errors of open-loop predictions; see `prediction_error`."""
     windows: polars.DataFrame | None = None
@@ -72,6 +70,22 @@ class Run:
     """Wall time of each stage."""
     other_files: Mapping[str, list[str]] = field(default_factory=dict)
     """Names of what else the folder holds, by kind."""
+
+    @property
+    def estimates(self) -> Mapping[str, Estimate]:
+        """The identified parameters, by name."""
+        return {} if self.drone is None else self.drone.estimates
+
+    @property
+    def posterior(self) -> Mapping[str, Float[np.ndarray, "N"]]:
+        """Posterior samples of the identified parameters."""
+        return {} if self.drone is None else self.drone.posterior
+
+    @property
+    def objective(self) -> str:
+        """What the identification optimised; `replay` where that is not known."""
+        found = None if self.drone is None else self.drone.search
+        return "replay" if found is None else found.objective
 
     @property
     def known(self) -> bool:
@@ -113,13 +127,11 @@ def read(folder: Path) -> Run:
     hidden = next(
         (place for place in (folder, home) if os.path.lexists(place / run_folder.REALITY)), folder
     )
-    reality = _drone(hidden / run_folder.REALITY, records)
+    truth = _drone(hidden / run_folder.REALITY, records)
+    reality = None if truth is None else truth.parameters
     recorded = run_folder.LOG.find(home) if home != tested or table is None else []
     recorded_flights = _logs(recorded[:MOST], records)
     drone = _drone(folder / run_folder.DRONE, records)
-    found_by = (
-        inputs.from_toml(run_folder.text(folder / run_folder.DRONE)) if drone is not None else {}
-    )
     trained = _folder(folder, run_folder.POLICIES)
     policies = {path.stem: run_folder.json_object(path) for path in run_folder.POLICY.find(trained)}
     for name, content in policies.items():
@@ -132,20 +144,21 @@ def read(folder: Path) -> Run:
         )
     validation = _table(folder / run_folder.VALIDATION.name, run_folder.VALIDATION, records)
     windows = _table(folder / run_folder.WINDOWS.name, run_folder.WINDOWS, records)
-    kinds = _kinds(recorded, recorded_flights, found_by, records, reality is not None)
+    logs = {
+        results.digest(path): bool(flight.simulated)
+        for path, flight in zip(recorded, recorded_flights, strict=False)
+    }
+    kinds, predicted = _kinds(logs, drone, records, reality is not None)
     found = Run(
         reality=reality,
         recorded=recorded_flights,
         logs=len(recorded),
         drone=drone,
-        estimates=identified.estimates(found_by, folder / run_folder.DRONE),
-        origin=identified.origin(found_by, kinds[0]),
-        objective=identified.objective(found_by, folder / run_folder.DRONE),
+        kinds=kinds,
         search=_search(folder / run_folder.EVALUATIONS.name),
-        posterior=identified.posterior(found_by, folder / run_folder.DRONE),
         validation=validation,
         windows=windows,
-        predicted=kinds[1],
+        predicted=predicted,
         policies=len(policies),
         controls={
             name: str(content["control"])
@@ -176,9 +189,8 @@ def _folder(folder: Path, *names: str) -> Path:
 
 
 def _kinds(
-    logs: Sequence[Path],
-    flights: Sequence[Flight],
-    drone: Mapping[str, Any],
+    logs: Mapping[str, bool],
+    drone: DroneFile | None,
     records: Mapping[str, Mapping[str, Any]],
     virtual: bool,
 ) -> tuple[Kinds, Kinds]:
@@ -186,20 +198,29 @@ def _kinds(
 
     By their logs, where these are in the folder.
     """
-    known: dict[str, bool | None] = {
-        results.digest(path): bool(flight.simulated)
-        for path, flight in zip(logs, flights, strict=False)
-    }
+    known: dict[str, bool | None] = dict(logs)
     otherwise = SIMULATED if virtual or (known and all(known.values())) else UNKNOWN
-    used = identified.inputs(drone.get("record"))
-    found = identified.kinds_of(used, known, otherwise)
-    own = identified.origin(drone, found).kinds
+    used = log_digests(records, run_folder.DRONE)
+    own = identified.kinds_identified(drone, identified.kinds_of(used, known, otherwise))
     if len(own) == 1:
         known |= dict.fromkeys(used, *own)
-    predicted = identified.inputs(
-        records.get(run_folder.VALIDATION.name) or records.get(run_folder.WINDOWS.name)
-    )
-    return found, identified.kinds_of(predicted, known, otherwise if own <= otherwise else UNKNOWN)
+    predicted = log_digests(records, run_folder.VALIDATION.name, run_folder.WINDOWS.name)
+    return own, identified.kinds_of(predicted, known, otherwise if own <= otherwise else UNKNOWN)
+
+
+def log_digests(records: Mapping[str, Mapping[str, Any]], *names: str) -> set[str]:
+    """Digests of the flight logs that the record of a file names.
+
+    Args:
+        records: see `Run.records`.
+        names: of files; the first that has a record counts.
+
+    Raises:
+        InputError: the record names its inputs in another way.
+    """
+    name = next((name for name in names if name in records), None)
+    found = {} if name is None else results.recorded_inputs(records[name], name)
+    return {digest for digest, file in found.items() if not file.endswith(".toml")}
 
 
 def holds_flights(folder: Path) -> bool:
@@ -218,16 +239,12 @@ def _keep(records: dict[str, Mapping[str, Any]], path: Path, record: Any) -> Non
         records[name] = record
 
 
-def _drone(path: Path, records: dict[str, Mapping[str, Any]]) -> Parameters | None:
+def _drone(path: Path, records: dict[str, Mapping[str, Any]]) -> DroneFile | None:
     if not os.path.lexists(path):
         return None
-    text = run_folder.text(path)
-    try:
-        record = inputs.from_toml(text).get("record")
-    except ValueError as error:
-        raise InputError(f"{path}: not valid TOML: {error}.") from error
-    _keep(records, path, record)
-    return parameters.from_toml(text, str(path))
+    found = drone_file.read(path)
+    _keep(records, path, found.record)
+    return found
 
 
 def _logs(paths: Sequence[Path], records: dict[str, Mapping[str, Any]]) -> tuple[Flight, ...]:
@@ -309,7 +326,7 @@ def true_ends(run: Run, name: str) -> tuple[float, float]:
     They differ where the drone has two values for what the model has one for.
     """
     assert run.reality is not None
-    same = float(parameters.component(run.reality, name))
+    same = float(component(run.reality, name))
     if name == "motor_time_constant" and "spin_down_ratio" not in run.estimates:
         return same, same * float(run.reality.spin_down_ratio)
     if name == "latency":

@@ -10,14 +10,13 @@ import polars
 from markupsafe import Markup
 
 from maidenflight import run_folder
-from maidenflight.flights.windows import BLOCK
+from maidenflight.flights.windows import SEGMENT_SECONDS
 from maidenflight.reporting import (
     corner_figure,
     delay_figures,
     flight_figures,
     flight_tables,
     identification_tables,
-    identified,
     lead,
     literature,
     literature_figure,
@@ -59,8 +58,7 @@ def parameters(run: Run) -> Markup:
         "parameters.html",
         source=identification_tables.flights(run),
         estimates=parameter_tables.estimates(run),
-        has_spread=parameter_tables.has_spread(run),
-        block=f"{BLOCK:g}",
+        segment_seconds=f"{SEGMENT_SECONDS:g}",
         missed=identification_tables.missed(run),
         paper=literature.PAPER,
         gains=identification_tables.gains(run),
@@ -145,7 +143,7 @@ def _held_out(run: Run) -> tuple[str, int | None]:
     Going by the records; `None` where they do not say.
     """
     predicted, used = (
-        identified.inputs(run.records.get(name))
+        runs.log_digests(run.records, name)
         for name in (run_folder.VALIDATION.name, run_folder.DRONE)
     )
     logs = text.plural(len(predicted), "log")

@@ -86,6 +86,14 @@ def places(width: float) -> int:
     return min(6, max(0, 1 - math.floor(math.log10(width)))) if width > 0 else 4
 
 
+def with_error(value: float, error: float | None) -> tuple[str, str]:
+    """A difference with its sign and its standard error, both to two digits of the error, from four
+    to nine decimals; `unknown` for an error that is not known.
+    """
+    decimals = min(9, max(4, 1 - math.floor(math.log10(error)))) if error else 4
+    return f"{value:+.{decimals}f}", "unknown" if error is None else f"{error:.{decimals}f}"
+
+
 def number(value: Any, digits: int = 4) -> str:
     """A number in few digits, without trailing zeros."""
     value = float(value)
@@ -97,11 +105,6 @@ def number(value: Any, digits: int = 4) -> str:
         power = str(int(exponent)).translate(_RAISED)
         shown = f"{mantissa} \N{MULTIPLICATION SIGN} 10{power}"
     return shown.replace("-", "\N{MINUS SIGN}")
-
-
-def error_known(gain: float, error: float) -> bool:
-    """Whether a gain has a standard error; of one segment it comes out as zero or as a rounding."""
-    return error > 1e-9 * abs(gain)
 
 
 def plural(count: int, noun: str) -> str:

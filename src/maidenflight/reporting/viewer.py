@@ -40,7 +40,7 @@ def held(run: Run) -> dict[str, Any]:
             "period": round(flight.period * every, 6),
         }
         packed.append({**about, **_packed(rows), "reference": references.index(reference)})
-    arm = float((run.drone or crazyflie()).arm_length)
+    arm = float((crazyflie() if run.drone is None else run.drone.parameters).arm_length)
     shape = {"arm": round(arm, 5), "rotors": geometry.ROTORS[:, :2].round(7).tolist()}
     return {**shape, "references": references, "flights": packed} if packed else {}
 

@@ -16,7 +16,7 @@ _IN_MS = ("motor_time_constant", "latency")
 
 def estimates(found: "Identification", truth: dict[str, str] | None = None) -> None:
     """Prints identified parameters, beside the truth where it is known."""
-    replayed = found.kind == "replay"
+    replayed = found.objective == "replay"
     rows: list[list[str]] = []
     for name, estimate in found.estimates.items():
         scale, unit = _scale(name, estimate.value)
@@ -28,7 +28,7 @@ def estimates(found: "Identification", truth: dict[str, str] | None = None) -> N
             name,
             shown(estimate.value),
             f"{shown(estimate.interval[0])} .. {shown(estimate.interval[1])}",
-            f"{float(f'{estimate.spread * scale:.2g}'):g}",
+            f"{float(f'{estimate.between_segment_sd * scale:.2g}'):g}",
         ]
         if replayed:
             row.append(
@@ -37,9 +37,7 @@ def estimates(found: "Identification", truth: dict[str, str] | None = None) -> N
                 else f"{shown(estimate.valley[0])} .. {shown(estimate.valley[1])}"
             )
             row.append(
-                f"{float(f'{estimate.trial_deviation * scale:.2g}'):g}"
-                if len(estimate.trials) > 1
-                else ""
+                f"{float(f'{estimate.trial_sd * scale:.2g}'):g}" if len(estimate.trials) > 1 else ""
             )
         if truth is not None:
             row.append(truth.get(name, "") if name in _IN_MS else shown(float(truth[name])))
@@ -91,14 +89,14 @@ def kept(found: "Identification", start: str) -> None:
 
 def reached_objective(found: "Identification", start: str) -> None:
     """Prints how well the identified drone fits, beside the one that the search began with."""
-    if found.kind == "replay":
+    if found.objective == "replay":
         fit = (
-            f"mean error of a replayed window {found.objective:.4g} "
-            f"({found.start_objective:.4g} for {start})"
+            f"mean error of a replayed window {found.value:.4g} "
+            f"({found.start_value:.4g} for {start})"
         )
     else:
         fit = (
-            f"log-likelihood {-found.objective:.4g} nats a row ({-found.start_objective:.4g} "
+            f"log-likelihood {-found.value:.4g} nats a row ({-found.start_value:.4g} "
             f"for {start}; more is better)"
         )
     print(f"{fit}, after {found.evaluations} evaluations of it in {found.seconds:.1f} s")
@@ -106,23 +104,21 @@ def reached_objective(found: "Identification", start: str) -> None:
 
 def gains(found: "Identification") -> None:
     """Prints the log-likelihood gain of each group of parameters, where the flights chose them."""
-    if not found.bought:
+    if not found.gains:
         return
-    from maidenflight.reporting.text import error_known
+    from maidenflight.reporting.text import with_error
 
-    known = [error_known(step.gain, step.error) for step in found.bought]
     rows = [
         [
-            step.group,
-            f"{step.gain:+.4f}",
-            f"{step.error:.4f}" if sure else "unknown",
-            "kept" if step.kept else "not kept",
+            group.group,
+            *with_error(group.log_likelihood_gain, group.standard_error),
+            "kept" if group.kept else "not kept",
         ]
-        for step, sure in zip(found.bought, known, strict=True)
+        for group in found.gains
     ]
     heads = ["parameters", "gain a row\n(nats)", "standard\nerror", ""]
     table("Log-likelihood gain on held-out flights", heads, rows)
-    if not all(known):
+    if any(group.standard_error is None for group in found.gains):
         print("unknown: one held-out segment of flight gives no standard error; give more flights.")
 
 
@@ -131,13 +127,11 @@ def predictions(errors: "DataFrame", simulated: bool) -> None:
 
     `*` marks what is worse than the persistence baseline.
     """
-    from maidenflight.identification.prediction import NOTHING_CHANGES
+    from maidenflight.identification.prediction import PERSISTENCE
     from maidenflight.reporting.text import ERRORS
 
     baseline = {
-        row["horizon"]: row
-        for row in errors.iter_rows(named=True)
-        if row["model"] == NOTHING_CHANGES
+        row["horizon"]: row for row in errors.iter_rows(named=True) if row["model"] == PERSISTENCE
     }
     rows: list[list[str]] = []
     for row in errors.iter_rows(named=True):
@@ -161,4 +155,4 @@ def predictions(errors: "DataFrame", simulated: bool) -> None:
     )
     table(title, ["ahead", "model", *heads], rows, numbers_from=2)
     if any(cell.startswith("*") for row in rows for cell in row[2:]):
-        print(f"* worse than predicting that {NOTHING_CHANGES}")
+        print(f"* worse than the baseline, {PERSISTENCE}")

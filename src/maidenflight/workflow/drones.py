@@ -1,13 +1,10 @@
 """Drones by the words of a command line: what to train over and what to predict for."""
 
-import tomllib
-from pathlib import Path
-from typing import Any
-
 import jax
 import numpy as np
 
-from maidenflight import parameters
+from maidenflight.identification import drone_file
+from maidenflight.identification.drone_file import DroneFile
 from maidenflight.identification.ensembles import TRIM, posterior_ensemble, trim_ensemble
 from maidenflight.inputs import StrPath
 from maidenflight.parameters import Parameters
@@ -22,7 +19,7 @@ from maidenflight.simulator.randomization import (
 )
 
 POSTERIOR = "posterior"
-"""Randomize over the drones that the flights of an identified drone leave possible."""
+"""Randomize over the posterior samples of an identified drone."""
 
 TRIMS = "trim"
 """Predict for drones whose constant torques differ as they did between the flights that the drone
@@ -35,52 +32,44 @@ POSSIBLE = 256
 """Drones drawn from a box, of which each predicted flight flies one."""
 
 
-def randomized(drone: StrPath, randomization: float | str, controller: Controller) -> Distribution:
+def randomized(
+    drone: StrPath | DroneFile, randomization: float | str, controller: Controller
+) -> Distribution:
     """Drones to train over, simulated in steps that divide the controller's period.
 
-    See `train_for`.
+    Args:
+        drone: a drone file, its path, or a named drone.
+        randomization: half width of the box about the drone as a share of each parameter, or
+            `POSTERIOR` or `WIDE`; see `train_for`.
+        controller: its period is what physics steps must divide.
     """
-    centre = control.in_fitting_steps(parameters.read(drone), controller)
+    file = drone if isinstance(drone, DroneFile) else drone_file.read(drone)
+    centre = control.in_fitting_steps(file.parameters, controller)
     if randomization == POSTERIOR:
-        return posterior_ensemble(centre, table(drone, "posterior"), str(drone))
+        return posterior_ensemble(centre, file.posterior, file.name)
     if randomization == WIDE:
-        known = table(drone, "identification")
-        return wide_box(
-            centre, controller.name, [known.get(name, {}).get("spread", 0.0) for name in TRIM]
-        )
+        trims = [file.estimates.get(name) for name in TRIM]
+        deviations = [0.0 if trim is None else trim.between_segment_sd for trim in trims]
+        return wide_box(centre, controller.name, deviations)
     return relative_box(centre, float(randomization))
 
 
 def usual_randomization(drone: StrPath) -> float | str:
-    """What predictions are randomized over where nobody says."""
-    told = table(drone, "identification")
-    return TRIMS if any("spread" in told.get(name, {}) for name in TRIM) else 0.0
+    """What predictions are randomized over unless the user says."""
+    return TRIMS if set(TRIM) & set(drone_file.read(drone).estimates) else 0.0
 
 
 def possible_drones(drone: StrPath, randomization: float | str, seed: int) -> Parameters:
     """What `randomization` makes of a drone, as `predict_with` understands it: a point, or drones
     stacked along a first axis.
     """
+    file = drone_file.read(drone)
     if not randomization:
-        return parameters.read(drone)
+        return file.parameters
     if randomization == TRIMS:
-        return trim_ensemble(
-            parameters.read(drone), table(drone, "identification"), str(drone)
-        ).drones
-    distribution = randomized(drone, randomization, control.pwm())
+        return trim_ensemble(file.parameters, file.estimates, file.name).drones
+    distribution = randomized(file, randomization, control.pwm())
     if isinstance(distribution, Ensemble):
         return distribution.drones
     keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), 1), POSSIBLE)
     return jax.tree.map(np.asarray, jax.vmap(lambda key: randomize(distribution, key))(keys))
-
-
-def table(drone: StrPath, title: str) -> dict[str, Any]:
-    """A further table of a drone's TOML file.
-
-    Empty where it has none, or the drone is a named one.
-    """
-    return (
-        tomllib.loads(Path(drone).read_text(encoding="utf-8")).get(title, {})
-        if Path(drone).is_file()
-        else {}
-    )

@@ -11,16 +11,16 @@ import polars
 from maidenflight import parameters, results, run_folder
 from maidenflight.flights import log, recording
 from maidenflight.flights.reading import COMMANDS, MOST, Flights, read_flights
+from maidenflight.identification import drone_file
+from maidenflight.identification.drone_file import DroneFile, GroupGain
 from maidenflight.identification.estimates import Identification
 from maidenflight.identification.identify import identify
 from maidenflight.identification.likelihood import Likelihood, log_likelihood
 from maidenflight.identification.prediction import predicted_windows, prediction_error
 from maidenflight.identification.replay import Replay
-from maidenflight.identification.selection import Step
 from maidenflight.inputs import StrPath
 from maidenflight.simulator.reality import AnyReality
 from maidenflight.simulator.virtual_drone import VirtualDrone
-from maidenflight.workflow.drones import table
 
 
 def record(
@@ -45,7 +45,7 @@ def record(
     made = results.record(seed=seed, inputs=[], settings=settings)
     flown = recording.record(drone, jax.random.key(seed), count, duration, excitation)
     if isinstance(drone, VirtualDrone):
-        parameters.write(truth, drone.parameters, {"record": made})
+        DroneFile(drone.parameters, record=made).write(truth)
     else:
         Path(truth).unlink(missing_ok=True)
     written = [log.write(Path(folder) / f"{flight.name}.csv", flight, made) for flight in flown]
@@ -75,7 +75,7 @@ def identify_from(
     reading: Reading | None = None,
     on_file: Callable[[int, int], None] | None = None,
     on_evaluation: Callable[[int, int], None] | None = None,
-    on_group: Callable[[Step], None] | None = None,
+    on_group: Callable[[GroupGain], None] | None = None,
 ) -> tuple[Flights, Identification]:
     """Identifies a drone from logs.
 
@@ -101,14 +101,14 @@ def identify_from(
         settings={
             "start": Path(start).name,
             "over": over if isinstance(over, str) else list(over or found.estimates),
-            "objective": found.kind,
+            "objective": found.objective,
             **dataclasses.asdict(settings),
             **dataclasses.asdict(reading),
             "bounds": {name: list(pair) for name, pair in (bounds or {}).items()},
         },
     )
     found.write(output, made)
-    run_folder.EVALUATIONS.write(run_folder.beside(output), found.history)
+    run_folder.EVALUATIONS.write(run_folder.beside(output), found.search)
     return flights, found
 
 
@@ -126,15 +126,16 @@ def validate_with(
     Writes the errors to `output` as CSV.
 
     Beside it, as `NAME_windows.csv`, it writes a few windows row by row. Of more than `MOST`
-    seconds of flight, stretches are predicted. `commands`: see `read_flights`; what the drone was
+    seconds of flight, segments are predicted. `commands`: see `read_flights`; what the drone was
     identified from unless given.
 
     Returns:
         The flights, the errors as `prediction_error` gives them, and notes for the user.
     """
-    models = {Path(drone).name: parameters.read(drone), "paper's crazyflie": parameters.crazyflie()}
-    known = table(drone, "identification").get("commands")
+    file = drone_file.read(drone)
+    models = {Path(drone).name: file.parameters, "paper's crazyflie": parameters.crazyflie()}
     flights = read_flights(logs, on_file, MOST, commands=commands)
+    known = None if file.source is None else file.source.commands
     if commands is None and known in COMMANDS and all(flight.assumed for flight in flights):
         flights = read_flights(logs, None, MOST, commands=known)
     errors = prediction_error(flights, models, horizons, key=jax.random.key(seed))
@@ -145,22 +146,18 @@ def validate_with(
     run_folder.VALIDATION.write(output, errors, made)
     run_folder.WINDOWS.write(run_folder.windows_beside(output), drawn, made)
     likelihoods = {name: log_likelihood(flights.flights, model) for name, model in models.items()}
-    told = ", ".join(f"{name} {value:.2f}" for name, value in likelihoods.items())
-    judged = f"log likelihood of a row [nats], of two drones the better one has more: {told}"
-    return flights, errors, [judged, *(_not_held_out(drone, flights) if inputs else [])]
+    compared = ", ".join(f"{name} {value:.2f}" for name, value in likelihoods.items())
+    judged = f"log likelihood of a row [nats], more is better: {compared}"
+    return flights, errors, [judged, *_not_held_out(file, flights)]
 
 
-def _not_held_out(drone: StrPath, flights: Flights) -> list[str]:
-    """Says so if a drone was identified from some of the flights, going by the record in its
-    file.
-    """
-    used = {
-        str(entry).rpartition("sha256:")[2] for entry in table(drone, "record").get("inputs", [])
-    }
+def _not_held_out(drone: DroneFile, flights: Flights) -> list[str]:
+    """Says so if a drone was identified from some of the flights, going by its record."""
+    used = results.recorded_inputs(drone.record, drone.name)
     seen = sum(results.digest(path) in used for path in flights.paths)
     if seen == 0:
         return []
     return [
-        f"{Path(drone).name} was identified from {seen} of these {len(flights.paths)} files; how "
-        "well it predicts those is no test."
+        f"{Path(drone.name).name} was identified from {seen} of these {len(flights.paths)} files; "
+        "how well it predicts those is no test."
     ]

@@ -13,6 +13,7 @@ from maidenflight import parameters, policy, results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import transfer
 from maidenflight.flights.log import Flight
+from maidenflight.identification import drone_file
 from maidenflight.inputs import StrPath
 from maidenflight.policy import Policy
 from maidenflight.simulator import control, tasks
@@ -21,7 +22,7 @@ from maidenflight.training import loggers
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.ppo import PPO
 from maidenflight.training.train import Progress, Settings, recorded, train
-from maidenflight.workflow.drones import randomized, table
+from maidenflight.workflow.drones import randomized
 
 WATCHED_DURATION_S = 10.0
 """Longest flight that is shown of a policy in training [s]."""
@@ -104,7 +105,8 @@ def train_for(
     if resume and not saved.exists():
         raise InputError(f"{saved}: no training to resume. {_how_to_start(Path(folder))}")
     controller = control.CONTROLLERS[structure]()
-    box = randomized(drone, randomization, controller)
+    file = drone_file.read(drone)
+    box = randomized(file, randomization, controller)
     rows: list[dict[str, Any]] = []
 
     def note(progress: Progress) -> None:
@@ -127,7 +129,7 @@ def train_for(
         "randomization": randomization,
         "policies": count,
         "history": history,
-        "full": table(drone, "identification").get("full"),
+        "full": None if file.source is None else file.source.full_scale_counts,
         "yaw_penalty": yaw_penalty or None,
         **recorded(settings),
     }

@@ -1,0 +1,295 @@
+"""The drone file: parameters, and how they were identified, as a TOML file.
+
+`DroneFile` holds all that such a file says. `read` is the one reader and `DroneFile.write` the one
+writer; a damaged file is refused with its name, what is wrong, and what to do.
+
+```toml
+format = 3
+[motors] # [body], [sensors], [battery], [simulation]: the parameters
+
+[identification] # how they were found, if they were
+objective = "likelihood"
+[identification.source] # the flights
+[identification.estimates.latency] # value, interval, ...
+[[identification.gains]] # log-likelihood gain of each group of parameters
+
+[posterior] # samples of the identified parameters
+[record] # version, seed, inputs and settings
+```
+"""
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from maidenflight import inputs, parameters, results
+from maidenflight.errors import InputError
+from maidenflight.inputs import Fields, StrPath
+from maidenflight.parameters import COMPONENTS, DRONES, Parameters
+from maidenflight.simulator.battery import MOST_COUNTS
+
+OBJECTIVES = ("likelihood", "replay")
+"""What an identification optimises."""
+COMMANDS = ("held", "sampled", "held and sampled")
+"""What the commands of an identification's logs stood for."""
+SAVED = 200
+"""Samples of the posterior that a file holds."""
+_MOST_SECONDS = 1e9
+"""What no time of flight comes near [s]."""
+_CURE = "Identify again."
+"""What to do where a file is damaged."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One identified parameter, in its SI unit."""
+
+    value: float
+    """The best of all trials."""
+    interval: tuple[float, float]
+    """95 % interval, from how segments of flight differ."""
+    trials: tuple[float, ...]
+    """Best value of each trial of the optimiser; how they differ shows how well it optimises."""
+    between_segment_sd: float
+    """Standard deviation between segments of flight, beyond noise: how much the drone itself, or
+    what the model lacks, varies."""
+    valley: tuple[float, float] | None = None
+    """Lowest and highest value at which, the other parameters at their best, a replay's objective
+    is at most 1 % above its lowest; `None` for a likelihood."""
+
+    @property
+    def trial_mean(self) -> float:
+        """Mean over the trials, as in the paper's table."""
+        return float(np.mean(self.trials))
+
+    @property
+    def trial_sd(self) -> float:
+        """Standard deviation over the trials, as in the paper's table."""
+        return float(np.std(self.trials))
+
+
+@dataclass(frozen=True)
+class GroupGain:
+    """The log-likelihood gain of adding a group of parameters, on held-out flights."""
+
+    group: str
+    """Its name, of `selection.GROUPS`."""
+    log_likelihood_gain: float
+    """Mean gain of a row [nats]."""
+    standard_error: float | None
+    """Standard error of that gain, over segments of flight [nats]; `None` of a single segment."""
+    kept: bool
+    """Whether the parameters were identified."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """The flights that an identification rests on."""
+
+    flights: int
+    """How many; segments of one count as one."""
+    seconds: float
+    """Flight that was used [s]."""
+    simulated: bool
+    """Whether any of it was."""
+    commands: str
+    """What logged commands stood for, of `COMMANDS`."""
+    full_scale_counts: float
+    """Counts of a Crazyflie's firmware that u = 1 stands for."""
+
+
+@dataclass(frozen=True)
+class Search:
+    """How the values were found."""
+
+    objective: str
+    """What was optimised, of `OBJECTIVES`."""
+    value: float
+    """Of the objective at the optimum: mean loss of a window of a replay, minus the mean log
+    likelihood of a row [nats]."""
+    windows: int
+    """Windows that the flights were cut into."""
+    evaluations: int
+    """Evaluations of the objective."""
+
+
+@dataclass(frozen=True)
+class DroneFile:
+    """All that a drone file says."""
+
+    parameters: Parameters
+    """The drone."""
+    estimates: Mapping[str, Estimate] = field(default_factory=dict)
+    """The identified parameters, by name; none for a drone that was not identified."""
+    posterior: Mapping[str, Float[np.ndarray, "N"]] = field(default_factory=dict)
+    """Posterior samples of the identified parameters, SI units; the n-th entries of all belong
+    together."""
+    source: Source | None = None
+    """The flights, of an identified drone."""
+    search: Search | None = None
+    """How the values were found, of an identified drone."""
+    gains: tuple[GroupGain, ...] = ()
+    """Gain of each group of parameters that was tried, where the flights chose them."""
+    record: Mapping[str, Any] = field(default_factory=dict)
+    """How the file was made; see `results.record`."""
+    name: str = "drone.toml"
+    """Of the file as it was given, for errors."""
+
+    def to_toml(self, name: str) -> str:
+        """The TOML text of a drone of that name, the same for the same content."""
+        extra: dict[str, Any] = {}
+        if self.source is not None and self.search is not None:
+            extra["identification"] = {
+                **_table(self.search),
+                "source": _table(self.source),
+                "estimates": {name: _table(one) for name, one in self.estimates.items()},
+            }
+            if self.gains:
+                extra["identification"]["gains"] = [_table(gain) for gain in self.gains]
+        if self.posterior:
+            samples = np.stack(list(self.posterior.values()), axis=1)[:SAVED]
+            extra["posterior"] = {
+                "names": list(self.posterior),
+                "samples": [_plain(row) for row in samples.tolist()],
+            }
+        if self.record:
+            extra["record"] = dict(self.record)
+        return parameters.to_toml(self.parameters, name, extra)
+
+    def write(self, path: StrPath) -> Path:
+        """Writes the file; the drone is named after it.
+
+        Raises:
+            WriteError: the file cannot be written.
+        """
+        return results.write(path, self.to_toml(Path(path).stem))
+
+
+def read(drone: StrPath) -> DroneFile:
+    """Reads a drone file, or returns a named drone.
+
+    Raises:
+        InputError: neither a named drone nor a readable file, or something in it is damaged.
+    """
+    if str(drone) in DRONES:
+        return DroneFile(parameters.read(drone), name=str(drone))
+    document = parameters.document(drone)
+    where = str(drone)
+    found = DroneFile(
+        parameters.from_document(document, where),
+        posterior=_posterior(document, where),
+        record=_record(document, where),
+        name=where,
+    )
+    if "identification" not in document:
+        return found
+    table = Fields(document["identification"], where, "identification", _CURE)
+    estimates, source = table.table("estimates"), table.table("source")
+    gains = tuple(map(_gain, table.tables("gains")))
+    found = dataclasses.replace(
+        found,
+        estimates={name: _estimate(estimates, name) for name in estimates.content},
+        source=_source(source),
+        search=Search(
+            table.choice("objective", OBJECTIVES),
+            table.number("value"),
+            table.count("windows"),
+            table.count("evaluations"),
+        ),
+        gains=gains,
+    )
+    table.end()
+    return found
+
+
+def _table(content: Any) -> dict[str, Any]:
+    """Fields of a dataclass as TOML holds them; without those that are `None`."""
+    return {
+        name: _plain(value)
+        for name, value in dataclasses.asdict(content).items()
+        if value is not None
+    }
+
+
+def _plain(value: Any) -> Any:
+    """Numbers to six digits, which no interval is as narrow as."""
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    return float(f"{value:.6g}") if isinstance(value, float) else value
+
+
+def _estimate(estimates: Fields, name: str) -> Estimate:
+    table = estimates.table(name)
+    if name not in COMPONENTS:
+        raise table.refused(name, "a parameter of a drone as its title")
+    found = Estimate(
+        table.number("value"),
+        table.ends("interval"),
+        table.numbers("trials"),
+        table.number("between_segment_sd", 0.0),
+        table.ends("valley") if "valley" in table.content else None,
+    )
+    table.end()
+    return found
+
+
+def _source(table: Fields) -> Source:
+    found = Source(
+        table.count("flights"),
+        table.number("seconds", 0.0, _MOST_SECONDS),
+        table.flag("simulated"),
+        table.choice("commands", COMMANDS),
+        table.number("full_scale_counts", 1.0, MOST_COUNTS),
+    )
+    table.end()
+    return found
+
+
+def _gain(table: Fields) -> GroupGain:
+    found = GroupGain(
+        table.text("group"),
+        table.number("log_likelihood_gain"),
+        table.number("standard_error", 0.0) if "standard_error" in table.content else None,
+        table.flag("kept"),
+    )
+    table.end()
+    return found
+
+
+def _posterior(document: Mapping[str, Any], where: str) -> dict[str, np.ndarray]:
+    if "posterior" not in document:
+        return {}
+    table = Fields(document["posterior"], where, "posterior", _CURE)
+    names, rows = table.get("names"), table.get("samples")
+    table.end()
+    sound = (
+        isinstance(names, list)
+        and isinstance(rows, list)
+        and names
+        and rows
+        and all(isinstance(name, str) and name in COMPONENTS for name in names)
+        and len(set(names)) == len(names)
+        and all(
+            isinstance(row, list) and len(row) == len(names) and all(map(inputs.is_number, row))
+            for row in rows
+        )
+    )
+    if not sound or not names:
+        raise InputError(
+            f"{where}: [posterior] needs names = parameters and samples = [[a number for each of "
+            "them], ...]. Identify again."
+        )
+    return dict(zip(names, np.array(rows, np.float64).T, strict=True))
+
+
+def _record(document: Mapping[str, Any], where: str) -> dict[str, Any]:
+    record = document.get("record", {})
+    if not isinstance(record, dict):
+        raise InputError(f"{where}: record is a value, expected a table [record]. Remove it.")
+    results.recorded_inputs(record, where)
+    return record

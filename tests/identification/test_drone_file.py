@@ -1,0 +1,234 @@
+"""Drone files: what is written is read back, and what is damaged is refused by name."""
+
+import dataclasses
+import re
+from typing import Any
+
+import jax
+import numpy as np
+import pytest
+
+from maidenflight import cli, parameters, policy, workflow
+from maidenflight.errors import InputError
+from maidenflight.identification import drone_file
+from maidenflight.identification.drone_file import (
+    SAVED,
+    DroneFile,
+    Estimate,
+    GroupGain,
+    Search,
+    Source,
+)
+from maidenflight.parameters import QUANTITIES, crazyflie
+from maidenflight.reporting.page import report
+
+WHOLE = DroneFile(
+    crazyflie(),
+    {
+        "latency": Estimate(0.018, (0.01, 0.02), (0.018, 0.019), 0.002),
+        "torque_bias_x": Estimate(1e-5, (0.0, 2e-5), (1e-5,), 3e-6, (-1e-5, 3e-5)),
+    },
+    {"latency": np.array([0.018, 0.019]), "torque_bias_x": np.array([1e-5, 0.0])},
+    Source(4, 120.0, True, "sampled", 65535.0),
+    Search("likelihood", -15.4, 116, 3),
+    (GroupGain("drag", 0.098, 0.0054, True), GroupGain("torque_bias", -1e-5, None, False)),
+    {"version": "0.1.0", "seed": 7, "inputs": ["flight_01.csv sha256:ab12"], "settings": {}},
+)
+TEXT = WHOLE.to_toml("mine")
+
+
+def same(one: DroneFile, other: DroneFile) -> None:
+    for name in QUANTITIES:
+        np.testing.assert_array_equal(
+            getattr(one.parameters, name), getattr(other.parameters, name)
+        )
+    assert list(one.posterior) == list(other.posterior)
+    for name, values in one.posterior.items():
+        np.testing.assert_allclose(values, other.posterior[name], rtol=1e-5)
+    rest = ("estimates", "source", "search", "gains", "record")
+    assert [getattr(one, name) for name in rest] == [getattr(other, name) for name in rest]
+
+
+def test_a_file_reads_back_as_it_was_written(tmp_path):
+    path = WHOLE.write(tmp_path / "mine.toml")
+    assert path.read_text() == TEXT
+    same(drone_file.read(path), WHOLE)
+    assert drone_file.read(path).to_toml("mine") == TEXT
+
+
+def test_a_plain_drone_and_a_named_one_were_not_identified(tmp_path):
+    for file in (
+        drone_file.read("crazyflie"),
+        drone_file.read(DroneFile(crazyflie()).write(tmp_path / "plain.toml")),
+    ):
+        same(file, DroneFile(crazyflie()))
+
+
+def test_a_file_holds_some_of_many_samples(tmp_path):
+    many = dataclasses.replace(WHOLE, posterior={"latency": np.linspace(0.01, 0.02, 3 * SAVED)})
+    found = drone_file.read(many.write(tmp_path / "mine.toml")).posterior["latency"]
+    np.testing.assert_allclose(found, many.posterior["latency"][:SAVED], rtol=1e-5)
+
+
+def swapped(pattern: str, by: str) -> str:
+    found, count = re.subn(pattern, by, TEXT, count=1, flags=re.MULTILINE | re.DOTALL)
+    assert count == 1, pattern
+    return found
+
+
+def without(table: str) -> str:
+    """The text without a table and those in it."""
+    return re.sub(
+        rf"\[+{re.escape(table)}[\].].*?(?=\n\[(?!{re.escape(table)})|\Z)",
+        "",
+        TEXT,
+        flags=re.DOTALL,
+    )
+
+
+DAMAGED = {
+    "truncated in a number": TEXT[: TEXT.index("interval") + 12],
+    "truncated in a table": TEXT[: TEXT.index("[identification.source]") + 5],
+    "no text": "\x00\x01",
+    "empty": "",
+    "identification = 3": without("identification").replace(
+        "name = ", "identification = 3\nname = ", 1
+    ),
+    "record = 3": without("record").replace("name = ", "record = 3\nname = ", 1),
+    "posterior = 3": without("posterior").replace("name = ", "posterior = 3\nname = ", 1),
+    "no source": without("identification.source"),
+    "no estimates": without("identification.estimates"),
+    "value is a text": swapped(r"^value = 0\.018", 'value = "0.018"'),
+    "value is true": swapped(r"^value = 0\.018", "value = true"),
+    "value is nan": swapped(r"^value = 0\.018", "value = nan"),
+    "value is infinite": swapped(r"^value = 0\.018", "value = inf"),
+    "value is huge": swapped(r"^value = 0\.018", f"value = 1{'0' * 400}"),
+    "no value": swapped(r"^value = 0\.018\n", ""),
+    "an interval upside down": swapped(r"^interval = \[0\.01, 0\.02\]", "interval = [0.02, 0.01]"),
+    "an interval of one": swapped(r"^interval = \[0\.01, 0\.02\]", "interval = [0.02]"),
+    "an interval is a number": swapped(r"^interval = \[0\.01, 0\.02\]", "interval = 0.02"),
+    "no trials": swapped(r"^trials = \[0\.018, 0\.019\]", "trials = []"),
+    "a deviation below zero": swapped(r"^between_segment_sd = 0\.002", "between_segment_sd = -1.0"),
+    "a misspelt entry": swapped(r"^between_segment_sd", "betwen_segment_sd"),
+    "an entry too many": swapped(r"^value = 0\.018", "value = 0.018\nspread = 1.0"),
+    "an unknown parameter": swapped(r"estimates\.latency\]", "estimates.k_F]"),
+    "an estimate is a number": swapped(
+        r"^\[identification\.estimates\.latency\].*?(?=\n\[)",
+        "[identification.estimates]\nlatency = 3",
+    ),
+    "no flights": swapped(r"^flights = 4", "flights = 0"),
+    "half a flight": swapped(r"^flights = 4", "flights = 4.5"),
+    "seconds before the start": swapped(r"^seconds = 120\.0", "seconds = -1.0"),
+    "seconds are nan": swapped(r"^seconds = 120\.0", "seconds = nan"),
+    "simulated is a number": swapped(r"^simulated = true", "simulated = 1"),
+    "unknown commands": swapped(r'^commands = "sampled"', 'commands = "all"'),
+    "commands are a list": swapped(r'^commands = "sampled"', 'commands = ["sampled"]'),
+    "too many counts": swapped(r"^full_scale_counts = 65535\.0", "full_scale_counts = 1e9"),
+    "counts are a text": swapped(r"^full_scale_counts = 65535\.0", 'full_scale_counts = "all"'),
+    "an unknown objective": swapped(r'^objective = "likelihood"', 'objective = "guess"'),
+    "gains are a number": swapped(
+        r"^\[\[identification\.gains\]\].*?(?=\n\[posterior)", ""
+    ).replace("[identification]\n", "[identification]\ngains = 3\n"),
+    "a gain is infinite": swapped(r"^log_likelihood_gain = 0\.098", "log_likelihood_gain = -inf"),
+    "kept is a text": swapped(r"^kept = true", 'kept = "yes"'),
+    "samples of an unknown parameter": swapped(r'^names = \["latency"', 'names = ["speed"'),
+    "samples of one parameter twice": swapped(
+        r'^names = \["latency", "torque_bias_x"\]', 'names = ["latency", "latency"]'
+    ),
+    "names are a text": swapped(r"^names = \[.*?\]", 'names = "latency"'),
+    "samples of unequal length": swapped(r"^samples = \[\[0\.018, ", "samples = [["),
+    "a sample is nan": swapped(r"^samples = \[\[0\.018, ", "samples = [[nan, "),
+    "no samples": swapped(r"^samples = \[\[.*?\]\]", "samples = []"),
+    "samples are a number": swapped(r"^samples = \[\[.*?\]\]", "samples = 3"),
+    "inputs are numbers": swapped(r"^inputs = \[.*?\]", "inputs = [3]"),
+    "inputs have no digest": swapped(r"^inputs = \[.*?\]", 'inputs = ["flight_01.csv"]'),
+    "another format": swapped(r"^format = 3", "format = 2"),
+    "mass is a text": swapped(r"^mass = 0\.028", 'mass = "light"'),
+    "mass is nan": swapped(r"^mass = 0\.028", "mass = nan"),
+}
+
+
+@pytest.fixture(params=DAMAGED)
+def damaged(request, tmp_path):
+    path = tmp_path / "drone.toml"
+    path.write_text(DAMAGED[request.param])
+    return path
+
+
+def test_a_damaged_file_is_refused_by_its_name(damaged):
+    with pytest.raises(InputError, match=re.escape(str(damaged))):
+        drone_file.read(damaged)
+
+
+def test_a_file_that_is_no_text_or_not_there_is_refused(tmp_path):
+    (tmp_path / "drone.toml").write_bytes(b"\xff\xfe\xff")
+    for path in (tmp_path / "drone.toml", tmp_path / "none.toml", tmp_path):
+        with pytest.raises(InputError, match=re.escape(str(path))):
+            drone_file.read(path)
+
+
+def test_a_report_of_a_damaged_file_is_refused(damaged, tmp_path):
+    with pytest.raises(InputError, match=re.escape(str(damaged))):
+        report(tmp_path, tmp_path / "report.html")
+
+
+def test_a_policy_is_neither_trained_nor_predicted_for_a_damaged_file(damaged, tmp_path):
+    for randomization in (0.1, workflow.POSTERIOR, workflow.WIDE):
+        with pytest.raises(InputError, match=re.escape(str(damaged))):
+            workflow.train_for(
+                damaged, 0, tmp_path / "made", 1, workflow.SETTINGS["pwm"], randomization
+            )
+    for randomization in (0.0, workflow.POSTERIOR, workflow.TRIMS):
+        with pytest.raises(InputError, match=re.escape(str(damaged))):
+            workflow.possible_drones(damaged, randomization, 0)
+    with pytest.raises(InputError, match=re.escape(str(damaged))):
+        workflow.usual_randomization(damaged)
+
+
+@pytest.fixture(scope="module")
+def policies(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("policies")
+    policy.write(folder / "policy_1.json", policy.untrained(jax.random.key(0), (3,)))
+    return folder
+
+
+@pytest.mark.parametrize("which", ["truncated in a number", "identification = 3", "mass is nan"])
+@pytest.mark.parametrize(
+    "command",
+    [
+        "predict {policies} --drone {drone} -o {made}.csv",
+        "train --drone {drone} -o {made}",
+        "report {folder}",
+        "validate {drone} {folder} -o {made}.csv",
+    ],
+)
+def test_a_command_ends_with_one_line_and_2(
+    command: str, which: str, policies: Any, tmp_path: Any, monkeypatch: Any, capsys: Any
+) -> None:
+    drone = tmp_path / "drone.toml"
+    drone.write_text(DAMAGED[which])
+    given = {"policies": policies, "drone": drone, "made": tmp_path / "made", "folder": tmp_path}
+    monkeypatch.setattr(
+        "sys.argv", ["maidenflight", *(word.format(**given) for word in command.split())]
+    )
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == 2
+    err = capsys.readouterr().err.splitlines()
+    assert len(err) == 1
+    assert str(drone) in err[0]
+
+
+@pytest.mark.parametrize("which", ["truncated in a number", "mass is nan", "no text"])
+def test_a_reality_of_a_damaged_file_is_refused(which, tmp_path):
+    drone = tmp_path / "drone.toml"
+    drone.write_text(DAMAGED[which])
+    with pytest.raises(InputError, match=re.escape(str(drone))):
+        workflow.reality(str(drone))
+
+
+def test_what_parameters_alone_read_is_the_same_drone(tmp_path):
+    path = WHOLE.write(tmp_path / "mine.toml")
+    found = parameters.read(path)
+    for name in QUANTITIES:
+        np.testing.assert_array_equal(getattr(found, name), getattr(WHOLE.parameters, name))
