@@ -1,6 +1,4 @@
-"""A chart of lines on logarithmic axes as SVG, by hand: no package that this project needs draws to
-a file.
-"""
+"""A line chart on logarithmic axes as SVG, written without a plotting package."""
 
 from html import escape
 from math import ceil, floor, log10

@@ -1,5 +1,6 @@
-"""crazyflow's side of `simulator.py`, for a Python that has crazyflow: the same requests and
-answers as `maidenflight_speed.py`.
+"""Crazyflow's side of `simulator.py`, for a Python that has crazyflow.
+
+Same requests and answers as `maidenflight_speed.py`.
 """
 
 # pyright: reportMissingImports=false
@@ -82,9 +83,7 @@ def memory() -> None:
 
 
 def single() -> None:
-    """Steps a second of crazyflow's figure-eight environment with one drone, which resets
-    itself.
-    """
+    """Steps per second of one drone in crazyflow's self-resetting figure-eight environment."""
     import crazyflow.envs  # noqa: F401  registers
     import gymnasium
 

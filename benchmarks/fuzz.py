@@ -1,11 +1,11 @@
 """Feeds damaged files to everything that reads files, and counts what comes of it.
 
-`python benchmarks/fuzz.py` reads 100,000 inputs and writes the table of docs/studies/reliability.md;
-`--inputs 2000 --output none` is a look. A reader may accept a file or raise `InputError` with one
-short line. What counts against it: any other exception, a warning or a dead process (crash); an
-answer that takes longer than `LONGEST` (hang); and a file accepted that holds something else than
-before, or nothing that its documentation allows (silent acceptance). Input n of a reader is always
-the same: `--reader NAME --only n` reads it again.
+`python benchmarks/fuzz.py` reads 100,000 inputs and writes the table of
+docs/studies/reliability.md; `--inputs 2000 --output none` is a short run. A reader may accept a
+file or raise `InputError` with one short line. Failures are: any other exception, a warning or a
+dead process (crash); an answer that takes longer than `LONGEST` (hang); and accepting a file whose
+content has changed, or is outside the documented range (silent acceptance). Input n of a reader is
+always the same: `--reader NAME --only n` reads it again.
 """
 
 import multiprocessing

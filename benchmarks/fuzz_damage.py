@@ -1,5 +1,4 @@
-"""Damage to files, drawn at random but seeded: to their bytes, to cells and columns of tables, to
-values and keys of JSON and TOML.
+"""Random, seeded damage to files: bytes, table cells and columns, values and keys of JSON, TOML.
 
 Each piece of damage says what a reader may make of it: refuse it (`REFUSED`), take it for what was
 there before (`SAME`), for a beginning of that (`PREFIX`), for no fewer rows than before unless a

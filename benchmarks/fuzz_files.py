@@ -1,5 +1,8 @@
-"""Readers of single files, for the fuzzer: drones, policies, settings, way-points, a real flight's
-rows, checkpoints and records.
+"""Readers of single files, for the fuzzer.
+
+Drones, policies, settings, way-points, rows of a real flight, checkpoints and records.
+
+Drones, policies, settings, way-points, rows of a real flight, checkpoints and records.
 """
 
 import io
@@ -148,9 +151,7 @@ def matrix_told(read: matrix.Matrix) -> list[np.ndarray]:
 
 
 def unsound_matrix(read: matrix.Matrix) -> str:
-    """Times that drones can have, counts that can be counted, and settings that training can
-    use.
-    """
+    """Checks that times, counts and settings of training are in range."""
     lag, delay = QUANTITIES["motor_time_constant"], QUANTITIES["latency"]
     faults = {
         "motor_time_constant": not all(

@@ -1,5 +1,8 @@
-"""Readers of flight logs, for the fuzzer: all formats, alone, compressed, in Parquet, and in a
-folder with others.
+"""Readers of flight logs, for the fuzzer.
+
+All formats: alone, compressed, in Parquet, and in a folder with others.
+
+All formats: alone, compressed, in Parquet, and in a folder with others.
 """
 
 import gzip

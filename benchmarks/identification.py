@@ -1,5 +1,6 @@
-"""Measures how fast maidenflight identifies a drone from as much flight as the paper had, and
-writes a part of docs/studies/benchmarks.md.
+"""Measures the time of identification with as much flight as the paper had.
+
+Writes a part of docs/studies/benchmarks.md.
 
 The flights are simulated, so that anybody can run it; the authors' real ones are read too where
 they are given.
@@ -147,8 +148,9 @@ def judged(seconds: float, bar: str) -> str:
 def measure_evaluations(
     objectives: dict[int, Objective], repeats: int
 ) -> tuple[list[str], float, float]:
-    """Rows of the table, the seconds of an evaluation on the longest windows, and how many of them
-    derivatives cost.
+    """Rows of the table, evaluation time on the longest windows [s], and the cost of derivatives.
+
+    The last is a multiple of an evaluation.
     """
     rows, plain, ratio = [], 0.0, 0.0
     for length, objective in objectives.items():
@@ -206,9 +208,7 @@ def measure_searches(
 
 
 def measure_authors(folder: Path | None) -> list[str]:
-    """Rows of the table: `identify` from real files on, as it is unless told otherwise and by the
-    paper's objective.
-    """
+    """Rows of the table: `identify` from real files, by default and by the paper's objective."""
     rows = []
     for settings, told in ((Likelihood(), "as it is"), (Replay(), "by replay")):
         what = f"`identify` {told}, on the authors' 108 PWM flights, reading and intervals included"
@@ -227,9 +227,7 @@ def measure_authors(folder: Path | None) -> list[str]:
 
 
 def measure_real_searches(folder: Path | None, evaluations: int, starts: int) -> list[str]:
-    """Rows of a table: both optimisers on the authors' real flights under each control
-    structure.
-    """
+    """Rows of a table: both optimisers on the authors' real flights of each control structure."""
     rows = [
         "| flights | derivatives cost | gradients: evaluations' worth | their objective over the "
         "Bayesian one, less 1 |",

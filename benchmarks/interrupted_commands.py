@@ -1,12 +1,10 @@
-"""Ctrl-C at random moments of every command that computes, and what it leaves: exit code, words,
-files.
+"""Ctrl-C at random moments of every command that computes: exit code, output and files after it.
 
 `python benchmarks/interrupted_commands.py` prints each interruption and writes the table of
-docs/studies/reliability.md. Every command does little work, with compiled programs kept as the
-command line keeps them. Half of the interruptions fall on a run into a new place, half on one that may replace
-the results of an earlier run (`--overwrite`, of another seed). After each, every file there must be
-whole, byte for byte what the earlier run or an undisturbed one wrote, and of the earlier results
-none may be missing.
+docs/studies/reliability.md. Every command does little work, with the command line's compilation
+cache. Half of the interrupted runs write into a new folder, half may replace the results of an
+earlier run (`--overwrite`, of another seed). After each, every file must be whole, byte for byte
+what the earlier run or an undisturbed one wrote, and none of the earlier results may be missing.
 """
 
 import os

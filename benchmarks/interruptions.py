@@ -1,5 +1,8 @@
-"""Kills `maidenflight train` at random moments, resumes it each time, and compares its files with
-those of an undisturbed training.
+"""Kills `maidenflight train` at random moments and resumes it each time.
+
+Compares its files with those of an undisturbed training.
+
+Compares its files with those of an undisturbed training.
 
 `python benchmarks/interruptions.py` prints where each kill fell and ends with exit code 1 if a file
 differs in a single byte. Every second kill waits for its moment and then for the next file to be

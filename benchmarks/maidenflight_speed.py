@@ -70,8 +70,9 @@ def motor_level(shared: Parameters, own: Any, commands: int, steps: int = 2) -> 
 
 
 def rate_pid(shared: Parameters, own: Any, commands: int) -> Any:
-    """One drone whose body rates the firmware's PID holds at 500 Hz: PID, motor lag, delay line,
-    rigid body; 2 ms a physics step.
+    """One drone under body-rate control.
+
+    The firmware's PID at 500 Hz, motor lag, delay line and rigid body; 2 ms per physics step.
     """
     controller = control.attitude_rate()
 

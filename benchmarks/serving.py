@@ -1,6 +1,4 @@
-"""What the measured sides of `simulator.py` have in common: answering requests, one JSON object a
-line. Needs no package.
-"""
+"""Answers requests of `simulator.py`, one JSON object per line, without packages."""
 
 import json
 import os

@@ -1,5 +1,6 @@
-"""Measures how fast maidenflight simulates, crazyflow beside it, and writes the tables of
-docs/studies/benchmarks.md.
+"""Measures the speed of the simulator beside crazyflow.
+
+Writes the tables of docs/studies/benchmarks.md.
 
 Both sides run in processes of their own and are asked in turn, so that what else the machine does
 falls on both. Every figure is a median; the batch and the layout at which a side is best are found
@@ -149,9 +150,7 @@ class Side:
 
 
 def environment() -> dict[str, str]:
-    """Variables of the measured processes: no compiled program from the disk, no threads asked for
-    by others.
-    """
+    """Environment variables of the measured processes: no compilation cache, default threads."""
     return {
         name: value
         for name, value in os.environ.items()

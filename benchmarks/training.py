@@ -154,8 +154,7 @@ def curves(heard: list[tuple[float, Progress]]) -> polars.DataFrame:
 
 
 def survivable(env: Environment, drones: RelativeBox, policy: Policy) -> float:
-    """The share of episodes in which a sequence of actions is found that keeps the drone within the
-    task's bounds.
+    """Share of episodes for which a sequence of actions is found that keeps the drone in bounds.
 
     The first guess is what a trained policy does; Adam improves it by the gradient through the
     simulator. Drones, starts and the noise of each period are those of `scored`, so that a policy
@@ -257,8 +256,11 @@ def measure(recipe: Recipe, updates: int | None) -> Measured:
     return Measured("| " + " | ".join(cells) + " |", curves(heard))
 
 
-HEAD = """| policies | return | survival | ceiling / without noise | distance [cm] | 5 policies [s] | steps/s | memory [GiB] |
-|---|---|---|---|---|---|---|---|"""
+COLUMNS = (
+    *("policies", "return", "survival", "ceiling / without noise", "distance [cm]"),
+    *("5 policies [s]", "steps/s", "memory [GiB]"),
+)
+HEAD = f"| {' | '.join(COLUMNS)} |\n|{'---|' * len(COLUMNS)}"
 
 
 def drawn(measured: dict[str, Measured]) -> str:
@@ -296,8 +298,11 @@ def drawn(measured: dict[str, Measured]) -> str:
     help="Of a look: SVG file for the learning curves; none unless given.",
 )
 def main(output: Path, chosen: tuple[str, ...], updates: int | None, picture: Path | None) -> None:
-    """Trains five policies of each kind and writes what came of them into the page OUTPUT, their
-    commands and curves into its study.
+    """Trains five policies of each kind and writes the results.
+
+    The table goes into the page OUTPUT, commands and curves into its study.
+
+    The table goes into the page OUTPUT, commands and curves into its study.
 
     A look at less leaves the page alone.
     """

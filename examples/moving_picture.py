@@ -1,5 +1,4 @@
-"""A moving picture of learning to fly: three starts on a circle, flown by one policy at three
-moments of its training.
+"""Animation of learning to fly: a policy at three moments of training, from three initial states.
 
 Run with `python examples/moving_picture.py -o docs/learning.svg` (about two minutes on two cores).
 The picture is an SVG that moves by itself where a browser shows it, also as an image, in light and
@@ -167,7 +166,8 @@ def picture(films: Sequence[Film]) -> str:
     )
 
 
-_STYLE = """text { font: 15px system-ui, -apple-system, "Segoe UI", Roboto, sans-serif; text-anchor: middle; fill: var(--soft); }
+_STYLE = """text { font: 15px system-ui, -apple-system, "Segoe UI", Roboto, sans-serif; }
+text { text-anchor: middle; fill: var(--soft); }
 .title { font-weight: 600; fill: var(--ink); }
 .paper { fill: var(--paper); }
 path { fill: none; stroke-linecap: round; stroke-linejoin: round; }
@@ -213,10 +213,8 @@ def _drone(
     """A drone with its shadow and its trail; it fades where it lies on the ground."""
     spot, below = seen(position), seen(position * [1, 1, 0])
     fade = _animate("opacity", [f"{0.25 + 0.75 * value:.2f}" for value in alive])
-    shadow = (
-        '<ellipse class="shadow" rx="13" '
-        f'ry="4.5">{_animate("cx", _short(below[:, 0]))}{_animate("cy", _short(below[:, 1]))}</ellipse>'
-    )
+    moves = _animate("cx", _short(below[:, 0])) + _animate("cy", _short(below[:, 1]))
+    shadow = f'<ellipse class="shadow" rx="13" ry="4.5">{moves}</ellipse>'
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(spot, axis=0), axis=1))])
     begun = along[np.maximum(np.arange(len(along)) - round(TRAIL * FRAMES), 0)]
     dashes = [

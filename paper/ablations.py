@@ -1,5 +1,4 @@
-"""The claims of the paper's Discussion, each tried with its effect: what of training and of the
-drone do zero-shot flights depend on?
+"""Ablations for the claims of the paper's Discussion: effects on zero-shot flights.
 
 `python paper/ablations.py -o ablations` trains policies around a drone, five seeds each: as the
 paper did, and then with one thing changed at a time: penalties of actions, the range of attitude
@@ -173,9 +172,7 @@ def with_other_parts(drone: Parameters, parts: Parts, generator: np.random.Gener
 def other_drones(
     drone: Parameters, file: str, draws: int, seed: int
 ) -> dict[str, list[Parameters]]:
-    """Drones that resemble the one of a file: from its posterior and with its flights' trims where
-    it tells them, and with other parts.
-    """
+    """Drones like the one of a file: posterior samples with its trims, and with other parts."""
     identified = drone_file.read(file)
     groups: dict[str, list[Parameters]] = {}
     if identified.posterior:
@@ -317,8 +314,10 @@ def flown(
     duration: float,
     key: jax.Array,
 ) -> polars.DataFrame:
-    """A row a flight: variant, control, policy, reality, drone (its number in the reality), trial,
-    what `transfer` tells, and `Activity`.
+    """One row per flight.
+
+    Columns: variant, control, policy, reality, drone (its number in the reality), trial, those of
+    `transfer`, and `Activity`.
 
     All variants start alike and meet the same noise, as far as the key is the same.
     """
@@ -471,9 +470,7 @@ LABELS, COLUMN, ROW = 176, 158, 24
 
 
 def chart(table: polars.DataFrame, drone: str) -> str:
-    """Effects as dots with their intervals, as SVG: a block a control structure and kind of change,
-    a panel a measure.
-    """
+    """Effects with intervals as SVG: blocks by structure and kind of change, panels by measure."""
     changed = table.filter(
         (polars.col("variant") != BASELINE) | ~polars.col("reality").is_in(_trained_in(table))
     )
@@ -618,8 +615,9 @@ def _whiskers(
 
 
 def summary(table: polars.DataFrame) -> polars.DataFrame:
-    """A row a control structure, variant and reality: policies, mean flight time, and of each
-    measure mean and effect with interval.
+    """One row per control structure, variant and reality.
+
+    Policies, mean flight time, and for each measure the mean and the effect with its interval.
     """
     rows: dict[tuple[str, str, str], dict[str, Any]] = {}
     plain = {each.column: each for each in MEASURES}

@@ -1,5 +1,4 @@
-"""The paper's zero-shot experiment: policies trained for many motors, flown in a reality that none
-of them has seen.
+"""The paper's zero-shot experiment: policies trained for many motors, flown in an unseen reality.
 
 `python paper/figure_4.py -o zero_shot` trains policies of each control structure, at its own rate,
 around drones of each motor lag (40, 80 and 120 ms) and latency (0, 15 and 20 ms), three seeds each,
@@ -34,8 +33,7 @@ SETTINGS = Path(__file__).with_name("zero_shot.toml")
 
 
 def published(folder: Path) -> polars.DataFrame:
-    """The paper's real flights as far as they are given: control, motor_time_constant, latency,
-    duration.
+    """The paper's real flights: control, motor_time_constant, latency, duration.
 
     Raises:
         InputError: the folder lacks `flights.csv`.
@@ -60,8 +58,7 @@ SIDE, HIGH = 280, 190
 
 
 def chart(rows: dict[str, polars.DataFrame]) -> str:
-    """Box plots of flight times as SVG: a row of panels for each table, a panel a latency, a colour
-    a control structure.
+    """Box plots of flight times as SVG: a row per table, a panel per latency, colours by structure.
 
     Boxes reach from the lower to the upper quartile, their line is the median, dots are flights.
     """

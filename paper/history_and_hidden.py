@@ -1,5 +1,4 @@
-"""The paper's study of how many instants a policy should see, and one of how large its hidden
-layers should be.
+"""The paper's study of the length of the history, and a study of the size of hidden layers.
 
 `python paper/history_and_hidden.py` trains policies of each history H in {1, 2, 4, 6, 8} and, with
 H = 2, of each size of the hidden layers by gradients through the simulator, over drones within 10 %

@@ -1,5 +1,4 @@
-"""The paper's hypothesis as a statistic: does low-level control need a simulation of higher
-fidelity?
+"""The paper's hypothesis as a statistic: whether low-level control needs higher fidelity.
 
 `python paper/hypothesis.py zero_shot/flights.csv zero_shot_100hz/flights.csv --authors
 ../shared/data/authors -o hypothesis` reads tables of zero-shot flights, as `maidenflight transfer
@@ -75,15 +74,14 @@ Statistic = Callable[[Column, Column], Any]
 
 
 def total_lag(drone: Parameters) -> float:
-    """How late a drone answers a policy [s]: T_m (1 + T_down/T_up) / 2 + Delta + (Delta_e + tau_g)
-    / 2.
+    """Mean response delay [s]: T_m (1 + T_down/T_up) / 2 + Delta + (Delta_e + tau_g) / 2.
 
-    A torque speeds two rotors up and slows two down. The sum of their responses has as its mean
-    delay the mean of the two lags, exactly. (For fast commands the harmonic mean counts, which is
-    shorter: 68 instead of 80 ms for the authors' drone.) Attitude is `estimator_delay` old and body
-    rates `gyro_time_constant`; a policy sees both side by side, not one after the other, so their mean is
-    added. Half a control period more, for which commands are held, is left out: it is the same in
-    training, unless rates do not match, which is told apart.
+    A torque speeds two rotors up and slows two down; the mean delay of the sum of their responses
+    is the mean of the two lags. (For fast commands it is the harmonic mean, which is shorter: 68
+    instead of 80 ms for the authors' drone.) Attitude is delayed by `estimator_delay` and body
+    rates by `gyro_time_constant`; a policy sees both at once, so their mean is added. Half a
+    control period of zero-order hold is left out: it is the same in training, unless rates differ,
+    which is treated separately.
     """
     motors = float(drone.motor_time_constant) * (1.0 + float(drone.spin_down_ratio)) / 2.0
     return (
@@ -253,8 +251,9 @@ def together(tables: Sequence[polars.DataFrame]) -> polars.DataFrame:
 
 
 def data_sets(policies: polars.DataFrame, lags: Mapping[str, float]) -> list[Data]:
-    """Divides policies by where they fly and by rates: matching ones, and each rate of training
-    that does not match some structure's own.
+    """Groups policies by place and training rate.
+
+    Matching rates together, and each rate of training that is not its structure's own.
 
     A structure whose own rate that is, as PWM's is 100 Hz, is in both.
     """
@@ -549,8 +548,9 @@ def _sign(line: Told | None) -> int:
 
 
 def worst(lines: Sequence[Told], data: str) -> int | None:
-    """1 if attitude policies fly surely shorter than both others, -1 if surely longer than one of
-    them, else 0; `None` if one lacks.
+    """Whether attitude policies fly shorter: 1 surely, -1 surely longer than one of the others.
+
+    0 if neither is sure; `None` if a control structure is missing.
     """
     told = [
         look_up(lines, data, kind, "attitude", Measure("mean", TIME))
@@ -572,9 +572,7 @@ _WORST = {
 
 
 def ranking(lines: Sequence[Told], matching: Data, other: Data) -> str:
-    """What of the paper's ranking, attitude the worst, is due to training at another rate than that
-    of flight.
-    """
+    """The part of the paper's ranking, attitude worst, due to the rate of training."""
     before, after = worst(lines, other.name), worst(lines, matching.name)
     change = look_up(lines, matching.name, "attitude", other.name, Measure("mean", TIME))
     if before is None or after is None or change is None:
@@ -624,8 +622,9 @@ COLUMNS = 3
 
 
 def chart(found: Sequence[Data]) -> str:
-    """Flight times by the lag trained for less the reality's, as SVG: a panel a data set, a colour
-    a structure, a dot a policy.
+    """Flight times over the difference of lag between training and reality, as SVG.
+
+    A panel per data set, a colour per structure, a dot per policy.
 
     Lines are those of least squares. Policies that were trained without latency are hollow.
     """

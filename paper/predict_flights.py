@@ -1,5 +1,4 @@
-"""How well a drone's parameters predict the flight times of the authors' policies on the real
-drone.
+"""How well a drone's parameters predict real flight times of the authors' policies.
 
 `python paper/predict_flights.py --authors ../shared/data/authors --drone drone.toml` flies every
 published policy in simulation, prints how predicted and measured mean flight times agree, control
@@ -66,9 +65,7 @@ def published(folder: Path) -> tuple[dict[str, Policy], polars.DataFrame]:
 
 
 def one_against_others(flights: polars.DataFrame) -> Agreement:
-    """How one real flight tells the mean of the other flights of its policy: what noise alone
-    leaves of agreement.
-    """
+    """Agreement of one real flight with the mean of the others of its policy: the noise ceiling."""
     single, others = [], []
     for (_,), own in flights.group_by("name", maintain_order=True):
         times = own["flight_time_s"].to_numpy()
@@ -78,9 +75,7 @@ def one_against_others(flights: polars.DataFrame) -> Agreement:
 
 
 def within_band(compared: polars.DataFrame, flights: polars.DataFrame) -> float:
-    """Share of real flights no shorter than the 10 % quantile of their policy's predicted flights
-    and no longer than the 90 % quantile.
-    """
+    """Share of real flights between the 10 % and 90 % quantiles of their policy's predictions."""
     joined = flights.join(
         compared.select("policy", "quantile_10", "quantile_90"), left_on="name", right_on="policy"
     )

@@ -1,19 +1,17 @@
-"""Which randomization of training transfers best, and do policies that are trained around an
-identified drone fly?
+"""Compares randomizations of training by how well their policies transfer.
 
 `python paper/randomization.py --drone drone.toml -o randomization` trains policies of each control
-structure about an identified drone: on the drone itself (`none`), on a box of +-10 % about it
-(`box`, the paper's fields) and on the drones that its flights leave possible (`posterior`), each as
-`maidenflight train` does it but half as long; and by a `recipe` that shall transfer: over a box
-that also covers trims and drones unlike it (`wide_box`), for longer, and with a price on turning
-away (`with_yaw_penalty`). Each policy flies 200 times on drones of the posterior and 200 times with the trims
-that differ from flight to flight, as real flights would be flown, and 16 times in each of some
-realities that training has not seen. It writes `flights.csv` with a row a flight and
-`randomization.svg`, and prints shares of flights that reach 20 s, differences between
+structure for an identified drone: on the drone itself (`none`), on a box of +-10 % about it (`box`,
+the paper's fields) and on samples of its posterior (`posterior`), each as `maidenflight train` does
+but half as long; and by a `recipe` for transfer: over a box that also covers trims and other drones
+(`wide_box`), for longer, and with a yaw penalty. Each policy flies 200 times on posterior samples,
+200 times with trims that differ from flight to flight, as in real flights, and 16 times in each of
+some realities that training has not seen. The script writes `flights.csv` with one row per flight
+and `randomization.svg`, and prints shares of flights that reach 20 s, differences between
 randomizations with their intervals, and whether a policy of each structure reaches 20 s in 95 % of
-its flights everywhere. Stopped, it goes on where it was by the same command.
+its flights everywhere. After an interruption the same command resumes it.
 
-Policies are flown under the firmware that they were trained for, and, in rows whose place ends in
+Policies fly with the firmware that they were trained for, and, in rows whose place ends in
 `2021.10`, as the authors' drone flew.
 
 Source of the task, the guards and the box: Gronauer et al. 2022, sec. Simulation Environment and
@@ -153,8 +151,11 @@ def places_of(kind: str, realities: Sequence[str]) -> list[str]:
 
 
 def fly(place: str, policies: Mapping[str, Policy], given: argparse.Namespace) -> polars.DataFrame:
-    """Flights of policies of one control structure in one place: policy, trial, duration [s],
-    end_reason.
+    """Flights of policies of one control structure in one place.
+
+    Columns: policy, trial, duration [s], end_reason.
+
+    Columns: policy, trial, duration [s], end_reason.
 
     Args:
         place: a key of `FLOWN`, with or without `OLD`; or a reality, as `workflow.reality` takes
@@ -193,8 +194,7 @@ def fly(place: str, policies: Mapping[str, Policy], given: argparse.Namespace) -
 def flown(
     place: str, kind: str, policies: Mapping[str, Policy], given: argparse.Namespace
 ) -> polars.DataFrame:
-    """What `fly` gives, kept in a file: the file's flights where it is of the same policies and
-    settings, or new ones.
+    """The result of `fly`, from its file if that is of the same policies and settings.
 
     Raises:
         InputError: the file is of other policies or settings; and see `fly`.
@@ -267,8 +267,10 @@ def difference(first: Float[np.ndarray, "n"], second: Float[np.ndarray, "m"]) ->
 
 
 def by_policy(flights: polars.DataFrame, longest: float) -> polars.DataFrame:
-    """A row a policy and place: control, randomization, place, number, flights, share that reached
-    the longest time, mean duration [s].
+    """One row per policy and place.
+
+    Columns: control, randomization, place, number, flights, share that reached the longest time,
+    mean duration [s].
     """
     duration = polars.col("duration")
     told = [
@@ -282,8 +284,9 @@ def by_policy(flights: polars.DataFrame, longest: float) -> polars.DataFrame:
 
 
 def summary(flights: polars.DataFrame, longest: float) -> polars.DataFrame:
-    """A row a control structure, place and randomization: shares of flights that reached the
-    longest time, times, and why others ended.
+    """One row per control structure, place and randomization.
+
+    Shares of flights that reached the longest time, times, and why others ended.
     """
     rows = []
     for (kind, place, randomization), part in flights.group_by(
@@ -315,9 +318,7 @@ def summary(flights: polars.DataFrame, longest: float) -> polars.DataFrame:
 
 
 def differences(flights: polars.DataFrame, longest: float) -> polars.DataFrame:
-    """A row a control structure and place: what each randomization adds to the share of the one
-    before it, over policies.
-    """
+    """One row per structure and place: the gain of each randomization over the one before."""
     rows = []
     for (kind, place), part in by_policy(flights, longest).group_by(
         "control", "place", maintain_order=True
@@ -337,8 +338,9 @@ def differences(flights: polars.DataFrame, longest: float) -> polars.DataFrame:
 
 
 def best_policies(flights: polars.DataFrame, longest: float) -> polars.DataFrame:
-    """The policy of each control structure whose least share over all places is the greatest: its
-    shares, and where it misses the bar.
+    """The policy of each control structure with the best worst share over all places.
+
+    Its shares, and where it misses the requirement.
 
     Places of the authors' drone (`OLD`) do not count: policies are not trained for it.
     """
@@ -375,8 +377,11 @@ STEP, HIGH = 84, 170
 
 
 def chart(flights: polars.DataFrame, longest: float) -> str:
-    """Share of flights that reached the longest time as SVG: a panel a control structure, a column
-    a place, a colour a randomization.
+    """Share of flights that reached the longest time, as SVG.
+
+    A panel per control structure, a column per place, a colour per randomization.
+
+    A panel per control structure, a column per place, a colour per randomization.
 
     A dot is a policy, a line the mean of its randomization.
     """

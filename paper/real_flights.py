@@ -1,5 +1,4 @@
-"""Real flights judge drones twice: by the likelihood of flights held out, and by how long held-out
-policies fly.
+"""Judges drones by held-out real flights: by their likelihood and by flight times of policies.
 
 Seven of ten policies' flights make the drones, the others' judge them. No flight time is used for
 anything but judging.
@@ -76,9 +75,7 @@ def split(flights: Sequence[Flight], seed: int) -> tuple[list[Flight], list[Flig
 def one_step_likelihood(
     drones: Mapping[str, Parameters], training: Sequence[Flight], judged: Sequence[Flight]
 ) -> dict[str, float]:
-    """Log likelihood of a row of held-out flights, the noise model fitted to the training flights
-    [nats].
-    """
+    """Log-likelihood per row of held-out flights [nats], noise fitted to training flights."""
     made, held = (
         OneStep(windows(part, one_step.LENGTH, every=one_step.LENGTH), PERIOD, STEPS)
         for part in (training, judged)
@@ -95,8 +92,11 @@ def multi_step_likelihood(
     judged: Sequence[Flight],
     rows: int,
 ) -> dict[str, float]:
-    """Log density of velocity, attitude and body rates some rows ahead, with the mean and
-    covariance of the training flights' errors.
+    """Log density of velocity, attitude and body rates some rows ahead.
+
+    Mean and covariance are those of the training flights' errors.
+
+    Mean and covariance are those of the training flights' errors.
     """
     made, held = (windows(part, rows) for part in (training, judged))
     found = {}
@@ -114,9 +114,7 @@ def multi_step_likelihood(
 
 
 def as_flown(found: Identification) -> Parameters:
-    """The drones that `maidenflight predict` flies: other trims in each flight, where the flights
-    told how they differ.
-    """
+    """The drones that `maidenflight predict` flies, with other trims in each flight."""
     if not set(TRIM) & set(found.estimates):
         return found.parameters
     return trim_ensemble(found.parameters, found.estimates, "flights").drones
@@ -214,8 +212,9 @@ def parameter_rows(found: Mapping[str, Identification]) -> list[dict[str, str]]:
 
 
 def nanobench(folder: Path, seed: int) -> list[str]:
-    """The same tables, but for flight times, of NanoBench's PID flights: two of three files make
-    the drones, the third judges.
+    """The same tables, without flight times, of NanoBench's PID flights.
+
+    Two of three files identify the drones, the third judges.
     """
     flights = list(read_flights(folder))
     files = sorted({flight.name.split(" ")[0] for flight in flights})
@@ -314,7 +313,8 @@ def main() -> None:
         "three by replay": identify(training, Replay(), key=key),
         "ten by replay (the trap)": identify(
             training, Replay(trials=1), over=TRAP, key=key, bounds={
-                "spin_down_ratio": (0.5, 4.0), "inertia_x": (6e-6, 1e-4), "inertia_y": (6e-6, 1e-4), "rotational_damping": (0.0, 1e-3),
+                "spin_down_ratio": (0.5, 4.0), "inertia_x": (6e-6, 1e-4),
+                "inertia_y": (6e-6, 1e-4), "rotational_damping": (0.0, 1e-3),
                 "drag_x": (0.0, 3.0), "drag_y": (0.0, 3.0), "drag_z": (0.0, 3.0),
             },
         ),

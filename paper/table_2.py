@@ -106,17 +106,13 @@ class Entry:
 
 
 def virtual_flights(seed: int, count: int, duration: float) -> Sequence[Flight]:
-    """Flights of the paper's PID on a drone whose xi is `TRUTH`, simulated five times as finely as
-    identification does.
-    """
+    """Flights of the paper's PID on the drone `TRUTH`, at a fifth of identification's time step."""
     drone = VirtualDrone("the paper's drone", replace(crazyflie(), time_step=0.001, **TRUTH))
     return recording.record(drone, jax.random.key(seed), count, duration)
 
 
 def sets_of_flights(folder: Path) -> Iterator[tuple[str, Sequence[Flight]]]:
-    """All flights of a folder or, where it has folders called as control structures are, those of
-    each.
-    """
+    """All flights of a folder, or of each of its folders that is named as a control structure."""
     parts = [folder / name for name in CONTROLLERS if (folder / name).is_dir()]
     for part in parts or [folder]:
         yield part.name, read_flights(part).flights
@@ -229,14 +225,24 @@ def as_data(found: Iterable[Entry]) -> polars.DataFrame:
             mean, deviation = PAPER[entry.length][parameter]
             rows.append(
                 {
-                    "flights": entry.flights, "length": entry.length, "method": entry.method, "windows": entry.found.windows,
-                    "parameter": parameter, "trial_mean": estimate.trial_mean, "trial_sd": estimate.trial_sd,
-                    "value": estimate.value, "low": low, "high": high, "truth": entry.truth and entry.truth[parameter],
-                    "paper_mean": mean, "paper_deviation": deviation,
-                    "objective_mean": float(np.mean(entry.objectives)), "objective_deviation": float(np.std(entry.objectives)),
+                    "flights": entry.flights,
+                    "length": entry.length,
+                    "method": entry.method,
+                    "windows": entry.found.windows,
+                    "parameter": parameter,
+                    "trial_mean": estimate.trial_mean,
+                    "trial_sd": estimate.trial_sd,
+                    "value": estimate.value,
+                    "low": low,
+                    "high": high,
+                    "truth": entry.truth and entry.truth[parameter],
+                    "paper_mean": mean,
+                    "paper_deviation": deviation,
+                    "objective_mean": float(np.mean(entry.objectives)),
+                    "objective_deviation": float(np.std(entry.objectives)),
                     "objective_at_paper": entry.at_paper,
                 }
-            )  # fmt: skip
+            )
     return polars.DataFrame(rows, infer_schema_length=None)
 
 

@@ -39,8 +39,7 @@ YAW = np.array([-1.0, 1.0, -1.0, 1.0]) / 4
 
 
 def mean_command(files: Sequence[Path]) -> Float[np.ndarray, "4"] | None:
-    """Mean command u of the four motors over all rows of a policy's flights after their first 0.5
-    s.
+    """Mean command u of the four motors over a policy's flights, without their first 0.5 s.
 
     All rows count: motors that a policy turns off for a moment make no torque then. `read_flights`
     would leave those rows out.
@@ -66,8 +65,11 @@ def mean_command(files: Sequence[Path]) -> Float[np.ndarray, "4"] | None:
 
 
 def mean_commands(folder: Path, names: Sequence[str]) -> dict[str, Float[np.ndarray, "4"]]:
-    """Mean command of each policy, by its name "control/number", but for those whose flights all
-    end within 0.5 s.
+    """Mean command of each policy by its name "control/number".
+
+    Policies whose flights all end within 0.5 s are left out.
+
+    Policies whose flights all end within 0.5 s are left out.
 
     Args:
         folder: has the logs of policy attitude_rate/7 in `flights/attitude_rate/policy_007`.

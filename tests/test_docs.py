@@ -125,7 +125,8 @@ def test_pages_link_only_to_what_exists_and_name_only_files_that_exist() -> None
         for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", text):
             assert (page.parent / target).exists(), (page.name, target)
         for named in re.findall(
-            r"`(?:python )?((?:paper|benchmarks|examples|tests|docs|src/maidenflight)/[\w./-]+\.\w+)",
+            r"`(?:python )?"
+            r"((?:paper|benchmarks|examples|tests|docs|src/maidenflight)/[\w./-]+\.\w+)",
             text,
         ):
             assert (ROOT / named).exists(), (page.name, named)
@@ -420,9 +421,7 @@ def test_the_cells_of_the_notebook_run_and_it_stores_no_outputs() -> None:
     assert Path("firmware/policy.c").exists()
 
 
-def test_the_papers_page_names_functions_and_tests_that_there_are_and_every_equation_that_the_code_cites() -> (
-    None
-):
+def test_the_papers_page_names_existing_functions_and_tests_and_every_cited_equation() -> None:
     text = (ROOT / "docs/studies/paper.md").read_text()
     tests = {path.name: path.read_text() for path in (ROOT / "tests").rglob("test_*.py")}
     named = re.findall(r"`(test_\w+\.py)::(test_\w+)`", text)

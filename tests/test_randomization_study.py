@@ -110,7 +110,7 @@ def identified(folder: Path) -> Path:
 
 
 @pytest.mark.slow
-def test_drones_of_each_randomization_are_about_the_identified_one_and_the_recipes_task_pays_for_turning_away(
+def test_drones_of_each_randomization_and_the_task_of_the_recipe(
     study: Any, tmp_path: Path
 ) -> None:
     file, drone = str(identified(tmp_path)), parameters.crazyflie()

@@ -50,8 +50,13 @@ pytestmark = pytest.mark.skipif(
 class Now(ctypes.Structure):
     """mf_observation."""
 
-    _fields_ = [(name, ctypes.c_float * size) for name, size in
-                (("position", 3), ("quaternion", 4), ("velocity", 3), ("body_rates", 3), ("setpoint", 3))]  # fmt: skip
+    _fields_ = [
+        ("position", ctypes.c_float * 3),
+        ("quaternion", ctypes.c_float * 4),
+        ("velocity", ctypes.c_float * 3),
+        ("body_rates", ctypes.c_float * 3),
+        ("setpoint", ctypes.c_float * 3),
+    ]
 
 
 class Flown:
@@ -241,8 +246,11 @@ def test_reset_begins_with_copies_of_the_first_instant_and_forgets_what_was(flow
 
 def test_commands_are_clipped_and_the_remembered_action_is_not(flown):
     policy = untrained(jax.random.key(0))
-    policy = dataclasses.replace(policy, weights=tuple(0 * weight for weight in policy.weights),
-                                 biases=(*policy.biases[:-1], jnp.array([-5.0, -1.0, 0.5, 7.0])))  # fmt: skip
+    policy = dataclasses.replace(
+        policy,
+        weights=tuple(0 * weight for weight in policy.weights),
+        biases=(*policy.biases[:-1], jnp.array([-5.0, -1.0, 0.5, 7.0])),
+    )
     drone, (measurements, setpoints) = flown(policy), walk(2)
     drone.reset(np.zeros(4))
     assert drone.step(measurements[0], setpoints[0])[1].tolist() == [0.0, 0.0, 0.75, 1.0]

@@ -67,9 +67,17 @@ LEGACY, FORCE = 0, 2
 DISABLED, TILT, BODY_RATE, DISTANCE, NOT_FINITE, NO_POSITION, PARAMETERS, SELF_TEST = range(1, 9)
 HOVER_THRUST = 35_000.0
 START = (0.5, -0.25)
-GIVEN = np.dtype([*((name, "f4", size) for name, size in
-                    (("position", 3), ("quaternion", 4), ("velocity", 3), ("gyro", 3), ("wanted", 3))),
-                  ("thrust", "f4"), ("modes", "i4", 7)])  # fmt: skip
+GIVEN = np.dtype(
+    [
+        ("position", "f4", 3),
+        ("quaternion", "f4", 4),
+        ("velocity", "f4", 3),
+        ("gyro", "f4", 3),
+        ("wanted", "f4", 3),
+        ("thrust", "f4"),
+        ("modes", "i4", 7),
+    ]
+)
 ASKED = np.dtype(
     [("attitude", "f4", 3), ("rate", "f4", 3), ("thrust", "f4"), ("modes", "i4", 7), ("step", "u4")]
 )
@@ -243,8 +251,11 @@ def test_the_app_compiles_for_the_drone_s_processor_and_is_small(
         ]
         found = subprocess.run(command, cwd=tmp_path / "src", capture_output=True, text=True)
         assert (found.returncode, found.stderr) == (0, "")
-    stacks = {name: int(bytes_) for file in (tmp_path / "src").glob("*.su")
-              for name, bytes_ in re.findall(r":(\w+)\t(\d+)\tstatic", file.read_text())}  # fmt: skip
+    stacks = {
+        name: int(size)
+        for file in (tmp_path / "src").glob("*.su")
+        for name, size in re.findall(r":(\w+)\t(\d+)\tstatic", file.read_text())
+    }
     stack = (
         stacks["controllerOutOfTree"]
         + stacks["mf_policy_step"]
@@ -451,8 +462,13 @@ def test_the_firmware_s_pids_are_asked_as_in_the_simulator(
             memory, wanted, control.sensed(measurement), "2026.08", position_due=False
         )
 
-    wanted = (held, asked["attitude"][::step] * upright, asked["rate"][::step] * upright, asked["thrust"][::step],
-              asked["modes"][::step, :6])  # fmt: skip
+    wanted = (
+        held,
+        asked["attitude"][::step] * upright,
+        asked["rate"][::step] * upright,
+        asked["thrust"][::step],
+        asked["modes"][::step, :6],
+    )
     _, expected = lax.scan(simulated, structured.init(), (jnp.asarray(actions[rows]), held))
     _, motors = lax.scan(by_firmware, firmware.switched_on(), jax.tree.map(jnp.asarray, wanted))
     np.testing.assert_allclose(np.clip(motors / 60000, 0, 1), expected, rtol=0, atol=2e-4)
@@ -515,10 +531,15 @@ def test_a_guard_hands_back_at_once_and_for_good(
     assert (app.log("active"), app.log("why")) == (1, 0)
 
 
-@pytest.mark.parametrize("changes", [
-    {"quaternion": turned(29.8, -29.8)}, {"gyro": (799, -799, 1500)}, {"position": (START[0], START[1] - 0.59, 1)},
-    {"modes": (VELOCITY, VELOCITY, ABSOLUTE, 0, 0, VELOCITY, 0)},
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"quaternion": turned(29.8, -29.8)},
+        {"gyro": (799, -799, 1500)},
+        {"position": (START[0], START[1] - 0.59, 1)},
+        {"modes": (VELOCITY, VELOCITY, ABSOLUTE, 0, 0, VELOCITY, 0)},
+    ],
+)
 def test_within_the_limits_the_policy_flies_on(load: Load, changes: dict[str, Any]) -> None:
     app = load()
     app.set(task=0)

@@ -205,7 +205,10 @@ THEIRS = {
         damaged(THEIRS, "0", "weights", 0, to="weights").encode(),
         damaged(THEIRS, "scaling_parameters", 1, 0, to=-1.0).encode(),
         *(json.dumps(OURS).encode()[:length] for length in range(1, len(json.dumps(OURS)), 700)),
-        *(json.dumps(THEIRS).encode()[:length] for length in range(1, len(json.dumps(THEIRS)), 400)),
+        *(
+            json.dumps(THEIRS).encode()[:length]
+            for length in range(1, len(json.dumps(THEIRS)), 400)
+        ),
     ],
 )  # fmt: skip
 def test_a_damaged_or_truncated_policy_gives_one_error_and_no_file(tmp_path, to, text):

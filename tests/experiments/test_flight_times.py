@@ -239,7 +239,8 @@ import jax
 jax.config.update("jax_num_cpu_devices", 2)
 sys.path.insert(0, sys.argv[1])
 from test_flight_times import KEY, SHORT, crazyflie, predict_flight_times, restless, times
-print(times(predict_flight_times([restless("pwm", number) for number in range(3)], crazyflie(), KEY, **SHORT)))
+policies = [restless("pwm", number) for number in range(3)]
+print(times(predict_flight_times(policies, crazyflie(), KEY, **SHORT)))
 assert jax.device_count() == 2
 """
 

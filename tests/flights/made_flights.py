@@ -80,7 +80,10 @@ def same(one, other):
     )
 
 
-AUTHORS = "x,y,z,x_dot,y_dot,z_dot,roll,pitch,yaw,roll_dot,pitch_dot,yaw_dot,n0,n1,n2,n3,mot0,mot1,mot2,mot3,bat,time"
+AUTHORS = (
+    "x,y,z,x_dot,y_dot,z_dot,roll,pitch,yaw,roll_dot,pitch_dot,yaw_dot,"
+    "n0,n1,n2,n3,mot0,mot1,mot2,mot3,bat,time"
+)
 
 
 def volts(u):

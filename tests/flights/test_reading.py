@@ -63,7 +63,7 @@ def test_the_authors_columns_at_another_rate_are_refused(tmp_path, step):
     table.write_csv(tmp_path / "rate.csv")
     with pytest.raises(
         InputError,
-        match=r"rate\.csv: .*(ms apart by column time; expected 10 ms|time runs backwards or leaps 199 times)",
+        match=r"rate\.csv: .*(ms apart by column time|time runs backwards or leaps 199 times)",
     ):
         read_flights(tmp_path / "rate.csv")
 
@@ -118,7 +118,8 @@ def test_other_tables_in_a_folder_are_ignored(tmp_path, kind):
 
 OWN_TABLES = {
     "training.csv": b"update,steps,policy,episode_return\n1,64,1,-3.0\n",
-    "flights.csv": b"flight,policy,reality,trial,duration,end_reason,position_error\n1,1,virtual-1,1,20.0,time,0.1\n",
+    "flights.csv": b"flight,policy,reality,trial,duration,end_reason,position_error\n"
+    b"1,1,virtual-1,1,20.0,time,0.1\n",
     "identification.csv": b"trial,thrust_to_weight,objective\n1,1.8,10.0\n",
     "validation.csv": b"# maidenflight validation 1: errors\n# record: "
     b"{}\nmodel,horizon,windows\nx,0.1,3\n",

@@ -106,7 +106,7 @@ def test_of_two_poor_points_the_more_uncertain_is_preferred(acquisition):
     assert unknown > known
 
 
-def test_a_small_sure_gain_is_preferred_by_its_probability_a_large_doubtful_one_by_expectation_and_bound():
+def test_probability_prefers_a_small_sure_gain_expectation_and_bound_a_large_doubtful_one():
     mean, deviation = np.array([-0.1, 0.5]), np.array([0.01, 2.0])
     assert np.argmax(bayesian.probability_of_improvement(mean, deviation, 0.0)) == 0
     assert np.argmax(bayesian.expected_improvement(mean, deviation, 0.0)) == 1

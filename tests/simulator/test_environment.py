@@ -383,7 +383,7 @@ def test_a_drone_without_thrust_stands_on_the_floor_and_stays_there():
     assert np.isfinite(np.asarray(last.quaternion)).all()
 
 
-def test_a_drone_takes_off_from_the_floor_as_soon_as_thrust_exceeds_weight_and_follows_its_reference():
+def test_a_drone_leaves_the_floor_when_thrust_exceeds_weight_and_follows_its_reference():
     states, step_result, last, _ = lift(float32(-1.0))
     assert not step_result.terminated.any()
     assert states.position[:, 2].min() >= np.float32(0.0125)
