@@ -28,6 +28,7 @@ from maidenflight.identification.drone_file import DroneFile, Estimate, Search, 
 from maidenflight.link import rows
 from maidenflight.link.blocks import MOTORS, STATE
 from maidenflight.parameters import QUANTITIES, Parameters
+from maidenflight.simulator.interface import INTERFACES, ControlInterface
 from maidenflight.simulator.trajectories import read_waypoints
 from maidenflight.training import checkpoint
 
@@ -85,21 +86,11 @@ def unsound_drone(read: Parameters) -> str:
 
 def small_policy(control: str = "pwm", history: int = 1) -> policies.Policy:
     """A policy with few numbers."""
-    made = policies.untrained(jax.random.key(0), (3,), history)
-    rate = {"pwm": 100, "attitude_rate": 50, "attitude": 25}[control]
-    return type(made)(
-        made.weights,
-        made.biases,
-        made.observation_mean,
-        made.observation_std,
-        control,
-        rate,
-        history,
-    )
+    return policies.untrained(jax.random.key(0), (3,), history, INTERFACES[control]())
 
 
 def policy_told(read: policies.Policy) -> list[np.ndarray]:
-    words = np.array([read.control, str(read.rate), str(read.history)])
+    words = np.array([str(read.interface), str(read.history)])
     return [
         words,
         *map(
@@ -120,8 +111,7 @@ def unsound_policy(read: policies.Policy) -> str:
         != list(zip(sizes[1:], sizes[:-1], strict=True))
         or sizes[-1] != 4,
         "a deviation": not (np.asarray(read.observation_std) > 0).all(),
-        "a control structure": read.control not in policies.CONTROLS,
-        "a rate": type(read.rate) is not int or not 1 <= read.rate <= 1000,
+        "an interface": ControlInterface.from_dict(read.interface.to_dict()) != read.interface,
     }
     return next((fault for fault, there in faults.items() if there), "")
 

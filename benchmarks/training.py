@@ -161,7 +161,7 @@ def survivable(env: Environment, drones: RelativeBox, policy: Policy) -> float:
     and its ceiling differ by what it does, not by luck; over noiseless drones the noise is gone,
     and the drones and starts are the same.
     """
-    rate = env.controller.action_rate
+    rate = env.controller.interface.rate
     periods, all_periods = round(LOOK_AHEAD * rate), round(env.task.duration * rate)
     cores = NamedSharding(Mesh(np.array(jax.devices()), ("starts",)), PartitionSpec("starts"))
     keys = jax.device_put(jax.random.split(jax.random.key(UNSEEN), EPISODES), cores)
@@ -244,7 +244,7 @@ def measure(recipe: Recipe, updates: int | None) -> Measured:
         else []
     )
     cells = [
-        f"{recipe.control}, {env.controller.action_rate} Hz, {recipe.task}, {recipe.drone} drone",
+        f"{recipe.control}, {env.controller.interface.rate} Hz, {recipe.task}, {recipe.drone} drone",
         spread([float(score.episode_return) for score in scores], min, ".1f"),
         spread([float(score.survival) for score in scores], min, ".1%"),
         " / ".join(f"{ceiling:.1%}" for ceiling in ceilings) or "-",

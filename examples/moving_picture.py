@@ -87,7 +87,7 @@ def film(progress: Progress, seed: int) -> Film:
     env = replace(reality.environment(mf.circle(), mf.pwm()), history=policy.history)
     keys = jax.random.split(jax.random.key(seed + 1), len(COLOURS))
     rows = jax.tree.map(np.asarray, _fly(env, policy, reality.parameters, keys))
-    every = round(mf.pwm().action_rate / FRAMES)
+    every = round(mf.pwm().interface.rate / FRAMES)
     # The middle of the circle becomes that of the picture.
     position, attitude = (
         rows.true_position[:, ::every] - np.array([0.25, 0.0, 0.0]),
@@ -119,7 +119,7 @@ def film(progress: Progress, seed: int) -> Film:
 
 @partial(jax.jit, static_argnums=0)
 def _fly(env: Environment, policy: Policy, drone: mf.Parameters, keys: Array) -> Rows:
-    steps = round(DURATION * env.controller.action_rate)
+    steps = round(DURATION * env.controller.interface.rate)
     starts = PERIOD * jnp.arange(len(COLOURS)) / len(COLOURS)
 
     def one(key: Array, start: Array) -> Rows:

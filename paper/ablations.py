@@ -41,7 +41,8 @@ from maidenflight.policy import Policy
 from maidenflight.reporting import svg
 from maidenflight.reporting.svg import Panel
 from maidenflight.simulator import control, dynamics, tasks
-from maidenflight.simulator.control import HIGHEST_RATE, Controller
+from maidenflight.simulator.control import Controller
+from maidenflight.simulator.interface import HIGHEST_RATE_DEG
 from maidenflight.simulator.randomization import Ensemble, relative_box
 from maidenflight.simulator.tasks import ACTION_PENALTY, ACTION_RATE_PENALTY
 from maidenflight.simulator.virtual_drone import VirtualDrone
@@ -77,7 +78,7 @@ class Variant(NamedTuple):
     action_rate_penalty: float = ACTION_RATE_PENALTY
     excess: float = AnalyticGradient.action_excess_penalty
     """Our training's own cost of actions beyond [-1, 1]."""
-    highest_rate: float = HIGHEST_RATE
+    highest_rate: float = HIGHEST_RATE_DEG
     """[deg/s]."""
     motor_time_constant: float | None = None
     """Of the drone in the middle of the training box [s], where it is not the true one; `latency`
@@ -338,7 +339,7 @@ def flown(
         names=names,
     )
     levels = {
-        name: np.asarray(controller.level(dynamics.hover_command(one.parameters)))
+        name: np.asarray(controller.interface.level(dynamics.hover_command(one.parameters)))
         for name, (*_, one) in places.items()
     }
     done: dict[int, Float[np.ndarray, "N 4"]] = {}

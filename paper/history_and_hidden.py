@@ -24,9 +24,10 @@ import polars
 from maidenflight import parameters, results
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import transfer
-from maidenflight.policy import CONTROLS, Policy
+from maidenflight.policy import Policy
 from maidenflight.simulator import control, tasks
 from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.interface import CONTROLS
 from maidenflight.simulator.randomization import RelativeBox, relative_box
 from maidenflight.simulator.virtual_drone import virtual_drone
 from maidenflight.training.evaluation import evaluate

@@ -49,11 +49,10 @@ from maidenflight import parameters, results, terminal, workflow
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import MAX_DURATION_S
 from maidenflight.parameters import Parameters, replace
-from maidenflight.policy import CONTROLS
 from maidenflight.reporting import svg
 from maidenflight.reporting.flight_figures import COLOURS
 from maidenflight.reporting.svg import Panel
-from maidenflight.simulator import control
+from maidenflight.simulator.interface import CONTROLS, INTERFACES
 from maidenflight.simulator.virtual_drone import VirtualDrone
 
 IDENTIFIED = {"motor_time_constant": 0.0490, "spin_down_ratio": 2.278, "latency": 0.00687}
@@ -180,7 +179,7 @@ def simulated(path: Path, nominal: str) -> polars.DataFrame:
 
 
 def _own_rate(kind: str) -> int:
-    return control.CONTROLLERS[kind]().action_rate
+    return INTERFACES[kind]().rate
 
 
 def real(folder: Path) -> polars.DataFrame:

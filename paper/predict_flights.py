@@ -18,7 +18,7 @@ import numpy as np
 import polars
 
 from maidenflight import cores, results, workflow
-from maidenflight.deployment.authors_json import EPSILON, RATES
+from maidenflight.deployment.authors_json import EPSILON, interface_of
 from maidenflight.errors import InputError
 from maidenflight.experiments.agreement import Agreement, agreement
 from maidenflight.experiments.flight_times import predict_flight_times, summary
@@ -55,8 +55,7 @@ def published(folder: Path) -> tuple[dict[str, Policy], polars.DataFrame]:
             biases,
             archive["observation_mean"][place],
             deviation,
-            control=kind,
-            rate=RATES[kind],
+            interface=interface_of(kind),
         )
     name = polars.concat_str(
         "control", polars.col("policy").cast(polars.String), separator="/"

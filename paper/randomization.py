@@ -38,7 +38,7 @@ from scipy import stats
 
 from maidenflight import cores, policy, results, terminal, workflow
 from maidenflight.errors import InputError
-from maidenflight.experiments.as_flown import AS_FLOWN
+from maidenflight.experiments.as_flown import controller_as_flown
 from maidenflight.experiments.flight_times import predict_flight_times
 from maidenflight.experiments.transfer import MAX_DURATION_S, transfer
 from maidenflight.policy import Policy
@@ -174,7 +174,7 @@ def fly(place: str, policies: Mapping[str, Policy], given: argparse.Namespace) -
     many, names = list(policies.values()), list(policies)
     if place.removesuffix(OLD) in FLOWN:
         drones = workflow.possible_drones(given.drone, FLOWN[place.removesuffix(OLD)], given.seed)
-        structures = AS_FLOWN if place.endswith(OLD) else control.CONTROLLERS
+        controller_for = controller_as_flown if place.endswith(OLD) else control.controller_for
         table = predict_flight_times(
             many,
             drones,
@@ -182,7 +182,7 @@ def fly(place: str, policies: Mapping[str, Policy], given: argparse.Namespace) -
             trials=given.flights,
             duration=given.duration,
             names=names,
-            structures=structures,
+            controller_for=controller_for,
         )
     else:
         table = transfer(

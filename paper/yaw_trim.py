@@ -192,7 +192,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         asked = {
             name: policy
             for name, policy in policies.items()
-            if given.control in (policy.control, "all")
+            if given.control in (policy.interface.name, "all")
         }
         commands = mean_commands(given.authors, list(asked))
         flights = flights.filter(polars.col("name").is_in(list(asked)))

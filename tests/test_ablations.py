@@ -152,7 +152,9 @@ def test_variants_are_trained_flown_and_drawn_and_nothing_twice(
         task: Any, controller: Any, box: Any, keys: Any, settings: Any
     ) -> list[policy.Policy]:
         asked.append((task, controller, float(box.centre.latency), settings))
-        return [policy.untrained(key, settings.hidden, controller=controller) for key in keys]
+        return [
+            policy.untrained(key, settings.hidden, interface=controller.interface) for key in keys
+        ]
 
     monkeypatch.setattr(ablations, "train", train)
     monkeypatch.setattr(ablations, "QUICK", {"pwm": settings})

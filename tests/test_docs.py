@@ -341,7 +341,7 @@ def traced_training(
         return mf.step(env, mf.reset(env, box.draw(key), key), action, box.draw(key), key)[1].reward
 
     jax.eval_shape(jax.grad(value), np.zeros(4, np.float32), keys[0])
-    return [policy.untrained(key, controller=controller) for key in keys]
+    return [policy.untrained(key, interface=controller.interface) for key in keys]
 
 
 def traced_flights(policies: list[Policy], realities: list[VirtualDrone], **given: Any) -> None:

@@ -11,7 +11,13 @@ import pytest
 from damaged_json import damaged
 from maidenflight import policy
 from maidenflight.errors import InputError
-from maidenflight.policy import Policy, from_json, read, to_json, untrained, write
+from maidenflight.parameters import crazyflie
+from maidenflight.policy import Actor, Policy, from_json, read, to_json, untrained, write
+from maidenflight.simulator import dynamics, environment, interface
+from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.interface import ControlInterface
+from maidenflight.simulator.rollout import rollout
+from maidenflight.simulator.sensors import Measurement
 
 KEY = jax.random.key(0)
 
@@ -45,11 +51,20 @@ def test_a_policy_reads_back_bit_by_bit(tmp_path, hidden, history):
 
 
 @pytest.mark.parametrize(
-    ("control", "rate"), [("pwm", 100), ("attitude_rate", 50), ("attitude", 25), ("attitude", 100)]
+    "meaning",
+    [
+        interface.pwm(full_scale_counts=65535.0),
+        interface.attitude_rate(highest_rate=360.0),
+        interface.attitude(100),
+        ControlInterface(
+            "winch", (0.1, 0, 0, 1 / 3), (0.1, 1, 2, 0.7), ("N", "m/s", "m/s", "m/s"), 40
+        ),
+    ],
 )
-def test_a_policy_reads_back_with_its_control_structure_and_rate(control, rate):
-    back = from_json(to_json(dataclasses.replace(noisy(KEY, (3,), 1), control=control, rate=rate)))
-    assert (back.control, back.rate) == (control, rate)
+def test_a_policy_reads_back_with_what_its_outputs_mean(meaning):
+    back = from_json(to_json(dataclasses.replace(noisy(KEY, (3,), 1), interface=meaning)))
+    assert back.interface == meaning
+    assert hash(back.interface) == hash(meaning)
 
 
 def test_extreme_float32_numbers_survive():
@@ -84,7 +99,7 @@ def test_an_untrained_policy_has_the_papers_layers_and_bounded_weights():
     made = untrained(KEY)
     assert [weight.shape for weight in made.weights] == [(50, 40), (50, 50), (4, 50)]
     assert [bias.shape for bias in made.biases] == [(50,), (50,), (4,)]
-    assert (made.control, made.rate, made.history) == ("pwm", 100, 2)
+    assert (made.interface, made.history) == (interface.pwm(), 2)
     for weight, bound in zip(
         made.weights, (np.sqrt(6 / 40), np.sqrt(6 / 50), 0.1 * np.sqrt(6 / 50)), strict=True
     ):
@@ -103,8 +118,7 @@ def test_different_keys_make_different_policies():
     "field",
     [
         "format",
-        "control",
-        "rate",
+        "interface",
         "history",
         "activation",
         "observation_mean",
@@ -135,14 +149,9 @@ def test_a_damaged_layer_is_refused(field, wrong):
         pytest.param("[" * 100_000, "not valid JSON", id="too deep"),
         pytest.param("[]", "not a maidenflight policy", id="another file"),
         pytest.param(
-            damaged(SMALL, "control", to="position_pid"),
-            "control = 'position_pid', expected one of pwm, attitude_rate, attitude",
+            damaged(SMALL, "interface", "name", to="attitude"),
+            "commands of attitude are in",
             id="control",
-        ),
-        pytest.param(
-            json.dumps(SMALL | {"control": "attitude", "rate": 30}),
-            "rate = 30, expected one that divides the 500 Hz",
-            id="PID rate",
         ),
         pytest.param(
             damaged(SMALL, "activation", to="tanh"),
@@ -150,8 +159,8 @@ def test_a_damaged_layer_is_refused(field, wrong):
             id="activation",
         ),
         pytest.param(
-            damaged(SMALL, "rate", to=0),
-            "rate = 0, expected a whole number from 1 to 1000",
+            damaged(SMALL, "interface", "rate", to=0),
+            "rate = 0; expected a whole number from 1 to 1000",
             id="rate",
         ),
         pytest.param(
@@ -159,7 +168,7 @@ def test_a_damaged_layer_is_refused(field, wrong):
             r"the normaliser has \(20,\) values, expected 40",
             id="history",
         ),
-        pytest.param(damaged(SMALL, "layers", to=[]), "no layers", id="no layers"),
+        pytest.param(damaged(SMALL, "layers", to=[]), "0 layers", id="no layers"),
         pytest.param(
             damaged(SMALL, "layers", to=SMALL["layers"][:1]),
             "3 outputs, expected 4",
@@ -231,3 +240,51 @@ def test_a_missing_policy_file_is_an_input_error(tmp_path):
     for place in (tmp_path / "none.json", tmp_path, tmp_path / "binary"):
         with pytest.raises(InputError, match="cannot be read as a policy"):
             policy.read(place)
+
+
+def test_a_policy_checks_itself():
+    made = noisy(KEY, (3,), 1)
+    made.check()
+    for wrong in (
+        {"history": 2},
+        {"weights": made.weights[:1]},
+        {"biases": (made.biases[0], jnp.array([0, 0, jnp.nan, 0]))},
+        {"observation_std": jnp.zeros(20)},
+    ):
+        with pytest.raises(InputError, match=r"^mine\.json: "):
+            dataclasses.replace(made, **wrong).check("mine.json")
+
+
+@pytest.mark.parametrize("history", [1, 3])
+def test_an_actor_does_what_the_simulator_does_with_the_same_policy(history):
+    """Measurements of a simulated episode, one instant at a time: the same actions, and commands
+    that the simulated motors were given."""
+    made, drone = untrained(KEY, (8,), history), crazyflie()
+    env = Environment(history=history)
+    first = environment.reset(env, drone, KEY)
+    _, (states, _) = rollout(env, made, first, drone, KEY, 21)
+    actor = Actor(made, 1 / float(drone.thrust_to_weight))
+    for _ in range(2):
+        actor.reset()
+        for number in range(20):
+            seen, after = (
+                jax.tree.map(lambda leaf, at=at: leaf[at], states) for at in (number, number + 1)
+            )
+            command, action = actor.act(seen.measurement, env.task.reference(seen.time))
+            np.testing.assert_allclose(action, after.action, atol=1e-5)
+            np.testing.assert_allclose(command, (np.clip(action, -1, 1) + 1) / 2, atol=1e-6)
+
+
+def test_an_actor_refuses_numbers_that_are_not_finite_and_goes_on_as_before():
+    drone = dynamics.at_hover(jnp.zeros(3), crazyflie())
+    seen = Measurement(drone.position, drone.velocity, drone.quaternion, drone.body_rates)
+    actors = [Actor(untrained(KEY, (8,)), 0.6) for _ in range(2)]
+    for actor in actors:
+        actor.act(seen, np.zeros(3))
+    with pytest.raises(InputError, match="nan"):
+        actors[0].act(seen._replace(velocity=jnp.full(3, jnp.nan)), np.zeros(3))
+    again, other = (actor.act(seen, np.ones(3)) for actor in actors)
+    np.testing.assert_array_equal(again.action, other.action)
+    for wrong in (0.0, 1.1, float("nan")):
+        with pytest.raises(InputError, match="hover"):
+            Actor(untrained(KEY, (8,)), wrong)

@@ -229,8 +229,8 @@ def test_policies_fly_under_the_structure_that_is_asked_for() -> None:
     few = {"trials": 2, "duration": 1.0, "farthest": 0.25}
     structures = {
         "default": None,
-        "current": control.CONTROLLERS,
-        "off": {"pwm": lambda: control.pwm()._replace(command=off)},
+        "current": control.controller_for,
+        "off": lambda interface: control.controller_for(interface)._replace(command=off),
     }
     flown = {
         name: predict_flight_times(
@@ -238,7 +238,7 @@ def test_policies_fly_under_the_structure_that_is_asked_for() -> None:
             parameters.crazyflie(),
             jax.random.key(0),
             **few,
-            **({"structures": one} if one else {}),
+            **({"controller_for": one} if one else {}),
         )
         for name, one in structures.items()
     }

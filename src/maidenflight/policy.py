@@ -1,6 +1,6 @@
-"""A policy: what a network sees, the network, and what its outputs mean.
+"""`Policy`, a network with all that is needed to fly it; its file; and `Actor`, which flies it.
 
-One JSON file, exact to the last bit of float32.
+The file is JSON, exact to the last bit of float32.
 """
 
 import dataclasses
@@ -8,28 +8,27 @@ import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 from maidenflight import inputs, results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
-from maidenflight.simulator.control import Controller
-from maidenflight.simulator.environment import ACTION_SIZE, OBSERVATION_SIZE
-from maidenflight.simulator.firmware import ATTITUDE_RATE
+from maidenflight.simulator import interface as interfaces
+from maidenflight.simulator.environment import ACTION_SIZE, OBSERVATION_SIZE, observe, remember
+from maidenflight.simulator.interface import ControlInterface
+from maidenflight.simulator.sensors import Measurement
 
-FORMAT = "maidenflight policy 1"
+FORMAT = "maidenflight policy 2"
 INSTANT = (
     "position 3, quaternion xyzw 4, velocity 3, body rates 3, setpoint - position 3, last "
     "action 4; oldest first"
 )
 """What a file says of the order of an observation."""
-CONTROLS = ("pwm", "attitude_rate", "attitude")
-"""Control structures that a policy can be made for."""
 
 _MEAN = (
     0.25,
@@ -82,17 +81,17 @@ _DEVIATION = (
 class Policy:
     """A multi-layer perceptron with ReLU between its layers, and all that is needed to fly it.
 
-    Output: four actions, of which the control structure uses the part in [-1, 1].
+    Output: four actions, which `interface` clips to [-1, 1] and scales to commands.
     """
 
     weights: tuple[Float[Array, "outputs inputs"], ...]
     biases: tuple[Float[Array, "outputs"], ...]
     observation_mean: Float[Array, "20H"]
     observation_std: Float[Array, "20H"]
-    control: str = dataclasses.field(default="pwm", metadata={"static": True})
-    """Control structure that the actions are meant for."""
-    rate: int = dataclasses.field(default=100, metadata={"static": True})
-    """Actions a second [Hz]."""
+    interface: ControlInterface = dataclasses.field(
+        default=interfaces.pwm(), metadata={"static": True}
+    )
+    """What the actions command, and how often."""
     history: int = dataclasses.field(default=2, metadata={"static": True})
     """H, observed instants in the input."""
 
@@ -116,6 +115,23 @@ class Policy:
         weights, biases = network
         return dataclasses.replace(self, weights=weights, biases=biases)
 
+    def check(self, where: str = "policy") -> None:
+        """Checks that shapes and numbers make sense.
+
+        Args:
+            where: what errors name, such as the file.
+
+        Raises:
+            InputError: they do not.
+        """
+        _check_sizes(self, where)
+        if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(self)):
+            raise InputError(
+                f"{where}: a weight is not a finite number. Train again or restore the file."
+            )
+        if not np.all(np.asarray(self.observation_std) > 0):
+            raise InputError(f"{where}: an observation's standard deviation is not positive.")
+
     @property
     def layer_sizes(self) -> tuple[int, ...]:
         """Sizes of input, hidden layers and output, such as (40, 50, 50, 4)."""
@@ -126,7 +142,7 @@ def untrained(
     key: Array,
     hidden: tuple[int, ...] = (50, 50),
     history: int = 2,
-    controller: Controller | None = None,
+    interface: ControlInterface | None = None,
 ) -> Policy:
     """A policy with Kaiming-uniform weights and zero biases.
 
@@ -139,7 +155,7 @@ def untrained(
         key: random key.
         hidden: sizes of the hidden layers.
         history: H, observed instants in the input.
-        controller: control structure that it acts on; PWM at 100 Hz unless given.
+        interface: what its actions command; PWM at 100 Hz unless given.
 
     Source: Gronauer et al. 2022, sec. Zero-Shot Experiments (layer sizes and initial weights).
     """
@@ -152,17 +168,102 @@ def untrained(
         weights.append(jax.random.uniform(key_, (outputs, fan_in), minval=-bound, maxval=bound))
     biases = tuple(jnp.zeros(outputs) for outputs in sizes[1:])
     mean = jnp.tile(jnp.array(_MEAN), history)
-    acting = (
-        {} if controller is None else {"control": controller.name, "rate": controller.action_rate}
-    )
     return Policy(
         tuple(weights),
         biases,
         mean,
         jnp.tile(jnp.array(_DEVIATION), history),
-        history=history,
-        **acting,
+        interface or interfaces.pwm(),
+        history,
     )
+
+
+class Act(NamedTuple):
+    """What a policy does at one instant."""
+
+    command: Float[np.ndarray, "4"]
+    """In the units of the policy's interface."""
+    action: Float[np.ndarray, "4"]
+    """The network's output, not clipped."""
+
+
+class Actor:
+    """Flies a policy one instant at a time: it holds the history and the last action.
+
+    What it does is what the simulator does with the same policy. For drones and simulators that are
+    not written in JAX; one flight at a time.
+    """
+
+    def __init__(self, policy: Policy, hover: float) -> None:
+        """Begins a flight.
+
+        Args:
+            policy: what flies.
+            hover: share of full thrust at which the drone hovers, 1 / thrust_to_weight; the last
+                action before the first is the one that commands it.
+
+        Raises:
+            InputError: the policy makes no sense, or the share is not above 0 and at most 1.
+        """
+        policy.check()
+        if not 0.0 < hover <= 1.0:
+            raise InputError(f"hover = {hover}; expected a share above 0 and at most 1.")
+        self.policy = policy
+        self._level = np.asarray(policy.interface.level(jnp.float32(hover)))
+        self.reset()
+
+    def reset(self) -> None:
+        """Begins another flight: forgets history and last action."""
+        self._history: Array | None = None
+        self._action: Any = self._level
+
+    def act(self, measurement: Measurement, setpoint: ArrayLike) -> Act:
+        """What to do now; to be called `policy.interface.rate` times a second.
+
+        Args:
+            measurement: what is known of the drone now.
+            setpoint: where it shall be now [m], world, (3,).
+
+        Raises:
+            InputError: a number that is given, or an action, is not finite. What is remembered
+                stays as it was.
+        """
+        seen = Measurement(*(jnp.asarray(part, jnp.float32) for part in measurement))
+        history = self._history
+        if history is None:
+            history = np.zeros((self.policy.history, OBSERVATION_SIZE), np.float32)
+        history, action, command = _act(
+            self.policy,
+            history,
+            self._history is None,
+            seen,
+            np.asarray(setpoint, np.float32),
+            self._action,
+        )
+        given = Act(np.asarray(command), np.asarray(action))
+        if not (np.isfinite(history).all() and np.isfinite(given.action).all()):
+            raise InputError(
+                f"measurement {seen}, setpoint {setpoint}: an action of {given.action}. Expected "
+                "finite numbers: let another controller fly."
+            )
+        self._history, self._action = history, given.action
+        return given
+
+
+@jax.jit
+def _act(
+    policy: Policy,
+    history: Float[Array, "H 20"],
+    first: Bool[Array, ""],
+    measurement: Measurement,
+    setpoint: Float[Array, "3"],
+    last_action: Float[Array, "4"],
+) -> tuple[Float[Array, "H 20"], Float[Array, "4"], Float[Array, "4"]]:
+    instant = observe(measurement, setpoint, last_action)
+    filled = jnp.broadcast_to(instant, history.shape)
+    history = jnp.where(first, filled, remember(history, instant))
+    action = policy(history.reshape(-1))
+    return history, action, policy.interface.command(action)
 
 
 def _decimals(array: Any) -> Any:
@@ -184,8 +285,7 @@ def to_json(policy: Policy, record: Mapping[str, Any] | None = None) -> str:
     return json.dumps(
         {
             "format": FORMAT,
-            "control": policy.control,
-            "rate": policy.rate,
+            "interface": policy.interface.to_dict(),
             "history": policy.history,
             "instant": INSTANT,
             "activation": "relu",
@@ -221,15 +321,18 @@ def from_json(text: str, where: str = "policy") -> Policy:
             biases=tuple(_numbers(layer["biases"]) for layer in content["layers"]),
             observation_mean=_numbers(content["observation_mean"]),
             observation_std=_numbers(content["observation_std"]),
-            control=content["control"],
-            rate=content["rate"],
+            interface=ControlInterface.from_dict(content["interface"]),
             history=content["history"],
         )
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise InputError(
             f"{where}: damaged policy ({type(error).__name__}: {error}). Export it again."
         ) from error
-    return _checked(policy, content, where)
+    _check_rest(content, where)
+    policy.check(where)
+    return policy
 
 
 def numbers(nested: Any) -> np.ndarray:
@@ -259,33 +362,28 @@ def _numbers(nested: Any) -> Array:
     return jnp.asarray(array.astype(np.float32))
 
 
-def _checked(policy: Policy, content: Mapping[str, Any], where: str) -> Policy:
-    if policy.control not in CONTROLS:
-        raise InputError(
-            f"{where}: control = {policy.control!r}, expected one of {', '.join(CONTROLS)}."
-        )
-    if content.get("instant") != INSTANT:
-        raise InputError(f"{where}: instant = {content.get('instant')!r}, expected {INSTANT!r}.")
+def _check_rest(content: Mapping[str, Any], where: str) -> None:
+    """What a file says beside the policy's fields."""
+    for name, expected in (("instant", INSTANT), ("activation", "relu")):
+        if content.get(name) != expected:
+            raise InputError(f"{where}: {name} = {content.get(name)!r}, expected {expected!r}.")
     if not isinstance(content.get("record"), dict):
         raise InputError(
             f"{where}: record = {content.get('record')!r}, expected how the policy was made, {{}} "
             "if unknown."
         )
-    if content.get("activation") != "relu":
-        raise InputError(f"{where}: activation = {content.get('activation')!r}, expected 'relu'.")
-    for name, value in (("rate", policy.rate), ("history", policy.history)):
-        if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= 1000:
-            raise InputError(
-                f"{where}: {name} = {value!r}, expected a whole number from 1 to 1000."
-            )
-    if policy.control != "pwm" and ATTITUDE_RATE % policy.rate:
+
+
+def _check_sizes(policy: Policy, where: str) -> None:
+    history = policy.history
+    if not isinstance(history, int) or isinstance(history, bool) or not 1 <= history <= 1000:
+        raise InputError(f"{where}: history = {history!r}, expected a whole number from 1 to 1000.")
+    if not policy.weights or len(policy.weights) != len(policy.biases):
         raise InputError(
-            f"{where}: rate = {policy.rate}, expected one that divides the {ATTITUDE_RATE} Hz of "
-            "the firmware's PIDs."
+            f"{where}: {len(policy.weights)} layers of weights and {len(policy.biases)} of biases; "
+            "expected as many, and one or more."
         )
-    if not policy.weights:
-        raise InputError(f"{where}: no layers.")
-    size = OBSERVATION_SIZE * policy.history
+    size = OBSERVATION_SIZE * history
     if policy.observation_mean.shape != (size,) or policy.observation_std.shape != (size,):
         raise InputError(
             f"{where}: the normaliser has {policy.observation_mean.shape} values, expected {size} "
@@ -300,13 +398,6 @@ def _checked(policy: Policy, content: Mapping[str, Any], where: str) -> Policy:
         size = weight.shape[0]
     if size != ACTION_SIZE:
         raise InputError(f"{where}: {size} outputs, expected {ACTION_SIZE}.")
-    if not all(bool(jnp.all(jnp.isfinite(leaf))) for leaf in jax.tree.leaves(policy)):
-        raise InputError(
-            f"{where}: a weight is not a finite number. Train again or restore the file."
-        )
-    if not bool(jnp.all(policy.observation_std > 0)):
-        raise InputError(f"{where}: an observation's deviation is not positive.")
-    return policy
 
 
 def write(path: StrPath, policy: Policy, record: Mapping[str, Any] | None = None) -> Path:

@@ -18,6 +18,7 @@ from maidenflight.deployment.authors_json import (
     RATES,
     export_authors_json,
     from_authors_json,
+    interface_of,
     read_authors_json,
     read_policy,
     to_authors_json,
@@ -26,7 +27,7 @@ from maidenflight.deployment.c import export_c
 from maidenflight.deployment.onnx import to_onnx
 from maidenflight.errors import InputError
 from maidenflight.flights import authors, tables
-from maidenflight.simulator import rotations
+from maidenflight.simulator import interface, rotations
 from maidenflight.simulator.sensors import Measurement
 
 GENERATOR = np.random.default_rng(0)
@@ -74,8 +75,7 @@ def made(hidden=(8,), control="pwm", history=2):
         biases=tuple(jnp.asarray(random.normal(size=size), jnp.float32) for size in sizes[1:]),
         observation_mean=jnp.asarray(random.normal(size=sizes[0]), jnp.float32),
         observation_std=jnp.asarray(random.uniform(0.01, 2.0, sizes[0]), jnp.float32),
-        control=control,
-        rate=RATES[control],
+        interface=interface_of(control),
         history=history,
     )
 
@@ -86,6 +86,11 @@ def onnx_actions(given, observations):
         return np.asarray(jax.vmap(given)(jnp.asarray(observations)))
     session = importlib.import_module("onnxruntime").InferenceSession(to_onnx(given))
     return session.run(["action"], {"observation": observations})[0]
+
+
+def acting(given, meaning):
+    """The same network with another meaning of its outputs."""
+    return dataclasses.replace(given, interface=meaning)
 
 
 def same(one, other):
@@ -101,7 +106,12 @@ def same(one, other):
 )
 def test_a_policy_is_read_with_its_scaling_and_the_rate_of_its_control_structure(control, rate):
     made = from_authors_json(json.dumps(MADE), "here", control)
-    assert (made.control, made.rate, made.history, made.layer_sizes) == (control, rate, 2, SIZES)
+    assert (made.interface.name, made.interface.rate, made.history, made.layer_sizes) == (
+        control,
+        rate,
+        2,
+        SIZES,
+    )
     mean, deviation = np.array(MADE["scaling_parameters"])
     seen = GENERATOR.normal(size=40)
     values = (seen - mean) / (deviation + 1e-5)
@@ -222,12 +232,12 @@ def test_a_name_a_folder_or_the_caller_says_what_an_authors_policy_commands(
     path = tmp_path / name
     path.parent.mkdir(exist_ok=True)
     path.write_text(json.dumps(MADE))
-    assert read_policy(path, given).control == control
+    assert read_policy(path, given).interface.name == control
 
 
 def test_our_policies_are_told_from_the_authors_by_content(tmp_path):
     path = policy.write(tmp_path / "pwm.json", policy.untrained(jax.random.key(0), (8,)))
-    assert read_policy(path, "attitude").control == "pwm"
+    assert read_policy(path, "attitude").interface.name == "pwm"
     for text, message in (
         (json.dumps(MADE), "model.json: one of the authors' policies, which do not say"),
         ("{}", "model.json: not a policy, neither ours"),
@@ -326,10 +336,12 @@ def test_what_the_authors_json_cannot_hold_is_refused(tmp_path):
     fine = made()
     for wrong, message in (
         (
-            dataclasses.replace(fine, rate=50),
-            "rate = 50, but the authors' drone runs pwm policies at 100 Hz",
+            acting(fine, interface.pwm(50)),
+            "rate = 50, but the authors' drone runs pwm policies with 100",
         ),
-        (dataclasses.replace(fine, control="attitude", rate=100), "attitude policies at 25 Hz"),
+        (acting(fine, interface.attitude(100)), "rate = 100, but .* attitude policies with 25"),
+        (acting(fine, interface.attitude_rate(highest_rate=360.0)), "span = "),
+        (acting(fine, interface.pwm(full_scale_counts=65535.0)), "full_scale_counts = 65535"),
         (made(history=3), "history = 3, but the authors' policies see 2 instants"),
         (made((4,) * 7), "8 layers, but the authors' firmware takes at most 7"),
         (
@@ -346,7 +358,10 @@ def test_what_the_authors_json_cannot_hold_is_refused(tmp_path):
             dataclasses.replace(fine, biases=(jnp.full(8, jnp.nan), *fine.biases[1:])),
             "not a finite number",
         ),
-        (dataclasses.replace(fine, control="motor"), "control = 'motor', expected one of"),
+        (
+            acting(fine, dataclasses.replace(interface.pwm(), name="motor")),
+            "control = 'motor'; the authors' drone knows",
+        ),
     ):
         with pytest.raises(InputError, match=message):
             export_authors_json(wrong, tmp_path)
@@ -364,7 +379,7 @@ def test_what_the_authors_json_cannot_hold_is_refused(tmp_path):
 )
 def test_the_name_of_what_we_write_says_what_it_commands(tmp_path, name, control, expected):
     given = made(control=control)
-    path = export_authors_json(given, tmp_path, name=name)
+    (path,) = export_authors_json(given, tmp_path, name=name)
     assert path.name == f"{expected}.json"
     if not expected.startswith("attitude_attitude"):
         assert same(read_policy(path), given)
@@ -381,11 +396,11 @@ def test_published_files_are_written_byte_for_byte_and_guarded(shared_data, name
     written = json.loads(to_authors_json(given))
     assert damaged(written, "check_sum", to=published["check_sum"]) == path.read_text()
     assert float(written["check_sum"]) == pytest.approx(float(published["check_sum"]), abs=1e-5)
-    assert same(from_authors_json(json.dumps(written), "here", given.control), given)
+    assert same(from_authors_json(json.dumps(written), "here", given.interface.name), given)
     for content in (published, written):
         changed = damaged(content, "2", "weights", 3, 49, to=content["2"]["weights"][3][49] + 1e-3)
         with pytest.raises(InputError, match="a weight was changed"):
-            from_authors_json(changed, "here", given.control)
+            from_authors_json(changed, "here", given.interface.name)
 
 
 @pytest.mark.slow
@@ -410,13 +425,15 @@ def test_published_policies_exported_give_what_their_drones_logged(
     """
     path = shared_data / "authors/json_models" / f"{name}.json"
     given = read_policy(path if path.exists() else written_anew(shared_data, tmp_path, name))
-    rows = 100 // given.rate
+    rows = 100 // given.interface.rate
     drone = Flown(export_c(given, tmp_path)[0].parent, given.history) if COMPILERS else None
     assert drone is None or drone.self_test()
     number = name.rpartition("_")[2]
     errors, rounded = [], []
     for path in sorted(
-        (shared_data / "authors/flights" / given.control / f"policy_{number}").glob("*.csv.gz")
+        (shared_data / "authors/flights" / given.interface.name / f"policy_{number}").glob(
+            "*.csv.gz"
+        )
     ):
         table = tables.read(path, path.name)
         flight = authors.flights(table)[0][0][0]
@@ -488,7 +505,6 @@ def written_anew(shared_data, folder, name):
         biases=tuple(jnp.asarray(archive[f"b{layer}"][place]) for layer in range(3)),
         observation_mean=jnp.asarray(archive["observation_mean"][place]),
         observation_std=jnp.asarray(archive["observation_std"][place] + np.float32(1e-5)),
-        control=control,
-        rate=RATES[control],
+        interface=interface_of(control),
     )
-    return export_authors_json(network, folder, name=name)
+    return export_authors_json(network, folder, name=name)[0]

@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 from maidenflight.deployment.c import (
-    COMMANDS,
     GOLDEN_COUNT,
     checksum,
     export_c,
@@ -25,7 +24,7 @@ from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie
 from maidenflight.policy import to_json, untrained
 from maidenflight.simulator import environment
-from maidenflight.simulator.control import CONTROLLERS
+from maidenflight.simulator.interface import INTERFACES
 from maidenflight.simulator.rollout import rollout
 from maidenflight.simulator.sensors import Measurement
 
@@ -122,10 +121,10 @@ class Flown:
     action = property(lambda self: np.array(self.state.action))
 
 
-def restless(hidden=(50, 50), history=2, controller=None):
+def restless(hidden=(50, 50), history=2, interface=None):
     """A policy with biases, whose actions are of order 1, sometimes beyond; weak in the last
     action, lest a flight run away."""
-    policy = untrained(jax.random.key(3), hidden, history, controller)
+    policy = untrained(jax.random.key(3), hidden, history, interface)
     keys = jax.random.split(jax.random.key(4), len(policy.biases))
     biases = tuple(
         jax.random.normal(key, bias.shape) * 0.3
@@ -186,11 +185,11 @@ def test_network_computes_what_python_computes_and_passes_its_self_test(
 @pytest.mark.parametrize("compiler", COMPILERS)
 @pytest.mark.parametrize(
     ("structure", "history"),
-    [("pwm", 1), ("pwm", 2), ("pwm", 3), *((name, 2) for name in COMMANDS if name != "pwm")],
+    [("pwm", 1), ("pwm", 2), ("pwm", 3), *((name, 2) for name in INTERFACES if name != "pwm")],
 )
 def test_500_steps_remember_what_python_remembers(flown, structure, history, compiler):
-    policy = restless(history=history, controller=CONTROLLERS[structure]())
-    commanded = COMMANDS[structure]
+    policy = restless(history=history, interface=INTERFACES[structure]())
+    commanded = policy.interface
     drone, act, observe = (
         flown(policy, compiler=compiler),
         jax.jit(lambda seen: policy(seen)),
@@ -265,8 +264,7 @@ def test_commands_are_clipped_and_the_remembered_action_is_not(flown):
 def test_set_points_are_those_that_the_simulated_pids_are_given(
     flown, structure, action, thrust, turns
 ):
-    controller = CONTROLLERS[structure]()
-    policy = untrained(jax.random.key(0), (), controller=controller)
+    policy = untrained(jax.random.key(0), (), interface=INTERFACES[structure]())
     still = tuple(0 * weight for weight in policy.weights)
     drone, (measurements, setpoints) = (
         flown(dataclasses.replace(policy, weights=still, biases=(jnp.array(action),))),
@@ -281,9 +279,8 @@ def test_set_points_are_those_that_the_simulated_pids_are_given(
 
 @pytest.mark.parametrize("structure", ["attitude_rate", "attitude"])
 def test_the_action_that_keeps_level_asks_for_hover_and_nothing_else(flown, structure):
-    controller = CONTROLLERS[structure]()
-    policy = untrained(jax.random.key(0), (), controller=controller)
-    level = controller.level(jnp.float32(0.6))
+    policy = untrained(jax.random.key(0), (), interface=INTERFACES[structure]())
+    level = policy.interface.level(jnp.float32(0.6))
     still = tuple(0 * weight for weight in policy.weights)
     drone, (measurements, setpoints) = (
         flown(dataclasses.replace(policy, weights=still, biases=(level,))),
@@ -380,7 +377,7 @@ def test_every_compiler_and_level_is_silent_and_agrees(tmp_path, compiler, level
 )
 def test_the_header_s_example_compiles(tmp_path, structure, act):
     header, _ = export_c(
-        untrained(jax.random.key(0), (8,), controller=CONTROLLERS[structure]()), tmp_path
+        untrained(jax.random.key(0), (8,), interface=INTERFACES[structure]()), tmp_path
     )
     found = re.search(r"Example:\n(.*?)\n \*/", header.read_text(), re.DOTALL)
     assert found is not None
@@ -398,10 +395,6 @@ def test_the_header_s_example_compiles(tmp_path, structure, act):
 def test_what_cannot_be_exported_is_refused(tmp_path):
     policy = restless()
     for wrong, message in (
-        (
-            dataclasses.replace(policy, control="motor"),
-            "control = 'motor', but C can be written only for 'pwm' or 'attitude_rate' or",
-        ),
         (
             dataclasses.replace(
                 policy, biases=(*policy.biases[:-1], jnp.array([0, 0, jnp.nan, 0]))

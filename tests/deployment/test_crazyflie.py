@@ -33,6 +33,7 @@ from maidenflight.simulator import (
     dynamics,
     environment,
     firmware,
+    interface,
     rotations,
     tasks,
     trajectories,
@@ -166,7 +167,7 @@ def hovering(milliseconds: int, **changes: Any) -> np.ndarray:
 
 
 def policy_of(structure: str) -> Policy:
-    return restless((8,), 2, CONTROLLERS[structure]())
+    return restless((8,), 2, CONTROLLERS[structure]().interface)
 
 
 Load = Callable[..., App]
@@ -238,7 +239,9 @@ def test_the_app_compiles_without_a_word(structure: str, tmp_path: Path) -> None
 def test_the_app_compiles_for_the_drone_s_processor_and_is_small(
     structure: str, tmp_path: Path
 ) -> None:
-    export_crazyflie(untrained(jax.random.key(0), controller=CONTROLLERS[structure]()), tmp_path)
+    export_crazyflie(
+        untrained(jax.random.key(0), interface=CONTROLLERS[structure]().interface), tmp_path
+    )
     for source in ("maidenflight", "policy"):
         command = [
             "arm-none-eabi-gcc",
@@ -336,9 +339,9 @@ def actions_in_python(
 ) -> np.ndarray:
     """One for each 10 ms, from what the policy would see, its last action before the first being
     the one that keeps level."""
-    every = 100 // policy.rate
+    every = 100 // policy.interface.rate
     action, memory, actions = (
-        np.asarray(CONTROLLERS[policy.control]().level(jnp.float32(share))),
+        np.asarray(policy.interface.level(jnp.float32(share))),
         None,
         [],
     )
@@ -412,7 +415,7 @@ def test_the_firmware_s_pids_are_asked_as_in_the_simulator(
 ) -> None:
     policy, (measured, setpoints) = policy_of(structure), flight
     app = load(structure)
-    found = asked_in_flight(app, milliseconds(measured, 1000 // policy.rate))
+    found = asked_in_flight(app, milliseconds(measured, 1000 // policy.interface.rate))
     actions = actions_in_python(policy, measured, setpoints, HOVER_THRUST / 60000)
     assert found["calls"].tolist() == [2] + [1] * (len(found) - 1)
     first, asked = found["asked"][0, 0], found["asked"][:, 0].copy()
@@ -719,23 +722,29 @@ def test_what_the_drone_cannot_fly_is_refused(tmp_path: Path) -> None:
     large = untrained(jax.random.key(0), (90, 90), 2)
     assert sum(weight.size for weight in large.weights) > MOST_MULTIPLICATIONS
     for wrong, message in (
-        (dataclasses.replace(policy, rate=30), "rate = 30 Hz does not divide"),
-        (dataclasses.replace(policy, control="motor"), "control = 'motor'"),
+        (dataclasses.replace(policy, interface=interface.pwm(30)), "rate = 30 Hz does not divide"),
+        (
+            dataclasses.replace(
+                policy, interface=dataclasses.replace(interface.pwm(), name="motor")
+            ),
+            "control = 'motor'",
+        ),
         (large, "12060 multiplications"),
         (untrained(jax.random.key(0), (8,), 6), "up to 120 numbers"),
     ):
         with pytest.raises(InputError, match=message):
             export_crazyflie(wrong, tmp_path)
-    with pytest.raises(InputError, match="full = 0"):
-        export_crazyflie(policy, tmp_path, full=0)
     assert not list(tmp_path.iterdir())
 
 
 def test_the_same_policy_gives_the_same_files(tmp_path: Path) -> None:
+    meaning = interface.pwm(full_scale_counts=65535.0)
+    identified = dataclasses.replace(policy_of("pwm"), interface=meaning)
+
     def exported(folder: Path) -> dict[str, bytes]:
         return {
             str(file.relative_to(folder)): file.read_bytes()
-            for file in export_crazyflie(policy_of("pwm"), folder, full=65535)
+            for file in export_crazyflie(identified, folder)
         }
 
     once = exported(tmp_path / "once")

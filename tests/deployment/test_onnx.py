@@ -19,10 +19,12 @@ from test_c import STRICT
 
 from damaged_json import damaged
 from maidenflight import __version__, cli, policy, results, workflow
+from maidenflight.deployment.authors_json import interface_of
 from maidenflight.deployment.c import export_c
 from maidenflight.deployment.onnx import IR, OPSET, export_onnx, to_onnx
 from maidenflight.errors import InputError
 from maidenflight.policy import to_json, untrained
+from maidenflight.simulator.interface import ControlInterface
 
 onnx = pytest.importorskip("onnx")
 onnxruntime = pytest.importorskip("onnxruntime")
@@ -59,8 +61,7 @@ def made(control="pwm", hidden=(50, 50), history=2):
         biases=tuple(drawn(0.3, size) for size in sizes[1:]),
         observation_mean=drawn(1.0, sizes[0]),
         observation_std=jnp.exp(drawn(1.0, sizes[0])),
-        control=control,
-        rate=RATES[control],
+        interface=interface_of(control),
         history=history,
     )
 
@@ -114,11 +115,10 @@ def test_the_model_is_sound_and_says_what_it_is():
     )
     told = {entry.key: entry.value for entry in model.metadata_props}
     assert json.loads(told.pop("record")) == {"seed": 3, "inputs": ["policy_1.json"]}
-    assert "at most 10 deg" in told.pop("command")
+    assert "-0.174533 to 0.174533 rad" in told.pop("command")
+    assert ControlInterface.from_dict(json.loads(told.pop("interface"))) == one.interface
     assert told == {
         "version": __version__,
-        "control": "attitude",
-        "rate": "25",
         "history": "3",
         "instant": json.loads(to_json(one))["instant"],
         "sha256": hashlib.sha256(to_json(one).encode()).hexdigest(),
@@ -160,7 +160,6 @@ def test_without_the_package_one_error_says_how_to_install_it(monkeypatch, tmp_p
 def test_what_makes_no_sense_is_refused(tmp_path):
     one = made()
     for wrong, message in (
-        (dataclasses.replace(one, control="motor"), "control = 'motor', expected one of"),
         (
             dataclasses.replace(one, biases=(*one.biases[:-1], jnp.array([0, 0, jnp.nan, 0]))),
             "not a finite number",
@@ -195,7 +194,7 @@ THEIRS = {
         b"1" * 10_000,
         b"null",
         damaged(OURS, "format", to="maidenflight policy 9").encode(),
-        damaged(OURS, "rate", to=1e400).encode(),
+        damaged(OURS, "interface", "rate", to=1e400).encode(),
         damaged(OURS, "history", to=10**9).encode(),
         damaged(OURS, "layers", 0, "weights", 0, 0, to=1e39).encode(),
         damaged(OURS, "layers", 1, "biases", to=[[]]).encode(),

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from test_c import STRICT, restless, walk
 
-from maidenflight.deployment.c import COMMANDS, export_c
+from maidenflight.deployment.c import export_c
 from maidenflight.policy import Policy
 from maidenflight.simulator import environment
 from maidenflight.simulator.control import CONTROLLERS
@@ -140,7 +140,7 @@ def flown_in_python(
     act, observe, commands = (
         jax.jit(jax.vmap(policy)),
         jax.jit(jax.vmap(environment.observe)),
-        COMMANDS[policy.control],
+        policy.interface,
     )
     memory, action, flown = None, jnp.asarray(last), []
     for step in range(STEPS):
@@ -165,11 +165,11 @@ def flown_in_python(
     )
 
 
-@pytest.fixture(scope="module", params=list(COMMANDS))
+@pytest.fixture(scope="module", params=list(CONTROLLERS))
 def flown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Board:
     """A policy of 40-50-50-4, flown on the board and in Python."""
     folder, random = tmp_path_factory.mktemp(request.param), np.random.default_rng(1)
-    policy = restless(controller=CONTROLLERS[request.param]())
+    policy = restless(interface=CONTROLLERS[request.param]().interface)
     built(policy, folder)
     spread = random.normal(size=(OBSERVATIONS, len(policy.observation_mean)))
     observations = (

@@ -19,7 +19,7 @@ from maidenflight.experiments.agreement import agreement
 from maidenflight.experiments.flight_times import PUBLISHED_START, predict_flight_times, summary
 from maidenflight.parameters import Parameters, crazyflie, noiseless, replace
 from maidenflight.policy import Policy, untrained
-from maidenflight.simulator import control, dynamics, environment, rotations, tasks
+from maidenflight.simulator import control, dynamics, environment, interface, rotations, tasks
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.sensors import Measurement
 
@@ -38,14 +38,14 @@ def constant(action: tuple[float, ...], kind: str = "pwm") -> Policy:
         biases=(made.biases[0], jnp.array(action, jnp.float32)),
         observation_std=jnp.ones(40),
     )
-    return dataclasses.replace(made, control=kind, rate=RATES[kind])
+    return dataclasses.replace(made, interface=interface.INTERFACES[kind]())
 
 
 def restless(kind: str, number: int) -> Policy:
     """A policy that feels what it sees, its last actions among it, and loses control."""
     made = untrained(jax.random.key(number), (8,))
     weights = (made.weights[0], made.weights[1] * 8)
-    return dataclasses.replace(made, weights=weights, control=kind, rate=RATES[kind])
+    return dataclasses.replace(made, weights=weights, interface=interface.INTERFACES[kind]())
 
 
 @pytest.mark.parametrize("kind", ["pwm", "attitude_rate"])
@@ -92,7 +92,7 @@ def test_a_policy_that_rolls_at_60_deg_a_second_meets_the_tilt_guard_after_half_
 def test_attitude_is_asked_for_without_clipping(output: float) -> None:
     """Rate PIDs get 6 + 3 x 2 ms times 10 deg; the first tick's derivative saturates them, the
     second's does not."""
-    flown = as_flown.attitude_as_flown()
+    flown = as_flown.controller_as_flown(interface.attitude())
     level = Measurement(jnp.zeros(3), jnp.zeros(3), jnp.array([0.0, 0.0, 0.0, 1.0]), jnp.zeros(3))
     memory, action = flown.init(), jnp.array([0.0, output, 0.0, 0.0])
     memory, _ = flown.command(memory, action, level, jnp.zeros(3))
@@ -141,7 +141,7 @@ def test_the_guard_is_the_papers_on_what_the_sensors_tell(
 def test_yaw_rate_is_the_rate_pids_own_set_point() -> None:
     """The counts of the first tick: 120 and 16.7 times 60 deg/s, and all thrust asked for beside
     it."""
-    flown = as_flown.attitude_rate_as_flown()
+    flown = as_flown.controller_as_flown(interface.attitude_rate())
     level = Measurement(jnp.zeros(3), jnp.zeros(3), jnp.array([0.0, 0.0, 0.0, 1.0]), jnp.zeros(3))
     _, command = flown.command(flown.init(), jnp.array([0.0, 0.0, 0.0, 1.0]), level, jnp.zeros(3))
     yaw = np.trunc(120 * 60 + 16.7 * 60 * 0.002)
@@ -154,7 +154,7 @@ def test_yaw_rate_is_the_rate_pids_own_set_point() -> None:
 def test_policies_see_the_history_and_hold_the_actions_of_their_own_rate() -> None:
     """As in an environment that acts at that rate: its layout is held against the drone's logs.
     Only the guard looks more often."""
-    structure = as_flown.attitude_as_flown()._replace(action_rate=25)
+    structure = as_flown.controller_as_flown(interface.attitude())
     policies = [restless("attitude", number) for number in range(4)]
     drone = replace(noiseless(crazyflie()), time_step=control.time_step(structure))
     env = Environment.matching(drone, tasks.circle(), structure)
@@ -335,7 +335,7 @@ def test_what_cannot_be_compared_is_refused(predicted: list[float], measured: li
         ([constant((0,) * 4)] * 2, {"names": ["a", "a"]}, "a name for each"),
         ([constant((0,) * 4)], {"duration": 0.001}, "at least 0.01 s"),
         (
-            [dataclasses.replace(constant((0,) * 4), rate=30)],
+            [dataclasses.replace(constant((0,) * 4), interface=interface.pwm(30))],
             {"names": ["slow.json"]},
             "slow.json: pwm at 30 Hz, which does not divide",
         ),
@@ -360,7 +360,7 @@ def published(folder: Path, kind: str) -> tuple[list[Policy], np.ndarray]:
             archive["observation_mean"][place],
             archive["observation_std"][place] + np.float32(1e-5),
         )
-        policies.append(Policy(weights, biases, *scaling, control=kind, rate=RATES[kind]))
+        policies.append(Policy(weights, biases, *scaling, interface=interface.INTERFACES[kind]()))
         own = flights.filter(
             (polars.col("control") == kind)
             & (polars.col("policy") == int(archive["policy"][place]))

@@ -94,7 +94,7 @@ def test_policies_are_kept_as_they_were_trained(flown: Any) -> None:
     files = sorted((folder / "made" / "policies").glob("*/*.json"))
     assert len(files) == 4
     kept = [policy.read(file) for file in files]
-    assert {(one.control, one.rate, one.layer_sizes) for one in kept} == {
+    assert {(one.interface.name, one.interface.rate, one.layer_sizes) for one in kept} == {
         ("attitude", 100, (40, 8, 4))
     }
     assert len({np.asarray(one.weights[0]).tobytes() for one in kept}) == 4

@@ -72,7 +72,7 @@ def fly_action(controller, level):
     def fly(action):
         start = dynamics.at_hover(jnp.array([0.0, 0.0, 1.0]), WEAK)
         env_state = environment.begin(env, start, jnp.float32(0.0), WEAK, jax.random.key(0))
-        steps = 2 * controller.action_rate
+        steps = 2 * controller.interface.rate
         return rollout(env, lambda _: action, env_state, WEAK, jax.random.key(1), steps)[1][0].state
 
     return jax.tree.map(np.asarray, jax.jit(jax.vmap(fly))(actions))
@@ -201,7 +201,7 @@ def test_the_first_action_is_collective_thrust(factory, least, most):
     ("factory", "rate"), [(control.pwm, 100), (control.attitude_rate, 50), (control.attitude, 25)]
 )
 def test_the_policys_rates_are_the_papers(factory, rate):
-    assert factory().action_rate == rate
+    assert factory().interface.rate == rate
     assert factory().rate % rate == 0
 
 
@@ -249,13 +249,13 @@ def first_command(controller, action):
 def test_the_level_action_gives_a_level_drone_the_command_that_it_names(name, firmware):
     controller = control.CONTROLLERS[name](**({} if name == "pwm" else {"firmware": firmware}))
     still = Measurement(jnp.zeros(3), jnp.zeros(3), jnp.array([0.0, 0.0, 0.0, 1.0]), jnp.zeros(3))
-    action = controller.level(jnp.float32(0.65))
+    action = controller.interface.level(jnp.float32(0.65))
     _, command = jax.jit(controller.command)(controller.init(), action, still, jnp.zeros(3))
     np.testing.assert_allclose(command, 0.65, atol=1e-4)
 
 
 def test_an_action_rate_is_chosen_or_refused():
-    assert control.attitude(action_rate=100).action_rate == 100
+    assert control.attitude(action_rate=100).interface.rate == 100
     assert control.attitude_rate("2021.10", 25) is control.attitude_rate(
         "2021.10", action_rate=25
     ), "nothing compiles twice"

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 import numpy_reference
 from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, noiseless, replace
-from maidenflight.simulator import control, dynamics, environment, latency, tasks
+from maidenflight.simulator import control, dynamics, environment, interface, latency, tasks
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import relative_box
@@ -418,9 +418,8 @@ def listening(action_rate, commands):
         )
         return memory, jnp.array([0.5, 0.6, 0.7, 0.6])
 
-    return Controller(
-        "listening", init, command, 500, action_rate, level=lambda command: jnp.zeros(4)
-    )
+    meaning = interface.pwm(action_rate)
+    return Controller(meaning, init, command, 500)
 
 
 def test_between_two_estimates_a_controller_hears_only_the_gyro():
@@ -508,12 +507,12 @@ def test_an_action_that_is_not_a_number_ends_the_episode():
 def test_the_gradient_of_a_flight_with_respect_to_the_drone_is_its_slope(name, structure):
     """Of where a quarter of a second of a changing action leads, against central differences."""
     env = Environment.matching(FINE, controller=control.CONTROLLERS[structure]())
-    rate = env.controller.action_rate
+    rate = env.controller.interface.rate
     first = environment.begin(env, dynamics.at_hover(jnp.zeros(3), FINE), jnp.float32(0), FINE, KEY)
     wave = (
         jnp.array([0.1, 0.2, -0.2, 0.1])[None] * jnp.cos(jnp.linspace(0.0, 4.0, rate // 4))[:, None]
     )
-    actions = wave + env.controller.level(dynamics.hover_command(FINE))[None]
+    actions = wave + env.controller.interface.level(dynamics.hover_command(FINE))[None]
 
     @jax.jit
     def where(value):

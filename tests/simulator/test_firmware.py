@@ -11,7 +11,14 @@ import pytest
 
 from maidenflight.parameters import crazyflie
 from maidenflight.simulator import dynamics, firmware
-from maidenflight.simulator.firmware import ABSOLUTE, VELOCITY, Gains, PIDMemory, Setpoint, State
+from maidenflight.simulator.firmware import (
+    ABSOLUTE,
+    VELOCITY,
+    Gains,
+    PIDMemory,
+    Setpoint,
+    StateEstimate,
+)
 
 TRACES = Path(__file__).parents[3] / "shared" / "data" / "firmware" / "pid_trace.npz"
 GENERATIONS = ("2021.10", "2026.08")
@@ -75,7 +82,7 @@ def recorded(generation):
     )
     return (
         setpoint,
-        State(state[..., :3], state[..., 3:6], state[..., 6:] * FLIP, gyro),
+        StateEstimate(state[..., :3], state[..., 3:6], state[..., 6:] * FLIP, gyro),
         ticks.astype(np.int32),
     ), real
 
@@ -230,7 +237,7 @@ def mix(thrust, torque, generation):
 
 
 def state(roll=0.0, yaw=0.0):
-    return State(jnp.zeros(3), jnp.zeros(3), jnp.array([roll, 0.0, yaw]), jnp.zeros(3))
+    return StateEstimate(jnp.zeros(3), jnp.zeros(3), jnp.array([roll, 0.0, yaw]), jnp.zeros(3))
 
 
 def hand(thrust=0.0, attitude=(0, 0, 0), mode=ABSOLUTE):
@@ -283,7 +290,7 @@ def ticked(memory, mode, by_rate, seed, generation):
         asked = (nothing, wanted) if by_rate else (wanted / 6, nothing)
         setpoint = Setpoint(nothing, nothing, *asked, thrust, mode, jnp.array(False))
         return firmware.tick(
-            memory, setpoint, State(nothing, nothing, attitude, rates), generation, False
+            memory, setpoint, StateEstimate(nothing, nothing, attitude, rates), generation, False
         )
 
     return jax.jit(

@@ -98,7 +98,9 @@ def test_a_virtual_drone_has_effects_that_the_papers_model_lacks():
 def test_an_action_holds_for_ten_milliseconds_whatever_the_controllers_rate(controller):
     drone = virtual_drone(0)
     env = drone.environment(tasks.circle(), controller)
-    np.testing.assert_allclose(env.command_period(drone.parameters), 1 / controller.rate, rtol=1e-6)
+    np.testing.assert_allclose(
+        env.command_period(drone.parameters), 1 / controller.command_rate, rtol=1e-6
+    )
     np.testing.assert_allclose(env.control_period(drone.parameters), 0.01, rtol=1e-6)
 
 

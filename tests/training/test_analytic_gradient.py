@@ -35,7 +35,7 @@ def test_an_update_changes_the_network_and_nothing_else_of_a_policy(
     before = analytic_gradient.begin(world, settings, box, keys)
     after = analytic_gradient.learn(world, settings, box, before, keys, 0, 1)
     policy = after.policy
-    assert (policy.control, policy.rate, policy.history) == (structure, rate, 2)
+    assert (policy.interface.name, policy.interface.rate, policy.history) == (structure, rate, 2)
     np.testing.assert_array_equal(policy.observation_mean, before.policy.observation_mean)
     *hidden, last = [
         np.asarray(new - old)
@@ -55,7 +55,7 @@ def test_an_update_changes_the_network_and_nothing_else_of_a_policy(
 
 def test_without_a_rate_for_hidden_layers_adam_steps_everywhere_and_its_steps_shrink() -> None:
     settings = AnalyticGradient(updates=50, learning_rate=0.01, hidden_learning_rate=0.0)
-    network = untrained(jax.random.key(0), (8, 8), 2, control.pwm()).network
+    network = untrained(jax.random.key(0), (8, 8), 2).network
     rule = analytic_gradient._optimiser(settings)
     with jax.numpy_dtype_promotion("standard"):
         state, steps, update = rule.init(network), [], jax.jit(rule.update)

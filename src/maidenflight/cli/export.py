@@ -7,14 +7,7 @@ import click
 
 from maidenflight import run_folder
 from maidenflight.cli import options
-
-_EXPORTED = {
-    "c": run_folder.FIRMWARE,
-    "onnx": "onnx_policy",
-    "authors": "authors_policy",
-    "crazyflie": "crazyflie_app",
-}
-"""Folders of what a policy is exported to."""
+from maidenflight.deployment import EXPORTERS
 
 
 @click.command()
@@ -23,13 +16,13 @@ _EXPORTED = {
     "--to",
     default="c",
     show_default=True,
-    type=click.Choice(list(_EXPORTED)),
-    help="c: C99 without dependencies, policy.h and policy.c; onnx: policy.onnx; authors: a JSON "
-    "as the tools of Gronauer et al. read it;"
-    " crazyflie: an app that builds beside an unmodified Crazyflie firmware.",
+    type=click.Choice(list(EXPORTERS)),
+    help="; ".join(f"{to}: {exporter.help}" for to, exporter in EXPORTERS.items()) + ".",
 )
 @options.output(
-    f"Folder; {', '.join(f'{folder} for {to}' for to, folder in _EXPORTED.items())} unless given."
+    "Folder; "
+    + ", ".join(f"{exporter.folder} for {to}" for to, exporter in EXPORTERS.items())
+    + " unless given."
 )
 @click.option(
     "--control",
@@ -54,7 +47,7 @@ def export(
 
     The policy is ours or of Gronauer et al., whose JSON can be written too.
     """
-    output = output or Path(_EXPORTED[to])
+    output = output or Path(EXPORTERS[to].folder)
     options.must_be_new(output, overwrite)
     from maidenflight import workflow
 

@@ -1,1 +1,73 @@
-"""Deployment: from a trained policy to what a drone runs."""
+"""Deployment: from a trained policy to what a drone runs.
+
+`EXPORTERS` holds every form that a policy can be written in. Another one is a file with a function,
+and a line here. Importing this package imports no JAX.
+"""
+
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from maidenflight.inputs import StrPath
+    from maidenflight.policy import Policy
+
+
+@dataclass(frozen=True)
+class Exporter:
+    """A form that a policy can be written in."""
+
+    function: str
+    """`module:name` of a function of a policy, a folder and some of `takes`, which returns the
+    files that it has written."""
+    folder: str
+    """Where to write unless given."""
+    help: str
+    """One sentence for the command line."""
+    takes: tuple[str, ...] = ("record",)
+    """Keywords that the function takes: `name` of the policy, `seed` of random numbers in what is
+    written, `record` of how the policy was made."""
+
+    def __call__(self, policy: "Policy", folder: "StrPath", **given: Any) -> list[Path]:
+        """Writes a policy.
+
+        Args:
+            policy: the policy.
+            folder: where to write; made if missing.
+            given: `name`, `seed`, `record`; those that the function does not take are left out.
+
+        Returns:
+            The files written.
+
+        Raises:
+            InputError: what is written cannot hold the policy.
+        """
+        module, name = self.function.split(":")
+        write = getattr(import_module(module), name)
+        return write(policy, folder, **{key: given[key] for key in self.takes if key in given})
+
+
+_HERE = "maidenflight.deployment"
+EXPORTERS: dict[str, Exporter] = {
+    "c": Exporter(
+        f"{_HERE}.c:export_c",
+        "firmware",
+        "C99 without dependencies, policy.h and policy.c",
+        ("seed", "record"),
+    ),
+    "onnx": Exporter(f"{_HERE}.onnx:export_onnx", "onnx_policy", "policy.onnx"),
+    "authors": Exporter(
+        f"{_HERE}.authors_json:export_authors_json",
+        "authors_policy",
+        "a JSON as the tools of Gronauer et al. read it",
+        ("name",),
+    ),
+    "crazyflie": Exporter(
+        f"{_HERE}.crazyflie:export_crazyflie",
+        "crazyflie_app",
+        "an app that builds beside an unmodified Crazyflie firmware",
+        ("seed", "record"),
+    ),
+}
+"""By the word that the command line takes."""

@@ -20,8 +20,9 @@ import numpy as np
 from maidenflight import inputs, results
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
-from maidenflight.policy import CONTROLS, FORMAT, Policy, from_json, numbers, text_of, to_json
+from maidenflight.policy import FORMAT, Policy, from_json, numbers, text_of
 from maidenflight.simulator.environment import OBSERVATION_SIZE
+from maidenflight.simulator.interface import CONTROLS, INTERFACES, ControlInterface
 
 EPSILON = 1e-5
 """What the authors' scaling adds to a standard deviation; one that is zero divides all the same."""
@@ -84,11 +85,16 @@ def from_authors_json(text: str, where: str, control: str) -> Policy:
         biases=tuple(jnp.asarray(bias) for bias in biases),
         observation_mean=jnp.asarray(mean),
         observation_std=jnp.asarray(deviation + np.float32(EPSILON)),
-        control=control,
-        rate=RATES[control],
+        interface=interface_of(control),
         history=len(mean) // OBSERVATION_SIZE,
     )
-    return from_json(to_json(made), where)
+    made.check(where)
+    return made
+
+
+def interface_of(control: str) -> ControlInterface:
+    """What policies of the authors' drone command, by the name of the control structure."""
+    return INTERFACES[control](action_rate=RATES[control])
 
 
 def read_authors_json(path: StrPath, control: str) -> Policy:
@@ -113,16 +119,11 @@ def to_authors_json(policy: Policy) -> str:
 
     Raises:
         InputError: the policy makes no sense, or is one that the authors' tools would take for
-            another: by its rate, its history or its deviations; or it has more layers than their
-            firmware takes.
+            another: by its interface, its history or its deviations; or it has more layers than
+            their firmware takes.
     """
-    from_json(to_json(policy))
-    if policy.rate != RATES[policy.control]:
-        raise InputError(
-            f"policy: rate = {policy.rate}, but the authors' drone runs {policy.control} policies "
-            f"at {RATES[policy.control]} Hz and their "
-            "files cannot say otherwise. Train at that rate."
-        )
+    policy.check()
+    _check_interface(policy.interface)
     if policy.history != HISTORY:
         raise InputError(
             f"policy: history = {policy.history}, but the authors' policies see {HISTORY} "
@@ -162,7 +163,22 @@ def to_authors_json(policy: Policy) -> str:
     return json.dumps(content)
 
 
-def export_authors_json(policy: Policy, directory: StrPath, *, name: str = "policy") -> Path:
+def _check_interface(interface: ControlInterface) -> None:
+    """Their files hold a network alone; what its outputs command is fixed in their firmware."""
+    if interface.name not in CONTROLS:
+        raise InputError(
+            f"policy: control = {interface.name!r}; the authors' drone knows {', '.join(CONTROLS)}."
+        )
+    theirs = interface_of(interface.name).to_dict()
+    for name, value in interface.to_dict().items():
+        if value != theirs[name]:
+            raise InputError(
+                f"policy: {name} = {value}, but the authors' drone runs {interface.name} policies "
+                f"with {theirs[name]} and their files cannot say otherwise. Train with that."
+            )
+
+
+def export_authors_json(policy: Policy, directory: StrPath, *, name: str = "policy") -> list[Path]:
     """Writes one of the authors' policy files; see `to_authors_json`.
 
     Args:
@@ -172,15 +188,15 @@ def export_authors_json(policy: Policy, directory: StrPath, *, name: str = "poli
             put before it, so that `read_policy` knows what the policy commands.
 
     Returns:
-        The file written.
+        The file written, alone in a list.
 
     Raises:
         InputError: the authors' files cannot hold the policy, or the directory cannot be written.
     """
     text = to_authors_json(policy)
-    if _control_of(Path("/", f"{name}.json")) != policy.control:
-        name = f"{policy.control}_{name}"
-    return results.write(Path(directory) / f"{name}.json", text)
+    if _control_of(Path("/", f"{name}.json")) != policy.interface.name:
+        name = f"{policy.interface.name}_{name}"
+    return [results.write(Path(directory) / f"{name}.json", text)]
 
 
 def read_policy(path: StrPath, control: str | None = None) -> Policy:

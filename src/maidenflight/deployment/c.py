@@ -10,64 +10,23 @@ here shows in the files.
 
 import hashlib
 import json
-import math
 import textwrap
 from collections.abc import Iterable, Mapping
 from importlib import resources
 from pathlib import Path
 from string import Template
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maidenflight import __version__, results
+from maidenflight.deployment.commands import described, level_in_c
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
-from maidenflight.policy import Policy, from_json, to_json
-from maidenflight.simulator.battery import COUNTS
+from maidenflight.policy import Policy, to_json
 from maidenflight.simulator.environment import ACTION_SIZE, OBSERVATION_SIZE
 
-
-class Commands(NamedTuple):
-    """What the actions of a control structure mean: command = centre + span clip(a, -1, 1)."""
-
-    centre: tuple[float, float, float, float]
-    span: tuple[float, float, float, float]
-    told: str
-    """In the header."""
-    level: str
-    """The action that keeps a drone level, in C."""
-
-
-_MOTORS = """
-Motors: 1 front right, 2 back right, 3 back left, 4 front left; 1 and 3 turn counter-clockwise, seen from above. A command u is the
-wanted share in [0, 1] of a motor's full thrust; u = 1 is $full of the firmware's 65535 counts before battery compensation. An action a
-gives u = (clip(a, -1, 1) + 1) / 2."""
-_THRUST = """collective thrust as a share of the motors' full thrust, 1 for $full of the firmware's 65535 counts, and"""
-_FIRMWARE = """The firmware's PIDs follow them. Its commander takes degrees, and its pitch has the other sign: give it -command[2] 180 / pi."""
-_ROLL, _LEAN = math.radians(60.0), math.radians(10.0)
-
-COMMANDS = {
-    "pwm": Commands(
-        (0.5, 0.5, 0.5, 0.5), (0.5, 0.5, 0.5, 0.5), _MOTORS, "{hover, hover, hover, hover}"
-    ),
-    "attitude_rate": Commands(
-        (0.5, 0.0, 0.0, 0.0),
-        (0.5, _ROLL, _ROLL, _ROLL),
-        f"""
-Commands: {_THRUST} roll, pitch and yaw rate [rad/s], body, at most 60 deg/s. {_FIRMWARE}""",
-        "{hover, 0.0f, 0.0f, 0.0f}",
-    ),
-    "attitude": Commands(
-        (0.75, 0.0, 0.0, 0.0),
-        (1.0 / 6.0, _LEAN, _LEAN, _LEAN),
-        f"""
-Commands: {_THRUST} roll, pitch and yaw [rad], at most 10 deg. {_FIRMWARE}""",
-        "{3.0f * hover - 1.5f, 0.0f, 0.0f, 0.0f}",
-    ),
-}
-"""By control structure; scales as in `simulator.control`."""
 GOLDEN_COUNT = 4
 """Observations that the self test recomputes."""
 TOLERANCE = 1e-4
@@ -90,43 +49,40 @@ def export_c(
     *,
     seed: int = 0,
     record: Mapping[str, Any] | None = None,
-    full: float = COUNTS,
 ) -> list[Path]:
     """Writes a policy as `policy.h` and `policy.c`.
 
     The same policy, seed and record give the same bytes.
 
     Args:
-        policy: the policy; its control structure must be one of `COMMANDS`.
+        policy: the policy, of any control interface.
         directory: where to write; made if missing.
         seed: random seed of the golden vectors.
         record: how the policy was made, for the header's comment.
-        full: counts of a Crazyflie's firmware that u = 1 stands for, for the header's comment.
 
     Returns:
         The files written: the header and the source.
 
     Raises:
-        InputError: the policy cannot be written in C, makes no sense or the directory cannot be
-            written.
+        InputError: the policy makes no sense or the directory cannot be written.
     """
-    text = _checked_text(policy)
+    policy.check()
+    interface = policy.interface
     layers = _padded(policy)
     observations = golden_observations(policy, seed)
     actions = _evaluated(policy, observations)
     tolerance = np.float32(TOLERANCE * max(1.0, float(np.abs(actions).max())))
     tables = _tables(policy, layers, observations, actions)
-    commands = COMMANDS[policy.control]
     widest = max([policy.layer_sizes[0], *(len(biases) for _, biases in layers)])
     content = {
         "version": __version__,
-        "hash": hashlib.sha256(text.encode()).hexdigest(),
+        "hash": digest(policy),
         "record": _comment(record),
-        "control": policy.control,
-        "commands": _wrapped(commands.told.replace("$full", f"{full:g}")),
-        "level": commands.level,
-        "drive": "drive_motors" if policy.control == "pwm" else "follow",
-        "rate": policy.rate,
+        "control": interface.name,
+        "commands": _wrapped(f"Commands: {described(interface)}"),
+        "level": level_in_c(interface),
+        "drive": "drive_motors" if interface.name == "pwm" else "follow",
+        "rate": interface.rate,
         "history": policy.history,
         "layer_sizes": "-".join(str(size) for size in policy.layer_sizes),
         "multiplications": sum(weight.size for weight in policy.weights),
@@ -182,6 +138,11 @@ def golden_observations(policy: Policy, seed: int) -> Numbers:
     return instants.reshape(GOLDEN_COUNT, -1).astype(np.float32)
 
 
+def digest(policy: Policy) -> str:
+    """SHA-256 of a policy's JSON text, its record left out."""
+    return hashlib.sha256(to_json(policy).encode()).hexdigest()
+
+
 def checksum(tables: Iterable[Numbers]) -> int:
     """32-bit FNV-1a over the bit patterns of float32 numbers, taken as whole numbers instead of
     bytes.
@@ -193,19 +154,6 @@ def checksum(tables: Iterable[Numbers]) -> int:
         for pattern in np.ascontiguousarray(table, np.float32).reshape(-1).view(np.uint32).tolist():
             total = (total ^ pattern) * 16777619 & 0xFFFFFFFF
     return total
-
-
-def _checked_text(policy: Policy) -> str:
-    """The policy's JSON text, once it is sure that the policy is sound."""
-    if policy.control not in COMMANDS:
-        known = " or ".join(repr(name) for name in COMMANDS)
-        raise InputError(
-            f"policy: control = {policy.control!r}, but C can be written only for {known}. Train "
-            f"with control {known}."
-        )
-    text = to_json(policy)
-    from_json(text)
-    return text
 
 
 def _evaluated(policy: Policy, observations: Numbers) -> Numbers:
@@ -246,8 +194,8 @@ def _tables(
     policy: Policy, layers: Layers, observations: Numbers, actions: Numbers
 ) -> dict[str, Numbers]:
     """Every table of the source by its name in C."""
-    commands = COMMANDS[policy.control]
-    scales = (policy.observation_mean, policy.observation_std, commands.centre, commands.span)
+    interface = policy.interface
+    scales = (policy.observation_mean, policy.observation_std, interface.centre, interface.span)
     tables = {
         name: np.asarray(numbers, np.float32) for name, numbers in zip(_SCALES, scales, strict=True)
     }
@@ -284,16 +232,14 @@ def _layer_table(policy: Policy, layers: Layers) -> str:
     return "\n".join(["static const layer layers[LAYER_COUNT] = {", *lines, "};"])
 
 
-def _wrapped(told: str) -> str:
+def _wrapped(text: str) -> str:
     """Text as lines of a C comment."""
-    return "\n".join(
-        textwrap.wrap(
-            told.strip(),
-            _WIDTH - 4,
-            initial_indent=" * ",
-            subsequent_indent=" * ",
-            break_on_hyphens=False,
-        )
+    return textwrap.fill(
+        text,
+        _WIDTH - 4,
+        initial_indent=" * ",
+        subsequent_indent=" * ",
+        break_on_hyphens=False,
     )
 
 

@@ -10,7 +10,6 @@ Source: interface, units and signs of the Crazyflie firmware 2026.08 (2a18fc299d
 reading; no text of it is used.
 """
 
-import hashlib
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
@@ -20,11 +19,11 @@ from typing import Any
 import numpy as np
 
 from maidenflight import __version__, results
-from maidenflight.deployment.c import COMMANDS, export_c
+from maidenflight.deployment.c import digest, export_c
+from maidenflight.deployment.commands import level_in_c
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
-from maidenflight.policy import Policy, to_json
-from maidenflight.simulator.battery import COUNTS, MOST_COUNTS
+from maidenflight.policy import Policy
 
 MAIN_LOOP = 1000
 """Steps a second of the firmware's stabilizer (stabilizer_types.h)."""
@@ -34,6 +33,7 @@ on an emulated Cortex-M4), which leaves the other half of a stabilizer's step to
 WIDEST = 100
 """Numbers in a layer: two layers lie on the stack of the firmware's stabilizer, 1800 bytes, of
 which they then take 800."""
+_FOLDER = resources.files("maidenflight.deployment").joinpath("crazyflie")
 _VERBATIM = ("Makefile", "Kbuild", "app-config", "src/Kbuild")
 
 
@@ -43,7 +43,6 @@ def export_crazyflie(
     *,
     seed: int = 0,
     record: Mapping[str, Any] | None = None,
-    full: float = COUNTS,
 ) -> list[Path]:
     """Writes a policy as an app: `make CRAZYFLIE_BASE=...` in its folder builds a firmware.
 
@@ -54,28 +53,26 @@ def export_crazyflie(
         directory: where to write; made if missing.
         seed: random seed of the golden vectors of the self-test.
         record: how the policy was made, for a comment.
-        full: what u = 1 means to the firmware [counts], a default that the parameter `mf.full`
-            overrides.
 
     Returns:
         The files written.
 
     Raises:
-        InputError: the policy makes no sense, its rate does not divide the firmware's, its network
-            is too large for the drone, the counts are not within 0 and 65535, or the directory
+        InputError: the policy makes no sense, the app cannot drive its control structure, its rate
+            does not divide the firmware's, its network is too large for the drone, or the directory
             cannot be written.
     """
-    if policy.control not in COMMANDS:
+    policy.check()
+    interface = policy.interface
+    if interface.name not in drives():
         raise InputError(
-            f"policy: control = {policy.control!r}; a Crazyflie can be given {', '.join(COMMANDS)}."
+            f"policy: control = {interface.name!r}; a Crazyflie can be given {', '.join(drives())}."
         )
-    if MAIN_LOOP % policy.rate:
+    if MAIN_LOOP % interface.rate:
         raise InputError(
-            f"policy: rate = {policy.rate} Hz does not divide the {MAIN_LOOP} Hz of the firmware. "
+            f"policy: rate = {interface.rate} Hz does not divide the {MAIN_LOOP} Hz of the firmware. "
             "Train at 100, 50 or 25 Hz."
         )
-    if not 0.0 < full <= MOST_COUNTS:
-        raise InputError(f"full = {full}; expected counts above 0 and at most {MOST_COUNTS:g}.")
     multiplications, widest = sum(weight.size for weight in policy.weights), max(policy.layer_sizes)
     if multiplications > MOST_MULTIPLICATIONS or widest > WIDEST:
         raise InputError(
@@ -85,15 +82,15 @@ def export_crazyflie(
         )
     content = {
         "version": __version__,
-        "hash": hashlib.sha256(to_json(policy).encode()).hexdigest(),
-        "control": policy.control,
-        "rate": policy.rate,
-        "full": f"{np.float32(full)!s}f",
-        "level": COMMANDS[policy.control].level,
-        "drive": _text(f"src/{policy.control}.drive"),
+        "hash": digest(policy),
+        "control": interface.name,
+        "rate": interface.rate,
+        "full": f"{np.float32(interface.full_scale_counts)!s}f",
+        "level": level_in_c(interface),
+        "drive": _text(f"src/{interface.name}.drive"),
     }
     folder = Path(directory)
-    code = export_c(policy, folder / "src", seed=seed, record=record, full=full)
+    code = export_c(policy, folder / "src", seed=seed, record=record)
     made = {name: _text(name) for name in _VERBATIM}
     made |= {
         name: Template(_text(f"{name}.template")).substitute(content)
@@ -102,9 +99,11 @@ def export_crazyflie(
     return [*code, *(results.write(folder / name, text) for name, text in made.items())]
 
 
+def drives() -> list[str]:
+    """Names of the interfaces whose commands the app can give to the firmware, each a file."""
+    names = [entry.name for entry in _FOLDER.joinpath("src").iterdir()]
+    return sorted(name.removesuffix(".drive") for name in names if name.endswith(".drive"))
+
+
 def _text(name: str) -> str:
-    return (
-        resources.files("maidenflight.deployment")
-        .joinpath("crazyflie", *name.split("/"))
-        .read_text(encoding="utf-8")
-    )
+    return _FOLDER.joinpath(*name.split("/")).read_text(encoding="utf-8")

@@ -5,7 +5,6 @@ Written with the `onnx` package, which is an extra. The version of the format is
 of 2022 already read.
 """
 
-import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,10 +15,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from maidenflight import __version__, results
-from maidenflight.deployment.c import COMMANDS, golden_observations
+from maidenflight.deployment.c import digest, golden_observations
+from maidenflight.deployment.commands import described
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
-from maidenflight.policy import Policy, from_json, to_json
+from maidenflight.policy import INSTANT, Policy
 from maidenflight.simulator.environment import ACTION_SIZE
 
 NAME = "policy.onnx"
@@ -34,7 +34,7 @@ def to_onnx(policy: Policy, record: Mapping[str, Any] | None = None) -> bytes:
 
     Input: `observation`, float32 (batch, 20 H), in SI units, laid out as a policy file's `instant`
     tells, the oldest instant first. Outputs: `command`, float32 (batch, 4): centre + span clip(a,
-    -1, 1) as in `c.COMMANDS`; and `action`, float32 (batch, 4): a, not clipped, which the next
+    -1, 1) as the policy's interface says; and `action`, float32 (batch, 4): a, not clipped, which the next
     observation holds. Both are NaN in rows whose observation or action is not finite, which ReLU
     and clipping would else hide.
 
@@ -51,8 +51,8 @@ def to_onnx(policy: Policy, record: Mapping[str, Any] | None = None) -> bytes:
         raise InputError(
             "onnx is not installed, but an ONNX export needs it: pip install 'maidenflight[onnx]'"
         ) from error
-    text = _checked_text(policy)
-    instant, command = json.loads(text)["instant"], " ".join(COMMANDS[policy.control].told.split())
+    _check(policy)
+    command = described(policy.interface)
 
     def table(name: str, columns: int, told: str) -> Any:
         return helper.make_tensor_value_info(
@@ -69,7 +69,7 @@ def to_onnx(policy: Policy, record: Mapping[str, Any] | None = None) -> bytes:
             table(
                 "observation",
                 policy.layer_sizes[0],
-                f"{policy.history} instants of 20 numbers: {instant}",
+                f"{policy.history} instants of 20 numbers: {INSTANT}",
             )
         ],
         [
@@ -88,12 +88,11 @@ def to_onnx(policy: Policy, record: Mapping[str, Any] | None = None) -> bytes:
     )
     metadata = {
         "version": __version__,
-        "control": policy.control,
-        "rate": str(policy.rate),
+        "interface": json.dumps(policy.interface.to_dict()),
         "history": str(policy.history),
-        "instant": instant,
+        "instant": INSTANT,
         "command": command,
-        "sha256": hashlib.sha256(text.encode()).hexdigest(),
+        "sha256": digest(policy),
         "record": json.dumps(dict(record or {})),
     }
     helper.set_model_props(model, metadata)
@@ -102,7 +101,7 @@ def to_onnx(policy: Policy, record: Mapping[str, Any] | None = None) -> bytes:
 
 def export_onnx(
     policy: Policy, directory: StrPath, *, record: Mapping[str, Any] | None = None
-) -> Path:
+) -> list[Path]:
     """Writes a policy as `policy.onnx`; see `to_onnx`.
 
     Args:
@@ -111,24 +110,21 @@ def export_onnx(
         record: how the policy was made, for the metadata.
 
     Returns:
-        The file written.
+        The file written, alone in a list.
 
     Raises:
         InputError: the `onnx` package is not installed, the policy makes no sense or the directory
             cannot be written.
     """
-    return results.write(Path(directory) / NAME, to_onnx(policy, record))
+    return [results.write(Path(directory) / NAME, to_onnx(policy, record))]
 
 
-def _checked_text(policy: Policy) -> str:
-    """The policy's JSON text, once it is sure that the policy is sound."""
-    text = to_json(policy)
-    from_json(text)
+def _check(policy: Policy) -> None:
+    policy.check()
     if not np.isfinite(
         jax.jit(jax.vmap(policy))(jnp.asarray(golden_observations(policy, 0)))
     ).all():
         raise InputError("policy: an action overflows float32. Training diverged: train again.")
-    return text
 
 
 def _steps(layers: int) -> list[tuple[str, str, str, dict[str, Any]]]:
@@ -162,7 +158,6 @@ def _steps(layers: int) -> list[tuple[str, str, str, dict[str, Any]]]:
 
 def _constants(policy: Policy) -> dict[str, np.ndarray]:
     """The numbers of the graph by their names in it."""
-    commands = COMMANDS[policy.control]
     numbers: dict[str, Any] = {
         "mean": policy.observation_mean,
         "deviation": policy.observation_std,
@@ -173,8 +168,8 @@ def _constants(policy: Policy) -> dict[str, np.ndarray]:
         "zero": 0.0,
         "least": -1.0,
         "most": 1.0,
-        "span": commands.span,
-        "centre": commands.centre,
+        "span": policy.interface.span,
+        "centre": policy.interface.centre,
     }
     return {name: np.asarray(value, np.float32) for name, value in numbers.items()} | {
         "columns": np.array([1], np.int64)

@@ -18,7 +18,7 @@ Source: Gronauer et al. 2022, sec. Zero-Shot Experiments; logs of the authors' f
 
 import hashlib
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from itertools import islice, starmap
 from typing import Any, NamedTuple
@@ -32,13 +32,14 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Bool, Float, Int, UInt
 
 from maidenflight.errors import InputError
-from maidenflight.experiments.as_flown import AS_FLOWN, GUARD_RATE
+from maidenflight.experiments.as_flown import GUARD_RATE, controller_as_flown
 from maidenflight.experiments.transfer import MAX_BODY_RATE_RAD_S, MAX_DURATION_S, MAX_TILT_RAD
 from maidenflight.parameters import Parameters, replace
 from maidenflight.policy import Policy
 from maidenflight.simulator import control, dynamics, environment, rotations, tasks
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment, EnvState
+from maidenflight.simulator.interface import ControlInterface
 from maidenflight.simulator.tasks import END_REASONS
 
 MAX_POSITION_ERROR_M = 2.5
@@ -97,7 +98,7 @@ def predict_flight_times(
     duration: float = MAX_DURATION_S,
     farthest: float = MAX_POSITION_ERROR_M,
     start: Start = PUBLISHED_START,
-    structures: Mapping[str, Callable[[], Controller]] = AS_FLOWN,
+    controller_for: Callable[[ControlInterface], Controller] = controller_as_flown,
     names: Sequence[str] | None = None,
     on_policy: Callable[[int, int], None] | None = None,
 ) -> polars.DataFrame:
@@ -116,9 +117,8 @@ def predict_flight_times(
         duration: longest flight [s].
         farthest: distance from the set-point at which a flight ends [m].
         start: spread of first states.
-        structures: what policies command, by the name of their control structure: what the authors'
-            drone ran unless given. `control.CONTROLLERS` has what ours are trained for unless told
-            otherwise. Their action rates do not count, the policies' do.
+        controller_for: the controller of a policy's interface: that of the authors' drone unless
+            given. `control.controller_for` makes those that ours are trained with by default.
         names: what table and errors call the policies; policy_1, policy_2, ... unless given.
         on_policy: called with (policies flown, policies).
 
@@ -139,17 +139,15 @@ def predict_flight_times(
     if rows < 1:
         raise InputError(f"flights of {duration} s, expected at least {1 / GUARD_RATE} s.")
     for name, policy in zip(names, policies, strict=True):
-        if GUARD_RATE % policy.rate:
+        if GUARD_RATE % policy.interface.rate:
             raise InputError(
-                f"{name}: {policy.control} at {policy.rate} Hz, which does not divide the guard's "
-                f"{GUARD_RATE} Hz."
+                f"{name}: {policy.interface.name} at {policy.interface.rate} Hz, which does not "
+                f"divide the guard's {GUARD_RATE} Hz."
             )
     drones = drone if np.ndim(drone.mass) else tree.map(lambda leaf: np.asarray(leaf)[None], drone)
     kinds: dict[tuple, list[int]] = {}
     for place, policy in enumerate(policies):
-        kinds.setdefault(
-            (policy.control, policy.rate, policy.history, policy.layer_sizes), []
-        ).append(place)
+        kinds.setdefault((policy.interface, policy.history, policy.layer_sizes), []).append(place)
     steps, reasons = (np.zeros((len(policies), trials), np.int32) for _ in _Flights._fields)
     done = 0
     for places in kinds.values():
@@ -161,7 +159,7 @@ def predict_flight_times(
             rows,
             farthest,
             start,
-            structures,
+            controller_for,
         )
         for place, (rows_flown, why) in zip(places, flown, strict=True):
             steps[place], reasons[place] = rows_flown, why
@@ -171,7 +169,7 @@ def predict_flight_times(
     return polars.DataFrame(
         {
             "policy": np.repeat(names, trials).tolist(),
-            "control": np.repeat([policy.control for policy in policies], trials).tolist(),
+            "control": np.repeat([policy.interface.name for policy in policies], trials).tolist(),
             "trial": np.tile(np.arange(1, trials + 1), len(policies)),
             "duration": steps.ravel() / GUARD_RATE,
             "end_reason": [END_REASONS[reason] for reason in reasons.ravel()],
@@ -187,14 +185,14 @@ def _fly_kind(
     rows: int,
     farthest: float,
     start: Start,
-    structures: Mapping[str, Callable[[], Controller]],
+    controller_for: Callable[[ControlInterface], Controller],
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Rows and reasons of each policy's flights, policies of one kind.
 
     They fly in portions of one size: the same program flies few and many, in bounded memory.
     """
     # The guard looks between two actions.
-    structure = structures[policies[0].control]()._replace(action_rate=GUARD_RATE)
+    structure = controller_for(policies[0].interface).acting_at(GUARD_RATE)
     step = np.float32(control.time_step(structure, float(np.max(drones.time_step))))
     late = bool(np.any(np.asarray(drones.estimator_delay) > 0))
     drones = tree.map(
@@ -228,7 +226,7 @@ def _fly_kind(
         )
         return _fly(
             env,
-            GUARD_RATE // policies[0].rate,
+            GUARD_RATE // policies[0].interface.rate,
             *flights,
             np.int32(rows),
             np.float32(farthest),
@@ -273,9 +271,8 @@ def _mesh() -> Mesh:
 
 def _identity(policy: Policy) -> int:
     """A number of 32 bits that stands for what a policy is, so that its flights are its own."""
-    known = hashlib.sha256(
-        f"{policy.control} {policy.rate} {policy.history} {policy.layer_sizes}".encode()
-    )
+    kind = f"{policy.interface.name} {policy.interface.rate} {policy.history} {policy.layer_sizes}"
+    known = hashlib.sha256(kind.encode())
     for leaf in tree.leaves(policy):
         known.update(np.asarray(leaf, "<f4").tobytes())
     return int.from_bytes(known.digest()[:4], "little")

@@ -29,9 +29,11 @@ from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import MAX_DURATION_S, transfer
 from maidenflight.inputs import StrPath
 from maidenflight.parameters import QUANTITIES, Parameters, replace
-from maidenflight.policy import CONTROLS, Policy
+from maidenflight.policy import Policy
 from maidenflight.simulator import control, tasks
+from maidenflight.simulator.battery import COUNTS
 from maidenflight.simulator.control import Controller
+from maidenflight.simulator.interface import CONTROLS, INTERFACES
 from maidenflight.simulator.randomization import relative_box
 from maidenflight.simulator.reality import AnyReality
 from maidenflight.training.analytic_gradient import AnalyticGradient
@@ -218,7 +220,7 @@ def _settings(path: StrPath, kind: str, told: Mapping[str, Any]) -> tuple[Analyt
     """Settings of training and rate of a control structure."""
     if kind not in CONTROLS:
         raise InputError(f"{path}: [control.{kind}] is unknown. Expected {', '.join(CONTROLS)}.")
-    rate = told.get("rate", control.CONTROLLERS[kind]().action_rate)
+    rate = told.get("rate", INTERFACES[kind]().rate)
     if type(rate) is not int or not 1 <= rate <= 1000:
         raise InputError(
             f"{path}: [control.{kind}] rate = {rate!r}; expected a whole number from 1 to 1000."
@@ -252,28 +254,28 @@ def _sensible(value: Any) -> bool:
     return (value > 0 if type(value) is int else value >= 0) and value <= _MOST
 
 
-def _controller(kind: str, rate: int) -> Controller:
+def _controller(kind: str, rate: int, full_scale_counts: float = COUNTS) -> Controller:
     """A control structure at the rate of training."""
-    own = control.CONTROLLERS[kind]()
-    if rate == own.action_rate:
-        return own
-    if kind == "pwm":
+    own = INTERFACES[kind]().rate
+    if kind == "pwm" and rate != own:
         raise InputError(
-            f"pwm at {rate} Hz; the motors take {own.action_rate} commands a second. Leave out "
-            "its rate."
+            f"pwm at {rate} Hz; the motors take {own} commands a second. Leave out its rate."
         )
-    return control.CONTROLLERS[kind](action_rate=rate)
+    return control.CONTROLLERS[kind](action_rate=rate, full_scale_counts=full_scale_counts)
 
 
-def train_cell(matrix: Matrix, cell: Cell, nominal: Parameters) -> tuple[Policy, ...]:
+def train_cell(
+    matrix: Matrix, cell: Cell, nominal: Parameters, full_scale_counts: float = COUNTS
+) -> tuple[Policy, ...]:
     """Trains the policies of a cell; they do not depend on the other cells.
 
     Args:
         matrix: settings.
         cell: one of its cells.
         nominal: drone with all other parameters.
+        full_scale_counts: of that drone; see `ControlInterface`.
     """
-    controller = _controller(cell.control, matrix.rates[cell.control])
+    controller = _controller(cell.control, matrix.rates[cell.control], full_scale_counts)
     drone = replace(
         nominal,
         motor_time_constant=np.float32(cell.motor_time_constant),
@@ -320,8 +322,11 @@ def fly(
             for number, one in enumerate(several, 1)
         ]
         names = [f"{cell.name}/{number}" for cell, number, _ in own]
-        rate = control.CONTROLLERS[kind]().action_rate
-        flying = [dataclasses.replace(one, rate=rate) for *_, one in own]
+        rate = INTERFACES[kind]().rate
+        flying = [
+            dataclasses.replace(one, interface=dataclasses.replace(one.interface, rate=rate))
+            for *_, one in own
+        ]
         key = jax.random.fold_in(jax.random.key(matrix.seed), CONTROLS.index(kind))
         table = transfer(
             flying, realities, matrix.trials, key, duration=matrix.duration, names=names

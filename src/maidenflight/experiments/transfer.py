@@ -18,7 +18,7 @@ from maidenflight.flights import flying
 from maidenflight.flights.flying import Pilot, Rows
 from maidenflight.flights.log import Flight
 from maidenflight.parameters import Parameters
-from maidenflight.policy import Policy
+from maidenflight.policy import Actor, Policy
 from maidenflight.simulator import control, environment, rotations, tasks
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
@@ -116,13 +116,15 @@ def transfer(
         trials: flights of each policy in each reality.
         key: random key; `jax.random.key(0)` unless given.
         task: the circle of the paper unless given.
-        controller: what their actions mean; the control structure that they name unless given.
+        controller: what carries out their commands; `control.controller_for` their interface
+            unless given.
         duration: longest flight [s].
         names: what the table calls the policies; policy_1, policy_2, ... unless given.
 
     Raises:
-        InputError: no policy, no reality, or policies of different shapes; or a reality that takes
-            neither motor commands nor those of the policies.
+        InputError: no policy, no reality, policies of different kinds, a controller of another
+            interface than theirs, or a reality that takes neither motor commands nor those of the
+            policies.
     """
     policies = [policies] if isinstance(policies, Policy) else policies
     several: Any = realities if isinstance(realities, list | tuple) else [realities]
@@ -138,7 +140,7 @@ def transfer(
     key = jax.random.key(0) if key is None else key
     names = list(names or (f"policy_{number}" for number in range(1, len(policies) + 1)))
     plan = [(policy, trial) for policy in range(len(policies)) for trial in range(trials)]
-    period = 1 / policies[0].rate
+    period = 1 / policies[0].interface.rate
     table: list[dict[str, Any]] = []
     flights: list[Flight] = []
     for number, reality in enumerate(places):
@@ -149,7 +151,7 @@ def transfer(
             controller,
             task or tasks.circle(),
             keys,
-            round(duration * policies[0].rate),
+            round(duration * policies[0].interface.rate),
         )
         for (policy, trial), rows in zip(plan, flown, strict=True):
             steps, reason = end_of_flight(rows)
@@ -170,7 +172,7 @@ def transfer(
                 flying.to_flight(
                     rows,
                     f"flight_{len(table):02d}",
-                    held=controller.rate == controller.action_rate,
+                    held=controller.command_rate == controller.interface.rate,
                     has_battery=isinstance(reality, VirtualDrone) and reality.battery,
                     simulated=reality.name,
                     period=period,
@@ -181,20 +183,18 @@ def transfer(
 
 def _controller_of(policies: Sequence[Policy], controller: Controller | None) -> Controller:
     """The controller that all policies are for."""
-    shapes = {
-        (policy.control, policy.rate, policy.history, policy.layer_sizes) for policy in policies
-    }
-    if len(shapes) > 1:
+    kinds = {str((policy.interface, policy.history, policy.layer_sizes)) for policy in policies}
+    if len(kinds) > 1:
         raise InputError(
-            f"policies of different kinds ({'; '.join(map(str, sorted(shapes)))}); transfer each "
-            "kind by itself."
+            f"policies of different kinds ({'; '.join(sorted(kinds))}); transfer each kind by "
+            "itself."
         )
-    controller = controller or control.CONTROLLERS[policies[0].control]()
-    if policies[0].rate != controller.action_rate:
+    interface = policies[0].interface
+    controller = controller or control.controller_for(interface)
+    if interface != controller.interface:
         raise InputError(
-            f"{policies[0].control} policies of {policies[0].rate} Hz; the controller given, "
-            f"{controller.name}, acts at"
-            f" {controller.action_rate} Hz. Give the one that they were trained for."
+            f"policies for {interface}, but the controller given obeys {controller.interface}. "
+            "Give the one that they were trained for."
         )
     return controller
 
@@ -241,31 +241,10 @@ _attitude = jax.jit(rotations.to_attitude)
 
 def _pilot(reality: Reality, policy: Policy, controller: Controller) -> Pilot:
     """What flies a policy in a reality, by its own controller if it has the policy's."""
-    actor = _actor(policy, controller, reality.hover)
+    actor = Actor(policy, reality.hover)
     if reality.takes == MOTORS:
-        return flying.cascade(controller, actor)
+        return flying.cascade(controller, lambda *now: actor.act(*now).action)
     raise InputError(
         f"{reality.name} takes {reality.takes!r}; expected {MOTORS!r}, or the policies' own "
-        f"{controller.name!r}."
+        f"{controller.interface.name!r}."
     )
-
-
-def _actor(policy: Policy, controller: Controller, hover: float) -> flying.Act:
-    """The policy one instant at a time, with its history and last action."""
-    history: Any = None
-    action = np.asarray(controller.level(np.float32(hover)))  # type: ignore[arg-type]
-
-    def act(measurement: Measurement, setpoint: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4"]:
-        nonlocal history, action
-        instant = np.asarray(_observe(measurement, setpoint, action))[None]
-        if history is None:
-            history = np.repeat(instant, policy.history, axis=0)
-        history = np.concatenate([history[1:], instant])
-        action = np.asarray(_act(policy, history.reshape(-1)))
-        return action
-
-    return act
-
-
-_observe = jax.jit(environment.observe)
-_act = jax.jit(Policy.__call__)

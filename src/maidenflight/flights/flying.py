@@ -122,9 +122,9 @@ def cascade(controller: Controller, act: Act) -> Pilot:
 
     Args:
         controller: the control structure; its memory is kept here, so a pilot flies once.
-        act: measurement and set-point to action, called at the controller's `action_rate`.
+        act: measurement and set-point to action, called at the rate of the controller's interface.
     """
-    compiled, every = _compiled(controller), controller.rate // controller.action_rate
+    compiled, every = _compiled(controller), controller.command_rate // controller.interface.rate
     memory, action, calls = controller.init(), np.zeros(4, np.float32), 0
 
     def command(
@@ -137,7 +137,7 @@ def cascade(controller: Controller, act: Act) -> Pilot:
         memory, motors = compiled(memory, action, measurement, setpoint)
         return np.asarray(motors)
 
-    return Pilot(command, controller.rate, controller.action_rate, held=every == 1)
+    return Pilot(command, controller.command_rate, controller.interface.rate, held=every == 1)
 
 
 @cache

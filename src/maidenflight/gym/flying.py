@@ -64,7 +64,7 @@ class Program:
 
     def __init__(self, env: Environment) -> None:
         """Compiles nothing yet."""
-        self._world = env
+        self._env = env
         shapes = jax.eval_shape(
             self._launch, relative_box(crazyflie(), 0.0), jax.ShapeDtypeStruct((2,), np.uint32)
         )
@@ -87,7 +87,7 @@ class Program:
 
     def _launch(self, distribution: Distribution, key: UInt32[Array, "2"]) -> Flight:
         drone_key, noise_key = jax.random.split(jax.random.wrap_key_data(key, impl=RANDOM))
-        drone = randomized_reset(self._world, distribution, drone_key)
+        drone = randomized_reset(self._env, distribution, drone_key)
         drone = tree.map(lambda leaf: jnp.asarray(leaf), drone)
         return Flight(drone, jax.random.key_data(noise_key), jnp.zeros(()), jnp.zeros(()))
 
@@ -104,7 +104,7 @@ class Program:
         flight = self._unpack(groups)
         step_key, next_key = jax.random.split(jax.random.wrap_key_data(flight.key, impl=RANDOM))
         env_state, step_result = environment.step(
-            self._world, flight.drone.env_state, action, flight.drone.parameters, step_key
+            self._env, flight.drone.env_state, action, flight.drone.parameters, step_key
         )
         error, steps = flight.error + step_result.position_error, flight.steps + 1.0
         numbers = [
@@ -130,7 +130,7 @@ class Program:
             state.position,
             rotations.to_matrix(state.quaternion),
             state.rotor_speed,
-            self._world.task.reference(env_state.time),
+            self._env.task.reference(env_state.time),
         )
 
     def _pack(self, flight: Flight) -> Groups:

@@ -70,12 +70,12 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             InputError: an argument is not what it should be.
         """
         self.render_mode = arguments.checked_render_mode(render_mode)
-        self._world, self._drones = arguments.world(
+        self._env, self._drones = arguments.world(
             task, control, parameters, firmware, history, options
         )
-        self.metadata = {**self.metadata, "render_fps": self._world.controller.action_rate}
+        self.metadata = {**self.metadata, "render_fps": self._env.controller.interface.rate}
         self.observation_space, self.action_space = spaces(history)
-        self._program = flying.program(self._world)
+        self._program = flying.program(self._env)
         self._key: np.ndarray | None = None
         self._number = 0
         self._ahead: tuple[Any, np.ndarray] = ((), np.empty(0))
@@ -163,5 +163,5 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if self._groups is None:
             raise InputError("render: no episode has begun. Call reset() first.")
         if self._scene is None:
-            self._scene = Scene(self._world.task)
+            self._scene = Scene(self._env.task)
         return self._scene.draw(View(*map(np.asarray, self._program.view(self._groups))))

@@ -54,15 +54,15 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 f"num_envs = {num_envs!r}; expected a whole number of drones, 1 or more."
             )
         self.render_mode = arguments.checked_render_mode(render_mode)
-        self._world, self._drones = arguments.world(
+        self._env, self._drones = arguments.world(
             task, control, parameters, firmware, history, options
         )
-        self.metadata = {**self.metadata, "render_fps": self._world.controller.action_rate}
+        self.metadata = {**self.metadata, "render_fps": self._env.controller.interface.rate}
         self.num_envs = num_envs
         self.single_observation_space, self.single_action_space = spaces(history)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._program = flying.program(self._world)
+        self._program = flying.program(self._env)
         self._keys = np.zeros((num_envs, 2), np.uint32)
         self._ready = np.zeros(num_envs, bool)
         self._ahead: tuple[Any, Any] = ((), ())
@@ -156,7 +156,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if self._groups is None:
             raise InputError("render: no episode has begun. Call reset() first.")
         if not self._scenes:
-            self._scenes = [Scene(self._world.task) for _ in range(self.num_envs)]
+            self._scenes = [Scene(self._env.task) for _ in range(self.num_envs)]
         parts = [np.asarray(part) for part in self._program.view_all(self._groups)]
         return tuple(
             scene.draw(View(*(part[i] for part in parts))) for i, scene in enumerate(self._scenes)

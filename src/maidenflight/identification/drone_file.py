@@ -31,7 +31,7 @@ from maidenflight import inputs, parameters, results
 from maidenflight.errors import InputError
 from maidenflight.inputs import Fields, StrPath
 from maidenflight.parameters import COMPONENTS, DRONES, Parameters
-from maidenflight.simulator.battery import MOST_COUNTS
+from maidenflight.simulator.battery import COUNTS, MOST_COUNTS
 
 OBJECTIVES = ("likelihood", "replay")
 """What an identification optimises."""
@@ -139,6 +139,11 @@ class DroneFile:
     """How the file was made; see `results.record`."""
     name: str = "drone.toml"
     """Of the file as it was given, for errors."""
+
+    @property
+    def full_scale_counts(self) -> float:
+        """Firmware counts of u = 1 in the drone's flights; 60000 of a drone without any."""
+        return COUNTS if self.source is None else self.source.full_scale_counts
 
     def to_toml(self, name: str) -> str:
         """The TOML text of a drone of that name, the same for the same content."""

@@ -1,11 +1,13 @@
 """Control structures: what turns an action, or a set-point, into four thrust commands.
 
-A `Controller` is a NamedTuple of pure functions, so a cascade is a function that returns one.
+A `Controller` is a NamedTuple of pure functions and of the `ControlInterface` that it obeys. PWM,
+attitude-rate and attitude control are the paper's; `driven` makes another from its interface.
 """
 
 from collections.abc import Callable
+from dataclasses import replace as replaced
 from functools import cache, partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self, cast
 
 import jax.numpy as jnp
 import numpy as np
@@ -13,6 +15,7 @@ from jaxtyping import Array, Float, Int
 
 from maidenflight.errors import InputError
 from maidenflight.parameters import Parameters, replace
+from maidenflight.simulator import interface as interfaces
 from maidenflight.simulator import rotations
 from maidenflight.simulator.battery import COUNTS
 from maidenflight.simulator.firmware import (
@@ -24,39 +27,81 @@ from maidenflight.simulator.firmware import (
     Memory,
     RateMemory,
     Setpoint,
-    State,
+    StateEstimate,
     checked,
     rate_tick,
     rates_switched_on,
     switched_on,
     tick,
 )
+from maidenflight.simulator.interface import HIGHEST_RATE_DEG, ControlInterface, Four
 from maidenflight.simulator.sensors import Measurement
+
+MOTOR_RATE = 100
+"""Commands a second [Hz] where a policy commands the motors itself and its rate divides this."""
+
+Drive = Callable[
+    [Any, Float[Array, "4"], Measurement, Float[Array, "3"]], tuple[Any, Float[Array, "4"]]
+]
+"""(memory, command or action, measurement, setpoint [m]) to (memory, thrust commands u)."""
 
 
 class Controller(NamedTuple):
     """A control structure."""
 
-    name: str
+    interface: ControlInterface
+    """What actions mean, and how often they come."""
     init: Callable[[], Any]
     """Memory at switch-on."""
-    command: Callable[
-        [Any, Float[Array, "4"], Measurement, Float[Array, "3"]], tuple[Any, Float[Array, "4"]]
-    ]
+    command: Drive
     """(memory, action, measurement, setpoint [m]) to (memory, thrust commands u in [0, 1])."""
-    rate: int
-    """Commands a second [Hz]."""
-    action_rate: int
-    """Actions a second [Hz]."""
-    level: Callable[[Float[Array, ""]], Float[Array, "4"]]
-    """The action that asks for a level drone whose motors all have the command u, in [0, 1]."""
+    command_rate: int
+    """Thrust commands a second [Hz]."""
+
+    def acting_at(self, rate: int) -> Self:
+        """The same controller with so many actions a second [Hz]."""
+        return self._replace(interface=replaced(self.interface, rate=rate))
+
+
+def driven(
+    interface: ControlInterface,
+    drive: Drive,
+    command_rate: int | None = None,
+    init: Callable[[], Any] = lambda: None,
+    factors: Four = (1.0, 1.0, 1.0, 1.0),
+) -> Controller:
+    """A controller that scales actions as its interface says, and so as exported code does.
+
+    Args:
+        interface: what actions mean.
+        drive: (memory, command in the interface's units, measurement, setpoint [m]) to (memory, the
+            motors' thrust commands u in [0, 1]).
+        command_rate: thrust commands a second [Hz]; 100 unless given, or the rate of actions where
+            that does not divide 100.
+        init: memory at switch-on.
+        factors: from the interface's units to those that `drive` takes.
+    """
+
+    def command(
+        memory: Any,
+        action: Float[Array, "4"],
+        measurement: Measurement,
+        setpoint: Float[Array, "3"],
+    ) -> tuple[Any, Float[Array, "4"]]:
+        return drive(memory, interface.command(action, factors), measurement, setpoint)
+
+    own = interface.rate if MOTOR_RATE % interface.rate else MOTOR_RATE
+    return Controller(interface, init, command, command_rate or own)
 
 
 def time_step(controller: Controller, longest: float = 0.005) -> float:
-    """The longest physics step [s] that divides the period between two commands, but is no longer
-    than one of one's choice.
+    """The longest physics step [s] that divides the period between two commands.
+
+    Args:
+        controller: whose commands.
+        longest: the step is no longer than this [s].
     """
-    period = 1.0 / controller.rate
+    period = 1.0 / controller.command_rate
     return period / np.ceil(period / longest - 1e-6)
 
 
@@ -65,31 +110,6 @@ def in_fitting_steps(drone: Parameters, controller: Controller) -> Parameters:
     return replace(drone, time_step=np.float32(time_step(controller, float(drone.time_step))))
 
 
-@cache
-def pwm() -> Controller:
-    """The policy's four actions are the motors' thrust commands: u = (clip(a, -1, 1) + 1) / 2, at
-    100 Hz.
-
-    Source: Gronauer et al. 2022, sec. Motor Model and sec. Control Structures.
-    """
-
-    def command(
-        memory: None,
-        action: Float[Array, "4"],
-        measurement: Measurement,
-        setpoint: Float[Array, "3"],
-    ) -> tuple[None, Float[Array, "4"]]:
-        return memory, (jnp.clip(action, -1.0, 1.0) + 1.0) / 2.0
-
-    def level(command: Float[Array, ""]) -> Float[Array, "4"]:
-        return jnp.broadcast_to(2.0 * command - 1.0, (4,))
-
-    return Controller("pwm", lambda: None, command, rate=100, action_rate=100, level=level)
-
-
-HIGHEST_RATE = 60.0
-"""Body rate [deg/s] that attitude-rate control can ask for (Gronauer et al. 2022, sec.
-Discussion)."""
 _ZERO: Any = np.zeros(3, np.float32)
 _MODE: Any = np.zeros(6, np.int32)
 _NO_FORCE: Any = np.float32(0.0)
@@ -98,57 +118,71 @@ NOTHING = Setpoint(_ZERO, _ZERO, _ZERO, _ZERO, _NO_FORCE, _MODE, _IN_WORLD)
 """A set-point that asks for nothing, to be filled in."""
 
 
+def pwm(action_rate: int = 100, full_scale_counts: float = COUNTS) -> Controller:
+    """The policy commands the motors: u = (clip(a, -1, 1) + 1) / 2, at 100 Hz.
+
+    Args:
+        action_rate: actions a second [Hz].
+        full_scale_counts: see `ControlInterface`.
+
+    Raises:
+        InputError: a number is not what it should be.
+
+    Source: Gronauer et al. 2022, sec. Motor Model and sec. Control Structures.
+    """
+    return controller_for(interfaces.pwm(action_rate, full_scale_counts))
+
+
 def attitude_rate(
-    firmware: str = "2026.08", action_rate: int = 50, highest_rate: float = HIGHEST_RATE
+    firmware: str = "2026.08",
+    action_rate: int = 50,
+    highest_rate: float = HIGHEST_RATE_DEG,
+    full_scale_counts: float = COUNTS,
 ) -> Controller:
-    """The policy asks for collective thrust and body rates at 50 Hz.
+    """The policy asks for collective thrust and body rates at 50 Hz; PIDs follow at 500 Hz.
 
-    The firmware's PIDs command the motors at 500 Hz.
-
-    T = 30000 + 30000 a_0 counts of 60000; roll, pitch and yaw rate are 60 deg/s times a_1, a_2,
-    a_3, with a clipped to [-1, 1]. The firmware does not follow a yaw rate itself but the yaw that
-    it leads to.
+    The thrust is 0.5 + 0.5 a_0 of full thrust; roll, pitch and yaw rate are 60 deg/s times a_1,
+    a_2, a_3, with a clipped to [-1, 1]. The firmware does not follow a yaw rate itself but the yaw
+    that it leads to.
 
     Args:
         firmware: `"2021.10"` or `"2026.08"`.
         action_rate: actions a second [Hz]; the authors trained at 100 and flew at 50.
-        highest_rate: body rate [deg/s] that an action of 1 asks for. A policy's file does not tell
-            it: fly it with the same one.
+        highest_rate: body rate [deg/s] that an action of 1 asks for.
+        full_scale_counts: see `ControlInterface`.
 
     Raises:
-        InputError: there is no such firmware, the action rate does not divide 500 Hz, or the
-            highest rate is not positive and finite.
+        InputError: there is no such firmware, the action rate does not divide 500 Hz, or another
+            number is not what it should be.
 
     Source: Gronauer et al. 2022, sec. Control Structures; scales from the authors' code; +-360
     deg/s from sec. Discussion.
     """
-    if not 0.0 < highest_rate < np.inf:
-        raise InputError(
-            f"highest_rate = {highest_rate} deg/s; expected a positive number. The paper's is "
-            f"{HIGHEST_RATE:g}."
-        )
-    return _attitude_rate(checked(firmware), action_rate, float(highest_rate))
+    made = interfaces.attitude_rate(action_rate, highest_rate, full_scale_counts)
+    return controller_for(made, firmware)
 
 
-def attitude(firmware: str = "2026.08", action_rate: int = 25) -> Controller:
-    """The policy asks for collective thrust and attitude at 25 Hz.
+def attitude(
+    firmware: str = "2026.08", action_rate: int = 25, full_scale_counts: float = COUNTS
+) -> Controller:
+    """The policy asks for collective thrust and attitude at 25 Hz; PIDs follow at 500 Hz.
 
-    The firmware's PIDs command the motors at 500 Hz.
-
-    T = 45000 + 10000 a_0 counts of 60000; roll, pitch and yaw are 10 deg times a_1, a_2, a_3, with
-    a clipped to [-1, 1]. The least thrust, 35000 counts, lifts a drone whose thrust-to-weight ratio
-    is above 1.71: it cannot descend.
+    The thrust is 3/4 + a_0 / 6 of full thrust; roll, pitch and yaw are 10 deg times a_1, a_2, a_3,
+    with a clipped to [-1, 1]. The least thrust lifts a drone whose thrust-to-weight ratio is above
+    1.71: it cannot descend.
 
     Args:
         firmware: `"2021.10"` or `"2026.08"`.
         action_rate: actions a second [Hz]; the authors trained at 100 and flew at 25.
+        full_scale_counts: see `ControlInterface`.
 
     Raises:
-        InputError: there is no such firmware, or the action rate does not divide 500 Hz.
+        InputError: there is no such firmware, the action rate does not divide 500 Hz, or another
+            number is not what it should be.
 
     Source: Gronauer et al. 2022, sec. Control Structures; scales from the authors' code.
     """
-    return _attitude(checked(firmware), action_rate)
+    return controller_for(interfaces.attitude(action_rate, full_scale_counts), firmware)
 
 
 CONTROLLERS: dict[str, Callable[..., Controller]] = {
@@ -156,84 +190,104 @@ CONTROLLERS: dict[str, Callable[..., Controller]] = {
     "attitude_rate": attitude_rate,
     "attitude": attitude,
 }
-"""The paper's control structures by name; those of the firmware take `firmware` and
-`action_rate`."""
+"""The paper's control structures by name; all take `action_rate` and `full_scale_counts`, those of
+the firmware also `firmware`."""
 
 
 @cache
-def _attitude_rate(firmware: Generation, action_rate: int, highest_rate: float) -> Controller:
-    def command(
+def _pwm(interface: ControlInterface, firmware: Generation) -> Controller:
+    return driven(interface, lambda memory, command, *_: (memory, command))
+
+
+@cache
+def _attitude_rate(interface: ControlInterface, firmware: Generation) -> Controller:
+    def drive(
         memory: RateMemory,
-        action: Float[Array, "4"],
+        asked: Float[Array, "4"],
         measurement: Measurement,
         setpoint: Float[Array, "3"],
     ) -> tuple[RateMemory, Float[Array, "4"]]:
-        asked = jnp.clip(action, -1.0, 1.0)
         yaw, rates = (
             jnp.degrees(rotations.heading(measurement.quaternion)),
             jnp.degrees(measurement.body_rates),
         )
-        memory, motors = rate_tick(
-            memory, 30000.0 + 30000.0 * asked[0], highest_rate * asked[1:], yaw, rates, firmware
-        )
-        return memory, _command(motors)
+        memory, motors = rate_tick(memory, asked[0], asked[1:], yaw, rates, firmware)
+        return memory, _shares(motors, interface)
 
-    def level(command: Float[Array, ""]) -> Float[Array, "4"]:
-        return _upright(2.0 * command - 1.0)
-
-    return Controller(
-        "attitude_rate", rates_switched_on, command, ATTITUDE_RATE, _dividing(action_rate), level
+    return driven(
+        interface, drive, _pid_rate(interface), rates_switched_on, firmware_units(interface)
     )
 
 
 @cache
-def _attitude(firmware: Generation, action_rate: int) -> Controller:
+def _attitude(interface: ControlInterface, firmware: Generation) -> Controller:
     mode: Any = np.array([DISABLE] * 3 + [ABSOLUTE] * 3, np.int32)
 
-    def command(
+    def drive(
         memory: Memory,
-        action: Float[Array, "4"],
+        asked: Float[Array, "4"],
         measurement: Measurement,
         setpoint: Float[Array, "3"],
     ) -> tuple[Memory, Float[Array, "4"]]:
-        asked = jnp.clip(action, -1.0, 1.0)
-        wanted = NOTHING._replace(
-            mode=mode, attitude=10.0 * asked[1:], thrust=45000.0 + 10000.0 * asked[0]
-        )
+        wanted = NOTHING._replace(mode=mode, attitude=asked[1:], thrust=asked[0])
         memory, motors = tick(memory, wanted, sensed(measurement), firmware, position_due=False)
-        return memory, _command(motors)
+        return memory, _shares(motors, interface)
 
-    def level(command: Float[Array, ""]) -> Float[Array, "4"]:
-        return _upright(6.0 * command - 4.5)
-
-    return Controller(
-        "attitude",
+    return driven(
+        interface,
+        drive,
+        _pid_rate(interface),
         partial(switched_on, fixed=True),
-        command,
-        ATTITUDE_RATE,
-        _dividing(action_rate),
-        level,
+        firmware_units(interface),
     )
 
 
-def _upright(thrust: Float[Array, ""]) -> Float[Array, "4"]:
-    """The action that asks for collective thrust and nothing else."""
-    none = jnp.zeros_like(thrust)
-    return jnp.stack([thrust, none, none, none])
+DRIVES: dict[str, Callable[[ControlInterface, Generation], Controller]] = {
+    "pwm": _pwm,
+    "attitude_rate": _attitude_rate,
+    "attitude": _attitude,
+}
+"""What flies policies that are read from files: a controller by the name of its interface."""
 
 
-def _command(motors: Float[Array, "4"]) -> Float[Array, "4"]:
-    """Motor commands [counts] as u."""
-    return jnp.clip(motors * (1.0 / COUNTS), 0.0, 1.0)
+def controller_for(interface: ControlInterface, firmware: str = "2026.08") -> Controller:
+    """The controller that does what an interface says.
 
+    Args:
+        interface: a policy's.
+        firmware: `"2021.10"` or `"2026.08"`, of no consequence to PWM.
 
-def _dividing(action_rate: int) -> int:
-    if action_rate < 1 or ATTITUDE_RATE % action_rate:
+    Raises:
+        InputError: there is no such firmware, `DRIVES` has no structure of that name, or the action
+            rate does not divide the 500 Hz of the PIDs that follow it.
+    """
+    if interface.name not in DRIVES:
         raise InputError(
-            f"action_rate = {action_rate} Hz does not divide the PIDs' {ATTITUDE_RATE} Hz. Give "
+            f"control structure {interface.name!r}: not one of {', '.join(DRIVES)}. Give the "
+            "controller that the policy was trained for, or enter it in control.DRIVES."
+        )
+    return DRIVES[interface.name](interface, checked(firmware))
+
+
+def firmware_units(interface: ControlInterface) -> Four:
+    """Factors from the interface's units to the firmware's: counts, and degrees for radians."""
+    scales = {interfaces.THRUST: interface.full_scale_counts}
+    degree = float(np.degrees(1.0))
+    return cast(Four, tuple(scales.get(unit, degree) for unit in interface.units))
+
+
+def _shares(motors: Float[Array, "4"], interface: ControlInterface) -> Float[Array, "4"]:
+    """Motor commands [counts] as u."""
+    return jnp.clip(motors * (1.0 / interface.full_scale_counts), 0.0, 1.0)
+
+
+def _pid_rate(interface: ControlInterface) -> int:
+    if ATTITUDE_RATE % interface.rate:
+        raise InputError(
+            f"action_rate = {interface.rate} Hz does not divide the PIDs' {ATTITUDE_RATE} Hz. Give "
             "25, 50 or 100."
         )
-    return action_rate
+    return ATTITUDE_RATE
 
 
 class CascadeMemory(NamedTuple):
@@ -244,9 +298,21 @@ class CascadeMemory(NamedTuple):
     """Commands given so far, modulo the commands between two updates of the outer loops."""
 
 
+_ADDED = "added share of full thrust"
+EXCITATION = ControlInterface(
+    "position_pid",
+    (0.0, 0.0, 0.0, 0.0),
+    (1.0, 1.0, 1.0, 1.0),
+    (_ADDED, _ADDED, _ADDED, _ADDED),
+    POSITION_RATE,
+)
+"""What is added to the motors' commands while the position PID flies."""
+
+
 def position_pid(firmware: str = "2021.10") -> Controller:
-    """The firmware's cascaded PID, which holds a set-point: position and velocity at 100 Hz,
-    attitude and rate at 500 Hz.
+    """The firmware's cascaded PID, which holds a set-point.
+
+    Position and velocity loops run at 100 Hz, attitude and rate loops at 500 Hz.
 
     The action is added to the four commands, so that flights can be excited for identification;
     zero is the plain PID. Yaw is held at zero.
@@ -282,18 +348,13 @@ def _position_pid(firmware: Generation) -> Controller:
     def init() -> CascadeMemory:
         return CascadeMemory(switched_on(), np.int32(0))  # type: ignore[arg-type]
 
-    def level(command: Float[Array, ""]) -> Float[Array, "4"]:
-        return jnp.zeros(4)
-
-    return Controller(
-        "position_pid", init, command, rate=ATTITUDE_RATE, action_rate=POSITION_RATE, level=level
-    )
+    return Controller(EXCITATION, init, command, ATTITUDE_RATE)
 
 
-def sensed(measurement: Measurement) -> State:
+def sensed(measurement: Measurement) -> StateEstimate:
     """A measurement in the firmware's units."""
     attitude = rotations.to_attitude(measurement.quaternion)
-    return State(
+    return StateEstimate(
         measurement.position,
         measurement.velocity,
         jnp.degrees(attitude),

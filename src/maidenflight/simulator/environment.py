@@ -52,13 +52,13 @@ class Environment:
     """Estimates that a late estimator remembers; 0: the estimator is not late."""
 
     def __post_init__(self) -> None:
-        rates = self.controller.rate, self.estimate_rate, self.controller.action_rate
+        rates = self.controller.command_rate, self.estimate_rate, self.controller.interface.rate
         if min(rates) < 1 or rates[0] % max(rates) or max(rates[1:]) % min(rates[1:]):
             raise InputError(
                 f"{rates[0]} commands, {rates[1]} estimates and {rates[2]} actions a second: of "
                 "estimates and actions one must divide "
-                "the other, and both the commands. Change estimate_rate or the controller's "
-                "action_rate."
+                "the other, and both the commands. Change estimate_rate or the rate of the "
+                "controller's interface."
             )
 
     @classmethod
@@ -82,13 +82,13 @@ class Environment:
         """
         task, controller = task or tasks.circle(), controller or control.pwm()
         step = float(np.asarray(parameters.time_step))
-        steps = 1.0 / (controller.rate * step)
+        steps = 1.0 / (controller.command_rate * step)
         if round(steps) < 1 or abs(steps - round(steps)) > 1e-3:
             fitting = control.time_step(controller, step)
             raise InputError(
-                f"time_step = {step * 1e3:.4g} ms does not divide the {1e3 / controller.rate:.4g} "
+                f"time_step = {step * 1e3:.4g} ms does not divide the {1e3 / controller.command_rate:.4g} "
                 "ms between two commands of "
-                f"{controller.name} control. Give one that does, such as replace(parameters, "
+                f"{controller.interface.name} control. Give one that does, such as replace(parameters, "
                 f"time_step={fitting:.6g})."
             )
         return cls(task=task, controller=controller, steps_per_command=round(steps), **settings)
@@ -96,12 +96,12 @@ class Environment:
     @property
     def commands_per_action(self) -> int:
         """Commands of the controller an action: 1 where the policy commands the motors itself."""
-        return self.controller.rate // self.controller.action_rate
+        return self.controller.command_rate // self.controller.interface.rate
 
     @property
     def estimates_per_action(self) -> int:
         """Estimates an action; 1 also where an estimate serves several actions."""
-        return max(1, self.estimate_rate // self.controller.action_rate)
+        return max(1, self.estimate_rate // self.controller.interface.rate)
 
     def command_period(self, parameters: Parameters) -> Float[Array, ""]:
         """Time for which a command holds [s]."""
@@ -113,7 +113,7 @@ class Environment:
 
     def delay_slots(self) -> int:
         """Length of the delay line, from the controller's nominal rate."""
-        return latency.slots(1.0 / self.controller.rate)
+        return latency.slots(1.0 / self.controller.command_rate)
 
 
 class EnvState(NamedTuple):
@@ -188,6 +188,11 @@ def observe(
     return jnp.concatenate([*seen, error, action])
 
 
+def remember(history: Float[Array, "H 20"], instant: Float[Array, "20"]) -> Float[Array, "H 20"]:
+    """The history with one more instant and without its oldest."""
+    return jnp.concatenate([history[1:], instant[None]])
+
+
 def observation(env_state: EnvState) -> Float[Array, "20H"]:
     """The policy's input: the last H instants, oldest first."""
     return env_state.history.reshape(-1)
@@ -222,7 +227,7 @@ def begin(
     for _ in range(environment.estimator_memory):
         estimator = sensors.remember(estimator, state)
     measurement = sensors.measure(state, bias, parameters, normal[3:], uniform)
-    action = environment.controller.level(command)
+    action = environment.controller.interface.level(command)
     instant = observe(measurement, environment.task.reference(time), action)
     return EnvState(
         state=state,
@@ -348,7 +353,7 @@ def step(
         end_reason=jnp.where(truncated, tasks.TIME_LIMIT, failure),
     )
     instant = observe(after.measurement, setpoint, action)
-    history = jnp.concatenate([env_state.history[1:], instant[None]])
+    history = remember(env_state.history, instant)
     return after._replace(history=history, action=action, time=time, elapsed=elapsed), step_result
 
 
@@ -413,7 +418,7 @@ def _estimate(
     bias = sensors.walk_bias(env_state.gyro_bias, period, parameters, turn)
     drift = sensors.walk_estimate(env_state.drift, period, parameters, walk)
     seen, estimator = env_state.state, env_state.estimator
-    every = max(1, environment.controller.action_rate // environment.estimate_rate)
+    every = max(1, environment.controller.interface.rate // environment.estimate_rate)
     if environment.estimator_memory > 0:
         estimator = sensors.remember(estimator, env_state.state)
         seen = sensors.delayed(estimator, env_state.state, every * period, parameters)

@@ -43,7 +43,7 @@ POSITION_RATE = 100
 """Position and velocity PIDs [Hz]."""
 
 
-class State(NamedTuple):
+class StateEstimate(NamedTuple):
     """What the firmware's estimator and gyro tell."""
 
     position: Float[Array, "3"]
@@ -229,7 +229,7 @@ def pid(
     return PIDMemory(integral, last), jnp.clip(output, -gains.output_limit, gains.output_limit)
 
 
-def reset(memory: Memory, state: State, firmware: Generation) -> Memory:
+def reset(memory: Memory, state: StateEstimate, firmware: Generation) -> Memory:
     """All PIDs anew; in 2026.08 the present attitude becomes the last one.
 
     What was last of position and velocity is of no consequence: they have no derivative.
@@ -244,7 +244,7 @@ def reset(memory: Memory, state: State, firmware: Generation) -> Memory:
 
 
 def position_loops(
-    memory: Memory, setpoint: Setpoint, state: State, firmware: Generation
+    memory: Memory, setpoint: Setpoint, state: StateEstimate, firmware: Generation
 ) -> Memory:
     """Position and velocity PIDs: what attitude and thrust to ask for.
 
@@ -281,7 +281,7 @@ def position_loops(
 
 
 def attitude_loops(
-    memory: Memory, setpoint: Setpoint, state: State, firmware: Generation
+    memory: Memory, setpoint: Setpoint, state: StateEstimate, firmware: Generation
 ) -> Memory:
     """Attitude and rate PIDs: what torque to ask for. Source: controller_pid.c.
 
@@ -332,7 +332,7 @@ def mix(
 def tick(
     memory: Memory,
     setpoint: Setpoint,
-    state: State,
+    state: StateEstimate,
     firmware: Generation,
     position_due: Bool[Array, ""] | bool,
     attitude_due: Bool[Array, ""] | bool = True,

@@ -120,7 +120,7 @@ def begin(env: Environment, settings: AnalyticGradient, box: Distribution, keys:
 
     def one(key: Array) -> _Learner:
         policy_key, key = jax.random.split(key)
-        policy = untrained(policy_key, settings.hidden, env.history, env.controller)
+        policy = untrained(policy_key, settings.hidden, env.history, env.controller.interface)
         instances = jax.vmap(partial(randomized_reset, env, box))(
             own(jax.random.split(key, settings.num_envs))
         )

@@ -55,7 +55,7 @@ def evaluate(
         episodes: number of episodes; static.
         steps: control periods of an episode, by default the task's duration; static.
     """
-    periods = round(env.task.duration * env.controller.action_rate) if steps is None else steps
+    periods = round(env.task.duration * env.controller.interface.rate) if steps is None else steps
 
     def one(key: Array) -> tuple[Array, Array, Array, Array]:
         launch_key, key = jax.random.split(key)

@@ -157,7 +157,7 @@ def begin(env: Environment, settings: PPO, box: Distribution, keys: Array) -> _L
 
     def one(key: Array) -> _Learner:
         policy_key, critic_key, key = jax.random.split(key, 3)
-        policy = untrained(policy_key, settings.hidden, env.history, env.controller)
+        policy = untrained(policy_key, settings.hidden, env.history, env.controller.interface)
         instances = jax.vmap(partial(randomized_reset, env, box))(
             own(jax.random.split(key, settings.num_envs))
         )

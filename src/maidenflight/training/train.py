@@ -18,7 +18,7 @@ from jax import tree
 from jaxtyping import Array
 
 from maidenflight.errors import InputError
-from maidenflight.policy import CONTROLS, Policy
+from maidenflight.policy import Policy
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import Distribution
@@ -166,11 +166,6 @@ def train(
         raise InputError(
             "keys must be random keys, one a policy: jax.random.split(jax.random.key(0), 3)."
         )
-    if controller.name not in CONTROLS:
-        raise InputError(
-            f"control structure {controller.name} cannot be trained for; expected one of "
-            f"{', '.join(CONTROLS)}."
-        )
     if history < 1:
         raise InputError(
             f"history = {history}; expected 1 or more instants. The paper's policies see 2."
@@ -259,9 +254,8 @@ def _fingerprint(env: Environment, settings: Settings, box: Distribution, keys: 
         "settings": recorded(settings),
         "task": [task.name, task.duration, task.floor],
         "control": [
-            controller.name,
-            controller.rate,
-            controller.action_rate,
+            controller.interface.to_dict(),
+            controller.command_rate,
             env.steps_per_command,
         ],
         "history": env.history,

@@ -50,7 +50,7 @@ def randomized(
     if randomization == WIDE:
         trims = [file.estimates.get(name) for name in TRIM]
         deviations = [0.0 if trim is None else trim.between_segment_sd for trim in trims]
-        return wide_box(centre, controller.name, deviations)
+        return wide_box(centre, controller.interface.name, deviations)
     return relative_box(centre, float(randomization))
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import jax
@@ -10,13 +11,15 @@ import polars
 from maidenflight import parameters, policy, results, run_folder
 from maidenflight.deployment.authors_json import read_policy
 from maidenflight.experiments import matrix
-from maidenflight.experiments.as_flown import AS_FLOWN, FIRMWARE
+from maidenflight.experiments.as_flown import FIRMWARE, controller_as_flown
 from maidenflight.experiments.flight_times import predict_flight_times
 from maidenflight.experiments.matrix import Cell, Matrix
 from maidenflight.experiments.transfer import Transfer, transfer
 from maidenflight.flights import log
 from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import read_flights
+from maidenflight.identification import drone_file
+from maidenflight.identification.drone_file import DroneFile
 from maidenflight.inputs import StrPath
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy
@@ -92,7 +95,7 @@ def transfer_matrix(
         InputError: the folder holds policies of other settings or of another version; or a drone or
             a reality is unknown.
     """
-    nominal, realities = parameters.read(asked.drone), [reality(name) for name in asked.realities]
+    drone, realities = drone_file.read(asked.drone), [reality(name) for name in asked.realities]
     inputs = [asked.drone] if Path(asked.drone).is_file() else []
     settings = {
         name: value
@@ -115,7 +118,7 @@ def transfer_matrix(
         if on_cell is not None:
             on_cell(done, len(asked.cells), f"training {cell.name}")
         policies[cell] = _policies_of(
-            asked, cell, nominal, Path(folder, run_folder.POLICIES, cell.name), restart
+            asked, cell, drone, Path(folder, run_folder.POLICIES, cell.name), restart
         )
     if on_cell is not None:
         on_cell(len(asked.cells), len(asked.cells), "flying")
@@ -125,13 +128,17 @@ def transfer_matrix(
 
 
 def _policies_of(
-    asked: Matrix, cell: Cell, nominal: Parameters, folder: Path, restart: bool
+    asked: Matrix, cell: Cell, drone: DroneFile, folder: Path, restart: bool
 ) -> Sequence[Policy]:
     """Those that the folder holds, or new ones that it holds then."""
     inputs = [asked.drone] if Path(asked.drone).is_file() else []
     made = results.record(seed=asked.seed, inputs=inputs, settings=asked.said(cell))
     return policy.kept(
-        folder, asked.policies, made, lambda: matrix.train_cell(asked, cell, nominal), restart
+        folder,
+        asked.policies,
+        made,
+        lambda: matrix.train_cell(asked, cell, drone.parameters, drone.full_scale_counts),
+        restart,
     )
 
 
@@ -185,7 +192,9 @@ def predict_with(
         jax.random.key(seed),
         trials=trials,
         duration=duration,
-        structures=AS_FLOWN if firmware == FIRMWARE else control.CONTROLLERS,
+        controller_for=controller_as_flown
+        if firmware == FIRMWARE
+        else partial(control.controller_for, firmware=firmware),
         names=names(files),
         on_policy=on_policy,
     )

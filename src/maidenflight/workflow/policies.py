@@ -56,9 +56,9 @@ def read_as(path: StrPath, structure: str | None) -> Policy:
         InputError: the file is no policy, or one of ours that says that it commands something else.
     """
     read = read_policy(path, structure)
-    if structure not in (None, read.control):
+    if structure not in (None, read.interface.name):
         raise InputError(
-            f"{path}: a {read.control} policy, as its file says, not {structure}. Leave out "
+            f"{path}: a {read.interface.name} policy, as its file says, not {structure}. Leave out "
             "--control, which is for the authors' policies."
         )
     return read

@@ -104,8 +104,8 @@ def train_for(
     saved = Path(folder, run_folder.CHECKPOINT)
     if resume and not saved.exists():
         raise InputError(f"{saved}: no training to resume. {_how_to_start(Path(folder))}")
-    controller = control.CONTROLLERS[structure]()
     file = drone_file.read(drone)
+    controller = control.CONTROLLERS[structure](full_scale_counts=file.full_scale_counts)
     box = randomized(file, randomization, controller)
     rows: list[dict[str, Any]] = []
 
@@ -129,7 +129,6 @@ def train_for(
         "randomization": randomization,
         "policies": count,
         "history": history,
-        "full": None if file.source is None else file.source.full_scale_counts,
         "yaw_penalty": yaw_penalty or None,
         **recorded(settings),
     }
@@ -195,7 +194,9 @@ def watched_flight(drone: StrPath, structure: str, task: str) -> Callable[[Polic
         structure: name of a control structure in `control.CONTROLLERS`.
         task: name in `tasks.TASKS`.
     """
-    controller, flown = control.CONTROLLERS[structure](), tasks.TASKS[task]()
+    counts = drone_file.read(drone).full_scale_counts
+    controller = control.CONTROLLERS[structure](full_scale_counts=counts)
+    flown = tasks.TASKS[task]()
     reality = VirtualDrone(
         Path(drone).stem, control.in_fitting_steps(parameters.read(drone), controller)
     )

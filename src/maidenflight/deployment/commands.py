@@ -1,0 +1,53 @@
+"""What a policy commands, in words for people and as C, from its control interface."""
+
+import numpy as np
+
+from maidenflight.simulator.interface import THRUST, ControlInterface
+
+_FOLLOWED = (
+    "The firmware's PIDs follow them. Its commander takes degrees, and its pitch has the other "
+    "sign: give it -command[2] 180 / pi."
+)
+_NOTES = {
+    "pwm": "Motors: 0 front right, 1 back right, 2 back left, 3 front left (the firmware's M1 to "
+    "M4); the first and the third turn counter-clockwise, seen from above.",
+    "attitude_rate": "Command 0 is collective thrust; 1 to 3 are roll, pitch and yaw rate, body. "
+    + _FOLLOWED,
+    "attitude": f"Command 0 is collective thrust; 1 to 3 are roll, pitch and yaw. {_FOLLOWED}",
+}
+"""What units leave open, by the name of the interface."""
+
+
+def described(interface: ControlInterface) -> str:
+    """What the four commands are, in one paragraph."""
+    ranges = [
+        f"{np.float32(centre - span):.6g} to {np.float32(centre + span):.6g} {unit}"
+        for centre, span, unit in zip(
+            interface.centre, interface.span, interface.units, strict=True
+        )
+    ]
+    parts = [
+        "command = centre + span clip(action, -1, 1), in "
+        + "; ".join(f"[{place}] {told}" for place, told in enumerate(ranges))
+        + "."
+    ]
+    if THRUST in interface.units:
+        parts.append(
+            f"A share of 1 is {interface.full_scale_counts:g} of the firmware's 65535 counts "
+            "before battery compensation."
+        )
+    parts.append(_NOTES.get(interface.name, ""))
+    return " ".join(part for part in parts if part)
+
+
+def level_in_c(interface: ControlInterface) -> str:
+    """The action that keeps a drone level, in C; `share` is the share of full thrust that hovers."""
+    terms = []
+    for slope, offset in zip(*interface.level_line, strict=True):
+        constant = f"{np.float32(abs(offset))!s}f"
+        sign = "-" if offset < 0.0 else ""
+        between = "-" if offset < 0.0 else "+"
+        terms.append(
+            f"{np.float32(slope)!s}f * share {between} {constant}" if slope else sign + constant
+        )
+    return "{" + ", ".join(terms) + "}"
