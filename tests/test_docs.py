@@ -18,9 +18,10 @@ import pytest
 from jaxtyping import Array
 
 import maidenflight as mf
-from maidenflight import cli, parameters, policy
+from maidenflight import cli, deployment, parameters, policy
 from maidenflight.flights import log
 from maidenflight.policy import Policy
+from maidenflight.simulator import control
 from maidenflight.simulator import reality as registry
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.randomization import Distribution
@@ -470,3 +471,42 @@ def test_the_api_shows_every_module_and_its_index_every_public_name() -> None:
     assert set().union(*(shown(page) for page in (ROOT / "docs/api").glob("*.md"))) == public
     index = (ROOT / "docs/api/index.md").read_text()
     assert all(f"[`{name}`]" in index for name in mf.__all__ if name != "__version__")
+
+
+def extensions(section: str) -> list[str]:
+    """The Python of a section of the page on extending."""
+    page = (ROOT / "docs/extending.md").read_text()
+    (own,) = re.findall(rf"^## {section}\n(.*?)(?=^## |\Z)", page, re.M | re.S)
+    return re.findall(r"^```python\n(.*?)^```", own, re.M | re.S)
+
+
+@pytest.mark.usefixtures("less_work")
+def test_a_control_structure_is_added_in_three_places(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mf, "train", traced_training)
+    monkeypatch.setattr(mf, "transfer", traced_flights)
+    monkeypatch.setattr(control, "DRIVES", dict(control.DRIVES))
+    (snippet,) = extensions("A control structure")
+    assert [line[:4] for line in snippet.splitlines() if re.match(r"# \d", line)] == [
+        "# 1.",
+        "# 2.",
+        "# 3.",
+    ]
+    names: dict[str, Any] = {}
+    exec(compile(snippet, "docs/extending.md", "exec"), names)
+    read = policy.read("policies/torques.json")
+    assert read.interface == names["TORQUES"]
+    assert control.controller_for(read.interface).interface == names["TORQUES"]
+    assert '#define MF_CONTROL "torques"' in Path("firmware/policy.h").read_text()
+
+
+def test_an_exporter_is_a_file_and_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    file, line = extensions("An exporter")
+    Path("scales.py").write_text(file)
+    monkeypatch.syspath_prepend(str(Path.cwd()))
+    monkeypatch.setattr(deployment, "EXPORTERS", added := dict(deployment.EXPORTERS))
+    exec(compile(line, "docs/extending.md", "exec"), {})
+    assert len([one for one in line.splitlines() if one and "import" not in one]) == 1
+    made = policy.untrained(jax.random.key(0))
+    (written,) = added["scales"](made, "scales", name="mine", seed=1, record={})
+    assert json.loads(written.read_text())["name"] == "pwm"
+    assert written == Path("scales/mine_scales.json")

@@ -128,10 +128,10 @@ def test_one_policy_and_one_reality_need_no_list() -> None:
     assert alone["policy"].to_list() == ["policy_1"] * 4
 
 
-def test_a_controller_of_another_rate_is_named() -> None:
+def test_a_controller_of_another_interface_is_refused() -> None:
     with pytest.raises(
         InputError,
-        match="pwm policies of 100 Hz; the controller given, attitude_rate, acts at 50 Hz",
+        match=r"name='pwm'.*attitude_rate",
     ):
         transfer(POLICIES, [virtual_drone(1)], controller=attitude_rate())
 
@@ -139,7 +139,10 @@ def test_a_controller_of_another_rate_is_named() -> None:
 @pytest.mark.parametrize("controller", [None, attitude_rate()], ids=["pwm", "attitude_rate"])
 def test_a_reality_in_numpy_is_flown_as_the_same_drone_in_jax(controller) -> None:
     """To 1 mm over 0.4 s, with motor commands held for 10 ms and with PIDs at 500 Hz."""
-    policies = [untrained(jax.random.key(number), controller=controller) for number in range(2)]
+    policies = [
+        untrained(jax.random.key(number), interface=controller and controller.interface)
+        for number in range(2)
+    ]
     drone = NumpyDrone()
     flown = transfer(policies, [drone, TWIN], trials=1, duration=0.4)
     again = transfer(policies, [TWIN, drone], trials=1, duration=0.4)

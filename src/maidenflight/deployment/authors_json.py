@@ -46,7 +46,7 @@ def from_authors_json(text: str, where: str, control: str) -> Policy:
     Args:
         text: content of the file.
         where: what errors name, usually the file.
-        control: what the policy commands, one of `policy.CONTROLS`; it also sets the rate.
+        control: what the policy commands, one of `interface.CONTROLS`; it also sets the rate.
 
     Raises:
         InputError: no such control structure, not such a file, or its check sum does not hold.

@@ -19,11 +19,10 @@ from maidenflight.flights.flying import Pilot, Rows
 from maidenflight.flights.log import Flight
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Actor, Policy
-from maidenflight.simulator import control, environment, rotations, tasks
+from maidenflight.simulator import control, rotations, tasks
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.reality import MOTORS, AnyReality, Reality, Truth, checked
-from maidenflight.simulator.sensors import Measurement
 from maidenflight.simulator.tasks import MAX_POSITION_ERROR_M, Task
 from maidenflight.simulator.virtual_drone import VirtualDrone
 
