@@ -243,7 +243,12 @@ def _pilot(reality: Reality, policy: Policy, controller: Controller) -> Pilot:
     actor = Actor(policy, reality.hover)
     if reality.takes == MOTORS:
         return flying.cascade(controller, lambda *now: actor.act(*now).action)
+    interface = controller.interface
+    if reality.takes == interface.name:
+        return Pilot(
+            lambda *now: actor.act(*now).command, interface.rate, interface.rate, held=True
+        )
     raise InputError(
         f"{reality.name} takes {reality.takes!r}; expected {MOTORS!r}, or the policies' own "
-        f"{controller.interface.name!r}."
+        f"{interface.name!r}."
     )
