@@ -5,7 +5,6 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import pytest
 
 import maidenflight as mf
 from maidenflight import policy, workflow

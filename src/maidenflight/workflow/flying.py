@@ -8,7 +8,7 @@ from pathlib import Path
 import jax
 import polars
 
-from maidenflight import parameters, policy, results, run_folder
+from maidenflight import policy, results, run_folder
 from maidenflight.deployment.authors_json import read_policy
 from maidenflight.experiments import matrix
 from maidenflight.experiments.as_flown import FIRMWARE, controller_as_flown
@@ -21,7 +21,6 @@ from maidenflight.flights.reading import read_flights
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import DroneFile
 from maidenflight.inputs import StrPath
-from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy
 from maidenflight.reporting import run
 from maidenflight.simulator import control, tasks
