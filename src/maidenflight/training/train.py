@@ -19,7 +19,7 @@ from jaxtyping import Array
 
 from maidenflight.errors import InputError
 from maidenflight.policy import Policy
-from maidenflight.simulator.control import Controller
+from maidenflight.simulator.control import EXCITATION, Controller
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.tasks import Task
@@ -165,6 +165,11 @@ def train(
     ):
         raise InputError(
             "keys must be random keys, one a policy: jax.random.split(jax.random.key(0), 3)."
+        )
+    if controller.interface == EXCITATION:
+        raise InputError(
+            f"control structure {EXCITATION.name} cannot be trained for: it flies by itself. Give "
+            "what mf.pwm() gives."
         )
     if history < 1:
         raise InputError(
