@@ -1,8 +1,6 @@
 """Readers of single files, for the fuzzer.
 
 Drones, policies, settings, way-points, rows of a real flight, checkpoints and records.
-
-Drones, policies, settings, way-points, rows of a real flight, checkpoints and records.
 """
 
 import io

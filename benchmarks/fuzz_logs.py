@@ -1,8 +1,6 @@
 """Readers of flight logs, for the fuzzer.
 
 All formats: alone, compressed, in Parquet, and in a folder with others.
-
-All formats: alone, compressed, in Parquet, and in a folder with others.
 """
 
 import gzip

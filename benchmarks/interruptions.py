@@ -2,8 +2,6 @@
 
 Compares its files with those of an undisturbed training.
 
-Compares its files with those of an undisturbed training.
-
 `python benchmarks/interruptions.py` prints where each kill fell and ends with exit code 1 if a file
 differs in a single byte. Every second kill waits for its moment and then for the next file to be
 written, for writing takes milliseconds of a training and chance alone would seldom meet it.

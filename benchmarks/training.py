@@ -302,8 +302,6 @@ def main(output: Path, chosen: tuple[str, ...], updates: int | None, picture: Pa
 
     The table goes into the page OUTPUT, commands and curves into its study.
 
-    The table goes into the page OUTPUT, commands and curves into its study.
-
     A look at less leaves the page alone.
     """
     measured: dict[str, Measured] = {}

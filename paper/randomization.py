@@ -155,8 +155,6 @@ def fly(place: str, policies: Mapping[str, Policy], given: argparse.Namespace) -
 
     Columns: policy, trial, duration [s], end_reason.
 
-    Columns: policy, trial, duration [s], end_reason.
-
     Args:
         place: a key of `FLOWN`, with or without `OLD`; or a reality, as `workflow.reality` takes
             it.
@@ -378,8 +376,6 @@ STEP, HIGH = 84, 170
 
 def chart(flights: polars.DataFrame, longest: float) -> str:
     """Share of flights that reached the longest time, as SVG.
-
-    A panel per control structure, a column per place, a colour per randomization.
 
     A panel per control structure, a column per place, a colour per randomization.
 

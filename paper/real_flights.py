@@ -95,8 +95,6 @@ def multi_step_likelihood(
     """Log density of velocity, attitude and body rates some rows ahead.
 
     Mean and covariance are those of the training flights' errors.
-
-    Mean and covariance are those of the training flights' errors.
     """
     made, held = (windows(part, rows) for part in (training, judged))
     found = {}

@@ -69,8 +69,6 @@ def mean_commands(folder: Path, names: Sequence[str]) -> dict[str, Float[np.ndar
 
     Policies whose flights all end within 0.5 s are left out.
 
-    Policies whose flights all end within 0.5 s are left out.
-
     Args:
         folder: has the logs of policy attitude_rate/7 in `flights/attitude_rate/policy_007`.
         names: of policies.

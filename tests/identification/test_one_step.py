@@ -227,7 +227,7 @@ def test_gradient_and_curvature_are_differences_of_the_value_whose_noise_model_i
 
 
 @pytest.mark.slow
-def test_each_segments_gradient_is_the_slope_of_its_value_when_all_segments_fit_the_autoregression_anew(
+def test_each_segments_gradient_is_the_slope_of_its_value_with_the_autoregression_fitted_again(
     long,
 ):
     model = long.noise_model(TRUTH)
