@@ -301,7 +301,7 @@ def validate(
     """Validate a DRONE on LOGS that it was not identified from.
 
     DRONE is a TOML file or a name, LOGS a flight log or a folder of them. From every tenth row the
-    drone is simulated with the recorded commands alone; the table tells how far it is from the
+    drone is simulated with the recorded commands alone; the table shows how far it is from the
     flight then. Beside it stand the paper's Crazyflie and the persistence baseline:
     position, velocity, attitude and body rates stay as they are.
     """

@@ -227,7 +227,7 @@ def _faults(flight: Flight, cuts: Bool[np.ndarray, "N"]) -> dict[str, Bool[np.nd
 
 
 def _needed(flight: Flight) -> tuple[str, ...]:
-    """Groups that every row must have: the state unless it was not logged, the sensors, commands."""
+    """Groups that every row must have: the state if it was logged, the sensors, commands."""
     state = _STATE if flight.has_state else ()
     return (
         *state,

@@ -197,8 +197,9 @@ def slope_bounds(relation: Relation) -> Float[np.ndarray, "K 2"]:
 
 
 def _scale(relation: Relation | None) -> float | None:
-    """The factor between two signals if all axes that can be judged have about the same wrong one,
-    1 if none is wrong, and nothing if no axis can be judged or they differ.
+    """The factor between two signals.
+
+    It is 1 if no axis has a wrong one, and `None` if no axis can be judged or wrong ones differ.
     """
     if relation is None:
         return None
@@ -325,8 +326,9 @@ def motor_contradictions(pieces: Sequence[Flight]) -> list[str]:
 def _scores(
     pieces: Sequence[Flight], lag: float, orders: Sequence[tuple[int, ...]]
 ) -> Float[np.ndarray, "24"]:
-    """Sum of the correlations of roll and pitch acceleration with the torques of the commands a
-    time `lag` [s] before, for each order of the motors; NaN where there are too few rows.
+    """Correlations of roll and pitch acceleration with torques `lag` [s] before, summed.
+
+    For each order of the motors; NaN where there are too few rows.
     """
     accelerations, commands = [], []
     for piece in pieces:

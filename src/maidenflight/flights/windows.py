@@ -1,8 +1,7 @@
-"""Windows, the paper's mini-trajectories: short segments of flight, each with the commands that
-came before it.
+"""Windows of flight, each with the commands before it (the paper's mini-trajectories).
 
-The motors and the delay line remember; a window that starts with them at rest is a different
-experiment. So each carries up to a second of commands from before its start.
+The motors and the delay line have a memory, so each window carries up to a second of commands from
+before its start, its lead-in.
 """
 
 from collections.abc import Iterable
@@ -17,8 +16,8 @@ from maidenflight.flights.log import Flight
 
 LEAD_IN = 100
 """Rows before a window's start from which the motors' speed and the delay line are inferred: nine
-lags of a motor of 0.11 s. With 30 rows the motors have not forgotten where they are guessed to
-begin, and their lag is found up to a tenth too short."""
+lags of a motor of 0.11 s. With 30 rows the guess of the motors' first speed still matters, and
+their lag comes out up to a tenth too short."""
 SHORTEST_LEAD_IN = 30
 """Rows that must have been recorded before a window's start; what lies before a flight's first row
 is taken to equal it."""
@@ -46,9 +45,7 @@ class Windows(NamedTuple):
 
 
 def first_start(flight: Flight) -> int:
-    """The row at which a flight's first window starts: those before it tell what its motors and
-    delay line hold.
-    """
+    """The row at which a flight's first window starts; the rows before it are its lead-in."""
     return max(SHORTEST_LEAD_IN, flight.lead)
 
 

@@ -1,8 +1,7 @@
-"""Bayesian optimisation as the paper ran it: a Gaussian process, and an acquisition function drawn
-anew for every evaluation.
+"""Bayesian optimisation by a Gaussian process, as in the paper.
 
-The search works in a unit box; time constants are searched on a logarithmic scale, and the process
-models the logarithm of the objective, because both span decades while what matters happens in one.
+The acquisition function is drawn at random for every evaluation. The process models the logarithm
+of the objective, which spans decades.
 """
 
 import warnings
@@ -18,9 +17,9 @@ from sklearn.gaussian_process.kernels import ConstantKernel, Kernel, Matern, Whi
 from threadpoolctl import threadpool_limits
 
 _FIRST = 10
-"""Evaluations spread evenly before the process is asked."""
+"""Evenly distributed evaluations before the process is used."""
 _GROWTH = 1.1
-"""The kernel is fitted anew when there are so many times more evaluations. Its length scales settle
+"""The kernel is fitted again when evaluations have grown by this factor. Its length scales settle
 early, and each fit costs more than an evaluation."""
 
 
@@ -84,9 +83,7 @@ def _ask(
     fits: bool,
     generator: np.random.Generator,
 ) -> tuple[np.ndarray, Kernel]:
-    """The point to evaluate next, and the kernel, which is fitted from the given one on if
-    `fits`.
-    """
+    """The point to evaluate next, and the kernel, which is fitted if `fits`."""
     logs = np.log(np.maximum(values, 1e-12))
     scaled = (logs - logs.mean()) / (logs.std() + 1e-12)
     optimiser: Any = "fmin_l_bfgs_b" if fits else None
@@ -105,9 +102,7 @@ def _ask(
 
 
 def _candidates(best: np.ndarray, dimensions: int, generator: np.random.Generator) -> np.ndarray:
-    """Points among which the acquisition is maximised: everywhere, and ever closer to the best
-    point.
-    """
+    """Points among which the acquisition is maximised: everywhere, and around the best point."""
     everywhere = generator.random((1024, dimensions))
     scales = generator.choice([0.1, 0.03, 0.01], size=(512, 1))
     near = np.clip(best + scales * generator.normal(size=(512, dimensions)), 0.0, 1.0)

@@ -1,6 +1,4 @@
-"""Drones to randomize over, from what an identification found: posterior samples, or trims as they
-differed between flights.
-"""
+"""Drones to randomize over: posterior samples, or trims as they differed between flights."""
 
 from collections.abc import Mapping
 

@@ -152,8 +152,15 @@ def estimates_of(
     between_segment_sd: np.ndarray,
     valley: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> dict[str, Estimate]:
-    """Estimates from points of the box's unit cube: the optimum, that of each trial, the ends of
-    the interval; the standard deviation and the valley are in the parameters' units.
+    """Estimates from points of the box's unit cube.
+
+    Args:
+        box: the search box.
+        optimum: the best point.
+        optima: the best point of each trial.
+        interval: its ends.
+        between_segment_sd: in the parameters' units.
+        valley: its ends, in the parameters' units.
     """
     low, high = interval
     value, low, high = (

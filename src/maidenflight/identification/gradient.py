@@ -29,27 +29,25 @@ from maidenflight.identification.gauss_newton import (
 )
 
 FAR = 64
-"""Windows, about, of which the way from a random start is found."""
+"""Windows, about, of the first steps from a random start."""
 MIDDLE = 5
-"""Then each so manieth window, which overlaps the next one used by little or nothing."""
+"""Of the next steps each fifth window is used; these overlap by little or nothing."""
 _FAR_STEPS, _MIDDLE_STEPS = 20, 8
 """Most steps on those windows."""
 _FAR_SMALL, _MIDDLE_SMALL, _SMALL = 1e-2, 6e-3, 2.5e-3
-"""Step, as a share of the box, that is the last: on few windows, where the optimum of all is not to
-be had, and on all."""
+"""Step, as a share of the box, below which a search ends: on few windows, whose optimum is not that
+of all, and on all."""
 _FEWEST = 2
-"""Steps on all windows, however small: a step says how far the optimum is only once the curvature
-is that of all."""
+"""Steps on all windows, however small: before, the curvature is that of some windows."""
 _BEHIND = 1e-6
 """Distance behind a kink at which a step across it ends."""
 
 
 def kinks(box: Box, time_step: float) -> list[Float[np.ndarray, "k"]]:
-    """Where in the search's cube the objective's slope jumps, for each dimension: at latencies that
-    are whole physics steps.
+    """Coordinates in the unit cube at which the objective's slope jumps, for each dimension.
 
-    A held command acts on a physics step by its mean over it. That is linear in the latency, until
-    the command arrives in another step.
+    They are latencies of whole physics steps: a command acts on a step by its mean over it, which
+    is linear in the latency until the command arrives in another step.
     """
     found = []
     for name, low, high in zip(box.names, box.lower, box.upper, strict=True):
@@ -135,8 +133,7 @@ def cell(
     point: Float[np.ndarray, "d"],
     came: Float[np.ndarray, "d"],
 ) -> tuple[Float[np.ndarray, "d"], Float[np.ndarray, "d"]]:
-    """Lowest and highest coordinates that a step from a point may reach: the nearest kinks, and a
-    little behind them.
+    """Lowest and highest coordinates that a step may reach, just behind the next kinks.
 
     A kink beside which the point lies is no limit, unless the last step came across it: then what
     is behind it is known to rise.
@@ -151,9 +148,7 @@ def cell(
 
 
 def _along(found: Descent, loss: float) -> Float[np.ndarray, "d"]:
-    """The lowest point on the line of the last step, by the parabola through both ends and the
-    slope; `loss` is that at its end.
-    """
+    """The lowest point on the line of the last step, by a parabola; `loss` is that at its end."""
     shift = found.ahead - found.point
     slope = float(found.equations.gradient @ shift)
     bend = 2 * (loss - found.equations.loss - slope)

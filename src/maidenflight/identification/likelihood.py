@@ -37,8 +37,8 @@ from maidenflight.identification.problem import Problem, must_be_positive
 from maidenflight.parameters import Parameters, check, component, replace
 
 _CLOSE = 0.02
-"""Gain of log likelihood of all flights [nats] below which a step is the last: a fifth of a
-standard error moves it by as much."""
+"""Gain of the log likelihood of all flights [nats] below which a step is the last; a fifth of a
+standard error changes it by as much."""
 
 
 @dataclass(frozen=True)
@@ -179,8 +179,9 @@ def _fit(
     at_random: bool = False,
     close: float = 0.0,
 ) -> _Fit:
-    """Maximises one likelihood after another, each until a step gains less than `_CLOSE`, or than
-    `close` a row.
+    """Maximises one likelihood after another.
+
+    Each until a step gains less than `_CLOSE` in all, or than `close` a row.
     """
     box = _box(problem, names)
     point = box.unit(np.array([float(component(first, name)) for name in box.names]))
@@ -224,9 +225,7 @@ def _posterior(
     curvatures: Float[np.ndarray, "S d d"],
     generator: np.random.Generator,
 ) -> Float[np.ndarray, "N d"]:
-    """Samples of the posterior in the unit cube: Laplace's approximation with the sandwich
-    covariance.
-    """
+    """Posterior samples in the unit cube: a normal distribution with the sandwich covariance."""
     slope = fit.box.slope(fit.optimum)
     covariance = posterior.sandwich(scores * slope, curvatures.sum(axis=0) * np.outer(slope, slope))
     return np.clip(
@@ -239,8 +238,7 @@ def _posterior(
 def log_likelihood(
     flights: Sequence[Flight], drone: Parameters, settings: Likelihood | None = None
 ) -> float:
-    """Mean log likelihood of a row [nats]: how well one-step predictions by a drone agree with
-    flights, under the noise that suits them best.
+    """Mean log likelihood of a row [nats] of flights under a drone and the best noise model.
 
     Args:
         flights: checked flights of one rate.
@@ -279,7 +277,7 @@ def _split(flights: Sequence[Flight]) -> tuple[list[Flight], list[Flight]]:
 
     The longest is cut in three where there are fewer than three.
 
-    Stretches of one flight stay together, unless there are fewer than three flights.
+    Segments of one flight stay together, unless there are fewer than three flights.
     """
     long_enough = [
         flight

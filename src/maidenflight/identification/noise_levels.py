@@ -1,8 +1,7 @@
 """How noisy a drone and its sensors are, from what one-step errors leave unexplained.
 
-How long a policy flies depends on it: an estimator that walks and air that pushes excite what a
-noiseless flight would leave at rest. All of it is read off the products of errors with themselves
-some rows before, in closed form.
+How long a policy flies depends on noise: random-walk drift of the estimates and disturbances excite
+the drone. The levels follow in closed form from the products of errors with earlier errors.
 """
 
 import numpy as np
@@ -11,8 +10,8 @@ from jaxtyping import Float
 from maidenflight.parameters import Parameters
 
 ROWS = 8
-"""Rows over which noise is told, at most: 0.08 s at 100 Hz, in which a policy reacts. Over longer
-times an estimator walks less far."""
+"""Rows over which noise is measured, at most: 0.08 s at 100 Hz, in which a policy reacts. Over
+longer times the random-walk drift of an estimator is smaller."""
 _POSITION, _VELOCITY, _ATTITUDE, _TURN = slice(0, 2), slice(3, 5), slice(6, 9), slice(9, 11)
 """Columns of which each size is taken: horizontal position and velocity, attitude, roll and pitch
 rate."""

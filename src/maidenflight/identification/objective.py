@@ -1,4 +1,4 @@
-"""The paper's objective: how far simulated windows drift from measured ones.
+"""The paper's objective: the distance between simulated and measured windows.
 
 Each window is simulated open loop from its measured start with its recorded commands. The motors'
 speed and the delay line at the start are those that the recorded commands before it imply.
@@ -148,11 +148,9 @@ def physics_steps(period: float) -> tuple[int, np.float32]:
 def on_all_cores(
     compute: Callable[[int, int], tuple[Array | np.ndarray, ...]], chunks: int
 ) -> list[np.ndarray]:
-    """Computes chunks of windows on all cores, of which XLA alone would use one for arrays this
-    small.
+    """Computes chunks of windows on all cores; XLA alone would use one for arrays this small.
 
-    Every number belongs to one chunk, so that what comes out does not depend on how many cores
-    there are.
+    Every number belongs to one chunk, so the result does not depend on the number of cores.
 
     Args:
         compute: (first chunk, end) to arrays with a row for each chunk from the first to the end.
@@ -331,7 +329,7 @@ def _normal_equations(
             left = _residuals(simulate(window, drone, steps), jnp.asarray(window.measured), weights)
             return left, left
 
-        # A slope that is not finite tells nothing of where to go.
+        # A slope that is not finite gives no direction.
         slopes, left = jax.vmap(
             lambda way: jax.jvp(residuals, (values,), (way,), has_aux=True)[1:], out_axes=(0, None)
         )(jnp.eye(d))

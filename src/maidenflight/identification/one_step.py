@@ -1,4 +1,4 @@
-"""One-step prediction errors and their likelihood: an objective that feedback does not deceive.
+"""One-step prediction errors and their likelihood, an objective that feedback does not bias.
 
 Logged commands react to what the drone did. A replay over many rows does not see the disturbances
 that they react to, so it takes the reaction for a cause and favours every model that damps: more
@@ -8,7 +8,7 @@ velocity's and each body rate's error is an autoregression on its own past. Give
 remains is new at each row and does not depend on past commands, so maximum likelihood is consistent
 for flights under feedback.
 
-Constant torques are told by their moment instead: they are what makes the mean error zero. An
+Constant torques are estimated by their moment instead: they make the mean error zero. An
 autoregression takes what lasts for noise, whose mean hardly counts, so that the likelihood of a
 constant is flat, and drifts within flights carry it to any bound.
 
@@ -44,7 +44,7 @@ CHUNK = 64
 """Windows differentiated side by side; with up to sixteen directions their state still fits a
 core's cache."""
 BY_MOMENT = ("torque_bias_x", "torque_bias_y", "torque_bias_z")
-"""Parameters that the mean errors tell, not the likelihood."""
+"""Parameters estimated from the mean errors, not by the likelihood."""
 COLUMNS = (3, 4, 5, 9, 10, 11)
 """Where velocity and body rates stand in a row. Position and attitude follow from them, and say
 nothing more of the drone."""
@@ -60,8 +60,9 @@ class NoiseModel(NamedTuple):
 
 
 def errors(window: Windows, parameters: Parameters, steps: int) -> Float[Array, "T 12"]:
-    """Measured minus predicted: position, velocity, attitude, body rates, each row predicted from
-    the measured one before it.
+    """Measured minus predicted rows, each predicted from the measured one before it.
+
+    Columns are position, velocity, attitude and body rates.
 
     Args:
         window: one of `Windows` (no leading axis).
@@ -173,9 +174,7 @@ class OneStep:
         return float(_minus_log_likelihood(self.noise_model(parameters).deviation, np.ones(6)))
 
     def per_segment(self, parameters: Parameters, noise: NoiseModel) -> Float[np.ndarray, "S"]:
-        """Minus the log likelihood of each segment of flight under a noise model found elsewhere,
-        as for flights held out.
-        """
+        """Minus the log likelihood of each segment of flight under a given noise model."""
         products = self.products(parameters)[:, np.array(COLUMNS)]
         weights = np.concatenate([np.ones((6, 1)), -noise.coefficients], axis=1)
         new = np.einsum("ci,bcij,cj->bc", weights, products, weights) / noise.deviation[None] ** 2
@@ -183,8 +182,7 @@ class OneStep:
         return rows * _minus_log_likelihood(noise.deviation, new / np.maximum(rows[:, None], 1.0))
 
     def normal_equations(self, parameters: Parameters, names: Sequence[str]) -> NormalEquations:
-        """Value, gradient and curvature (Gauss-Newton) per unit of each of d parameters, the noise
-        model following them.
+        """Value, gradient and Gauss-Newton curvature, with the best noise model at each point.
 
         Args:
             parameters: where.
@@ -330,11 +328,12 @@ def _derivatives(
     by_moment: Array,
     steps: int,
 ) -> tuple[Float[Array, "64 d"], Float[Array, "64 d d"], Float[Array, "64 d 6 P"]]:
-    """Of half the sum of squares of what is new in each window of a chunk: gradient, curvature, and
-    the slopes' products with the past.
+    """Gradient and curvature of half the innovations' sum of squares, for each window of a chunk.
 
-    Where `by_moment`, of half the sum of squares of the errors themselves, over their own variance:
-    `share` is the deviation of what is new over theirs.
+    Third come the slopes' products with the past errors.
+
+    Where `by_moment`, half the sum of squares of the errors themselves, over their own variance:
+    `share` is the deviation of the innovations over theirs.
     """
 
     def one(

@@ -1,9 +1,8 @@
-"""How sure the found parameters are: a bootstrap over segments of flight.
+"""Uncertainty of identified parameters: a bootstrap over segments of flight, and the sandwich.
 
-Repeating an optimiser tells how well it optimises, not how well the data fix the parameters. So the
-*data* are redrawn: blocks of flight with replacement, and the optimum is found anew for each draw.
-A quadratic surrogate, fitted to every segment's loss around the optimum, makes that cheap, because
-the surrogate of a sum of losses is the sum of the surrogates.
+The bootstrap draws segments of flight with replacement and finds the optimum of each draw. A
+quadratic surrogate, fitted to every segment's loss around the optimum, makes that cheap: the
+surrogate of a sum of losses is the sum of the surrogates.
 """
 
 from collections.abc import Callable
@@ -53,9 +52,7 @@ def basis(points: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "n k"]:
 
 
 def design_points(dimensions: int) -> int:
-    """Points of a design in so many dimensions: a power of two, and at least twice the coefficients
-    of a quadratic.
-    """
+    """Points of a design: a power of two, at least twice the coefficients of a quadratic."""
     return max(DESIGN, 1 << ((dimensions + 1) * (dimensions + 2) - 1).bit_length())
 
 
@@ -117,11 +114,10 @@ def bootstrap(
 def sandwich(
     scores: Float[np.ndarray, "S d"], curvature: Float[np.ndarray, "d d"]
 ) -> Float[np.ndarray, "d d"]:
-    """Covariance of maximum-likelihood estimates when segments of flight are independent and rows
-    are not: H^-1 (sum s s^T) H^-1.
+    """Covariance of maximum-likelihood estimates: H^-1 (sum s s^T) H^-1.
 
-    Where the model is right this is Laplace's H^-1; where it is not, as for every real drone, it
-    stays right and H^-1 is too small.
+    Segments of flight are independent, rows are not. Where the model is right this is Laplace's
+    H^-1; where it is not, as for every real drone, H^-1 is too small.
 
     Args:
         scores: gradient of minus the log likelihood that each of S segments adds.
@@ -142,8 +138,7 @@ def sandwich(
 def between_segment_sd(
     scores: Float[np.ndarray, "S d"], curvatures: Float[np.ndarray, "S d d"]
 ) -> Float[np.ndarray, "d"]:
-    """Standard deviation of the parameters between segments of flight, beyond what noise within a
-    segment explains.
+    """Standard deviation of the parameters between segments of flight, beyond noise.
 
     A segment whose parameters differ from the mean by x has a score of variance H + H x x^T H, in
     nats; the rest is the method of moments.

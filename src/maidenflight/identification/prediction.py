@@ -1,9 +1,8 @@
-"""How well drones predict flights that did not make them: open-loop prediction errors in physical
-units.
+"""Open-loop prediction errors of drones on held-out flights, in physical units.
 
-The objective weighs position a hundred times as much as body rates and so hides where a model
-fails. Here every quantity has its own column, and every model stands beside the persistence
-baseline, which predicts that nothing changes.
+Every quantity has its own column, since the paper's objective weighs position a hundred times as
+much as body rates. Every model stands beside the persistence baseline, which predicts that nothing
+changes.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -26,7 +25,7 @@ from maidenflight.parameters import Parameters, replace
 from maidenflight.run_folder import ERROR_UNITS
 
 HORIZONS = (0.1, 0.25, 0.5)
-"""How far ahead errors are told unless asked otherwise [s]."""
+"""Default times ahead at which errors are measured [s]."""
 PERSISTENCE = "persistence"
 """Name of the prediction that position, velocity, attitude and body rates all stay as they are at
 the window's start."""
@@ -47,11 +46,11 @@ def prediction_error(
     lead_in: int = LEAD_IN,
     key: Array | None = None,
 ) -> polars.DataFrame:
-    """Predicts flights open loop from every tenth row and tells how far off each model is.
+    """Open-loop prediction errors of models, from every tenth row of flights on.
 
     A window starts from its measured state, and from the motors and the delay line that the
     recorded commands before it imply; the model then sees nothing but the recorded commands. All
-    horizons are told over the same windows, those in which the longest fits. An error is the root
+    horizons use the same windows, those in which the longest fits. An error is the root
     mean square, over the windows, of the Euclidean distance between prediction and measurement, for
     the attitude of the angle of the rotation between the two, at most pi.
 
@@ -273,9 +272,7 @@ def _attitude(quaternion: Float[np.ndarray, "W 4"]) -> Float[np.ndarray, "W 3"]:
 def _errors(
     predicted: Float[np.ndarray, "W K 12"], measured: Float[np.ndarray, "W K 12"]
 ) -> Float[np.ndarray, "W K 4"]:
-    """Distances in position, velocity and body rates, and the angle between the attitudes, in the
-    columns' order.
-    """
+    """Distances in position and velocity, angle between the attitudes, distance in body rates."""
     difference = predicted.astype(np.float64) - measured
     one, other = (
         Rotation.from_euler("ZYX", rows[..., 8:5:-1].reshape(-1, 3))
@@ -292,9 +289,7 @@ def _errors(
 def _interval(
     squares: Float[np.ndarray, "W M K 4"], segment: Int[np.ndarray, "W"], key: Array
 ) -> tuple[Float[np.ndarray, "M K 4"], Float[np.ndarray, "M K 4"]]:
-    """Central interval of the root mean squares when segments of flight are redrawn, the same for
-    all models.
-    """
+    """Bootstrap interval of the root mean squares; all models have the same draws of segments."""
     counts = np.bincount(segment).astype(np.float64)
     sums = np.zeros((len(counts), *squares.shape[1:]))
     np.add.at(sums, segment, squares)

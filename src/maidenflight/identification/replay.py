@@ -150,9 +150,7 @@ def _drawn(box: Box) -> int:
 
 
 def _between_segment_sd(box: Box, drawn: posterior.Bootstrap) -> np.ndarray:
-    """Standard deviation between the optima of single segments, from their quartiles, which
-    outliers do not move.
-    """
+    """Standard deviation between the optima of single segments, from their quartiles (robust)."""
     quartiles = np.quantile(box.values(drawn.separate), [0.25, 0.75], axis=0)
     return (quartiles[1] - quartiles[0]) / 1.349
 
@@ -160,9 +158,7 @@ def _between_segment_sd(box: Box, drawn: posterior.Bootstrap) -> np.ndarray:
 def _valley(
     box: Box, optimum: np.ndarray, objective: Objective, drone: Parameters
 ) -> tuple[np.ndarray, np.ndarray]:
-    """How far each parameter can go in a quadratic model of the objective until that is 1 % above
-    its best.
-    """
+    """Values of each parameter up to which a quadratic objective is at most 1 % above its best."""
     equations = in_unit_cube(objective.normal_equations(drone, box.names), box, optimum)
     values, vectors = np.linalg.eigh(equations.curvature)
     inverse = (vectors / np.maximum(values, 1e-6 * values.max())) @ vectors.T

@@ -1,6 +1,4 @@
-"""Choosing the parameters to identify: groups are added one after another as long as they increase
-the likelihood of held-out flights.
-"""
+"""Choice of the parameters to identify, by the likelihood of held-out flights."""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -47,8 +45,9 @@ def choose(
     on_group: Callable[[GroupGain], None] | None = None,
     sample: OneStep | None = None,
 ) -> tuple[tuple[str, ...], Parameters, list[GroupGain]]:
-    """Adds the group that promises most, fits, and keeps it if held-out flights gain; until each
-    group has been tried.
+    """Adds one group after another, each kept if the likelihood of held-out flights gains.
+
+    The group with the largest promised gain is next.
 
     What a group promises is the gain of the quadratic model of the likelihood around the fit
     without it, so that adding a group costs one fit.

@@ -1,5 +1,6 @@
-"""The objective around its optimum as a quadratic, and its valley: two parameters free, all others
-at their best.
+"""A quadratic model of the objective around its optimum, in two parameters.
+
+All other parameters are at their best.
 """
 
 from collections.abc import Sequence
@@ -14,7 +15,7 @@ REACHES = (3.0, 10.0)
 """How far above the best evaluation a quadratic may have to reach, to rest on enough of them
 [%]."""
 WORST = 0.25
-"""Root mean square error above which a quadratic does not tell where the objective is 1 % above its
+"""Root mean square error above which a quadratic cannot show where the objective is 1 % above its
 best [%]."""
 _FLAT = 1e-4
 """Curvature, in percent over the square of the evaluations' spread, that counts as none."""
@@ -42,9 +43,7 @@ class Valley(NamedTuple):
         )
 
     def contour(self, optimum: Float[np.ndarray, "2"], above: float) -> Float[np.ndarray, "120 2"]:
-        """Where the objective is `above` [%] higher than at the optimum: an ellipse, its points in
-        order.
-        """
+        """The ellipse on which the objective is `above` [%] higher than at the optimum."""
         rise = self.level(optimum) - self.lowest + above
         values, vectors = np.linalg.eigh(self.curvature)
         axes = vectors * np.sqrt(2 * rise / values)
@@ -62,7 +61,7 @@ def valley(
         free: the columns of the two.
 
     Returns:
-        The valley; `None` where the evaluations do not tell: too few of them near the best, one
+        The valley; `None` where the evaluations do not suffice: too few of them near the best, one
         that a quadratic does not fit, or no minimum.
     """
     above = (objective / objective.min() - 1) * 100

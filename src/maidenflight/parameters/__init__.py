@@ -1,6 +1,4 @@
-"""The parameters: every physical constant of a simulated quadrotor, each with its unit,
-symbol, bounds and source.
-"""
+"""Physical constants of a simulated quadrotor, with unit, symbol, bounds and source of each."""
 
 from maidenflight.parameters.named import DRONES, crazyflie
 from maidenflight.parameters.quantities import (

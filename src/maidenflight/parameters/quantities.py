@@ -1,5 +1,4 @@
-"""The parameter vector xi: every physical constant of a simulated quadrotor, each with its unit,
-symbol, bounds and source.
+"""`Parameters`, the physical constants of a quadrotor, and what is known of each.
 
 `Parameters` is flat, frozen and a JAX pytree, and all of it is traced: one compilation serves every
 drone. A *point* is one drone; a batch of points (leaves with a leading axis) is domain
@@ -112,7 +111,7 @@ class Parameters:
         "s",
         (0.0, 1.0),
         "lag of a rotor that only the air slows down, at full speed; 0 in the paper's model",
-        "told by the authors' flights of a Crazyflie: 0.12 s",
+        "identified from the authors' flights of a Crazyflie: 0.12 s",
     )
     latency: Any = _quantity(
         "motors",
@@ -417,7 +416,7 @@ def replace(parameters: Parameters, /, **changes: Any) -> Parameters:
 
 
 def noiseless(parameters: Parameters) -> Parameters:
-    """The same drone with perfect sensors and motors that do as told."""
+    """The same drone with perfect sensors and motors without noise."""
     sizes = [
         name
         for name in QUANTITIES

@@ -1,6 +1,4 @@
-"""Of which kind flights were, simulated or real, and the words for the flights that a drone was
-identified from.
-"""
+"""Kinds of flights, simulated or real, and the flights that a drone was identified from."""
 
 from collections.abc import Iterable, Mapping
 
@@ -41,8 +39,9 @@ def kinds_identified(drone: DroneFile | None, others: Kinds) -> Kinds:
 
 
 def flights(drone: DroneFile | None, kinds: Kinds, before: str, after: str = "") -> str:
-    """How many flights a drone was identified from and of which kind, and between the two texts
-    their seconds; empty where its file does not say.
+    """Number and kind of the flights that a drone was identified from; empty where not known.
+
+    Their seconds stand between the two texts.
     """
     if drone is None or drone.source is None:
         return ""

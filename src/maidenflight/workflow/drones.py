@@ -22,8 +22,7 @@ POSTERIOR = "posterior"
 """Randomize over the posterior samples of an identified drone."""
 
 TRIMS = "trim"
-"""Predict for drones whose constant torques differ as they did between the flights that the drone
-was identified from."""
+"""Predict for drones whose constant torques differ as between the identified flights."""
 
 WIDE = "wide"
 """Train over drones unlike the identified one too, with all the trims that its flights had."""
@@ -60,9 +59,7 @@ def usual_randomization(drone: StrPath) -> float | str:
 
 
 def possible_drones(drone: StrPath, randomization: float | str, seed: int) -> Parameters:
-    """What `randomization` makes of a drone, as `predict_with` understands it: a point, or drones
-    stacked along a first axis.
-    """
+    """The drones that `predict_with` flies: a point, or drones stacked along a first axis."""
     file = drone_file.read(drone)
     if not randomization:
         return file.parameters
