@@ -54,7 +54,7 @@ IDENTIFIED = DroneFile(
         "latency": np.array([0.018, 0.019, 0.017]),
         "torque_bias_x": np.array([1e-5, 0.0, 2e-5]),
     },
-    Source(4, 120.0, True, "sampled", 60000.0),
+    Source(4, 120.0, True, "subsampled", 60000.0),
     Search("replay", 5.0, 116, 60),
     record=RECORD,
 )

@@ -119,7 +119,7 @@ def parquet_of(content: bytes) -> bytes:
     """The same log in Parquet."""
     lines = [line for line in content.decode().split("\n") if not line.startswith("#")]
     file = io.BytesIO()
-    head = {"commands": "sampled"} if content.startswith(b"#") else {}
+    head = {"commands": "subsampled"} if content.startswith(b"#") else {}
     polars.read_csv("\n".join(lines).encode()).write_parquet(file, metadata=head)
     return file.getvalue()
 

@@ -300,7 +300,7 @@ def test_flight_times_of_ours_and_the_authors_policies_are_predicted(
         parameters.crazyflie(),
         {"torque_bias_x": Estimate(0.0, (-1e-4, 1e-4), (0.0,), 3e-4)},
         {"latency": np.array([0.001, 0.03])},
-        Source(2, 60.0, True, "sampled", 60000.0),
+        Source(2, 60.0, True, "subsampled", 60000.0),
         Search("likelihood", -15.0, 60, 3),
     ).write(drone)
     arguments = (

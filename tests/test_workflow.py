@@ -21,7 +21,7 @@ def test_what_a_command_of_one_is_goes_from_the_drone_s_logs_to_the_exported_cod
 ) -> None:
     """The README's `export_c` of a policy trained for an identified drone, without further words,
     and the app of its file."""
-    source = Source(3, 90.0, False, "sampled", 65535.0)
+    source = Source(3, 90.0, False, "subsampled", 65535.0)
     search = Search("likelihood", -15.0, 80, 3)
     DroneFile(crazyflie(), source=source, search=search).write(tmp_path / "drone.toml")
 

@@ -80,7 +80,7 @@ def test_every_policy_flies_every_reality_and_the_logs_match_the_table() -> None
         flown.flights, flown.table["duration"], flown.table["reality"], strict=True
     ):
         assert flight.duration == pytest.approx(duration)
-        assert flight.held
+        assert flight.zero_order_hold
         assert flight.simulated == reality
         assert np.isfinite(flight.position).all()
     assert not np.array_equal(flown.flights[0].position[0], flown.flights[1].position[0])
@@ -148,7 +148,7 @@ def test_a_reality_in_numpy_is_flown_as_the_same_drone_in_jax(controller) -> Non
     again = transfer(policies, [TWIN, drone], trials=1, duration=0.4)
     for here, there in zip(flown.flights[:2], again.flights[:2], strict=True):
         assert (here.simulated, there.simulated) == ("numpy", "jax")
-        assert (here.held, len(here)) == (there.held, len(there))
+        assert (here.zero_order_hold, len(here)) == (there.zero_order_hold, len(there))
         np.testing.assert_allclose(here.position, there.position, atol=1e-3)
         np.testing.assert_allclose(here.command, there.command, atol=1e-3)
 

@@ -53,7 +53,7 @@ def calm(rows=120, seed=0, **changes):
         name: np.float32(value) if isinstance(value, np.ndarray) else value
         for name, value in values.items()
     }
-    return Flight(**{"held": True, **arrays, **changes})
+    return Flight(**{"zero_order_hold": True, **arrays, **changes})
 
 
 def driven(rows=900, seed=0):
@@ -67,7 +67,7 @@ def driven(rows=900, seed=0):
     return replace(
         flight,
         command=np.clip(0.6 + torque @ signs / 4 + noise, 0, 1).astype(np.float32),
-        held=False,
+        zero_order_hold=False,
     )
 
 

@@ -48,7 +48,7 @@ def test_a_motor_that_is_off_has_no_command():
 
 
 def test_commands_of_a_network_that_drives_the_motors_are_held():
-    assert one(authors_columns()).held
+    assert one(authors_columns()).zero_order_hold
 
 
 def test_commands_are_held_even_where_a_weak_battery_saturates_most_motors():
@@ -57,12 +57,12 @@ def test_commands_are_held_even_where_a_weak_battery_saturates_most_motors():
     weak[:, 20] = 2.2
     weak[:, 16:20] = motors((np.clip(weak[:, 12:16], -1, 1) + 1) / 2, weak[:, 20])
     assert (weak[:, 16:20] == 65280).mean() > 0.5
-    assert one(weak).held
+    assert one(weak).zero_order_hold
 
 
 def test_commands_of_a_cascade_below_the_network_are_samples():
     commanded = np.random.default_rng(1).uniform(0.3, 0.9, (400, 4))
-    assert not one(authors_columns(commanded=commanded)).held
+    assert not one(authors_columns(commanded=commanded)).zero_order_hold
 
 
 def test_columns_keep_their_meaning():
@@ -141,7 +141,7 @@ def test_every_real_pwm_file_is_read(real):
 
 
 def test_every_real_pwm_flight_holds_its_commands(real):
-    assert [flight.name for flight in real if not flight.held] == []
+    assert [flight.name for flight in real if not flight.zero_order_hold] == []
 
 
 def test_the_real_command_is_the_networks_own(shared_data):

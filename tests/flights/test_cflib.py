@@ -129,7 +129,7 @@ def test_every_spelling_is_the_same_flight(name):
         np.testing.assert_allclose(
             getattr(flight, group), getattr(made, group), atol=tolerance, err_msg=group
         )
-    assert (flight.period, flight.held, flight.simulated) == (0.01, False, "")
+    assert (flight.period, flight.zero_order_hold, flight.simulated) == (0.01, False, "")
     assert np.isnan(flight.setpoint).all()
     assert "assumed" in notes[0]
 
@@ -243,16 +243,15 @@ def test_the_command_rises_with_the_pwm_from_nothing(law):
 
 def test_what_a_command_stands_for_is_a_guess_that_is_told_or_what_one_is_told(tmp_path):
     polars.DataFrame(columns()).select(SETS["degrees"]).write_csv(tmp_path / "one.csv")
-    guessed, told = read_flights(tmp_path), read_flights(tmp_path, commands="held")
-    assert [(flight.held, flight.assumed) for flight in guessed] == [(False, True)]
+    guessed, told = read_flights(tmp_path), read_flights(tmp_path, commands="zero-order-hold")
+    assert [(flight.zero_order_hold, flight.assumed) for flight in guessed] == [(False, True)]
     assert any(
-        "commands taken as samples of the firmware's PID; if a policy held each" in note
-        for note in guessed.notes
+        "commands taken as subsampled from the firmware's PID" in note for note in guessed.notes
     )
-    assert [(flight.held, flight.assumed) for flight in told] == [(True, False)]
+    assert [(flight.zero_order_hold, flight.assumed) for flight in told] == [(True, False)]
     assert not any("taken as samples" in note for note in told.notes)
     assert guessed.flights[0].full == 65535.0
-    with pytest.raises(InputError, match="commands 'kept'; expected held or sampled"):
+    with pytest.raises(InputError, match="commands 'kept'; expected zero-order-hold or subsampled"):
         read_flights(tmp_path, commands="kept")
 
 

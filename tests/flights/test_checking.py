@@ -31,7 +31,7 @@ def test_a_clean_flight_passes_whole_and_without_notes():
     assert notes == []
     assert [len(piece) for piece in kept] == [200]
     assert same(kept[0], calm(rows=200))
-    assert (kept[0].name, kept[0].held, kept[0].period) == ("calm", True, 0.01)
+    assert (kept[0].name, kept[0].zero_order_hold, kept[0].period) == ("calm", True, 0.01)
 
 
 FAULTS = [
@@ -261,7 +261,9 @@ def test_jittered_and_lossy_rows_are_resampled_to_the_signals_at_even_times():
         )
         for group in ("position", "velocity", "attitude", "body_rates")
     }
-    lossy = replace(true.part(0, len(kept)), held=False, command=true.command[kept], **rows)
+    lossy = replace(
+        true.part(0, len(kept)), zero_order_hold=False, command=true.command[kept], **rows
+    )
     pieces, notes = checking.pieces(lossy, time)
     (even,) = pieces
     assert notes

@@ -130,15 +130,15 @@ REFUSED: dict[str, tuple[Callable[[], str | bytes], str]] = {
     ),
     "no first line": (
         lambda: lines(lambda all_: all_.pop(0)),
-        r"line 1 is not '# maidenflight flight 1'",
+        r"line 1 is not '# maidenflight flight 2'",
     ),
     "another version": (
-        lambda: good().replace("flight 1:", "flight 9:"),
-        r"line 1 is not '# maidenflight flight 1' but '.*flight 9",
+        lambda: good().replace("flight 2:", "flight 9:"),
+        r"line 1 is not '# maidenflight flight 2' but '.*flight 9",
     ),
     "no word on commands": (
         lambda: lines(lambda all_: all_.pop(1)),
-        r"line 2 is not '# commands: held'",
+        r"line 2 is not '# commands: zero-order-hold'",
     ),
     "a column missing": (
         lambda: good().replace("body_rate_y", "other"),

@@ -39,7 +39,12 @@ def test_a_recorded_flight_is_that_of_the_same_drone_in_jax() -> None:
     drone = NumpyDrone()
     (there,) = recording.record(TWIN, KEY, 1, 2.0, 0.03)
     (here,) = recording.record(drone, KEY, 1, 2.0, 0.03)
-    assert (here.simulated, here.held, here.period, len(here)) == ("numpy", False, 0.01, 200)
+    assert (here.simulated, here.zero_order_hold, here.period, len(here)) == (
+        "numpy",
+        False,
+        0.01,
+        200,
+    )
     assert np.ptp(here.command, axis=0).min() > 0.2
     np.testing.assert_allclose(here.setpoint, there.setpoint, atol=1e-5)
     np.testing.assert_allclose(here.position, there.position, atol=1e-4)

@@ -36,7 +36,7 @@ def flights(draw):
         setpoint=draw(
             arrays(np.float32, (rows, 3), elements=st.floats(-10, 10, width=32) | unknown)
         ),
-        held=draw(st.booleans()),
+        zero_order_hold=draw(st.booleans()),
         simulated=draw(st.sampled_from(["", "virtual-3", "a: b"])),
     )
 
@@ -44,8 +44,8 @@ def flights(draw):
 @given(flights())
 def test_a_written_flight_is_read_back_to_a_millionth(flight):
     again = log.from_csv(log.to_csv(flight), "made")
-    assert (again.held, again.simulated, again.name, len(again)) == (
-        flight.held,
+    assert (again.zero_order_hold, again.simulated, again.name, len(again)) == (
+        flight.zero_order_hold,
         flight.simulated,
         "made",
         len(flight),
@@ -81,12 +81,12 @@ def test_a_flight_of_one_row_is_read():
 
 
 def test_a_held_command_is_its_own_mean():
-    flight = calm(held=True)
+    flight = calm(zero_order_hold=True)
     np.testing.assert_array_equal(flight.mean_command, flight.command)
 
 
 def test_a_sampled_command_is_averaged_with_the_next_one():
-    flight = calm(held=False)
+    flight = calm(zero_order_hold=False)
     np.testing.assert_allclose(
         flight.mean_command[:-1], (flight.command[:-1] + flight.command[1:]) / 2
     )
@@ -98,7 +98,7 @@ def test_duration_is_rows_times_period():
 
 
 def test_a_file_says_what_it_is_and_in_which_units():
-    lines = log.to_csv(calm(held=False, simulated="virtual-3"), {"seed": 7}).split("\n")
+    lines = log.to_csv(calm(zero_order_hold=False, simulated="virtual-3"), {"seed": 7}).split("\n")
     assert lines[0].startswith(log.MARK)
     for quantity in (
         "time s;",
@@ -111,7 +111,7 @@ def test_a_file_says_what_it_is_and_in_which_units():
         "setpoint m$",
     ):
         assert re.search(quantity, lines[0]), quantity
-    assert lines[1:3] == ["# commands: sampled", "# simulated: virtual-3"]
+    assert lines[1:3] == ["# commands: subsampled", "# simulated: virtual-3"]
     assert json.loads(lines[3].removeprefix("# record: ")) == {"seed": 7}
     assert lines[4].split(",") == [column for group in log.GROUPS.values() for column in group]
     assert len(lines) == 5 + 120 + 1
@@ -157,12 +157,15 @@ def test_a_file_without_rows_is_refused():
 
 @pytest.mark.parametrize("line", ["", "# commands: often\n"])
 def test_commands_must_be_held_or_sampled(line):
-    with pytest.raises(InputError, match="'# commands: held' or '# commands: sampled'"):
-        log.from_csv(log.to_csv(calm()).replace("# commands: held\n", line), "x.csv")
+    with pytest.raises(
+        InputError, match="'# commands: zero-order-hold' or '# commands: subsampled'"
+    ):
+        log.from_csv(log.to_csv(calm()).replace("# commands: zero-order-hold\n", line), "x.csv")
 
 
 @pytest.mark.parametrize(
-    "text", ["", "\n", "\x00\x01\x02", "a" * 1000, "a,b\n1\n2,3,4\n", '"', "# commands: held"]
+    "text",
+    ["", "\n", "\x00\x01\x02", "a" * 1000, "a,b\n1\n2,3,4\n", '"', "# commands: zero-order-hold"],
 )
 def test_what_is_no_table_is_refused(text):
     with pytest.raises(InputError, match=r"x\.csv"):
@@ -183,19 +186,21 @@ def test_the_same_columns_are_read_from_parquet(tmp_path):
     to_parquet(
         tmp_path / "flight.parquet",
         calm(simulated="virtual-3"),
-        commands="held",
+        commands="zero-order-hold",
         simulated="virtual-3",
     )
     read = read_flights(tmp_path)
     assert read.notes == ()
     (flight,) = read.flights
-    assert (flight.held, flight.simulated) == (True, "virtual-3")
+    assert (flight.zero_order_hold, flight.simulated) == (True, "virtual-3")
     np.testing.assert_allclose(flight.body_rates, calm().body_rates, atol=1e-6)
 
 
 def test_parquet_too_must_say_what_a_command_is(tmp_path):
     to_parquet(tmp_path / "flight.parquet", calm())
-    with pytest.raises(InputError, match=r"metadata lack 'commands: held' or 'commands: sampled'"):
+    with pytest.raises(
+        InputError, match=r"metadata lack 'commands: zero-order-hold' or 'commands: subsampled'"
+    ):
         read_flights(tmp_path / "flight.parquet")
 
 
@@ -216,7 +221,7 @@ def test_a_column_of_dates_in_parquet_is_named(tmp_path):
         polars.datetime(2024, 1, 1), polars.datetime(2024, 1, 2), "12m", eager=True
     )[:120]
     frame.with_columns(time=when).write_parquet(
-        tmp_path / "flight.parquet", metadata={"commands": "held"}
+        tmp_path / "flight.parquet", metadata={"commands": "zero-order-hold"}
     )
     with pytest.raises(InputError, match=r"column time holds Datetime.*not a number"):
         read_flights(tmp_path / "flight.parquet")

@@ -62,7 +62,7 @@ def test_columns_keep_their_meaning():
     assert notes == [
         f"made: battery compensation of the 2.1+ propellers ({compensation.BY_THRUST})"
     ]
-    assert (flight.held, flight.simulated, flight.period) == (False, "", 0.01)
+    assert (flight.zero_order_hold, flight.simulated, flight.period) == (False, "", 0.01)
 
 
 @pytest.mark.parametrize("late", [-7, 0, 12])

@@ -166,7 +166,7 @@ def test_notes_of_all_files_are_kept(tmp_path):
 REFUSED = {
     "an unknown format": (
         b"t,x,y\n1,2,3\n",
-        "unknown format.*'t,x,y'.*maidenflight flight 1.*22 columns.*51 columns.*stateEstimate.x",
+        "unknown format.*'t,x,y'.*maidenflight flight 2.*22 columns.*51 columns.*stateEstimate.x",
     ),
     "an empty file": (b"", "the file is empty"),
     "a truncated gzip": (gzip.compress(ours())[:-200], "cannot be read"),
@@ -175,7 +175,7 @@ REFUSED = {
         "cannot be read",
     ),
     "only the start of a gzip": (b"\x1f\x8b", "cannot be read"),
-    "text that is not UTF-8": (ours().replace(b"held", b"h\xffld"), "cannot be read"),
+    "text that is not UTF-8": (ours().replace(b"hold", b"h\xffld"), "cannot be read"),
     "too short a flight": (ours(49), "no usable flight in 1 files.*0.5 s"),
     "a column short": (ours().replace(b"command_4", b"command_5"), "missing column command_4"),
     "no rows": (b"\n".join(ours().split(b"\n")[:5]) + b"\n", "no rows"),
@@ -261,7 +261,7 @@ def test_a_file_saved_on_windows_is_read_alike(tmp_path):
 HEADS = [
     b"",
     log.MARK.encode() + b"\n",
-    log.MARK.encode() + b"\n# commands: held\n",
+    log.MARK.encode() + b"\n# commands: zero-order-hold\n",
     AUTHORS.encode() + b"\n",
     b"\x1f\x8b\x08\x00",
     b"PAR1",

@@ -38,7 +38,7 @@ def test_the_same_key_records_the_same_flights_and_another_key_others(flights):
 
 
 def test_flights_are_marked_simulated_and_sampled(flights):
-    assert [(f.name, f.simulated, f.held, f.period, len(f)) for f in flights] == [
+    assert [(f.name, f.simulated, f.zero_order_hold, f.period, len(f)) for f in flights] == [
         (f"flight_{number:02d}", "virtual-3", False, 0.01, 400) for number in (1, 2)
     ]
 
@@ -106,7 +106,12 @@ def test_without_a_battery_the_logged_command_is_the_ratio():
     values: dict[str, Any] = {name: np.ones((5, 3), np.float32) for name in flying.Rows._fields}
     values |= {"ratio": np.full((5, 4), 0.625, np.float32), "battery": np.full(5, 3.5, np.float32)}
     flight = flying.to_flight(
-        flying.Rows(**values), "made", held=True, has_battery=False, simulated="x", period=0.02
+        flying.Rows(**values),
+        "made",
+        zero_order_hold=True,
+        has_battery=False,
+        simulated="x",
+        period=0.02,
     )
     np.testing.assert_array_equal(flight.command, values["ratio"])
-    assert (flight.held, flight.simulated, flight.period) == (True, "x", 0.02)
+    assert (flight.zero_order_hold, flight.simulated, flight.period) == (True, "x", 0.02)

@@ -46,11 +46,13 @@ def test_every_flight_gives_alike_and_no_more_than_asked_for(most):
 @pytest.mark.parametrize(
     ("length", "every", "history"), [(100, 100, 100), (30, 10, 100), (30, 10, 7), (100, 100, 250)]
 )
-@pytest.mark.parametrize("held", [True, False])
+@pytest.mark.parametrize("zero_order_hold", [True, False])
 def test_windows_of_a_sample_are_windows_of_the_whole_flights_to_the_bit(
-    length, every, history, held
+    length, every, history, zero_order_hold
 ):
-    given = [calm(rows, seed, held=held) for seed, rows in enumerate((3000, 2000))]
+    given = [
+        calm(rows, seed, zero_order_hold=zero_order_hold) for seed, rows in enumerate((3000, 2000))
+    ]
     kept, _ = sampled(given, 25.0, history)
     few, all_of_them = windows(kept, length, every, history), windows(given, length, every, history)
     assert 20 * 100 / every <= len(few.segment) <= 25 * 100 / every

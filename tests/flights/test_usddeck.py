@@ -127,7 +127,7 @@ def test_flights_of_a_folder_have_accelerometer_and_rotor_speed(tmp_path: Path) 
     (flight,) = flights
     assert len(flights.paths) == 1
     assert flight.period == pytest.approx(0.002)
-    assert flight.held
+    assert flight.zero_order_hold
     assert flight.accelerometer is not None
     assert flight.rotor_speed is not None
     assert flight.accelerometer[:, 2].mean() == pytest.approx(9.81, abs=0.02)

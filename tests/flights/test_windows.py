@@ -88,7 +88,7 @@ def test_commands_run_from_the_history_to_the_last_period(cut):
 
 
 def test_sampled_commands_are_averaged_over_their_period():
-    cut = windows([numbered(1, 200, held=False)], LENGTH)
+    cut = windows([numbered(1, 200, zero_order_hold=False)], LENGTH)
     rows = np.maximum(np.arange(-LEAD_IN, LENGTH) + SHORTEST_LEAD_IN, 0)
     np.testing.assert_allclose(cut.command[0, :, 0], 10_000.5 + rows)
 

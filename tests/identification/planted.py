@@ -100,7 +100,7 @@ def logs(parameters, count=FLIGHTS, seed=0):
                 command=np.asarray(command),
                 battery=np.full(ROWS, np.nan, np.float32),
                 setpoint=np.full((ROWS, 3), np.nan, np.float32),
-                held=True,
+                zero_order_hold=True,
             )
         )
     return flights

@@ -129,7 +129,7 @@ def test_an_identification_remembers_what_it_rests_on(quick, flights, tmp_path):
         "flights": planted.FLIGHTS,
         "seconds": pytest.approx(sum(flight.duration for flight in flights), abs=0.01),
         "simulated": any(flight.simulated for flight in flights),
-        "commands": "held",
+        "commands": "zero-order-hold",
         "full_scale_counts": 60000.0,
     }
     file = drone_file.read(quick.write(tmp_path / "drone.toml", {"seed": 5}))
@@ -148,7 +148,7 @@ def test_flights_whose_commands_mean_different_thrusts_are_refused(flights):
 
 
 def test_restless_samples_are_doubted(flights):
-    sampled = [dataclasses.replace(flight, held=False) for flight in flights]
+    sampled = [dataclasses.replace(flight, zero_order_hold=False) for flight in flights]
     (doubt,) = doubts({"actuator_noise": 0.14}, sampled)
     assert "lag and inertia cannot be trusted" in doubt
     assert (

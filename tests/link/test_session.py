@@ -64,7 +64,7 @@ def test_identify_finds_the_fake_drone_in_what_record_wrote(tmp_path):
     read = read_flights(tmp_path)
     assert read.refused == ()
     assert len(read) == 1
-    assert [(flight.simulated, flight.held) for flight in read] == [("udp", False)]
+    assert [(flight.simulated, flight.zero_order_hold) for flight in read] == [("udp", False)]
     start = parameters.replace(parameters.crazyflie(), latency=0.0)
     found = mf.identify(
         read,

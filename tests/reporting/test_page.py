@@ -93,7 +93,7 @@ def run(tmp_path):
         drone,
         estimates,
         dict(zip(NAMES, samples.T, strict=True)),
-        Source(2, 20.0, True, "sampled", 60000.0),
+        Source(2, 20.0, True, "subsampled", 60000.0),
         Search("replay", 1.0, 258, 9),
         record=RECORD,
     ).write(folder / "drone.toml")
@@ -228,7 +228,7 @@ def test_real_flights_are_not_called_simulated(tmp_path):
     assert "Everything here is simulated" not in content
 
 
-REAL = Source(14, 270.3, False, "sampled", 60000.0)
+REAL = Source(14, 270.3, False, "subsampled", 60000.0)
 ALL_SIMULATED = "Everything here is simulated"
 
 

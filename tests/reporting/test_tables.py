@@ -58,7 +58,13 @@ def test_a_cell_is_sorted_by_its_value(cell, key):
 
 
 @pytest.mark.parametrize(
-    ("gain", "error", "known"), [(0.1, 0.0, False), (0.01, 1e-19, False), (0.1, 1e-4, True)]
+    ("value", "error", "shown"),
+    [
+        (0.098, 0.0054, ("+0.0980", "0.0054")),
+        (-3.1e-6, 4.3e-7, ("-0.00000310", "0.00000043")),
+        (0.0, 0.0, ("+0.0000", "0.0000")),
+        (0.0018, None, ("+0.0018", "unknown")),
+    ],
 )
-def test_an_error_of_rounding_is_not_known(gain, error, known):
-    assert text.error_known(gain, error) is known
+def test_a_gain_has_two_digits_of_its_standard_error(value, error, shown):
+    assert text.with_error(value, error) == shown

@@ -59,10 +59,10 @@ def _bounds(
 
 _commands = click.option(
     "--commands",
-    type=click.Choice(["held", "sampled"]),
-    help="What commands stand for in logs that do not say it: held by a policy until the next "
-    "row, or samples of the firmware's faster PID,"
-    " as which they are taken unless given. Taken the wrong way, latency is half a row off.",
+    type=click.Choice(["zero-order-hold", "subsampled"]),
+    help="What commands stand for in logs that do not say it: each acts until the "
+    "next row, as a policy's, or the log is subsampled from the firmware's faster PID, which is "
+    "assumed unless given. Taken the wrong way, latency is half a row off.",
 )
 
 

@@ -171,7 +171,7 @@ def transfer(
                 flying.to_flight(
                     rows,
                     f"flight_{len(table):02d}",
-                    held=controller.command_rate == controller.interface.rate,
+                    zero_order_hold=controller.command_rate == controller.interface.rate,
                     has_battery=isinstance(reality, VirtualDrone) and reality.battery,
                     simulated=reality.name,
                     period=period,

@@ -137,5 +137,5 @@ def _flight(table: dict[str, np.ndarray], name: str) -> Flight:
         command=command.astype(np.float32),
         battery=voltage,
         setpoint=setpoint.astype(np.float32),
-        held=held,
+        zero_order_hold=held,
     )

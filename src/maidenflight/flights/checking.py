@@ -133,7 +133,7 @@ def resampled(
     before = np.clip(np.searchsorted(time, grid + 1e-9, side="right") - 1, 0, len(time) - 1)
     arrays = {
         group: getattr(flight, group)[before]
-        for group in ("setpoint", *(("command",) if flight.held else ()))
+        for group in ("setpoint", *(("command",) if flight.zero_order_hold else ()))
     }
     for group, logged in flight.arrays.items():
         if group not in arrays:

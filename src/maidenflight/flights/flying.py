@@ -113,7 +113,7 @@ class Pilot(NamedTuple):
     """Commands a second [Hz]."""
     rate: int
     """Set-points, and rows of the log, a second [Hz]."""
-    held: bool
+    zero_order_hold: bool
     """Whether a motor command holds for the whole period between two rows."""
 
 
@@ -137,7 +137,7 @@ def cascade(controller: Controller, act: Act) -> Pilot:
         memory, motors = compiled(memory, action, measurement, setpoint)
         return np.asarray(motors)
 
-    return Pilot(command, controller.command_rate, controller.interface.rate, held=every == 1)
+    return Pilot(command, controller.command_rate, controller.interface.rate, zero_order_hold=every == 1)
 
 
 @cache
@@ -184,7 +184,7 @@ def fly_reality(
             for _ in range(reality.rate // pilot.command_rate):
                 reality.step(command)
         after = _truth(reality)
-        rows.append((seen, (after if pilot.held else before).command, after))
+        rows.append((seen, (after if pilot.zero_order_hold else before).command, after))
         if ended(after, following):
             break
     return _stacked(rows, setpoints)
@@ -251,7 +251,13 @@ def _arrays(reality: Reality, name: str, parts: Any, sizes: Sequence[int]) -> li
 
 
 def to_flight(
-    rows: Rows, name: str, *, held: bool, has_battery: bool, simulated: str, period: float = 0.01
+    rows: Rows,
+    name: str,
+    *,
+    zero_order_hold: bool,
+    has_battery: bool,
+    simulated: str,
+    period: float = 0.01,
 ) -> Flight:
     """A flight log of logged rows.
 
@@ -273,6 +279,6 @@ def to_flight(
         command=command,
         battery=logged["battery"],
         setpoint=logged["setpoint"],
-        held=held,
+        zero_order_hold=zero_order_hold,
         simulated=simulated,
     )

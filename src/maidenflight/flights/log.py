@@ -21,8 +21,10 @@ from maidenflight.inputs import StrPath
 from maidenflight.simulator.battery import COUNTS, MOST_COUNTS
 
 FAMILY = "# maidenflight flight"
-MARK = f"{FAMILY} 1"
+MARK = f"{FAMILY} 2"
 """How a file in our format begins."""
+ZERO_ORDER_HOLD, SUBSAMPLED = "zero-order-hold", "subsampled"
+"""What the commands of a log stand for: each acts until the next row, or is one of a faster loop."""
 
 GROUPS: dict[str, tuple[str, ...]] = {
     "time": ("time",),
@@ -72,15 +74,15 @@ class Flight:
     """[V]; NaN where unknown."""
     setpoint: Float[np.ndarray, "N 3"]
     """[m]; NaN where unknown."""
-    held: bool
-    """Whether each command held until the next row (a policy at the log's rate), or is a sample of
-    a faster loop (a PID)."""
+    zero_order_hold: bool
+    """Whether each command acts until the next row (a policy at the log's rate), or the log is
+    subsampled from a faster loop (a PID)."""
     simulated: str = ""
     """Name of the virtual drone that flew it; empty for a real flight."""
     full: float = COUNTS
     """Counts of a Crazyflie's firmware, before battery compensation, that u = 1 stands for."""
     assumed: bool = False
-    """Whether `held` is a guess, because the log does not say."""
+    """Whether `zero_order_hold` is a guess, because the log does not say."""
     lead: int = 0
     """Rows at the beginning that are there for their commands only, in a stretch of a longer
     flight; see `sampling`."""
@@ -116,10 +118,10 @@ class Flight:
 
     @property
     def mean_command(self) -> Float[np.ndarray, "N 4"]:
-        """Command u between a row and the next: the command itself if it is held, else the mean of
+        """Command u between a row and the next: the command itself if it acts until then, else the mean of
         this row's and the next one's.
         """
-        if self.held:
+        if self.zero_order_hold:
             return self.command
         following = np.concatenate([self.command[1:], self.command[-1:]])
         return (self.command + following) / 2
@@ -141,7 +143,7 @@ def to_csv(flight: Flight, record: Mapping[str, Any] | None = None) -> str:
     ).fill_nan(None)
     head = [
         f"{MARK}: {_LEGEND}",
-        f"# commands: {'held' if flight.held else 'sampled'}",
+        f"# commands: {ZERO_ORDER_HOLD if flight.zero_order_hold else SUBSAMPLED}",
         f"# simulated: {flight.simulated or 'no'}",
         *([] if flight.full == COUNTS else [f"# full: {flight.full:g}"]),
         f"# record: {json.dumps(dict(record or {}))}",
@@ -199,9 +201,9 @@ def timed(table: Table) -> tuple[Flight, Float[np.ndarray, "N"]]:
         InputError: a column is missing or is not numeric, or it is not said what a command stands
             for.
     """
-    if table.head.get("commands") not in ("held", "sampled"):
+    if table.head.get("commands") not in (ZERO_ORDER_HOLD, SUBSAMPLED):
         where, sign = ("line 2 is not", "# ") if table.first_line else ("its metadata lack", "")
-        wanted = f"'{sign}commands: held' or '{sign}commands: sampled'"
+        wanted = f"'{sign}commands: {ZERO_ORDER_HOLD}' or '{sign}commands: {SUBSAMPLED}'"
         raise InputError(f"{table.name}: {where} {wanted}. Add it; see docs/flight-log.md.")
     logged = {
         group: names for group, names in OPTIONAL.items() if set(names) <= set(table.frame.columns)
@@ -222,7 +224,7 @@ def timed(table: Table) -> tuple[Flight, Float[np.ndarray, "N"]]:
     flight = Flight(
         name=table.name,
         period=float(np.round(np.median(np.diff(known)), 6)) if len(known) > 1 else 0.01,
-        held=table.head["commands"] == "held",
+        zero_order_hold=table.head["commands"] == ZERO_ORDER_HOLD,
         simulated="" if simulated == "no" else simulated,
         full=_full(table),
         battery=column["battery"].astype(np.float32),

@@ -83,7 +83,7 @@ def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], 
         command=compensation.thrust_command(pwm, volts, law or compensation.PLUS),
         battery=volts.astype(np.float32),
         setpoint=columns(*SETPOINT).astype(np.float32),
-        held=False,
+        zero_order_hold=False,
         full=MOST_COUNTS,
     )
     with np.errstate(invalid="ignore"):  # what is not finite is refused by checking

@@ -25,7 +25,7 @@ from maidenflight.flights import (
     tables,
     usddeck,
 )
-from maidenflight.flights.log import Flight
+from maidenflight.flights.log import SUBSAMPLED, ZERO_ORDER_HOLD, Flight
 from maidenflight.flights.sampling import sampled
 from maidenflight.flights.tables import Table
 from maidenflight.flights.windows import LEAD_IN
@@ -107,7 +107,7 @@ class Flights:
         return sum(flight.duration for flight in self.flights)
 
 
-COMMANDS = ("held", "sampled")
+COMMANDS = (ZERO_ORDER_HOLD, SUBSAMPLED)
 """What a logged command may stand for; see docs/flight-log.md."""
 
 
@@ -125,12 +125,12 @@ def read_flights(
         path: a file, or a folder that is searched with all its folders for `.csv`, `.csv.gz` and
             `.parquet`, and for micro-SD logs of a Crazyflie, which have no extension.
         on_file: called with (files read, files found), for a progress bar.
-        most: flight to keep [s]. Of more, stretches of every flight are kept, one file being in
+        most: flight to keep [s]. Of more, segments of every flight are kept, one file being in
             memory beside them.
-        history: rows of commands that a window of a stretch has before it.
-        commands: one of `COMMANDS`, whatever the logs say: "held" if a policy at the log's rate
-            commanded the motors. Logs of a Crazyflie's variables do not say, and are taken as
-            "sampled", as of the firmware's PID, unless given. Taken the wrong way, latency is half
+        history: rows of commands that a window of a segment has before it.
+        commands: one of `COMMANDS`, whatever the logs say: zero-order hold if a policy at the
+            log's rate commanded the motors. Logs of a Crazyflie's variables do not say, and are taken as
+            subsampled, as of the firmware's PID, unless given. Taken the wrong way, latency is half
             a row off.
         battery_law: a key of `compensation.LAWS`, by which a Crazyflie's PWM is read as thrust, whatever
             the logs say.
@@ -183,11 +183,11 @@ def _said(flight: Flight, commands: str | None, seen: "_Seen") -> Flight:
     Or a note that it is a guess.
     """
     if commands:
-        return replace(flight, held=commands == "held", assumed=False)
+        return replace(flight, zero_order_hold=commands == ZERO_ORDER_HOLD, assumed=False)
     if flight.assumed:
         note = (
-            f"{flight.name}: commands taken as samples of the firmware's PID; if a policy held "
-            "each until the next row, say --commands held"
+            f"{flight.name}: commands taken as subsampled from the firmware's PID; if each "
+            f"acted until the next row, give --commands {ZERO_ORDER_HOLD}"
         )
         seen.notes.extend([] if note in seen.notes else [note])
     return flight

@@ -102,7 +102,7 @@ def record(
         flying.to_flight(
             rows,
             f"flight_{number:02d}",
-            held=False,
+            zero_order_hold=False,
             has_battery=has_battery,
             simulated=reality.name,
         )

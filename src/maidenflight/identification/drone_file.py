@@ -29,13 +29,14 @@ from jaxtyping import Float
 
 from maidenflight import inputs, parameters, results
 from maidenflight.errors import InputError
+from maidenflight.flights.log import SUBSAMPLED, ZERO_ORDER_HOLD
 from maidenflight.inputs import Fields, StrPath
 from maidenflight.parameters import COMPONENTS, DRONES, Parameters
 from maidenflight.simulator.battery import COUNTS, MOST_COUNTS
 
 OBJECTIVES = ("likelihood", "replay")
 """What an identification optimises."""
-COMMANDS = ("held", "sampled", "held and sampled")
+COMMANDS = (ZERO_ORDER_HOLD, SUBSAMPLED, "mixed")
 """What the commands of an identification's logs stood for."""
 SAVED = 200
 """Samples of the posterior that a file holds."""

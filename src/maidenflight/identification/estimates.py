@@ -13,7 +13,7 @@ import numpy as np
 import polars
 
 from maidenflight.errors import InputError
-from maidenflight.flights.log import Flight
+from maidenflight.flights.log import SUBSAMPLED, ZERO_ORDER_HOLD, Flight
 from maidenflight.flights.windows import SEGMENT_SECONDS
 from maidenflight.identification import posterior
 from maidenflight.identification.box import Box
@@ -48,11 +48,14 @@ def source_of(flights: Sequence[Flight]) -> Source:
             "flights in which a command of 1 stands for different counts of the firmware "
             f"({differ}); identify from one kind."
         )
+    kinds_of_commands = {
+        ZERO_ORDER_HOLD if flight.zero_order_hold else SUBSAMPLED for flight in flights
+    }
     return Source(
         flights=len({flight.name for flight in flights}),
         seconds=round(sum(flight.duration for flight in flights), 2),
         simulated=any(flight.simulated for flight in flights),
-        commands=" and ".join(sorted({"held" if flight.held else "sampled" for flight in flights})),
+        commands=kinds_of_commands.pop() if len(kinds_of_commands) == 1 else "mixed",
         full_scale_counts=next(iter(kinds)),
     )
 
@@ -201,7 +204,7 @@ def evaluations_table(
 def doubts(noise: Mapping[str, float], flights: Sequence[Flight]) -> list[str]:
     """What makes the result doubtful although its intervals are narrow."""
     found = noise.get("actuator_noise", 0.0)
-    if found < MAX_MOTOR_NOISE or all(flight.held for flight in flights):
+    if found < MAX_MOTOR_NOISE or all(flight.zero_order_hold for flight in flights):
         return []
     return [
         f"motors seem to differ from their commands by {found:.2f} of full thrust, too much for "

@@ -281,5 +281,10 @@ def _on_grid(flight: Flight, time: Float[np.ndarray, "N"], name: str, simulated:
             fields[group] = np.full((place[-1] + 1, *values.shape[1:]), np.nan, np.float32)
             fields[group][place] = values[first]
     return Flight(
-        name=name, period=PERIOD, held=False, simulated=simulated, full=flight.full, **fields
+        name=name,
+        period=PERIOD,
+        zero_order_hold=False,
+        simulated=simulated,
+        full=flight.full,
+        **fields,
     )

@@ -13,9 +13,9 @@ from maidenflight.reporting.run import Run, true_ends
 from maidenflight.reporting.tables import Cell
 
 _COMMANDS = {
-    "held": "commands were taken as a zero-order hold from row to row",
-    "sampled": "commands were taken as subsampled from a faster loop",
-    "held and sampled": "commands of some logs were taken as a zero-order hold from row to row, "
+    "zero-order-hold": "commands were taken as a zero-order hold from row to row",
+    "subsampled": "commands were taken as subsampled from a faster loop",
+    "mixed": "commands of some logs were taken as a zero-order hold from row to row, "
     "of others as subsampled from a faster loop",
 }
 _EFFECTS = {
