@@ -158,3 +158,32 @@ def test_a_foreign_reality_is_flown_no_further_than_a_guard_trips() -> None:
     table = transfer(POLICIES[0], drone, trials=1, duration=3.0).table
     assert table["end_reason"][0] != "time limit"
     assert drone.commands == round(table["duration"][0] * drone.rate)
+
+
+class Commanded(NumpyDrone):
+    """Keeps what it is commanded, as a drone whose own PIDs follow it."""
+
+    def reset(self, position, seed) -> None:
+        super().reset(position, seed)
+        self.given: list[np.ndarray] = []
+
+    def step(self, command) -> None:
+        self.given.append(command)
+        super().step(np.full(4, self.hover))
+
+
+def test_a_reality_with_the_policies_own_controller_is_given_its_commands() -> None:
+    drone = Commanded(takes="attitude_rate", rate=100)
+    controller = attitude_rate()
+    policy = untrained(jax.random.key(0), interface=controller.interface)
+    (flight,) = transfer(policy, drone, trials=1, duration=0.2).flights
+    given = np.array(drone.given)
+    assert (len(given), len(flight), flight.zero_order_hold) == (20, 10, False)
+    np.testing.assert_array_equal(given[::2], given[1::2])
+    assert ((given[:, 0] > 0) & (given[:, 0] < 1)).all()
+    assert 0 < np.abs(given[:, 1:]).max() <= np.radians(60.0) + 1e-6
+
+
+def test_a_reality_that_takes_something_else_is_refused() -> None:
+    with pytest.raises(InputError, match="attitude"):
+        transfer(POLICIES, NumpyDrone(takes="attitude"), trials=1, duration=0.2)

@@ -246,7 +246,10 @@ def _pilot(reality: Reality, policy: Policy, controller: Controller) -> Pilot:
     interface = controller.interface
     if reality.takes == interface.name:
         return Pilot(
-            lambda *now: actor.act(*now).command, interface.rate, interface.rate, held=True
+            lambda *now: actor.act(*now).command,
+            interface.rate,
+            interface.rate,
+            zero_order_hold=False,
         )
     raise InputError(
         f"{reality.name} takes {reality.takes!r}; expected {MOTORS!r}, or the policies' own "

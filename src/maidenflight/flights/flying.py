@@ -137,7 +137,9 @@ def cascade(controller: Controller, act: Act) -> Pilot:
         memory, motors = compiled(memory, action, measurement, setpoint)
         return np.asarray(motors)
 
-    return Pilot(command, controller.command_rate, controller.interface.rate, zero_order_hold=every == 1)
+    return Pilot(
+        command, controller.command_rate, controller.interface.rate, zero_order_hold=every == 1
+    )
 
 
 @cache
