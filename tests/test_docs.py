@@ -367,13 +367,13 @@ def recipes() -> dict[str, str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("title", ["My drone", "My logs", "My task", "My controller", "My reality"])
+@pytest.mark.parametrize("title", ["My drone", "My logs", "My task"])
 @pytest.mark.usefixtures("less_work")
 def test_a_recipe_is_short_and_runs(title: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert list(recipes()) == ["My drone", "My logs", "My task", "My controller", "My reality"]
+    assert list(recipes()) == ["My drone", "My logs", "My task"]
     snippet = recipes()[title]
     assert len([line for line in snippet.splitlines() if line]) <= 15
-    if title in ("My task", "My controller"):
+    if title == "My task":
         monkeypatch.setattr(mf, "train", traced_training)
         monkeypatch.setattr(mf, "transfer", traced_flights)
     if title == "My logs":
@@ -390,8 +390,6 @@ def test_a_recipe_is_short_and_runs(title: str, monkeypatch: pytest.MonkeyPatch)
         )
     names: dict[str, Any] = {}
     exec(compile(snippet, "docs/recipes.md", "exec"), names)
-    if title == "My reality":
-        assert set(names["flown"].table["reality"]) == {"virtual-7", "windy-7"}
     if title == "My logs":
         assert mf.read_flights("logs").duration == pytest.approx(4.0)
 
