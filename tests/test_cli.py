@@ -11,7 +11,7 @@ import polars
 import pytest
 
 from event_files import scalars
-from maidenflight import cli, parameters, policy, results, terminal
+from maidenflight import cli, parameters, policy, results
 from maidenflight.cli import cache
 from maidenflight.flights import reading
 from maidenflight.identification import drone_file
@@ -183,7 +183,7 @@ def test_a_mistake_gives_one_line_and_exit_code_2(
     (tmp_path / "other" / "notes.json").write_text('{"format": "another"}')
     (tmp_path / "full" / "mine.txt").write_text("keep me")
     (tmp_path / "odd.csv").write_text("a,b\n1,2\n")
-    (tmp_path / "bad.toml").write_text("format = 1\n")
+    (tmp_path / "bad.toml").write_text("format = 3\n")
     code, out, err = run(
         monkeypatch, capsys, *(argument.format(tmp=tmp_path) for argument in arguments)
     )
@@ -240,7 +240,7 @@ def test_the_line_from_logs_to_report_in_json(
         assert estimate["interval"][0] <= estimate["value"] <= estimate["interval"][1]
     assert identified["windows"] > 50
     assert identified["evaluations"] == 20 + 3 * 64
-    assert identified["objective"] > 0
+    assert identified["value"] > 0
     assert identified["seconds"] > 0
     value = identified["parameters"]["latency"]["value"]
     assert float(parameters.read(drone).latency) == pytest.approx(value, rel=1e-6)
@@ -501,13 +501,13 @@ def test_training_that_is_interrupted_says_how_to_go_on_and_does(
     assert code == 2
     assert "no training to resume" in err
 
-    monkeypatch.setattr(terminal, "scores", interrupt)
+    monkeypatch.setattr(flight_output, "scores", interrupt)
     code, _, err = run(monkeypatch, capsys, *what, "-o", folder)
     assert code == 130
     assert f"Go on with: maidenflight {' '.join(map(str, what))} -o {folder} --resume" in err
     assert sorted(path.name for path in folder.iterdir()) == ["tensorboard", "training.npz"]
 
-    monkeypatch.setattr(terminal, "scores", scores)
+    monkeypatch.setattr(flight_output, "scores", scores)
     code, _, err = run(monkeypatch, capsys, *what, "-o", folder)
     assert code == 2
     assert "--resume" in err
