@@ -80,8 +80,10 @@ def whole_run() -> dict[str, bytes]:
     around = {
         "reality.toml": drone(record=RECORD),
         "drone.toml": IDENTIFIED.to_toml("drone").encode(),
-        "identification.csv": b"trial,motor_time_constant,latency,objective\n1,0.08,0.018,5.0\n1,0.09,0.017,6.0\n1,0.07,0.015,7.0\n",
-        "validation.csv": f"# errors\n# record: {json.dumps(RECORD)}\n{tests.errors().write_csv()}".encode(),
+        "identification.csv": b"trial,motor_time_constant,latency,objective\n"
+        b"1,0.08,0.018,5.0\n1,0.09,0.017,6.0\n1,0.07,0.015,7.0\n",
+        "validation.csv": "# errors\n# record: "
+        f"{json.dumps(RECORD)}\n{tests.errors().write_csv()}".encode(),
         "validation_windows.csv": "# windows\n# record: "
         f"{json.dumps(RECORD)}\n{tests.windows().write_csv()}".encode(),
         "policies/policy_1.json": policies.to_json(small_policy(), RECORD).encode(),

@@ -244,7 +244,8 @@ def measure(recipe: Recipe, updates: int | None) -> Measured:
         else []
     )
     cells = [
-        f"{recipe.control}, {env.controller.interface.rate} Hz, {recipe.task}, {recipe.drone} drone",
+        f"{recipe.control}, {env.controller.interface.rate} Hz, {recipe.task}, "
+        f"{recipe.drone} drone",
         spread([float(score.episode_return) for score in scores], min, ".1f"),
         spread([float(score.survival) for score in scores], min, ".1%"),
         " / ".join(f"{ceiling:.1%}" for ceiling in ceilings) or "-",

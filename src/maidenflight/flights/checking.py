@@ -6,7 +6,6 @@ of columns, is refused: dropping rows would hide it.
 """
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -32,11 +31,6 @@ STILL = 20
 EMPTY = 2.8
 """Battery voltage of a cell below which a Crazyflie's firmware can no longer make up for it: u = 1
 asks for 2.95 V at the motors [V]."""
-
-MAX_UNEVEN = 0.02
-"""Share of uneven steps between rows above which a log is resampled."""
-MAX_GAP_ROWS = 4
-"""Rows in succession that resampling fills in."""
 
 _MAX_SETPOINT_M = 1e6
 """Set-point beyond which it is none [m]."""
@@ -64,7 +58,7 @@ def pieces(
     cuts, notes = np.zeros(len(flight), bool), []
     if time is not None:
         flight, time, filled = resampling.bridged(flight, time)
-        flight, time, evened = resampled(flight, time)
+        flight, time, evened = resampling.resampled(flight, time)
         cuts, jumps = _cuts(flight, time)
         notes = [*filled, *evened, *jumps]
     _refuse_wrong_units(flight)
@@ -103,50 +97,6 @@ def pieces(
             "firmware can no longer make up for it"
         )
     return kept, notes
-
-
-def resampled(
-    flight: Flight, time: Float[np.ndarray, "N"]
-) -> tuple[Flight, Float[np.ndarray, "M"], list[str]]:
-    """The flight at even steps if its rows jitter or some are missing, and a note that says so.
-
-    Signals are interpolated linearly; commands held until the next row and set-points keep their
-    last value. A gap of more than `MAX_GAP_ROWS` rows stays a gap. A log whose steps are even but
-    for a few, or mostly uneven, or whose time does not increase, is returned as it is.
-
-    Args:
-        flight: as read.
-        time: time of each row [s].
-    """
-    step = np.diff(time)
-    if len(step) < 2 or not np.isfinite(time).all() or step.min() <= 0:
-        return flight, time, []
-    uneven = np.abs(step - flight.period) > flight.period / 2
-    if not MAX_UNEVEN < uneven.mean() < 0.5:
-        return flight, time, []
-    ends = [0, *(np.flatnonzero(step > (MAX_GAP_ROWS + 0.5) * flight.period) + 1), len(time)]
-    grids = [
-        np.arange(float(time[first]), float(time[last - 1]) + 1e-9, flight.period)
-        for first, last in pairwise(ends)
-    ]
-    grid = np.concatenate(grids)
-    before = np.clip(np.searchsorted(time, grid + 1e-9, side="right") - 1, 0, len(time) - 1)
-    arrays = {
-        group: getattr(flight, group)[before]
-        for group in ("setpoint", *(("command",) if flight.zero_order_hold else ()))
-    }
-    for group, logged in flight.arrays.items():
-        if group not in arrays:
-            values = logged.astype(np.float64)
-            values = np.unwrap(values, axis=0) if group == "attitude" else values
-            flat = values.reshape(len(time), -1).T
-            even = np.stack([np.interp(grid, time, row) for row in flat], axis=1)
-            arrays[group] = even.reshape(len(grid), *values.shape[1:]).astype(np.float32)
-    note = (
-        f"{flight.name}: {int(uneven.sum())} of {len(step)} steps are uneven (rows late or "
-        f"missing); resampled to {1 / flight.period:.4g} Hz"
-    )
-    return replace(flight, **arrays), grid, [note]
 
 
 def _blanked(flight: Flight) -> tuple[Flight, list[str]]:

@@ -1,6 +1,4 @@
-"""The flight log: what a drone measured and commanded, row by row, and our own file format for
-it.
-"""
+"""`Flight`, what a drone measured and commanded row by row, and our own file format for it."""
 
 import json
 from collections.abc import Mapping
@@ -24,7 +22,7 @@ FAMILY = "# maidenflight flight"
 MARK = f"{FAMILY} 2"
 """How a file in our format begins."""
 ZERO_ORDER_HOLD, SUBSAMPLED = "zero-order-hold", "subsampled"
-"""What the commands of a log stand for: each acts until the next row, or is one of a faster loop."""
+"""What logged commands stand for: each acts until the next row, or is one of a faster loop."""
 
 GROUPS: dict[str, tuple[str, ...]] = {
     "time": ("time",),
@@ -88,7 +86,7 @@ class Flight:
     flight; see `sampling`."""
 
     accelerometer: Float[np.ndarray, "N 3"] | None = None
-    """Specific force along body x, y, z [m/s2], 9.81 along z at rest; None where it was not logged."""
+    """Specific force along body x, y, z [m/s2], 9.81 along z at rest; None if not logged."""
     rotor_speed: Float[np.ndarray, "N 4"] | None = None
     """Measured speed of rotors 1 to 4 [rad/s]; None where it was not logged."""
 
@@ -118,8 +116,9 @@ class Flight:
 
     @property
     def mean_command(self) -> Float[np.ndarray, "N 4"]:
-        """Command u between a row and the next: the command itself if it acts until then, else the mean of
-        this row's and the next one's.
+        """Command u between a row and the next.
+
+        The command itself if it acts until then, else the mean of this row's and the next one's.
         """
         if self.zero_order_hold:
             return self.command

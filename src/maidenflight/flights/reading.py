@@ -129,16 +129,16 @@ def read_flights(
             memory beside them.
         history: rows of commands that a window of a segment has before it.
         commands: one of `COMMANDS`, whatever the logs say: zero-order hold if a policy at the
-            log's rate commanded the motors. Logs of a Crazyflie's variables do not say, and are taken as
-            subsampled, as of the firmware's PID, unless given. Taken the wrong way, latency is half
-            a row off.
-        battery_law: a key of `compensation.LAWS`, by which a Crazyflie's PWM is read as thrust, whatever
-            the logs say.
+            log's rate commanded the motors. Logs of a Crazyflie's variables do not say, and are
+            taken as subsampled, as of the firmware's PID, unless given. Taken the wrong way,
+            latency is half a row off.
+        battery_law: a key of `compensation.LAWS`, by which a Crazyflie's PWM is read as thrust,
+            whatever the logs say.
 
     Returns:
         Gapless pieces of flights in which the drone flies, in the order of the files' names. A
-        flight that two files hold is used once. Of a folder, with the files that were refused and why; and a note for each table that is no
-        flight log.
+        flight that two files hold is used once. Of a folder, with the files that were refused and
+        why; and a note for each table that is no flight log.
 
     Raises:
         InputError: nothing there; a single file that is damaged, contradicts itself or is in an

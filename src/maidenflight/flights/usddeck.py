@@ -1,13 +1,16 @@
-"""Logs of a Crazyflie's micro-SD card deck: binary files without an extension, to a table of the firmware's log variables.
+"""Binary logs of a Crazyflie's micro-SD card deck as a table of the firmware's log variables.
 
-A file begins with 0xBC, its version and the event types with their variables; then records of these types follow in the order in
-which they came, and a CRC-32 of everything before it ends the file. Version 1 stamps records in milliseconds, version 2 in
-microseconds. `cflib` reads what the variables mean: they are those that a radio link would log.
+A file begins with 0xBC, its version and the event types with their variables; then records of these
+types follow in the order in which they came, and a CRC-32 of everything before it ends the file.
+Version 1 stamps records in milliseconds, version 2 in microseconds. `cflib` reads what the
+variables mean: they are those that a radio link would log.
 
-Event types are tables of their own. The one with the most records gives the rows; each record of another type stands in the first
-row at or after its time, so that its numbers are seen once, when they were known.
+Event types are tables of their own. The one with the most records gives the rows; each record of
+another type stands in the first row at or after its time, so that its numbers are seen once, when
+they were known.
 
-Source: Crazyflie firmware, src/deck/drivers/src/usddeck.c and tools/usdlog/cfusdlog.py (version 2 since 2022).
+Source: Crazyflie firmware, src/deck/drivers/src/usddeck.c and tools/usdlog/cfusdlog.py (version 2
+since 2022).
 """
 
 import struct
@@ -32,7 +35,7 @@ _CLOCKS = {1: ("u4", 1e-3), 2: ("u8", 1e-6)}
 _LETTERS = frozenset("bBhHiIqQefd")
 """Kinds of number, as Python's `struct` and NumPy name them."""
 _BACKWARDS = 1.0
-"""Time that a record may lie behind the one before, since event types are stamped apart, before the rest is damage [s]."""
+"""Time that a record may lie behind the one before [s]; event types are stamped apart."""
 
 
 class _Event(NamedTuple):
@@ -109,7 +112,7 @@ def _text(raw: bytes, at: int) -> tuple[str, int]:
 def _records(
     raw: bytes, events: Mapping[int, _Event], start: int, end: int, unit: float
 ) -> tuple[dict[int, list[int]], int]:
-    """Where the records of each event type begin, behind their identifiers, and where the last whole one ends."""
+    """Where the records of each event type begin, and where the last whole one ends."""
     sizes = {number: event.record.itemsize for number, event in events.items()}
     width = next(iter(events.values())).record[0].itemsize if events else 8
     behind = round(_BACKWARDS / unit)
@@ -130,9 +133,15 @@ def _records(
 
 def _damage(name: str, start: int, stop: int, end: int) -> str:
     if end - stop <= 4 or stop == start:
-        return f"{name}: cut off in its last record (its checksum does not fit); the records before it are used"
+        return (
+            f"{name}: cut off in its last record (its checksum does not fit); the records before "
+            "it are used"
+        )
     share = 100 * (end - stop) / (end - start)
-    return f"{name}: damaged or cut off at byte {stop} (its checksum does not fit); the last {share:.2g} % of it dropped"
+    return (
+        f"{name}: damaged or cut off at byte {stop} (its checksum does not fit); the last "
+        f"{share:.2g} % of it dropped"
+    )
 
 
 def _gathered(raw: np.ndarray, places: list[int], event: _Event) -> np.ndarray:
@@ -144,7 +153,7 @@ def _gathered(raw: np.ndarray, places: list[int], event: _Event) -> np.ndarray:
 def _joined(
     tables: Mapping[int, np.ndarray], events: Mapping[int, _Event], main: int, unit: float
 ) -> polars.DataFrame:
-    """One table: the main type's records as rows, those of the others in the first row at or after their time."""
+    """One table: the main type's records as rows, the others' in the first row after their time."""
     stamps = tables[main][CLOCK].astype(np.int64)
     columns: dict[str, np.ndarray] = {CLOCK: (stamps - stamps[0]) * unit}
     for number, records in tables.items():

@@ -87,8 +87,10 @@ def places(width: float) -> int:
 
 
 def with_error(value: float, error: float | None) -> tuple[str, str]:
-    """A difference with its sign and its standard error, both to two digits of the error, from four
-    to nine decimals; `unknown` for an error that is not known.
+    """A difference with its sign, and its standard error.
+
+    Both have two digits of the error, from four to nine decimals; `unknown` for an error that is
+    not known.
     """
     decimals = min(9, max(4, 1 - math.floor(math.log10(error)))) if error else 4
     return f"{value:+.{decimals}f}", "unknown" if error is None else f"{error:.{decimals}f}"
