@@ -430,24 +430,23 @@ def kept(
     count: int,
     made: Mapping[str, Any],
     learn: Callable[[], Iterable[Policy]],
-    anew: bool = False,
+    restart: bool = False,
 ) -> list[Policy]:
-    """Policies that a folder holds, or new ones that it holds then: what was interrupted goes on,
-    and nothing is trained twice.
+    """Reads the policies of a folder, or makes and writes them: nothing is trained twice.
 
     Args:
         folder: of `policy_1.json`, `policy_2.json`, ...
         count: how many.
         made: record of their making.
         learn: makes them; called where one of the files is missing.
-        anew: use nothing of what is there.
+        restart: use nothing of what is there.
 
     Raises:
         InputError: the folder holds policies with another record.
     """
     files = [run_folder.POLICY.path(folder, number) for number in range(1, count + 1)]
-    if anew or not all(path.exists() for path in files):
-        for path in files if anew else []:
+    if restart or not all(path.exists() for path in files):
+        for path in files if restart else []:
             path.unlink(missing_ok=True)
         for path, one in zip(files, learn(), strict=True):
             write(path, one, made)

@@ -2,6 +2,7 @@
 takes off."""
 
 import contextlib
+import dataclasses
 import signal
 import socket
 import subprocess
@@ -156,18 +157,22 @@ def test_a_second_flight_needs_a_fit_drone_too(tmp_path):
     assert any("no further flight: battery" in text for text in said)
 
 
-def test_the_policy_flies_between_take_off_and_landing(tmp_path):
+@pytest.mark.parametrize(("full", "counts"), [(None, 60000), (65535.0, 65535)])
+def test_the_policy_flies_between_take_off_and_landing(tmp_path, full, counts):
+    """With the counts of its own app, unless others are given."""
     fake, active = FakeDrone(policy=True), []
 
     def note(clock):
         active.append((fake.active, fake.plant.position[2]))
 
-    (flight,) = flown(fake, tmp_path, plan(1.0, policy=True), before=note)
+    (flight,) = flown(
+        fake, tmp_path, dataclasses.replace(plan(1.0, policy=True), full=full), before=note
+    )
     assert flight.ending.reason == COMPLETE
     assert sum(on for on, _ in active) == pytest.approx(100, abs=3)
     assert all(height > 0.4 for on, height in active if on)
     assert fake.parameters["mf.enable"] == 0
-    assert (fake.parameters["mf.task"], fake.parameters["mf.full"]) == (2, 65535)
+    assert (fake.parameters["mf.task"], fake.parameters["mf.full"]) == (2, counts)
     assert (fake.parameters["mf.x"], fake.parameters["mf.y"]) == pytest.approx((0.0, 0.0), abs=0.01)
 
 

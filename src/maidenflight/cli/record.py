@@ -184,11 +184,8 @@ def record(
 @_duration(10.0, 1.0, "Seconds that the policy flies in each.")
 @click.option(
     "--full",
-    default=65535.0,
-    show_default=True,
     type=options.Range(30000.0, 65535.0),
-    help="What a thrust command of 1 is, in the firmware's counts: 65535 if identified from our "
-    "own logs, 60000 from the authors'.",
+    help="Firmware counts of a thrust command of 1, if not those of the exported policy.",
 )
 @_task
 @_height

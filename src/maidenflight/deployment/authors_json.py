@@ -1,9 +1,8 @@
-"""The authors' policy files: the JSON that their firmware's tools read, made into a `Policy` and
-written from one.
+"""Reads and writes the JSON policy files of Gronauer et al.
 
-Such a file holds layers "0", "1", ..., the means and standard deviations of the inputs, and a check
-sum: the sum of the outputs for an input of ones that is not scaled. It does not say what the
-outputs command, nor how often, nor how many instants the inputs are.
+Such a file holds layers "0", "1", ..., means and standard deviations of the inputs, and a checksum:
+the sum of the outputs for an unscaled input of ones. It does not hold the control structure, the
+rate or the number of instants.
 
 Source: github SvenGronauer/phoenix-drone-simulation c5d6907, described from reading, not copied.
 """
@@ -107,12 +106,11 @@ def read_authors_json(path: StrPath, control: str) -> Policy:
 
 
 def to_authors_json(policy: Policy) -> str:
-    """The text of one of the authors' policy files, which `from_authors_json` reads back as the
-    same policy.
+    """The text of one of the authors' policy files; `from_authors_json` reads it back.
 
-    All numbers read back to the last bit, but for deviations between 6.1e-5 and 1.2e-4: there
-    float32 has not always a number that is theirs once `EPSILON` is added, and it may be one
-    rounding off. The file does not hold the control structure: begin its name with that.
+    All numbers read back to the last bit, except standard deviations between 6.1e-5 and 1.2e-4,
+    which may be one rounding of float32 off once `EPSILON` is added. The file does not hold the
+    control structure: begin its name with that.
 
     Args:
         policy: the policy.
@@ -301,9 +299,7 @@ def _verify(
 
 
 def _check_sum(weights: list[np.ndarray], biases: list[np.ndarray]) -> tuple[float, float]:
-    """The sum of the outputs for ones that are not scaled, in float64, and the sum of the sizes of
-    what it adds up.
-    """
+    """The checksum in float64, and the sum of the magnitudes of its terms."""
     values = np.ones(weights[0].shape[1])
     size = 0.0
     for number, (weight, bias) in enumerate(zip(weights, biases, strict=True)):

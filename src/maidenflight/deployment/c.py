@@ -144,8 +144,7 @@ def digest(policy: Policy) -> str:
 
 
 def checksum(tables: Iterable[Numbers]) -> int:
-    """32-bit FNV-1a over the bit patterns of float32 numbers, taken as whole numbers instead of
-    bytes.
+    """32-bit FNV-1a over float32 bit patterns, one 32-bit word at a time instead of bytes.
 
     Source: Fowler, Noll, Vo (RFC 9923), offset basis and prime for 32 bits.
     """

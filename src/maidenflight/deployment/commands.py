@@ -41,7 +41,7 @@ def described(interface: ControlInterface) -> str:
 
 
 def level_in_c(interface: ControlInterface) -> str:
-    """The action that keeps a drone level, in C; `share` is the share of full thrust that hovers."""
+    """The action that keeps a drone level, in C; `share` of full thrust hovers."""
     terms = []
     for slope, offset in zip(*interface.level_line, strict=True):
         constant = f"{np.float32(abs(offset))!s}f"

@@ -1,10 +1,8 @@
-"""A policy as an app for the Crazyflie: an out-of-tree controller that is built beside an
-unmodified firmware.
+"""A policy as a Crazyflie app: an out-of-tree controller beside an unmodified firmware.
 
-The app's text stands in the folder `crazyflie` beside this module; `policy.h` and `policy.c` come
-from `c`. The app feeds what the firmware knows of the drone to the policy, at the policy's rate,
-and the policy's commands to the firmware; it guards the flight and hands back to the firmware's PID
-(docs/crazyflie.md).
+The app's text is in the folder `crazyflie` beside this module; `policy.h` and `policy.c` come from
+`c`. The app passes the firmware's estimates to the policy and the policy's commands to the
+firmware, checks limits in flight, and hands back to the firmware's PID (docs/crazyflie.md).
 
 Source: interface, units and signs of the Crazyflie firmware 2026.08 (2a18fc299d7b), described from
 reading; no text of it is used.
@@ -70,8 +68,8 @@ def export_crazyflie(
         )
     if MAIN_LOOP % interface.rate:
         raise InputError(
-            f"policy: rate = {interface.rate} Hz does not divide the {MAIN_LOOP} Hz of the firmware. "
-            "Train at 100, 50 or 25 Hz."
+            f"policy: rate = {interface.rate} Hz does not divide the {MAIN_LOOP} Hz of the "
+            "firmware. Train at 100, 50 or 25 Hz."
         )
     multiplications, widest = sum(weight.size for weight in policy.weights), max(policy.layer_sizes)
     if multiplications > MOST_MULTIPLICATIONS or widest > WIDEST:

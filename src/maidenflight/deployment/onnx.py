@@ -1,8 +1,6 @@
-"""A policy as ONNX: one file that other runtimes read, with the scaling of the observation and of
-the command in its graph.
+"""A policy as ONNX, with the scaling of observations and commands in its graph.
 
-Written with the `onnx` package, which is an extra. The version of the format is one that runtimes
-of 2022 already read.
+Needs the `onnx` package, an extra. Runtimes from 2022 on read the version of the format.
 """
 
 import json
@@ -32,11 +30,11 @@ IR = 8
 def to_onnx(policy: Policy, record: Mapping[str, Any] | None = None) -> bytes:
     """The bytes of an ONNX model. The same policy and record give the same bytes.
 
-    Input: `observation`, float32 (batch, 20 H), in SI units, laid out as a policy file's `instant`
-    tells, the oldest instant first. Outputs: `command`, float32 (batch, 4): centre + span clip(a,
-    -1, 1) as the policy's interface says; and `action`, float32 (batch, 4): a, not clipped, which the next
-    observation holds. Both are NaN in rows whose observation or action is not finite, which ReLU
-    and clipping would else hide.
+    Input: `observation`, float32 (batch, 20 H), SI units, laid out as `policy.INSTANT`, oldest
+    instant first. Outputs: `command`, float32 (batch, 4), centre + span clip(a, -1, 1) of the
+    policy's interface; and `action`, float32 (batch, 4), the unclipped a, which the next
+    observation holds. Both are NaN in rows whose observation or action is not finite; ReLU and
+    clipping would hide that.
 
     Args:
         policy: the policy.

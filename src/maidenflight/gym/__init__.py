@@ -13,8 +13,7 @@ TASKS = {"Hover": "hover", "Circle": "circle", "TakeOff": "take_off", "Tracking"
 
 
 def register() -> None:
-    """Registers `maidenflight/Hover-v0`, `Circle-v0`, `TakeOff-v0` and `Tracking-v0`, unless that
-    has been done.
+    """Registers `maidenflight/Hover-v0`, `Circle-v0`, `TakeOff-v0` and `Tracking-v0` once.
 
     Raises:
         InputError: Gymnasium or Pillow is not installed.

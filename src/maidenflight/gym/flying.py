@@ -1,10 +1,9 @@
-"""One step of one drone as a compiled function of few small arrays, for `vmap` and for being called
-often.
+"""One step of one drone as a compiled function of few small arrays.
 
-Calling a compiled function costs a microsecond or so for each array that goes in or comes out, and
-XLA on a CPU runs a program one operation after the other, without threads that wait for each other,
-only where no array is larger than 512 bytes. So all that changes or differs from drone to drone is
-packed into groups of at most 128 numbers, and what a step gives comes out as one row.
+Calling a compiled function costs about a microsecond for each array passed in or out, and XLA on a
+CPU runs a program without waiting threads only where no array is larger than 512 bytes. So the
+drone's state and parameters are packed into groups of at most 128 numbers, and a step returns one
+row.
 """
 
 from functools import cache
@@ -49,9 +48,7 @@ position error [m], duration [s]."""
 
 
 def statistics(reason: float, error: float, duration: float) -> dict[str, Any]:
-    """`info` at the end of an episode: why it ended, mean distance from the set-point [m] and
-    length [s].
-    """
+    """`info` at an episode's end: reason, mean distance from the set-point [m], length [s]."""
     return {
         "end_reason": END_REASONS[int(reason)],
         "position_error": float(error),

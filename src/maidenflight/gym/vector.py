@@ -20,11 +20,11 @@ Steps = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
 
 
 class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
-    """Drones that do one task, each as it would alone: with seed s, drone i flies the episodes of a
-    `QuadrotorEnv` with seed s + i.
+    """Drones that do one task.
 
-    As in Gymnasium's own vector environments, the step after an episode's end begins the next
-    episode: its action is not looked at and its reward is 0.
+    With seed s, drone i flies the episodes of a `QuadrotorEnv` with seed s + i. As in Gymnasium's
+    own vector environments, the step after an episode's end begins the next episode: its action is
+    ignored and its reward is 0.
     """
 
     metadata = {
@@ -106,8 +106,9 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return self._begin(np.ones(self.num_envs, bool), self._groups), {}
 
     def step(self, actions: Float[np.ndarray, "n 4"]) -> Steps:
-        """Holds an action of every drone for one control period, or begins an episode where the
-        last one is over.
+        """Holds each drone's action for one control period.
+
+        Where an episode is over, the next one begins instead.
 
         Raises:
             InputError: no episode has begun, or there are not four numbers for each drone.
@@ -163,8 +164,9 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         )
 
     def _begin(self, whose: Bool[np.ndarray, "n"], groups: flying.Groups | None) -> np.ndarray:
-        """Begins the next episode of some drones, each prepared ahead, and returns everyone's first
-        observation.
+        """Begins the next, already prepared episode of some drones.
+
+        Returns first observations of all drones.
         """
         if np.any(whose & ~self._ready):
             # Copies, since JAX may read its arguments after it has returned.

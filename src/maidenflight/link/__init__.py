@@ -1,3 +1,1 @@
-"""A real Crazyflie by radio: recording flights, handing over to a policy on board, and coming down
-whatever happens.
-"""
+"""A real Crazyflie by radio: recording flights, flying a policy on board, landing."""

@@ -1,5 +1,4 @@
-"""What a Crazyflie logs for us: two blocks at 100 Hz, a slow one before take-off, and what their
-numbers mean.
+"""Log blocks of a Crazyflie: two at 100 Hz, a slow one before take-off, and their units.
 
 A block carries at most 26 bytes. Estimates come as 16-bit integers (`stateEstimateZ`, mm, mm/s and
 mrad/s, its `ratePitch` positive nose up), the attitude as a quaternion in float16, whose step is
@@ -13,8 +12,6 @@ crazyflie/log.py.
 import math
 from collections.abc import Mapping
 from typing import NamedTuple
-
-from maidenflight.simulator.battery import MOST_COUNTS
 
 PERIOD = 0.01
 """Of both fast blocks [s]; the firmware's shortest."""
@@ -80,8 +77,6 @@ REASONS = (
 TASK, START_X, START_Y, FULL = "mf.task", "mf.x", "mf.y", "mf.full"
 """Parameters of the controller on board: what the policy follows, where that starts [m], and what a
 thrust command of 1 is [counts]."""
-FULL_COUNTS = MOST_COUNTS
-"""What a thrust command of 1 is in the logs that we record [counts]; see `flights.cflib`."""
 COMMANDER = 2
 """Value of `TASK`: the policy follows the position set-points that come by radio."""
 

@@ -1,8 +1,7 @@
-"""The connection to a Crazyflie, by cflib: two log blocks that come of their own accord, and a
-handful of commands.
+"""The connection to a Crazyflie by cflib: log blocks in, a few commands out.
 
-cflib answers in threads of its own; they write each row down before they pass it on, and never wait
-for anybody.
+cflib calls back in threads of its own; they write each row to disk before they pass it on, and
+never wait.
 """
 
 import logging

@@ -19,7 +19,6 @@ from maidenflight.link.blocks import (
     COMMANDER,
     ENABLE,
     FULL,
-    FULL_COUNTS,
     PERIOD,
     START_X,
     START_Y,
@@ -92,9 +91,9 @@ class Plan:
     """Set-points, one each 10 ms [m]; x and y from the place of take-off."""
     policy: bool = False
     """Whether the policy on board flies it, else the firmware's PID."""
-    full: float = FULL_COUNTS
-    """What the policy's thrust command of 1 is [counts]: as in the logs from which its drone was
-    identified."""
+    full: float | None = None
+    """Counts of a thrust command of 1, if not those of the policy's own interface, which the app
+    has from its export."""
 
 
 class Ending(NamedTuple):
@@ -233,13 +232,9 @@ def _lead(
             )
     say(f"flying for {len(reference) * PERIOD:g} s, {'the policy' if plan.policy else 'the PID'}")
     if plan.policy:
-        for name, value in (
-            (TASK, COMMANDER),
-            (START_X, start[0]),
-            (START_Y, start[1]),
-            (FULL, plan.full),
-            (ENABLE, 1),
-        ):
+        counts = () if plan.full is None else ((FULL, plan.full),)
+        start_values = ((TASK, COMMANDER), (START_X, start[0]), (START_Y, start[1]))
+        for name, value in (*start_values, *counts, (ENABLE, 1)):
             drone.set(name, value)
         began = clock.now()
 

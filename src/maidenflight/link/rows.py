@@ -1,9 +1,8 @@
-"""Rows on disk: every packet of a flight as it comes, and the flight log that is made of them
-afterwards.
+"""Rows on disk: every packet of a flight, and the flight log made of them afterwards.
 
-While the drone flies, each packet is one line that is handed to the operating system before
-anything else is done with it. A program that is killed loses nothing that came; a computer without
-power loses the last second. The file stands beside the flight log for good.
+In flight each packet is one line, handed to the operating system before it is used. A program that
+is killed loses nothing received; a computer without power loses the last second. The file is kept
+beside the flight log.
 """
 
 import json
@@ -119,11 +118,10 @@ class RowFile:
 
 
 def to_flight(path: Path) -> tuple[Flight, dict[str, Any], tuple[str, ...]]:
-    """The flight that a file of rows holds: one row each 10 ms, not a number where a packet is
-    missing.
+    """The flight of a file of rows: one row each 10 ms, NaN where a packet is missing.
 
-    Each row is the state's packet; the motors' packet of the same instant, else what lies between
-    its two neighbours, gives the rest.
+    Each row is a packet of the state; the motors' values are those of the same instant, or
+    interpolated between the two nearest packets.
 
     Returns:
         The flight, the record of its making, and notes.
@@ -228,8 +226,9 @@ def recover(folder: Path) -> tuple[list[Path], list[str]]:
 
 
 def _packets(table: Table, block: Block, stamps: Float[np.ndarray, "N"]) -> Int[np.ndarray, "M"]:
-    """Numbers of the rows that are packets of a block, in order of time and each once: a radio may
-    repeat and swap them.
+    """Row numbers of a block's packets, in order of time and each once.
+
+    A radio may repeat and swap packets.
     """
     # Not a number was sent, empty was not: only floats can be the one, only integers tell the
     # other.

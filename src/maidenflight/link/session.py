@@ -1,6 +1,4 @@
-"""A session with a real Crazyflie: checks, some flights one after the other, and a folder of logs
-for `identify`.
-"""
+"""A session with a real Crazyflie: checks, flights one after the other, a folder of logs."""
 
 import signal
 from collections.abc import Callable, Iterator
@@ -16,7 +14,7 @@ from jaxtyping import Float
 from maidenflight import results
 from maidenflight.errors import InputError
 from maidenflight.link import guards, rows
-from maidenflight.link.blocks import ENABLE, FULL_COUNTS, PERIOD
+from maidenflight.link.blocks import ENABLE, PERIOD
 from maidenflight.link.clock import Clock, WallClock
 from maidenflight.link.crazyflie import Crazyflie
 from maidenflight.link.flying import COMPLETE, Ending, Plan, fly
@@ -50,11 +48,10 @@ class Flown(NamedTuple):
 def reference(
     trajectory: Trajectory, duration: float, height: float, steps: float, seed: int
 ) -> Float[np.ndarray, "N 3"]:
-    """Set-points for each 10 ms: a trajectory, moved to begin above the place of take-off, with
-    random steps on top.
+    """Set-points each 10 ms: a trajectory that begins above the take-off, plus random steps.
 
-    What a PID does on a slow circle answers disturbances that nobody logged; steps from outside the
-    loop are what make lag and thrust visible in a log. Each axis steps by itself, up or down, twice
+    On a slow circle a PID reacts to disturbances that are not logged; steps from outside the loop
+    make lag and thrust identifiable. Each axis steps by itself, up or down, twice
     a second; height by half.
 
     Args:
@@ -94,8 +91,7 @@ def checked_plan(plan: Plan, limits: Limits) -> Plan:
 
 @contextmanager
 def stop_requests() -> Iterator[Callable[[], int]]:
-    """Counts Ctrl-C, the end of the terminal and requests to terminate, instead of being ended by
-    them: the drone must land first.
+    """Counts Ctrl-C, hang-ups and requests to terminate: the drone must land first.
 
     Yields:
         How often somebody has asked to stop.
@@ -134,8 +130,10 @@ def check(
     stops: Callable[[], int],
     needs_policy: bool = False,
 ) -> list[str]:
-    """Sets the estimator to its start, waits until it settles, and tells why the drone must not
-    take off; see `guards.objections`.
+    """Resets the estimator, waits until it settles, and checks that the drone may take off.
+
+    Returns:
+        See `guards.objections`.
     """
     if drone.has_policy:
         # A program that was killed may have left it on: then the policy would take off.
@@ -242,7 +240,7 @@ def record(
     height: float = 1.0,
     steps: float = 0.1,
     policy: bool = False,
-    full: float = FULL_COUNTS,
+    full: float | None = None,
     seed: int = 0,
     limits: Limits = Limits(),  # noqa: B008
     clock: Clock | None = None,
@@ -260,7 +258,7 @@ def record(
         height: of its start [m].
         steps: see `reference`; each flight has its own.
         policy: whether the policy on board flies the reference.
-        full: what its thrust command of 1 is [counts]; see `Plan`.
+        full: overrides the policy's counts of a thrust command of 1; see `Plan`.
         seed: of the steps.
         limits: where to break off.
         clock: the computer's unless given.
@@ -285,7 +283,7 @@ def record(
         "steps": steps,
         "policy": policy,
     }
-    if policy:
+    if policy and full is not None:
         settings["full"] = full
     clock = clock or WallClock()
     with connected(uri, clock, cache) as drone, stop_requests() as stops:

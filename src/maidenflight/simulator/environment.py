@@ -86,10 +86,10 @@ class Environment:
         if round(steps) < 1 or abs(steps - round(steps)) > 1e-3:
             fitting = control.time_step(controller, step)
             raise InputError(
-                f"time_step = {step * 1e3:.4g} ms does not divide the {1e3 / controller.command_rate:.4g} "
-                "ms between two commands of "
-                f"{controller.interface.name} control. Give one that does, such as replace(parameters, "
-                f"time_step={fitting:.6g})."
+                f"time_step = {step * 1e3:.4g} ms does not divide the "
+                f"{1e3 / controller.command_rate:.4g} ms between two commands of "
+                f"{controller.interface.name} control. Give one that does, such as "
+                f"replace(parameters, time_step={fitting:.6g})."
             )
         return cls(task=task, controller=controller, steps_per_command=round(steps), **settings)
 
@@ -172,8 +172,7 @@ class Noise(NamedTuple):
 def observe(
     measurement: Measurement, setpoint: Float[Array, "3"], action: Float[Array, "4"]
 ) -> Float[Array, "20"]:
-    """One instant as the policy sees it: position, quaternion, velocity, body rates, set-point
-    minus position, last action.
+    """One instant of an observation, in the order of `policy.INSTANT`.
 
     Source: Gronauer et al. 2022, sec. Simulation Environment; the order and the sign of the error
     are those of the authors' code and firmware (the paper writes e = r - t).
@@ -205,8 +204,7 @@ def begin(
     parameters: Parameters,
     key: Array,
 ) -> EnvState:
-    """An episode that starts in a given state, its command path filled with the task's first
-    command.
+    """An episode that starts in a given state; its delay line holds the task's first command.
 
     Args:
         environment: what is simulated.

@@ -44,7 +44,7 @@ POSITION_RATE = 100
 
 
 class StateEstimate(NamedTuple):
-    """What the firmware's estimator and gyro tell."""
+    """Output of the firmware's estimator and gyro."""
 
     position: Float[Array, "3"]
     velocity: Float[Array, "3"]
@@ -146,9 +146,9 @@ RATE = _gains(
 _YAW = _ATTITUDE._replace(
     **{name: getattr(_ATTITUDE, name)[2] for name in Gains._fields if name != "period"}
 )
-_STEEPEST = 20.0
+_MAX_TILT_DEG = 20.0
 """Limit of roll and pitch that the velocity PID asks for [deg]."""
-_THRUST_BASE, _THRUST_LEAST, _THRUST_SCALE = 36000.0, 20000.0, 1000.0
+_THRUST_BASE_COUNTS, _THRUST_MIN_COUNTS, _THRUST_SCALE = 36000.0, 20000.0, 1000.0
 """[counts], [counts], [counts per unit of the velocity PID's output]."""
 
 
@@ -192,8 +192,9 @@ def pid(
     firmware: Generation,
     heading: bool = False,
 ) -> tuple[PIDMemory, Float[Array, "3"]]:
-    """One update of three PID controllers, or of one: K_p e + K_d de/dt + K_i (limited integral of
-    e), limited.
+    """One update of three PID controllers, or of one.
+
+    The output is K_p e + K_d de/dt + K_i (limited integral of e), limited.
 
     Args:
         memory: of the last update.
@@ -270,13 +271,13 @@ def position_loops(
     # Nose down (positive pitch) flies forward, right side down (positive roll) flies right.
     desired = jnp.stack(
         [
-            jnp.clip(-out[1], -_STEEPEST, _STEEPEST),
-            jnp.clip(out[0], -_STEEPEST, _STEEPEST),
+            jnp.clip(-out[1], -_MAX_TILT_DEG, _MAX_TILT_DEG),
+            jnp.clip(out[0], -_MAX_TILT_DEG, _MAX_TILT_DEG),
             memory.desired[2],
         ]
     )
     most = MOST_COUNTS if firmware == "2026.08" else None
-    thrust = jnp.clip(out[2] * _THRUST_SCALE + _THRUST_BASE, _THRUST_LEAST, most)
+    thrust = jnp.clip(out[2] * _THRUST_SCALE + _THRUST_BASE_COUNTS, _THRUST_MIN_COUNTS, most)
     return memory._replace(position=position, velocity=velocity, desired=desired, thrust=thrust)
 
 
@@ -405,8 +406,7 @@ def rate_tick(
     body_rates: Float[Array, "3"],
     firmware: Generation,
 ) -> tuple[RateMemory, Float[Array, "4"]]:
-    """`tick` where body rates are asked for from first to last: what the other loops work out is of
-    no consequence then.
+    """`tick` for body rate set-points only, without the loops that do not matter then.
 
     Args:
         memory: of the tick before.

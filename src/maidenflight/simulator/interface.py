@@ -234,6 +234,7 @@ def _four(name: str, numbers: Any) -> Four:
         or not all(_is_number(number) and abs(number) <= _LARGEST for number in numbers)
     ):
         raise InputError(
-            f"control interface: {name} = {numbers!r}; expected four numbers of at most {_LARGEST:g}."
+            f"control interface: {name} = {numbers!r}; expected four numbers of at most "
+            f"{_LARGEST:g}."
         )
     return cast(Four, tuple(map(float, numbers)))

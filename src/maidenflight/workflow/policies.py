@@ -1,6 +1,4 @@
-"""Policies by the words of a command line: which files, what they command, what they were trained
-for.
-"""
+"""Policy files of a command line: their names, control structure and training task."""
 
 from collections.abc import Sequence
 from pathlib import Path
