@@ -135,13 +135,13 @@ def read(path: StrPath) -> Matrix:
         InputError: the file is missing or not TOML, or an entry is unknown or out of range.
     """
     try:
-        told = inputs.from_toml(inputs.text(path))
+        content = inputs.from_toml(inputs.text(path))
     except (OSError, ValueError) as error:
         raise InputError(
             f"{path}: not settings of a matrix ({error}). Give a TOML file such as "
             "paper/zero_shot.toml."
         ) from error
-    structures = told.pop("control", None)
+    structures = content.pop("control", None)
     if (
         not isinstance(structures, dict)
         or not structures
@@ -151,7 +151,7 @@ def read(path: StrPath) -> Matrix:
             f"{path}: no control structure. Give a table [control.NAME] for each of "
             f"{', '.join(CONTROLS)} that is wanted."
         )
-    plain = {name: _plain(path, name, value) for name, value in told.items()}
+    plain = {name: _plain(path, name, value) for name, value in content.items()}
     for name in ("motor_time_constant", "latency"):
         plain[name] = _times(path, name, plain.get(name, ()))
     realities = plain.get("realities", ("virtual:7",))
@@ -216,18 +216,18 @@ def _times(path: StrPath, name: str, given: tuple[Any, ...]) -> tuple[float, ...
     return tuple(map(float, given))
 
 
-def _settings(path: StrPath, kind: str, told: Mapping[str, Any]) -> tuple[AnalyticGradient, int]:
+def _settings(path: StrPath, kind: str, content: Mapping[str, Any]) -> tuple[AnalyticGradient, int]:
     """Settings of training and rate of a control structure."""
     if kind not in CONTROLS:
         raise InputError(f"{path}: [control.{kind}] is unknown. Expected {', '.join(CONTROLS)}.")
-    rate = told.get("rate", INTERFACES[kind]().rate)
+    rate = content.get("rate", INTERFACES[kind]().rate)
     if type(rate) is not int or not 1 <= rate <= 1000:
         raise InputError(
             f"{path}: [control.{kind}] rate = {rate!r}; expected a whole number from 1 to 1000."
         )
     _controller(kind, rate)
     defaults = {entry.name: entry.default for entry in dataclasses.fields(AnalyticGradient)}
-    own = {name: value for name, value in told.items() if name != "rate"}
+    own = {name: value for name, value in content.items() if name != "rate"}
     for name, value in own.items():
         if name not in defaults:
             raise InputError(
@@ -331,7 +331,7 @@ def fly(
         table = transfer(
             flying, realities, matrix.trials, key, duration=matrix.duration, names=names
         ).table.drop("flight")
-        told = [
+        content = [
             {
                 "policy": name,
                 "control": kind,
@@ -343,7 +343,7 @@ def fly(
             for name, (cell, number, _) in zip(names, own, strict=True)
         ]
         tables.append(
-            polars.DataFrame(told).join(table, on="policy", maintain_order="left").drop("policy")
+            polars.DataFrame(content).join(table, on="policy", maintain_order="left").drop("policy")
         )
     return polars.concat(tables)
 
