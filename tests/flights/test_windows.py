@@ -145,3 +145,18 @@ def test_flights_that_are_too_short_are_refused_with_what_is_needed():
 def test_no_flight_at_all_is_refused():
     with pytest.raises(InputError, match="no flight is long enough"):
         windows([], LENGTH)
+
+
+def test_with_a_stride_rows_are_farther_apart_and_all_commands_are_kept():
+    """A log of 500 Hz gives windows of 100 Hz with five commands to a row."""
+    stride, history = 5, 40
+    fast = numbered(1, 3000, period=0.002)
+    cut = windows([fast], LENGTH, every=LENGTH, lead_in=history, stride=stride)
+    start = cut.position[:, 0]
+    assert start[0] == 10_000 + stride * SHORTEST_LEAD_IN
+    np.testing.assert_array_equal(np.diff(start), stride * LENGTH)
+    np.testing.assert_array_equal(
+        cut.measured[:, :, 0], start[:, None] + stride * np.arange(1, LENGTH + 1)
+    )
+    expected = start[:, None] + np.arange(-history * stride, LENGTH * stride)
+    np.testing.assert_array_equal(cut.command[:, :, 0], np.maximum(expected, 10_000))

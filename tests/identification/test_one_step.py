@@ -288,3 +288,26 @@ def test_neither_cores_nor_chunks_change_what_comes_out(noisy_windows, noisy, mo
     alone = noisy.products(TRUTH)
     for copy in found[0].reshape(20, *alone.shape):
         np.testing.assert_allclose(copy, alone, rtol=1e-5, atol=1e-6 * np.abs(alone).max())
+
+
+@pytest.mark.slow
+def test_rows_of_several_commands_are_foreseen_as_rows_of_one_are(noisy_windows):
+    """A command that is written down five times, a fifth as long each, is the same command."""
+    one = Windows(*(array[0] for array in noisy_windows))
+    often = one._replace(command=np.repeat(one.command, 5, axis=0))
+    plain = jax.jit(partial(one_step.errors, steps=5))(one, replace(TRUTH, time_step=0.002))
+    strided = jax.jit(partial(one_step.errors, steps=1, stride=5))(
+        often, replace(TRUTH, time_step=0.002)
+    )
+    np.testing.assert_allclose(np.asarray(strided), np.asarray(plain), atol=2e-6)
+
+
+@pytest.mark.slow
+def test_the_thrust_that_hovering_takes_is_the_planted_one(noisy_windows):
+    objective = OneStep(noisy_windows, 0.01, STEPS)
+    heavier = replace(TRUTH, thrust_to_weight=np.float32(1.5))
+    value, per_block = objective.hovering(heavier)
+    planted_value = float(TRUTH.thrust_to_weight)
+    assert value == pytest.approx(planted_value, rel=0.01)
+    assert len(per_block) == objective.segments
+    assert objective.carrying(heavier) == pytest.approx(value, rel=1e-4)

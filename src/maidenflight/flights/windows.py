@@ -36,21 +36,27 @@ class Windows(NamedTuple):
     velocity: Float[np.ndarray, "W 3"]
     quaternion: Float[np.ndarray, "W 4"]
     body_rates: Float[np.ndarray, "W 3"]
-    command: Float[np.ndarray, "W P+T 4"]
-    """u in each period from P = `LEAD_IN` rows before the start to the end."""
+    command: Float[np.ndarray, "W (P+T)*S 4"]
+    """u in each period from P = `LEAD_IN` rows before the start to the end; S commands to a row."""
     measured: Float[np.ndarray, "W T 12"]
     """Position, velocity, attitude, body rates in the T rows after the start."""
     segment: Int[np.ndarray, "W"]
     """Number of the segment of flight that the window lies in."""
 
 
-def first_start(flight: Flight) -> int:
-    """The row at which a flight's first window starts; the rows before it are its lead-in."""
-    return max(SHORTEST_LEAD_IN, flight.lead)
+def first_start(flight: Flight, stride: int = 1) -> int:
+    """The row of a log at which a flight's first window starts: those before it tell what its motors
+    and delay line hold.
+    """
+    return max(SHORTEST_LEAD_IN * stride, flight.lead)
 
 
 def windows(
-    flights: Iterable[Flight], length: int, every: int = EVERY, lead_in: int = LEAD_IN
+    flights: Iterable[Flight],
+    length: int,
+    every: int = EVERY,
+    lead_in: int = LEAD_IN,
+    stride: int = 1,
 ) -> Windows:
     """Cuts flights into windows.
 
@@ -59,6 +65,7 @@ def windows(
         length: T, rows that the simulation must predict.
         every: rows between the starts of two windows.
         lead_in: P, rows of commands before each start.
+        stride: S, rows of the log to a row of the windows, which keep the commands of all.
 
     Raises:
         InputError: the flights have different rates, or none is long enough.
@@ -73,7 +80,9 @@ def windows(
     parts: dict[str, list[np.ndarray]] = {name: [] for name in Windows._fields}
     segments = 0
     for flight in flights:
-        starts = np.arange(first_start(flight), len(flight) - length, every)
+        starts = np.arange(
+            first_start(flight, stride), len(flight) - length * stride, every * stride
+        )
         if starts.size == 0:
             continue
         rows = np.concatenate(
@@ -87,15 +96,18 @@ def windows(
         parts["body_rates"].append(flight.body_rates[starts])
         # A flight's first row stands for what came before it.
         parts["command"].append(
-            flight.mean_command[np.maximum(starts[:, None] + np.arange(-lead_in, length), 0)]
+            flight.mean_command[
+                np.maximum(starts[:, None] + np.arange(-lead_in * stride, length * stride), 0)
+            ]
         )
-        parts["measured"].append(rows[starts[:, None] + np.arange(1, length + 1)])
+        parts["measured"].append(rows[starts[:, None] + stride * np.arange(1, length + 1)])
         pieces = max(1, round(flight.duration / SEGMENT_SECONDS))
         parts["segment"].append(segments + np.arange(starts.size) * pieces // starts.size)
         segments += pieces
     if not parts["position"]:
         longest = max((flight.duration for flight in flights), default=0.0)
-        needed = (SHORTEST_LEAD_IN + length + 1) * (flights[0].period if flights else 0.01)
+        period = stride * flights[0].period if flights else 0.01
+        needed = (SHORTEST_LEAD_IN + length + 1) * period
         raise InputError(
             f"no flight is long enough for a window of {length} rows: longest {longest:.2f} s, "
             f"needed {needed:.2f} s."

@@ -73,6 +73,12 @@ def identify(
     flights = list(flights)
     if not flights:
         raise InputError("no flights to identify from; give at least one.")
+    bare = [flight.name for flight in flights if not flight.has_state]
+    if bare:
+        raise InputError(
+            f"{bare[0]}: no position, velocity and attitude in it, and so in {len(bare)} of "
+            f"{len(flights)} flights. Log stateEstimate beside the sensors, or leave it out."
+        )
     seed = jax.random.bits(jax.random.key(0) if key is None else key, (2,))
     done = 0
 

@@ -4,8 +4,9 @@
 motors.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from dataclasses import replace as replace_
 from typing import NamedTuple
 
 import numpy as np
@@ -31,6 +32,14 @@ from maidenflight.identification.gauss_newton import (
     in_unit_cube,
     inside,
 )
+from maidenflight.identification.motor_response import (
+    Look,
+    MotorResponse,
+    cross_spectrum,
+    motor_response,
+    sharp,
+    stride,
+)
 from maidenflight.identification.noise_levels import noise_levels
 from maidenflight.identification.one_step import OneStep
 from maidenflight.identification.problem import Problem, must_be_positive
@@ -39,6 +48,13 @@ from maidenflight.parameters import Parameters, check, component, replace
 _CLOSE = 0.02
 """Gain of the log likelihood of all flights [nats] below which a step is the last; a fifth of a
 standard error changes it by as much."""
+
+
+HOVERING = "thrust_to_weight"
+"""The parameter that is found by its moment: mean thrust carries the weight and what accelerates the
+drone. A likelihood of one row ahead hardly weighs what lasts."""
+_NEXT_FLIGHT = 6
+"""Segments of the flight that intervals are to hold: 30 s."""
 
 
 @dataclass(frozen=True)
@@ -110,26 +126,28 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     Raises:
         InputError: too little flight, or a parameter that cannot be searched.
     """
-    flights, start = problem.flights, problem.start
     if problem.over is not None:
         _box(problem, problem.over)
+    motors = _motors(problem)
+    if motors:
+        problem = replace_(problem, flights=[sharp(flight) for flight in problem.flights])
+    flights, start = problem.flights, problem.start
     coarse = _objective(flights, settings, settings.coarse_physics_step)
     fine = _objective(flights, settings, settings.physics_step)
     pilot = _objective(flights, settings, settings.coarse_physics_step, _every(coarse, settings))
     over, first, gains = problem.over, start, []
     if over is None:
-        over, first, gains = _chosen(problem, settings)
-    found = [_fit(problem, settings, [coarse], over, first)]
+        over, first, gains = _chosen(problem, settings, motors)
+    seen = _seen(motors, over)
+    found = [_fit(problem, settings, [coarse], over, first, seen)]
     for _ in range(settings.trials - 1):
-        found.append(_fit(problem, settings, [pilot, coarse], over, start, at_random=True))
+        found.append(_fit(problem, settings, [pilot, coarse], over, start, seen, at_random=True))
     best = int(np.argmin([one.values.min() for one in found]))
-    found[best] = _fit(problem, settings, [fine], over, found[best].drone)
+    found[best] = _fit(problem, settings, [fine], over, found[best].drone, seen)
     drone, box, optimum, _, values = found[best]
-    scores, curvatures = fine.derivatives(drone, box.names)[1:]
-    samples = _posterior(found[best], scores, curvatures, problem.generator)
-    noise = noise_levels(fine.mean_products(drone), drone, flights[0].period)
+    samples, deviation = _posterior(fine, found[best], seen, problem.generator)
+    noise = noise_levels(fine.mean_products(drone), drone, stride(flights[0]) * flights[0].period)
     drone = replace(drone, **{name: np.float32(value) for name, value in noise.items()})
-    deviation = posterior.between_segment_sd(scores * fine.rows, curvatures * fine.rows)
     optima = np.array([one.points[int(np.argmin(one.values))] for one in found])
     return Identification(
         parameters=check(drone, "identified parameters"),
@@ -145,12 +163,62 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         posterior=dict(zip(box.names, box.values(samples).T, strict=True)),
         gains=tuple(gains),
         noise=noise,
-        notes=(*notes_on(box, optimum, fine.segments), *doubts(noise, flights)),
+        notes=(
+            *notes_on(box, optimum, fine.segments),
+            *doubts(noise, flights),
+            *_lag_notes(motors, flights, dict(zip(box.names, box.values(samples).T, strict=True))),
+        ),
     )
 
 
+def _motors(problem: Problem) -> MotorResponse | None:
+    """What logs show of the motors' lag, if it is asked for."""
+    asked = selection.FIRST if problem.over is None else problem.over
+    if not {"motor_time_constant", "latency"} <= set(asked):
+        return None
+    return motor_response(problem.flights, problem.generator)
+
+
+def _seen(motors: MotorResponse | None, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Samples of the parameters that are not searched for but seen, those of thrust apart."""
+    if motors is None or not {"motor_time_constant", "latency"} <= set(names):
+        return {}
+    return {"motor_time_constant": motors.lag, "latency": motors.latency}
+
+
+def _lag_notes(
+    motors: MotorResponse | None, flights: Sequence[Flight], draws: Mapping[str, np.ndarray]
+) -> list[str]:
+    """Independent looks at the motors' lag, and where they disagree."""
+    if not {"motor_time_constant", "latency"} <= set(draws):
+        return []
+    low, value, high = np.quantile(
+        draws["motor_time_constant"] + draws["latency"], [0.025, 0.5, 0.975]
+    )
+    looks = [
+        *(motors.looks if motors else ()),
+        *cross_spectrum(flights),
+        Look("taken" if motors else "likelihood", float(value), (float(low), float(high))),
+    ]
+    shown = ", ".join(
+        f"{look.signal} {1e3 * look.value:.0f} [{1e3 * look.interval[0]:.0f},"
+        f" {1e3 * look.interval[1]:.0f}]"
+        for look in looks
+    )
+    apart = [
+        f"{one.signal} and {other.signal}"
+        for number, one in enumerate(looks)
+        for other in looks[number + 1 :]
+        if one.interval[1] < other.interval[0] or other.interval[1] < one.interval[0]
+    ]
+    notes = [f"motor lag and latency together, in ms with 95 % interval: {shown}"]
+    if apart:
+        notes.append(f"these disagree about the motors' lag: {'; '.join(apart)}")
+    return [*notes, *(motors.notes if motors else ())]
+
+
 def _chosen(
-    problem: Problem, settings: Likelihood
+    problem: Problem, settings: Likelihood, motors: MotorResponse | None
 ) -> tuple[tuple[str, ...], Parameters, list[GroupGain]]:
     """The parameters that predict held-out flights better, and the best drone of the others."""
     fitted, judged = _split(problem.flights)
@@ -158,14 +226,21 @@ def _chosen(
         _objective(part, settings, settings.coarse_physics_step) for part in (fitted, judged)
     )
     sample = _objective(fitted, settings, settings.coarse_physics_step, _every(training, settings))
+    seen = _seen(motors, selection.FIRST)
 
     def roughly(names: Sequence[str], first: Parameters) -> Parameters:
         return _fit(
-            problem, settings, [sample, training], names, first, close=selection.ROUGH
+            problem, settings, [sample, training], names, first, seen, close=selection.ROUGH
         ).drone
 
     return selection.choose(
-        training, held_out, roughly, problem.start, on_group=problem.on_group, sample=sample
+        training,
+        held_out,
+        roughly,
+        problem.start,
+        on_group=problem.on_group,
+        sample=sample,
+        **({"groups": selection.WITH_KNOWN_LAG} if motors else {}),
     )
 
 
@@ -175,64 +250,155 @@ def _fit(
     objectives: Sequence[OneStep],
     names: Sequence[str],
     first: Parameters,
+    seen: Mapping[str, np.ndarray],
     *,
     at_random: bool = False,
     close: float = 0.0,
 ) -> _Fit:
-    """Maximises one likelihood after another.
+    """Maximises one likelihood after another, each until a step gains less than `_CLOSE`, or than
+    `close` a row.
 
-    Each until a step gains less than `_CLOSE` in all, or than `close` a row.
+    Parameters that are `seen` have the median of their samples; thrust is what hovering takes.
     """
     box = _box(problem, names)
-    point = box.unit(np.array([float(component(first, name)) for name in box.names]))
-    point = (
-        problem.generator.random(len(point)) if at_random else np.clip(point, INSIDE, 1 - INSIDE)
+    drone = replace(
+        first, **{name: np.float32(np.median(seen[name])) for name in names if name in seen}
     )
-    points, values = np.empty((0, len(point))), np.empty(0)
+    free = tuple(name for name in names if name not in seen and name != HOVERING)
+    inner = _box(problem, free) if free else None
+    if inner and at_random:
+        drone = inner.drone(drone, problem.generator.random(len(free)))
+    points, values = np.empty((0, len(names))), np.empty(0)
     for target in objectives:
         small = max(close, _CLOSE / target.rows)
         rules = Rules(1, settings.evaluations - 1, small_gain=small, easing=8.0, firmness=2.0)
-        points, values = _descended(problem, target, rules, box, first, point)
-        point = points[int(np.argmin(values))]
-    return _Fit(box.drone(first, point), box, point, points, values)
+        if inner:
+            drones, values = _descended(problem, target, rules, inner, box, drone)
+            drone = drones[int(np.argmin(values))]
+        else:
+            drone = _carried(target, drone, box)
+            drones, values = [drone], np.array([target(drone)])
+            problem.evaluated(0)
+        points = np.array([_unit(box, one) for one in drones])
+    return _Fit(drone, box, _unit(box, drone), points, values)
+
+
+def _unit(box: Box, drone: Parameters) -> Float[np.ndarray, "d"]:
+    """Where a drone lies in a box."""
+    return np.clip(
+        box.unit(np.array([float(component(drone, name)) for name in box.names])), 0.0, 1.0
+    )
+
+
+def _carried(target: OneStep, drone: Parameters, box: Box) -> Parameters:
+    """The drone with the thrust that hovering takes, if it is sought."""
+    if HOVERING not in box.names:
+        return drone
+    place = box.names.index(HOVERING)
+    value = np.clip(target.carrying(drone), box.lower[place], box.upper[place])
+    return replace(drone, thrust_to_weight=np.float32(value))
 
 
 def _descended(
     problem: Problem,
     target: OneStep,
     rules: Rules,
+    inner: Box,
     box: Box,
     first: Parameters,
-    point: Float[np.ndarray, "d"],
-) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n"]]:
-    """Points evaluated from one on, and their values."""
-    points, values = [], []
+) -> tuple[list[Parameters], Float[np.ndarray, "n"]]:
+    """Drones evaluated from one on, and their values.
+
+    Thrust follows the parameters of the inner box so that the mean vertical error stays zero, and so
+    do the derivatives.
+    """
+    drones, values = [], []
+    followed = HOVERING in box.names
 
     def equations(unit: np.ndarray) -> NormalEquations:
         problem.evaluated(0)
-        found = target.normal_equations(box.drone(first, unit), box.names)
-        points.append(unit)
+        drone = inner.drone(drones[int(np.argmin(values))] if drones else first, unit)
+        drone = _carried(target, drone, box)
+        names = (*inner.names, HOVERING) if followed else inner.names
+        found = target.normal_equations(drone, names)
+        if followed:
+            climbs = target.climbs(drone, names)
+            along = np.concatenate([np.eye(len(names) - 1), -climbs[None, :-1] / climbs[-1]])
+            found = NormalEquations(
+                found.loss,
+                along.T @ found.gradient,
+                along.T @ found.curvature @ along,
+                along.T @ found.majorant @ along,
+            )
+        drones.append(drone)
         values.append(found.loss)
-        return in_unit_cube(found, box, unit)
+        return in_unit_cube(found, inner, unit)
 
-    descend(equations, point, rules, inside, damping=0.0)
-    return np.array(points), np.array(values)
+    point = inner.unit(np.array([float(component(first, name)) for name in inner.names]))
+    descend(equations, np.clip(point, INSIDE, 1 - INSIDE), rules, inside, damping=0.0)
+    return drones, np.array(values)
 
 
 def _posterior(
-    fit: _Fit,
-    scores: Float[np.ndarray, "S d"],
-    curvatures: Float[np.ndarray, "S d d"],
-    generator: np.random.Generator,
-) -> Float[np.ndarray, "N d"]:
-    """Posterior samples in the unit cube: a normal distribution with the sandwich covariance."""
-    slope = fit.box.slope(fit.optimum)
-    covariance = posterior.sandwich(scores * slope, curvatures.sum(axis=0) * np.outer(slope, slope))
-    return np.clip(
-        generator.multivariate_normal(fit.optimum, covariance, posterior.RESAMPLES, method="eigh"),
-        0.0,
-        1.0,
+    target: OneStep, fit: _Fit, seen: Mapping[str, np.ndarray], generator: np.random.Generator
+) -> tuple[Float[np.ndarray, "N d"], Float[np.ndarray, "d"]]:
+    """Samples of the posterior in the unit cube, and the spread between segments in SI units.
+
+    Laplace's approximation with the sandwich covariance, given the parameters that are seen; these
+    have samples of their own, which the others follow. Of the spread so much is added that the
+    interval holds what another flight of `_NEXT_FLIGHT` segments will show.
+    """
+    names, box, count = fit.box.names, fit.box, posterior.RESAMPLES
+    _, scores, curvatures = target.derivatives(fit.drone, names)
+    slope = box.slope(fit.optimum)
+    spread = posterior.between_segment_sd(scores * target.rows, curvatures * target.rows)
+    others = [place for place, name in enumerate(names) if name != HOVERING]
+    along, noise = np.eye(len(names))[:, others], np.zeros((count, 1))
+    if HOVERING in names:
+        place = names.index(HOVERING)
+        climbs = target.climbs(fit.drone, names) * slope
+        along[place] = -climbs[others] / climbs[place]
+        spread[place] = float(np.std(target.hovering(fit.drone)[1]))
+        error = spread[place] * np.sqrt(1 / target.segments + 1 / _NEXT_FLIGHT)
+        noise = generator.normal(0.0, error / slope[place], (count, 1))
+    curvature = curvatures.sum(axis=0) * np.outer(slope, slope)
+    reduced = along.T @ curvature @ along
+    known = np.array([names[place] in seen for place in others], bool)
+    moves = np.zeros((count, len(others)))
+    for number, place in enumerate(others):
+        if known[number]:
+            samples = _resized(box, place, seen[names[place]], generator)
+            moves[:, number] = samples - fit.optimum[place]
+            spread[place] = 0.0
+    if others and not known.all():
+        inner = reduced[np.ix_(~known, ~known)]
+        covariance = posterior.sandwich(((scores * slope) @ along)[:, ~known], inner)
+        between = (spread / slope)[others][~known]
+        covariance += np.diag(between**2 / _NEXT_FLIGHT)
+        free = generator.multivariate_normal(np.zeros(len(inner)), covariance, count, method="eigh")
+        follow = posterior.inverse(inner)
+        free -= moves[:, known] @ (follow @ reduced[np.ix_(~known, known)]).T
+        if HOVERING in names:
+            pulls = (along.T @ curvature[:, [names.index(HOVERING)]])[~known]
+            free -= noise @ (follow @ pulls).T
+        moves[:, ~known] += free
+    draws = fit.optimum + moves @ along.T
+    if HOVERING in names:
+        draws[:, names.index(HOVERING)] += noise[:, 0]
+    return np.clip(draws, 0.0, 1.0), spread
+
+
+def _resized(
+    box: Box, place: int, samples: np.ndarray, generator: np.random.Generator
+) -> Float[np.ndarray, "N"]:
+    """Samples of one parameter in the box's unit cube, as many as the posterior has."""
+    chosen = (
+        samples
+        if len(samples) == posterior.RESAMPLES
+        else generator.choice(samples, posterior.RESAMPLES)
     )
+    unit = box.unit(np.tile(chosen[:, None], (1, len(box.names))))
+    return unit[:, place]
 
 
 def log_likelihood(
@@ -265,10 +431,16 @@ def _objective(
     flights: Sequence[Flight], settings: Likelihood, step: float, every: int = 1
 ) -> OneStep:
     """The objective on each `every`-th window, in physics steps of about `step` seconds."""
-    cut = windows(flights, one_step.LENGTH, every=one_step.LENGTH, lead_in=settings.lead_in)
-    period = flights[0].period
+    rows, period = stride(flights[0]), flights[0].period
+    cut = windows(
+        flights,
+        one_step.LENGTH,
+        every=one_step.LENGTH,
+        lead_in=settings.lead_in,
+        stride=rows,
+    )
     return OneStep(
-        type(cut)(*(array[::every] for array in cut)), period, max(1, round(period / step))
+        type(cut)(*(array[::every] for array in cut)), period, max(1, round(period / step)), rows
     )
 
 
@@ -282,7 +454,9 @@ def _split(flights: Sequence[Flight]) -> tuple[list[Flight], list[Flight]]:
     long_enough = [
         flight
         for flight in flights
-        if len(flight) > one_step.LENGTH + max(SHORTEST_LEAD_IN + 1, flight.lead)
+        if len(flight)
+        > one_step.LENGTH * stride(flight)
+        + max((SHORTEST_LEAD_IN + 1) * stride(flight), flight.lead)
     ]
     whole: list[list[Flight]] = []
     for flight in long_enough:

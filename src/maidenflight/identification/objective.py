@@ -72,16 +72,22 @@ def simulate(window: Windows, parameters: Parameters, steps: int) -> Float[Array
 
 
 def under_way(
-    window: Windows, parameters: Parameters, steps: int
-) -> tuple[Float[Array, "history+T 4"], Int[Array, "T"], Float[Array, "4"]]:
+    window: Windows, parameters: Parameters, steps: int, stride: int = 1
+) -> tuple[Float[Array, "history+TS 4"], Int[Array, "TS"], Float[Array, "4"]]:
     """What the recorded commands before a window's start imply.
+
+    Args:
+        window: one of `Windows` (no leading axis).
+        parameters: the drone.
+        steps: physics steps from a command to the next.
+        stride: S, commands to a measured row.
 
     Returns:
         All rotor speed commands as one delay line, newest first; the place in it of each row's
         newest command; and the rotor speeds at the start.
     """
     line = actuators.rotor_speed_command(jnp.asarray(window.command))[::-1]
-    rows = window.measured.shape[0]
+    rows = window.measured.shape[0] * stride
 
     def spin(speed: Array, newest: Array) -> tuple[Array, None]:
         for delayed in latency.delayed(line, parameters, steps, newest):

@@ -44,7 +44,9 @@ CHUNK = 64
 """Windows differentiated side by side; with up to sixteen directions their state still fits a
 core's cache."""
 BY_MOMENT = ("torque_bias_x", "torque_bias_y", "torque_bias_z")
-"""Parameters estimated from the mean errors, not by the likelihood."""
+"""Parameters that the mean errors tell, not the likelihood."""
+_VERTICAL = 5
+"""Where the vertical velocity stands in a row."""
 COLUMNS = (3, 4, 5, 9, 10, 11)
 """Where velocity and body rates stand in a row. Position and attitude follow from them, and say
 nothing more of the drone."""
@@ -59,17 +61,19 @@ class NoiseModel(NamedTuple):
     """Standard deviation of what is new in each row [m/s, rad/s]."""
 
 
-def errors(window: Windows, parameters: Parameters, steps: int) -> Float[Array, "T 12"]:
-    """Measured minus predicted rows, each predicted from the measured one before it.
-
-    Columns are position, velocity, attitude and body rates.
+def errors(
+    window: Windows, parameters: Parameters, steps: int, stride: int = 1
+) -> Float[Array, "T 12"]:
+    """Measured minus predicted: position, velocity, attitude, body rates, each row predicted from
+    the measured one before it.
 
     Args:
         window: one of `Windows` (no leading axis).
-        parameters: the drone; its `time_step` times `steps` is the period of the rows.
-        steps: physics steps a row.
+        parameters: the drone; its `time_step` times `steps` is the period of the commands.
+        steps: physics steps a command.
+        stride: commands to a row.
     """
-    line, places, speed = under_way(window, parameters, steps)
+    line, places, speed = under_way(window, parameters, steps, stride)
     measured = jnp.asarray(window.measured)
     first = jnp.concatenate(
         [
@@ -90,7 +94,11 @@ def errors(window: Windows, parameters: Parameters, steps: int) -> Float[Array, 
             row_before[9:],
             speed,
         )
-        state = environment.drive(dynamics.midpoint, start, line, steps, parameters, newest=newest)
+        state = start
+        for place in newest:
+            state = environment.drive(
+                dynamics.midpoint, state, line, steps, parameters, newest=place
+            )
         ahead = jnp.concatenate(
             [
                 state.position,
@@ -101,7 +109,7 @@ def errors(window: Windows, parameters: Parameters, steps: int) -> Float[Array, 
         )
         return state.rotor_speed, ahead
 
-    return wrapped(measured - lax.scan(advance, speed, (places, before))[1])
+    return wrapped(measured - lax.scan(advance, speed, (places.reshape(-1, stride), before))[1])
 
 
 class OneStep:
@@ -112,13 +120,14 @@ class OneStep:
     Cost grows linearly with rows and, for derivatives, with the number of parameters.
     """
 
-    def __init__(self, windows: Windows, period: float, steps: int):
+    def __init__(self, windows: Windows, period: float, steps: int, stride: int = 1):
         """Prepares the windows.
 
         Args:
             windows: W windows that do not overlap.
-            period: time between their rows [s].
-            steps: physics steps a row.
+            period: time between their commands [s].
+            steps: physics steps a command.
+            stride: commands to a row.
         """
         chunked = in_chunks(windows, CHUNK)
         # One by one, so that one program serves any number of windows.
@@ -130,7 +139,10 @@ class OneStep:
             windows.measured.shape[1] - ORDER
         )
         self.rows = float(self.rows_per_segment.sum())
-        self.steps, self._time_step = steps, np.float32(period / steps)
+        self.steps, self.stride = steps, stride
+        self._time_step = np.float32(period / steps)
+        self._climbs = np.empty(0)
+        self._slope: float | None = None
         self._latest: (
             tuple[Parameters, tuple[str, ...], tuple[float, np.ndarray, np.ndarray]] | None
         ) = None
@@ -156,10 +168,53 @@ class OneStep:
 
         def compute(first: int, end: int) -> tuple[np.ndarray, ...]:
             return _stacked(
-                [(_products(chunk, drone, self.steps),) for chunk in self._chunks[first:end]]
+                [
+                    (_products(chunk, drone, self.steps, self.stride),)
+                    for chunk in self._chunks[first:end]
+                ]
             )
 
         return self._by_segment(on_all_cores(compute, len(self._chunks))[0])
+
+    def sums(self, parameters: Parameters) -> Float[np.ndarray, "S 12"]:
+        """Sum of the errors in each segment of flight, those that start the noise model left out."""
+        drone = self._drone(parameters)
+
+        def compute(first: int, end: int) -> tuple[np.ndarray, ...]:
+            return _stacked(
+                [
+                    (_sums(chunk, drone, self.steps, self.stride),)
+                    for chunk in self._chunks[first:end]
+                ]
+            )
+
+        return self._by_segment(on_all_cores(compute, len(self._chunks))[0])
+
+    def hovering(self, parameters: Parameters) -> tuple[float, Float[np.ndarray, "S"]]:
+        """The thrust-to-weight ratio at which vertical errors are zero in the mean, and that of each
+        segment alone. Errors are linear in it.
+        """
+        here = float(parameters.thrust_to_weight)
+        ahead = replace(parameters, thrust_to_weight=np.float32(1.1 * here))
+        errors = self.sums(parameters)[:, _VERTICAL]
+        slopes = (self.sums(ahead)[:, _VERTICAL] - errors) / (0.1 * here)
+        return here - errors.sum() / slopes.sum(), here - errors / slopes
+
+    def carrying(self, parameters: Parameters) -> float:
+        """As `hovering`, the ratio alone, in one pass with the slope of the first time."""
+        here = float(parameters.thrust_to_weight)
+        if self._slope is None:
+            ahead = replace(parameters, thrust_to_weight=np.float32(1.1 * here))
+            change = (
+                self.sums(ahead)[:, _VERTICAL].sum() - self.sums(parameters)[:, _VERTICAL].sum()
+            )
+            self._slope = float(change / (0.1 * here))
+        return here - float(self.sums(parameters)[:, _VERTICAL].sum()) / self._slope
+
+    def climbs(self, parameters: Parameters, names: Sequence[str]) -> Float[np.ndarray, "d"]:
+        """Derivative of the sum of vertical errors with respect to each parameter."""
+        self.derivatives(parameters, names)
+        return self._climbs
 
     def mean_products(self, parameters: Parameters) -> Float[np.ndarray, "12 P+1 P+1"]:
         """Their mean over the rows."""
@@ -238,12 +293,12 @@ class OneStep:
         def compute(first: int, end: int) -> tuple[np.ndarray, ...]:
             return _stacked(
                 [
-                    _derivatives(chunk, drone, directions, *given, self.steps)
+                    _derivatives(chunk, drone, directions, *given, self.steps, self.stride)
                     for chunk in self._chunks[first:end]
                 ]
             )
 
-        scores, curvatures, shared = (
+        scores, curvatures, shared, climbs = (
             self._by_segment(part) for part in on_all_cores(compute, len(self._chunks))
         )
         pasts = products[..., 1:, 1:] / noise.deviation[:, None, None] ** 2
@@ -266,6 +321,7 @@ class OneStep:
         )
         value = float(_minus_log_likelihood(noise.deviation, np.ones(6)))
         found = value, scores[:, :d] / self.rows, curvatures[:, :d, :d] / self.rows
+        self._climbs = climbs.sum(axis=0)[:d] * noise.deviation[COLUMNS.index(_VERTICAL)]
         self._latest = parameters, tuple(names), found
         return found
 
@@ -303,12 +359,14 @@ def _minus_log_likelihood(
     return np.sum(np.log(deviation)) + 3 * np.log(2 * np.pi) + 0.5 * np.sum(ratio, axis=-1)
 
 
-@partial(jax.jit, static_argnums=2)
-def _products(chunk: Windows, parameters: Parameters, steps: int) -> Float[Array, "64 12 P+1 P+1"]:
+@partial(jax.jit, static_argnums=(2, 3))
+def _products(
+    chunk: Windows, parameters: Parameters, steps: int, stride: int
+) -> Float[Array, "64 12 P+1 P+1"]:
     """Products of the errors in each window of a chunk."""
 
     def one(window: Windows) -> Float[Array, "12 P+1 P+1"]:
-        wrong = errors(window, parameters, steps)
+        wrong = errors(window, parameters, steps, stride)
         late = jnp.stack(
             [wrong[ORDER - lag : wrong.shape[0] - lag] for lag in range(ORDER + 1)], axis=-1
         )
@@ -317,7 +375,15 @@ def _products(chunk: Windows, parameters: Parameters, steps: int) -> Float[Array
     return jax.vmap(one)(chunk)
 
 
-@partial(jax.jit, static_argnums=7)
+@partial(jax.jit, static_argnums=(2, 3))
+def _sums(chunk: Windows, parameters: Parameters, steps: int, stride: int) -> Float[Array, "64 12"]:
+    """Sums of the errors in each window of a chunk."""
+    return jax.vmap(lambda window: errors(window, parameters, steps, stride)[ORDER:].sum(axis=0))(
+        chunk
+    )
+
+
+@partial(jax.jit, static_argnums=(7, 8))
 def _derivatives(
     chunk: Windows,
     parameters: Parameters,
@@ -327,8 +393,12 @@ def _derivatives(
     share: Array,
     by_moment: Array,
     steps: int,
-) -> tuple[Float[Array, "64 d"], Float[Array, "64 d d"], Float[Array, "64 d 6 P"]]:
-    """Gradient and curvature of half the innovations' sum of squares, for each window of a chunk.
+    stride: int,
+) -> tuple[
+    Float[Array, "64 d"], Float[Array, "64 d d"], Float[Array, "64 d 6 P"], Float[Array, "64 d"]
+]:
+    """Of half the sum of squares of what is new in each window of a chunk: gradient, curvature, the
+    slopes' products with the past, and the sum of the vertical errors' slopes.
 
     Third come the slopes' products with the past errors.
 
@@ -338,9 +408,9 @@ def _derivatives(
 
     def one(
         window: Windows,
-    ) -> tuple[Float[Array, "d"], Float[Array, "d d"], Float[Array, "d 6 P"]]:
+    ) -> tuple[Float[Array, "d"], Float[Array, "d d"], Float[Array, "d 6 P"], Float[Array, "d"]]:
         def scaled(drone: Parameters) -> Float[Array, "T 6"]:
-            return errors(window, drone, steps)[:, np.array(COLUMNS)] / deviation[None]
+            return errors(window, drone, steps, stride)[:, np.array(COLUMNS)] / deviation[None]
 
         def before(wrong: Float[Array, "T 6"], lag: int) -> Float[Array, "T-P 6"]:
             return wrong[ORDER - lag : wrong.shape[0] - lag]
@@ -360,6 +430,7 @@ def _derivatives(
             return by_moment.reshape(-1, *(1,) * (some.ndim - 1))
 
         wrong, slopes = jax.vmap(along, out_axes=(None, 0))(directions)
+        climbs = jnp.sum(slopes[:, ORDER:, COLUMNS.index(_VERTICAL)], axis=1)
         left, plain = wrong[ORDER:] * share[None], slopes[:, ORDER:] * share[None, None]
         slopes = jnp.where(apart(slopes), plain, jax.vmap(new)(slopes))
         score = jnp.sum(slopes * jnp.where(apart(slopes), left, new(wrong)), axis=(1, 2))
@@ -367,6 +438,6 @@ def _derivatives(
         curvature = jnp.where(by_moment[:, None] == by_moment[None], flat @ flat.T, 0.0)
         past = jnp.stack([before(wrong, lag) for lag in range(1, ORDER + 1)], axis=-1)
         shared = jnp.einsum("dtc,tcp->dcp", slopes, past)
-        return score, curvature, jnp.where(apart(shared), 0.0, shared)
+        return score, curvature, jnp.where(apart(shared), 0.0, shared), climbs
 
     return jax.vmap(one)(chunk)

@@ -125,14 +125,8 @@ def sandwich(
 
     Source: White 1982, Maximum likelihood estimation of misspecified models, theorem 3.2.
     """
-    inverse = _inverse(curvature)
-    return (
-        inverse
-        @ (scores.T @ scores)
-        @ inverse
-        * len(scores)
-        / max(len(scores) - scores.shape[1], 1)
-    )
+    bread = inverse(curvature)
+    return bread @ (scores.T @ scores) @ bread * len(scores) / max(len(scores) - scores.shape[1], 1)
 
 
 def between_segment_sd(
@@ -151,12 +145,12 @@ def between_segment_sd(
     moments).
     """
     mean = curvatures.mean(axis=0)
-    inverse = _inverse(mean)
-    between = inverse @ (scores.T @ scores / len(scores) - mean) @ inverse
+    bread = inverse(mean)
+    between = bread @ (scores.T @ scores / len(scores) - mean) @ bread
     return np.sqrt(np.maximum(np.diag(between), 0.0))
 
 
-def _inverse(curvature: Float[np.ndarray, "d d"]) -> Float[np.ndarray, "d d"]:
+def inverse(curvature: Float[np.ndarray, "d d"]) -> Float[np.ndarray, "d d"]:
     """Inverse by way of unit diagonals, since the parameters' units differ by decades."""
     scale = np.sqrt(np.maximum(np.diag(curvature), 1e-30))
     return np.linalg.inv(curvature / np.outer(scale, scale) + 1e-9 * np.eye(len(scale))) / np.outer(

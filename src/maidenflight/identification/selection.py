@@ -26,6 +26,16 @@ GROUPS: dict[str, tuple[str, ...]] = {
 Not among them are damping of the rates and the thrust curve: a little misfit of the sensors' lag
 passes for damping one step ahead, and policies that crashed within a second are then predicted to
 fly (docs/identification.md). Name them to identify them."""
+WITH_KNOWN_LAG: dict[str, tuple[str, ...]] = {
+    **{
+        name: parts
+        for name, parts in GROUPS.items()
+        if name not in ("motor_coasting", "spin_down_ratio", "drag")
+    },
+    "drag": ("drag_x", "drag_y", "drag_z"),
+    "rotational_damping": ("rotational_damping",),
+}
+"""Groups where a log shows the motors' lag by itself, so that no damping can pass for it."""
 HELD_OUT = 3
 """Every third flight is held out; if there are fewer flights, every third segment."""
 SIGNIFICANT = 2.0

@@ -1,0 +1,415 @@
+"""The motors' lag and latency as logs show them without a simulation: rotor speed, accelerometer, gyro.
+
+Each signal is regressed on what commands make of it through a first-order lag and a delay, on a grid of
+both, with an autoregression over a quarter of a second as noise (`prediction_errors`). Steps are of about
+10 ms whatever the log's rate, commands are used at the full rate.
+
+- **Rotor speed**, where it was measured, follows the command itself.
+- The **accelerometer** along z is the thrust, and drag against climbing: without the drag the thrust's
+  slow part looks too small, and with it the lag too short. Thrust per command is that which hovering
+  takes, to 5 %, unless the flight contradicts it by more than `CONTRADICTION`: then logged commands are
+  not what the motors got (samples of a faster, noisy loop), and it is free.
+- The **gyro** hears the torques, the flapping moment and damping of its own rate. A controller answers it
+  within milliseconds, so that whatever the model lacks moves the lag; it counts little. Where a log has
+  only samples of the commands it does not count: the mean of two samples holds the answer to the noise
+  that it is to predict.
+
+Flights differ more than each one's noise says. Their estimates are joined as random effects, and half of
+what accelerometer and gyro disagree by is added to the interval.
+
+Measured on logs of a brushed Crazyflie with known rotor speeds, where the likelihood of one row ahead
+found half the lag; docs/identification.md has the figures.
+
+Source: Eschmann, Albani and Loianno 2024 (accelerometer against commands); DerSimonian and Laird 1986
+(random effects); Miller and Dunson 2019, Robust Bayesian inference via coarsening (powers of likelihoods).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.signal import csd, lfilter
+from scipy.spatial.transform import Rotation
+
+from maidenflight.flights.log import Flight
+from maidenflight.identification.prediction_errors import Fit, Prior, regress
+
+LAGS = np.geomspace(0.010, 0.25, 18)
+"""Lags that are tried [s]."""
+LATENCIES = np.array([0.0, 0.004, 0.008, 0.012])
+"""Latencies that are tried [s]."""
+STEP = 0.01
+"""Time over which signals are averaged [s]."""
+MEMORY = 0.25
+"""Time that the noise model looks back [s]."""
+FEWEST = 300
+"""Steps that a flight must have to be looked at."""
+ACCELEROMETER_DELAY, GYRO_DELAY = 0.0075, 0.0028
+"""Delay of a Crazyflie's low-pass filters, Butterworth of second order at 30 and 80 Hz [s]
+(firmware, sensors_bmi088_bmp3xx.c)."""
+HOVER = 0.05
+"""Standard deviation of thrust per command about that of hovering, as a share."""
+CONTRADICTION = 8.0
+"""Log-likelihood gain of a free thrust per command beyond which hovering does not hold it [nats]."""
+WEIGHTS = {"rotor speed": 0.1, "accelerometer": 1.0, "gyro x": 0.03, "gyro y": 0.03}
+"""Power to which each signal's likelihood is taken."""
+_SEGMENT = 256
+"""Steps of a segment of a spectrum."""
+DRAWS = 500
+"""Samples of the posterior."""
+_SIGNS = {"gyro x": np.array([-1.0, -1.0, 1.0, 1.0]), "gyro y": np.array([-1.0, 1.0, 1.0, -1.0])}
+
+
+class Look(NamedTuple):
+    """Lag and latency together as one signal shows them [s]."""
+
+    signal: str
+    value: float
+    interval: tuple[float, float]
+    """95 %."""
+
+
+@dataclass(frozen=True)
+class MotorResponse:
+    """What logs show of the motors."""
+
+    lag: Float[np.ndarray, "N"]
+    """Samples of the posterior [s]."""
+    latency: Float[np.ndarray, "N"]
+    """Likewise."""
+    spread: float
+    """Standard deviation of lag and latency together between flights [s]."""
+    looks: tuple[Look, ...]
+    notes: tuple[str, ...]
+
+
+class _Seen(NamedTuple):
+    """One signal of one flight on the grid."""
+
+    losses: Float[np.ndarray, "T D"]
+    coefficients: Float[np.ndarray, "T D k"]
+    free: bool = False
+
+
+def motor_response(
+    flights: Sequence[Flight], generator: np.random.Generator
+) -> MotorResponse | None:
+    """What flights show of the motors; None where no signal but the estimated state shows it.
+
+    Args:
+        flights: checked flights of one rate.
+        generator: random numbers for the samples.
+    """
+    groups = _by_name(flights)
+    found = {name: seen for name, parts in groups.items() if (seen := _seen(parts))}
+    if not found:
+        return None
+    free = [name for name, seen in found.items() if any(one.free for one in seen.values())]
+    if len(free) < len(found):
+        found = {name: seen for name, seen in found.items() if name not in free}
+    losses = {name: _joint(seen) for name, seen in found.items()}
+    mean, error, spread = _random_effects([_log_total(loss) for loss in losses.values()])
+    looks = tuple(_look(signal, found) for signal in WEIGHTS if _has(signal, found))
+    apart = _disagreement(looks)
+    total = np.exp(mean + generator.normal(size=DRAWS) * np.hypot(np.hypot(error, spread), apart))
+    pooled = np.sum(list(losses.values()), axis=0) / np.sqrt(len(losses))
+    latency = np.minimum(_latencies(pooled, generator), total - LAGS[0] / 2)
+    notes = [
+        f"{name}: commands do not explain the thrust that hovering takes; they are samples of what the "
+        "motors got, and its lag is used only where no other flight tells it"
+        for name in free
+    ]
+    lag = np.maximum(total - np.maximum(latency, 0.0), LAGS[0] / 2)
+    return MotorResponse(
+        lag, np.maximum(latency, 0.0), float(np.exp(mean) * spread), looks, tuple(notes)
+    )
+
+
+def _by_name(flights: Sequence[Flight]) -> dict[str, list[Flight]]:
+    groups: dict[str, list[Flight]] = {}
+    for flight in flights:
+        groups.setdefault(flight.name, []).append(flight)
+    return groups
+
+
+def _has(signal: str, found: dict[str, dict[str, _Seen]]) -> bool:
+    return any(signal in seen for seen in found.values())
+
+
+class _Prepared(NamedTuple):
+    """One piece of flight, and what of it does not depend on the motors; N rows, M steps."""
+
+    period: float
+    rows: int
+    """Rows of a step."""
+    command: Float[np.ndarray, "N 4"]
+    """sqrt(u), held until the next row."""
+    signals: dict[str, Float[np.ndarray, "M c"]]
+    beside: dict[str, Float[np.ndarray, "M k"]]
+    """What explains each signal besides the motors."""
+
+
+def _prepared(flight: Flight) -> _Prepared:
+    rows, signals, beside = stride(flight), {}, {}
+    count = len(flight) // rows
+    velocity = means(body_velocity(flight), rows)
+    if flight.rotor_speed is not None:
+        signals["rotor speed"] = means(flight.rotor_speed.astype(float), rows)
+        beside["rotor speed"] = np.ones((count, 1))
+    elif flight.accelerometer is not None:
+        signals["accelerometer"] = means(force_along_z(flight)[:, None], rows)
+        beside["accelerometer"] = _constant_and(velocity[:, [2]])
+        if flight.zero_order_hold:
+            rates = gyro(flight)[: count * rows : rows]
+            turns = np.diff(rates, axis=0) / (rows * flight.period)
+            for axis, name in enumerate(_SIGNS):
+                signals[name] = turns[:, [axis]]
+                across = velocity[:-1, [1 - axis]]
+                beside[name] = _constant_and(across, rates[:-1, [axis]])
+    command = np.sqrt(np.clip(flight.mean_command.astype(float), 0.0, 1.0))
+    return _Prepared(flight.period, rows, command, signals, beside)
+
+
+def _constant_and(*columns: Float[np.ndarray, "M 1"]) -> Float[np.ndarray, "M k"]:
+    """A constant, and columns that say something."""
+    kept = [column for column in columns if column.any()]
+    return np.concatenate([np.ones_like(columns[0]), *kept], axis=1)
+
+
+def _seen(parts: Sequence[Flight]) -> dict[str, _Seen]:
+    """Signals of one flight's pieces on the grid."""
+    prepared = [_prepared(part) for part in parts if len(part) // stride(part) >= FEWEST]
+    if not prepared or not prepared[0].signals:
+        return {}
+    seen = {signal: [] for signal in prepared[0].signals}
+    free = []
+    for lag in LAGS:
+        for latency in LATENCIES:
+            speeds = [_speeds(part.command, part.period, lag, latency) for part in prepared]
+            for signal, fits in seen.items():
+                fits.append(_fit(prepared, speeds, signal, HOVER))
+            if "accelerometer" in seen:
+                free.append(_fit(prepared, speeds, "accelerometer", None))
+    found = {signal: _on_grid(fits) for signal, fits in seen.items()}
+    if free:
+        held, loose = found["accelerometer"], _on_grid(free)
+        if held.losses.min() - loose.losses.min() > CONTRADICTION:
+            found["accelerometer"] = loose._replace(free=True)
+    # A torque that turns the drone the wrong way is no torque.
+    return {
+        signal: one for signal, one in found.items() if _best(one)[0] > 0 or signal not in _SIGNS
+    }
+
+
+def _on_grid(fits: Sequence[Sequence[Fit]]) -> _Seen:
+    """From one list of columns' regressions for each grid point, latencies running fastest."""
+    shape = (len(LAGS), len(LATENCIES))
+    losses = np.array([sum(fit.loss for fit in columns) for columns in fits])
+    coefficients = np.array([columns[0].coefficients for columns in fits])
+    return _Seen(losses.reshape(shape), coefficients.reshape(*shape, -1))
+
+
+def _best(seen: _Seen) -> Float[np.ndarray, "k"]:
+    return seen.coefficients[np.unravel_index(np.argmin(seen.losses), seen.losses.shape)]
+
+
+def stride(flight: Flight) -> int:
+    """Rows of a step."""
+    return max(1, round(STEP / flight.period))
+
+
+def _fit(
+    prepared: Sequence[_Prepared],
+    speeds: Sequence[Float[np.ndarray, "N+1 4"]],
+    signal: str,
+    hover: float | None,
+) -> list[Fit]:
+    """One regression for each column of a signal; the accelerometer's is held by hovering, to `hover`
+    as a share.
+    """
+    order = max(1, round(MEMORY / (prepared[0].rows * prepared[0].period)))
+    moved = [_of_motors(part, speed, signal) for part, speed in zip(prepared, speeds, strict=True)]
+    found = []
+    for column in range(prepared[0].signals[signal].shape[1]):
+        y = [part.signals[signal][:, column] for part in prepared]
+        x = [
+            np.concatenate([motors[:, [column]], part.beside[signal]], axis=1)
+            for part, motors in zip(prepared, moved, strict=True)
+        ]
+        prior = None
+        if hover and signal == "accelerometer":
+            mean = float(np.concatenate(y).mean() / np.concatenate(x)[:, 0].mean())
+            prior = Prior(0, mean, hover * mean)
+        found.append(regress(y, x, order, prior))
+    return found
+
+
+def _of_motors(
+    part: _Prepared, speed: Float[np.ndarray, "N+1 4"], signal: str
+) -> Float[np.ndarray, "M c"]:
+    """What the motors add to each column of a signal, in steps."""
+    if signal == "rotor speed":
+        return means(0.5 * (speed[1:] + speed[:-1]), part.rows)
+    combined = (speed**2) @ _SIGNS.get(signal, np.ones(4))
+    steps = means((0.5 * (combined[1:] + combined[:-1]))[:, None], part.rows)
+    return steps[: len(part.signals[signal])]
+
+
+def rotor_speeds(flight: Flight, lag: float, latency: float) -> Float[np.ndarray, "N+1 4"]:
+    """Rotor speeds nu at each row and one period behind the last, from a hover at the first command."""
+    command = np.sqrt(np.clip(flight.mean_command.astype(float), 0.0, 1.0))
+    return _speeds(command, flight.period, lag, latency)
+
+
+def _speeds(
+    command: Float[np.ndarray, "N 4"], period: float, lag: float, latency: float
+) -> Float[np.ndarray, "N+1 4"]:
+    rows, share = divmod(latency / period, 1.0)
+    late = np.concatenate([np.repeat(command[:1], int(rows) + 1, axis=0), command])
+    late = (1 - share) * late[1 : len(command) + 1] + share * late[: len(command)]
+    kept = np.exp(-period / lag)
+    after = lfilter([1 - kept], [1.0, -kept], late, axis=0, zi=kept * late[:1])[0]
+    return np.concatenate([late[:1], after])
+
+
+def force_along_z(flight: Flight) -> Float[np.ndarray, "N"]:
+    """Specific force along z half a row later, the filter's delay undone [m/s2]."""
+    if flight.accelerometer is None:
+        raise ValueError(f"{flight.name} has no accelerometer")
+    places = np.arange(len(flight))
+    later = places + 0.5 + ACCELEROMETER_DELAY / flight.period
+    return np.interp(later, places, flight.accelerometer[:, 2].astype(float))
+
+
+def gyro(flight: Flight) -> Float[np.ndarray, "N 3"]:
+    """Body rates [rad/s], the filter's delay undone where rows are close enough."""
+    rates = flight.body_rates.astype(float)
+    if stride(flight) == 1:
+        return rates
+    places = np.arange(len(flight))
+    later = places + GYRO_DELAY / flight.period
+    return np.stack([np.interp(later, places, column) for column in rates.T], axis=1)
+
+
+def sharp(flight: Flight) -> Flight:
+    """The flight with the delay of the gyro's filter undone."""
+    return replace(flight, body_rates=gyro(flight).astype(np.float32))
+
+
+def cross_spectrum(flights: Sequence[Flight]) -> list[Look]:
+    """Lag and latency by the phase between torque command and angular acceleration, 1 to 10 Hz.
+
+    It takes feedback for response: a look that is independent of every model, not a better one.
+
+    Source: Bendat and Piersol 2010, Random data, sec. 9.2 (error of a phase from the coherence).
+    """
+    losses = np.zeros((len(LAGS), len(LATENCIES)))
+    for name in _SIGNS:
+        pairs = [_torque_and_turn(flight, name) for flight in flights]
+        pairs = [pair for pair in pairs if len(pair[0]) >= 2 * _SEGMENT]
+        if not pairs:
+            return []
+        step = stride(flights[0]) * flights[0].period
+        frequencies, cross = _spectrum(pairs, step)
+        driving = np.abs(_spectrum([(torque, torque) for torque, _ in pairs], step)[1])
+        driven = np.abs(_spectrum([(turn, turn) for _, turn in pairs], step)[1])
+        coherence = np.clip(np.abs(cross) ** 2 / (driving * driven + 1e-30), 0.0, 0.99)
+        looks = sum(len(torque) for torque, _ in pairs) / (_SEGMENT / 2)
+        band = (frequencies > 1.0) & (frequencies < 10.0)
+        around = 2 * np.pi * frequencies[band]
+        expected = -np.arctan(around * LAGS[:, None, None]) - around * LATENCIES[None, :, None]
+        weight = 2 * looks * coherence[band] / (1 - coherence[band])
+        losses += np.sum(weight * (1 - np.cos(np.angle(cross[band]) - expected)), axis=2)
+    mean, variance = _log_total(losses)
+    value, low, high = np.exp(mean + 1.96 * np.sqrt(variance) * np.array([0.0, -1.0, 1.0]))
+    return [Look("cross-spectrum", float(value), (float(low), float(high)))]
+
+
+def _torque_and_turn(flight: Flight, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Torque command and angular acceleration of one axis in steps, as far as scale."""
+    rows = stride(flight)
+    rates = means(flight.body_rates.astype(float), rows)[:, 0 if name == "gyro x" else 1]
+    torque = means((flight.mean_command @ _SIGNS[name])[:, None].astype(float), rows)[:, 0]
+    return torque, np.gradient(rates, rows * flight.period) if len(rates) > 1 else rates
+
+
+def _spectrum(
+    pairs: Sequence[tuple[np.ndarray, np.ndarray]], step: float
+) -> tuple[Float[np.ndarray, "F"], np.ndarray]:
+    """Cross-spectrum of pairs of signals, longer ones counting more."""
+    found = [csd(one, other, 1 / step, nperseg=_SEGMENT) for one, other in pairs]
+    sizes = np.array([len(one) for one, _ in pairs], float)
+    return found[0][0], np.einsum("i,if->f", sizes, np.stack([part for _, part in found]))
+
+
+def body_velocity(flight: Flight) -> Float[np.ndarray, "N 3"]:
+    """Velocity along the body's axes [m/s]; zero where it is unknown."""
+    if not flight.has_state:
+        return np.zeros((len(flight), 3))
+    attitude = Rotation.from_euler("ZYX", flight.attitude[:, ::-1].astype(float))
+    return attitude.inv().apply(flight.velocity.astype(float))
+
+
+def means(values: Float[np.ndarray, "N c"], rows: int) -> Float[np.ndarray, "M c"]:
+    """Means of each so many rows."""
+    count = len(values) // rows
+    return values[: count * rows].reshape(count, rows, -1).mean(axis=1)
+
+
+def _joint(seen: dict[str, _Seen]) -> Float[np.ndarray, "T D"]:
+    return np.sum([WEIGHTS[name] * one.losses for name, one in seen.items()], axis=0)
+
+
+def _weights(losses: Float[np.ndarray, "T D"]) -> Float[np.ndarray, "T D"]:
+    found = np.exp(losses.min() - losses)
+    return found / found.sum()
+
+
+def _log_total(losses: Float[np.ndarray, "T D"]) -> tuple[float, float]:
+    """Mean and variance of the logarithm of lag and latency together; a grid point is 0.05 wide."""
+    weights, total = _weights(losses), np.log(LAGS[:, None] + LATENCIES[None])
+    mean = float(np.sum(weights * total))
+    return mean, float(np.sum(weights * (total - mean) ** 2)) + 0.05**2
+
+
+def _random_effects(found: Sequence[tuple[float, float]]) -> tuple[float, float, float]:
+    """Mean of estimates that differ by more than their variances, its error, and by how much.
+
+    Source: DerSimonian and Laird 1986, Meta-analysis in clinical trials.
+    """
+    values, variances = np.array(found).T
+    weights = 1 / variances
+    mean = weights @ values / weights.sum()
+    excess = weights @ (values - mean) ** 2 - (len(values) - 1)
+    scale = weights.sum() - (weights @ weights) / weights.sum()
+    between = max(0.0, float(excess / scale)) if len(values) > 1 else 0.0
+    weights = 1 / (variances + between)
+    return (
+        float(weights @ values / weights.sum()),
+        float(1 / np.sqrt(weights.sum())),
+        float(np.sqrt(between)),
+    )
+
+
+def _look(signal: str, found: dict[str, dict[str, _Seen]]) -> Look:
+    parts = [WEIGHTS[signal] * seen[signal].losses for seen in found.values() if signal in seen]
+    mean, error, spread = _random_effects([_log_total(part) for part in parts])
+    reach = 1.96 * np.hypot(error, spread)
+    value, low, high = np.exp([mean, mean - reach, mean + reach])
+    return Look(signal, float(value), (float(low), float(high)))
+
+
+def _disagreement(looks: Sequence[Look]) -> float:
+    """Half of what the looks differ by, as a share."""
+    values = np.log([look.value for look in looks])
+    return float(np.ptp(values)) / 2 if len(values) > 1 else 0.0
+
+
+def _latencies(losses: Float[np.ndarray, "T D"], generator: np.random.Generator) -> np.ndarray:
+    """Samples of the latency, anywhere within half a grid step of a grid point."""
+    weights = _weights(losses).sum(axis=0)
+    half = (LATENCIES[1] - LATENCIES[0]) / 2
+    chosen = generator.choice(LATENCIES, DRAWS, p=weights)
+    return np.maximum(chosen + generator.uniform(-half, half, DRAWS), 0.0)
