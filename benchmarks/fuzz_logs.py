@@ -207,7 +207,7 @@ def flight_readers() -> list[Reader]:
         together._replace(
             lenient=True,
             around={
-                "good.csv": content,
+                "good.csv": log.to_csv(made("made_flights").driven(ROWS, 1)).encode(),
                 "prediction.csv": b"policy,trial,duration,end_reason\n1,1,1,tilt\n",
             },
         ),
