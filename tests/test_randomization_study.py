@@ -15,6 +15,7 @@ import pytest
 
 from maidenflight import parameters, workflow
 from maidenflight.experiments.flight_times import predict_flight_times
+from maidenflight.identification.drone_file import DroneFile, Estimate, Search, Source
 from maidenflight.policy import untrained
 from maidenflight.simulator import control, dynamics
 from maidenflight.simulator.randomization import randomize
@@ -94,19 +95,19 @@ def test_the_best_policy_is_the_one_whose_worst_place_is_best(study: Any) -> Non
 
 
 def identified(folder: Path) -> Path:
-    """A drone's file as `identify` writes it, with two drones of the posterior and a spread of two
-    trims."""
-    names, draws = ["thrust_to_weight", "latency"], [[1.6, 0.01], [1.7, 0.012]]
-    spreads = {
-        "torque_bias_x": {"value": 0.0, "spread": 1e-5},
-        "torque_bias_z": {"value": 0.0, "spread": 2e-5},
+    """A drone's file as `identify` writes it, with two drones of the posterior and two trims."""
+    estimates = {
+        "torque_bias_x": Estimate(0.0, (-1e-6, 1e-6), (0.0,), 1e-5),
+        "torque_bias_z": Estimate(0.0, (-1e-6, 1e-6), (0.0,), 2e-5),
     }
-    drone = parameters.crazyflie()
-    return parameters.write(
-        folder / "drone.toml",
-        drone,
-        {"identification": spreads, "posterior": {"names": names, "draws": draws}},
-    )
+    samples = {"thrust_to_weight": np.array([1.6, 1.7]), "latency": np.array([0.01, 0.012])}
+    return DroneFile(
+        parameters.crazyflie(),
+        estimates,
+        samples,
+        Source(3, 90.0, False, "zero-order-hold", 60000.0),
+        Search("likelihood", -15.0, 80, 3),
+    ).write(folder / "drone.toml")
 
 
 @pytest.mark.slow

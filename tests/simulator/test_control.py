@@ -202,7 +202,7 @@ def test_the_first_action_is_collective_thrust(factory, least, most):
 )
 def test_the_policys_rates_are_the_papers(factory, rate):
     assert factory().interface.rate == rate
-    assert factory().rate % rate == 0
+    assert factory().command_rate % rate == 0
 
 
 def test_a_new_rate_kicks_in_2021_and_not_in_2026():
