@@ -1,8 +1,8 @@
 """Motor lag and latency of drones whose rotor speeds were measured, found with these speeds hidden.
 
-Every log alone and every folder together, at the logs' own 500 Hz, at 250 and at 100 Hz, by what the
-accelerometer and the gyro show of the motors; beside it what the measured speeds say of the same log.
-Slower rates keep every second or fifth row, as a log at that rate would have.
+Every log alone and every folder together, at the logs' own 500 Hz, at 250 and at 100 Hz, by what
+the accelerometer and the gyro show of the motors; beside it what the measured speeds say of the
+same log. Slower rates keep every second or fifth row, as a log at that rate would have.
 
     python paper/measured_truth.py --usd ../shared/data/usd -o measured_truth
 

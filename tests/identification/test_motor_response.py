@@ -17,8 +17,8 @@ PERIOD, LAG, LATENCY, THRUST = 0.002, 0.07, 0.006, 4.4
 
 
 def made(seed: int, *, rotor_speed: bool, lag: float = LAG, name: str = "made") -> Flight:
-    """A drone that is shaken at 500 Hz, with drag against climbing, noise that lasts, and the sensors'
-    filters as delays.
+    """A drone that is shaken at 500 Hz, with drag against climbing, noise that lasts, and the
+    sensors' filters as delays.
     """
     generator = np.random.default_rng(seed)
     rows = 6000

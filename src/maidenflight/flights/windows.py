@@ -45,8 +45,9 @@ class Windows(NamedTuple):
 
 
 def first_start(flight: Flight, stride: int = 1) -> int:
-    """The row of a log at which a flight's first window starts: those before it tell what its motors
-    and delay line hold.
+    """The row of a log at which a flight's first window starts.
+
+    From the rows before it follows what motors and delay line hold.
     """
     return max(SHORTEST_LEAD_IN * stride, flight.lead)
 

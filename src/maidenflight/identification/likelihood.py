@@ -51,8 +51,8 @@ standard error changes it by as much."""
 
 
 HOVERING = "thrust_to_weight"
-"""The parameter that is found by its moment: mean thrust carries the weight and what accelerates the
-drone. A likelihood of one row ahead hardly weighs what lasts."""
+"""The parameter that is found by its moment: mean thrust carries the weight and what accelerates
+the drone. A likelihood of one row ahead hardly weighs what lasts."""
 _NEXT_FLIGHT = 6
 """Segments of the flight that intervals are to hold: 30 s."""
 
@@ -255,10 +255,10 @@ def _fit(
     at_random: bool = False,
     close: float = 0.0,
 ) -> _Fit:
-    """Maximises one likelihood after another, each until a step gains less than `_CLOSE`, or than
-    `close` a row.
+    """Maximises one likelihood after another.
 
-    Parameters that are `seen` have the median of their samples; thrust is what hovering takes.
+    Each until a step gains less than `_CLOSE` in all, or than `close` a row. Parameters that are
+    `seen` have the median of their samples; thrust is what hovering takes.
     """
     box = _box(problem, names)
     drone = replace(
@@ -309,8 +309,8 @@ def _descended(
 ) -> tuple[list[Parameters], Float[np.ndarray, "n"]]:
     """Drones evaluated from one on, and their values.
 
-    Thrust follows the parameters of the inner box so that the mean vertical error stays zero, and so
-    do the derivatives.
+    Thrust follows the parameters of the inner box so that the mean vertical error stays zero, and
+    so do the derivatives.
     """
     drones, values = [], []
     followed = HOVERING in box.names

@@ -1,27 +1,28 @@
-"""The motors' lag and latency as logs show them without a simulation: rotor speed, accelerometer, gyro.
+"""The motors' lag and latency from rotor speed, accelerometer and gyro, without a simulation.
 
-Each signal is regressed on what commands make of it through a first-order lag and a delay, on a grid of
-both, with an autoregression over a quarter of a second as noise (`prediction_errors`). Steps are of about
-10 ms whatever the log's rate, commands are used at the full rate.
+Each signal is regressed on what commands make of it through a first-order lag and a delay, on a
+grid of both, with an autoregression over a quarter of a second as noise (`prediction_errors`).
+Steps are of about 10 ms whatever the log's rate, commands are used at the full rate.
 
 - **Rotor speed**, where it was measured, follows the command itself.
-- The **accelerometer** along z is the thrust, and drag against climbing: without the drag the thrust's
-  slow part looks too small, and with it the lag too short. Thrust per command is that which hovering
-  takes, to 5 %, unless the flight contradicts it by more than `CONTRADICTION`: then logged commands are
-  not what the motors got (samples of a faster, noisy loop), and it is free.
-- The **gyro** hears the torques, the flapping moment and damping of its own rate. A controller answers it
-  within milliseconds, so that whatever the model lacks moves the lag; it counts little. Where a log has
-  only samples of the commands it does not count: the mean of two samples holds the answer to the noise
-  that it is to predict.
+- The **accelerometer** along z is the thrust, and drag against climbing: without the drag the
+  thrust's slow part looks too small, and with it the lag too short. Thrust per command is that
+  which hovering takes, to 5 %, unless the flight contradicts it by more than `CONTRADICTION`: then
+  logged commands are not what the motors got (samples of a faster, noisy loop), and it is free.
+- The **gyro** hears the torques, the flapping moment and damping of its own rate. A controller
+  answers it within milliseconds, so that whatever the model lacks moves the lag; it counts little.
+  Where a log has only samples of the commands it does not count: the mean of two samples holds the
+  answer to the noise that it is to predict.
 
-Flights differ more than each one's noise says. Their estimates are joined as random effects, and half of
-what accelerometer and gyro disagree by is added to the interval.
+Flights differ more than each one's noise says. Their estimates are joined as random effects, and
+half of what accelerometer and gyro disagree by is added to the interval.
 
-Measured on logs of a brushed Crazyflie with known rotor speeds, where the likelihood of one row ahead
-found half the lag; docs/identification.md has the figures.
+Measured on logs of a brushed Crazyflie with known rotor speeds, where the likelihood of one row
+ahead found half the lag; docs/identification.md has the figures.
 
-Source: Eschmann, Albani and Loianno 2024 (accelerometer against commands); DerSimonian and Laird 1986
-(random effects); Miller and Dunson 2019, Robust Bayesian inference via coarsening (powers of likelihoods).
+Source: Eschmann, Albani and Loianno 2024 (accelerometer against commands); DerSimonian and Laird
+1986 (random effects); Miller and Dunson 2019, Robust Bayesian inference via coarsening (powers of
+likelihoods).
 """
 
 from collections.abc import Sequence
@@ -52,7 +53,8 @@ ACCELEROMETER_DELAY, GYRO_DELAY = 0.0075, 0.0028
 HOVER = 0.05
 """Standard deviation of thrust per command about that of hovering, as a share."""
 CONTRADICTION = 8.0
-"""Log-likelihood gain of a free thrust per command beyond which hovering does not hold it [nats]."""
+"""Log-likelihood gain of a free thrust per command beyond which hovering does not hold it
+[nats]."""
 WEIGHTS = {"rotor speed": 0.1, "accelerometer": 1.0, "gyro x": 0.03, "gyro y": 0.03}
 """Power to which each signal's likelihood is taken."""
 _SEGMENT = 256
@@ -117,7 +119,8 @@ def motor_response(
     pooled = np.sum(list(losses.values()), axis=0) / np.sqrt(len(losses))
     latency = np.minimum(_latencies(pooled, generator), total - LAGS[0] / 2)
     notes = [
-        f"{name}: commands do not explain the thrust that hovering takes; they are samples of what the "
+        f"{name}: commands do not explain the thrust that hovering takes; they are samples of "
+        "what the "
         "motors got, and its lag is used only where no other flight tells it"
         for name in free
     ]
@@ -226,8 +229,9 @@ def _fit(
     signal: str,
     hover: float | None,
 ) -> list[Fit]:
-    """One regression for each column of a signal; the accelerometer's is held by hovering, to `hover`
-    as a share.
+    """One regression for each column of a signal.
+
+    The accelerometer's is held by hovering, to `hover` as a share.
     """
     order = max(1, round(MEMORY / (prepared[0].rows * prepared[0].period)))
     moved = [_of_motors(part, speed, signal) for part, speed in zip(prepared, speeds, strict=True)]
@@ -258,7 +262,10 @@ def _of_motors(
 
 
 def rotor_speeds(flight: Flight, lag: float, latency: float) -> Float[np.ndarray, "N+1 4"]:
-    """Rotor speeds nu at each row and one period behind the last, from a hover at the first command."""
+    """Rotor speeds nu at each row and one period behind the last.
+
+    The rotors begin at the speed of the first command.
+    """
     command = np.sqrt(np.clip(flight.mean_command.astype(float), 0.0, 1.0))
     return _speeds(command, flight.period, lag, latency)
 

@@ -64,8 +64,9 @@ class NoiseModel(NamedTuple):
 def errors(
     window: Windows, parameters: Parameters, steps: int, stride: int = 1
 ) -> Float[Array, "T 12"]:
-    """Measured minus predicted: position, velocity, attitude, body rates, each row predicted from
-    the measured one before it.
+    """Measured minus predicted position, velocity, attitude and body rates.
+
+    Each row is predicted from the measured one before it.
 
     Args:
         window: one of `Windows` (no leading axis).
@@ -177,7 +178,7 @@ class OneStep:
         return self._by_segment(on_all_cores(compute, len(self._chunks))[0])
 
     def sums(self, parameters: Parameters) -> Float[np.ndarray, "S 12"]:
-        """Sum of the errors in each segment of flight, those that start the noise model left out."""
+        """Sum of the errors in each segment of flight, without those that start the noise model."""
         drone = self._drone(parameters)
 
         def compute(first: int, end: int) -> tuple[np.ndarray, ...]:
@@ -191,8 +192,9 @@ class OneStep:
         return self._by_segment(on_all_cores(compute, len(self._chunks))[0])
 
     def hovering(self, parameters: Parameters) -> tuple[float, Float[np.ndarray, "S"]]:
-        """The thrust-to-weight ratio at which vertical errors are zero in the mean, and that of each
-        segment alone. Errors are linear in it.
+        """The thrust-to-weight ratio at which vertical errors are zero in the mean.
+
+        And that of each segment alone. Errors are linear in it.
         """
         here = float(parameters.thrust_to_weight)
         ahead = replace(parameters, thrust_to_weight=np.float32(1.1 * here))
@@ -397,10 +399,10 @@ def _derivatives(
 ) -> tuple[
     Float[Array, "64 d"], Float[Array, "64 d d"], Float[Array, "64 d 6 P"], Float[Array, "64 d"]
 ]:
-    """Of half the sum of squares of what is new in each window of a chunk: gradient, curvature, the
-    slopes' products with the past, and the sum of the vertical errors' slopes.
+    """Derivatives of half the sum of squared innovations in each window of a chunk.
 
-    Third come the slopes' products with the past errors.
+    They are gradient, curvature, the slopes' products with the past errors, and the sum of the
+    vertical errors' slopes.
 
     Where `by_moment`, half the sum of squares of the errors themselves, over their own variance:
     `share` is the deviation of the innovations over theirs.

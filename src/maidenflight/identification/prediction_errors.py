@@ -1,7 +1,7 @@
 """Linear regression with autoregressive noise: prediction errors in their simplest form.
 
-Signals are lists of gapless pieces. What the noise model cannot predict from its own past is what the
-regressors must explain, so that feedback does not bias them, if the regressors are complete.
+Signals are lists of gapless pieces. What the noise model cannot predict from its own past is what
+the regressors must explain, so that feedback does not bias them, if the regressors are complete.
 
 Source: Ljung 1999, System identification: theory for the user, ch. 7 and 13.4; iterated generalised
 least squares, Cochrane and Orcutt 1949.
@@ -74,8 +74,9 @@ def _round(
     found: Float[np.ndarray, "k"],
     prior: Prior | None,
 ) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k k"], Float[np.ndarray, "M"]]:
-    """Coefficients under the noise of the last ones, the inverse of their normal equations, and what
-    is left.
+    """Coefficients under the noise of the last ones.
+
+    And the inverse of their normal equations, and the residuals.
     """
     noise = [y - x @ found for y, x in zip(signals, regressors, strict=True)]
     weights = _autoregression([part[order:] for part in noise], order)
