@@ -302,7 +302,8 @@ def motor_contradictions(pieces: Sequence[Flight]) -> list[str]:
     """
     orders = list(permutations(range(4)))
     logged = orders.index((0, 1, 2, 3))
-    scores = np.stack([_scores(pieces, float(lag), orders) for lag in _LAGS_S])
+    responses = _responses(pieces)
+    scores = np.stack([_scores(responses, float(lag), orders) for lag in _LAGS_S])
     if not np.isfinite(scores).all():
         return []
     possible = (_LAGS_S > -0.01) & (_LAGS_S < MAX_RESPONSE_S + 0.01)
@@ -323,20 +324,31 @@ def motor_contradictions(pieces: Sequence[Flight]) -> list[str]:
     ]
 
 
-def _scores(
-    pieces: Sequence[Flight], lag: float, orders: Sequence[tuple[int, ...]]
-) -> Float[np.ndarray, "24"]:
-    """Correlations of roll and pitch acceleration with torques `lag` [s] before, summed.
-
-    For each order of the motors; NaN where there are too few rows.
-    """
-    accelerations, commands = [], []
+def _responses(pieces: Sequence[Flight]) -> list[tuple[np.ndarray, np.ndarray, float]]:
+    """Roll and pitch acceleration, commands and period of each piece long enough to shift."""
+    found = []
     for piece in pieces:
-        rows, late = max(round(0.08 / piece.period), 1), round(lag / piece.period)
+        rows = max(round(0.08 / piece.period), 1)
         if len(piece) <= 3 * rows + round(_LAGS_S[-1] / piece.period):
             continue
         rates, command = _mean(piece.body_rates[:, :2], rows), _mean(piece.command, rows)
-        acceleration, command = (rates[2:] - rates[:-2]) / (2 * piece.period), command[1:-1]
+        found.append(((rates[2:] - rates[:-2]) / (2 * piece.period), command[1:-1], piece.period))
+    return found
+
+
+def _scores(
+    responses: Sequence[tuple[np.ndarray, np.ndarray, float]],
+    lag: float,
+    orders: Sequence[tuple[int, ...]],
+) -> Float[np.ndarray, "24"]:
+    """How well the commands a time `lag` [s] before explain roll and pitch acceleration.
+
+    The sum of the correlations with their torques, for each order of the motors; NaN where there
+    are too few rows.
+    """
+    accelerations, commands = [], []
+    for acceleration, command, period in responses:
+        late = round(lag / period)
         end = len(command) - abs(late)
         accelerations.append(acceleration[late:] if late >= 0 else acceleration[:end])
         commands.append(command[:end] if late >= 0 else command[-late:])
