@@ -78,7 +78,8 @@ def cached_windows(folder: Path, length: int, flights: int) -> Windows:
     if not path.exists():
         folder.mkdir(parents=True, exist_ok=True)
         reality = VirtualDrone("planted", replace(crazyflie(), time_step=0.001, **TRUTH))
-        cut = windows(recording.record(reality, jax.random.key(SEED), flights, DURATION), length)
+        flown = recording.record(reality, jax.random.key(SEED), flights, DURATION, rate=100)
+        cut = windows(flown, length)
         np.savez(path, **{name: array[:WINDOWS] for name, array in cut._asdict().items()})
     with np.load(path) as kept:
         return Windows(**{name: kept[name] for name in Windows._fields})

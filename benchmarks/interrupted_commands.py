@@ -1,10 +1,11 @@
-"""Ctrl-C at random moments of every command that computes: exit code, output and files after it.
+"""Ctrl-C at random moments of every command that computes: exit code, output, time and files.
 
 `python benchmarks/interrupted_commands.py` prints each interruption and writes the table of
-docs/studies/reliability.md. Every command does little work, with the command line's compilation
-cache. Half of the interrupted runs write into a new folder, half may replace the results of an
-earlier run (`--overwrite`, of another seed). After each, every file must be whole, byte for byte
-what the earlier run or an undisturbed one wrote, and none of the earlier results may be missing.
+docs/studies/reliability.md. Every command but the demo does little work. A third of the runs begin
+with an empty compilation cache, and so are mostly compiling. Half of the others may replace the
+results of an earlier run (`--overwrite`, of another seed). After each, every file must be whole,
+byte for byte what the earlier run or an undisturbed one wrote, and none of the earlier results may
+be missing.
 """
 
 import os
@@ -15,13 +16,13 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
 
 import click
 from page import write
 
+import maidenflight
 from maidenflight import results
 from maidenflight.run_folder import CHECKPOINT
 
@@ -34,6 +35,8 @@ class Command(NamedTuple):
     output: str
     """File or folder, as `-o` names it."""
     seeded: bool = True
+    timed: tuple[str, ...] = ()
+    """Files that hold how long the run took, and so differ from run to run."""
 
 
 COMMANDS = (
@@ -43,6 +46,7 @@ COMMANDS = (
         ("flights", "--over", "thrust_to_weight,latency", "--evaluations", "11", "--trials", "1"),
         "made/drone.toml",
     ),
+    Command("validate", ("crazyflie", "flights"), "made/validation.csv"),
     Command(
         "train",
         ("--drone", "crazyflie", "--task", "hover", "--policies", "1", "--updates", "30"),
@@ -56,7 +60,10 @@ COMMANDS = (
     ),
     Command("export", ("policies/policy_1.json",), "made/firmware"),
     Command("report", (".",), "made/report.html", seeded=False),
+    Command("demo", (), "made/run", timed=("run/demo.json", "run/report.html")),
 )
+PROMISED = 3.0, 6.0
+"""Longest time to stop, with the programs in the cache and with none there [s]."""
 
 
 def begun(
@@ -76,6 +83,7 @@ def begun(
     line += ["--overwrite"] if overwrite else []
     environment = {
         **os.environ,
+        "PYTHONPATH": str(Path(maidenflight.__file__).parents[1]),
         "JAX_COMPILATION_CACHE_DIR": str(cache),
         "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.5",
     }
@@ -113,31 +121,38 @@ def undisturbed(
 
 def interrupted(
     command: Command, place: Path, cache: Path, after: float, overwrite: bool
-) -> tuple[int, str]:
-    """Sends SIGINT some seconds after the start; exit code and what was said."""
+) -> tuple[int, str, float]:
+    """Sends SIGINT some seconds after the start.
+
+    Returns:
+        Exit code, what was said, and how long it took to end [s].
+    """
     process = begun(command, place, cache, 0, overwrite)
     try:
         process.wait(after)
     except subprocess.TimeoutExpired:
         process.send_signal(signal.SIGINT)
+    sent = time.perf_counter()
     said = process.communicate(timeout=120)[1]
-    return process.returncode, said
+    return process.returncode, said, time.perf_counter() - sent
 
 
 def wrong(
-    code: int, said: str, left: dict[str, bytes], old: dict[str, bytes], new: dict[str, bytes]
+    code: int,
+    said: str,
+    left: dict[str, bytes],
+    old: dict[str, bytes],
+    new: dict[str, bytes],
+    timed: tuple[str, ...] = (),
 ) -> list[str]:
-    """What an interruption should not have left or said.
-
-    One that falls into Python's leaving comes after all is done and told.
-    """
-    if code == -signal.SIGINT and said.strip() == "" and left == new:
-        return []
+    """What an interruption should not have left or said."""
     told = [line for line in said.splitlines() if line.startswith("maidenflight: interrupted")]
     odd = [
         name
         for name, content in left.items()
-        if content not in (old.get(name), new.get(name)) and Path(name).name != CHECKPOINT
+        if content not in (old.get(name), new.get(name))
+        and Path(name).name != CHECKPOINT
+        and not (name in timed and name in new)
     ]
     lost = [name for name in old if name not in left]
     faults = {
@@ -149,8 +164,19 @@ def wrong(
     return [fault for fault, there in faults.items() if there]
 
 
+class Interruption(NamedTuple):
+    """One that came before the command had ended."""
+
+    command: str
+    cold: bool
+    """Whether nothing was compiled yet."""
+    seconds: float
+    """Until the process ended."""
+    faults: list[str]
+
+
 @click.command()
-@click.option("--moments", default=42, show_default=True, type=click.IntRange(1))
+@click.option("--moments", default=15, show_default=True, type=click.IntRange(1), help="Of each.")
 @click.option("--seed", default=0, show_default=True, help="Of the moments.")
 @click.option(
     "--earliest",
@@ -167,54 +193,81 @@ def wrong(
 )
 def main(moments: int, seed: int, earliest: float, wanted: tuple[str, ...], output: str) -> None:
     """Interrupts and looks."""
+    # A shell starts what runs in its background with SIGINT ignored, and commands would inherit it.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     chosen = [command for command in COMMANDS if not wanted or command.name in wanted]
-    drawn, counts, bad = random.Random(seed), Counter[str](), Counter[str]()
-    usual: dict[str, float] = {}
+    drawn, done = random.Random(seed), list[Interruption]()
     with tempfile.TemporaryDirectory() as made:
         place, cache = Path(made) / "run", Path(made) / "cache"
         place.mkdir()
-        for command, given in ((COMMANDS[0], "flights"), (COMMANDS[2], "policies")):
-            begun(command._replace(output=given), place, cache, 7, overwrite=False).communicate()
-        known = {}
+        named = {command.name: command for command in COMMANDS}
+        for name, given in (("record", "flights"), ("train", "policies")):
+            command = named[name]._replace(output=given)
+            begun(command, place, cache, 7, overwrite=False).communicate()
         for command in chosen:
-            undisturbed(command, place, cache, 0)  # compiles
-            new, usual[command.name] = undisturbed(command, place, cache, 0)
-            known[command.name] = undisturbed(command, place, cache, 1)[0], new
-        while counts.total() < moments:
-            command = chosen[counts.total() % len(chosen)]
-            overwrite = command.name != "report" and (counts.total() // len(chosen)) % 2 == 1
-            old, new = known[command.name]
-            for name, content in old.items() if overwrite else ():
-                results.write(place / "made" / name, content)
-            after = drawn.uniform(earliest, usual[command.name])
-            code, said = interrupted(command, place, cache, after, overwrite)
-            if code != 0:  # else it had ended already
-                faults = wrong(code, said, files(place / "made"), old if overwrite else {}, new)
-                counts[command.name] += 1
-                bad[command.name] += bool(faults)
-                print(
-                    f"{command.name} after {after:.2f} s{', over earlier results' * overwrite}: "
-                    f"{'; '.join(faults) or 'as promised'}",
-                    flush=True,
-                )
-            shutil.rmtree(place / "made", ignore_errors=True)
+            done += _of(command, place, cache, moments, drawn, earliest)
     rows = [
-        f"| {name} | {counts[name]} | {usual[name]:.1f} | {counts[name] - bad[name]} |"
-        for name in usual
+        _row(command.name, [one for one in done if one.command == command.name])
+        for command in chosen
     ]
-    total = f"| **all** | {counts.total()} | | {counts.total() - bad.total()} |"
     text = "\n".join(
         [
-            "| command | interruptions | undisturbed [s] | as promised |",
-            "|---|---|---|---|",
+            "| command | interruptions | as promised | slowest [s] | while compiling [s] |",
+            "|---|---|---|---|---|",
             *rows,
-            total,
+            _row("**all**", done),
         ]
     )
     print(text)
     if output != "none":
         write(Path(output), {"interruptions": text})
-    sys.exit(int(bad.total() > 0))
+    sys.exit(int(any(one.faults for one in done)))
+
+
+def _of(
+    command: Command, place: Path, cache: Path, moments: int, drawn: random.Random, earliest: float
+) -> list[Interruption]:
+    """Interrupts a command so often; one that had ended already does not count."""
+    slow = undisturbed(command, place, cache, 0)[1]  # compiles
+    new, quick = undisturbed(command, place, cache, 0)
+    replaces = command.name not in ("report", "demo")
+    old = undisturbed(command, place, cache, 1)[0] if replaces else {}
+    done = list[Interruption]()
+    while len(done) < moments:
+        number = len(done)
+        cold, overwrite = number % 3 == 2, replaces and number % 2 == 1
+        for name, content in old.items() if overwrite else ():
+            results.write(place / "made" / name, content)
+        after = drawn.uniform(earliest, slow if cold else quick)
+        fresh = Path(tempfile.mkdtemp(dir=cache.parent))
+        code, said, seconds = interrupted(
+            command, place, fresh if cold else cache, after, overwrite
+        )
+        if code != 0:
+            left = files(place / "made")
+            faults = wrong(code, said, left, old if overwrite else {}, new, command.timed)
+            if seconds > PROMISED[cold]:
+                faults.append(f"{seconds:.1f} s to stop")
+            done.append(Interruption(command.name, cold, seconds, faults))
+            print(
+                f"{command.name} after {after:.2f} s{', compiling' * cold}"
+                f"{', over earlier results' * overwrite}: {seconds:.2f} s, "
+                f"{'; '.join(faults) or 'as promised'}",
+                flush=True,
+            )
+        shutil.rmtree(place / "made", ignore_errors=True)
+        shutil.rmtree(fresh)
+    return done
+
+
+def _row(name: str, done: list[Interruption]) -> str:
+    """A row of the table."""
+    slowest = [
+        max((one.seconds for one in done if one.cold is cold), default=float("nan"))
+        for cold in (False, True)
+    ]
+    good = sum(not one.faults for one in done)
+    return f"| {name} | {len(done)} | {good} | {slowest[0]:.1f} | {slowest[1]:.1f} |"
 
 
 if __name__ == "__main__":

@@ -29,11 +29,11 @@ import numpy as np
 import optax
 import polars
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
+from learning_curves import learning_curves
 from page import write
 
 from maidenflight.parameters import crazyflie, noiseless, replace
 from maidenflight.policy import Policy
-from maidenflight.reporting.training_figures import learning_curves
 from maidenflight.simulator import control, environment, tasks
 from maidenflight.simulator.environment import Environment, EnvState
 from maidenflight.simulator.randomization import RelativeBox, relative_box

@@ -307,7 +307,6 @@ def main() -> None:
     key = jax.random.key(given.seed)
     found = {
         "chosen by likelihood": identify(training, ONCE, key=key),
-        "three by likelihood": identify(training, ONCE, over=FIRST, key=key),
         "three by replay": identify(training, Replay(), key=key),
         "ten by replay (the trap)": identify(
             training, Replay(trials=1), over=TRAP, key=key, bounds={

@@ -108,7 +108,7 @@ class Entry:
 def virtual_flights(seed: int, count: int, duration: float) -> Sequence[Flight]:
     """Flights of the paper's PID on the drone `TRUTH`, at a fifth of identification's time step."""
     drone = VirtualDrone("the paper's drone", replace(crazyflie(), time_step=0.001, **TRUTH))
-    return recording.record(drone, jax.random.key(seed), count, duration)
+    return recording.record(drone, jax.random.key(seed), count, duration, rate=100)
 
 
 def sets_of_flights(folder: Path) -> Iterator[tuple[str, Sequence[Flight]]]:

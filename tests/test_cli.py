@@ -1,5 +1,7 @@
 import json
 import os
+import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -13,7 +15,7 @@ import pytest
 from event_files import scalars
 from maidenflight import cli, parameters, policy, results
 from maidenflight.cli import cache
-from maidenflight.flights import reading
+from maidenflight.flights import compensation, log, reading
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import DroneFile, Estimate, Search, Source
 from maidenflight.terminal import flight_output
@@ -53,7 +55,58 @@ def test_every_command_explains_itself(command: str, monkeypatch: Any, capsys: A
     code, out, _ = run(monkeypatch, capsys, command, "--help")
     assert code == 0
     assert f"maidenflight {command}" in out
-    assert "--json" in out or command == "drone"
+    assert "--json" in out
+
+
+def test_a_drone_is_printed_as_toml_or_json_by_its_name_and_mass(
+    tmp_path: Path, monkeypatch: Any, capsys: Any
+) -> None:
+    arguments = ("drone", "crazyflie_2.0", "--mass", "30")
+    code, out, err = run(monkeypatch, capsys, *arguments)
+    assert (code, err) == (0, "")
+    assert 'name = "crazyflie_2.0"' in out
+    assert float(parameters.from_toml(out).mass) == np.float32(0.03)
+    code, out, err = run(monkeypatch, capsys, *arguments, "--json", "-o", tmp_path / "mine.toml")
+    assert (code, err) == (0, "")
+    said = json.loads(out)
+    assert said["name"] == "crazyflie_2.0"
+    assert said["output"] == str(tmp_path / "mine.toml")
+    assert set(said["parameters"]) == set(parameters.QUANTITIES)
+    assert said["parameters"]["mass"] == {
+        "value": 0.03,
+        "unit": "kg",
+        "meaning": parameters.QUANTITIES["mass"].meaning,
+    }
+    file = drone_file.read(tmp_path / "mine.toml")
+    assert file.record["settings"] == {"drone": "crazyflie_2.0", "mass": 0.03}
+    np.testing.assert_array_equal(
+        file.parameters.inertia, parameters.read("crazyflie_2.0", 0.03).inertia
+    )
+    code, _, err = run(monkeypatch, capsys, *arguments, "-o", tmp_path / "mine.toml")
+    assert code == 2
+    code, _, err = run(monkeypatch, capsys, "drone", "crazyflie_bolt")
+    assert (code, len(err.splitlines())) == (2, 1)
+
+
+def test_the_named_drones_are_listed(monkeypatch: Any, capsys: Any) -> None:
+    _, out, _ = run(monkeypatch, capsys, "drone", "--list")
+    _, content, _ = run(monkeypatch, capsys, "drone", "--list", "--json")
+    listed = {row["name"]: row for row in json.loads(content)["drones"]}
+    assert list(listed) == list(parameters.DRONES)
+    for name, drone in parameters.DRONES.items():
+        assert name in out
+        assert drone.summary in out
+        assert (listed[name]["mass"] is None) == drone.frameless
+
+
+def test_help_names_every_battery_law_and_every_signal_that_can_be_ignored(
+    monkeypatch: Any, capsys: Any
+) -> None:
+    _, out, _ = run(monkeypatch, capsys, "identify", "--help")
+    said = " ".join(out.split())
+    for law in compensation.LAWS:
+        assert f"'{law}'" in said
+    assert f"[{'|'.join(log.OPTIONAL)}]" in said
 
 
 def test_help_imports_nothing_heavy() -> None:
@@ -103,6 +156,8 @@ def test_help_starts_within_a_fifth_of_a_second_of_python_itself() -> None:
         (["validate", "{tmp}/no.toml", "{tmp}/empty", "-o", "{tmp}/v.csv"], "no such drone"),
         (["validate", "crazyflie", "{tmp}/empty", "-o", "{tmp}/v.csv"], "no flight logs"),
         (["validate", "crazyflie", "{tmp}/empty", "-o", "{tmp}/odd.csv"], "already there"),
+        (["identify", "{tmp}/empty", "--battery-law", "no law"], "known are"),
+        (["identify", "{tmp}/empty", "--ignore", "position"], "rotor_speed"),
         (
             ["validate", "crazyflie", "{tmp}/empty", "-o", "{tmp}/v.csv", "--horizons", "soon"],
             "expected seconds",
@@ -183,7 +238,7 @@ def test_a_mistake_gives_one_line_and_exit_code_2(
     (tmp_path / "other" / "notes.json").write_text('{"format": "another"}')
     (tmp_path / "full" / "mine.txt").write_text("keep me")
     (tmp_path / "odd.csv").write_text("a,b\n1,2\n")
-    (tmp_path / "bad.toml").write_text("format = 3\n")
+    (tmp_path / "bad.toml").write_text("format = 4\n")
     code, out, err = run(
         monkeypatch, capsys, *(argument.format(tmp=tmp_path) for argument in arguments)
     )
@@ -218,6 +273,55 @@ def test_a_drone_is_printed_and_read_back(tmp_path: Path, monkeypatch: Any, caps
     )
 
 
+def next_of(out: str) -> list[str]:
+    """The command that the last line of an output names."""
+    told = re.fullmatch(r"next: maidenflight (.*?)(  \(.*\))?", out.splitlines()[-1])
+    assert told is not None, out
+    return shlex.split(told[1])
+
+
+def test_an_export_names_the_report_that_shows_its_policy(
+    tmp_path: Path, monkeypatch: Any, capsys: Any
+) -> None:
+    file = tmp_path / "my runs" / "policies" / "policy_1.json"
+    policy.write(file, policy.untrained(jax.random.key(0), (4,)))
+    code, out, _ = run(monkeypatch, capsys, "export", file, "-o", tmp_path / "firmware")
+    assert code == 0
+    assert next_of(out) == ["report", str(tmp_path / "my runs")]
+    code, out, _ = run(monkeypatch, capsys, *next_of(out))
+    assert code == 0
+    assert (tmp_path / "my runs" / "report.html").exists()
+
+
+LITTLE = {
+    "identify": ["--trials", "1", "--over", "thrust_to_weight,latency"],
+    "validate": [],
+    "train": ["--policies", "1", "--updates", "2"],
+    "transfer": ["--trials", "1", "--duration", "1"],
+    "export": [],
+    "report": [],
+}
+"""What follows a recording, in order, and options with which it is quick."""
+
+
+@pytest.mark.slow
+def test_each_command_names_the_next_which_runs(
+    tmp_path: Path, monkeypatch: Any, capsys: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    recorded = ["record", "--flights", "2", "--duration", "4", "--reality", "virtual:3"]
+    assert run(monkeypatch, capsys, *recorded, "--seed", 1, "-o", "others")[0] == 0
+    code, out, err = run(monkeypatch, capsys, *recorded)
+    for name, options in LITTLE.items():
+        assert code == 0
+        following = ["others" if word == "OTHER_LOGS" else word for word in next_of(out)]
+        assert following[0] == name
+        code, out, err = run(monkeypatch, capsys, *following, *options)
+    assert code == 0, err
+    assert (tmp_path / "report.html").exists()
+    assert (tmp_path / "identification.svg").read_text().startswith("<svg")
+
+
 @pytest.mark.slow
 def test_the_line_from_logs_to_report_in_json(
     tmp_path: Path, monkeypatch: Any, capsys: Any
@@ -245,6 +349,7 @@ def test_the_line_from_logs_to_report_in_json(
     value = identified["parameters"]["latency"]["value"]
     assert float(parameters.read(drone).latency) == pytest.approx(value, rel=1e-6)
     assert (tmp_path / "identification.csv").exists()
+    assert identified["picture"] == str(tmp_path / "identification.svg")
 
     trained = said("train", "--drone", drone, "-o", policies, "--policies", 2, "--updates", 2)
     assert [Path(path).name for path in trained["policies"]] == ["policy_1.json", "policy_2.json"]
@@ -548,7 +653,7 @@ def test_a_board_whose_package_is_missing_is_said_before_training_begins(
         board,
     )
     assert (code, out, len(err.splitlines())) == (2, "", 1)
-    assert f"pip install 'maidenflight[{board}]'" in err
+    assert f"pip install '.[{board}]'" in err
     assert not (tmp_path / "policies").exists()
 
 
@@ -585,8 +690,8 @@ def test_a_drone_is_validated(tmp_path: Path, monkeypatch: Any, capsys: Any) -> 
         str(output),
     ):
         assert said in out
-    assert err.startswith("note: log likelihood of a row")
-    assert len(err.splitlines()) == 1
+    assert err == ""
+    assert out.index("nats a row") < out.index("persistence")
     assert run(monkeypatch, capsys, *arguments)[0] == 2
     code, out, err = run(monkeypatch, capsys, *arguments, "--overwrite", "--json")
     assert code == 0, err
@@ -594,6 +699,7 @@ def test_a_drone_is_validated(tmp_path: Path, monkeypatch: Any, capsys: Any) -> 
     said = json.loads(out)
     assert said["simulated"] is True
     assert len(said["errors"]) == 6
+    assert len(set(said["log_likelihoods"].values())) == 1
     written = polars.read_csv(output, comment_prefix="#")
     for row, entry in zip(written.iter_rows(named=True), said["errors"], strict=True):
         assert row == pytest.approx(entry, abs=1e-8)

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Demo, Demo]:
-    listener = Listener(HEARD.append, lambda done, of: None, lambda progress: None)
+    listener = Listener(HEARD.append, lambda progress: None, lambda progress: None)
     one, two = (tmp_path_factory.mktemp(name) / "run" for name in ("one", "two"))
     return demo(one, 3, QUICK, listener), demo(two, 3, QUICK, listener)
 
@@ -36,7 +36,14 @@ def test_every_stage_runs_in_order_and_leaves_its_results(runs: tuple[Demo, Demo
         str(path.relative_to(result.folder)) for path in result.folder.rglob("*") if path.is_file()
     }
     assert written == {
-        *("reality.toml", "drone.toml", "identification.csv", "demo.json", "report.html"),
+        *(
+            "reality.toml",
+            "drone.toml",
+            "identification.csv",
+            "identification.svg",
+            "demo.json",
+            "report.html",
+        ),
         *(f"recorded/flight_0{number}.csv" for number in (1, 2)),
         *(f"policies/policy_{number}.json" for number in (1, 2)),
         "policies/training.csv",

@@ -20,6 +20,7 @@ from jaxtyping import Array
 import maidenflight as mf
 from maidenflight import cli, deployment, parameters, policy
 from maidenflight.flights import log
+from maidenflight.identification.drone_file import DroneFile
 from maidenflight.policy import Policy
 from maidenflight.simulator import control
 from maidenflight.simulator import reality as registry
@@ -120,6 +121,21 @@ def test_the_log_format_page_lists_every_column_of_the_format() -> None:
             assert f"`{column}`" in rows or column in ("command_2", "command_3"), column
 
 
+def test_the_recipes_list_every_named_drone_with_its_values() -> None:
+    page = (ROOT / "docs/recipes.md").read_text()
+    rows = dict(re.findall(r"^\| `(crazyflie[^`]*)`(.*)\|$", page, re.MULTILINE))
+    assert list(rows) == list(parameters.DRONES)
+    for name, drone in parameters.DRONES.items():
+        one = drone.make()
+        lags = f"{1e3 * float(one.motor_time_constant):.3g} + {1e3 * float(one.latency):.3g}"
+        assert lags in rows[name]
+        if not drone.frameless:
+            inertia = ", ".join(f"{1e6 * float(value):.1f}" for value in one.inertia)
+            for value in (f"{1e3 * float(one.mass):.3g} g", inertia):
+                assert value in rows[name]
+            assert f"| {1e3 * float(one.arm_length):.3g} |" in rows[name]
+
+
 def test_pages_link_only_to_what_exists_and_name_only_files_that_exist() -> None:
     for page in PAGES:
         text = page.read_text()
@@ -213,7 +229,8 @@ def test_the_python_and_the_commands_of_the_realities_page_run(
         for line in blocks("docs/realities.md", "sh")[0].splitlines()
         if line.startswith("maidenflight ")
     ]
-    assert len(commands) == 2
+    assert len(commands) == 3
+    DroneFile(mf.crazyflie()).write("drone.toml")
     for line in commands:
         arguments = shlex.split(line, comments=True)
         monkeypatch.setattr(sys, "argv", arguments + LESS_WORK[arguments[1]])
@@ -377,7 +394,7 @@ def test_a_recipe_is_short_and_runs(title: str, monkeypatch: pytest.MonkeyPatch)
         monkeypatch.setattr(mf, "train", traced_training)
         monkeypatch.setattr(mf, "transfer", traced_flights)
     if title == "My logs":
-        (flight,) = mf.record(mf.virtual_drone(7), jax.random.key(0))[:1]
+        (flight,) = mf.record(mf.virtual_drone(7), jax.random.key(0), rate=100)[:1]
         table = np.hstack(
             [flight.position, flight.velocity, flight.attitude, flight.body_rates, flight.command]
         )

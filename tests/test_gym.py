@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-gymnasium = pytest.importorskip("gymnasium", reason="needs pip install 'maidenflight[gym]'")
+gymnasium = pytest.importorskip("gymnasium", reason="needs pip install '.[gym]'")
 
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 from gymnasium.vector import AutoresetMode  # noqa: E402
@@ -328,4 +328,4 @@ def test_without_gymnasium_one_line_says_what_to_install():
         "import sys; sys.modules['gymnasium'] = None; import maidenflight.gym",
         Path(maidenflight.__file__).parents[1],
     )
-    assert missing.stderr.splitlines()[-1].endswith("Install it: pip install 'maidenflight[gym]'.")
+    assert missing.stderr.splitlines()[-1].endswith("pip install '.[gym]'")

@@ -295,8 +295,8 @@ def test_ctrl_c_before_the_first_score_says_that_nothing_was_reached(
     code, out, err = run(monkeypatch, capsys, *what)
     assert (code, out) == (130, "")
     assert (
-        err == "maidenflight: interrupted before anything was reached. Start again with: "
-        f"maidenflight {' '.join(what)}\n"
+        err.strip() == "maidenflight: interrupted before anything was reached. Start again with: "
+        f"maidenflight {' '.join(what)}"
     )
 
 
@@ -312,14 +312,17 @@ def test_estimates_have_units_to_read_and_say_what_they_rest_on(capsys: Any) -> 
         noise=noise,
         parameters=parameters.crazyflie(),
         objective="likelihood",
+        unidentified={"inertia_x": (9.3e-6, 2e-5), "drag_x": (0.0, 0.5)},
         **fit,
     )
     drone_output.estimates(found)
+    drone_output.untold(found)
     drone_output.kept(found, "crazyflie")
     drone_output.reached_objective(found, "crazyflie")
     out = capsys.readouterr().out
     assert re.search(r"latency +7\.15 +7\.08 \.\. 7\.21 +0\.22 +ms", out)
     assert re.search(r"torque_bias_x +-58\.83 +-97\.05 \.\. -23\.16 +110 +1e-6 N m", out)
+    assert "inertia_x 9.3 .. 20 1e-6 kg m2, drag_x 0 .. 0.5 1/s" in " ".join(out.split())
     assert "kept from crazyflie: mass 28 g and arm length 39.6 mm" in out
     assert "noise found: position_walk 0.0924 m/sqrt(s), actuator_noise 0.02\n" in out
     assert (

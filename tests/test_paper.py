@@ -4,6 +4,7 @@ import importlib.util
 import json
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -304,3 +305,28 @@ def test_the_yaw_trim_of_a_policys_own_logs_explains_its_flight_times(
     with pytest.raises(SystemExit):
         yaw_trim.main([*arguments, "--control", "pwm"])
     assert "no logs" in capsys.readouterr().err
+
+
+def test_slow_logs_are_compared_with_and_without_an_accelerometer(monkeypatch: Any) -> None:
+    rates = script("log_rates")
+    monkeypatch.setattr(rates.accepted, "LONGEST_PERIOD", rates.accepted.LONGEST_PERIOD)
+    given: list[Any] = []
+
+    def identify(flights: Any, *_: Any, **__: Any) -> Any:
+        given.append(flights[0])
+        samples = {"motor_time_constant": np.full(9, 0.07), "latency": np.full(9, 0.01)}
+        estimates = {"inertia_x": SimpleNamespace()}
+        return SimpleNamespace(
+            posterior=samples, estimates=estimates, parameters=parameters.crazyflie()
+        )
+
+    monkeypatch.setattr(rates.mf, "identify", identify)
+    found = rates.table([7], [1, 3], 1.0)
+    assert found["rate"].to_list() == [100.0, 100.0, 33.3, 33.3]
+    assert found["accelerometer"].to_list() == [True, False, True, False]
+    assert [flight.accelerometer is not None for flight in given] == [True, False, True, False]
+    assert [len(flight) for flight in given] == [100, 100, 34, 34]
+    assert found["found"].to_list() == [80.0] * 4
+    assert not found["lag told"].any()
+    assert found["inertia told"].all()
+    assert rates.summary(found).height == 4

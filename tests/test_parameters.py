@@ -20,9 +20,11 @@ from maidenflight.parameters import (
     component,
     crazyflie,
     from_toml,
+    name_of,
     noiseless,
     read,
     replace,
+    sources,
     to_toml,
     write,
 )
@@ -90,9 +92,78 @@ def test_the_crazyflie_lacks_what_the_papers_model_lacks():
         assert not np.any(getattr(drone, name)), name
 
 
-@pytest.mark.parametrize("name", DRONES)
+WHOLE = [name for name, drone in DRONES.items() if not drone.frameless]
+
+
+@pytest.mark.parametrize("name", WHOLE)
 def test_a_named_drone_is_physical_and_reads_by_its_name(name):
-    jax.tree.map(np.testing.assert_array_equal, check(read(name)), DRONES[name]())
+    jax.tree.map(np.testing.assert_array_equal, check(read(name)), DRONES[name].make())
+    assert name_of(name) == name
+
+
+@pytest.mark.parametrize("name", DRONES)
+def test_every_value_of_a_named_drone_that_is_not_the_papers_has_its_source(name):
+    mass = 0.1 if DRONES[name].frameless else None
+    drone, said = read(name, mass), sources(name, mass)
+    differs = {
+        field for field in FIELDS if np.any(getattr(drone, field) != getattr(crazyflie(), field))
+    }
+    assert differs == set(said)
+    for field in said:
+        (line,) = (
+            line
+            for line in to_toml(drone, name, sources=said).splitlines()
+            if line.startswith(f"{field} =")
+        )
+        assert line.endswith(f"({said[field]})")
+
+
+def test_the_motors_of_named_drones_lift_what_their_firmware_says():
+    for name, newtons in (("crazyflie_2.0", 0.48), ("crazyflie_2.1+", 0.48)):
+        drone = read(name)
+        full = float(drone.thrust_to_weight * drone.mass * drone.gravity)
+        assert full == pytest.approx(newtons * 60000 / 65535, rel=1e-5)
+
+
+@given(st.sampled_from(WHOLE), st.floats(0.5, 1.5))
+def test_a_heavier_drone_has_the_same_motors_and_the_mass_where_it_was(name, share):
+    drone = read(name)
+    heavier = read(name, share * float(drone.mass))
+    assert float(heavier.mass) == pytest.approx(share * float(drone.mass), rel=1e-6)
+    for product in (
+        lambda one: one.thrust_to_weight * one.mass,
+        lambda one: one.inertia / one.mass,
+    ):
+        np.testing.assert_allclose(product(heavier), product(drone), rtol=1e-5)
+    others = [field for field in FIELDS if field not in ("mass", "inertia", "thrust_to_weight")]
+    for field in others:
+        np.testing.assert_array_equal(getattr(heavier, field), getattr(drone, field))
+
+
+@given(st.floats(0.02, 2.0))
+def test_a_frame_of_another_mass_has_the_same_shape_and_density(mass):
+    drone, like = read("crazyflie_bolt", mass), read("crazyflie_brushless")
+    for pure in (
+        lambda one: one.inertia / (one.mass * one.arm_length**2),
+        lambda one: one.mass / one.arm_length**3,
+        lambda one: one.torque_to_thrust / one.arm_length,
+        lambda one: one.ground_effect / one.arm_length**2,
+        lambda one: one.thrust_to_weight,
+    ):
+        np.testing.assert_allclose(pure(drone), pure(like), rtol=1e-4)
+
+
+def test_a_mass_that_is_missing_or_too_large_is_refused(tmp_path):
+    for name, drone in DRONES.items():
+        if drone.frameless:
+            with pytest.raises(InputError, match=f"{name} .*--mass"):
+                read(name)
+    with pytest.raises(InputError, match=r"60 g .*crazyflie.*48\.3 g"):
+        read("crazyflie", 0.06)
+    path = write(tmp_path / "mine.toml", crazyflie())
+    assert float(read(path, 0.03).mass) == pytest.approx(0.03)
+    with pytest.raises(InputError, match=r"mine\.toml"):
+        read(path, 0.06)
 
 
 def test_a_file_is_named_after_its_drone_and_keeps_further_tables(tmp_path):
@@ -113,9 +184,9 @@ def edited(name, value):
     ("text", "message"),
     [
         pytest.param(GOOD + "[", "not valid TOML", id="broken"),
-        pytest.param("", "format = None, expected 3", id="empty"),
-        pytest.param(edited("format", 4), "format = 4, expected 3", id="later format"),
-        pytest.param(edited("format", 2), "format = 2, expected 3", id="earlier format"),
+        pytest.param("", "format = None, expected 4", id="empty"),
+        pytest.param(edited("format", 5), "format = 5, expected 4", id="later format"),
+        pytest.param(edited("format", 3), "format = 3, expected 4", id="earlier format"),
         pytest.param(edited("mass", None), "missing mass", id="missing"),
         pytest.param(
             edited("mass", "0.028\nmas = 1.0"),
@@ -131,7 +202,7 @@ def edited(name, value):
             id="wrong table",
         ),
         pytest.param(
-            "format = 3\nbody = 3\n",
+            "format = 4\nbody = 3\n",
             r"body is a value, expected a table \[body\]",
             id="value for a table",
         ),
@@ -197,8 +268,9 @@ def test_a_wrong_file_is_refused_with_its_name_and_cause(text, message):
 def test_a_drone_that_is_neither_named_nor_a_file_is_refused_with_the_names(tmp_path):
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe")
     for place in ("crazyfly", tmp_path / "missing.toml", tmp_path, tmp_path / "binary.toml"):
-        with pytest.raises(InputError, match=r"no such drone; .*crazyflie"):
+        with pytest.raises(InputError, match="no such drone; ") as caught:
             read(place)
+        assert all(name in str(caught.value) for name in DRONES)
 
 
 @pytest.mark.parametrize("name", FIELDS)

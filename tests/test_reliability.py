@@ -110,8 +110,12 @@ def test_nothing_is_written_over_what_is_there(
 
 @pytest.mark.parametrize(
     ("command", "beside"),
-    [("identify", "made_identification.csv"), ("validate", "made_windows.csv")],
-    ids=["identify", "validate"],
+    [
+        ("identify", "made_identification.csv"),
+        ("identify", "made_identification.svg"),
+        ("validate", "made_windows.csv"),
+    ],
+    ids=["identify", "its picture", "validate"],
 )
 def test_nor_over_the_second_file(
     command: str, beside: str, small: Path, tmp_path: Path, monkeypatch: Any, capsys: Any
@@ -338,6 +342,59 @@ def test_ctrl_c_that_an_extension_module_turns_into_an_import_error_is_not_lost(
         with pytest.raises(ImportError, match="initializing"):
             run(monkeypatch, capsys, "drone", "crazyflie")
     assert signal.getsignal(signal.SIGINT) is before
+
+
+_BUSY = """
+import hashlib, pathlib, signal, sys, tempfile, threading, time
+from maidenflight import __main__, parameters
+from maidenflight.cli import interruption
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+interruption.PATIENCE = 0.3
+
+def without_python(*_):
+    hashlib.pbkdf2_hmac("sha256", b"", b"", 10**9)
+
+def in_python(*_):
+    threading.Thread(target=without_python).start()
+    print("busy", flush=True)
+    time.sleep(60)
+
+def in_c(*_):
+    print("busy", flush=True)
+    without_python()
+
+def importing(*_):
+    folder = pathlib.Path(tempfile.mkdtemp())
+    swallows = ["print('busy', flush=True)", "try:", "    while 1: pass", "except: pass"]
+    (folder / "slow_module.py").write_text("\\n".join(swallows))
+    sys.path.insert(0, str(folder))
+    import slow_module
+
+parameters.read = {what}
+sys.argv = ["maidenflight", "drone", "crazyflie"]
+__main__.main()
+"""
+
+
+@pytest.mark.parametrize("what", ["in_python", "in_c", "importing"])
+def test_ctrl_c_ends_a_process_that_does_not_answer(what: str) -> None:
+    """As in a compilation, in the main thread or another, for which Python's own end would wait; or
+    that imports a module which swallows what is raised in it."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", _BUSY.replace("{what}", what)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "busy\n"
+    began = time.perf_counter()
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate()
+    assert (process.returncode, out, len(err.strip().splitlines())) == (130, "", 1)
+    assert err.strip().startswith("maidenflight: interrupted")
+    assert time.perf_counter() - began < 3.0
 
 
 def test_a_record_that_is_no_record_is_none(tmp_path: Path) -> None:

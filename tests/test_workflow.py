@@ -1,19 +1,97 @@
 """What goes from file to file along the line."""
 
+import json
+import re
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+import polars
+import pytest
 
 import maidenflight as mf
+from flights.made_flights import calm
 from maidenflight import policy, workflow
+from maidenflight.deployment import EXPORTERS
+from maidenflight.flights.reading import Flights
+from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import DroneFile, Search, Source
 from maidenflight.parameters import crazyflie
 from maidenflight.policy import Policy
+from maidenflight.simulator import dynamics
 from maidenflight.simulator.control import Controller
 from maidenflight.training.evaluation import Evaluation
 from maidenflight.training.train import Progress
+from maidenflight.workflow import logs
+
+
+def test_how_logs_were_read_stands_in_the_drone_file_s_record(
+    tmp_path: Path, monkeypatch: Any
+) -> None:
+    reading = workflow.Reading(60.0, "subsampled", "legacy propellers", ("rotor_speed",))
+    asked: list[Any] = []
+
+    def read(*arguments: Any) -> Flights:
+        asked.extend(arguments)
+        return Flights((), (), ())
+
+    def identify(*_: Any, **__: Any) -> Any:
+        return SimpleNamespace(
+            objective="likelihood",
+            estimates={},
+            search=polars.DataFrame({"trial": [1], "objective": [0.0]}),
+            write=lambda path, record: DroneFile(crazyflie(), record=record).write(path),
+        )
+
+    monkeypatch.setattr("maidenflight.workflow.logs.read_flights", read)
+    monkeypatch.setattr("maidenflight.workflow.logs.identify", identify)
+    monkeypatch.setattr("maidenflight.workflow.logs.identification_picture", lambda *_: "")
+    workflow.identify_from(tmp_path, 0, tmp_path / "drone.toml", reading=reading)
+    assert asked[2:] == [60.0, 100, "subsampled", "legacy propellers", ("rotor_speed",)]
+    made = drone_file.read(tmp_path / "drone.toml").record["settings"]
+    assert {name: made[name] for name in reading.settings} == {
+        "most_seconds": 60.0,
+        "commands": "subsampled",
+        "battery_law": "legacy propellers",
+        "ignore": ["rotor_speed"],
+    }
+    workflow.identify_from(tmp_path, 0, tmp_path / "drone.toml")
+    made = drone_file.read(tmp_path / "drone.toml").record["settings"]
+    assert not {"commands", "battery_law", "ignore"} & set(made)
+
+
+def test_the_mass_is_asked_for_where_nobody_gave_it(tmp_path: Path) -> None:
+    real, simulated = (Flights((calm(simulated=name),), (), ()) for name in ("", "virtual drone 7"))
+    DroneFile(crazyflie()).write(tmp_path / "mine.toml")
+    mine = str(tmp_path / "mine.toml")
+    assert "27 g" in workflow.Start("crazyflie_2.0").notes(real)[0]
+    for start, flights in (
+        (workflow.Start("crazyflie_2.0"), simulated),
+        (workflow.Start("crazyflie_2.0", 0.03), real),
+        (workflow.Start("crazyflie_bolt", 0.1), real),
+        (workflow.Start(mine), real),
+    ):
+        assert start.notes(flights) == []
+    assert float(workflow.Start(mine, 0.031).read().parameters.mass) == np.float32(0.031)
+    assert float(workflow.Start("crazyflie", 0.031).read().parameters.mass) == np.float32(0.031)
+
+
+def test_another_battery_law_than_the_drone_s_is_said(tmp_path: Path) -> None:
+    """Also that a drone from anywhere else is left alone."""
+    record = {"settings": {"battery_law": "legacy propellers"}}
+    source = Source(3, 90.0, False, "subsampled", 65535.0)
+    same = workflow.Reading(battery_law="legacy propellers")
+    for file, reading, notes in (
+        (DroneFile(crazyflie(), source=source, record=record), same, 0),
+        (DroneFile(crazyflie(), source=source, record=record), workflow.Reading(), 1),
+        (DroneFile(crazyflie(), source=source), same, 1),
+        (DroneFile(crazyflie()), same, 0),
+        (DroneFile(crazyflie(), source=source, record={"settings": 3}), same, 1),
+    ):
+        assert len(logs._other_law(file, reading)) == notes
 
 
 def test_what_a_command_of_one_is_goes_from_the_drone_s_logs_to_the_exported_code(
@@ -43,3 +121,25 @@ def test_what_a_command_of_one_is_goes_from_the_drone_s_logs_to_the_exported_cod
     workflow.export(tmp_path / "policy_1.json", tmp_path / "app", 0, "crazyflie")
     app = (tmp_path / "app" / "src" / "maidenflight.c").read_text()
     assert "static float full = 65535.0f;" in app
+    share = re.search(
+        r"^#define MF_HOVER (\S+)f ",
+        (tmp_path / "app" / "src" / "policy.h").read_text(),
+        re.MULTILINE,
+    )
+    assert share is not None
+    hovers = float(dynamics.hover_command(crazyflie()))
+    assert float(share[1]) == pytest.approx(hovers, abs=1e-6)
+
+
+RECORDED = [name for name, exporter in EXPORTERS.items() if "record" in exporter.takes]
+
+
+@pytest.mark.parametrize("to", RECORDED)
+def test_what_is_exported_says_how_it_was_made(to: str, tmp_path: Path) -> None:
+    """Of a policy's file whose structure nobody names."""
+    policy.write(tmp_path / "policy_1.json", policy.untrained(jax.random.key(0), (8, 8)))
+    written = workflow.export(tmp_path / "policy_1.json", tmp_path / "out", 0, to)
+    texts = [b" ".join(path.read_bytes().replace(b"\n *", b" ").split()) for path in written]
+    recorded = [text for text in texts if b"policy_1.json sha256" in text]
+    assert recorded
+    assert all(json.dumps({"to": to, "control": "pwm"}).encode() in text for text in recorded)

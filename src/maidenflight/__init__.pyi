@@ -2,11 +2,13 @@ __version__: str
 __all__: list[str]
 
 from .deployment.c import export_c as export_c
+from .deployment.onnx import export_onnx as export_onnx
 from .experiments.flight_times import predict_flight_times as predict_flight_times
 from .experiments.transfer import transfer as transfer
 from .flights.log import Flight as Flight
 from .flights.reading import read_flights as read_flights
 from .flights.recording import record as record
+from .identification.identify import expected_intervals as expected_intervals
 from .identification.identify import identify as identify
 from .identification.likelihood import Likelihood as Likelihood
 from .identification.prediction import prediction_error as prediction_error

@@ -1,5 +1,33 @@
-"""python -m maidenflight: the command line."""
+"""The process of a command: `maidenflight`, or `python -m maidenflight`."""
 
-from maidenflight.cli import main
+import signal
+import sys
 
-main()
+
+def main() -> None:
+    """Runs the command line; once it has told how it ended, Ctrl-C changes nothing.
+
+    A process that was interrupted leaves at once, since Python's own end would crash where threads
+    of XLA are still compiling.
+    """
+    try:
+        from maidenflight import cli
+        from maidenflight.cli import interruption
+    except KeyboardInterrupt:
+        print("maidenflight: interrupted before it had begun.", file=sys.stderr)
+        sys.exit(130)
+    try:
+        cli.main(interruption.PATIENCE)
+    except SystemExit as leaving:
+        if leaving.code == interruption.CODE:
+            interruption.leave(interruption.CODE)
+        raise
+    except KeyboardInterrupt:
+        print(f"maidenflight: {interruption.line()}", file=sys.stderr)
+        interruption.leave(interruption.CODE)
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+if __name__ == "__main__":
+    main()

@@ -13,6 +13,7 @@ from maidenflight.experiments.transfer import Transfer
 from maidenflight.identification.estimates import Identification
 from maidenflight.identification.identify import AUTO
 from maidenflight.identification.likelihood import Likelihood
+from maidenflight.identification.progress import Progress as IdentificationProgress
 from maidenflight.parameters import Parameters
 from maidenflight.reporting.page import report
 from maidenflight.simulator.virtual_drone import virtual_drone
@@ -62,7 +63,7 @@ class Listener:
     """Functions that are called as the demo goes on."""
 
     stage: Callable[[str], None]
-    evaluation: Callable[[int, int], None]
+    identification: Callable[[IdentificationProgress], None]
     training: Callable[[Progress], None]
 
 
@@ -97,7 +98,7 @@ def demo(folder: Path, seed: int, plan: Plan, listener: Listener) -> Demo:
             folder / run_folder.DRONE,
             plan.identification,
             over=plan.over,
-            on_evaluation=listener.evaluation,
+            on_progress=listener.identification,
         ),
     )
     policies = folder / run_folder.POLICIES
@@ -111,6 +112,7 @@ def demo(folder: Path, seed: int, plan: Plan, listener: Listener) -> Demo:
             plan.learner,
             0.10,
             listener.training,
+            accept_bounds=True,
         ),
     )
     flown = run(

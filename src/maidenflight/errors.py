@@ -22,6 +22,20 @@ class InputError(ValueError):
         )
 
 
+def not_installed(package: str, extra: str, what: str) -> InputError:
+    """The error where an optional package is lacking.
+
+    Args:
+        package: what is lacking.
+        extra: the extra that brings it.
+        what: what needs it, which begins the sentence's second half.
+    """
+    return InputError(
+        f"{package} is not installed, but {what} needs it. In maidenflight's source folder: "
+        f"pip install '.[{extra}]'"
+    )
+
+
 class WriteError(InputError):
     """A file cannot be written, as on a full disk; what it held before is kept."""
 

@@ -227,11 +227,14 @@ class Numbered:
         return Path(folder, f"{self.stem}_{number}{self.suffix}")
 
     def find(self, folder: Path) -> list[Path]:
-        """The files in a folder by their number: flight_100 after flight_99."""
-        return sorted(
-            folder.glob(f"{self.stem}_*{self.suffix}"),
-            key=lambda path: ([int(part) for part in re.findall(r"\d+", path.name)], path.name),
-        )
+        """The files in a folder by their number."""
+        return sorted(folder.glob(f"{self.stem}_*{self.suffix}"), key=by_number)
+
+
+def by_number(path: Path) -> tuple[str, list[int], str]:
+    """What files are sorted by: flight_100 after flight_99, in folder policy_10 after policy_9."""
+    numbers = [int(part) for part in re.findall(r"\d+", str(path))]
+    return re.sub(r"\d+", "", str(path)), numbers, str(path)
 
 
 POLICY = Numbered("policy", ".json")
@@ -246,6 +249,11 @@ def beside(drone: StrPath) -> Path:
     path = Path(drone)
     named = EVALUATIONS.name if path.stem == Path(DRONE).stem else f"{path.stem}_{EVALUATIONS.name}"
     return path.with_name(named)
+
+
+def picture_beside(drone: StrPath) -> Path:
+    """Where the picture of an identification goes: as `beside`, with `.svg`."""
+    return beside(drone).with_suffix(".svg")
 
 
 def windows_beside(validation: StrPath) -> Path:
@@ -309,13 +317,12 @@ def write_stages(folder: StrPath, seed: int, seconds: Mapping[str, float]) -> Pa
     return results.write(Path(folder, STAGES), f"{content}\n")
 
 
-def read_stages(folder: Path) -> dict[str, float]:
+def read_stages(path: Path) -> dict[str, float]:
     """How long each stage took [s]; empty where that is not known.
 
     Raises:
         InputError: the file says no seconds.
     """
-    path = folder / STAGES
     stages = json_object(path).get("stages", {})
     if not isinstance(stages, dict) or not all(
         type(value) in (int, float) and 0 <= value < 1e9 for value in stages.values()

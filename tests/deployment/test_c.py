@@ -372,13 +372,15 @@ def test_every_compiler_and_level_is_silent_and_agrees(tmp_path, compiler, level
 
 
 @pytest.mark.parametrize(
-    ("structure", "act"),
-    [("pwm", "drive_motors"), ("attitude_rate", "follow"), ("attitude", "follow")],
+    ("structure", "act", "hover"),
+    [("pwm", "drive_motors", None), ("attitude_rate", "follow", 0.58), ("attitude", "follow", 0.5)],
 )
-def test_the_header_s_example_compiles(tmp_path, structure, act):
+def test_the_header_s_example_compiles(tmp_path, structure, act, hover):
     header, _ = export_c(
-        untrained(jax.random.key(0), (8,), interface=INTERFACES[structure]()), tmp_path
+        untrained(jax.random.key(0), (8,), interface=INTERFACES[structure]()), tmp_path, hover=hover
     )
+    share = re.search(r"^#define MF_HOVER (\S+)f ", header.read_text(), re.MULTILINE)
+    assert (None if share is None else float(share[1])) == hover
     found = re.search(r"Example:\n(.*?)\n \*/", header.read_text(), re.DOTALL)
     assert found is not None
     example = found[1]

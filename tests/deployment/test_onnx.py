@@ -102,7 +102,10 @@ def test_the_model_computes_what_python_computes(control, hidden, history):
 
 def test_the_model_is_sound_and_says_what_it_is():
     one = made("attitude", (8,), 3)
-    model = onnx.load_from_string(to_onnx(one, {"seed": 3, "inputs": ["policy_1.json"]}))
+    one = dataclasses.replace(
+        one, interface=dataclasses.replace(one.interface, full_scale_counts=57_344.0)
+    )
+    model = onnx.load_from_string(to_onnx(one, {"seed": 3, "inputs": ["policy_1.json"]}, 0.58))
     onnx.checker.check_model(model, full_check=True)
     shapes = {
         value.name: [size.dim_param or size.dim_value for size in value.type.tensor_type.shape.dim]
@@ -115,6 +118,9 @@ def test_the_model_is_sound_and_says_what_it_is():
     )
     told = {entry.key: entry.value for entry in model.metadata_props}
     assert json.loads(told.pop("record")) == {"seed": 3, "inputs": ["policy_1.json"]}
+    assert not any("$" in value for value in told.values())
+    assert np.float32(told.pop("hover")) == np.float32(0.58)
+    assert "57344 of the firmware's 65535 counts" in told["command"]
     assert "-0.174533 to 0.174533 rad" in told.pop("command")
     assert ControlInterface.from_dict(json.loads(told.pop("interface"))) == one.interface
     assert told == {
@@ -150,9 +156,7 @@ def test_an_action_that_overflows_gives_no_command():
 
 def test_without_the_package_one_error_says_how_to_install_it(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "onnx", None)
-    with pytest.raises(
-        InputError, match=r"onnx is not installed.*pip install 'maidenflight\[onnx\]'"
-    ):
+    with pytest.raises(InputError, match=r"onnx is not installed.*pip install '.\[onnx\]'"):
         export_onnx(made(), tmp_path)
     assert not list(tmp_path.iterdir())
 
@@ -267,7 +271,9 @@ def test_c_is_what_is_exported_unless_told_and_as_before(tmp_path):
         policy.read(path),
         tmp_path / "expected",
         seed=7,
-        record=results.record(seed=7, inputs=[path], settings={}),
+        record=results.record(
+            seed=7, inputs=[path], settings={"to": "c", "control": policy.read(path).interface.name}
+        ),
     )
     assert [file.read_bytes() for file in given] == [file.read_bytes() for file in expected]
 
@@ -294,7 +300,7 @@ def blocks(language):
 
 def test_the_commands_and_the_code_of_the_page_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    policy.write("policies/policy_1.json", untrained(jax.random.key(0)))
+    policy.write("policies/policy_1.json", untrained(jax.random.key(0)), {"hover": 0.58})
     Path("attitude_rate_066.json").write_text(json.dumps(THEIRS))
     commands = [line for line in blocks("sh")[0].splitlines() if line.startswith("maidenflight ")]
     assert len(commands) >= 4

@@ -241,6 +241,15 @@ def test_the_command_rises_with_the_pwm_from_nothing(law):
     assert 0.5 < command[-1] <= 1
 
 
+def test_a_battery_law_in_a_comment_is_known_or_refused(tmp_path):
+    frame = polars.DataFrame(columns()).select(SETS["degrees"])
+    for law in ("legacy propellers", "legacy propeler"):
+        (tmp_path / f"{law}.csv").write_text(f"# battery law: {law}\n{frame.write_csv()}")
+    assert "legacy propellers" in read_flights(tmp_path / "legacy propellers.csv").notes[0]
+    with pytest.raises(InputError, match=r"legacy propeler\.csv: .*'legacy propeler'"):
+        read_flights(tmp_path / "legacy propeler.csv")
+
+
 def test_what_a_command_stands_for_is_a_guess_that_is_told_or_what_one_is_told(tmp_path):
     polars.DataFrame(columns()).select(SETS["degrees"]).write_csv(tmp_path / "one.csv")
     guessed, told = read_flights(tmp_path), read_flights(tmp_path, commands="zero-order-hold")
@@ -250,7 +259,7 @@ def test_what_a_command_stands_for_is_a_guess_that_is_told_or_what_one_is_told(t
     )
     assert [(flight.zero_order_hold, flight.assumed) for flight in told] == [(True, False)]
     assert not any("taken as samples" in note for note in told.notes)
-    assert guessed.flights[0].full == 65535.0
+    assert guessed.flights[0].full_scale_counts == 65535.0
     with pytest.raises(InputError, match="commands 'kept'; expected zero-order-hold or subsampled"):
         read_flights(tmp_path, commands="kept")
 

@@ -288,3 +288,26 @@ def test_a_long_gap_stays_a_gap_when_rows_are_resampled():
     )
     pieces, _ = checking.pieces(lossy, rows * 0.01)
     assert [round(piece.duration) for piece in pieces] == [3, 5]
+
+
+def test_a_flight_whose_end_runs_away_keeps_what_was_before():
+    wild = np.linspace(26.0, 900.0, 80)
+    flight = spoilt("body_rates", 1, wild, slice(220, 300), calm(rows=300))
+    kept, notes = checking.pieces(flight)
+    assert [len(piece) for piece in kept] == [220]
+    assert any("row 221" in note for note in notes)
+
+
+def test_a_gyro_in_degrees_is_no_run_away():
+    flight = calm(rows=300)
+    swing = np.sin(np.arange(300) / 7.0)[:, None] * np.array([300.0, 200.0, 100.0])
+    with pytest.raises(InputError, match="degrees"):
+        checking.pieces(replace(flight, body_rates=swing.astype(np.float32)))
+
+
+def test_heights_below_the_ground_are_taken_for_z_down():
+    flight = calm(rows=200)
+    with pytest.raises(InputError, match="NED"):
+        checking.pieces(
+            replace(flight, position=flight.position * np.array([1, -1, -1], np.float32))
+        )

@@ -14,10 +14,10 @@ import polars
 import pytest
 from made_flights import calm, driven
 
-from maidenflight.cli import identify
 from maidenflight.errors import InputError
 from maidenflight.flights import log
 from maidenflight.flights.reading import read_flights
+from maidenflight.terminal import log_output
 
 ROWS = 900
 FIRST = 6
@@ -130,11 +130,11 @@ REFUSED: dict[str, tuple[Callable[[], str | bytes], str]] = {
     ),
     "no first line": (
         lambda: lines(lambda all_: all_.pop(0)),
-        r"line 1 is not '# maidenflight flight 2'",
+        r"line 1 is not '# maidenflight flight 3'",
     ),
     "another version": (
-        lambda: good().replace("flight 2:", "flight 9:"),
-        r"line 1 is not '# maidenflight flight 2' but '.*flight 9",
+        lambda: good().replace("flight 3:", "flight 9:"),
+        r"line 1 is not '# maidenflight flight 3' but '.*flight 9",
     ),
     "no word on commands": (
         lambda: lines(lambda all_: all_.pop(1)),
@@ -382,10 +382,10 @@ def test_a_folder_with_bad_logs_still_gives_the_good_ones_and_says_so(tmp_path, 
     assert all(any(f"bad_{number:02d}" in said for said in told) for number in range(len(REFUSED)))
     assert "results.csv: not a flight log" in read.notes[0]
 
-    content = identify._flights_content(read)
+    content = log_output.content(read)
     assert content["refused"] == read.refused
     assert content["pieces"] == 2
-    identify._print_flights(read, 100)
+    log_output.show(read, 100)
     printed = capsys.readouterr()
     assert f"{len(read.refused)} files refused" in printed.out + printed.err
     assert read.refused[0] in printed.out + printed.err

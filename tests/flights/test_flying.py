@@ -41,9 +41,9 @@ def test_a_recorded_flight_is_that_of_the_same_drone_in_jax() -> None:
     (here,) = recording.record(drone, KEY, 1, 2.0, 0.03)
     assert (here.simulated, here.zero_order_hold, here.period, len(here)) == (
         "numpy",
-        False,
-        0.01,
-        200,
+        True,
+        0.002,
+        1000,
     )
     assert np.ptp(here.command, axis=0).min() > 0.2
     np.testing.assert_allclose(here.setpoint, there.setpoint, atol=1e-5)
@@ -64,6 +64,7 @@ def test_each_flight_resets_the_reality_with_a_seed_of_its_own() -> None:
 
 def test_a_reality_with_its_own_position_controller_follows_the_set_point() -> None:
     (flight,) = recording.record(Ideal(), KEY, 1, 0.5, excitation=0.0)
+    assert (len(flight), flight.period, flight.zero_order_hold) == (50, 0.01, False)
     np.testing.assert_allclose(flight.position[1:], flight.setpoint[:-1], atol=1e-6)
     np.testing.assert_allclose(flight.command, 0.5)
 

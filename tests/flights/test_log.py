@@ -236,3 +236,14 @@ def test_the_python_of_the_log_format_page_runs(tmp_path, monkeypatch, capsys):
         "2 pieces, 8.0 s\n()\n('logs/damaged.csv: columns are separated by semicolons in line 1"
         in capsys.readouterr().out
     )
+
+
+@pytest.mark.parametrize("every", [1, 2, 5])
+def test_averaged_rows_keep_the_state_and_the_mean_rotor_speed_of_their_commands(every):
+    flight = calm(rows=203)
+    slow = log.averaged(flight, every)
+    count = 203 // every
+    assert (len(slow), slow.period, slow.zero_order_hold) == (count, 0.01 * every, True)
+    np.testing.assert_array_equal(slow.position, flight.position[: count * every : every])
+    speeds = np.sqrt(flight.command[: count * every]).reshape(count, every, 4)
+    np.testing.assert_allclose(np.sqrt(slow.command), speeds.mean(axis=1), rtol=1e-5)

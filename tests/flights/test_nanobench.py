@@ -65,6 +65,12 @@ def test_columns_keep_their_meaning():
     assert (flight.zero_order_hold, flight.simulated, flight.period) == (False, "", 0.01)
 
 
+def test_a_law_that_is_said_comes_before_the_one_that_the_thrust_shows():
+    plain, (flight, _, notes) = one(text())[0], one(f"# battery law: thrust upgrade\n{text()}")
+    assert abs(flight.command.mean() - plain.command.mean()) > 0.01
+    assert notes == [f"made: battery compensation of the thrust upgrade ({compensation.SAID})"]
+
+
 @pytest.mark.parametrize("late", [-7, 0, 12])
 def test_a_late_motion_capture_is_moved_to_the_drones_clock(late):
     flight = one(text(late))[0]

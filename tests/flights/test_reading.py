@@ -2,6 +2,7 @@
 InputError or ignored."""
 
 import gzip
+import re
 import warnings
 from functools import cache
 
@@ -13,7 +14,7 @@ from hypothesis import strategies as st
 from made_flights import AUTHORS, authors_columns, authors_text, calm, same
 
 from maidenflight.errors import InputError
-from maidenflight.flights import log
+from maidenflight.flights import log, tables
 from maidenflight.flights.reading import Flights, read_flights
 
 
@@ -96,6 +97,14 @@ def test_of_a_large_folder_stretches_of_every_flight_are_kept_whatever_the_order
     assert all(same(a, b) for a, b in zip(everything, read_flights(tmp_path / "x"), strict=True))
 
 
+def test_a_battery_law_is_of_logs_that_hold_pwm(tmp_path):
+    for name, data in (("ours", ours()), ("theirs", theirs())):
+        path = put(tmp_path / name / "flight.csv", data)
+        for place in (path, path.parent):
+            with pytest.raises(InputError, match=r"flight\.csv"):
+                read_flights(place, battery_law="legacy propellers")
+
+
 OTHER_TABLES = {
     "rows": b"policy,return\n1,2\n",
     "empty": b"",
@@ -166,7 +175,7 @@ def test_notes_of_all_files_are_kept(tmp_path):
 REFUSED = {
     "an unknown format": (
         b"t,x,y\n1,2,3\n",
-        "unknown format.*'t,x,y'.*maidenflight flight 2.*22 columns.*51 columns.*stateEstimate.x",
+        "unknown format.*'t,x,y'.*maidenflight flight 3.*22 columns.*51 columns.*stateEstimate.x",
     ),
     "an empty file": (b"", "the file is empty"),
     "a truncated gzip": (gzip.compress(ours())[:-200], "cannot be read"),
@@ -336,3 +345,11 @@ def test_strange_cells_are_read_or_refused_not_crashed_on(tmp_path_factory, sour
         line = lines[-81 + row].split(b",")
         lines[-81 + row] = b",".join([*line[:column], new, *line[column + 1 :]])
     reads_or_refuses(put(tmp_path_factory.getbasetemp() / "cells" / "x.csv", b"\n".join(lines)))
+
+
+@pytest.mark.parametrize(("mark", "what"), tables.FOREIGN.items())
+def test_a_file_of_another_kind_is_named(mark, what, tmp_path):
+    path = tmp_path / "flight.csv"
+    path.write_bytes(mark + bytes(range(256)))
+    with pytest.raises(InputError, match=re.escape(what)):
+        read_flights(path)

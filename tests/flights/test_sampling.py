@@ -11,7 +11,7 @@ from maidenflight.flights import sampling
 from maidenflight.flights.log import GROUPS
 from maidenflight.flights.sampling import sampled
 from maidenflight.flights.windows import windows
-from maidenflight.identification import likelihood
+from maidenflight.identification.selection import split
 
 
 def flights(lengths=(3000, 150, 900, 2000)):
@@ -111,11 +111,11 @@ def test_what_is_not_kept_is_forgotten_while_others_are_read():
 def test_segments_of_a_flight_are_fitted_or_judged_by_together():
     kept, _ = sampled(flights((3000,) * 6), 60.0)
     assert len(kept) >= 12
-    fitted, judged = likelihood._split(kept)
+    fitted, judged = split(kept)
     assert len(fitted) + len(judged) == len(kept)
     assert {part.name for part in judged} == {"day/2.csv", "day/5.csv"}
     assert {part.name for part in fitted} == {f"day/{seed}.csv" for seed in (0, 1, 3, 4)}
-    fitted, judged = likelihood._split(sampled(flights((6000,)), 40.0)[0])
+    fitted, judged = split(sampled(flights((6000,)), 40.0)[0])
     assert (len(fitted), len(judged)) == (6, 3), "of one flight, every third stretch"
 
 

@@ -18,6 +18,7 @@ STATE = [f"stateEstimate.{name}(f)" for name in ("x", "y", "z", "vx", "vy", "vz"
 ATTITUDE = [f"stateEstimate.q{name}(f)" for name in "xyzw"]
 SENSORS = [f"gyro.{name}(f)" for name in "xyz"] + [f"acc.{name}(f)" for name in "xyz"]
 MOTORS = [f"pwm.m{motor}_pwm(H)" for motor in "1234"] + ["pm.vbatMV(H)"]
+SIGNALS = tuple(log.OPTIONAL)
 SPEED = [f"rpm.m{motor}(H)" for motor in "1234"]
 
 
@@ -42,14 +43,18 @@ def written(
     return raw + struct.pack("<I", zlib.crc32(raw))
 
 
-def hovering(rows: int, step: int = 2000, start: int = 5_000_000, seed: int = 0) -> list:
-    """Rows of a hovering drone with a little noise, `step` clock ticks apart."""
-    generator = np.random.default_rng(seed)
+def hovering(rows: int, step: int = 2000, start: int = 5_000_000, wobble: float = 0.0) -> list:
+    """Rows of a hovering drone with a little noise, `step` clock ticks apart.
+
+    Without a state, only a roll rate that wobbles [deg/s] shows that it does not stand.
+    """
+    generator = np.random.default_rng(0)
     found = []
     for row in range(rows):
         noise = generator.normal(size=6) * 0.2
         state = (0.1 + 1e-5 * row, 0.2 - 1e-5 * row, 1.0, *(0.001 * noise[1:4]))
-        sensors = (*noise[:3], *(0.01 * noise[3:5]), 1.0 + 0.01 * noise[5])
+        rolls = noise[0] + wobble * np.sin(0.03 * row)
+        sensors = (rolls, *noise[1:3], *(0.01 * noise[3:5]), 1.0 + 0.01 * noise[5])
         motors = tuple(40000 + 100 * generator.normal(size=4))
         values = (
             *state,
@@ -154,6 +159,32 @@ def test_the_battery_law_can_be_said(tmp_path: Path) -> None:
         read_flights(tmp_path, battery_law="of a toaster")
 
 
+def test_a_signal_can_be_ignored_as_if_it_had_not_been_logged(tmp_path: Path) -> None:
+    (tmp_path / "log00").write_bytes(written(EVENTS, hovering(600)))
+    whole, (hidden,) = read_flights(tmp_path).flights[0], read_flights(tmp_path, ignore=SIGNALS)
+    assert_allclose(hidden.position, whole.position)
+    for signal in SIGNALS:
+        (flight,) = read_flights(tmp_path, ignore=[signal])
+        kept = [other for other in SIGNALS if getattr(flight, other) is not None]
+        assert kept == [other for other in SIGNALS if other != signal]
+        assert getattr(hidden, signal) is None
+    with pytest.raises(InputError):
+        read_flights(tmp_path, ignore=["position"])
+
+
+def test_a_log_of_sensors_alone_is_nothing_without_its_accelerometer(tmp_path: Path) -> None:
+    sensors = {0xFFFF: ("fixedFrequency", [*SENSORS, *MOTORS])}
+    records = [
+        (event, time, values[-len(SENSORS) - len(MOTORS) - 4 : -4])
+        for event, time, values in hovering(600, wobble=30.0)
+    ]
+    (tmp_path / "log00").write_bytes(written(sensors, records))
+    (flight,) = read_flights(tmp_path)
+    assert not flight.has_state
+    with pytest.raises(InputError):
+        read_flights(tmp_path, ignore=["accelerometer"])
+
+
 def test_a_motor_voltage_as_low_as_a_brushless_ones_is_taken_for_one() -> None:
     volts = np.full(100, 3.7)
     low, high = np.full((100, 4), 27000.0), np.full((100, 4), 47000.0)
@@ -164,7 +195,9 @@ def test_a_motor_voltage_as_low_as_a_brushless_ones_is_taken_for_one() -> None:
 
 def test_a_log_of_sensors_alone_is_read(tmp_path: Path) -> None:
     variables = [*SENSORS, *(f"motor.m{motor}(I)" for motor in "1234")]
-    records = [(0xFFFF, stamp, values[10:20]) for _, stamp, values in hovering(600, 1000)]
+    records = [
+        (0xFFFF, stamp, values[10:20]) for _, stamp, values in hovering(600, 1000, wobble=30.0)
+    ]
     (tmp_path / "log00").write_bytes(written({0xFFFF: ("fixedFrequency", variables)}, records))
     (flight,) = read_flights(tmp_path)
     assert not flight.has_state

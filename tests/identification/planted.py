@@ -81,14 +81,15 @@ def _fly(world, parameters, additions, keys):
     return jax.lax.scan(one, first, (additions, keys))[1]
 
 
-def logs(parameters, count=FLIGHTS, seed=0):
+def logs(parameters, count=FLIGHTS, seed=0, strength=1.0):
     """Flights whose rows are the exact states and whose commands are exact and held; the motors are
-    as noisy as the drone's."""
+    as noisy as the drone's. Without strength nothing excites them."""
     generator = np.random.default_rng(seed)
     flights = []
     for number in range(count):
         keys = jax.random.split(jax.random.key(1000 * seed + number), ROWS)
-        states, command = _fly(WORLD, parameters, jnp.asarray(excitation(generator)), keys)
+        additions = jnp.float32(strength) * jnp.asarray(excitation(generator))
+        states, command = _fly(WORLD, parameters, additions, keys)
         flights.append(
             Flight(
                 name=f"planted {number}",

@@ -25,13 +25,18 @@ from maidenflight.reporting.page import report
 WHOLE = DroneFile(
     crazyflie(),
     {
-        "latency": Estimate(0.018, (0.01, 0.02), (0.018, 0.019), 0.002),
+        "latency": Estimate(0.018, (0.01, 0.02), (0.018, 0.019), 0.002, None, (0.0, 0.05)),
         "torque_bias_x": Estimate(1e-5, (0.0, 2e-5), (1e-5,), 3e-6, (-1e-5, 3e-5)),
     },
-    {"latency": np.array([0.018, 0.019]), "torque_bias_x": np.array([1e-5, 0.0])},
+    {
+        "latency": np.array([0.018, 0.019]),
+        "torque_bias_x": np.array([1e-5, 0.0]),
+        "inertia_z": np.array([2e-5, 3e-5]),
+    },
     Source(4, 120.0, True, "subsampled", 65535.0),
     Search("likelihood", -15.4, 116, 3),
     (GroupGain("drag", 0.098, 0.0054, True), GroupGain("torque_bias", -1e-5, None, False)),
+    {"inertia_z": (1.8e-5, 3.9e-5)},
     {"version": "0.1.0", "seed": 7, "inputs": ["flight_01.csv sha256:ab12"], "settings": {}},
 )
 TEXT = WHOLE.to_toml("mine")
@@ -45,7 +50,7 @@ def same(one: DroneFile, other: DroneFile) -> None:
     assert list(one.posterior) == list(other.posterior)
     for name, values in one.posterior.items():
         np.testing.assert_allclose(values, other.posterior[name], rtol=1e-5)
-    rest = ("estimates", "source", "search", "gains", "record")
+    rest = ("estimates", "source", "search", "gains", "unidentified", "record")
     assert [getattr(one, name) for name in rest] == [getattr(other, name) for name in rest]
 
 
@@ -107,7 +112,11 @@ DAMAGED = {
     "an interval upside down": swapped(r"^interval = \[0\.01, 0\.02\]", "interval = [0.02, 0.01]"),
     "an interval of one": swapped(r"^interval = \[0\.01, 0\.02\]", "interval = [0.02]"),
     "an interval is a number": swapped(r"^interval = \[0\.01, 0\.02\]", "interval = 0.02"),
+    "a range of no parameter": swapped(r"^inertia_z = \[", "inertia_w = ["),
+    "a range upside down": swapped(r"^inertia_z = \[.*?\]", "inertia_z = [2.0, 1.0]"),
     "no trials": swapped(r"^trials = \[0\.018, 0\.019\]", "trials = []"),
+    "bounds upside down": swapped(r"^bounds = \[0\.0, 0\.05\]", "bounds = [0.05, 0.0]"),
+    "bounds are a number": swapped(r"^bounds = \[0\.0, 0\.05\]", "bounds = 0.05"),
     "a deviation below zero": swapped(r"^between_segment_sd = 0\.002", "between_segment_sd = -1.0"),
     "a misspelt entry": swapped(r"^between_segment_sd", "betwen_segment_sd"),
     "an entry too many": swapped(r"^value = 0\.018", "value = 0.018\nspread = 1.0"),
@@ -133,7 +142,7 @@ DAMAGED = {
     "kept is a text": swapped(r"^kept = true", 'kept = "yes"'),
     "samples of an unknown parameter": swapped(r'^names = \["latency"', 'names = ["speed"'),
     "samples of one parameter twice": swapped(
-        r'^names = \["latency", "torque_bias_x"\]', 'names = ["latency", "latency"]'
+        r'^names = \["latency", "torque_bias_x"', 'names = ["latency", "latency"'
     ),
     "names are a text": swapped(r"^names = \[.*?\]", 'names = "latency"'),
     "samples of unequal length": swapped(r"^samples = \[\[0\.018, ", "samples = [["),
@@ -142,7 +151,7 @@ DAMAGED = {
     "samples are a number": swapped(r"^samples = \[\[.*?\]\]", "samples = 3"),
     "inputs are numbers": swapped(r"^inputs = \[.*?\]", "inputs = [3]"),
     "inputs have no digest": swapped(r"^inputs = \[.*?\]", 'inputs = ["flight_01.csv"]'),
-    "another format": swapped(r"^format = 3", "format = 2"),
+    "another format": swapped(r"^format = 4", "format = 3"),
     "mass is a text": swapped(r"^mass = 0\.028", 'mass = "light"'),
     "mass is nan": swapped(r"^mass = 0\.028", "mass = nan"),
 }

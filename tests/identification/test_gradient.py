@@ -193,12 +193,12 @@ def test_identify_follows_gradients_unless_told_otherwise(flights):
         flights,
         Replay(),
         key=jax.random.key(2),
-        on_evaluation=lambda *counts: seen.append(counts),
+        on_progress=seen.append,
     )
     for name, truth in zip(NAMES, TRUTH, strict=True):
         assert found.estimates[name].value == pytest.approx(truth, rel=0.05)
         assert np.ptp(found.estimates[name].trials) < 0.02 * truth
-    assert seen[-1][0] == seen[-1][1] == found.evaluations == len(found.search)
+    assert seen[-1].evaluations == found.evaluations == len(found.search)
 
 
 def test_an_unknown_method_is_refused_in_words():

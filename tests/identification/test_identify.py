@@ -14,14 +14,16 @@ from maidenflight import workflow
 from maidenflight.errors import InputError
 from maidenflight.flights.log import write as write_log
 from maidenflight.flights.reading import read_flights
-from maidenflight.identification import drone_file, likelihood
-from maidenflight.identification.box import PAPER_BOUNDS
+from maidenflight.identification import drone_file
+from maidenflight.identification.bounds import bound_reached
+from maidenflight.identification.box import PAPER_BOUNDS, physical_bounds
 from maidenflight.identification.drone_file import SAVED, Estimate
 from maidenflight.identification.ensembles import posterior_ensemble, trim_ensemble
 from maidenflight.identification.estimates import doubts
 from maidenflight.identification.identify import AUTO, identify
 from maidenflight.identification.likelihood import Likelihood
 from maidenflight.identification.posterior import DESIGN
+from maidenflight.identification.progress import FITTING, Progress
 from maidenflight.identification.replay import METHODS, Replay
 from maidenflight.identification.selection import FIRST
 from maidenflight.parameters import QUANTITIES, check, crazyflie, noiseless, replace
@@ -139,7 +141,7 @@ def test_an_identification_remembers_what_it_rests_on(quick, flights, tmp_path):
 
 
 def test_flights_whose_commands_mean_different_thrusts_are_refused(flights):
-    mixed = [*flights[:2], dataclasses.replace(flights[2], full=65535.0)]
+    mixed = [*flights[:2], dataclasses.replace(flights[2], full_scale_counts=65535.0)]
     with pytest.raises(
         InputError,
         match=r"stands for different counts of the firmware \(60000 in .*, 65535 in .*\)",
@@ -159,12 +161,39 @@ def test_restless_samples_are_doubted(flights):
     )
 
 
+def test_few_samples_of_commands_are_doubted(flights):
+    slow = [dataclasses.replace(flight, period=0.02) for flight in flights]
+    assert doubts({}, slow) == [], "each acts until the next"
+    sampled = [dataclasses.replace(flight, zero_order_hold=False) for flight in slow]
+    (doubt,) = doubts({}, sampled)
+    assert "20 ms" in doubt
+    assert len(doubts({"actuator_noise": 0.14}, sampled)) == 2
+
+
+@pytest.mark.parametrize("method", ["replay", "likelihood"])
+def test_logs_too_slow_for_the_lag_are_refused_before_the_fit(flights, method, monkeypatch):
+    class Reached(Exception):
+        pass
+
+    def fit(*_):
+        raise Reached
+
+    monkeypatch.setattr(f"maidenflight.identification.{method}.identified", fit)
+    settings = Replay() if method == "replay" else Likelihood()
+    for rate in (100, 50, 40):
+        with pytest.raises(Reached):
+            identify([dataclasses.replace(flights[0], period=1 / rate)], settings)
+    slow = dataclasses.replace(flights[1], period=0.1)
+    with pytest.raises(InputError, match=r"planted 1: .*100 ms.*10 Hz"):
+        identify([flights[0], slow], settings)
+
+
 @pytest.mark.slow
 def test_progress_is_counted_to_the_plan(flights):
     seen = []
-    identify(flights, FEW, on_evaluation=lambda done, planned: seen.append((done, planned)))
+    identify(flights, FEW, on_progress=seen.append)
     planned = 12 + 3 * DESIGN
-    assert seen == [(done, planned) for done in range(1, planned + 1)]
+    assert seen == [Progress(FITTING, done, planned, done) for done in range(1, planned + 1)]
 
 
 @pytest.mark.slow
@@ -175,9 +204,8 @@ def test_an_optimum_at_a_search_bound_gives_a_note(flights, bounds, side):
         Replay(trials=1, evaluations=40),
         bounds={**PAPER_BOUNDS, "thrust_to_weight": bounds},
     )
-    assert any(
-        note.startswith(f"thrust_to_weight lies at its search bound {side}") for note in found.notes
-    )
+    assert bound_reached("thrust_to_weight", found.estimates["thrust_to_weight"]) == float(side)
+    assert any(f"thrust_to_weight = {side} lies at" in note for note in found.notes)
 
 
 def test_an_optimum_inside_its_bounds_gives_no_note(quick):
@@ -283,7 +311,7 @@ def test_likelihood_is_the_objective_unless_told_otherwise(likely, quick):
 
 @pytest.mark.slow
 def test_a_most_likely_value_lies_in_its_interval_and_its_draws_within_bounds(likely, noisy):
-    searched = likelihood.bounds(crazyflie())
+    searched = physical_bounds(crazyflie())
     for name, estimate in likely.estimates.items():
         low, high = estimate.interval
         assert low <= estimate.value <= high
@@ -303,9 +331,7 @@ def test_a_parameter_at_a_bound_keeps_its_draws_within_it(noisy):
     bounds = {"thrust_to_weight": (1.5, 1.8)}
     found = identify(noisy, ONCE, over=["thrust_to_weight"], bounds=bounds)
     assert found.posterior["thrust_to_weight"].max() <= 1.8
-    assert any(
-        note.startswith("thrust_to_weight lies at its search bound 1.8") for note in found.notes
-    )
+    assert bound_reached("thrust_to_weight", found.estimates["thrust_to_weight"]) == 1.8
 
 
 @pytest.mark.slow

@@ -9,10 +9,11 @@ import planted
 import pytest
 
 from maidenflight.errors import InputError
-from maidenflight.identification import likelihood, one_step
+from maidenflight.identification import one_step
+from maidenflight.identification.box import physical_bounds
 from maidenflight.identification.identify import identify
 from maidenflight.identification.likelihood import Likelihood
-from maidenflight.identification.selection import FIRST, GROUPS
+from maidenflight.identification.selection import FIRST, GROUPS, split
 from maidenflight.parameters import QUANTITIES, component, crazyflie, replace
 
 TRUTH = {"thrust_to_weight": 1.85, "motor_time_constant": 0.06, "latency": 0.009}
@@ -83,14 +84,14 @@ def test_the_noise_of_the_sensors_is_found_beside_and_the_drone_flies_with_it(fo
 def test_bounds_are_physical_and_hold_the_drone_and_all_that_may_be_chosen():
     heavy = replace(crazyflie(), mass=0.9, arm_length=0.2, inertia=(5e-3, 6e-3, 9e-3))
     for drone in (crazyflie(), heavy):
-        bounds = likelihood.bounds(drone)
+        bounds = physical_bounds(drone)
         assert {*FIRST, *(name for group in GROUPS.values() for name in group)} <= set(bounds)
         for name, (low, high) in bounds.items():
             quantity = QUANTITIES[name if name in QUANTITIES else name[:-2]]
             assert quantity.lower <= low < high <= quantity.upper, name
             assert low <= float(component(drone, name)) <= high, name
     wider = np.divide(
-        *(np.ptp(likelihood.bounds(drone)["torque_bias_x"]) for drone in (heavy, crazyflie()))
+        *(np.ptp(physical_bounds(drone)["torque_bias_x"]) for drone in (heavy, crazyflie()))
     )
     assert wider == pytest.approx(0.9 * 0.2 / (0.028 * 0.0396)), (
         "torques grow with weight times arm"
@@ -98,7 +99,7 @@ def test_bounds_are_physical_and_hold_the_drone_and_all_that_may_be_chosen():
 
 
 def test_every_third_flight_judges_those_that_fit(flights):
-    fitted, judged = likelihood._split(flights)
+    fitted, judged = split(flights)
     assert [flight.name for flight in judged] == [f"planted {number}" for number in range(2, 32, 3)]
     assert sorted(flight.name for flight in fitted + judged) == sorted(
         flight.name for flight in flights
@@ -106,7 +107,7 @@ def test_every_third_flight_judges_those_that_fit(flights):
 
 
 def test_of_a_single_flight_the_last_third_judges(flights):
-    fitted, judged = likelihood._split(flights[:1])
+    fitted, judged = split(flights[:1])
     rows = np.concatenate([part.velocity for part in fitted + judged])
     np.testing.assert_array_equal(rows, flights[0].velocity)
     assert [len(part) for part in fitted + judged] == [66, 67, 67]
@@ -114,7 +115,7 @@ def test_of_a_single_flight_the_last_third_judges(flights):
 
 
 def test_flights_shorter_than_a_window_are_refused_in_words(flights):
-    few: Any = likelihood._split(flights[:1])[0]
+    few: Any = split(flights[:1])[0]
     with pytest.raises(
         InputError, match=f"no flight is long enough for a window of {one_step.LENGTH} rows"
     ):

@@ -40,8 +40,8 @@ def errors(table, model):
 
 def test_a_row_for_each_model_and_horizon(table):
     assert table["model"].to_list() == ["true", "wrong", PERSISTENCE] * 3
-    assert table["horizon"].to_list() == [0.1] * 3 + [0.25] * 3 + [0.5] * 3
-    assert set(table["windows"]) == {5 * 12}
+    assert table["horizon"].to_list() == [0.02] * 3 + [0.05] * 3 + [0.1] * 3
+    assert set(table["windows"]) == {5 * 16}
     assert set(table["segments"]) == {5}
 
 
@@ -158,7 +158,9 @@ def test_other_input_that_makes_no_sense_is_refused(flights):
         prediction_error(flights, {PERSISTENCE: TRUE})
     with pytest.raises(InputError, match="quick: its simulation diverges"):
         prediction_error(
-            flights, {"true": TRUE, "quick": replace(TRUE, drag=np.full(3, 1e4, np.float32))}
+            flights,
+            {"true": TRUE, "quick": replace(TRUE, drag=np.full(3, 1e4, np.float32))},
+            [0.5],
         )
     with pytest.raises(InputError, match="different rates"):
         prediction_error([flights[0], dataclasses.replace(flights[1], period=0.02)], {})

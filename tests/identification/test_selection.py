@@ -1,7 +1,7 @@
 """Which parameters flights can tell: those that were planted are chosen, and what buys nothing is
 left out."""
 
-from functools import partial
+import dataclasses
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,6 +15,7 @@ from maidenflight.identification import selection
 from maidenflight.identification.gauss_newton import NormalEquations
 from maidenflight.identification.identify import identify
 from maidenflight.identification.likelihood import Likelihood
+from maidenflight.identification.progress import CHOICE, INTERVALS, STAGES
 from maidenflight.identification.selection import FIRST, GROUPS
 from maidenflight.parameters import COMPONENTS, replace
 
@@ -32,8 +33,9 @@ def found():
     flights = planted.with_noise(planted.logs(truth, 48), seed=1)
     told = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(selection, "choose", partial(selection.choose, groups=FEW))
-        return identify(flights, Likelihood(trials=1), over="auto", on_group=told.append), told
+        patch.setattr(selection, "GROUPS", FEW)
+        patch.setattr(selection, "groups", lambda flights, lag_seen: FEW)
+        return identify(flights, Likelihood(trials=1), over="auto", on_progress=told.append), told
 
 
 @pytest.mark.slow
@@ -44,12 +46,23 @@ def test_what_was_planted_is_chosen_and_what_buys_nothing_is_not(found):
         "rotor_momentum": True,
         "flapping_moment": False,
     }
-    assert told == list(identified.gains)
+    assert list(dict.fromkeys(now.gain for now in told if now.gain)) == list(identified.gains)
     assert set(identified.estimates) == {*FIRST, *PLANTED}
     assert identified.parameters.flapping_moment == 0
     for step in identified.gains:
         assert (step.log_likelihood_gain > 0.05) == step.kept
         assert 0 < step.standard_error < 0.02
+
+
+@pytest.mark.slow
+def test_progress_goes_through_the_stages_in_order(found):
+    _, told = found
+    assert list(dict.fromkeys(now.stage for now in told)) == list(STAGES)
+    evaluations = [now.evaluations for now in told]
+    assert evaluations == sorted(evaluations)
+    last = {now.stage: now for now in told}
+    assert (last[CHOICE].done, last[CHOICE].of) == (len(FEW), len(FEW))
+    assert (last[INTERVALS].done, last[INTERVALS].of) == (2, 2)
 
 
 @pytest.mark.slow
@@ -209,3 +222,15 @@ def test_the_standard_error_of_unequal_segments_is_how_much_means_scatter():
     means, errors = np.array(draws).T
     assert means.mean() == pytest.approx(0.01, abs=0.005)
     assert np.sqrt(np.mean(errors**2)) == pytest.approx(means.std(), rel=0.06)
+
+
+def test_drag_is_looked_for_only_where_the_drone_moves():
+    still, moving = (
+        dataclasses.replace(log, velocity=speed * np.ones_like(log.velocity))
+        for log, speed in zip(
+            planted.logs(planted.drone(1.9, 0.06, 0.012), 2), (0.02, 0.3), strict=True
+        )
+    )
+    assert not {"drag", "flapping_moment"} & set(selection.groups([still], lag_seen=False))
+    assert selection.groups([moving], lag_seen=False) == GROUPS
+    assert selection.groups([moving], lag_seen=True) == selection.WITH_KNOWN_LAG

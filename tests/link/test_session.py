@@ -157,17 +157,16 @@ def test_a_second_flight_needs_a_fit_drone_too(tmp_path):
     assert any("no further flight: battery" in text for text in said)
 
 
-@pytest.mark.parametrize(("full", "counts"), [(None, 60000), (65535.0, 65535)])
-def test_the_policy_flies_between_take_off_and_landing(tmp_path, full, counts):
+@pytest.mark.parametrize(("given", "counts"), [(None, 60000), (65535.0, 65535)])
+def test_the_policy_flies_between_take_off_and_landing(tmp_path, given, counts):
     """With the counts of its own app, unless others are given."""
     fake, active = FakeDrone(policy=True), []
 
     def note(clock):
         active.append((fake.active, fake.plant.position[2]))
 
-    (flight,) = flown(
-        fake, tmp_path, dataclasses.replace(plan(1.0, policy=True), full=full), before=note
-    )
+    asked = dataclasses.replace(plan(1.0, policy=True), full_scale_counts=given)
+    (flight,) = flown(fake, tmp_path, asked, before=note)
     assert flight.ending.reason == COMPLETE
     assert sum(on for on, _ in active) == pytest.approx(100, abs=3)
     assert all(height > 0.4 for on, height in active if on)
@@ -237,7 +236,7 @@ def test_nobody_at_the_address():
 
 def test_without_cflib_it_is_told_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "cflib.crazyflie", None)
-    with pytest.raises(InputError, match=r"maidenflight\[drone\]"):
+    with pytest.raises(InputError, match=r"\[drone\]"):
         Crazyflie("udp://127.0.0.1:1", Stepped(None))
 
 

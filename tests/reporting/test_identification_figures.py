@@ -1,12 +1,13 @@
-"""Pictures of an identification: what is marked lies where it should, and odd data draw something
+"""Pictures of an identification: what is marked is what was found, and odd data draw something
 or are refused."""
 
+import json
 import re
-import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 import polars
 import pytest
+from drawn import of, rows, titles
 
 from maidenflight.errors import InputError
 from maidenflight.identification import surrogate
@@ -15,12 +16,10 @@ from maidenflight.identification.prediction import LOGGED, PERSISTENCE
 from maidenflight.parameters import COMPONENTS
 from maidenflight.reporting import svg, text
 from maidenflight.reporting.corner_figure import MOST, corner
-from maidenflight.reporting.delay_figures import loss_landscape
+from maidenflight.reporting.delay_figures import delay_posterior, loss_landscape
 from maidenflight.reporting.prediction_figures import horizons
 from maidenflight.reporting.prediction_figures import windows as window_figure
-from maidenflight.reporting.sections import NARROW, WIDE
 
-SVG = "{http://www.w3.org/2000/svg}"
 BEST = np.array([1.7, 0.080, 0.014])
 NAMES = ["thrust_to_weight", "motor_time_constant", "latency"]
 HESSIAN = np.array([[9.0, 3.0, 1.0], [3.0, 6.0, 2.0], [1.0, 2.0, 4.0]]) / np.outer(
@@ -86,56 +85,24 @@ def windows(count=4):
     return polars.concat(parts)
 
 
-def panels(picture):
-    """Panels by name; that this parses is half of each test."""
-    found = [
-        part
-        for part in ElementTree.fromstring(picture).iter(f"{SVG}svg")
-        if "data-panel" in part.attrib
-    ]
-    return {part.attrib["data-panel"]: part for part in found}
+def cells(figure):
+    """Cells of a corner plot, by row."""
+    [panel] = figure.panels
+    return [line["hconcat"] for line in panel["vconcat"]]
 
 
-def paths(panel, colour):
-    return [
-        part.attrib["d"]
-        for part in panel.iter(f"{SVG}path")
-        if f"--{colour})" in part.attrib.get("style", "")
-    ]
-
-
-def points(path):
-    return np.array(
-        [[float(number) for number in pair.split()] for pair in re.split("[ML]", path) if pair]
-    )
-
-
-def ticked(picture, panel, vertical):
-    """Value and pixel within a panel of the numbers along one of its axes, as they are written."""
-    left, top = (float(panel.attrib[name]) for name in "xy")
-    found = []
-    for part in ElementTree.fromstring(picture).findall(f"{SVG}text"):
-        if "x" in part.attrib and re.fullmatch(r"-?[\d.]+", part.text or ""):
-            x, y = float(part.attrib["x"]), float(part.attrib["y"])
-            below = y > top + float(panel.attrib["height"])
-            if below != vertical:
-                found.append((float(part.text or ""), y - 4.5 - top if vertical else x - left))
-    return np.array(found)
-
-
-@pytest.mark.parametrize("width", [NARROW, WIDE])
-def test_the_optimum_is_where_the_axes_say(width):
-    picture = loss_landscape(search(), ESTIMATES, width=width)
-    panel = panels(picture)["delays"]
-    middle = (
-        points(paths(panel, "orange")[0]).mean(axis=0),
-        points(paths(panel, "orange")[1]).mean(axis=0),
-    )
-    for value, vertical in ((80 * 1.005, False), (14 * 1.005, True)):  # an interval's middle
-        labels = ticked(picture, panel, vertical)
-        assert len(labels) >= 3
-        slope, offset = np.polyfit(labels[:, 0], labels[:, 1], 1)
-        assert abs(slope * value + offset - middle[int(vertical)][int(vertical)]) < 1.5
+def test_the_optimum_its_interval_and_the_paper_are_marked():
+    figure, note = loss_landscape(search(), ESTIMATES, [(0.08, 0.014), (0.1, 0.02)])
+    [best] = of(figure, mark="identified")
+    assert (best["x"], best["y"]) == pytest.approx((80.0, 14.0))
+    [lag] = of(figure, bar="x")
+    assert (lag["x"], lag["x2"], lag["y2"]) == pytest.approx((78.4, 82.4, 14.0))
+    [paper] = of(figure, series="paper")
+    assert (paper["x"], paper["y"]) == pytest.approx((88.0, 18.0))
+    assert [row["x"] for row in of(figure, series="truth")] == pytest.approx([80.0, 100.0, 80.0])
+    assert all(row["x"] + row["y"] == pytest.approx(94.0) for row in of(figure, series="total"))
+    assert "fitted to the" in note
+    assert sum(row["series"] in ("low", "middle", "high") for row in rows(figure)) == 200
 
 
 def test_a_contour_is_where_the_objective_is_that_much_higher_with_the_others_at_their_best():
@@ -165,10 +132,10 @@ def test_a_contour_is_where_the_objective_is_that_much_higher_with_the_others_at
     ids=["few", "on a line", "flat", "a hill", "a kink", "one"],
 )
 def test_no_contours_where_no_quadratic_fits(rows):
-    picture = loss_landscape(rows)
-    assert "No contours" in picture
-    assert "fitted" not in picture
-    panels(picture)
+    figure, note = loss_landscape(rows)
+    assert "No contours" in note
+    assert of(figure, series="contours") == []
+    assert len(of(figure, mark="best evaluation")) == 1
 
 
 def test_a_table_without_a_valley_is_refused():
@@ -180,60 +147,59 @@ def test_a_table_without_a_valley_is_refused():
         loss_landscape(search().with_columns(objective=polars.col("objective") - 61))
 
 
+def test_the_ellipses_hold_their_shares_of_the_samples():
+    drawn = dict(zip(NAMES, BEST[:, None] + draws(NAMES)["latency"] * 0.1, strict=True))
+    spread = np.random.default_rng(3).normal(size=(2, 4000))
+    drawn |= {"motor_time_constant": 0.08 + 1e-3 * spread[0], "latency": 0.014 + 1e-4 * spread[1]}
+    figure = delay_posterior(drawn, ESTIMATES)
+    points = np.array([[row["x"], row["y"]] for row in of(figure, series="sample")])
+    centre = points.mean(axis=0)
+    for share, name in ((0.5, "50 %"), (0.95, "95 %")):
+        curve = np.array([[row["x"], row["y"]] for row in of(figure, curve=name)]) - centre
+        axes = np.abs(curve).max(axis=0)
+        inside = (((points - centre) / axes) ** 2).sum(axis=1) < 1
+        assert inside.mean() == pytest.approx(share, abs=0.03)
+
+
 @pytest.mark.parametrize("count", [1, 2, 3, 8])
-def test_a_panel_for_each_pair_and_each_parameter(count):
+def test_a_cell_for_each_pair_and_each_parameter(count):
     names = list(COMPONENTS)[:count]
-    found = panels(corner(draws(names), width=WIDE))
-    assert set(found) == {
-        f"{across} {up}" for row, up in enumerate(names) for across in names[: row + 1]
+    figure = corner(draws(names))
+    assert [len(line) for line in cells(figure)] == list(range(1, count + 1))
+    assert list(figure.panels[0]["data"]["columns"]) == names
+    assert {len(column) for column in figure.panels[0]["data"]["columns"].values()} == {150}
+
+
+def test_of_a_large_posterior_the_strongest_correlations_are_shown():
+    names = list(COMPONENTS)[:12]
+    drawn = {
+        name: np.random.default_rng(number).normal(size=300) for number, name in enumerate(names)
     }
-
-
-def test_a_large_posterior_is_cut_to_what_can_be_read():
-    picture = corner(draws(list(COMPONENTS)[:15]), width=WIDE)
-    found = panels(picture)
-    assert len(found) == MOST * (MOST + 1) / 2
-    assert min(float(panel.attrib["width"]) for panel in found.values()) > 100
-    assert f"draws of {MOST} parameters, those of its 15" in picture
+    drawn[names[9]] = drawn[names[3]] + 0.1 * drawn[names[9]]
+    figure = corner(drawn)
+    columns = figure.panels[0]["data"]["columns"]
+    assert len(columns) == MOST
+    assert {names[3], names[9]} <= columns.keys()
+    assert len(columns[names[3]]) == 200, "of 300 draws"
+    assert f"300 draws of {MOST} parameters, those of its 12" in figure.title
 
 
 def test_the_posterior_marks_optimum_and_correlation():
     drawn = draws(NAMES)
     best = {name: float(np.median(values)) for name, values in drawn.items()}
-    picture = corner(drawn, best)
-    for row, upward in enumerate(NAMES):
-        for across in NAMES[:row]:
-            panel = panels(picture)[f"{across} {upward}"]
-            upright, level = map(points, paths(panel, "orange"))
-            dots = np.array(
-                [
-                    [float(n) for n in dot.split()]
-                    for dot in re.findall(r"M([\d. ]+)h0", paths(panel, "blue")[0])
-                ]
-            )
-            # The optimum is the median of both, so its lines halve the dots.
-            np.testing.assert_allclose(
-                [upright[0, 0], level[0, 1]], np.median(dots, axis=0), atol=0.3
-            )
-            told = "".join(panel.itertext()).replace("\N{MINUS SIGN}", "-")
-            assert float(told) == pytest.approx(
-                np.corrcoef(drawn[across], drawn[upward])[0, 1], abs=0.006
-            )
-
-
-def test_a_narrow_posterior_keeps_the_strongest_correlations_and_says_so():
-    names = list(COMPONENTS)[:12]
-    drawn = {
-        name: np.random.default_rng(number).normal(size=200) for number, name in enumerate(names)
-    }
-    drawn[names[9]] = drawn[names[3]] + 0.1 * drawn[names[9]]
-    picture = corner(drawn, width=NARROW)
-    found = panels(picture)
-    assert f"{names[3]} {names[9]}" in found
-    assert len(found) == 10
-    assert "200 draws of 4 parameters, those of its 12" in re.sub(
-        r"</text><text[^>]*>", " ", picture
-    )
+    for row, line in enumerate(cells(corner(drawn, best))):
+        for across, cell in enumerate(line[:-1]):
+            _, upright, level, words = cell["layer"]
+            scale, _ = text.scale(NAMES[across], drawn[NAMES[across]])
+            [place] = upright["data"]["columns"][NAMES[across]]
+            assert place == pytest.approx(scale * best[NAMES[across]], rel=1e-5)
+            assert NAMES[row] in level["data"]["columns"]
+            told = float(words["mark"]["text"].replace("\N{MINUS SIGN}", "-"))
+            correlation = np.corrcoef(drawn[NAMES[across]], drawn[NAMES[row]])[0, 1]
+            assert told == pytest.approx(correlation, abs=0.006)
+            assert (words["mark"]["fontWeight"] == "bold") == (abs(correlation) >= 0.5)
+        bars = line[-1]["layer"][1]["data"]["columns"]
+        assert sum(bars["count"]) == 150
 
 
 @pytest.mark.parametrize(
@@ -250,11 +216,11 @@ def test_a_narrow_posterior_keeps_the_strongest_correlations_and_says_so():
     ],
     ids=["all equal", "one draw of zero", "one fixed", "on a line", "far apart"],
 )
-def test_odd_draws_make_a_picture_without_nan(drawn):
+def test_odd_draws_make_a_figure_without_nan(drawn):
     for optimum in (None, {"latency": 0.05}):
-        picture = corner(drawn, optimum)
-        panels(picture)
-        assert not re.search(r"nan|inf\b", picture.split("</style>")[1])
+        text = str(corner(drawn, optimum).json)
+        assert json.loads(text)["panels"]
+        assert not re.search(r"NaN|Infinity", text)
 
 
 def test_draws_that_do_not_belong_together_are_refused():
@@ -266,33 +232,29 @@ def test_draws_that_do_not_belong_together_are_refused():
 
 
 def test_errors_grow_in_four_panels_and_names_cannot_become_markup():
-    picture = horizons(errors())
-    found = panels(picture)
-    assert set(found) == {"position", "velocity", "attitude", "body_rates"}
-    assert "mine &lt;1&gt;" in picture
-    for panel in found.values():
-        (mine,) = [
-            points(path)
-            for path in paths(panel, "orange")
-            if not path.endswith("Z") and "L" in path
-        ]
-        (still,) = [
-            points(path) for path in paths(panel, "soft") if not path.endswith("Z") and "L" in path
-        ]
-        ground = mine[0, 1]
-        np.testing.assert_allclose((ground - still[1:, 1]) / (ground - mine[1:, 1]), 2.0, rtol=0.02)
+    figure = horizons(errors())
+    assert len(figure.panels) == 4
+    assert "mine <1>" not in str(figure.json)
+    for panel in range(4):
+        mine, still = (
+            {row["x"]: row["y"] for row in of(figure, panel, series=name)}
+            for name in ("mine <1>", PERSISTENCE)
+        )
+        assert list(mine) == [0.0, 0.1, 0.5]
+        for ahead in (0.1, 0.5):
+            assert still[ahead] == pytest.approx(2 * mine[ahead], rel=1e-4)
+        [row] = of(figure, panel, series="mine <1>", x=0.5)
+        assert (row["low"], row["high"]) == pytest.approx((0.9 * row["y"], 1.1 * row["y"]))
 
 
-def test_windows_as_many_as_fit():
-    wide, narrow = (
-        window_figure(windows(), WIDE),
-        window_figure(windows(), NARROW),
-    )
-    assert len(panels(wide)) == 5 * 4
-    assert len(panels(narrow)) == 5 * 2
-    assert "Predicted windows, 2 of 4" in narrow
-    heights = points(paths(panels(wide)["position_z 1"], "orange")[0])[:, 1]
-    assert heights[0] > heights[-1], "what climbs goes up"
+def test_a_column_a_window_and_heights_from_its_start():
+    figure = window_figure(windows())
+    assert (len(figure.panels), figure.columns) == (5 * 4, 4)
+    assert titles(figure)[0] == "roll [°]"
+    heights = of(figure, 16, series="mine")
+    assert heights[0]["y"] == 0.0
+    assert heights[-1]["y"] == pytest.approx(50.0), "in cm"
+    assert {row["series"] for row in rows(figure)} == {LOGGED, "mine"}
 
 
 def test_ticks_are_round_within_the_range_and_few():

@@ -55,7 +55,7 @@ def sent(rerun):
 
 def test_without_the_package_it_says_what_to_install(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "rerun", None)
-    with pytest.raises(InputError, match=r"pip install 'maidenflight\[viewer\]'"):
+    with pytest.raises(InputError, match=r"pip install '.\[viewer\]'"):
         live.show_flights([flight()], tmp_path / "flights.rrd")
 
 

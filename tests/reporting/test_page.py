@@ -3,12 +3,14 @@ without a network."""
 
 import base64
 import dataclasses
+import hashlib
 import json
 import re
 import shutil
 import subprocess
 from dataclasses import replace
 from os import environ
+from pathlib import Path
 from urllib.parse import unquote
 
 import numpy as np
@@ -28,6 +30,7 @@ from maidenflight.identification.drone_file import (
     Search,
     Source,
 )
+from maidenflight.reporting import page as page_module
 from maidenflight.reporting import text
 from maidenflight.reporting.page import report
 
@@ -336,6 +339,14 @@ def test_effects_that_were_identified_are_not_blamed(run, tmp_path):
     )
 
 
+def test_an_interval_at_a_search_bound_is_called_too_narrow(run, tmp_path):
+    assert "at its search bound" not in page(run, tmp_path)
+    estimates = drone_file.read(run / "drone.toml").estimates
+    thrust = dataclasses.replace(estimates["thrust_to_weight"], bounds=(1.5, 1.725))
+    changed(run, estimates={**estimates, "thrust_to_weight": thrust})
+    assert page(run, tmp_path).count("at its search bound") == 1
+
+
 def test_what_does_no_better_than_persistence_is_marked_and_explained(run, tmp_path):
     worse = errors().with_columns(
         attitude=polars.when(polars.col("model") == "drone.toml").then(9.0).otherwise("attitude")
@@ -351,13 +362,14 @@ def test_what_the_page_leaves_out_is_named(run, tmp_path):
     shutil.copytree(run / "policies", run / "hover")
     shutil.copytree(run / "transfer", run / "transfer_<b>")
     shutil.copy(run / "drone.toml", run / "held.toml")
-    (run / "prediction_hover.csv").write_text("# maidenflight prediction 1: what\npolicy\n")
+    for name in ("hover", "more"):
+        (run / f"prediction_{name}.csv").write_text("# maidenflight prediction 1: what\npolicy\n")
     (run / "empty").mkdir()
     (run / "odd.toml").write_bytes(b"\xff")
     content = page(run, tmp_path)
     told = (
         "policies: hover/; test flights: transfer_&lt;b&gt;/; predicted flights: "
-        "prediction_hover.csv; identified drones: held.toml."
+        "prediction_hover.csv, prediction_more.csv; identified drones: held.toml."
     )
     assert f"not on this page: {told}" in content
 
@@ -386,13 +398,13 @@ def test_the_same_run_gives_the_same_bytes_and_they_are_few(run, tmp_path):
         report(run, tmp_path / "1.html").read_bytes()
         == report(run, tmp_path / "2.html").read_bytes()
     )
-    assert len(page(run, tmp_path)) < 300_000
+    assert len(page(run, tmp_path)) < 1_100_000, "most of it the charts' library"
 
 
 def test_a_folder_without_a_run_is_refused(tmp_path):
     with pytest.raises(InputError, match="nothing of a run"):
         report(tmp_path, tmp_path / "page.html")
-    with pytest.raises(InputError, match="no such folder"):
+    with pytest.raises(InputError, match="no such file or folder"):
         report(tmp_path / "nowhere", tmp_path / "page.html")
 
 
@@ -403,9 +415,9 @@ def test_a_folder_without_a_run_is_refused(tmp_path):
         (
             "transfer/flight_04.csv",
             log.to_csv(circling(1.0)),
-            "4 flight logs, but flights.csv has 3 rows",
+            "flights.csv: 4 flight logs, but 3 rows",
         ),
-        ("recorded/flight_02.csv", "time\n0\n", "not a flight log"),
+        ("recorded/flight_02.csv", "# maidenflight flight 1\n0\n", "not a flight log"),
         ("demo.json", "{", "not valid JSON"),
         ("validation.csv", "model,horizon\nmine,0.1\n", "missing column position"),
         ("validation_windows.csv", "# record: {\nwindow\n1\n", "holds no valid JSON"),
@@ -523,7 +535,7 @@ def test_a_matrix_has_box_plots_and_its_cells(matrix, tmp_path):
     cells = file(content, "cells")
     assert cells.filter(control="pwm", latency=0.015, reality="far-7")["mean"].item() == 7.0
     assert file(content, "flights").height == 48
-    assert content.count('data-panel="near-7"') == 2, "wide and narrow"
+    assert content.count('"title":"near-7"') == 1
 
 
 def test_predicted_flights_have_their_own_section(tmp_path):
@@ -634,6 +646,74 @@ def test_in_a_browser_the_drone_moves_and_tables_sort(run, tmp_path):
         "motor_time_constant",
         "thrust_to_weight",
     ]
+
+
+_ALL = """
+<script>{
+figures.forEach(drawFigure);
+document.querySelector("#horizons .entry").click();
+const learning = document.querySelector("#learning");
+learning.querySelector(".files .button").click();
+const plan = JSON.parse(learning.querySelector("script").textContent);
+asFile(learning, plan, "png").then(png => { learning.dataset.png = png.slice(0, 40); });
+const [drawn] = drawings.get(document.querySelector("#horizons"));
+const marks = drawn.scenegraph().root.items[0].items;
+const dot = marks.find(mark => mark.items[0] && mark.items[0].tooltip).items[0];
+tell(null, {clientX: 5, clientY: 5}, null, dot.tooltip);
+}</script>
+"""
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
+def test_in_a_browser_charts_are_drawn_told_hidden_and_saved(run, tmp_path):
+    made = report(run, tmp_path / "page.html")
+    made.write_text(made.read_text() + _ALL)
+    dom = browsed(made, tmp_path, "theme=dark", "--virtual-time-budget=8000")
+    for name, panels in (("literature", 1), ("delays", 1), ("corner", 1), ("horizons", 4)):
+        [figure] = re.findall(rf'<figure class="chart" id="{name}">.*?</figure>', dom, re.DOTALL)
+        assert figure.count('class="marks"') == panels
+        assert "NaN" not in figure.replace('"NaN"', "")
+    [figure] = re.findall(r'<figure class="chart" id="horizons">.*?</figure>', dom, re.DOTALL)
+    assert re.findall(r'aria-pressed="(\w+)"', figure) == ["false", "true"]
+    assert "--orange" not in figure[figure.index('class="panels"') :], "hidden, and so not drawn"
+    assert "--soft" in figure
+    assert re.search(r'<div id="tip"[^>]*>.*<span>position \[cm\]</span><b>20</b>', dom)
+    saved = (tmp_path / "Downloads" / "learning.svg").read_text()
+    assert len(re.findall("<svg", saved)) == 4
+    assert "var(--" not in saved
+    assert "#14171b" in saved, "in the dark colours that it has on the page"
+    assert 'data-png="data:image/png;base64,iVBORw0KGgo' in dom
+
+
+def test_the_charts_library_is_that_of_its_packages():
+    folder = Path(page_module.__file__).parent / "vega"
+    said = (folder / "README.md").read_text()
+    told = dict(re.findall(r"^\| `([\w.-]+)` .*`([0-9a-f]{64})` \|$", said, re.MULTILINE))
+    files = {path.name for path in folder.glob("*.js")}
+    assert files == told.keys()
+    for name, digest in told.items():
+        assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == digest
+    assert "BSD" in said
+    assert not any("</script" in script for script in page_module.vega())
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
+def test_in_a_browser_a_click_on_a_dot_shows_its_flight(tmp_path):
+    for number, seconds in enumerate((2.0, 3.0, 1.0), 1):
+        log.write(tmp_path / "logs" / f"flight_{number}.csv", circling(seconds, simulated=""))
+    made = report(tmp_path / "logs", tmp_path / "page.html")
+    click = """<script>
+figures.forEach(drawFigure);
+setTimeout(() => {
+  const [, dot] = document.querySelectorAll("#trims .mark-symbol path");
+  dot.dispatchEvent(new MouseEvent("click", {bubbles: true}));
+}, 1000);
+</script>"""
+    made.write_text(made.read_text() + click)
+    dom = browsed(made, tmp_path, "", "--virtual-time-budget=4000")
+    assert re.findall(r'<tr data-flight="(\d)" class="chosen"', dom) == ["1"]
+    [trims] = re.findall(r'<figure class="chart" id="trims">.*?</figure>', dom, re.DOTALL)
+    assert trims.count('class="marks"') == 5
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")

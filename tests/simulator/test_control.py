@@ -43,9 +43,9 @@ def fly_pid(radius, parameters, seconds):
     start = dynamics.at_hover(jnp.array([0.0, 0.0, 1.0]), parameters)
     env_state = environment.begin(env, start, jnp.float32(0.0), parameters, jax.random.key(0))
     _, (flown, _) = rollout(
-        env, lambda _: jnp.zeros(4), env_state, parameters, jax.random.key(1), 100 * seconds
+        env, lambda _: jnp.zeros(4), env_state, parameters, jax.random.key(1), 500 * seconds
     )
-    return flown.state
+    return jax.tree.map(lambda values: values[4::5], flown.state)
 
 
 ASKED = np.array(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from maidenflight.errors import InputError
-from maidenflight.parameters import QUANTITIES, check, crazyflie
+from maidenflight.parameters import QUANTITIES, check, crazyflie, replace
 from maidenflight.simulator import control, dynamics, environment, tasks
 from maidenflight.simulator.rollout import rollout
 from maidenflight.simulator.virtual_drone import FAR_RANGES, RANGES, VARIANTS, virtual_drone
@@ -34,6 +34,36 @@ def test_every_virtual_drone_is_physical_and_within_its_spread(seed):
         assert np.float32(low) <= getattr(parameters, name) <= np.float32(high), name
     assert parameters.time_step == np.float32(0.001)
     assert all(np.asarray(getattr(parameters, name)).dtype == np.float32 for name in QUANTITIES)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("seed", range(6))
+def test_drones_about_another_differ_from_it_as_drawn_crazyflies_from_theirs(variant, seed):
+    centre = replace(
+        crazyflie(), thrust_to_weight=3.0, motor_time_constant=0.03, mass=0.5, inertia=(3e-3,) * 3
+    )
+    drone = virtual_drone(seed, variant, centre)
+    usual = virtual_drone(seed, variant)
+    share = 0.9 if variant == "far" else 1.0
+    assert 1.55 / 1.85 * 3.0 * share < drone.parameters.thrust_to_weight < 1.85 / 1.55 * 3.0
+    assert drone.parameters.mass == pytest.approx(0.5, rel=0.04)
+    np.testing.assert_allclose(
+        drone.parameters.inertia / 3e-3, usual.parameters.inertia / crazyflie().inertia, rtol=1e-5
+    )
+    assert drone.parameters.position_walk == 0.0
+    assert (drone.battery, usual.battery) == (False, True)
+    check(drone.parameters)
+
+
+def test_a_crazyflie_about_which_one_is_drawn_keeps_what_was_identified():
+    centre = replace(crazyflie(), motor_coasting=0.12, drag=(0.4, 0.2, 0.0))
+    drone = virtual_drone(5, "virtual", centre)
+    assert drone.battery
+    assert drone.parameters.motor_coasting == np.float32(0.12)
+    assert drone.parameters.drag[0] / drone.parameters.drag[1] == pytest.approx(
+        2 * float(np.divide(*virtual_drone(5).parameters.drag[:2])), rel=1e-5
+    )
+    assert drone.parameters.drag[2] > 0
 
 
 def test_a_negative_seed_and_an_unknown_kind_are_refused():
@@ -95,13 +125,15 @@ def test_a_virtual_drone_has_effects_that_the_papers_model_lacks():
 
 
 @pytest.mark.parametrize("controller", [control.pwm(), control.position_pid()])
-def test_an_action_holds_for_ten_milliseconds_whatever_the_controllers_rate(controller):
+def test_commands_and_actions_hold_for_their_periods(controller):
     drone = virtual_drone(0)
     env = drone.environment(tasks.circle(), controller)
     np.testing.assert_allclose(
         env.command_period(drone.parameters), 1 / controller.command_rate, rtol=1e-6
     )
-    np.testing.assert_allclose(env.control_period(drone.parameters), 0.01, rtol=1e-6)
+    np.testing.assert_allclose(
+        env.control_period(drone.parameters), 1 / controller.interface.rate, rtol=1e-6
+    )
 
 
 @pytest.mark.slow
@@ -113,7 +145,7 @@ def test_the_firmwares_pid_flies_the_circle_on_every_virtual_drone():
         start = dynamics.at_hover(jnp.array([0.0, 0.0, 1.0]), parameters)
         env_state = environment.begin(env, start, jnp.float32(0.0), parameters, key)
         _, (flown, step_result) = rollout(
-            env, lambda _: jnp.zeros(4), env_state, parameters, key, 600
+            env, lambda _: jnp.zeros(4), env_state, parameters, key, 3000
         )
         return flown.state, step_result.setpoint
 
@@ -135,6 +167,6 @@ def test_the_firmwares_pid_flies_the_circle_on_every_virtual_drone():
     assert np.all((height > 0.7) & (height < 1.3))
     assert np.all(tilt < 30)
     assert np.all(distance < 0.5)
-    assert np.all(np.ptp(state.position[:, 300:, 1], axis=1) > 0.35), (
+    assert np.all(np.ptp(state.position[:, 1500:, 1], axis=1) > 0.35), (
         "it flies the circle instead of hovering"
     )

@@ -199,7 +199,7 @@ def test_a_missing_package_is_said_before_anything_happens(
     logger: str, package: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, package, None)
-    expected = rf"pip install 'maidenflight\[{logger}\]'"
+    expected = rf"pip install '.\[{logger}\]'"
     with (
         pytest.raises(InputError, match=expected),
         loggers.opened([logger], tmp_path / "policies", 1, {}),

@@ -9,16 +9,31 @@ import sys
 import click
 
 from maidenflight import __version__
-from maidenflight.cli import cache, demo, export, identify, interruption, record, train, transfer
+from maidenflight.cli import (
+    cache,
+    demo,
+    drone,
+    export,
+    identify,
+    interruption,
+    record,
+    train,
+    transfer,
+    validate,
+)
 from maidenflight.errors import InputError
 
 _CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 
 
-def main() -> None:
-    """Entry point: exit code 2 and one line for a user's mistake, 130 when interrupted."""
+def main(patience: float | None = None) -> None:
+    """Runs a command: exit code 2 and one line for a user's mistake, 130 when interrupted.
+
+    Args:
+        patience: see `interruption.insisting`.
+    """
     try:
-        with interruption.insisting():
+        with interruption.insisting(patience):
             cache.keep_compiled()
             commands(prog_name="maidenflight", standalone_mode=False)
     except InputError as error:
@@ -31,11 +46,8 @@ def main() -> None:
         print(f"maidenflight: {_in_one_line(error)}", file=sys.stderr)
         sys.exit(error.exit_code)
     except (click.Abort, KeyboardInterrupt):
-        print(
-            "maidenflight: interrupted; finished files are complete, the rest was not written.",
-            file=sys.stderr,
-        )
-        sys.exit(130)
+        print(f"maidenflight: {interruption.line()}", file=sys.stderr)
+        sys.exit(interruption.CODE)
 
 
 def _in_one_line(error: click.ClickException) -> str:
@@ -58,9 +70,9 @@ def commands() -> None:
 for _command in (
     record.record,
     record.fly,
-    identify.drone,
+    drone.drone,
     identify.identify,
-    identify.validate,
+    validate.validate,
     train.train,
     transfer.transfer,
     transfer.predict,

@@ -8,7 +8,7 @@ import click
 
 from maidenflight import cores, terminal
 from maidenflight.cli import options
-from maidenflight.terminal import demo_output, flight_output
+from maidenflight.terminal import demo_output, flight_output, progress_output
 
 if TYPE_CHECKING:
     from maidenflight.demo import Demo, Plan
@@ -53,12 +53,15 @@ def demo(output: Path | None, seed: int, as_json: bool, overwrite: bool) -> None
             plan,
             Listener(
                 stage=begin,
-                evaluation=lambda done, of: move(done, of or None, f"identify: {done} evaluations"),
+                identification=lambda now: move(
+                    0, None, f"identify: {progress_output.remark(now)}"
+                ),
                 training=lambda progress: flight_output.scored(
                     move, progress, plan.learner.updates
                 ),
             ),
         )
+    options.print_notes(result.identification.notes)
     options.emit(as_json, _content(result), lambda: demo_output.summary(result))
 
 
@@ -83,6 +86,7 @@ def _content(result: "Demo") -> dict[str, Any]:
             for name, estimate in result.identification.estimates.items()
         },
         "truth": demo_output.truth(result),
+        "notes": result.identification.notes,
         "flights": result.transfer.table.to_dicts(),
         "stages": result.seconds,
         "best": str(result.best),

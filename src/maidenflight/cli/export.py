@@ -53,7 +53,13 @@ def export(
 
     written = workflow.export(policy, output, seed, to, control)
     content = {"files": [str(path) for path in written]}
-    options.emit(as_json, content, lambda: print("written " + ", ".join(map(str, written))))
+    home = policy.parent.parent if policy.parent.name == run_folder.POLICIES else policy.parent
+    options.emit(
+        as_json,
+        content,
+        lambda: print("written " + ", ".join(map(str, written))),
+        ("report", home),
+    )
 
 
 _REPORT = b"<footer>Written by maidenflight "
@@ -61,24 +67,30 @@ _REPORT = b"<footer>Written by maidenflight "
 
 
 @click.command()
-@click.argument("run", type=options.PATH)
-@options.output("HTML file; report.html in the folder unless given.")
+@click.argument("runs", metavar="RUN...", nargs=-1, required=True, type=options.PATH)
+@options.output("HTML file; report.html unless given, in the folder where RUN is one.")
 @options.as_json
 @click.option(
     "--overwrite",
     is_flag=True,
     help="Replace a file that is no report; an earlier report is replaced anyway.",
 )
-def report(run: Path, output: Path | None, as_json: bool, overwrite: bool) -> None:
-    """Make one self-contained HTML page of a RUN folder."""
-    output = output or run / run_folder.REPORT
+def report(runs: tuple[Path, ...], output: Path | None, as_json: bool, overwrite: bool) -> None:
+    """Make one self-contained HTML page of a RUN.
+
+    RUN is a folder, or files and folders of it: a drone, policies, flight logs of any format that
+    identify reads, and tables of results. They are known by what they hold, whatever their names.
+    """
+    home = runs[0] if len(runs) == 1 and runs[0].is_dir() else Path()
+    output = output or home / run_folder.REPORT
     with suppress(OSError):
         overwrite = overwrite or (output.is_file() and _REPORT in output.read_bytes())
     options.must_be_new(output, overwrite)
     from maidenflight.reporting.page import report as make
 
-    page = make(run, output)
-    options.emit(as_json, {"report": str(page)}, lambda: print(f"written {page}"))
+    page = make(runs, output)
+    said = f"written {page}; open it in a browser"
+    options.emit(as_json, {"report": str(page)}, lambda: print(said))
 
 
 @click.command()
@@ -89,7 +101,7 @@ def report(run: Path, output: Path | None, as_json: bool, overwrite: bool) -> No
 def view(flights: Path, output: Path | None, as_json: bool, overwrite: bool) -> None:
     """View FLIGHTS in rerun: a log, a folder of logs or a run.
 
-    Needs pip install 'maidenflight[viewer]'.
+    Needs the extra viewer: pip install '.[viewer]' in the source folder.
     """
     if output is not None:
         options.must_be_new(output, overwrite)

@@ -1,29 +1,88 @@
-"""Handling of Ctrl-C: none is lost, and interrupted work says how to resume."""
+"""Handling of Ctrl-C: none is lost, every one ends the process soon, and says how to resume.
+
+The main thread raises KeyboardInterrupt as soon as it runs Python again, and unwinds. That may take
+long: a compilation of XLA takes many seconds, and a pool of threads waits for its own. In a process
+of a command another thread then ends it. An import is not unwound but ends the process too, since
+extension modules print, hide or crash over what is raised in their midst. Files are written whole
+or not at all, so no moment is wrong.
+"""
 
 import _thread
+import os
 import shlex
 import signal
+import socket
 import sys
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 from maidenflight.errors import InputError, WriteError
 
 if TYPE_CHECKING:
     from types import FrameType
 
+CODE = 130
+"""Exit code of an interrupted command: 128 and the number of SIGINT, as of a shell."""
+PATIENCE = 1.0
+"""Longest that the main thread of a process may take to unwind; a second Ctrl-C ends that [s]."""
+
+
+def plainly() -> str:
+    """The line of an interrupted command that has nothing to resume."""
+    return "interrupted; finished files are complete, the rest was not written."
+
+
+_line: Callable[[], str] = plainly
+
+
+def line() -> str:
+    """What the command that was interrupted says."""
+    return _line()
+
+
+def leave(code: int) -> NoReturn:
+    """Ends the process without what Python does at its end.
+
+    Threads of XLA may still be compiling, and crash an interpreter that is being taken down.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):
+            stream.flush()
+    os._exit(code)
+
+
+def _end() -> NoReturn:
+    if sys.stderr.isatty():
+        print("\x1b[?25h", file=sys.stderr)  # a progress bar hides the cursor
+    print(f"maidenflight: {line()}", file=sys.stderr)
+    leave(CODE)
+
+
+def _importing(frame: "FrameType | None") -> bool:
+    while frame is not None:
+        if frame.f_code.co_filename.startswith("<frozen importlib"):
+            return True
+        frame = frame.f_back
+    return False
+
 
 @contextmanager
-def insisting() -> Iterator[None]:
+def insisting(patience: float | None = None) -> Iterator[None]:
     """Holds on to a Ctrl-C that Python would lose.
 
     One that falls into a callback of the garbage collector, JAX's or another, is dropped there, and
     is sent again. One that falls into the start of an extension module comes out as that module's
     ImportError, and is taken for what it was.
+
+    Args:
+        patience: of a process of a command: after this time a Ctrl-C that has come to nothing ends
+            it, and one in an import at once [s].
     """
+    global _line
+    _line = plainly
     before, interrupted = sys.unraisablehook, False
 
     def dropped(what: "sys.UnraisableHookArgs") -> None:
@@ -37,25 +96,68 @@ def insisting() -> Iterator[None]:
     def heard(number: int, frame: "FrameType | None") -> None:
         nonlocal interrupted
         interrupted = True
+        if patience is not None and _importing(frame):
+            _end()
         signal.default_int_handler(number, frame)
 
     sys.unraisablehook = dropped
-    own = (
-        signal.getsignal(signal.SIGINT) is signal.default_int_handler
-        and threading.current_thread() is threading.main_thread()
-    )
-    if own:
-        signal.signal(signal.SIGINT, heard)
     try:
-        yield
+        with _handled(heard, patience):
+            yield
     except ImportError as error:
         if interrupted:
             raise KeyboardInterrupt from error
         raise
     finally:
         sys.unraisablehook = before
-        if own:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@contextmanager
+def _handled(
+    heard: Callable[[int, "FrameType | None"], None], patience: float | None
+) -> Iterator[None]:
+    """Handles SIGINT by a function that raises, except where somebody else does."""
+    if (
+        signal.getsignal(signal.SIGINT) is not signal.default_int_handler
+        or threading.current_thread() is not threading.main_thread()
+    ):
+        yield
+        return
+    signal.signal(signal.SIGINT, heard)
+    try:
+        with nullcontext() if patience is None else _watched(heard, patience):
+            yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@contextmanager
+def _watched(handler: object, patience: float) -> Iterator[None]:
+    """Watches from another thread whether a SIGINT to a handler ends the command."""
+    ours, theirs = socket.socketpair()
+    theirs.setblocking(False)
+
+    def watch() -> None:
+        while sent := ours.recv(1):
+            # A real drone's session counts each Ctrl-C, and lands.
+            if sent[0] != signal.SIGINT or signal.getsignal(signal.SIGINT) is not handler:
+                continue
+            ours.settimeout(patience)
+            with suppress(TimeoutError):
+                if not ours.recv(1):
+                    return
+            _end()
+
+    watching = threading.Thread(target=watch, name="interruption", daemon=True)
+    watching.start()
+    before = signal.set_wakeup_fd(theirs.fileno(), warn_on_full_buffer=False)
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(before)
+        theirs.close()
+        watching.join()
+        ours.close()
 
 
 @contextmanager
@@ -64,6 +166,7 @@ def resumable(checkpoint: Path) -> Iterator[None]:
 
     Or that it holds nothing yet.
     """
+    global _line
     again = shlex.join(
         [
             "maidenflight",
@@ -71,22 +174,17 @@ def resumable(checkpoint: Path) -> Iterator[None]:
             "--resume",
         ]
     )
+
+    def how() -> str:
+        if checkpoint.exists():
+            return f"interrupted; {checkpoint} holds what was reached. Go on with: {again}"
+        from_start = shlex.join(["maidenflight", *sys.argv[1:]])
+        return f"interrupted before anything was reached. Start again with: {from_start}"
+
+    _line = how
     try:
         yield
-    except KeyboardInterrupt:
-        if not checkpoint.exists():
-            again_from_start = shlex.join(["maidenflight", *sys.argv[1:]])
-            print(
-                "maidenflight: interrupted before anything was reached. Start again with: "
-                f"{again_from_start}",
-                file=sys.stderr,
-            )
-            sys.exit(130)
-        print(
-            f"maidenflight: interrupted; {checkpoint} holds what was reached. Go on with: {again}",
-            file=sys.stderr,
-        )
-        sys.exit(130)
+        _line = plainly
     except WriteError as error:
         if not checkpoint.exists():
             raise

@@ -1,8 +1,9 @@
 """Options that commands share, and what every command does about them."""
 
 import json
+import shlex
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,22 @@ CONTROLS = ("pwm", "attitude_rate", "attitude")
 TASKS = ("circle", "figure_eight", "hover", "take_off")
 REALITIES = (
     "near:SEED, virtual:SEED or far:SEED, with growing mismatch to the training model; "
+    "near:SEED@DRONE and so on, about a drone of your own; "
     "pybullet:SEED (virtual:SEED in PyBullet); MODULE:FACTORY of your own; or a drone's TOML file"
 )
 PATH = click.Path(path_type=Path)
+
+
+class Range(click.FloatRange):
+    """A range of numbers; nan, which is neither below nor above anything, is none of them."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Reads a number."""
+        number = super().convert(value, param, ctx)
+        if number != number:
+            self.fail(f"{value!r} is not a number.", param, ctx)
+        return number
+
 
 seed = click.option(
     "--seed",
@@ -30,7 +44,34 @@ as_json = click.option(
     is_flag=True,
     help="Print one JSON object on standard output and nothing else there.",
 )
+mass = click.option(
+    "--mass",
+    type=Range(min=5.0, max=5000.0),
+    metavar="GRAMS",
+    help="Mass of what flies, battery and decks included; that of the drone unless given. Inertia "
+    "and thrust-to-weight ratio follow it.",
+)
+accept_bounds = click.option(
+    "--accept-bounds",
+    is_flag=True,
+    help="Take a drone although an identified parameter lies at a bound of its search, where its "
+    "interval is too narrow.",
+)
 overwrite = click.option("--overwrite", is_flag=True, help="Replace results of an earlier run.")
+commands = click.option(
+    "--commands",
+    type=click.Choice(["zero-order-hold", "subsampled"]),
+    help="What commands stand for in logs that do not say it: each acts until the "
+    "next row, as a policy's, or the log is subsampled from the firmware's faster PID, which is "
+    "assumed unless given. Taken the wrong way, latency is half a row off.",
+)
+battery_law = click.option(
+    "--battery-law",
+    metavar="NAME",
+    help="Battery compensation by which logged PWM is read as thrust: '2.1+ propellers', 'legacy "
+    "propellers', 'thrust upgrade', 'firmware of 2021', 'firmware of 2021, before it compensates', "
+    "'2.1 Brushless', or 'unknown, PWM squared'. The logs decide unless given.",
+)
 
 
 def output(
@@ -38,17 +79,6 @@ def output(
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Where results go; a command may do without a default."""
     return click.option("-o", "--output", default=default, show_default=True, type=PATH, help=what)
-
-
-class Range(click.FloatRange):
-    """A range of numbers; nan, which is neither below nor above anything, is none of them."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Reads a number."""
-        number = super().convert(value, param, ctx)
-        if number != number:
-            self.fail(f"{value!r} is not a number.", param, ctx)
-        return number
 
 
 def randomization(
@@ -81,7 +111,7 @@ def must_exist(drone: str) -> None:
     if drone.endswith(".toml") and not Path(drone).exists():
         raise InputError(
             f"{drone}: no such drone. Identify one (maidenflight identify LOGS -o {drone}), or "
-            "give another file, or the name crazyflie."
+            "give another file or a name (maidenflight drone --list)."
         )
 
 
@@ -114,9 +144,26 @@ def print_notes(notes: Iterable[str]) -> None:
         print(f"note: {note}", file=sys.stderr)
 
 
-def emit(as_json: bool, content: dict[str, Any], text: Callable[[], None]) -> None:
-    """Prints a command's result: its content as JSON if asked for, or what `text` prints."""
+def emit(
+    as_json: bool,
+    content: dict[str, Any],
+    text: Callable[[], None],
+    then: Sequence[object] = (),
+    remark: str = "",
+) -> None:
+    """Prints a command's result: its content as JSON if asked for, or what `text` prints.
+
+    Args:
+        as_json: whether it is asked for.
+        content: for JSON.
+        text: prints it for people.
+        then: the words of the command that comes next, for people.
+        remark: what else they should know of it.
+    """
     if as_json:
         print(json.dumps(content))
-    else:
-        text()
+        return
+    text()
+    if then:
+        command = shlex.join(["maidenflight", *map(str, then)])
+        print(f"next: {command}{f'  ({remark})' if remark else ''}")

@@ -76,6 +76,14 @@ def _duration(
     "and latency visible. 0: plain PID.",
 )
 @click.option(
+    "--rate",
+    default=500,
+    show_default=True,
+    type=click.IntRange(1, 500),
+    help="Rows a second of a virtual drone's log, a divisor of 500: 500 as on a micro-SD card, 100 "
+    "as by radio, which holds one command in five.",
+)
+@click.option(
     "--steps",
     default=0.1,
     show_default=True,
@@ -90,6 +98,7 @@ def _duration(
     is_flag=True,
     help="Fly nothing; make the logs that a crash has left as rows in the folder.",
 )
+@options.accept_bounds
 @options.seed
 @options.as_json
 @options.overwrite
@@ -102,18 +111,20 @@ def record(
     count: int,
     duration: float,
     excitation: float,
+    rate: int,
     steps: float,
     task: str,
     height: float,
     recover: bool,
+    accept_bounds: bool,
     seed: int,
     as_json: bool,
     overwrite: bool,
 ) -> None:
     """Record flights, of a virtual drone or a real Crazyflie.
 
-    They are flown by the firmware's position PID and logged at 100 Hz: on a virtual drone
-    (simulated), or with --uri on a real one. A real drone takes off, follows the task's reference
+    They are flown by the firmware's position PID: on a virtual drone (simulated), or with --uri on
+    a real one, whose log comes by radio at 100 Hz. A real drone takes off, follows the reference
     and lands. Ctrl-C lands it, a second Ctrl-C stops its motors. Every row is on disk as soon as it
     has come; logs are added to the folder and never replaced.
     """
@@ -122,11 +133,14 @@ def record(
         for name in context.params
         if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
     }
-    virtual, real = {"reality", "excitation", "overwrite"}, {"steps", "task", "height"}
+    virtual, real = (
+        {"reality", "excitation", "rate", "accept_bounds", "overwrite"},
+        {"steps", "task", "height"},
+    )
     if wrong := sorted(given & (virtual if uri else real)):
         raise click.UsageError(
-            f"--{wrong[0]} is for {'virtual drones' if uri else 'a real drone (--uri)'}. Leave it "
-            "out."
+            f"--{wrong[0].replace('_', '-')} is for "
+            f"{'virtual drones' if uri else 'a real drone (--uri)'}. Leave it out."
         )
     if recover:
         _recover(output, as_json)
@@ -150,13 +164,14 @@ def record(
     with terminal.progress("record", None) as move:
         move(0, None, "compiling and flying")
         written = workflow.record(
-            workflow.reality(reality),
+            workflow.reality(reality, accept_bounds),
             seed,
             output,
             output / run_folder.REALITY,
             count,
             duration,
             excitation,
+            rate,
         )
     truth = output / run_folder.REALITY
     known = str(truth) if truth.exists() else None
@@ -170,6 +185,7 @@ def record(
         as_json,
         content,
         lambda: print(f"{count} simulated flights of {duration:g} s in {output}/{where}"),
+        ("identify", output),
     )
 
 
@@ -183,7 +199,7 @@ def record(
 @_flights(1)
 @_duration(10.0, 1.0, "Seconds that the policy flies in each.")
 @click.option(
-    "--full",
+    "--full-scale-counts",
     type=options.Range(30000.0, 65535.0),
     help="Firmware counts of a thrust command of 1, if not those of the exported policy.",
 )
@@ -223,11 +239,10 @@ def _fly_really(uri: str, output: Path, as_json: bool, **asked: Any) -> None:
     def text() -> None:
         for note in (note for one in flown for note in one.notes):
             print(f"note: {note}")
-        print(f"{len(flown)} flights in {output}/; next: maidenflight identify {output}")
+        print(f"{len(flown)} flights in {output}/")
 
-    options.emit(
-        as_json, {"flights": rows, "simulated": not uri.startswith(("radio://", "usb://"))}, text
-    )
+    content = {"flights": rows, "simulated": not uri.startswith(("radio://", "usb://"))}
+    options.emit(as_json, content, text, ("identify", output))
     if len(flown) < asked["count"] or any(one.ending.reason != COMPLETE for one in flown):
         sys.exit(1)
 
@@ -244,4 +259,5 @@ def _recover(folder: Path, as_json: bool) -> None:
             print(f"note: {reason}")
         print(f"{len(made)} logs made of rows in {folder}/")
 
-    options.emit(as_json, {"logs": [str(path) for path in made], "refused": refused}, text)
+    content = {"logs": [str(path) for path in made], "refused": refused}
+    options.emit(as_json, content, text, ("identify", folder) if made else ())

@@ -105,6 +105,7 @@ if TYPE_CHECKING:
     help="Show evaluations and flights of the best policy while training runs: in rerun's viewer, "
     "or in an .rrd FILE for it.",
 )
+@options.accept_bounds
 @options.seed
 @options.as_json
 @options.overwrite
@@ -122,6 +123,7 @@ def train(
     resume: bool,
     logger_names: tuple[str, ...],
     view: str | None,
+    accept_bounds: bool,
     seed: int,
     as_json: bool,
     overwrite: bool,
@@ -171,6 +173,7 @@ def train(
             logger_names,
             history,
             yaw_penalty,
+            accept_bounds,
         )
     scores = _scores(heard, count)
     content = {
@@ -200,7 +203,7 @@ def train(
             )
         print(f"written to {output}/")
 
-    options.emit(as_json, content, text)
+    options.emit(as_json, content, text, ("transfer", output))
 
 
 _MIN_SURVIVAL = 0.1

@@ -22,7 +22,13 @@ if TYPE_CHECKING:
     "--reality",
     "realities",
     multiple=True,
-    help=f"Where: {options.REALITIES}; may be repeated (virtual:7 unless given).",
+    help=f"Where: {options.REALITIES}; may be repeated (virtual:7 unless given, about --drone).",
+)
+@click.option(
+    "--drone",
+    "drone_",
+    metavar="DRONE",
+    help="Your drone, a TOML file or a name: policies fly virtual:7@DRONE unless --reality says.",
 )
 @click.option(
     "--task",
@@ -52,18 +58,21 @@ if TYPE_CHECKING:
 @click.option(
     "--seed", type=int, help="Random seed; the same seed gives the same results (0 unless given)."
 )
+@options.accept_bounds
 @options.as_json
 @options.overwrite
 def transfer(
     policies: tuple[Path, ...],
     output: Path,
     realities: tuple[str, ...],
+    drone_: str | None,
     task: str | None,
     trials: int | None,
     duration: float | None,
     settings: Path | None,
     resume: bool,
     seed: int | None,
+    accept_bounds: bool,
     as_json: bool,
     overwrite: bool,
 ) -> None:
@@ -76,12 +85,12 @@ def transfer(
         if (
             policies
             or realities
-            or any(given is not None for given in (task, trials, duration, seed))
+            or any(given is not None for given in (drone_, task, trials, duration, seed))
         ):
             raise click.UsageError(
                 f"{settings} says which policies fly, where and how. Give --matrix alone, with -o."
             )
-        _transfer_matrix(settings, output, resume, overwrite, as_json)
+        _transfer_matrix(settings, output, resume, overwrite, as_json, accept_bounds)
         return
     if not policies or resume:
         raise click.UsageError(
@@ -93,7 +102,8 @@ def transfer(
     from maidenflight import workflow
 
     with terminal.progress("transfer", None) as move:
-        places = [workflow.reality(name) for name in realities or ("virtual:7",)]
+        asked = realities or (f"virtual:7@{drone_}" if drone_ else "virtual:7",)
+        places = [workflow.reality(name, accept_bounds) for name in asked]
         files = workflow.policy_files(policies)
         task, notes = workflow.task_to_fly(files, task)
         options.print_notes(notes)
@@ -120,11 +130,16 @@ def transfer(
             flight_output.best([best], "longest mean flight; among equals the smallest mean error")
         print(f"written to {output}/, a row a flight in flights.csv")
 
-    options.emit(as_json, content, text)
+    options.emit(as_json, content, text, ("export", best))
 
 
 def _transfer_matrix(
-    settings: Path, output: Path, resume: bool, overwrite: bool, as_json: bool
+    settings: Path,
+    output: Path,
+    resume: bool,
+    overwrite: bool,
+    as_json: bool,
+    accept_bounds: bool,
 ) -> None:
     options.must_be_new(output, overwrite, resume)
     cores.as_devices()
@@ -136,7 +151,13 @@ def _transfer_matrix(
         terminal.progress("transfer", len(asked.cells)) as move,
         resumable(output / run_folder.POLICIES),
     ):
-        flights = workflow.transfer_matrix(asked, output, move, restart=overwrite and not resume)
+        flights = workflow.transfer_matrix(
+            asked,
+            output,
+            move,
+            restart=overwrite and not resume,
+            accept_bounds=accept_bounds,
+        )
     cells = matrix.by_cell(flights, asked.duration)
 
     def text() -> None:
@@ -155,6 +176,7 @@ def _transfer_matrix(
             "output": str(output),
         },
         text,
+        ("report", output),
     )
 
 
@@ -204,6 +226,7 @@ def _transfer_matrix(
     help="2021.10 as the authors' drone ran it, or 2026.08, for which attitude-rate and attitude "
     "policies of ours are trained.",
 )
+@options.accept_bounds
 @options.seed
 @options.as_json
 @options.overwrite
@@ -216,6 +239,7 @@ def predict(
     randomize: float | str | None,
     control: str | None,
     firmware: str,
+    accept_bounds: bool,
     seed: int,
     as_json: bool,
     overwrite: bool,
@@ -245,6 +269,7 @@ def predict(
             randomization=randomize,
             structure=control,
             firmware=firmware,
+            accept_bounds=accept_bounds,
             on_policy=lambda done, of: move(done, of, "policies flown"),
         )
 
@@ -269,7 +294,7 @@ def predict(
         "simulated": True,
         "output": str(output),
     }
-    options.emit(as_json, content, text)
+    options.emit(as_json, content, text, ("export", best[0]))
 
 
 def _flight_times_content(files: list[Path], flown: "DataFrame") -> list[dict[str, Any]]:

@@ -26,8 +26,9 @@ class Exporter:
     help: str
     """One sentence for the command line."""
     takes: tuple[str, ...] = ("record",)
-    """Keywords that the function takes: `name` of the policy, `seed` of random numbers in what is
-    written, `record` of how the policy was made."""
+    """Keywords that the function takes: `name` of the policy, `hover`, the share of full thrust at
+    which its drone hovers, `seed` of random numbers in what is written, `record` of how the policy
+    was made."""
 
     def __call__(self, policy: "Policy", folder: "StrPath", **given: Any) -> list[Path]:
         """Writes a policy.
@@ -35,7 +36,8 @@ class Exporter:
         Args:
             policy: the policy.
             folder: where to write; made if missing.
-            given: `name`, `seed`, `record`; those that the function does not take are left out.
+            given: `name`, `hover`, `seed`, `record`; those that the function does not take
+                are left out.
 
         Returns:
             The files written.
@@ -54,9 +56,11 @@ EXPORTERS: dict[str, Exporter] = {
         f"{_HERE}.c:export_c",
         "firmware",
         "C99 without dependencies, policy.h and policy.c",
-        ("seed", "record"),
+        ("hover", "seed", "record"),
     ),
-    "onnx": Exporter(f"{_HERE}.onnx:export_onnx", "onnx_policy", "policy.onnx"),
+    "onnx": Exporter(
+        f"{_HERE}.onnx:export_onnx", "onnx_policy", "policy.onnx", ("hover", "record")
+    ),
     "authors": Exporter(
         f"{_HERE}.authors_json:export_authors_json",
         "authors_policy",
@@ -67,7 +71,7 @@ EXPORTERS: dict[str, Exporter] = {
         f"{_HERE}.crazyflie:export_crazyflie",
         "crazyflie_app",
         "an app that builds beside an unmodified Crazyflie firmware",
-        ("seed", "record"),
+        ("hover", "seed", "record"),
     ),
 }
 """By the word that the command line takes."""

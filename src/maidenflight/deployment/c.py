@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maidenflight import __version__, results
-from maidenflight.deployment.commands import described, level_in_c
+from maidenflight.deployment.commands import check_hover, described, level_in_c
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
 from maidenflight.policy import Policy, to_json
@@ -47,16 +47,19 @@ def export_c(
     policy: Policy,
     directory: StrPath,
     *,
+    hover: float | None = None,
     seed: int = 0,
     record: Mapping[str, Any] | None = None,
 ) -> list[Path]:
     """Writes a policy as `policy.h` and `policy.c`.
 
-    The same policy, seed and record give the same bytes.
+    The same arguments give the same bytes.
 
     Args:
         policy: the policy, of any control interface.
         directory: where to write; made if missing.
+        hover: share of full thrust at which the drone hovers, 1 / thrust_to_weight, for
+            `MF_HOVER`; not written unless given.
         seed: random seed of the golden vectors.
         record: how the policy was made, for the header's comment.
 
@@ -64,9 +67,10 @@ def export_c(
         The files written: the header and the source.
 
     Raises:
-        InputError: the policy makes no sense or the directory cannot be written.
+        InputError: the policy or the share makes no sense, or the directory cannot be written.
     """
     policy.check()
+    check_hover(hover)
     interface = policy.interface
     layers = _padded(policy)
     observations = golden_observations(policy, seed)
@@ -81,6 +85,8 @@ def export_c(
         "control": interface.name,
         "commands": _wrapped(f"Commands: {described(interface)}"),
         "level": level_in_c(interface),
+        "share": "1.0f / thrust_to_weight" if hover is None else "MF_HOVER",
+        "hover": "" if hover is None else _hover(hover),
         "drive": "drive_motors" if interface.name == "pwm" else "follow",
         "rate": interface.rate,
         "history": policy.history,
@@ -206,6 +212,11 @@ def _tables(
 def _literal(number: np.float32) -> str:
     """The shortest C literal that reads back to the same float32."""
     return f"{number!s}f"
+
+
+def _hover(share: float) -> str:
+    told = "share of full thrust at which the drone that it was trained for hovers"
+    return f"#define MF_HOVER {_literal(np.float32(share))} /* {told} */\n"
 
 
 def _array(name: str, numbers: Numbers) -> str:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from maidenflight.errors import InputError
 from maidenflight.simulator.interface import THRUST, ControlInterface
 
 _FOLLOWED = (
@@ -38,6 +39,16 @@ def described(interface: ControlInterface) -> str:
         )
     parts.append(_NOTES.get(interface.name, ""))
     return " ".join(part for part in parts if part)
+
+
+def check_hover(share: float | None) -> None:
+    """Checks the share of full thrust at which a drone hovers; None where it is not known.
+
+    Raises:
+        InputError: it is no share.
+    """
+    if share is not None and not 0.0 < share <= 1.0:
+        raise InputError(f"hover = {share}; expected a share above 0 and at most 1.")
 
 
 def level_in_c(interface: ControlInterface) -> str:

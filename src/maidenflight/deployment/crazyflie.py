@@ -39,6 +39,7 @@ def export_crazyflie(
     policy: Policy,
     directory: StrPath,
     *,
+    hover: float | None = None,
     seed: int = 0,
     record: Mapping[str, Any] | None = None,
 ) -> list[Path]:
@@ -49,6 +50,7 @@ def export_crazyflie(
     Args:
         policy: the policy.
         directory: where to write; made if missing.
+        hover: see `export_c`; the app itself measures it in flight.
         seed: random seed of the golden vectors of the self-test.
         record: how the policy was made, for a comment.
 
@@ -88,7 +90,7 @@ def export_crazyflie(
         "drive": _text(f"src/{interface.name}.drive"),
     }
     folder = Path(directory)
-    code = export_c(policy, folder / "src", seed=seed, record=record)
+    code = export_c(policy, folder / "src", hover=hover, seed=seed, record=record)
     made = {name: _text(name) for name in _VERBATIM}
     made |= {
         name: Template(_text(f"{name}.template")).substitute(content)

@@ -14,8 +14,8 @@ import numpy as np
 
 from maidenflight import __version__, results
 from maidenflight.deployment.c import digest, golden_observations
-from maidenflight.deployment.commands import described
-from maidenflight.errors import InputError
+from maidenflight.deployment.commands import check_hover, described
+from maidenflight.errors import InputError, not_installed
 from maidenflight.inputs import StrPath
 from maidenflight.policy import INSTANT, Policy
 from maidenflight.simulator.environment import ACTION_SIZE
@@ -27,8 +27,10 @@ IR = 8
 """Version of the file format."""
 
 
-def to_onnx(policy: Policy, record: Mapping[str, Any] | None = None) -> bytes:
-    """The bytes of an ONNX model. The same policy and record give the same bytes.
+def to_onnx(
+    policy: Policy, record: Mapping[str, Any] | None = None, hover: float | None = None
+) -> bytes:
+    """The bytes of an ONNX model. The same arguments give the same bytes.
 
     Input: `observation`, float32 (batch, 20 H), SI units, laid out as `policy.INSTANT`, oldest
     instant first. Outputs: `command`, float32 (batch, 4), centre + span clip(a, -1, 1) of the
@@ -39,17 +41,18 @@ def to_onnx(policy: Policy, record: Mapping[str, Any] | None = None) -> bytes:
     Args:
         policy: the policy.
         record: how the policy was made, for the metadata.
+        hover: share of full thrust at which the drone hovers, 1 / thrust_to_weight, for the
+            metadata; not there unless given.
 
     Raises:
-        InputError: the `onnx` package is not installed, or the policy makes no sense.
+        InputError: the `onnx` package is not installed, or the policy or the share makes no sense.
     """
     try:
         from onnx import TensorProto, helper, numpy_helper
     except ImportError as error:
-        raise InputError(
-            "onnx is not installed, but an ONNX export needs it: pip install 'maidenflight[onnx]'"
-        ) from error
+        raise not_installed("onnx", "onnx", "an ONNX export") from error
     _check(policy)
+    check_hover(hover)
     command = described(policy.interface)
 
     def table(name: str, columns: int, told: str) -> Any:
@@ -93,28 +96,34 @@ def to_onnx(policy: Policy, record: Mapping[str, Any] | None = None) -> bytes:
         "sha256": digest(policy),
         "record": json.dumps(dict(record or {})),
     }
+    metadata |= {} if hover is None else {"hover": f"{np.float32(hover)!s}"}
     helper.set_model_props(model, metadata)
     return model.SerializeToString(deterministic=True)
 
 
 def export_onnx(
-    policy: Policy, directory: StrPath, *, record: Mapping[str, Any] | None = None
+    policy: Policy,
+    directory: StrPath,
+    *,
+    hover: float | None = None,
+    record: Mapping[str, Any] | None = None,
 ) -> list[Path]:
     """Writes a policy as `policy.onnx`; see `to_onnx`.
 
     Args:
         policy: the policy.
         directory: where to write; made if missing.
+        hover: see `to_onnx`.
         record: how the policy was made, for the metadata.
 
     Returns:
         The file written, alone in a list.
 
     Raises:
-        InputError: the `onnx` package is not installed, the policy makes no sense or the directory
-            cannot be written.
+        InputError: the `onnx` package is not installed, the policy or the share makes no sense, or
+            the directory cannot be written.
     """
-    return [results.write(Path(directory) / NAME, to_onnx(policy, record))]
+    return [results.write(Path(directory) / NAME, to_onnx(policy, record, hover))]
 
 
 def _check(policy: Policy) -> None:

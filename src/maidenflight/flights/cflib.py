@@ -139,7 +139,8 @@ def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], 
     Position, velocity and attitude may be missing together where there is an accelerometer.
 
     Raises:
-        InputError: a signal is missing, or is never in the same row as the others.
+        InputError: a signal is missing, or is never in the same row as the others; or its battery
+            law is not known.
     """
     clock = next(
         (name for wanted in CLOCKS for name in table.frame.columns if name.lower() == wanted), None
@@ -182,7 +183,7 @@ def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], 
         battery=volts.astype(np.float32),
         setpoint=values.get("setpoint", unknown).astype(np.float32),
         zero_order_hold=period < _LOOP,
-        full=MOST_COUNTS,
+        full_scale_counts=MOST_COUNTS,
         assumed=period >= _LOOP,
         accelerometer=_float32(values.get("accelerometer")),
         rotor_speed=_float32(values.get("rotor speed")),
@@ -224,8 +225,8 @@ def _chosen(table: Table) -> dict[str, Spelling]:
 
 def _law(table: Table, values: dict[str, np.ndarray], volts: np.ndarray) -> tuple[str, str]:
     """The battery law by which motors are read, and why by it."""
-    said = table.head.get(compensation.SAID_IN_HEAD)
-    if said is not None and said in compensation.LAWS:
+    said = compensation.said(table.head, table.name)
+    if said is not None:
         return said, compensation.SAID
     if "thrust" in values:
         found = compensation.law_of(values["PWM"], volts, values["thrust"][:, 0])

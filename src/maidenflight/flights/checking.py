@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from maidenflight.errors import InputError
-from maidenflight.flights import consistency, resampling
+from maidenflight.flights import airborne, consistency, resampling
 from maidenflight.flights.log import GROUPS, OPTIONAL, Flight
 
 MAX_TILT_RAD = np.radians(60.0)
@@ -32,6 +32,8 @@ EMPTY = 2.8
 """Battery voltage of a cell below which a Crazyflie's firmware can no longer make up for it: u = 1
 asks for 2.95 V at the motors [V]."""
 
+_RUNAWAY = 50
+"""Rows in which body rates never come back before their end is cut off."""
 _MAX_SETPOINT_M = 1e6
 """Set-point beyond which it is none [m]."""
 _STATE = ("position", "velocity", "attitude")
@@ -61,6 +63,9 @@ def pieces(
         flight, time, evened = resampling.resampled(flight, time)
         cuts, jumps = _cuts(flight, time)
         notes = [*filled, *evened, *jumps]
+    flight, runaway = _before_runaway(flight)
+    cuts = cuts[: len(flight)]
+    notes += runaway
     _refuse_wrong_units(flight)
     flight, unknown = _blanked(flight)
     notes += unknown
@@ -97,6 +102,25 @@ def pieces(
             "firmware can no longer make up for it"
         )
     return kept, notes
+
+
+def _before_runaway(flight: Flight) -> tuple[Flight, list[str]]:
+    """The flight without an end in which no body rate is possible any more, and a note on it.
+
+    In a wrong unit rates are too large as well, but pass through zero now and then.
+    """
+    with np.errstate(invalid="ignore"):
+        wild = np.abs(flight.body_rates).max(axis=1) > MAX_BODY_RATE_RAD_S
+    sound = np.flatnonzero(~wild)
+    end = int(sound[-1]) + 1 if len(sound) else 0
+    lost = len(flight) - end
+    if lost < _RUNAWAY or end < lost / 10 or wild[:end].mean() > 0.1:
+        return flight, []
+    note = (
+        f"{flight.name}: {lost} rows dropped: body rates run away above "
+        f"{MAX_BODY_RATE_RAD_S:g} rad/s until the end (first: row {end + 1})"
+    )
+    return flight.part(0, end), [note]
 
 
 def _blanked(flight: Flight) -> tuple[Flight, list[str]]:
@@ -148,8 +172,14 @@ def _faults(flight: Flight, cuts: Bool[np.ndarray, "N"]) -> dict[str, Bool[np.nd
             > MAX_TILT_RAD,
             f"body rate above {MAX_BODY_RATE_RAD_S:g} rad/s": np.abs(flight.body_rates).max(axis=1)
             > MAX_BODY_RATE_RAD_S,
-            f"below {MIN_HEIGHT_M:g} m": flight.position[:, 2] < MIN_HEIGHT_M,
-            "motors off": flight.command.max(axis=1) <= 0.0,
+            **(
+                {
+                    f"below {MIN_HEIGHT_M:g} m": flight.position[:, 2] < MIN_HEIGHT_M,
+                    "motors off": flight.command.max(axis=1) <= 0.0,
+                }
+                if flight.has_state
+                else airborne.faults(flight)
+            ),
             "command outside [0, 1]": (flight.command < -0.001).any(axis=1)
             | (flight.command > 1.001).any(axis=1),
             "every column stands still": _still(flight),
@@ -292,6 +322,13 @@ def _refuse_wrong_units(flight: Flight) -> None:
         ("velocity", np.abs(flight.velocity), 100.0, "m/s", "millimetres a second"),
         ("battery", flight.battery, 100.0, "V", "millivolts"),
     )
+    heights = flight.position[:, 2][np.isfinite(flight.position[:, 2])]
+    if len(heights) and np.quantile(heights, 0.9) < -MIN_HEIGHT_M:
+        raise InputError(
+            f"{flight.name}: position_z is typically {np.median(heights):.3g}; expected metres "
+            "above the ground, it looks like z down (NED). Turn the signs of y and z of position, "
+            "velocity and body rates, and of pitch and yaw."
+        )
     for name, values, largest, unit, wrong in tests:
         finite = values[np.isfinite(values)]
         typical = np.quantile(finite, 0.9) if len(finite) else np.nan

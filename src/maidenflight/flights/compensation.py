@@ -16,6 +16,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from jaxtyping import Float
 
+from maidenflight.errors import InputError
 from maidenflight.simulator import battery
 from maidenflight.simulator.battery import MOST_COUNTS
 
@@ -27,8 +28,9 @@ NONE = "firmware of 2021, before it compensates"
 
 BRUSHLESS = "2.1 Brushless"
 """Its firmware maps forces to PWM without the battery, so that thrust falls with it. Here u is what
-the motors' voltage gives: the rotor speed is affine in it, (volts + 0.30 V) / 4.50 V of that at 4.2
-V, by the measured speeds of 16 flights (15,012 rpm at 1.534 V, 16,290 rpm at 1.690 V)."""
+the motors' voltage gives: by the measured speeds of 16 flights (15,012 rpm at 1.534 V, 16,290 rpm
+at 1.690 V) the rotor speed is affine in it, (volts + 0.30 V) / 2.85 V of the 23,200 rpm that a
+thrust stand shows at full PWM (IMRCLab 2026, cf21bl_guards)."""
 UNKNOWN = "unknown, PWM squared"
 """Where the battery was not logged: rotor speed proportional to PWM."""
 HOVER_VOLTS = 1.9
@@ -61,7 +63,7 @@ LAWS: Mapping[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] = {
         battery.thrust_command(ratio, volts) * np.float32(battery.COUNTS / MOST_COUNTS)
     ),
     BRUSHLESS: lambda ratio, volts: np.where(
-        ratio <= 0, 0.0, np.clip((ratio * volts + 0.30) / 4.50, 0.0, 1.0) ** 2
+        ratio <= 0, 0.0, np.clip((ratio * volts + 0.30) / 2.85, 0.0, 1.0) ** 2
     ),
     NONE: lambda ratio, volts: ratio + 0.0 * volts,
     UNKNOWN: lambda ratio, volts: ratio**2 + 0.0 * np.nan_to_num(volts),
@@ -138,6 +140,24 @@ def assumed(pwm: Float[np.ndarray, "N 4"], volts: Float[np.ndarray, "N"]) -> str
     at_motors = np.nanmean(pwm / MOST_COUNTS, axis=1) * volts
     flying = at_motors[np.isfinite(at_motors) & (at_motors > 0.5)]
     return BRUSHLESS if len(flying) and np.median(flying) < HOVER_VOLTS else PLUS
+
+
+def said(head: Mapping[str, str], name: str) -> str | None:
+    """The law that a table's head names, if it does.
+
+    Args:
+        head: of the table.
+        name: of the file, for errors.
+
+    Raises:
+        InputError: it names one that is not known.
+    """
+    law = head.get(SAID_IN_HEAD)
+    if law not in (*LAWS, None):
+        raise InputError(
+            f"{name}: {SAID_IN_HEAD} {law[:60]!r}; known are {', '.join(map(repr, LAWS))}."
+        )
+    return law
 
 
 def note(name: str, law: str, how: str) -> str:

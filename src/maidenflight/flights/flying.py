@@ -45,6 +45,8 @@ class Rows(NamedTuple):
     """At the end of the period [m]."""
     true_attitude: Float[Array, "N 3"]
     true_body_rates: Float[Array, "N 3"]
+    true_velocity: Float[Array, "N 3"]
+    """At the end of the period [m/s]; NaN where a reality does not tell."""
 
 
 def fly(
@@ -92,6 +94,7 @@ def fly(
             true_setpoint=step_result.setpoint,
             true_attitude=rotations.to_attitude(after.state.quaternion),
             true_body_rates=after.state.body_rates,
+            true_velocity=after.state.velocity,
         )
 
     return jax.lax.scan(one, first, (jnp.arange(steps), jax.random.split(key, steps)))[1]
@@ -221,6 +224,7 @@ def _stacked(
         "true_setpoint": setpoints[1 : len(rows) + 1],
         "true_attitude": np.asarray(_attitudes(true.quaternion)),
         "true_body_rates": true.body_rates,
+        "true_velocity": np.full((len(rows), 3), np.nan, np.float32),
     }
     return Rows(**fields)
 
@@ -283,4 +287,13 @@ def to_flight(
         setpoint=logged["setpoint"],
         zero_order_hold=zero_order_hold,
         simulated=simulated,
+        true_position=_at_rows(logged["true_position"], logged["true_velocity"], period),
     )
+
+
+def _at_rows(
+    position: Float[np.ndarray, "N 3"], velocity: Float[np.ndarray, "N 3"], period: float
+) -> Float[np.ndarray, "N 3"]:
+    """True positions when the rows were measured, at the end of the period before."""
+    first = position[:1] - period * np.nan_to_num(velocity[:1])
+    return np.concatenate([first, position[:-1]]).astype(np.float32)

@@ -19,7 +19,7 @@ from maidenflight.inputs import StrPath
 from maidenflight.simulator.battery import COUNTS, MOST_COUNTS
 
 FAMILY = "# maidenflight flight"
-MARK = f"{FAMILY} 2"
+MARK = f"{FAMILY} 3"
 """How a file in our format begins."""
 ZERO_ORDER_HOLD, SUBSAMPLED = "zero-order-hold", "subsampled"
 """What logged commands stand for: each acts until the next row, or is one of a faster loop."""
@@ -41,6 +41,11 @@ OPTIONAL: dict[str, tuple[str, ...]] = {
     "rotor_speed": ("rotor_speed_1", "rotor_speed_2", "rotor_speed_3", "rotor_speed_4"),
 }
 """Columns that a log may have or not, likewise."""
+
+TRUTH: dict[str, tuple[str, ...]] = {
+    "true_position": ("true_position_x", "true_position_y", "true_position_z"),
+}
+"""Columns of a simulated flight that nobody but who looks at it may read, likewise."""
 
 _COLUMNS = tuple(column for columns in GROUPS.values() for column in columns)
 
@@ -77,7 +82,7 @@ class Flight:
     subsampled from a faster loop (a PID)."""
     simulated: str = ""
     """Name of the virtual drone that flew it; empty for a real flight."""
-    full: float = COUNTS
+    full_scale_counts: float = COUNTS
     """Counts of a Crazyflie's firmware, before battery compensation, that u = 1 stands for."""
     assumed: bool = False
     """Whether `zero_order_hold` is a guess, because the log does not say."""
@@ -89,6 +94,8 @@ class Flight:
     """Specific force along body x, y, z [m/s2], 9.81 along z at rest; None if not logged."""
     rotor_speed: Float[np.ndarray, "N 4"] | None = None
     """Measured speed of rotors 1 to 4 [rad/s]; None where it was not logged."""
+    true_position: Float[np.ndarray, "N 3"] | None = None
+    """Where a simulated drone was when the row was measured [m]; None where that is not known."""
 
     def __len__(self) -> int:
         return len(self.position)
@@ -100,8 +107,8 @@ class Flight:
 
     @property
     def arrays(self) -> dict[str, np.ndarray]:
-        """What has a number for each row, by its group in `GROUPS` or `OPTIONAL`."""
-        groups = (group for group in (*GROUPS, *OPTIONAL) if group != "time")
+        """What has a number for each row, by its group in `GROUPS`, `OPTIONAL` or `TRUTH`."""
+        groups = (group for group in (*GROUPS, *OPTIONAL, *TRUTH) if group != "time")
         return {group: found for group in groups if (found := getattr(self, group)) is not None}
 
     def part(self, start: int, stop: int) -> "Flight":
@@ -126,6 +133,40 @@ class Flight:
         return (self.command + following) / 2
 
 
+def thinned(flight: Flight, every: int) -> Flight:
+    """Every so many rows of a flight, as a slower log would hold them."""
+    if every == 1:
+        return flight
+    kept = {group: values[::every] for group, values in flight.arrays.items()}
+    return replace(
+        flight,
+        period=flight.period * every,
+        zero_order_hold=False,
+        lead=-(-flight.lead // every),
+        **kept,
+    )
+
+
+def averaged(flight: Flight, every: int) -> Flight:
+    """Every so many rows of a flight, each with the mean of the commands until the next.
+
+    Rotor speeds follow sqrt(u) linearly, so that is what is averaged.
+    """
+    if every == 1:
+        return flight
+    count = len(flight) // every
+    speeds = np.sqrt(np.clip(flight.mean_command[: count * every], 0.0, 1.0))
+    command = np.square(speeds.reshape(count, every, 4).mean(axis=1)).astype(np.float32)
+    kept = {group: values[: count * every : every] for group, values in flight.arrays.items()}
+    return replace(
+        flight,
+        period=flight.period * every,
+        zero_order_hold=True,
+        lead=-(-flight.lead // every),
+        **{**kept, "command": command},
+    )
+
+
 def to_csv(flight: Flight, record: Mapping[str, Any] | None = None) -> str:
     """The text of a flight in our format: four comment lines, a header line, one line a row."""
     columns: dict[str, np.ndarray] = {"time": np.arange(len(flight)) * flight.period}
@@ -133,7 +174,7 @@ def to_csv(flight: Flight, record: Mapping[str, Any] | None = None) -> str:
         if group != "time":
             values = getattr(flight, group).reshape(len(flight), -1)
             columns |= {name: values[:, number] for number, name in enumerate(names)}
-    for group, names in OPTIONAL.items():
+    for group, names in (OPTIONAL | TRUTH).items():
         values = getattr(flight, group)
         if values is not None:
             columns |= {name: values[:, number] for number, name in enumerate(names)}
@@ -144,7 +185,11 @@ def to_csv(flight: Flight, record: Mapping[str, Any] | None = None) -> str:
         f"{MARK}: {_LEGEND}",
         f"# commands: {ZERO_ORDER_HOLD if flight.zero_order_hold else SUBSAMPLED}",
         f"# simulated: {flight.simulated or 'no'}",
-        *([] if flight.full == COUNTS else [f"# full: {flight.full:g}"]),
+        *(
+            []
+            if flight.full_scale_counts == COUNTS
+            else [f"# full_scale_counts: {flight.full_scale_counts:g}"]
+        ),
         f"# record: {json.dumps(dict(record or {}))}",
     ]
     return "\n".join(head) + "\n" + frame.write_csv(float_precision=7)
@@ -160,14 +205,14 @@ def from_csv(text: str, name: str) -> Flight:
     return timed(tables.from_text(text, name))[0]
 
 
-def _full(table: Table) -> float:
-    said = table.head.get("full", f"{COUNTS:g}")
+def _full_scale_counts(table: Table) -> float:
+    said = table.head.get("full_scale_counts", f"{COUNTS:g}")
     with suppress(ValueError):
         if 0.0 < float(said) <= MOST_COUNTS:
             return float(said)
     raise InputError(
-        f"{table.name}: full = {said[:20]!r}; expected the counts that u = 1 stands for, above 0 "
-        f"and at most {MOST_COUNTS:g}."
+        f"{table.name}: full_scale_counts = {said[:20]!r}; expected the counts that u = 1 stands "
+        f"for, above 0 and at most {MOST_COUNTS:g}."
     )
 
 
@@ -205,7 +250,9 @@ def timed(table: Table) -> tuple[Flight, Float[np.ndarray, "N"]]:
         wanted = f"'{sign}commands: {ZERO_ORDER_HOLD}' or '{sign}commands: {SUBSAMPLED}'"
         raise InputError(f"{table.name}: {where} {wanted}. Add it; see docs/flight-log.md.")
     logged = {
-        group: names for group, names in OPTIONAL.items() if set(names) <= set(table.frame.columns)
+        group: names
+        for group, names in (OPTIONAL | TRUTH).items()
+        if set(names) <= set(table.frame.columns)
     }
     column = tables.numbers(
         table, [*_COLUMNS, *(name for names in logged.values() for name in names)]
@@ -225,7 +272,7 @@ def timed(table: Table) -> tuple[Flight, Float[np.ndarray, "N"]]:
         period=float(np.round(np.median(np.diff(known)), 6)) if len(known) > 1 else 0.01,
         zero_order_hold=table.head["commands"] == ZERO_ORDER_HOLD,
         simulated="" if simulated == "no" else simulated,
-        full=_full(table),
+        full_scale_counts=_full_scale_counts(table),
         battery=column["battery"].astype(np.float32),
         **arrays,
     )

@@ -57,7 +57,7 @@ def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], 
     """The flight in a table, unchecked, with the time of its rows [s], and a note on its commands.
 
     Raises:
-        InputError: a column is missing or not numeric.
+        InputError: a column is missing or not numeric, or its battery law is not known.
     """
     column = tables.numbers(table, COLUMNS)
 
@@ -65,7 +65,7 @@ def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], 
         return np.stack([column[name] for name in names], axis=-1)
 
     rates, volts, pwm = columns(*GYRO), column["pwr_pm_vbat"], columns(*MOTORS)
-    law = compensation.law_of(pwm, volts, column["pid_controller_cmd_thrust"])
+    law, how = _law(table, pwm, volts, column["pid_controller_cmd_thrust"])
     vicon = columns(*VICON)
     vicon[np.isinf(vicon)] = np.nan
     vicon[:, 6:] = np.unwrap(vicon[:, 6:], axis=0)
@@ -80,21 +80,26 @@ def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], 
         velocity=pose[:, 3:6].astype(np.float32),
         attitude=_wrapped(pose[:, 6:]).astype(np.float32),
         body_rates=rates.astype(np.float32),
-        command=compensation.thrust_command(pwm, volts, law or compensation.PLUS),
+        command=compensation.thrust_command(pwm, volts, law),
         battery=volts.astype(np.float32),
         setpoint=columns(*SETPOINT).astype(np.float32),
         zero_order_hold=False,
-        full=MOST_COUNTS,
+        full_scale_counts=MOST_COUNTS,
     )
     with np.errstate(invalid="ignore"):  # what is not finite is refused by checking
         time = column["t"] - column["t"][0]
-    return [(flight, time)], [_law_note(table.name, law)]
+    return [(flight, time)], [compensation.note(table.name, law, how)]
 
 
-def _law_note(name: str, law: str | None) -> str:
-    if law:
-        return compensation.note(name, law, compensation.BY_THRUST)
-    return compensation.note(name, compensation.PLUS, compensation.BY_VOLTAGE)
+def _law(table: Table, pwm: np.ndarray, volts: np.ndarray, thrust: np.ndarray) -> tuple[str, str]:
+    """The battery law by which motors are read, and why by it."""
+    said = compensation.said(table.head, table.name)
+    if said is not None:
+        return said, compensation.SAID
+    found = compensation.law_of(pwm, volts, thrust)
+    if found is not None:
+        return found, compensation.BY_THRUST
+    return compensation.PLUS, compensation.BY_VOLTAGE
 
 
 def _wrapped(angle: np.ndarray) -> np.ndarray:

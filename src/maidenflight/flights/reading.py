@@ -7,13 +7,14 @@ result tables that maidenflight itself writes.
 import hashlib
 import math
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from maidenflight import run_folder
 from maidenflight.errors import InputError
 from maidenflight.flights import (
     authors,
@@ -40,12 +41,14 @@ MOST = 3600.0
 class Format(NamedTuple):
     """A way of writing flights down.
 
-    `flights` gives each with the time of its rows [s], and notes.
+    `flights` gives each with the time of its rows [s], and notes; `compensated` says whether its
+    commands are PWM that a battery law reads as thrust.
     """
 
     what: str
     recognises: Callable[[Table], bool]
     flights: Callable[[Table], tuple[list[tuple[Flight, np.ndarray]], list[str]]]
+    compensated: bool = False
 
 
 FORMATS = (
@@ -55,11 +58,12 @@ FORMATS = (
         log.flights,
     ),
     Format("the 22 columns of Gronauer et al.", authors.recognises, authors.flights),
-    Format("NanoBench's 51 columns", nanobench.recognises, nanobench.flights),
+    Format("NanoBench's 51 columns", nanobench.recognises, nanobench.flights, True),
     Format(
         "log variables of a Crazyflie ('stateEstimate.x', 'gyro.x', ...)",
         cflib.recognises,
         cflib.flights,
+        True,
     ),
 )
 
@@ -115,9 +119,10 @@ def read_flights(
     path: StrPath,
     on_file: Callable[[int, int], None] | None = None,
     most: float = math.inf,
-    history: int = LEAD_IN,
+    lead_in: int = LEAD_IN,
     commands: str | None = None,
     battery_law: str | None = None,
+    ignore: Collection[str] = (),
 ) -> Flights:
     """Reads and checks flights.
 
@@ -127,13 +132,14 @@ def read_flights(
         on_file: called with (files read, files found), for a progress bar.
         most: flight to keep [s]. Of more, segments of every flight are kept, one file being in
             memory beside them.
-        history: rows of commands that a window of a segment has before it.
+        lead_in: rows of commands that a window of a segment has before it.
         commands: one of `COMMANDS`, whatever the logs say: zero-order hold if a policy at the
             log's rate commanded the motors. Logs of a Crazyflie's variables do not say, and are
             taken as subsampled, as of the firmware's PID, unless given. Taken the wrong way,
             latency is half a row off.
         battery_law: a key of `compensation.LAWS`, by which a Crazyflie's PWM is read as thrust,
             whatever the logs say.
+        ignore: signals of `log.OPTIONAL` to pass over as if they had not been logged.
 
     Returns:
         Gapless pieces of flights in which the drone flies, in the order of the files' names. A
@@ -142,21 +148,25 @@ def read_flights(
 
     Raises:
         InputError: nothing there; a single file that is damaged, contradicts itself or is in an
-            unknown format; or nothing usable in the whole set.
+            unknown format; nothing usable in the whole set; or an unknown argument.
     """
     if commands not in (*COMMANDS, None):
         raise InputError(f"commands {commands!r}; expected {' or '.join(COMMANDS)}.")
-    if battery_law not in (*compensation.LAWS, None):
-        known = ", ".join(map(repr, compensation.LAWS))
-        raise InputError(f"battery law {battery_law!r}; known are {known}.")
+    if battery_law is not None:
+        compensation.said({compensation.SAID_IN_HEAD: battery_law}, str(path))
+    for signal in ignore:
+        if signal not in log.OPTIONAL:
+            raise InputError(
+                f"ignore = {signal!r}; expected {' or '.join(log.OPTIONAL)}, which a log may lack."
+            )
+    said = _Said(commands, battery_law, frozenset(ignore))
     path = Path(path)
     paths, refused = _files(path)
     seen = _Seen([], [], [], refused, {})
     read = (
-        _said(flight, commands, seen)
-        for flight in _read(paths, path.is_file(), seen, battery_law, on_file)
+        _held(flight, said, seen) for flight in _read(paths, path.is_file(), seen, said, on_file)
     )
-    flights, duration = sampled(read, most, history)
+    flights, duration = sampled(read, most, lead_in)
     if not flights:
         raise InputError(
             _nothing(
@@ -177,13 +187,22 @@ def read_flights(
     return replace(kept, notes=(note, *kept.notes))
 
 
-def _said(flight: Flight, commands: str | None, seen: "_Seen") -> Flight:
+class _Said(NamedTuple):
+    """What the user says of the logs; see `read_flights`."""
+
+    commands: str | None
+    battery_law: str | None
+    ignore: frozenset[str]
+
+
+def _held(flight: Flight, said: _Said, seen: "_Seen") -> Flight:
     """A flight whose log does not say what a command stands for, as told.
 
     Or a note that it is a guess.
     """
-    if commands:
-        return replace(flight, zero_order_hold=commands == ZERO_ORDER_HOLD, assumed=False)
+    if said.commands:
+        held = said.commands == ZERO_ORDER_HOLD
+        return replace(flight, zero_order_hold=held, assumed=False)
     if flight.assumed:
         note = (
             f"{flight.name}: commands taken as subsampled from the firmware's PID; if each "
@@ -208,13 +227,13 @@ def _read(
     paths: list[Path],
     alone: bool,
     seen: _Seen,
-    battery_law: str | None,
+    said: _Said,
     on_file: Callable[[int, int], None] | None,
 ) -> Iterator[Flight]:
     """Pieces of flights, one file after another."""
     for number, file in enumerate(paths, 1):
         try:
-            yield from _of_file(file, alone, seen, battery_law)
+            yield from _of_file(file, alone, seen, said)
         except InputError as error:
             if alone:
                 raise
@@ -237,13 +256,18 @@ def _table(file: Path, name: str) -> Table:
     return usddeck.table(raw, name) if usddeck.recognises(raw) else tables.parsed(raw, file, name)
 
 
-def _of_file(file: Path, alone: bool, seen: _Seen, battery_law: str | None) -> list[Flight]:
+def _of_file(file: Path, alone: bool, seen: _Seen, said: _Said) -> list[Flight]:
     table = _table(file, "/".join(filter(None, (file.parent.name, file.name))))
-    if battery_law:
-        table = replace(table, head={**table.head, compensation.SAID_IN_HEAD: battery_law})
     kind = next((kind for kind in FORMATS if kind.recognises(table)), None)
     if kind is not None:
-        flights, dropped = _checked(table, kind)
+        if said.battery_law:
+            if not kind.compensated:
+                raise InputError(
+                    f"{table.name}: its commands are not read by a battery law. Leave it out, or "
+                    "give only logs of a Crazyflie's PWM."
+                )
+            table = replace(table, head={**table.head, compensation.SAID_IN_HEAD: said.battery_law})
+        flights, dropped = _checked(table, kind, said.ignore)
         held = hashlib.sha256()
         for flight in flights:
             held.update(flight.position.tobytes() + flight.command.tobytes())
@@ -265,11 +289,12 @@ def _of_file(file: Path, alone: bool, seen: _Seen, battery_law: str | None) -> l
     return []
 
 
-def _checked(table: Table, kind: Format) -> tuple[list[Flight], list[str]]:
+def _checked(table: Table, kind: Format, ignore: frozenset[str]) -> tuple[list[Flight], list[str]]:
     found, said = kind.flights(table)
     notes = [*table.notes, *said]
     kept: list[Flight] = []
     for flight, time in found:
+        flight = replace(flight, **dict.fromkeys(ignore))
         pieces, dropped = checking.pieces(flight, time)
         kept += pieces
         notes += dropped
@@ -306,6 +331,49 @@ def _files(path: Path) -> tuple[list[Path], list[str]]:
         raise InputError(
             f"{path}: no such file or folder. Give a flight log ({known}) or a folder of them."
         )
+    found, refused = _below(path)
+    astray = [file for file in found if file.is_symlink() and not file.exists()]
+    refused += [f"{file}: this link leads nowhere. Mend or remove it." for file in sorted(astray)]
+    files = sorted(file for file in found if file.is_file())
+    if not files and not refused:
+        raise InputError(_nothing(path, 0, []))
+    return files, refused
+
+
+def log_files(folder: Path) -> list[Path]:
+    """The files that may be logs in a folder and all its folders, by the numbers in their names."""
+    return sorted((file for file in _below(folder)[0] if file.is_file()), key=run_folder.by_number)
+
+
+def whole_flights(file: Path) -> list[Flight]:
+    """The flights of a file as they were logged, unchecked, uncut, however short; to look at.
+
+    Raises:
+        InputError: the file is damaged or in no known format.
+    """
+    table = _table(file, "/".join(filter(None, (file.parent.name, file.name))))
+    kind = next((kind for kind in FORMATS if kind.recognises(table)), None)
+    if kind is None:
+        raise InputError(_unknown(table))
+    return [flight for flight, _ in kind.flights(table)[0]]
+
+
+def is_known(file: Path) -> bool:
+    """Whether a file can be read and is in one of the `FORMATS`."""
+    try:
+        table = _table(file, file.name)
+    except InputError:
+        return False
+    return any(kind.recognises(table) for kind in FORMATS)
+
+
+def is_log(file: Path) -> bool:
+    """Whether a file may be a log, by its ending or, where it has none, by its first bytes."""
+    return file.name.endswith(SUFFIXES) or ("." not in file.name and _is_micro_sd(file))
+
+
+def _below(path: Path) -> tuple[list[Path], list[str]]:
+    """What may be logs in a folder and all its folders, and what could not be looked into."""
     refused: list[str] = []
 
     def unreadable(error: OSError) -> None:
@@ -313,14 +381,10 @@ def _files(path: Path) -> tuple[list[Path], list[str]]:
             f"{error.filename}: this folder cannot be read ({error.strerror}). Allow reading it."
         )
 
-    found = []
-    for folder, _, names in os.walk(path, onerror=unreadable):
-        found += [Path(folder) / name for name in names if name.endswith(SUFFIXES)]
-        bare = (Path(folder) / name for name in names if "." not in name)
-        found += [file for file in bare if _is_micro_sd(file)]
-    astray = [file for file in found if file.is_symlink() and not file.exists()]
-    refused += [f"{file}: this link leads nowhere. Mend or remove it." for file in sorted(astray)]
-    files = sorted(file for file in found if file.is_file())
-    if not files and not refused:
-        raise InputError(_nothing(path, 0, []))
-    return files, refused
+    found = [
+        file
+        for folder, _, names in os.walk(path, onerror=unreadable)
+        for name in names
+        if is_log(file := Path(folder, name))
+    ]
+    return found, refused

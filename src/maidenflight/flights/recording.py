@@ -1,6 +1,7 @@
 """`record`: flights of the firmware's position PID in a reality, excited so that motors show."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 
 import jax
@@ -11,17 +12,20 @@ from jaxtyping import Array, Float, Int
 from maidenflight.errors import InputError
 from maidenflight.flights import flying
 from maidenflight.flights.flying import Pilot, Rows
-from maidenflight.flights.log import Flight
+from maidenflight.flights.log import Flight, thinned
 from maidenflight.parameters import Parameters
-from maidenflight.simulator import control, tasks
+from maidenflight.simulator import control, sensors, tasks
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.firmware import POSITION_RATE
 from maidenflight.simulator.reality import MOTORS, POSITION, AnyReality, Reality, checked
 from maidenflight.simulator.tasks import Task
 from maidenflight.simulator.virtual_drone import VirtualDrone
 
-DITHER_PERIODS = 5
-"""Control periods of 10 ms for which `dither` holds."""
+RATE = control.EXCITATION.rate
+"""Rows a second of a recorded flight, as of a Crazyflie's micro-SD card [Hz]: the PID's rate."""
+DITHER_PERIODS = 23
+"""Commands of 2 ms for which `dither` holds: no multiple of the rows of slower logs, in which it
+would change at rows only."""
 
 
 def dither(
@@ -29,13 +33,13 @@ def dither(
 ) -> Callable[[Float[Array, "20H"], Int[Array, ""]], Float[Array, "4"]]:
     """Excitation for a PID: each motor's command is raised or lowered by `strength`.
 
-    The signs are drawn every 50 ms. A PID that follows a slow circle hardly moves its motors, and
+    The signs are drawn every 46 ms. A PID that follows a slow circle hardly moves its motors, and
     what it does answers disturbances that a replay of its commands cannot know. Excitation from
     outside the loop is what makes lag and latency visible.
 
     Args:
         strength: thrust command [-].
-        steps: control periods.
+        steps: commands.
         key: random key.
     """
     signs = _signs(steps, key)
@@ -69,10 +73,12 @@ def record(
     duration: float = 30.0,
     excitation: float = 0.05,
     task: Task | None = None,
+    rate: int = RATE,
 ) -> Sequence[Flight]:
-    """Lets the firmware's position PID fly a task in a reality and logs it at 100 Hz.
+    """Lets the firmware's position PID fly a task in a reality and logs it.
 
-    A reality that takes positions flies its own controller instead.
+    Virtual drones have an accelerometer where rows are close enough for one. A reality that takes
+    positions flies its own controller instead, at 100 Hz.
 
     Args:
         reality: what is flown.
@@ -81,12 +87,15 @@ def record(
         duration: of each [s].
         excitation: strength of `dither` [-]; 0 is the plain PID.
         task: the circle of the paper unless given.
+        rate: rows a second [Hz], a divisor of 500. Below 500 the log is subsampled.
 
     Raises:
-        InputError: a reality that takes neither motor commands nor positions, or one that takes
-            positions and an excitation above 0.
+        InputError: another rate, a reality that takes neither motor commands nor positions, or one
+            that takes positions and an excitation above 0.
     """
-    task, steps = task or tasks.circle(), round(duration * POSITION_RATE)
+    if rate < 1 or RATE % rate:
+        raise InputError(f"rate = {rate} Hz; expected a divisor of {RATE}, such as 500, 250, 100.")
+    task, steps = task or tasks.circle(), round(duration * RATE)
     keys = jax.random.split(key, flights)
     if isinstance(reality := checked(reality), VirtualDrone):
         env = reality.environment(task, control.position_pid())
@@ -99,15 +108,37 @@ def record(
         logged = [_fly_one(reality, task, one, steps, excitation) for one in keys]
         has_battery = False
     return [
-        flying.to_flight(
-            rows,
-            f"flight_{number:02d}",
-            zero_order_hold=False,
-            has_battery=has_battery,
-            simulated=reality.name,
-        )
-        for number, rows in enumerate(logged, 1)
+        _logged(rows, reality, f"flight_{number:02d}", rate, has_battery, one)
+        for number, (rows, one) in enumerate(zip(logged, keys, strict=True), 1)
     ]
+
+
+def _logged(
+    rows: Rows, reality: AnyReality, name: str, rate: int, has_battery: bool, key: Array
+) -> Flight:
+    """The log of a flight: every row, or as many as a slower one holds."""
+    made = RATE if getattr(reality, "takes", MOTORS) == MOTORS else POSITION_RATE
+    flight = flying.to_flight(
+        rows,
+        name,
+        zero_order_hold=made == RATE,
+        has_battery=has_battery,
+        simulated=reality.name,
+        period=1 / made,
+    )
+    if isinstance(reality, VirtualDrone):
+        seed = np.asarray(jax.random.bits(jax.random.fold_in(key, RATE), (2,))).tolist()
+        force = sensors.accelerometer(
+            np.asarray(rows.true_velocity, np.float64),
+            np.asarray(rows.true_attitude, np.float64),
+            flight.period,
+            float(reality.parameters.gravity),
+            np.random.default_rng(seed),
+        )
+        # True states are those at the ends of the periods, rows those at their beginnings.
+        late = np.concatenate([force[:1], force[:-1]]).astype(np.float32)
+        flight = replace(flight, accelerometer=late)
+    return flight if rate >= made else thinned(flight, made // rate)
 
 
 def _fly_one(reality: Reality, task: Task, key: Array, steps: int, excitation: float) -> Rows:
@@ -118,6 +149,7 @@ def _fly_one(reality: Reality, task: Task, key: Array, steps: int, excitation: f
         actions = iter(np.float32(excitation) * np.repeat(signs, DITHER_PERIODS, axis=0))
         pilot = flying.cascade(control.position_pid(), lambda *_: next(actions))
     elif reality.takes == POSITION and excitation == 0.0:
+        steps = steps * POSITION_RATE // RATE
         pilot = Pilot(
             lambda _, setpoint: np.append(setpoint, 0.0), POSITION_RATE, POSITION_RATE, False
         )

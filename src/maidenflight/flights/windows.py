@@ -52,6 +52,26 @@ def first_start(flight: Flight, stride: int = 1) -> int:
     return max(SHORTEST_LEAD_IN * stride, flight.lead)
 
 
+def segment_names(flights: Iterable[Flight], length: int, stride: int = 1) -> list[str]:
+    """Name of the flight of each segment that `windows` numbers, in their order.
+
+    Args:
+        flights: as of `windows`.
+        length: as of `windows`.
+        stride: as of `windows`.
+    """
+    return [
+        flight.name
+        for flight in flights
+        if first_start(flight, stride) < len(flight) - length * stride
+        for _ in range(_segments(flight))
+    ]
+
+
+def _segments(flight: Flight) -> int:
+    return max(1, round(flight.duration / SEGMENT_SECONDS))
+
+
 def windows(
     flights: Iterable[Flight],
     length: int,
@@ -69,9 +89,15 @@ def windows(
         stride: S, rows of the log to a row of the windows, which keep the commands of all.
 
     Raises:
-        InputError: the flights have different rates, or none is long enough.
+        InputError: the flights have different rates, none is long enough, or one has no state.
     """
     flights = list(flights)
+    bare = [flight.name for flight in flights if not flight.has_state]
+    if bare:
+        raise InputError(
+            f"{bare[0]}: no position, velocity and attitude in it, with which predictions are "
+            f"compared, and so in {len(bare)} of {len(flights)} flights. Leave them out."
+        )
     periods = {flight.period for flight in flights}
     if periods and max(periods) > (1 + SAME_RATE) * min(periods):
         rates = ", ".join(f"{1 / period:.6g} Hz" for period in sorted(periods))
@@ -102,7 +128,7 @@ def windows(
             ]
         )
         parts["measured"].append(rows[starts[:, None] + stride * np.arange(1, length + 1)])
-        pieces = max(1, round(flight.duration / SEGMENT_SECONDS))
+        pieces = _segments(flight)
         parts["segment"].append(segments + np.arange(starts.size) * pieces // starts.size)
         segments += pieces
     if not parts["position"]:

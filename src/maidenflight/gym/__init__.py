@@ -6,7 +6,7 @@ names the package: `gymnasium.make("maidenflight.gym:maidenflight/Circle-v0")`.
 
 from importlib.util import find_spec
 
-from maidenflight.errors import InputError
+from maidenflight.errors import not_installed
 
 TASKS = {"Hover": "hover", "Circle": "circle", "TakeOff": "take_off", "Tracking": "tracking"}
 """Name in an environment's id to name of the task."""
@@ -23,15 +23,9 @@ def register() -> None:
     except ModuleNotFoundError as error:
         if not (error.name or "").startswith("gymnasium"):
             raise
-        raise InputError(
-            "gymnasium is not installed, but maidenflight.gym needs it. Install it: pip install "
-            "'maidenflight[gym]'."
-        ) from error
+        raise not_installed("gymnasium", "gym", "maidenflight.gym") from error
     if find_spec("PIL") is None:
-        raise InputError(
-            "pillow is not installed, but maidenflight.gym needs it. Install it: pip install "
-            "'maidenflight[gym]'."
-        )
+        raise not_installed("pillow", "gym", "maidenflight.gym")
     for name, task in TASKS.items():
         if f"maidenflight/{name}-v0" not in registration.registry:
             registration.register(

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.errors import InputError
-from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, replace
+from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, component, replace
 
 PAPER_BOUNDS: dict[str, tuple[float, float]] = {
     "thrust_to_weight": (1.5, 2.5),
@@ -59,6 +59,16 @@ class Box:
             scaled = np.where(logarithmic, np.log(values), values)
         return (scaled - low) / (high - low)
 
+    def unit_of(self, drone: Parameters) -> Float[np.ndarray, "d"]:
+        """Where a drone lies, or comes nearest."""
+        values = np.array([float(component(drone, name)) for name in self.names])
+        return np.clip(self.unit(values), 0.0, 1.0)
+
+    def beside(self, ranges: Mapping[str, tuple[float, float]]) -> "Box":
+        """The box of these parameters and others, with the others' ranges as bounds."""
+        lows, highs = ([ends[side] for ends in ranges.values()] for side in (0, 1))
+        return Box((*self.names, *ranges), (*self.lower, *lows), (*self.upper, *highs))
+
     def drone(self, start: Parameters, unit: Float[np.ndarray, "d"]) -> Parameters:
         """A drone with the values at a point of the unit cube in place."""
         values = zip(self.names, self.values(unit), strict=True)
@@ -89,7 +99,8 @@ def search_box(over: Sequence[str], bounds: Mapping[str, tuple[float, float]]) -
         if not quantity.lower <= low < high <= quantity.upper:
             raise InputError(
                 f"bounds of {name} = [{low:g}, {high:g}]; expected a rising pair within "
-                f"[{quantity.lower:g}, {quantity.upper:g}] {quantity.unit}."
+                f"[{quantity.lower:g}, {quantity.upper:g}]"
+                f"{'' if quantity.unit == '-' else f' {quantity.unit}'}, its physical range."
             )
     if not over or len(set(over)) != len(over):
         raise InputError("name each parameter to identify once, and at least one.")
@@ -98,3 +109,29 @@ def search_box(over: Sequence[str], bounds: Mapping[str, tuple[float, float]]) -
         tuple(bounds[name][0] for name in over),
         tuple(bounds[name][1] for name in over),
     )
+
+
+def physical_bounds(start: Parameters) -> dict[str, tuple[float, float]]:
+    """Physical search bounds about a drone, by component.
+
+    Torques in units of its weight times its arm.
+    """
+    torque = float(start.mass * start.gravity * start.arm_length)
+    around = {
+        name: float(component(start, name)) for name in ("inertia_x", "inertia_y", "inertia_z")
+    }
+    return {
+        "thrust_to_weight": (1.01, 8.0),
+        "motor_time_constant": (0.003, 0.5),
+        "latency": (0.0, 0.05),
+        "spin_down_ratio": (0.2, 5.0),
+        "motor_coasting": (0.0, 0.5),
+        "torque_to_thrust": (0.0, 0.1),
+        "rotor_momentum": (0.0, 0.1 * torque),
+        "flapping_moment": (-0.1 * torque, 0.2 * torque),
+        "rotational_damping": (0.0, 0.05 * torque),
+        "thrust_linear": (0.0, 1.0),
+        **{f"torque_bias_{axis}": (-0.2 * torque, 0.2 * torque) for axis in "xyz"},
+        **{f"drag_{axis}": (0.0, 3.0) for axis in "xyz"},
+        **{name: (0.3 * value, 3.0 * value) for name, value in around.items()},
+    }

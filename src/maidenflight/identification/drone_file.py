@@ -4,16 +4,17 @@
 writer; a damaged file is refused with its name, what is wrong, and what to do.
 
 ```toml
-format = 3
+format = 4
 [motors] # [body], [sensors], [battery], [simulation]: the parameters
 
 [identification] # how they were found, if they were
 objective = "likelihood"
 [identification.source] # the flights
-[identification.estimates.latency] # value, interval, ...
+[identification.estimates.latency] # value, interval, search bounds, ...
+[identification.unidentified] # plausible range of what the flights cannot tell
 [[identification.gains]] # log-likelihood gain of each group of parameters
 
-[posterior] # samples of the identified parameters
+[posterior] # samples of both
 [record] # version, seed, inputs and settings
 ```
 """
@@ -62,6 +63,8 @@ class Estimate:
     valley: tuple[float, float] | None = None
     """Lowest and highest value at which, the other parameters at their best, a replay's objective
     is at most 1 % above its lowest; `None` for a likelihood."""
+    bounds: tuple[float, float] | None = None
+    """What it was searched within."""
 
     @property
     def trial_mean(self) -> float:
@@ -128,14 +131,16 @@ class DroneFile:
     estimates: Mapping[str, Estimate] = field(default_factory=dict)
     """The identified parameters, by name; none for a drone that was not identified."""
     posterior: Mapping[str, Float[np.ndarray, "N"]] = field(default_factory=dict)
-    """Posterior samples of the identified parameters, SI units; the n-th entries of all belong
-    together."""
+    """Posterior samples of the parameters that were identified and of those that could not be, SI
+    units; the n-th entries of all belong together."""
     source: Source | None = None
     """The flights, of an identified drone."""
     search: Search | None = None
     """How the values were found, of an identified drone."""
     gains: tuple[GroupGain, ...] = ()
     """Gain of each group of parameters that was tried, where the flights chose them."""
+    unidentified: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Plausible range of each parameter that the flights cannot tell, by name, SI units."""
     record: Mapping[str, Any] = field(default_factory=dict)
     """How the file was made; see `results.record`."""
     name: str = "drone.toml"
@@ -155,6 +160,10 @@ class DroneFile:
                 "source": _table(self.source),
                 "estimates": {name: _table(one) for name, one in self.estimates.items()},
             }
+            if self.unidentified:
+                extra["identification"]["unidentified"] = {
+                    name: _plain(ends) for name, ends in self.unidentified.items()
+                }
             if self.gains:
                 extra["identification"]["gains"] = [_table(gain) for gain in self.gains]
         if self.posterior:
@@ -180,7 +189,8 @@ def read(drone: StrPath) -> DroneFile:
     """Reads a drone file, or returns a named drone.
 
     Raises:
-        InputError: neither a named drone nor a readable file, or something in it is damaged.
+        InputError: neither a named drone nor a readable file, or something in it is damaged; or the
+            named drone has no mass of its own.
     """
     if str(drone) in DRONES:
         return DroneFile(parameters.read(drone), name=str(drone))
@@ -197,6 +207,7 @@ def read(drone: StrPath) -> DroneFile:
     table = Fields(document["identification"], where, "identification", _CURE)
     estimates, source = table.table("estimates"), table.table("source")
     gains = tuple(map(_gain, table.tables("gains")))
+    unidentified = table.table("unidentified") if "unidentified" in table.content else None
     found = dataclasses.replace(
         found,
         estimates={name: _estimate(estimates, name) for name in estimates.content},
@@ -208,6 +219,7 @@ def read(drone: StrPath) -> DroneFile:
             table.count("evaluations"),
         ),
         gains=gains,
+        unidentified={} if unidentified is None else _ranges(unidentified),
     )
     table.end()
     return found
@@ -239,9 +251,17 @@ def _estimate(estimates: Fields, name: str) -> Estimate:
         table.numbers("trials"),
         table.number("between_segment_sd", 0.0),
         table.ends("valley") if "valley" in table.content else None,
+        table.ends("bounds") if "bounds" in table.content else None,
     )
     table.end()
     return found
+
+
+def _ranges(table: Fields) -> dict[str, tuple[float, float]]:
+    for name in table.content:
+        if name not in COMPONENTS:
+            raise table.refused(name, "a parameter of a drone as its name")
+    return {name: table.ends(name) for name in table.content}
 
 
 def _source(table: Fields) -> Source:

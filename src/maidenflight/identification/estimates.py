@@ -16,6 +16,7 @@ from maidenflight.errors import InputError
 from maidenflight.flights.log import SUBSAMPLED, ZERO_ORDER_HOLD, Flight
 from maidenflight.flights.windows import SEGMENT_SECONDS
 from maidenflight.identification import posterior
+from maidenflight.identification.bounds import at_bounds, cut_off
 from maidenflight.identification.box import Box
 from maidenflight.identification.drone_file import (
     DroneFile,
@@ -24,12 +25,17 @@ from maidenflight.identification.drone_file import (
     Search,
     Source,
 )
+from maidenflight.identification.information import Expected
+from maidenflight.identification.motor_response import Look
 from maidenflight.inputs import StrPath
-from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, replace
+from maidenflight.parameters import Parameters, replace
 from maidenflight.simulator.randomization import Ensemble
 
 _FEWEST_SEGMENTS = 6
 """Segments of flight below which redrawing them says little."""
+USUAL_PERIOD = 0.0125
+"""Time between two rows beyond which samples of a PID's commands say little of lag and inertia [s];
+docs/studies/identification.md has figures."""
 MAX_MOTOR_NOISE = 0.08
 """Noise of motors beyond which it is not theirs, as a share of full thrust: real Crazyflies have
 0.03 to 0.04."""
@@ -41,9 +47,9 @@ def source_of(flights: Sequence[Flight]) -> Source:
     Raises:
         InputError: u = 1 stands for different thrusts in them.
     """
-    kinds = {flight.full: flight.name for flight in flights}
+    kinds = {flight.full_scale_counts: flight.name for flight in flights}
     if len(kinds) > 1:
-        differ = ", ".join(f"{full:g} in {name}" for full, name in sorted(kinds.items()))
+        differ = ", ".join(f"{counts:g} in {name}" for counts, name in sorted(kinds.items()))
         raise InputError(
             "flights in which a command of 1 stands for different counts of the firmware "
             f"({differ}); identify from one kind."
@@ -68,6 +74,11 @@ class Identification:
     """The start, with the identified values in place."""
     estimates: Mapping[str, Estimate]
     """The identified parameters, by name."""
+    unidentified: Mapping[str, tuple[float, float]]
+    """Plausible range of each parameter that the flights cannot tell, by name: it keeps the
+    start's value, and posterior samples are anywhere in the range."""
+    expected: Mapping[str, Expected]
+    """What the flights could tell, before anything was fitted; nothing of a replay."""
     objective: str
     """What was optimised, `likelihood` or `replay`."""
     value: float
@@ -93,6 +104,8 @@ class Identification:
     """Noise found in the flights, as fields of `parameters`; none of a replay."""
     notes: tuple[str, ...]
     """What makes the result doubtful, for the user."""
+    lag_looks: tuple[Look, ...] = ()
+    """Motor lag and latency together as different signals show them, and last as taken."""
 
     def __str__(self) -> str:
         """A line for each parameter, SI units: value, 95 % interval, between-segment SD."""
@@ -106,6 +119,8 @@ class Identification:
                 f"{name:24}{estimate.value:12.4g}  [{low:.4g}, {high:.4g}]  "
                 f"{estimate.between_segment_sd:.2g}"
             )
+        for name, (low, high) in self.unidentified.items():
+            rows.append(f"{name:24} not identifiable  [{low:.4g}, {high:.4g}] is plausible")
         return "\n".join([*rows, *(f"note: {note}" for note in self.notes)])
 
     def drone_file(self, record: Mapping[str, Any] | None = None) -> DroneFile:
@@ -121,6 +136,7 @@ class Identification:
             self.source,
             Search(self.objective, self.value, self.windows, self.evaluations),
             self.gains,
+            self.unidentified,
             record or {},
         )
 
@@ -177,6 +193,7 @@ def estimates_of(
             trials=tuple(map(float, trials[:, i])),
             between_segment_sd=float(between_segment_sd[i]),
             valley=None if valley is None else (float(valley[0][i]), float(valley[1][i])),
+            bounds=(box.lower[i], box.upper[i]),
         )
         for i, name in enumerate(box.names)
     }
@@ -203,32 +220,31 @@ def evaluations_table(
 
 def doubts(noise: Mapping[str, float], flights: Sequence[Flight]) -> list[str]:
     """What makes the result doubtful although its intervals are narrow."""
-    found = noise.get("actuator_noise", 0.0)
-    if found < MAX_MOTOR_NOISE or all(flight.zero_order_hold for flight in flights):
+    if all(flight.zero_order_hold for flight in flights):
         return []
-    return [
-        f"motors seem to differ from their commands by {found:.2f} of full thrust, too much for "
-        "motors: the log's commands are samples of a"
-        " faster loop, so that lag and inertia cannot be trusted. Fly a policy at the log's rate, "
-        "or record with more excitation."
-    ]
+    notes, period = [], flights[0].period
+    if period > USUAL_PERIOD:
+        notes.append(
+            f"rows are {1e3 * period:.3g} ms apart: the lag may be a tenth too short with an "
+            "accelerometer, and nearly twice too long without; log at 100 Hz or faster."
+        )
+    found = noise.get("actuator_noise", 0.0)
+    if found >= MAX_MOTOR_NOISE:
+        notes.append(
+            f"motors seem to differ from their commands by {found:.2f} of full thrust, too much "
+            "for motors: the log's commands are samples of a faster loop, so that lag and inertia "
+            "cannot be trusted. Fly a policy at the log's rate, or record with more excitation."
+        )
+    return notes
 
 
-def notes_on(box: Box, optimum: np.ndarray, segments: int) -> list[str]:
-    """What makes intervals too narrow, or values depend on the search's bounds."""
+def notes_on(estimates: Mapping[str, Estimate], segments: int) -> list[str]:
+    """What makes intervals too narrow."""
     notes = []
     if segments < _FEWEST_SEGMENTS:
         notes.append(
             f"each interval rests on {segments} segments of flight and is too narrow; record at "
             f"least {_FEWEST_SEGMENTS * SEGMENT_SECONDS:.0f} s."
         )
-    for name, place, low, high in zip(box.names, optimum, box.lower, box.upper, strict=True):
-        quantity = QUANTITIES[COMPONENTS[name][0]]
-        side = low if place < 0.5 else high
-        physical = side in (quantity.lower, quantity.upper)
-        if (place < 0.01 or place > 0.99) and not physical:
-            notes.append(
-                f"{name} lies at its search bound {side:g} {quantity.unit}; widen it: "
-                f"--bounds {name}=LOWER,UPPER."
-            )
-    return notes
+    said = (at_bounds(estimates) | cut_off(estimates)).values()
+    return [*notes, *(f"{one}." for one in said)]

@@ -25,7 +25,7 @@ Source: Eschmann, Albani and Loianno 2024 (accelerometer against commands); DerS
 likelihoods).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -39,6 +39,8 @@ from maidenflight.identification.prediction_errors import Fit, Prior, regress
 
 LAGS = np.geomspace(0.010, 0.25, 18)
 """Lags that are tried [s]."""
+SEEN_LAGS = (float(LAGS[1]), float(LAGS[-2]))
+"""Lags within which neighbours on both sides were tried [s]."""
 LATENCIES = np.array([0.0, 0.004, 0.008, 0.012])
 """Latencies that are tried [s]."""
 STEP = 0.01
@@ -85,6 +87,8 @@ class MotorResponse:
     """Standard deviation of lag and latency together between flights [s]."""
     looks: tuple[Look, ...]
     notes: tuple[str, ...]
+    per_flight: Mapping[str, tuple[float, float]]
+    """Mean and variance of the logarithm of lag and latency together [s], by flight."""
 
 
 class _Seen(NamedTuple):
@@ -96,23 +100,31 @@ class _Seen(NamedTuple):
 
 
 def motor_response(
-    flights: Sequence[Flight], generator: np.random.Generator
+    flights: Sequence[Flight],
+    generator: np.random.Generator,
+    on_flight: Callable[[int, int], None] | None = None,
 ) -> MotorResponse | None:
     """What flights show of the motors; None where no signal but the estimated state shows it.
 
     Args:
         flights: checked flights of one rate.
         generator: random numbers for the samples.
+        on_flight: called with (flights looked at, flights).
     """
-    groups = _by_name(flights)
-    found = {name: seen for name, parts in groups.items() if (seen := _seen(parts))}
+    groups, found = _by_name(flights), {}
+    for number, (name, parts) in enumerate(groups.items(), 1):
+        if seen := _seen(parts):
+            found[name] = seen
+        if on_flight is not None:
+            on_flight(number, len(groups))
     if not found:
         return None
     free = [name for name, seen in found.items() if any(one.free for one in seen.values())]
     if len(free) < len(found):
         found = {name: seen for name, seen in found.items() if name not in free}
     losses = {name: _joint(seen) for name, seen in found.items()}
-    mean, error, spread = _random_effects([_log_total(loss) for loss in losses.values()])
+    per_flight = {name: _log_total(loss) for name, loss in losses.items()}
+    mean, error, spread = _random_effects(list(per_flight.values()))
     looks = tuple(_look(signal, found) for signal in WEIGHTS if _has(signal, found))
     apart = _disagreement(looks)
     total = np.exp(mean + generator.normal(size=DRAWS) * np.hypot(np.hypot(error, spread), apart))
@@ -126,7 +138,7 @@ def motor_response(
     ]
     lag = np.maximum(total - np.maximum(latency, 0.0), LAGS[0] / 2)
     return MotorResponse(
-        lag, np.maximum(latency, 0.0), float(np.exp(mean) * spread), looks, tuple(notes)
+        lag, np.maximum(latency, 0.0), float(np.exp(mean) * spread), looks, tuple(notes), per_flight
     )
 
 

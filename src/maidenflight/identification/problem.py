@@ -1,6 +1,6 @@
 """What an identification is asked for, whatever its method."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,8 +8,8 @@ import numpy as np
 
 from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
-from maidenflight.identification.drone_file import GroupGain
 from maidenflight.identification.estimates import Source
+from maidenflight.identification.progress import Reporter
 from maidenflight.parameters import Parameters
 
 
@@ -29,10 +29,8 @@ class Problem:
     """Search bounds by name, SI units, in place of the method's."""
     generator: np.random.Generator
     """Random numbers."""
-    evaluated: Callable[[int], None]
-    """Called after each evaluation with the number that is planned in all; 0: not known."""
-    on_group: Callable[[GroupGain], None] | None = None
-    """Called with the log-likelihood gain of each group of parameters that is tried."""
+    reporter: Reporter
+    """What is told how far it is."""
 
 
 def must_be_positive(settings: Any) -> None:

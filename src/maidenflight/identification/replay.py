@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.errors import InputError
+from maidenflight.flights.log import averaged
 from maidenflight.flights.windows import LEAD_IN, windows
 from maidenflight.identification import bayesian, gradient, posterior
 from maidenflight.identification.box import PAPER_BOUNDS, Box, search_box
@@ -19,6 +20,7 @@ from maidenflight.identification.estimates import (
     notes_on,
 )
 from maidenflight.identification.gauss_newton import NormalEquations, in_unit_cube
+from maidenflight.identification.motor_response import stride
 from maidenflight.identification.objective import DISCOUNT, Objective
 from maidenflight.identification.problem import Problem, must_be_positive
 from maidenflight.identification.selection import FIRST
@@ -68,7 +70,8 @@ def identified(problem: Problem, settings: Replay) -> Identification:
     box = search_box(
         FIRST if problem.over is None else problem.over, {**PAPER_BOUNDS, **problem.bounds}
     )
-    d, start, flights = len(box.names), problem.start, problem.flights
+    d, start = len(box.names), problem.start
+    flights = [averaged(flight, stride(flight)) for flight in problem.flights]
     cut = windows(flights, settings.length, lead_in=settings.lead_in)
     objective = Objective(cut, flights[0].period, settings.discount)
     runs = _searched(problem, settings, box, objective)
@@ -82,18 +85,21 @@ def identified(problem: Problem, settings: Replay) -> Identification:
         np.full(d, _RADIUS),
         (np.zeros(d), np.ones(d)),
         problem.generator,
-        lambda: problem.evaluated(planned),
+        lambda: problem.reporter.evaluated(planned),
     )
     everything = [*runs, (drawn.points, drawn.losses)]
     points, losses = (np.concatenate(parts) for parts in zip(*everything, strict=True))
     optimum = points[int(np.argmin(losses))]
     found = check(box.drone(start, optimum), "identified parameters")
     valley = _valley(box, optimum, objective, found)
+    estimates = estimates_of(
+        box, optimum, optima, drawn.interval(), _between_segment_sd(box, drawn), valley
+    )
     return Identification(
         parameters=found,
-        estimates=estimates_of(
-            box, optimum, optima, drawn.interval(), _between_segment_sd(box, drawn), valley
-        ),
+        estimates=estimates,
+        unidentified={},
+        expected={},
         objective="replay",
         value=float(losses.min()),
         start_value=objective(start),
@@ -105,7 +111,7 @@ def identified(problem: Problem, settings: Replay) -> Identification:
         posterior=dict(zip(box.names, box.values(drawn.optima).T, strict=True)),
         gains=(),
         noise={},
-        notes=tuple(notes_on(box, optimum, objective.segments)),
+        notes=tuple(notes_on(estimates, objective.segments)),
     )
 
 
@@ -132,7 +138,7 @@ def _searched(problem: Problem, settings: Replay, box: Box, objective: Objective
         planned += (settings.trials - trial) * most + _drawn(box)
 
         def evaluated(planned: int = planned) -> None:
-            problem.evaluated(planned)
+            problem.reporter.evaluated(planned)
 
         if settings.method == "gradient":
             run = gradient.minimise(

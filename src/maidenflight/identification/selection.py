@@ -1,12 +1,18 @@
 """Choice of the parameters to identify, by the likelihood of held-out flights."""
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float
 
+from maidenflight.flights.log import Flight
+from maidenflight.flights.windows import SHORTEST_LEAD_IN
+from maidenflight.identification import one_step
 from maidenflight.identification.drone_file import GroupGain
-from maidenflight.identification.one_step import OneStep
+from maidenflight.identification.gauss_newton import NormalEquations
+from maidenflight.identification.motor_response import stride
+from maidenflight.identification.one_step import NoiseModel
 from maidenflight.parameters import Parameters
 
 FIRST = ("thrust_to_weight", "motor_time_constant", "latency")
@@ -27,15 +33,14 @@ Not among them are damping of the rates and the thrust curve: a little misfit of
 passes for damping one step ahead, and policies that crashed within a second are then predicted to
 fly (docs/identification.md). Name them to identify them."""
 WITH_KNOWN_LAG: dict[str, tuple[str, ...]] = {
-    **{
-        name: parts
-        for name, parts in GROUPS.items()
-        if name not in ("motor_coasting", "spin_down_ratio", "drag")
-    },
+    **{name: parts for name, parts in GROUPS.items() if name not in ("motor_coasting", "drag")},
     "drag": ("drag_x", "drag_y", "drag_z"),
     "rotational_damping": ("rotational_damping",),
 }
 """Groups where a log shows the motors' lag by itself, so that no damping can pass for it."""
+MOVING = 0.1
+"""Root mean square of the velocity [m/s] below which drag and flapping are not looked for: the
+estimate's noise, some 0.015 m/s, returns to its mean and passes for drag."""
 HELD_OUT = 3
 """Every third flight is held out; if there are fewer flights, every third segment."""
 SIGNIFICANT = 2.0
@@ -46,14 +51,51 @@ ROUGH = SMALLEST_GAIN / 50
 """Log-likelihood gain of a row [nats] below which a fit need not be improved for the choice."""
 
 
+def groups(flights: Sequence[Flight], lag_seen: bool) -> dict[str, tuple[str, ...]]:
+    """The groups that may be added for some flights.
+
+    Args:
+        flights: checked flights.
+        lag_seen: whether they show the motors' lag by themselves.
+    """
+    square = np.mean(np.concatenate([flight.velocity for flight in flights]) ** 2, axis=0)
+    still = {"drag_x", "drag_y", "flapping_moment"} if square[0] + square[1] < MOVING**2 else set()
+    still |= {"drag_z"} if square[2] < MOVING**2 else set()
+    offered = WITH_KNOWN_LAG if lag_seen else GROUPS
+    left = {
+        group: tuple(name for name in names if name not in still)
+        for group, names in offered.items()
+    }
+    return {group: names for group, names in left.items() if names}
+
+
+class Objective(Protocol):
+    """What groups are judged by: `one_step.OneStep` or `inertial_errors.InertialErrors`."""
+
+    rows_per_segment: Float[np.ndarray, "S"]
+
+    def noise_model(self, parameters: Parameters) -> NoiseModel:
+        """The noise model that fits best."""
+        ...
+
+    def per_segment(self, parameters: Parameters, noise: NoiseModel) -> Float[np.ndarray, "S"]:
+        """Minus the log likelihood of each segment of flight."""
+        ...
+
+    def normal_equations(self, parameters: Parameters, names: Sequence[str]) -> NormalEquations:
+        """Value, gradient and curvature."""
+        ...
+
+
 def choose(
-    training: OneStep,
-    held_out: OneStep,
+    training: Objective,
+    held_out: Objective,
     fit: Callable[[Sequence[str], Parameters], Parameters],
     start: Parameters,
-    groups: Mapping[str, Sequence[str]] = GROUPS,
+    offered: Mapping[str, Sequence[str]] = GROUPS,
     on_group: Callable[[GroupGain], None] | None = None,
-    sample: OneStep | None = None,
+    sample: Objective | None = None,
+    first: Sequence[str] = FIRST,
 ) -> tuple[tuple[str, ...], Parameters, list[GroupGain]]:
     """Adds one group after another, each kept if the likelihood of held-out flights gains.
 
@@ -67,10 +109,11 @@ def choose(
         held_out: flights that the gains are measured on.
         fit: names and where to begin, to the training flights' best drone.
         start: where the first fit begins.
-        groups: what may be added.
+        offered: groups that may be added.
         on_group: called with the gain of each group.
         sample: some of the training flights' windows, by which the groups are put in order; all of
             them unless given.
+        first: what every model has, at least one parameter.
 
     Returns:
         Names of the parameters chosen, the training flights' best drone, and the gain of each
@@ -78,7 +121,7 @@ def choose(
 
     Source: Rao 1948 (score test); forward selection judged by held-out likelihood.
     """
-    names, left, gains = FIRST, dict(groups), []
+    names, left, gains = tuple(first), dict(offered), []
     drone = fit(names, start)
     value = held_out.per_segment(drone, training.noise_model(drone))
     sample = training if sample is None else sample
@@ -132,3 +175,39 @@ def _mean_gain(
         return mean, None
     residual = gain - mean * rows
     return mean, float(np.sqrt(np.sum(residual**2) * count / (count - 1)) / rows.sum())
+
+
+def split(flights: Sequence[Flight]) -> tuple[list[Flight], list[Flight]]:
+    """Flights to fit and, every third of them, to judge by.
+
+    The longest is cut in three where there are fewer than three.
+
+    Segments of one flight stay together, unless there are fewer than three flights.
+    """
+    long_enough = [
+        flight
+        for flight in flights
+        if len(flight)
+        > one_step.LENGTH * stride(flight)
+        + max((SHORTEST_LEAD_IN + 1) * stride(flight), flight.lead)
+    ]
+    whole: list[list[Flight]] = []
+    for flight in long_enough:
+        before = whole[-1][-1] if whole else None
+        if before and flight.lead and before.lead and before.name == flight.name:
+            whole[-1].append(flight)
+        else:
+            whole.append([flight])
+    if len(whole) < HELD_OUT:
+        whole = [[flight] for flight in long_enough]
+    if len(whole) < HELD_OUT:
+        whole = []
+        for flight in flights:
+            ends = [len(flight) * part // 3 for part in range(4)]
+            for first, end in zip(ends[:-1], ends[1:], strict=True):
+                whole.append([flight.part(first, end)])
+    judged = whole[HELD_OUT - 1 :: HELD_OUT]
+    fitted = [parts for number, parts in enumerate(whole) if number % HELD_OUT != HELD_OUT - 1]
+    return [part for parts in fitted for part in parts], [
+        part for parts in judged for part in parts
+    ]

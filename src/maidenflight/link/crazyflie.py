@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from maidenflight.errors import InputError
+from maidenflight.errors import InputError, not_installed
 from maidenflight.link.blocks import (
     ACTIVE,
     ENABLE,
@@ -71,9 +71,7 @@ class Crazyflie:
             from cflib.crazyflie.log import LogConfig
             from cflib.crazyflie.param import ParamTocElement
         except ImportError as error:
-            raise InputError(
-                f"cflib is not installed ({error}). Install it: pip install 'maidenflight[drone]'."
-            ) from error
+            raise not_installed("cflib", "drone", "the radio link") from error
         self.uri, self.clock = uri, clock
         self.lost, self.received, self.latest, self.variance = "", 0, None, []
         self._rows: RowFile | None = None

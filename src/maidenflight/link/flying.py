@@ -91,7 +91,7 @@ class Plan:
     """Set-points, one each 10 ms [m]; x and y from the place of take-off."""
     policy: bool = False
     """Whether the policy on board flies it, else the firmware's PID."""
-    full: float | None = None
+    full_scale_counts: float | None = None
     """Counts of a thrust command of 1, if not those of the policy's own interface, which the app
     has from its export."""
 
@@ -232,7 +232,7 @@ def _lead(
             )
     say(f"flying for {len(reference) * PERIOD:g} s, {'the policy' if plan.policy else 'the PID'}")
     if plan.policy:
-        counts = () if plan.full is None else ((FULL, plan.full),)
+        counts = () if plan.full_scale_counts is None else ((FULL, plan.full_scale_counts),)
         start_values = ((TASK, COMMANDER), (START_X, start[0]), (START_Y, start[1]))
         for name, value in (*start_values, *counts, (ENABLE, 1)):
             drone.set(name, value)

@@ -284,6 +284,6 @@ def _on_grid(flight: Flight, time: Float[np.ndarray, "N"], name: str, simulated:
         period=PERIOD,
         zero_order_hold=False,
         simulated=simulated,
-        full=flight.full,
+        full_scale_counts=flight.full_scale_counts,
         **fields,
     )

@@ -240,7 +240,7 @@ def record(
     height: float = 1.0,
     steps: float = 0.1,
     policy: bool = False,
-    full: float | None = None,
+    full_scale_counts: float | None = None,
     seed: int = 0,
     limits: Limits = Limits(),  # noqa: B008
     clock: Clock | None = None,
@@ -258,7 +258,7 @@ def record(
         height: of its start [m].
         steps: see `reference`; each flight has its own.
         policy: whether the policy on board flies the reference.
-        full: overrides the policy's counts of a thrust command of 1; see `Plan`.
+        full_scale_counts: overrides the policy's counts of a thrust command of 1; see `Plan`.
         seed: of the steps.
         limits: where to break off.
         clock: the computer's unless given.
@@ -271,7 +271,9 @@ def record(
     """
     trajectory = tasks.TASKS[task]().reference
     plans = [
-        Plan(reference(trajectory, duration, height, steps, seed + number), policy, full)
+        Plan(
+            reference(trajectory, duration, height, steps, seed + number), policy, full_scale_counts
+        )
         for number in range(count)
     ]
     for plan in plans:
@@ -283,8 +285,8 @@ def record(
         "steps": steps,
         "policy": policy,
     }
-    if policy and full is not None:
-        settings["full"] = full
+    if policy and full_scale_counts is not None:
+        settings["full_scale_counts"] = full_scale_counts
     clock = clock or WallClock()
     with connected(uri, clock, cache) as drone, stop_requests() as stops:
         return flights(

@@ -1,6 +1,6 @@
 """Physical constants of a simulated quadrotor, with unit, symbol, bounds and source of each."""
 
-from maidenflight.parameters.named import DRONES, crazyflie
+from maidenflight.parameters.named import DRONES, NamedDrone, crazyflie, named, sources
 from maidenflight.parameters.quantities import (
     COMPONENTS,
     QUANTITIES,
@@ -9,6 +9,7 @@ from maidenflight.parameters.quantities import (
     check,
     component,
     noiseless,
+    plain,
     replace,
 )
 from maidenflight.parameters.toml import (
@@ -16,6 +17,7 @@ from maidenflight.parameters.toml import (
     document,
     from_document,
     from_toml,
+    name_of,
     read,
     to_toml,
     write,
@@ -26,6 +28,7 @@ __all__ = [
     "DRONES",
     "FORMAT",
     "QUANTITIES",
+    "NamedDrone",
     "Parameters",
     "Quantity",
     "check",
@@ -34,9 +37,13 @@ __all__ = [
     "document",
     "from_document",
     "from_toml",
+    "name_of",
+    "named",
     "noiseless",
+    "plain",
     "read",
     "replace",
+    "sources",
     "to_toml",
     "write",
 ]

@@ -1,8 +1,16 @@
-"""Drones with a name."""
+"""Drones with a name: the paper's Crazyflie, and others to begin an identification with.
+
+Thrust-to-weight ratio is that at 60000 counts of the firmware, as everywhere for a drone without
+logs; motors' lags are where identification begins, not what every drone has.
+"""
 
 import math
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
-from maidenflight.parameters.quantities import Parameters
+from maidenflight.errors import InputError
+from maidenflight.parameters.quantities import Parameters, replace
+from maidenflight.parameters.scaling import isometric, with_mass
 
 
 def crazyflie() -> Parameters:
@@ -54,5 +62,178 @@ def crazyflie() -> Parameters:
     )
 
 
-DRONES = {"crazyflie": crazyflie}
-"""Named drones, for the command line's `--drone NAME`."""
+_COUNTS = 60000.0 / 65535.0
+"""Share of the firmware's full thrust that u = 1 is."""
+_GRAVITY = 9.81
+
+
+class NamedDrone(NamedTuple):
+    """A drone that is known by name."""
+
+    summary: str
+    """What it is, in a line."""
+    make: Callable[[], Parameters]
+    sources: Mapping[str, str] = {}
+    """Source of each value that is not the paper's, by field of `Parameters`."""
+    frameless: bool = False
+    """Whether it is a flight controller that flies frames of any size, so that the mass must be
+    given."""
+
+
+def crazyflie_2_0() -> Parameters:
+    """The Crazyflie 2.0 and 2.1 with their original propellers; sources are in `DRONES`."""
+    return replace(
+        crazyflie(),
+        thrust_to_weight=4 * 0.12 * _COUNTS / (0.027 * _GRAVITY),
+        motor_time_constant=0.076,
+        latency=0.004,
+        torque_to_thrust=5.964552e-3,
+        torque_offset=1.563383e-5,
+        mass=0.027,
+        inertia=(1.657171e-5, 1.6655602e-5, 2.9261652e-5),
+        arm_length=0.046,
+    )
+
+
+def crazyflie_2_1_plus() -> Parameters:
+    """The Crazyflie 2.1+; sources are in `DRONES`."""
+    lighter = crazyflie_2_0()
+    return replace(
+        lighter,
+        thrust_to_weight=4 * 0.12 * _COUNTS / (0.029 * _GRAVITY),
+        torque_to_thrust=6.99e-3,
+        torque_offset=0.0,
+        mass=0.029,
+        inertia=tuple(float(value) * 29 / 27 for value in lighter.inertia),
+    )
+
+
+def crazyflie_brushless() -> Parameters:
+    """The Crazyflie 2.1 Brushless; sources are in `DRONES`."""
+    return replace(
+        crazyflie(),
+        thrust_to_weight=4 * 0.2 * _COUNTS / (0.037 * _GRAVITY),
+        motor_time_constant=0.039,
+        latency=0.004,
+        torque_to_thrust=5.94e-3,
+        torque_offset=0.0,
+        mass=0.037,
+        inertia=tuple(value * 37 / 43.38 for value in (25e-6, 28e-6, 49e-6)),
+        arm_length=0.05,
+        ground_effect=11.37 * (0.0275 / 4) ** 2,
+    )
+
+
+_FOERSTER = "Förster 2015, System identification of the Crazyflie 2.0"
+_MODELS = "drone-models 0.1.0 of crazyflow, cf21B_500"
+_SEEN = "rotor speeds measured by IMRCLab 2026, docs/identification.md"
+_ARM = "Crazyflie firmware, ARM_LENGTH; motors 92 mm apart across"
+_FULL = "{} N a motor at 65535 counts, here of 60000, over weight"
+_FIRMWARE = f"Crazyflie firmware, THRUST_MAX: {_FULL.format(0.12)}"
+_BRUSHED = f"of a brushed Crazyflie 2.1: {_SEEN}"
+_BRUSHLESS = f"of a Crazyflie 2.1 Brushless: {_SEEN}"
+_SCALED = "no frame of its own: crazyflie_brushless scaled in all lengths to the mass"
+
+DRONES: dict[str, NamedDrone] = {
+    "crazyflie": NamedDrone("Crazyflie 2.1 as Gronauer et al. 2022 model it", crazyflie),
+    "crazyflie_2.0": NamedDrone(
+        "Crazyflie 2.0 or 2.1, original propellers, no deck",
+        crazyflie_2_0,
+        {
+            "thrust_to_weight": _FIRMWARE,
+            "motor_time_constant": _BRUSHED,
+            "latency": _BRUSHED,
+            "torque_to_thrust": _FOERSTER,
+            "torque_offset": _FOERSTER,
+            "mass": "Bitcraze, product pages of the Crazyflie 2.0 and 2.1",
+            "inertia": f"{_FOERSTER}, diagonal",
+            "arm_length": _ARM,
+        },
+    ),
+    "crazyflie_2.1+": NamedDrone(
+        "Crazyflie 2.1+, no deck",
+        crazyflie_2_1_plus,
+        {
+            "thrust_to_weight": _FIRMWARE,
+            "motor_time_constant": f"{_BRUSHED}; not measured with these propellers",
+            "latency": _BRUSHED,
+            "torque_to_thrust": "Crazyflie firmware, THRUST2TORQUE of the 2.1+ propellers",
+            "torque_offset": "Crazyflie firmware, whose torque is proportional to thrust",
+            "mass": "Bitcraze, product page of the Crazyflie 2.1+; firmware, CF_MASS",
+            "inertia": "none published; computed: that of crazyflie_2.0 times 29/27",
+            "arm_length": _ARM,
+        },
+    ),
+    "crazyflie_brushless": NamedDrone(
+        "Crazyflie 2.1 Brushless with a micro-SD deck",
+        crazyflie_brushless,
+        {
+            "thrust_to_weight": f"{_MODELS}: {_FULL.format(0.2)}",
+            "motor_time_constant": _BRUSHLESS,
+            "latency": _BRUSHLESS,
+            "torque_to_thrust": _MODELS,
+            "torque_offset": f"{_MODELS}, whose torque is proportional to thrust",
+            "mass": "IMRCLab 2026, crazyflie-data-collection, with a micro-SD deck",
+            "inertia": f"{_MODELS}: (25, 28, 49) 1e-6 of 43.38 g; computed: times 37/43.38",
+            "arm_length": f"{_MODELS}: 35.355 mm along x and y",
+            "ground_effect": f"computed: 11.37 (r/4)^2 with r = 27.5 mm of {_MODELS}",
+        },
+    ),
+    "crazyflie_bolt": NamedDrone(
+        "Crazyflie Bolt on a frame of your own",
+        crazyflie_brushless,
+        {
+            "thrust_to_weight": "not known: that of crazyflie_brushless",
+            "motor_time_constant": "not known: that of crazyflie_brushless",
+            "latency": "not known: that of crazyflie_brushless",
+            "torque_to_thrust": f"{_SCALED}, with its cube root",
+            "torque_offset": "Crazyflie firmware, whose torque is proportional to thrust",
+            "mass": "as given",
+            "inertia": f"{_SCALED}, with its power of 5/3",
+            "arm_length": f"{_SCALED}, with its cube root",
+            "ground_effect": f"{_SCALED}, with its power of 2/3",
+        },
+        frameless=True,
+    ),
+}
+"""Named drones, for the command line's `--drone NAME` and `--start NAME`."""
+
+
+def named(name: str, mass: float | None = None) -> Parameters:
+    """A named drone.
+
+    Args:
+        name: of `DRONES`.
+        mass: of what flies [kg], batteries and decks included; its own unless given.
+
+    Raises:
+        InputError: the drone has no mass of its own, or cannot lift the one that is given.
+    """
+    drone = DRONES[name]
+    if mass is not None:
+        return (isometric if drone.frameless else with_mass)(drone.make(), mass, name)
+    if drone.frameless:
+        raise InputError(
+            f"{name} is a flight controller without a frame. Say how much yours weighs, as in "
+            f"maidenflight drone {name} --mass GRAMS -o mine.toml, and correct what is in that "
+            "file."
+        )
+    return drone.make()
+
+
+def sources(name: str, mass: float | None = None) -> dict[str, str]:
+    """Sources of a named drone's values that are not the paper's, by field.
+
+    Args:
+        name: of `DRONES`.
+        mass: as in `named`.
+    """
+    drone = DRONES[name]
+    if mass is None or drone.frameless:
+        return dict(drone.sources)
+    scaled = {
+        "mass": "as given",
+        "inertia": f"computed: that of {name} in proportion to the mass",
+        "thrust_to_weight": f"computed: the thrust of {name} over the weight",
+    }
+    return {**drone.sources, **scaled}

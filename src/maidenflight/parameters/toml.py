@@ -11,21 +11,28 @@ import tomlkit
 from maidenflight import inputs, results
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
-from maidenflight.parameters.named import DRONES, crazyflie
+from maidenflight.parameters.named import DRONES, crazyflie, named
 from maidenflight.parameters.quantities import QUANTITIES, Parameters, check, plain
+from maidenflight.parameters.scaling import with_mass
 
-FORMAT = 3
+FORMAT = 4
 """Version of the TOML layout."""
 _LARGEST = float(np.finfo(np.float32).max)
 
 
-def to_toml(parameters: Parameters, name: str, extra: Mapping[str, Any] | None = None) -> str:
+def to_toml(
+    parameters: Parameters,
+    name: str,
+    extra: Mapping[str, Any] | None = None,
+    sources: Mapping[str, str] | None = None,
+) -> str:
     """The TOML text of one drone, its units, symbols and sources as comments.
 
     Args:
         parameters: a point, without batch axes.
         name: what to call the drone.
         extra: further tables for the end of the file, such as `identification` or `record`.
+        sources: of values, by field; the paper's where they are its values, unless given.
 
     Returns:
         Text that `from_toml` reads back to the same float32 values.
@@ -44,6 +51,7 @@ def to_toml(parameters: Parameters, name: str, extra: Mapping[str, Any] | None =
         entry = tomlkit.item(value)
         # The source is of the named drone's value, not of another.
         source = quantity.source if value == known else f"crazyflie: {known}, {quantity.source}"
+        source = (sources or {}).get(field_name, source)
         entry.comment(f"{quantity.symbol} [{quantity.unit}] {quantity.meaning} ({source})")
         tables[quantity.table].add(field_name, entry)
     for title, table in tables.items():
@@ -104,7 +112,7 @@ def from_document(document: Mapping[str, Any], where: str) -> Parameters:
     if missing:
         raise InputError(
             f"{where}: missing {', '.join(missing)}. Start from a complete file: maidenflight "
-            "drone crazyflie."
+            "drone crazyflie -o mine.toml."
         )
     return check(Parameters(**found), where)
 
@@ -155,14 +163,26 @@ def document(path: StrPath) -> dict[str, Any]:
     return _parsed(text, str(path))
 
 
-def read(drone: StrPath) -> Parameters:
+def read(drone: StrPath, mass: float | None = None) -> Parameters:
     """Reads a drone's parameters from its TOML file, or returns a named drone.
 
     What else an identified drone's file says, `identification.drone_file` reads.
 
+    Args:
+        drone: TOML file, or a name in `DRONES`.
+        mass: of what flies [kg]; the drone's own unless given. Inertia and thrust-to-weight ratio
+            follow it.
+
     Raises:
-        InputError: neither a named drone nor a readable, valid file.
+        InputError: neither a named drone nor a readable, valid file; or the mass is needed, or is
+            more than the drone lifts.
     """
     if str(drone) in DRONES:
-        return DRONES[str(drone)]()
-    return from_document(document(drone), str(drone))
+        return named(str(drone), mass)
+    found = from_document(document(drone), str(drone))
+    return found if mass is None else with_mass(found, mass, str(drone))
+
+
+def name_of(drone: StrPath) -> str:
+    """What to call a drone: its name, or its file's name without the ending."""
+    return str(drone) if str(drone) in DRONES else Path(drone).stem

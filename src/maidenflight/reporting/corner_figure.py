@@ -1,29 +1,16 @@
-"""The corner plot of a posterior: each parameter against each other, and its distribution.
-
-```python
-found = maidenflight.identify(flights)
-best = {name: estimate.value for name, estimate in found.estimates.items()}
-Path("corner.svg").write_text(corner(found.posterior, best))
-```
-
-`width` is that of the place where a picture will stand [px]. Letters keep their size, so a narrow
-picture shows fewer parameters.
-"""
+"""The corner plot of a posterior: each parameter against each other, and its distribution."""
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from maidenflight.errors import InputError
 from maidenflight.identification.posterior import LEVEL
-from maidenflight.reporting import svg, text
-from maidenflight.reporting.svg import Panel
+from maidenflight.reporting import charts, text
+from maidenflight.reporting.charts import Entry, Figure, Spec
 
-SMALLEST = 62.0
-"""Side of a panel of the corner plot; where one would be smaller, fewer parameters are shown
-[px]."""
 MOST = 8
 """Parameters that the corner plot shows at most; of more, letters and clouds are too small to
 read."""
@@ -32,24 +19,24 @@ SHOWN = 200
 all of them."""
 STRONG = 0.5
 """Correlation from which on the corner plot prints it bold."""
+_BESIDE = 70
+"""Room for the numbers beside the first column [px]."""
 
 
 def corner(
     draws: Mapping[str, Float[np.ndarray, "N"]],
     optimum: Mapping[str, float] | None = None,
-    width: float = 720,
     level: float = LEVEL,
-) -> str:
+) -> Figure:
     """Posterior samples, each parameter against each other, with distributions on the diagonal.
 
-    Where there are more than `MOST` or than fit the width, those with the strongest correlations
-    are shown, and the note below says so.
+    Where there are more than `MOST`, those with the strongest correlations are shown, and the title
+    says so.
 
     Args:
         draws: N values by parameter [SI], names as in `parameters.COMPONENTS`; an entry of each
             belongs together.
         optimum: the point that is marked; none unless given.
-        width: of the picture [px].
         level: share of the draws in the central interval that is marked.
 
     Raises:
@@ -63,64 +50,47 @@ def corner(
         )
     if not all(np.isfinite(each).all() for each in values.values()):
         raise InputError("draws of a posterior that are not finite; leave them out.")
-    left, foot = 80.0, 84.0
     correlation = _correlations(np.array(list(values.values())))
-    kept = _most_correlated(correlation, min(max(int((width - left) // SMALLEST), 2), MOST))
+    kept = _most_correlated(correlation, MOST)
     shown = [
         _marginal(name, values[name], (optimum or {}).get(name, np.nan), level)
         for name in (list(values)[place] for place in kept)
     ]
-    entries = [
-        (
-            svg.fill("M2 0H22V12H2Z", "faint", "blue"),
-            f"central {100 * level:.0f} %, ends at the axes",
-        )
-    ]
-    entries += [(svg.stroke("M12 0V12", "line", "orange"), "optimum")] if optimum else []
-    legend, tall = svg.legend(
-        svg.TITLE, width, [*entries, ("", f"number: correlation, bold from ±{STRONG:g}")]
-    )
-    top, side = svg.TITLE + tall + 8, min((width - left) / len(shown), 190.0)
-    parts = [legend]
+    count = len(values[shown[0].name])
+    chosen = np.unique(np.linspace(0, count - 1, min(count, SHOWN)).astype(int))
+    lines = []
     for row, upward in enumerate(shown):
+        cells = []
         for column, across in enumerate(shown[: row + 1]):
-            panel = Panel(
-                left + column * side,
-                top + row * side,
-                side - 4,
-                side - 4,
-                across.range,
-                upward.range,
+            first, last = column == 0, row == len(shown) - 1
+            cells.append(
+                _histogram(across, last)
+                if row == column
+                else _cloud(across, upward, correlation[kept[row], kept[column]], first, last)
             )
-            cloud = row != column
-            content = (
-                _cloud(panel, across, upward, correlation[kept[row], kept[column]])
-                if cloud
-                else _histogram(panel, across)
-            )
-            parts.append(svg.framed(panel, [content], f"{across.name} {upward.name}"))
-        parts.append(_below(upward, left + row * side, top + len(shown) * side, side))
-        parts.append(_beside(upward, left, top + row * side, side) if row else "")
+        lines.append({"hconcat": cells, "bounds": "flush", "spacing": 6})
+    data = charts.table({each.name: each.values[chosen] for each in shown})
+    spec: Spec = {"data": data, "vconcat": _cells(lines, len(shown)), "spacing": 6}
     few = (
         f", those of its {len(values)} parameters with the strongest correlations"
         if len(shown) < len(values)
         else ""
     )
-    drawn = (
-        f"{text.plural(len(values[shown[0].name]), 'draw')} of "
-        f"{text.plural(len(shown), 'parameter')}{few}."
+    title = (
+        f"Posterior: {text.plural(count, 'draw')} of {text.plural(len(shown), 'parameter')}{few}"
     )
-    note, deep = svg.paragraph(0, top + len(shown) * side + foot, width, drawn)
-    return svg.picture(
-        width, top + len(shown) * side + foot + deep + 4, "Posterior", [*parts, note]
-    )
+    legend = [Entry(f"central {100 * level:.0f} %", "blue", "area")]
+    legend += [Entry("optimum", "orange", "tick")] if optimum else []
+    legend.append(Entry(f"number: correlation, bold from ±{STRONG:g}", "soft", "dot"))
+    return Figure(title, [spec], legend, least=len(shown) * 96 + _BESIDE, columns=1)
 
 
 class _Marginal(NamedTuple):
     """One parameter of a corner plot, in the unit in which it is shown."""
 
     name: str
-    unit: str
+    label: tuple[str, ...]
+    """Symbol and unit."""
     values: Float[np.ndarray, "N"]
     range: tuple[float, float]
     ends: Float[np.ndarray, "2"]
@@ -133,14 +103,9 @@ def _marginal(name: str, values: Float[np.ndarray, "N"], best: float, level: flo
     scale, unit = text.scale(name, values)
     shown, point = scale * values, scale * best
     ends = np.quantile(shown, [(1 - level) / 2, (1 + level) / 2])
-    return _Marginal(
-        name,
-        unit,
-        shown,
-        svg.margin([*shown, *([point] if np.isfinite(point) else [])]),
-        ends,
-        point,
-    )
+    label = tuple(filter(None, (text.plain_symbol(name), unit)))
+    reached = [*shown, *([point] if np.isfinite(point) else [])]
+    return _Marginal(name, label, shown, charts.margin(reached), ends, point)
 
 
 def _correlations(rows: Float[np.ndarray, "d N"]) -> Float[np.ndarray, "d d"]:
@@ -168,79 +133,111 @@ def _most_correlated(correlation: Float[np.ndarray, "d d"], most: int) -> list[i
     return sorted(kept)
 
 
-def _histogram(panel: Panel, shown: _Marginal) -> str:
-    counts, edges = np.histogram(
-        shown.values, bins=max(8, min(24, int(panel.width / 5))), range=shown.range
-    )
-    heights = panel.height * (1 - 0.9 * counts / counts.max())
-    steps = "".join(
-        f"V{down:.1f}H{end:.1f}" for down, end in zip(heights, panel.across(edges)[1:], strict=True)
-    )
-    low, high = panel.across(shown.ends)
-    return (
-        svg.fill(
-            f"M{low:.1f} 0H{max(high, low + 1):.1f}V{panel.height:.1f}H{low:.1f}Z", "faint", "blue"
-        )
-        + svg.stroke(f"M0 {panel.height:.1f}{steps}V{panel.height:.1f}", "thin", "blue")
-        + svg.line(panel, [shown.best] * 2, shown.range, "", "orange")
-    )
+def _cells(lines: list[Spec], count: int) -> list[Spec]:
+    """The lines with the size of their cells, which the page works out of its width."""
+    side = {"share": count, "less": 6 + _BESIDE / count + 4}
+    for line in lines:
+        line["hconcat"] = [{**cell, "width": side, "height": side} for cell in line["hconcat"]]
+    return lines
 
 
-def _cloud(panel: Panel, x: _Marginal, y: _Marginal, correlation: float) -> str:
-    chosen = np.unique(np.linspace(0, len(x.values) - 1, min(len(x.values), SHOWN)).astype(int))
-    content = (
-        svg.dots(
-            panel,
-            x.values[chosen],
-            y.values[chosen],
-            "fine" if panel.width > 100 else "finest",
-            "blue",
-        )
-        + svg.line(panel, [x.best] * 2, y.range, "thin", "orange")
-        + svg.line(panel, x.range, [y.best] * 2, "thin", "orange")
-    )
-    if not np.isfinite(correlation):
-        return content
-    # In the corner that a cloud of this correlation leaves free.
-    place, anchor = (4.0, "start") if correlation >= 0 else (panel.width - 4.0, "end")
-    size = "" if panel.width > 100 else "small "
-    look = f"{size}halo{' strong' if abs(correlation) >= STRONG else ''}"
-    return content + svg.text(
-        place, 15 if panel.width > 100 else 13, svg.written(correlation, 2), look, anchor
-    )
+def _axis(shown: _Marginal, there: bool, beside: bool) -> Spec:
+    """Numbers along the outer cells only."""
+    if not there:
+        return {"axis": {"labels": False, "ticks": False, "title": None, "grid": False}}
+    width = {"minExtent": _BESIDE - 34, "maxExtent": _BESIDE - 34} if beside else {}
+    axis = {"tickCount": 3, "labelFontSize": 11, "grid": False, "labelFlush": False, **width}
+    return {"axis": {**axis, "labelBound": True}, "title": [*shown.label]}
 
 
-def _below(shown: _Marginal, left: float, foot: float, side: float) -> str:
-    """The interval's ends, symbol and unit of a parameter below its column."""
-    middle = left + side / 2 - 2
-    names = svg.text(middle, foot + 58, svg.symbol(shown.name), "strong", "middle") + svg.text(
-        middle, foot + 74, shown.unit, "small", "middle"
-    )
-    return names + "".join(
-        svg.text(left + place + 4, foot + 2, label, "small", "end", turn=True)
-        for place, label in _ends(shown, side - 4)
-    )
+def _channel(shown: _Marginal, there: bool, beside: bool) -> Spec:
+    channel = charts.number(shown.name, **charts.within(*shown.range))
+    return {**channel, **_axis(shown, there, beside)}
 
 
-def _beside(shown: _Marginal, left: float, top: float, side: float) -> str:
-    """The same beside a parameter's row."""
-    middle = top + side / 2 - 2
-    names = svg.text(12, middle, svg.symbol(shown.name), "strong", "middle", turn=True)
-    names += svg.text(27, middle, shown.unit, "small", "middle", turn=True)
-    return names + "".join(
-        svg.text(left - 6, top + side - place, label, "small", "end")
-        for place, label in _ends(shown, side - 4)
-    )
+def _told(shown: _Marginal) -> str:
+    symbol, *unit = shown.label
+    return f"{symbol} [{' '.join(unit)}]"
 
 
-def _ends(shown: _Marginal, side: float) -> list[tuple[float, str]]:
-    """Places of the interval's ends along a panel's side, far enough apart, and their labels."""
-    low, high = (shown.ends - shown.range[0]) / (shown.range[1] - shown.range[0]) * side
-    apart = max(12.0 - (high - low), 0.0) / 2
-    width = shown.ends[1] - shown.ends[0]
-    # Numbers that are equal but for their last bit are equal.
-    decimals = text.places(width if width > 1e-6 * np.abs(shown.ends).max() else 0.0)
-    return [
-        (place, svg.written(end, decimals))
-        for place, end in zip((low - apart, high + apart), shown.ends, strict=True)
+def _histogram(shown: _Marginal, last: bool) -> Spec:
+    counts, edges = np.histogram(shown.values, bins=20, range=shown.range)
+    blue, orange = charts.paint("blue"), charts.paint("orange")
+    x = {**charts.number("from", **charts.within(*shown.range)), **_axis(shown, last, False)}
+    hidden: dict[str, Any] = {"axis": None, "scale": {"domain": [0, 1.1 * float(counts.max())]}}
+    bars = charts.table({"from": edges[:-1], "to": edges[1:], "count": counts})
+    low, high = shown.ends
+    layers: list[Spec] = [
+        {
+            "data": charts.table({"from": [low], "to": [high]}),
+            "mark": {"type": "rect", "color": blue, "opacity": 0.15},
+            "encoding": {"x": x, "x2": {"field": "to"}},
+        },
+        {
+            "data": bars,
+            "mark": {"type": "rect", "color": blue, "opacity": 0.6},
+            "encoding": {
+                "x": x,
+                "x2": {"field": "to"},
+                "y": {**charts.number("count"), **hidden},
+                "y2": {"datum": 0},
+                "tooltip": charts.tooltip(
+                    {"from": f"{_told(shown)} from [ ]", "to": "to [ ]", "count": "draws"}
+                ),
+            },
+        },
     ]
+    if np.isfinite(shown.best):
+        layers.append(
+            {
+                "data": charts.table({"from": [shown.best]}),
+                "mark": {"type": "rule", "color": orange, "strokeWidth": 2},
+                "encoding": {"x": x},
+            }
+        )
+    return {"layer": layers}
+
+
+def _cloud(x: _Marginal, y: _Marginal, correlation: float, first: bool, last: bool) -> Spec:
+    orange = charts.paint("orange")
+    across, up = _channel(x, last, False), _channel(y, first, True)
+    told = charts.tooltip({each.name: _told(each) for each in (x, y)})
+    layers: list[Spec] = [
+        {
+            "params": [charts.zoom(name=f"zoom_{x.name}_{y.name}")],
+            "mark": {
+                "type": "point",
+                "filled": True,
+                "size": 8,
+                "opacity": 0.55,
+                "color": charts.paint("blue"),
+                "clip": True,
+            },
+            "encoding": {"x": across, "y": up, "tooltip": told},
+        }
+    ]
+    for axis, shown, channel in (("x", x, across), ("y", y, up)):
+        if np.isfinite(shown.best):
+            layers.append(
+                {
+                    "data": charts.table({shown.name: [shown.best]}),
+                    "mark": {"type": "rule", "color": orange, "clip": True},
+                    "encoding": {axis: channel},
+                }
+            )
+    if np.isfinite(correlation):
+        # In the corner that a cloud of this correlation leaves free.
+        weight = "bold" if abs(correlation) >= STRONG else "normal"
+        words = f"{correlation:.2f}".replace("-", "\N{MINUS SIGN}")
+        mark = {"type": "text", "text": words, "y": 9, "dx": -4, "align": "right"}
+        place = {"x": {"value": "width"}}
+        if correlation >= 0:
+            mark, place = {**mark, "dx": 4, "align": "left"}, {"x": {"value": 0}}
+        layers.append(
+            {
+                "data": charts.table({"one": [1]}),
+                "mark": {**mark, "fontWeight": weight},
+                "encoding": place,
+            }
+        )
+    return {"layer": layers}

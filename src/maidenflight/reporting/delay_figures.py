@@ -5,19 +5,18 @@ posterior is of a likelihood.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import polars
 from jaxtyping import Float
-from markupsafe import Markup
 
 from maidenflight.errors import InputError
 from maidenflight.identification import surrogate
 from maidenflight.identification.posterior import LEVEL
 from maidenflight.parameters import crazyflie
-from maidenflight.reporting import svg
-from maidenflight.reporting.svg import Panel
+from maidenflight.reporting import charts, text
+from maidenflight.reporting.charts import Entry, Figure, Spec
 
 LEVELS = (0.3, 1.0, 3.0)
 """Contours of the loss landscape, above the optimum [%]."""
@@ -44,8 +43,7 @@ def loss_landscape(
     search: polars.DataFrame,
     estimates: Mapping[str, Estimated] | None = None,
     truth: Sequence[tuple[float, float]] = (),
-    width: float = 720,
-) -> str:
+) -> tuple[Figure, str]:
     """The objective over motor time constant and latency, with all other parameters at their best.
 
     Dots are evaluations, each with the other parameters that it happens to have. Contours are those
@@ -59,7 +57,9 @@ def loss_landscape(
             unless given.
         truth: what is true of a virtual drone: corners of a box, motor time constant and latency
             [s].
-        width: of the picture [px].
+
+    Returns:
+        The picture, and a note on the contours.
 
     Raises:
         InputError: no finite objective, one that is not above zero, or no column of one of the two
@@ -86,8 +86,6 @@ def loss_landscape(
     points = rows.select(DELAYS).to_numpy() * 1e3
     known = estimates if estimates is not None and set(DELAYS) <= set(estimates) else {}
     best = np.array([known[name].value * 1e3 for name in DELAYS]) if known else points[-1]
-    paper = np.array([1e3 * float(getattr(crazyflie(), name)) for name in DELAYS])
-    box = 1e3 * np.reshape(np.array([*truth, *truth[:1]], np.float64), (-1, 2))
     fitted = surrogate.valley(
         rows.select(names).to_numpy(),
         rows["objective"].to_numpy(),
@@ -96,88 +94,34 @@ def loss_landscape(
     contours = (
         {level: 1e3 * fitted.contour(best / 1e3, level) for level in LEVELS} if fitted else {}
     )
-    seen = np.concatenate([points[above <= LEVELS[-1]], [best, paper], box, *contours.values()])
-
-    legend, tall = svg.legend(
-        svg.TITLE, width, _legend(float(best.sum()), bool(known), bool(contours), bool(truth))
+    box = _corners(truth)
+    seen = np.concatenate(
+        [points[above <= LEVELS[-1]], [best, _of_the_paper()], box, *contours.values()]
     )
-    ranges = (svg.margin(seen[:, side], floor=0.0) for side in range(2))
-    panel = Panel(56, svg.TITLE + tall + 8, width - 64, max(0.42 * width, 270), *ranges)
-    content = [
-        svg.evaluations(panel, points[chosen], colour) for colour, chosen in _classes(above).items()
+    drawn: list[Spec] = [
+        {"series": series, "x": x, "y": y, "told": f"{higher:.2g} % above the best"}
+        for series, chosen in _classes(above).items()
+        for (x, y), higher in zip(points[chosen], above[chosen], strict=True)
     ]
-    content.append(svg.line(panel, best.sum() - np.array(panel.y), panel.y, "thin dashed", "soft"))
-    content += [_contour(panel, level, curve) for level, curve in contours.items()]
-    sides = np.array([1e3 * np.array(known[name].interval) for name in DELAYS]).T if known else None
-    content.append(_marked(panel, best, paper, box, sides))
-    note, deep = svg.paragraph(
-        0, panel.top + panel.height + 46, width, _fit_note(fitted, len(names) - 2)
-    )
-    axes = svg.axes(
-        panel,
-        _label("motor time constant", DELAYS[0]),
-        _label("latency", DELAYS[1]),
-        room=42,
-    )
-    parts = [legend, axes[0], svg.framed(panel, [axes[1], *content], "delays"), note]
-    return svg.picture(
-        width, panel.top + panel.height + 50 + deep, "Loss landscape of the delays", parts
-    )
-
-
-def _label(words: str, name: str) -> Markup:
-    return Markup("{} {} [ms]").format(words, svg.symbol(name))
+    for level, curve in contours.items():
+        drawn += _curve("contours", curve, f"{level:g} %")
+    drawn += _marks(best, known, box)
+    legend = [
+        Entry(f"within {NAMED:g} % of the best", "low", "dot", "low"),
+        Entry("within 10 %", "middle", "dot", "middle"),
+        Entry("worse", "high", "dot", "high"),
+    ]
+    if contours:
+        levels = ", ".join(f"{level:g} %" for level in contours)
+        legend.append(Entry(f"{levels} above the optimum, fitted", "blue", "line", "contours"))
+    legend += _legend_of_marks(float(best.sum()), bool(known), bool(truth))
+    figure = _figure("Loss landscape of the delays", drawn, seen, legend, {"told": "objective"})
+    return figure, _fit_note(fitted, len(names) - 2)
 
 
 def _classes(above: Float[np.ndarray, "n"]) -> dict[str, np.ndarray]:
     """Evaluations by their colour, which shows how far they are above the best."""
     return {"high": above > 10, "middle": (above > NAMED) & (above <= 10), "low": above <= NAMED}
-
-
-def _legend(
-    total: float, known: bool, contours: bool, truth: bool
-) -> list[tuple[str, str | Markup]]:
-    dots = {"low": f"within {NAMED:g} % of the best", "middle": "within 10 %", "high": "worse"}
-    spot = Panel(0, 0, 24, 12, (0, 2), (0, 2))
-    entries = [
-        (svg.evaluations(spot, np.ones((1, 2)), colour), name) for colour, name in dots.items()
-    ]
-    if contours:
-        others = " and ".join(f"{level:g} %" for level in LEVELS if level != NAMED)
-        entries.append(
-            (svg.stroke("M0 6H24", "line", "blue"), f"{NAMED:g} % above the optimum, fitted")
-        )
-        entries.append((svg.stroke("M0 6H24", "thin", "blue"), others))
-    return [*entries, *_marks(total, known, truth)]
-
-
-def _marks(
-    total: float, known: bool, truth: bool, remark: str = ""
-) -> list[tuple[str, str | Markup]]:
-    """Legend of what is in both pictures."""
-    return [
-        *([(svg.stroke("M0 6H24", "line", "green"), "truth")] if truth else []),
-        (svg.diamond(12, 6, "purple"), f"paper's drone{remark}"),
-        (
-            svg.cross(12, 6, "orange"),
-            f"identified, {100 * LEVEL:.0f} % interval" if known else "best evaluation",
-        ),
-        (
-            svg.stroke("M0 6H24", "thin dashed", "soft"),
-            Markup("{} + {} = {} ms").format(*map(svg.symbol, DELAYS), f"{total:.1f}"),
-        ),
-    ]
-
-
-def _contour(panel: Panel, level: float, curve: Float[np.ndarray, "n 2"]) -> str:
-    """A closed curve; only one has its name beside it, for the others lie too close on a phone."""
-    closed = np.concatenate([curve, curve[:1]])
-    if level != NAMED:
-        return svg.line(panel, closed[:, 0], closed[:, 1], "thin", "blue")
-    across, down = panel.at(*curve[np.argmin(curve[:, 0])])
-    return svg.line(panel, closed[:, 0], closed[:, 1], "", "blue") + svg.text(
-        across - 4, down + 4, f"{level:g} %", "small halo", "end"
-    )
 
 
 def _fit_note(fitted: surrogate.Valley | None, others: int) -> str:
@@ -205,8 +149,7 @@ def delay_posterior(
     draws: Mapping[str, Float[np.ndarray, "N"]],
     estimates: Mapping[str, Estimated],
     truth: Sequence[tuple[float, float]] = (),
-    width: float = 720,
-) -> str:
+) -> Figure:
     """Posterior samples of motor time constant and latency, and ellipses that hold shares of them.
 
     Args:
@@ -214,7 +157,6 @@ def delay_posterior(
         estimates: optimum and interval by parameter.
         truth: what is true of a virtual drone: corners of a box, motor time constant and latency
             [s].
-        width: of the picture [px].
 
     Raises:
         InputError: draws or estimates of one of the two parameters are missing.
@@ -225,8 +167,7 @@ def delay_posterior(
         )
     points = 1e3 * np.array([draws[name] for name in DELAYS], np.float64).T
     best = np.array([1e3 * estimates[name].value for name in DELAYS])
-    paper = np.array([1e3 * float(getattr(crazyflie(), name)) for name in DELAYS])
-    box = 1e3 * np.reshape(np.array([*truth, *truth[:1]], np.float64), (-1, 2))
+    box, paper = _corners(truth), _of_the_paper()
     curves = {share: _ellipse(points, share) for share in SHARES}
     sides = np.array([1e3 * np.array(estimates[name].interval) for name in DELAYS]).T
     near = np.concatenate([points, sides, [best], box, *curves.values()])
@@ -234,40 +175,18 @@ def delay_posterior(
     # The samples are to be seen, though the paper's drone may be far from it.
     inside = bool((np.abs(paper - middle) < 1.5 * reach).all())
     seen = np.concatenate([near, [paper]]) if inside else near
-    spot = Panel(0, 0, 24, 12, (0, 2), (0, 2))
-    entries = [(svg.dots(spot, [1], [1], "fine", "blue"), "posterior sample")]
-    entries.append((svg.stroke("M0 6H24", "line", "blue"), f"{100 * SHARES[1]:.0f} % of them"))
-    entries.append((svg.stroke("M0 6H24", "thin", "blue"), f"{100 * SHARES[0]:.0f} %"))
-    legend, tall = svg.legend(
-        svg.TITLE,
-        width,
-        [
-            *entries,
-            *_marks(
-                float(best.sum()),
-                True,
-                bool(truth),
-                "" if inside else f" ({paper[0]:g} ms, {paper[1]:g} ms) is far outside",
-            ),
-        ],
-    )
-    ranges = (svg.margin(seen[:, side], floor=0.0) for side in range(2))
-    panel = Panel(56, svg.TITLE + tall + 8, width - 64, max(0.36 * width, 270), *ranges)
-    content = [svg.dots(panel, points[:, 0], points[:, 1], "fine", "blue")]
-    content.append(svg.line(panel, best.sum() - np.array(panel.y), panel.y, "thin dashed", "soft"))
-    content += [
-        svg.line(panel, curve[:, 0], curve[:, 1], "" if share == SHARES[1] else "thin", "blue")
-        for share, curve in curves.items()
+    drawn: list[Spec] = [{"series": "sample", "x": x, "y": y} for x, y in points]
+    for share, curve in curves.items():
+        drawn += _curve("ellipses", curve, f"{100 * share:.0f} %")
+    drawn += _marks(best, estimates, box)
+    shares = " and ".join(f"{100 * share:.0f} %" for share in SHARES)
+    far = "" if inside else f" ({paper[0]:g} ms, {paper[1]:g} ms) is far outside"
+    legend = [
+        Entry("posterior sample", "blue", "dot", "sample"),
+        Entry(f"{shares} of them", "blue", "line", "ellipses"),
+        *_legend_of_marks(float(best.sum()), True, bool(truth), far),
     ]
-    content.append(_marked(panel, best, paper, box, sides))
-    outside, grid = svg.axes(
-        panel,
-        _label("motor time constant", DELAYS[0]),
-        _label("latency", DELAYS[1]),
-        room=42,
-    )
-    parts = [legend, outside, svg.framed(panel, [grid, *content], "delays")]
-    return svg.picture(width, panel.top + panel.height + 46, "Posterior of the delays", parts)
+    return _figure("Posterior of the delays", drawn, seen, legend, {})
 
 
 def _ellipse(points: Float[np.ndarray, "n 2"], share: float) -> Float[np.ndarray, "m 2"]:
@@ -280,15 +199,128 @@ def _ellipse(points: Float[np.ndarray, "n 2"], share: float) -> Float[np.ndarray
     return points.mean(axis=0) + np.stack([np.cos(turn), np.sin(turn)], axis=1) * radius @ axes.T
 
 
-def _marked(
-    panel: Panel, best: np.ndarray, paper: np.ndarray, box: np.ndarray, sides: np.ndarray | None
-) -> str:
-    """Truth, the paper's drone and the optimum with its interval, the later over the earlier."""
-    drawn = svg.line(panel, box[:, 0], box[:, 1], "", "green") + svg.diamond(
-        *panel.at(*paper), "purple"
+def _of_the_paper() -> Float[np.ndarray, "2"]:
+    return np.array([1e3 * float(getattr(crazyflie(), name)) for name in DELAYS])
+
+
+def _corners(truth: Sequence[tuple[float, float]]) -> Float[np.ndarray, "n 2"]:
+    """A closed box [ms]."""
+    return 1e3 * np.reshape(np.array([*truth, *truth[:1]], np.float64), (-1, 2))
+
+
+def _curve(series: str, curve: Float[np.ndarray, "n 2"], name: str) -> list[Spec]:
+    """A closed curve."""
+    closed = np.concatenate([curve, curve[:1]])
+    return [
+        {"series": series, "x": x, "y": y, "curve": name, "order": order}
+        for order, (x, y) in enumerate(closed)
+    ]
+
+
+def _marks(best: np.ndarray, known: Mapping[str, Estimated], box: np.ndarray) -> list[Spec]:
+    """Truth, the paper's drone, the line of equal sums, and the optimum with its interval."""
+    marks = [
+        {"series": "truth", "x": x, "y": y, "curve": "truth", "order": order}
+        for order, (x, y) in enumerate(box)
+    ]
+    total, (lag, late) = float(best.sum()), _of_the_paper()
+    marks += [
+        {"series": "total", "x": max(x, 0.0), "y": total - max(x, 0.0), "curve": "total"}
+        | {"order": order}
+        for order, x in enumerate((0.0, total))
+    ]
+    marks.append({"series": "paper", "x": lag, "y": late, "mark": "the paper's drone"})
+    centre = {"series": "identified", "x": best[0], "y": best[1]}
+    for name, axis in zip(DELAYS, "xy", strict=True):
+        if known:
+            low, high = (1e3 * end for end in known[name].interval)
+            bar = {**centre, axis: low, f"{axis}2": high, "bar": axis}
+            marks.append(bar | {"x2": bar.get("x2", best[0]), "y2": bar.get("y2", best[1])})
+    return [*marks, {**centre, "mark": "identified" if known else "best evaluation"}]
+
+
+def _legend_of_marks(total: float, known: bool, truth: bool, remark: str = "") -> list[Entry]:
+    lag, late = map(text.plain_symbol, DELAYS)
+    found = f"identified, {100 * LEVEL:.0f} % interval" if known else "best evaluation"
+    return [
+        *([Entry("truth", "green", "line", "truth")] if truth else []),
+        Entry(f"paper's drone{remark}", "purple", "diamond", "paper"),
+        Entry(found, "orange", "plus", "identified"),
+        Entry(f"{lag} + {late} = {total:.1f} ms", "soft", "dashed", "total"),
+    ]
+
+
+_COLOURS = {
+    **{name: name for name in ("high", "middle", "low")},
+    **{"sample": "blue", "contours": "blue", "ellipses": "blue", "truth": "green"},
+    **{"total": "soft", "paper": "purple", "identified": "orange"},
+}
+"""Of each series."""
+
+
+def _figure(
+    title: str,
+    drawn: list[Spec],
+    seen: Float[np.ndarray, "n 2"],
+    legend: list[Entry],
+    told: Mapping[str, str],
+) -> Figure:
+    ends = [
+        (min(0.98 * low, low - 0.5), max(1.02 * high, high + 0.5))
+        for low, high in zip(np.maximum(seen.min(axis=0), 0.0), seen.max(axis=0), strict=True)
+    ]
+    labels = {
+        name: f"{words} {text.plain_symbol(name)} [ms]"
+        for name, words in zip(DELAYS, ("motor time constant", "latency"), strict=True)
+    }
+    x, y = (
+        charts.number(axis, label, **charts.within(max(low, 0.0), high))
+        for axis, label, (low, high) in zip("xy", labels.values(), ends, strict=True)
     )
-    if sides is not None:
-        drawn += svg.line(panel, sides[:, 0], [best[1]] * 2, "", "orange") + svg.line(
-            panel, [best[0]] * 2, sides[:, 1], "", "orange"
-        )
-    return drawn + svg.cross(*panel.at(*best), "orange")
+    place = {"x": x, "y": y, "color": charts.coloured(_COLOURS)}
+    dots = {"high", "middle", "low", "sample"} & {row["series"] for row in drawn}
+    values = charts.tooltip({"x": labels[DELAYS[0]], "y": labels[DELAYS[1]], **told})
+    named = charts.tooltip({"mark": "", "x": labels[DELAYS[0]], "y": labels[DELAYS[1]]})
+    shape = {
+        "field": "series",
+        "type": "nominal",
+        "scale": {"domain": ["paper", "identified"], "range": ["diamond", "cross"]},
+    }
+    curved: dict[str, Any] = {**place, "detail": {"field": "curve"}, "order": {"field": "order"}}
+    layers: list[Spec] = [
+        {
+            "transform": [{"filter": {"field": "series", "oneOf": sorted(dots)}}],
+            "mark": {
+                "type": "point",
+                "filled": True,
+                "size": 24,
+                "opacity": 0.7,
+                "clip": True,
+                "stroke": charts.paint("line"),
+                "strokeWidth": 0.6,
+            },
+            "encoding": {**place, "tooltip": values},
+        },
+        {
+            "transform": [{"filter": "isValid(datum.curve)"}],
+            "mark": {"type": "line", "clip": True, "strokeWidth": 1.6},
+            "encoding": {
+                **curved,
+                "strokeDash": {
+                    "condition": {"test": "datum.series === 'total'", "value": [7, 4]},
+                    "value": [1, 0],
+                },
+            },
+        },
+        {
+            "transform": [{"filter": "isValid(datum.bar)"}],
+            "mark": {"type": "rule", "strokeWidth": 2, "clip": True},
+            "encoding": {**place, "x2": {"field": "x2"}, "y2": {"field": "y2"}},
+        },
+        {
+            "transform": [{"filter": "isValid(datum.mark)"}],
+            "mark": {"type": "point", "filled": True, "size": 130, "opacity": 1, "clip": True},
+            "encoding": {**place, "shape": shape, "tooltip": named},
+        },
+    ]
+    return Figure(title, [charts.panel(charts.rows(drawn), layers, height=380)], legend)

@@ -1,25 +1,11 @@
-"""Box plots of flight times: a row a policy or cell of a matrix, a panel a reality.
-
-```python
-from maidenflight.reporting.flight_figures import flight_times
-
-rows = flown.table.select(
-    polars.lit("blue").alias("colour"),
-    "duration",
-    "end_reason",
-    row="policy",
-    panel="reality",
-)
-Path("flights.svg").write_text(flight_times(rows))
-```
-"""
+"""Box plots of flight times: a row a policy or cell of a matrix, a panel a reality."""
 
 import numpy as np
 import polars
 
 from maidenflight.errors import InputError
-from maidenflight.reporting import svg
-from maidenflight.reporting.svg import Panel
+from maidenflight.reporting import charts
+from maidenflight.reporting.charts import Entry, Figure, Spec
 from maidenflight.simulator.tasks import END_REASONS, TIME_LIMIT
 
 COLOURS = {"pwm": "blue", "attitude_rate": "orange", "attitude": "green"}
@@ -30,183 +16,151 @@ BOXED = 5
 """Flights from which on a row has a box; fewer stand for themselves."""
 DOTTED = 60
 """Flights up to which each of a row is a dot; of more, those beyond the whiskers are."""
+CROSS = "M-.7-.7L.7 .7M-.7 .7L.7-.7"
+"""Mark of a flight that a guard ended."""
 REACHED = END_REASONS[TIME_LIMIT]
 """Reason of the end of a flight that lasted as long as it might."""
 
 
 def flight_times(
-    rows: polars.DataFrame,
-    width: float = 720,
-    title: str = "Flight times",
-    labels: dict[str, str] | None = None,
-) -> str:
+    rows: polars.DataFrame, title: str = "Flight times", labels: dict[str, str] | None = None
+) -> Figure:
     """Box plots: a box holds the middle half of the flights, its thick line is the median.
 
     Args:
         rows: a row a flight: `row`, `colour` (a name in `colours.css`), `panel`, `duration` [s] and
-            `end_reason`. Where it has `group`, rows of a group stand together under its name. Of a
-            row's name only what follows a tab is shown.
-        width: of the picture [px].
+            `end_reason`. Where it has `group`, rows of a group stand together. Of a row's name only
+            what follows a tab is shown.
         title: of the picture.
         labels: what colours stand for, by colour; no legend of colours unless given.
 
     Raises:
         InputError: no flights, or a column is missing.
     """
-    missing = [
-        name
-        for name in ("row", "colour", "panel", "duration", "end_reason")
-        if name not in rows.columns
-    ]
+    wanted = ("row", "colour", "panel", "duration", "end_reason")
+    missing = [name for name in wanted if name not in rows.columns]
     rows = rows if missing else rows.filter(polars.col("duration").is_finite())
     if missing or rows.height == 0:
         raise InputError(
             f"no flight times to draw: {f'no column {missing[0]}' if missing else 'no flights'}."
         )
-    lines, panels = _lines(rows), rows["panel"].unique(maintain_order=True).to_list()
-    legend, tall = svg.legend(svg.TITLE, width, _legend(rows, labels or {}))
-    beside = min(max(len(_shown(name)) for _, name in lines) * svg.LETTER + 18, 0.34 * width)
-    columns = min(len(panels), max(int((width - beside) // 230), 1))
-    step, above = 22.0 if len(lines) <= 45 else 15.0, 34 if len(panels) > 1 else 8
-    side, high, top = (width - beside) / columns, step * len(lines) + 8, svg.TITLE + tall + above
-    x = (0.0, max(1.04 * float(rows["duration"].to_numpy().max()), 0.01))
-    parts = [legend]
-    for number, name in enumerate(panels):
-        panel = Panel(
-            beside + number % columns * side,
-            top + number // columns * (high + 84),
-            side - 14,
-            high,
-            x,
-            (0.0, high),
-        )
-        parts += _panel(
-            panel,
-            rows.filter(polars.col("panel") == name),
-            lines,
-            step,
-            str(name) if len(panels) > 1 else "",
-        )
-        parts += _names(lines, panel.top, step, beside) if number % columns == 0 else []
-    return svg.picture(width, top - 36 + -(-len(panels) // columns) * (high + 84), title, parts)
-
-
-def _panel(
-    panel: Panel, flights: polars.DataFrame, lines: list[tuple[str, str]], step: float, name: str
-) -> list[str]:
-    """Axis, frame and boxes of a panel, and its name above it."""
-    places, _ = svg.ticks(*panel.x, 5)
-    grid = (
-        '<path class="grid" '
-        f'd="{"".join(f"M{place:.1f} 0V{panel.height:.1f}" for place in panel.across(places))}"/>'
+    if "group" in rows.columns:
+        order = rows["group"].unique(maintain_order=True).to_list()
+        place = polars.col("group").replace_strict(order, range(len(order)))
+        rows = rows.sort(place, maintain_order=True)
+    names = rows["row"].unique(maintain_order=True).to_list()[:MOST]
+    rows = rows.filter(polars.col("row").is_in(names))
+    panels = rows["panel"].unique(maintain_order=True).to_list()
+    last = max(1.04 * float(rows["duration"].to_numpy().max()), 0.01)
+    return Figure(
+        title,
+        [
+            _panel(
+                rows.filter(polars.col("panel") == name),
+                names,
+                last,
+                str(name) if len(panels) > 1 else "",
+            )
+            for name in panels
+        ],
+        _legend(rows, labels or {}),
+        least=360,
     )
-    own = {str(row): part for (row,), part in flights.group_by("row")}
-    rows = [
-        _row(panel, own[each], place, step)
-        for place, (kind, each) in enumerate(lines)
-        if kind == "row" and each in own
+
+
+def _panel(flights: polars.DataFrame, names: list[str], last: float, title: str) -> Spec:
+    parts = {str(row): part for (row,), part in flights.group_by("row")}
+    marks = [mark for name in names if name in parts for mark in _marks(name, parts[name])]
+    step = 22 if len(names) <= 45 else 15
+    label = {"labelExpr": "slice(datum.label, indexof(datum.label, '\\t') + 1)", "labelLimit": 150}
+    y = {
+        "field": "row",
+        "type": "nominal",
+        "sort": names,
+        "title": None,
+        "scale": {"domain": names},
+        "axis": {"ticks": False, "domain": False, "grid": False, **label},
+    }
+    x = charts.number("x", "flight time [s]", **charts.within(0.0, last))
+    colour = {"field": "colour", "type": "nominal", "scale": None}
+    told = charts.tooltip({"name": "", "x": "time [s]", "end": "ended by"})
+    boxed = charts.tooltip(
+        {"name": "", "median": "median [s]", "x": "a quarter below [s]", "x2": "above [s]"}
+    )
+    layers: list[Spec] = [
+        _layer("box", {"type": "bar", "opacity": 0.22, "size": 0.64 * step}, x, y, colour, boxed),
+        _layer("whisker", {"type": "rule"}, x, y, colour),
+        _layer("median", {"type": "tick", "thickness": 3, "size": 0.7 * step}, x, y, colour),
+        _layer(
+            "flight",
+            {"type": "point", "size": 22, "strokeWidth": 1.4},
+            x,
+            y,
+            colour,
+            told,
+            {
+                "yOffset": charts.number("level", scale={"domain": [-1.6, 1.6]}),
+                "shape": {"field": "shape", "type": "nominal", "scale": None},
+            },
+        ),
     ]
-    outside, _ = svg.axes(panel, "flight time [s]", "", few=5, left=False)
-    above = [svg.text(panel.left, panel.top - 9, name, "strong")] if name else []
-    return [outside, *above, svg.framed(panel, [grid, *rows], name or "flights")]
+    return charts.panel(
+        charts.rows(marks), layers, title=title, height=step * len(names) + 8, zooms=("x",)
+    )
 
 
-def _lines(rows: polars.DataFrame) -> list[tuple[str, str]]:
-    """What stands below each other: `group` and its name, `row` and its name."""
-    if "group" not in rows.columns:
-        return [("row", name) for name in rows["row"].unique(maintain_order=True).to_list()[:MOST]]
-    lines: list[tuple[str, str]] = []
-    for (group,), part in rows.group_by("group", maintain_order=True):
-        lines += [
-            ("group", str(group)),
-            *(("row", name) for name in part["row"].unique(maintain_order=True)),
-        ]
-    return lines[:MOST]
+def _layer(
+    kind: str,
+    mark: Spec,
+    x: Spec,
+    y: Spec,
+    colour: Spec,
+    told: list[Spec] | None = None,
+    more: Spec | None = None,
+) -> Spec:
+    encoding: Spec = {"x": x, "y": y, "color": colour, **(more or {})}
+    encoding |= {"x2": {"field": "x2"}} if kind in ("box", "whisker") else {}
+    encoding |= {"tooltip": told} if told else {}
+    return {
+        "transform": [{"filter": f"datum.kind === '{kind}'"}],
+        "mark": mark,
+        "encoding": encoding,
+    }
 
 
-def _names(lines: list[tuple[str, str]], top: float, step: float, room: float) -> list[str]:
-    parts = []
-    for place, (kind, name) in enumerate(lines):
-        most = int((room - 12) / svg.LETTER)
-        whole = _shown(name)
-        short = whole if len(whole) <= most else f"{whole[: most - 1]}…"
-        words = short if short == whole else svg.titled(short, whole)
-        down = top + 4 + (place + 0.5) * step + 4.5
-        parts.append(
-            svg.text(0, down, words, "strong")
-            if kind == "group"
-            else svg.text(room - 10, down, words, "", "end")
-        )
-    return parts
-
-
-def _shown(name: str) -> str:
-    """What is shown of a row's name: what follows a tab; rows of equal names differ before it."""
-    return name.rpartition("\t")[2]
-
-
-def _row(panel: Panel, flights: polars.DataFrame, place: int, step: float) -> str:
+def _marks(name: str, flights: polars.DataFrame) -> list[Spec]:
     """The box of a row, its whiskers and its flights."""
-    colour, times = flights["colour"][0], flights["duration"].to_numpy()
+    times, colour = flights["duration"].to_numpy(), flights["colour"][0]
     low, middle, high = np.quantile(times, [0.25, 0.5, 0.75])
     near = times[(times >= low - 1.5 * (high - low)) & (times <= high + 1.5 * (high - low))]
-    down, half = 4 + (place + 0.5) * step, 0.32 * step
-    left, centre, right, first, last = (
-        float(value) for value in panel.across([low, middle, high, near.min(), near.max()])
-    )
-    drawn = ""
+    shown = name.rpartition("\t")[2]
+    common = {"row": name, "name": shown, "colour": charts.paint(colour), "series": colour}
+    marks: list[Spec] = []
     if len(times) >= BOXED:
-        drawn += svg.fill(
-            f"M{left:.1f} "
-            f"{down - half:.1f}H{max(right, left + 1):.1f}V{down + half:.1f}H{left:.1f}Z",
-            "faint",
-            colour,
-        )
-        drawn += svg.stroke(
-            f"M{first:.1f} {down:.1f}H{left:.1f}M{right:.1f} {down:.1f}H{last:.1f}", "thin", colour
-        )
-    dotted = (
-        np.full(len(times), True)
-        if len(times) <= DOTTED
-        else (times < near.min()) | (times > near.max())
-    )
-    reached = (flights["end_reason"] == REACHED).to_numpy()
+        marks.append({**common, "kind": "box", "x": low, "x2": high, "median": middle})
+        marks += [
+            {**common, "kind": "whisker", "x": first, "x2": last}
+            for first, last in ((near.min(), low), (high, near.max()))
+        ]
+        marks.append({**common, "kind": "median", "x": middle})
+    every = len(times) <= DOTTED
     # Spread by their place among the flights, so that equal times do not hide each other.
-    levels = down + half * 0.8 * (np.linspace(-1, 1, len(times)) if len(times) > 1 else np.zeros(1))
-    spots = zip(panel.across(times)[dotted], levels[dotted], reached[dotted], strict=True)
-    dots, crosses = "", ""
-    for across, level, done in spots:
-        dots += f"M{across:.1f} {level:.1f}h0" if done else ""
-        crosses += "" if done else f"M{across - 2:.1f} {level - 2:.1f}l4 4m0 -4l-4 4"
-    drawn += svg.stroke(dots, "dots faded", colour) + svg.stroke(crosses, "thin faded", colour)
-    median = svg.stroke(
-        f"M{centre:.1f} {down - half - 1:.1f}V{down + half + 1:.1f}", "heavy", colour
-    )
-    return drawn + (median if len(times) >= BOXED else "")
+    levels = np.linspace(-1, 1, len(times)) if len(times) > 1 else np.zeros(1)
+    for time, level, end in zip(times, levels, flights["end_reason"], strict=True):
+        if every or time < near.min() or time > near.max():
+            shape = "circle" if end == REACHED else CROSS
+            marks.append(
+                {**common, "kind": "flight", "x": time, "level": level, "end": end, "shape": shape}
+            )
+    return marks
 
 
-def _legend(rows: polars.DataFrame, labels: dict[str, str]) -> list[tuple[str, str]]:
+def _legend(rows: polars.DataFrame, labels: dict[str, str]) -> list[Entry]:
     used = rows["colour"].unique(maintain_order=True).to_list()
-    boxed = int(rows.group_by("row", "panel").len()["len"].max() or 0) >= BOXED  # type: ignore[arg-type]
-    entries = [
-        (
-            svg.fill("M2 0H22V12H2Z", "faint", colour) + svg.stroke("M12 0V12", "heavy", colour)
-            if boxed
-            else svg.stroke("M12 6h0", "spots", colour),
-            labels[colour],
-        )
-        for colour in used
-        if colour in labels
-    ]
-    reasons = (rows["end_reason"] == REACHED).to_numpy()
-    entries += (
-        [(svg.stroke("M12 6h0", "spots", "soft"), "flight to the time limit")]
-        if reasons.any()
-        else []
-    )
-    entries += (
-        [(svg.stroke("M9 3l6 6m0 -6l-6 6", "thin", "soft"), "flight ended by a guard")]
-        if not reasons.all()
-        else []
-    )
+    counts = rows.group_by("row", "panel").len()["len"].to_list()
+    kind = "box" if max(counts, default=0) >= BOXED else "dot"
+    entries = [Entry(labels[colour], colour, kind, colour) for colour in used if colour in labels]
+    reached = (rows["end_reason"] == REACHED).to_numpy()
+    entries += [Entry("flight to the time limit", "soft", "dot")] if reached.any() else []
+    entries += [Entry("flight ended by a guard", "soft", "cross")] if not reached.all() else []
     return entries

@@ -4,12 +4,16 @@ import polars
 from markupsafe import Markup
 
 from maidenflight.experiments import flight_times, matrix
+from maidenflight.flights.trims import trim
 from maidenflight.identification.prediction import PERSISTENCE
+from maidenflight.parameters import crazyflie
 from maidenflight.reporting import tables
 from maidenflight.reporting.run import Run, viewable
 from maidenflight.reporting.tables import Cell
 from maidenflight.reporting.text import ERRORS
 
+MICRO = 1e6
+"""Shown trim per N m."""
 NAMES = {"pwm": "PWM", "attitude_rate": "Attitude rate", "attitude": "Attitude"}
 """Control structures as people call them."""
 _COLUMNS = {
@@ -49,31 +53,54 @@ def flights(run: Run) -> Markup | str:
     return tables.sortable("flights", heads, rows, run.table.select(columns), of_flights=True)
 
 
+def trims(run: Run) -> polars.DataFrame:
+    """What each recorded flight says cheaply, a row a flight, in SI units; see `trims.trim`."""
+    drone = crazyflie() if run.drone is None else run.drone.parameters
+    rows = []
+    for number, flight in enumerate(run.recorded, 1):
+        found = trim(flight, drone)
+        row = {"number": number, "flight": flight.name}
+        row |= {"drone": flight.simulated or "a real drone"}
+        row |= {"duration": flight.duration, "rows": len(flight)}
+        row |= {"thrust_to_weight": found.thrust_to_weight}
+        row |= {"thrust_to_weight_error": found.thrust_to_weight_error}
+        for axis, value, error in zip(
+            "xyz", found.torque_bias, found.torque_bias_error, strict=True
+        ):
+            row |= {f"torque_bias_{axis}": float(value), f"torque_bias_{axis}_error": float(error)}
+        row |= {f"command_{motor}": float(mean) for motor, mean in enumerate(found.command, 1)}
+        rows.append(row | {"battery": found.battery})
+    return polars.DataFrame(rows)
+
+
 def recorded(run: Run) -> Markup | str:
     """The recorded flights, for choosing what the viewer shows."""
     if not run.recorded:
         return ""
-    viewed, rows, file = set(viewable(run)), [], []
-    for place, flight in enumerate(run.recorded):
-        name, where = flight.name, flight.simulated or "a real drone"
+    viewed, rows, file = set(viewable(run)), [], trims(run)
+    for place, row in enumerate(file.iter_rows(named=True)):
+        name = row["flight"]
         rows.append(
             [
                 tables.choice(name, name) if place in viewed else tables.plain(name),
-                tables.plain(where),
-                tables.number(flight.duration, 2),
-                tables.plain(len(flight)),
+                tables.plain(row["drone"]),
+                tables.number(row["duration"], 2),
+                tables.number(row["thrust_to_weight"], 3),
+                *(tables.number(row[f"torque_bias_{axis}"], 0, MICRO) for axis in "xyz"),
+                *(tables.number(row[f"command_{motor}"], 3) for motor in range(1, 5)),
+                tables.number(row["battery"], 2),
             ]
         )
-        file.append(
-            {"flight": name, "drone": where, "duration": flight.duration, "rows": len(flight)}
-        )
-    heads = [
-        ("flight", "Flight"),
-        ("drone", "Drone"),
-        ("duration", "Duration [s]"),
-        ("rows", "Rows"),
+    heads: list[tuple[str, str | Markup]] = [("flight", "Flight"), ("drone", "Drone")]
+    heads += [("duration", "Duration [s]"), ("thrust_to_weight", "Thrust to weight")]
+    unit = Markup("10<sup>\N{MINUS SIGN}6</sup> N m")
+    heads += [
+        (f"torque_bias_{axis}", Markup("{} trim [{}]").format(name, unit))
+        for axis, name in zip("xyz", ("Roll", "Pitch", "Yaw"), strict=True)
     ]
-    return tables.sortable("flights", heads, rows, polars.DataFrame(file), of_flights=True)
+    heads += [(f"command_{motor}", f"Mean u of motor {motor}") for motor in range(1, 5)]
+    heads += [("battery", "Battery [V]")]
+    return tables.sortable("flights", heads, rows, file, of_flights=True)
 
 
 def is_matrix(run: Run) -> bool:

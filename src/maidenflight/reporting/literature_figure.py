@@ -5,12 +5,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from maidenflight.errors import InputError
-from maidenflight.reporting import literature, svg
+from maidenflight.reporting import charts, literature, text
+from maidenflight.reporting.charts import Entry, Figure, Spec
 from maidenflight.reporting.delay_figures import Estimated
-from maidenflight.reporting.svg import Panel
 
-ROW = 30.0
+ROW = 30
 """Height of a parameter [px]."""
+_STEPS = [2.0**power for power in range(-6, 7)]
 
 
 def comparable(name: str) -> bool:
@@ -19,16 +20,13 @@ def comparable(name: str) -> bool:
 
 
 def beside_literature(
-    estimates: Mapping[str, Estimated],
-    truth: Mapping[str, tuple[float, float]] | None = None,
-    width: float = 720,
-) -> str:
+    estimates: Mapping[str, Estimated], truth: Mapping[str, tuple[float, float]] | None = None
+) -> Figure:
     """Identified parameters, each as a multiple of the paper's value, on one logarithmic axis.
 
     Args:
         estimates: by parameter; those that the paper's model lacks are left out.
         truth: from and to, by parameter, of a virtual drone [SI].
-        width: of the picture [px].
 
     Raises:
         InputError: none of the parameters has a value above zero in the paper.
@@ -39,115 +37,90 @@ def beside_literature(
             "no parameter to draw beside the literature: the paper gives none of them a value "
             "above zero."
         )
-    paper = {name: literature.of_the_paper(name) for name in shown}
-    others = {name: literature.published(name) for name in shown}
-    values = [each.value / paper[name] for name in shown for each in others[name]]
-    values += [
-        side / paper[name]
-        for name in shown
-        for side in (*estimates[name].interval, *(truth or {}).get(name, ()))
-        if side > 0
-    ]
-    ends = np.log2([min([*values, 0.9]), max([*values, 1.1])])
-    legend, tall = svg.legend(svg.TITLE, width, _legend(bool(truth)))
-    left = 92.0
-    panel = Panel(
-        left,
-        svg.TITLE + tall + 8,
-        width - left - 10,
-        ROW * len(shown) + 8,
-        svg.margin(ends),
-        (0.0, 1.0),
+    rows: list[Spec] = []
+    for name in shown:
+        rows += _rows(name, estimates[name], (truth or {}).get(name))
+    values = [row[end] for row in rows for end in ("x", "x2") if row.get(end) is not None]
+    x = charts.number(
+        "x",
+        "multiple of the paper's value",
+        scale={
+            "type": "log",
+            "base": 2,
+            "domain": [min([0.85, *(0.94 * value for value in values)]), 1.06 * max(values)],
+            "nice": False,
+        },
+        axis={
+            "values": _STEPS,
+            "labelExpr": "(datum.value < 1 ? '1/' + round(1 / datum.value) : datum.value)"
+            " + '\N{MULTIPLICATION SIGN}'",
+        },
     )
-    parts = [legend, *_axis(panel)]
-    content = [_grid(panel)]
-    for number, name in enumerate(shown):
-        down = 4 + (number + 0.5) * ROW
-        parts.append(svg.text(left - 10, panel.top + down + 4.5, svg.symbol(name), "strong", "end"))
-        content.append(
-            _others(panel, [(each.value / paper[name], each.source) for each in others[name]], down)
-        )
-        if truth and name in truth:
-            low, high = (
-                float(panel.across(np.log2(max(side, 1e-12) / paper[name]))) for side in truth[name]
-            )
-            content.append(
-                svg.stroke(
-                    f"M{low:.1f} {down - 9:.1f}v18M{high:.1f} {down - 9:.1f}v18M{low:.1f} "
-                    f"{down:.1f}H{high:.1f}",
-                    "line",
-                    "green",
-                )
-            )
-        content.append(_estimate(panel, estimates[name], paper[name], down))
-    parts.append(svg.framed(panel, content, "literature"))
-    return svg.picture(width, panel.top + panel.height + 44, "Beside the literature", parts)
-
-
-def _legend(truth: bool) -> list[tuple[str, str]]:
-    entries = [(svg.stroke("M12 2V10M4 6H20", "heavy", "orange"), "identified, 95 % interval")]
-    entries += [(svg.stroke("M4 0V12M20 0V12M4 6H20", "line", "green"), "truth")] if truth else []
-    return [
-        *entries,
-        (svg.stroke("M12 0V12", "line", "purple"), "paper"),
-        (svg.stroke("M12 6h0", "spots", "soft"), "others"),
-    ]
-
-
-_STEPS = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1, 2, 4, 8, 16)
-
-
-def _axis(panel: Panel) -> list[str]:
-    names = {
-        step: f"{step:g}" if step >= 1 else f"1/{1 / step:g}"
-        for step in _STEPS
-        if panel.x[0] <= np.log2(step) <= panel.x[1]
+    order = [text.plain_symbol(name) for name in shown]
+    y = {
+        "field": "parameter",
+        "type": "nominal",
+        "sort": order,
+        "title": None,
+        "axis": {"ticks": False, "labelColor": charts.paint("ink"), "labelFontSize": 13},
     }
-    foot = panel.top + panel.height
-    marks = [
-        svg.text(
-            panel.left + float(panel.across(np.log2(step))),
-            foot + 17,
-            f"{name}\N{MULTIPLICATION SIGN}",
-            "",
-            "middle",
-        )
-        for step, name in names.items()
+    told = {"name": "", "told": "value", "between": "95 % interval", "source": "source"}
+    layers = [
+        _layer("paper", {"type": "tick", "size": ROW, "thickness": 2}, "purple", x, y, told),
+        _layer("others", {"type": "point", "filled": True, "size": 40}, "soft", x, y, told),
+        _layer("truth", {"type": "rule", "strokeWidth": 2}, "green", x, y, {}),
+        _layer("truth", {"type": "tick", "size": 18, "thickness": 2}, "green", x, y, told),
+        _layer("identified", {"type": "rule", "strokeWidth": 3}, "orange", x, y, {}),
+        _layer("identified", {"type": "tick", "size": 10, "thickness": 3}, "orange", x, y, told),
     ]
-    return [
-        *marks,
-        svg.text(
-            panel.left + panel.width / 2, foot + 36, "multiple of the paper's value", "", "middle"
-        ),
+    legend = [Entry("identified, 95 % interval", "orange", "plus", "identified")]
+    legend += [Entry("truth", "green", "range", "truth")] if truth else []
+    legend += [Entry("paper", "purple", "tick", "paper"), Entry("others", "soft", "dot", "others")]
+    panel = charts.panel(charts.rows(rows), layers, height=ROW * len(shown) + 8, zooms=("x",))
+    return Figure("Beside the literature", [panel], legend)
+
+
+def _rows(name: str, found: Estimated, truth: tuple[float, float] | None) -> list[Spec]:
+    """What is drawn of a parameter; each value as a multiple of the paper's."""
+    paper, unit = literature.of_the_paper(name), text.unit(name)
+
+    def said(value: float) -> str:
+        return f"{text.number(value * text.factor(name))} {unit}".rstrip()
+
+    common = {"parameter": text.plain_symbol(name), "name": name.replace("_", " ")}
+    low, high = found.interval
+    rows: list[Spec] = [
+        {"series": "paper", "x": 1.0, "told": said(paper), "source": literature.PAPER, **common}
     ]
-
-
-def _grid(panel: Panel) -> str:
-    lines = "".join(
-        f"M{float(panel.across(np.log2(step))):.1f} 0V{panel.height:.1f}"
-        for step in _STEPS
-        if step != 1
-    )
-    one = float(panel.across(0.0))
-    return f'<path class="grid" d="{lines}"/>' + svg.stroke(
-        f"M{one:.1f} 0V{panel.height:.1f}", "line", "purple"
-    )
-
-
-def _others(panel: Panel, values: list[tuple[float, str]], down: float) -> str:
-    places = [
-        (float(panel.across(np.log2(ratio))), svg.titled("", source)) for ratio, source in values
+    rows += [
+        {"series": "others", "x": each.value / paper, "told": said(each.value), **common}
+        | {"source": each.source}
+        for each in literature.published(name)
     ]
-    return "".join(
-        f"<g>{svg.stroke(f'M{place:.1f} {down:.1f}h0', 'spots', 'soft')}{tip}</g>"
-        for place, tip in places
-    )
+    if truth is not None and min(truth) > 0:
+        first, last = truth
+        for value in dict.fromkeys((first, last)):
+            row = {"series": "truth", "x": value / paper, "x2": last / paper, "told": said(value)}
+            rows.append(row | {"source": "the virtual drone", **common})
+    ends_shown = [text.factor(name) * end for end in (low, high)]
+    digits = text.places(ends_shown[1] - ends_shown[0])
+    interval = {"between": " .. ".join(f"{end:.{digits}f}" for end in ends_shown) + f" {unit}"}
+    centre = {"series": "identified", "x": found.value / paper, "told": said(found.value)}
+    rows.append({**centre, **interval, "source": "these flights", **common})
+    ends = np.maximum([low, high], 1e-3 * found.value) / paper
+    rows.append({"series": "identified", "x": ends[0], "x2": ends[1], "line": True, **common})
+    return rows
 
 
-def _estimate(panel: Panel, found: Estimated, paper: float, down: float) -> str:
-    low, middle, high = (
-        float(panel.across(np.log2(max(side, 1e-12) / paper)))
-        for side in (found.interval[0], found.value, found.interval[1])
-    )
-    path = f"M{low:.1f} {down:.1f}H{high:.1f}M{middle:.1f} {down - 7:.1f}v14"
-    return svg.stroke(path, "rim", "paper") + svg.stroke(path, "heavy", "orange")
+def _layer(series: str, mark: Spec, colour: str, x: Spec, y: Spec, told: Mapping[str, str]) -> Spec:
+    """Marks of a series; a rule has two ends, and of `identified` a row of its own."""
+    rule = mark["type"] == "rule"
+    lines = "isValid(datum.line)" if rule else "!isValid(datum.line)"
+    only = f" && {lines}" if series == "identified" else ""
+    encoding: Spec = {"x": x, "y": y}
+    encoding |= {"x2": {"field": "x2"}} if rule else {"tooltip": charts.tooltip(told)}
+    return {
+        "transform": [{"filter": f"datum.series === '{series}'{only}"}],
+        "mark": {**mark, "color": charts.paint(colour), "opacity": 1},
+        "encoding": encoding,
+    }

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from maidenflight.errors import InputError, WriteError
+from maidenflight.errors import InputError, WriteError, not_installed
 from maidenflight.flights.log import Flight
 from maidenflight.reporting.run import usable
 from maidenflight.simulator import geometry
@@ -177,10 +177,7 @@ def _packages() -> tuple[Any, Any]:
     try:
         return import_module("rerun"), import_module("rerun.blueprint")
     except ModuleNotFoundError as error:
-        raise InputError(
-            f"{error.name} is not installed, but the viewer needs it: pip install "
-            "'maidenflight[viewer]'"
-        ) from error
+        raise not_installed(str(error.name), "viewer", "the viewer") from error
 
 
 @contextmanager

@@ -54,10 +54,24 @@ function sortBy(table, column) {
   body.append(...(rising ? known : known.reverse()), ...unknown); // what is not known stays at the end
 }
 
+/* The part of the page that is read is marked in the navigation, which stays at the top. */
+function listenToScrolling() {
+  const links = [...document.querySelectorAll("nav a")], parts = links.map(link => document.querySelector(link.hash));
+  const bar = document.querySelector("nav");
+  const mark = () => {
+    bar.classList.toggle("stuck", bar.getBoundingClientRect().top <= 0);
+    const now = parts.findLastIndex(part => part.getBoundingClientRect().top < 120);
+    links.forEach((link, number) => (number === now ? link.setAttribute("aria-current", "true") : link.removeAttribute("aria-current")));
+  };
+  addEventListener("scroll", mark, {passive: true});
+  mark();
+}
+
 for (const table of document.querySelectorAll("table.sortable")) {
   for (const button of table.querySelectorAll("thead button")) button.onclick = () => sortBy(table, button.dataset.column);
 }
 listenToTheme();
+listenToScrolling();
 for (const wish of location.hash.slice(1).split("&")) {
   const [verb, what = ""] = wish.split("="), [name, column] = what.split(".");
   if (verb === "sort") sortBy(document.querySelector(`table.${CSS.escape(name)}`), column);

@@ -1,8 +1,9 @@
 """The report of a run: one HTML file that needs nothing else, neither a network nor a server."""
 
 import json
+import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -37,29 +38,44 @@ _SECTIONS: tuple[tuple[str, str, Callable[[Run], Markup]], ...] = (
 """Anchor, title and content of the page's sections; an empty one is left out."""
 
 
-def report(source: StrPath | Transfer, path: StrPath) -> Path:
+_VIEWER = ("scene.js", "traces.js", "viewer.js")
+_MODULE = {
+    "import { ascending, isString, DisallowedObjectProperties } from 'vega-util';": "const { "
+    "ascending, isString, DisallowedObjectProperties } = vega;",
+    "export { expression as expressionInterpreter };": "vega.expressionInterpreter = expression;",
+    "//# sourceMappingURL=vega-interpreter.js.map": "",
+}
+"""What makes the module a plain script."""
+
+
+def report(source: StrPath | Sequence[StrPath] | Transfer, path: StrPath) -> Path:
     """Writes what came of a run as one self-contained HTML file. The same run gives the same bytes.
 
     Args:
-        source: the folder of a run, whatever of it there is, or test flights.
+        source: folders and files, whatever of a run they hold, or test flights. Files are known by
+            their content: drones, policies, flight logs that `identify` reads, and result tables.
         path: the HTML file.
 
     Returns:
         The path.
 
     Raises:
-        InputError: nothing known in the folder, a file in it is broken, or the page cannot be
-            written.
+        InputError: nothing known is there, a file is broken, or the page cannot be written.
     """
-    run = runs.of_transfer(source) if isinstance(source, Transfer) else runs.read(Path(source))
-    return results.write(path, to_html(run))
+    if isinstance(source, Transfer):
+        return results.write(path, to_html(runs.of_transfer(source)))
+    given = [source] if isinstance(source, str | os.PathLike) else source
+    return results.write(path, to_html(runs.read(*map(Path, given))))
 
 
 def to_html(run: Run) -> str:
     """The page."""
     made = [Section(name, title, make(run)) for name, title, make in _SECTIONS]
     logs = viewer.held(run)
-    scripts = ["page.js", *(["scene.js", "traces.js", "viewer.js"] if logs else [])]
+    drawn = any("<figure class=chart " in section.content for section in made)
+    scripts = [asset("page.js")]
+    scripts += [asset(name) for name in _VIEWER] if logs else []
+    scripts += [*vega(), asset("charts.js")] if drawn else []
     page = render(
         "page.html",
         title=lead.title(run),
@@ -70,9 +86,21 @@ def to_html(run: Run) -> str:
         version=__version__,
         style=asset("colours.css") + _themes() + asset("style.css"),
         logs=_json(logs) if logs else "",
-        scripts=[asset(name) for name in scripts],
+        scripts=scripts,
     )
     return f"{page}\n"
+
+
+def vega() -> list[Markup]:
+    """The scripts of Vega; its interpreter of expressions, a module, as a plain script.
+
+    With the interpreter no text is ever run as a script, which the page does not allow.
+    """
+    module = str(asset("vega/vega-interpreter.js"))
+    for line, plain in _MODULE.items():
+        assert line in module, line
+        module = module.replace(line, plain)
+    return [asset("vega/vega.min.js"), asset("vega/vega-lite.min.js"), Markup(f"{{\n{module}\n}}")]
 
 
 def _json(content: Any) -> Markup:

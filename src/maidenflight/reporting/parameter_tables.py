@@ -4,6 +4,7 @@ import numpy as np
 import polars
 from markupsafe import Markup
 
+from maidenflight.identification.bounds import bound_reached
 from maidenflight.identification.drone_file import Estimate
 from maidenflight.parameters import COMPONENTS, QUANTITIES, component
 from maidenflight.reporting import literature, tables, text
@@ -27,6 +28,16 @@ def estimate(run: Run, name: str) -> tuple[str, str, str]:
     low, high = (side * scale for side in found.interval)
     digits = text.places(high - low)
     return _written(found.value * scale, digits), _written(low, digits), _written(high, digits)
+
+
+def untold(run: Run) -> list[str]:
+    """What the flights could not tell, each with its plausible range."""
+    found = []
+    for name, ends in ({} if run.drone is None else run.drone.unidentified).items():
+        scale, unit = text.scale(name, ends)
+        low, high = (text.number(end * scale) for end in ends)
+        found.append(f"{name} {low} .. {high} {unit}".strip())
+    return found
 
 
 def _written(value: float, digits: int) -> str:
@@ -79,7 +90,10 @@ def _row(run: Run, name: str) -> list[Cell]:
     value, low, high = estimate(run, name)
     paper = literature.of_the_paper(name)
     cells = [_head(name, unit), Cell(Markup("<b>{}</b>").format(value), found.value)]
-    cells.append(Cell(f"{low} .. {high}", found.interval[0]))
+    ends: Markup | str = f"{low} .. {high}"
+    if bound_reached(name, found) is not None:
+        ends = Markup("{} <small>too narrow: at its search bound</small>").format(ends)
+    cells.append(Cell(ends, found.interval[0]))
     cells.append(_between_segments(found, scale))
     cells += [_truth(run, name, scale)] if run.reality is not None else []
     cells.append(Cell(text.number(paper * scale), paper))

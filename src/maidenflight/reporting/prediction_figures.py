@@ -1,16 +1,29 @@
 """Pictures of how well models predict flights: errors by horizon, and windows of flight."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import polars
 
 from maidenflight.identification.prediction import LOGGED, PERSISTENCE
-from maidenflight.reporting import svg
-from maidenflight.reporting.svg import Panel
+from maidenflight.reporting import charts
+from maidenflight.reporting.charts import Entry, Figure, Spec
 from maidenflight.reporting.text import ERRORS, Shown
 
-_LOOKS = (("", "orange"), ("dashed", "purple"), ("", "blue"), ("dashed", "green"))
+
+class _Look(NamedTuple):
+    colour: str
+    sample: str
+    dash: list[int]
+
+
+_LOOKS = (
+    _Look("orange", "line", [1, 0]),
+    _Look("purple", "dashed", [7, 4]),
+    _Look("blue", "line", [1, 0]),
+    _Look("green", "dashed", [7, 4]),
+)
 """How models are drawn, in their order: the identified drone and the paper's in the colours that
 they have in the pictures of the delays."""
 _SIGNALS = {
@@ -23,136 +36,119 @@ _SIGNALS = {
 """What is drawn of windows; heights count from a window's start."""
 
 
-def horizons(errors: polars.DataFrame, width: float = 720) -> str:
+def horizons(errors: polars.DataFrame) -> Figure:
     """How the errors of open-loop predictions grow, a line a model with its 95 % interval.
-
-    The dotted line is the persistence baseline.
 
     Args:
         errors: as `prediction_error` gives them.
-        width: of the picture [px].
     """
-    names = errors["model"].unique(maintain_order=True).to_list()
-    looks = _looks(names)
-    legend, tall = svg.legend(svg.TITLE, width, _line_legend(looks))
-    columns = 4 if width >= 900 else 2 if width >= 500 else 1
-    side, high = width / columns, 200.0
-    last = float(errors["horizon"].to_numpy().max())
-    parts = [legend]
-    for number, (column, (name, scale, unit)) in enumerate(ERRORS.items()):
-        most = scale * float(errors[column].to_numpy().max())
-        place = (
-            number % columns * side + 40,
-            svg.TITLE + tall + 32 + number // columns * (high + 74),
-        )
-        panel = Panel(
-            *place, side - 52, high, (0.0, last * 1.02), svg.margin([0.0, most], floor=0.0)
-        )
-        axes = svg.axes(panel, "time ahead [s]", "", few=5)
-        content = [axes[1]]
-        for model in reversed(names):
-            rows = errors.filter(polars.col("model") == model).sort("horizon")
-            ahead = np.concatenate([[0.0], rows["horizon"].to_numpy()])
-            middle, low, upper = (
-                np.concatenate([[0.0], scale * rows[f"{column}{end}"].to_numpy()])
-                for end in ("", "_low", "_high")
-            )
-            look, colour = looks[model]
-            content.append(
-                svg.band(panel, ahead, low, upper, colour)
-                + svg.line(panel, ahead, middle, look, colour)
-            )
-            content.append(svg.dots(panel, ahead[1:], middle[1:], "spots", colour))
-        parts += [
-            svg.text(panel.left, panel.top - 9, f"{name} [{unit}]", "strong"),
-            axes[0],
-            svg.framed(panel, content, column),
+    looks = _looks(errors["model"].unique(maintain_order=True).to_list())
+    panels = []
+    for column, shown in ERRORS.items():
+        rows = []
+        for model in looks:
+            part = errors.filter(polars.col("model") == model).sort("horizon")
+            rows.append({"series": model, "x": 0.0, "y": 0.0, "low": 0.0, "high": 0.0})
+            for row in part.iter_rows(named=True):
+                ends = [shown.scale * row[f"{column}{end}"] for end in ("", "_low", "_high")]
+                numbers = dict(zip(("y", "low", "high"), ends, strict=True))
+                rows.append({"series": model, "x": row["horizon"], **numbers})
+        label = f"{shown.name} [{shown.unit}]"
+        x, y = charts.number("x", "time ahead [s]"), charts.number("y")
+        told = {"series": "", "x": "ahead [s]", "y": label}
+        told |= {"low": "95 % from [ ]", "high": "to [ ]"}
+        layers: list[Spec] = [
+            {
+                "mark": {"type": "area", "opacity": 0.18},
+                "encoding": {
+                    "x": x,
+                    "y": charts.number("low"),
+                    "y2": {"field": "high"},
+                    "color": _colours(looks),
+                },
+            },
+            _line(x, y, looks),
+            {
+                "transform": [{"filter": "datum.x > 0"}],
+                "mark": {"type": "point", "filled": True, "size": 40, "opacity": 1},
+                "encoding": {
+                    "x": x,
+                    "y": y,
+                    "color": _colours(looks),
+                    "tooltip": charts.tooltip(told),
+                },
+            },
         ]
-    rows = -(-len(ERRORS) // columns)
-    return svg.picture(
-        width, svg.TITLE + tall + 20 + rows * (high + 74), "Errors over the time predicted", parts
-    )
+        panels.append(charts.panel(charts.rows(rows), layers, title=label, height=200))
+    return Figure("Errors over the time predicted", panels, _legend(looks), least=220)
 
 
-def windows(rows: polars.DataFrame, width: float = 720) -> str:
-    """Logged flight and what models predict of its commands alone, window by window.
-
-    A narrow picture shows the first windows only, and its title says how many of all.
+def windows(rows: polars.DataFrame) -> Figure:
+    """Logged flight and what models predict of its commands alone, a column a window.
 
     Args:
         rows: as `predicted_windows` gives them.
-        width: of the picture [px].
     """
     known = rows["window"].unique(maintain_order=True).to_list()
-    fit = known[: max(1, int((width - 50) // 145))]
     names = [name for name in rows["model"].unique(maintain_order=True).to_list() if name != LOGGED]
     looks = _looks(names)
-    logged = (
-        svg.dots(Panel(0, 0, 24, 12, (0, 4), (0, 2)), [0.5, 1.5, 2.5, 3.5], [1] * 4, "dots", "ink"),
-        LOGGED,
-    )
-    legend, tall = svg.legend(svg.TITLE, width, [logged, *_line_legend(looks)])
-    side, high, gap = (width - 46) / len(fit), 100.0, 34.0
-    top = svg.TITLE + tall + 28
-    shown = rows.filter(polars.col("window").is_in(fit)).with_columns(
-        position_z=polars.col("position_z")
-        - polars.col("position_z").first().over("window", "model")
-    )
-    last = float(shown["time"].to_numpy().max())
-    parts = [legend]
-    for line, (column, (name, scale, unit)) in enumerate(_SIGNALS.items()):
-        y = svg.margin(scale * shown[column].to_numpy())
-        for number, window in enumerate(fit):
-            panel = Panel(
-                46 + number * side,
-                top + line * (high + gap),
-                side - 10,
-                high,
-                (0.0, 1.02 * last),
-                y,
-            )
+    rose = polars.col("position_z").first().over("window", "model")
+    shown = rows.with_columns(position_z=polars.col("position_z") - rose)
+    last = 1.02 * float(shown["time"].to_numpy().max())
+    panels = []
+    for line, (column, signal) in enumerate(_SIGNALS.items()):
+        label = f"{signal.name} [{signal.unit}]"
+        ends = charts.margin(signal.scale * shown[column].to_numpy())
+        below = "time [s]" if line == len(_SIGNALS) - 1 else ""
+        x = charts.number("x", below, **charts.within(0.0, last), axis={"tickCount": 3})
+        y = charts.number("y", **charts.within(*ends))
+        told = charts.tooltip({"series": "", "x": "time [s]", "y": label})
+        for number, window in enumerate(known):
             part = shown.filter(polars.col("window") == window)
-            below = "time [s]" if line == len(_SIGNALS) - 1 else None
-            axes = svg.axes(panel, below, "", few=3, left=number == 0)
-            content = [axes[1]]
-            measured = part.filter(polars.col("model") == LOGGED)
-            every = max(1, round(measured.height * 4.5 / panel.width))
-            content.append(
-                svg.dots(
-                    panel,
-                    measured["time"][::every],
-                    scale * measured[column][::every].to_numpy(),
-                    "dots",
-                    "ink",
-                )
-            )
-            for model in reversed(names):
-                predicted = part.filter(polars.col("model") == model)
-                content.append(
-                    svg.line(
-                        panel,
-                        predicted["time"],
-                        scale * predicted[column].to_numpy(),
-                        *looks[model],
-                    )
-                )
-            parts += [axes[0], svg.framed(panel, content, f"{column} {window}")]
-        parts.append(svg.text(46, top + line * (high + gap) - 8, f"{name} [{unit}]", "strong"))
-    some = f", {len(fit)} of {len(known)}" if len(fit) < len(known) else ""
-    return svg.picture(
-        width, top + len(_SIGNALS) * (high + gap) + 30, f"Predicted windows{some}", parts
-    )
+            data = {"series": part["model"], "x": part["time"], "y": signal.scale * part[column]}
+            layers: list[Spec] = [
+                {
+                    "transform": [{"filter": f"datum.series === '{LOGGED}'"}],
+                    "mark": {
+                        "type": "point",
+                        "filled": True,
+                        "size": 9,
+                        "opacity": 1,
+                        "color": charts.paint("ink"),
+                    },
+                    "encoding": {"x": x, "y": y, "tooltip": told},
+                },
+                {
+                    "transform": [{"filter": f"datum.series !== '{LOGGED}'"}],
+                    **_line(x, y, looks),
+                },
+                {
+                    "mark": {"type": "point", "size": 60, "opacity": 0},
+                    "encoding": {"x": x, "y": y, "tooltip": told},
+                },
+            ]
+            title = label if number == 0 else " "
+            panels.append(charts.panel(charts.table(data), layers, title=title, height=100))
+    legend = [Entry(LOGGED, "ink", "dots", LOGGED), *_legend(looks)]
+    return Figure("Predicted windows", panels, legend, least=150, columns=len(known))
 
 
-def _looks(names: Sequence[str]) -> dict[str, tuple[str, str]]:
-    """Look and colour of each model's line."""
+def _looks(names: Sequence[str]) -> dict[str, _Look]:
     models = [name for name in names if name != PERSISTENCE]
     looks = {name: _LOOKS[number % len(_LOOKS)] for number, name in enumerate(models)}
-    return looks | ({PERSISTENCE: ("dotted", "soft")} if PERSISTENCE in names else {})
+    return looks | ({PERSISTENCE: _Look("soft", "dotted", [2, 4])} if PERSISTENCE in names else {})
 
 
-def _line_legend(looks: Mapping[str, tuple[str, str]]) -> list[tuple[str, str]]:
-    return [
-        (svg.stroke("M0 6H24", f"line {look}".strip(), colour), name)
-        for name, (look, colour) in looks.items()
-    ]
+def _colours(looks: dict[str, _Look]) -> Spec:
+    return charts.coloured({name: look.colour for name, look in looks.items()})
+
+
+def _line(x: Spec, y: Spec, looks: dict[str, _Look]) -> Spec:
+    dashes = {"domain": list(looks), "range": [look.dash for look in looks.values()]}
+    dash = {"field": "series", "type": "nominal", "scale": dashes}
+    encoding = {"x": x, "y": y, "color": _colours(looks), "strokeDash": dash}
+    return {"mark": {"type": "line", "strokeWidth": 2}, "encoding": encoding}
+
+
+def _legend(looks: dict[str, _Look]) -> list[Entry]:
+    return [Entry(name, look.colour, look.sample, name) for name, look in looks.items()]

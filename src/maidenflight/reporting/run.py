@@ -3,7 +3,6 @@
 Each part is optional: a folder may be that of the demo, of one stage or of a matrix.
 """
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,21 +12,26 @@ import numpy as np
 import polars
 from jaxtyping import Float
 
-from maidenflight import results, run_folder
+from maidenflight import inputs, results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.flights import log
 from maidenflight.flights.log import Flight
+from maidenflight.flights.reading import is_known, read_flights, whole_flights
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import DroneFile, Estimate
 from maidenflight.parameters import COMPONENTS, Parameters, component
-from maidenflight.reporting import identified, other_files
+from maidenflight.reporting import identified, sources
 from maidenflight.reporting.identified import SIMULATED, UNKNOWN, Kinds
 from maidenflight.run_folder import Table
 
 MOST = 300
 """Flights that the viewer holds, and logs of recorded flights that are read; more would make the
 page heavy."""
+
+
+BRIEF_S = 2.0
+"""A log shorter than this is shown although the drone hardly flies in it [s]."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +44,8 @@ class Run:
     """The first `MOST` flights that were recorded."""
     logs: int = 0
     """How many there are."""
+    refused: tuple[str, ...] = ()
+    """Why other logs cannot be used, a line each."""
     drone: DroneFile | None = None
     """The identified drone."""
     kinds: Kinds = UNKNOWN
@@ -52,6 +58,10 @@ class Run:
     """Some windows, logged and predicted; see `predicted_windows`."""
     predicted: Kinds = UNKNOWN
     """Whether the flights of both were of a simulated drone."""
+    used: frozenset[str] = frozenset()
+    """Digests of the logs that the drone was identified from, as its file says."""
+    judged: frozenset[str] = frozenset()
+    """Digests of the logs that were predicted, as the table of errors says."""
     policies: int = 0
     controls: Mapping[str, str] = field(default_factory=dict)
     """Control structure of each policy, by the policy's name, where it is known."""
@@ -110,117 +120,97 @@ def of_transfer(flown: Transfer) -> Run:
     )
 
 
-def read(folder: Path) -> Run:
-    """Reads whatever a run folder holds.
+def read(*given: Path) -> Run:
+    """Reads what there is in files and folders, known by what they hold.
 
     Raises:
-        InputError: not a folder, nothing known in it, or a file in it is not what its name says.
+        InputError: see `sources.find`; nothing known is there, or a file is not what it seems to
+            be.
     """
-    if not folder.is_dir():
-        raise InputError(
-            f"{folder}: no such folder. Give the folder of a run, such as maidenflight demo writes."
-        )
+    found = sources.find(given)
     records: dict[str, Mapping[str, Any]] = {}
-    tested = _folder(folder, run_folder.TRANSFER)
-    table = _test_flights(tested / run_folder.FLIGHTS.name, records)
-    home = _folder(folder, *run_folder.RECORDED)
-    hidden = next(
-        (place for place in (folder, home) if os.path.lexists(place / run_folder.REALITY)), folder
-    )
-    truth = _drone(hidden / run_folder.REALITY, records)
+    table = _test_flights(found.table, records)
+    truth = _drone(found.truth, records)
     reality = None if truth is None else truth.parameters
-    recorded = run_folder.LOG.find(home) if home != tested or table is None else []
-    recorded_flights = _logs(recorded[:MOST], records)
-    drone = _drone(folder / run_folder.DRONE, records)
-    trained = _folder(folder, run_folder.POLICIES)
-    policies = {path.stem: run_folder.json_object(path) for path in run_folder.POLICY.find(trained)}
-    for name, content in policies.items():
-        _keep(records, trained / f"{name}.json", content.get("record"))
-    flights = _logs(run_folder.LOG.find(tested), records) if table is not None else ()
+    recorded, refused = _recorded(found.logs[:MOST], given, records)
+    drone = _drone(found.drone, records)
+    policies = {path: run_folder.json_object(path) for path in found.policies}
+    for path, content in policies.items():
+        _keep(records, path, content.get("record"))
+    flights = tuple(_own(path, records) for path in found.tested) if table is not None else ()
     if table is not None and flights and len(flights) != table.height:
         raise InputError(
-            f"{tested}: {len(flights)} flight logs, but flights.csv has {table.height} rows. Run "
-            "the transfer again."
+            f"{found.table}: {len(flights)} flight logs, but {table.height} rows. Run the transfer "
+            "again."
         )
-    validation = _table(folder / run_folder.VALIDATION.name, run_folder.VALIDATION, records)
-    windows = _table(folder / run_folder.WINDOWS.name, run_folder.WINDOWS, records)
-    logs = {
-        results.digest(path): bool(flight.simulated)
-        for path, flight in zip(recorded, recorded_flights, strict=False)
-    }
-    kinds, predicted = _kinds(logs, drone, records, reality is not None)
-    found = Run(
+    logs = {results.digest(path): bool(flight.simulated) for path, flight in recorded}
+    validation, said = _table(found.validation, run_folder.VALIDATION, records)
+    windows, said_too = _table(found.windows, run_folder.WINDOWS, records)
+    used = _digests({} if drone is None else drone.record, found.drone)
+    judged = _digests(said or said_too, found.validation or found.windows)
+    kinds, predicted = _kinds(logs, drone, used, judged, reality is not None)
+    run = Run(
         reality=reality,
-        recorded=recorded_flights,
-        logs=len(recorded),
+        recorded=tuple(flight for _, flight in recorded),
+        logs=len(found.logs) - len(refused),
         drone=drone,
         kinds=kinds,
-        search=_search(folder / run_folder.EVALUATIONS.name),
+        search=_search(found.evaluations),
         validation=validation,
         windows=windows,
         predicted=predicted,
+        used=used,
+        judged=judged,
         policies=len(policies),
         controls={
-            name: str(content["control"])
-            for name, content in policies.items()
+            path.stem: str(content["control"])
+            for path, content in policies.items()
             if "control" in content
         },
-        training=_table(trained / run_folder.TRAINING.name, run_folder.TRAINING),
+        training=_table(found.training, run_folder.TRAINING)[0],
         table=table,
         flights=flights,
-        prediction=_table(folder / run_folder.PREDICTION.name, run_folder.PREDICTION, records),
+        prediction=_table(found.prediction, run_folder.PREDICTION, records)[0],
         records=records,
-        seconds=run_folder.read_stages(folder),
-        other_files=other_files.find(folder, {tested, trained, home}),
+        seconds={} if found.stages is None else run_folder.read_stages(found.stages),
+        refused=tuple(refused),
+        other_files=found.others,
     )
-    if not found.known:
+    if not run.known:
         raise InputError(
-            f"{folder}: nothing of a run in this folder; expected reality.toml, recorded/ or "
-            "flights/, drone.toml, identification.csv,"
-            " validation.csv, policies/, policy_*.json, transfer/, flights.csv, prediction.csv or "
-            "flight logs."
+            f"{' '.join(map(str, given))}: nothing of a run here; expected flight logs, a drone "
+            "(.toml), policies (.json), or tables that maidenflight has written."
         )
-    return found
-
-
-def _folder(folder: Path, *names: str) -> Path:
-    """The first folder of these names in a run's, or else that itself: it is one of a stage."""
-    return next((folder / name for name in names if (folder / name).is_dir()), folder)
+    return run
 
 
 def _kinds(
     logs: Mapping[str, bool],
     drone: DroneFile | None,
-    records: Mapping[str, Mapping[str, Any]],
+    used: frozenset[str],
+    judged: frozenset[str],
     virtual: bool,
 ) -> tuple[Kinds, Kinds]:
     """Kinds of the flights that the drone was identified from, and of those that were predicted.
 
-    By their logs, where these are in the folder.
+    By their logs, where these are known.
     """
     known: dict[str, bool | None] = dict(logs)
     otherwise = SIMULATED if virtual or (known and all(known.values())) else UNKNOWN
-    used = log_digests(records, run_folder.DRONE)
     own = identified.kinds_identified(drone, identified.kinds_of(used, known, otherwise))
     if len(own) == 1:
         known |= dict.fromkeys(used, *own)
-    predicted = log_digests(records, run_folder.VALIDATION.name, run_folder.WINDOWS.name)
-    return own, identified.kinds_of(predicted, known, otherwise if own <= otherwise else UNKNOWN)
+    return own, identified.kinds_of(judged, known, otherwise if own <= otherwise else UNKNOWN)
 
 
-def log_digests(records: Mapping[str, Mapping[str, Any]], *names: str) -> set[str]:
+def _digests(record: Mapping[str, Any], path: Path | None) -> frozenset[str]:
     """Digests of the flight logs that the record of a file names.
 
-    Args:
-        records: see `Run.records`.
-        names: of files; the first that has a record counts.
-
     Raises:
-        InputError: the record names its inputs in another way.
+        InputError: it names its inputs in another way.
     """
-    name = next((name for name in names if name in records), None)
-    found = {} if name is None else results.recorded_inputs(records[name], name)
-    return {digest for digest, file in found.items() if not file.endswith(".toml")}
+    found = results.recorded_inputs(record, str(path)) if record else {}
+    return frozenset(digest for digest, file in found.items() if not file.endswith(".toml"))
 
 
 def holds_flights(folder: Path) -> bool:
@@ -239,48 +229,105 @@ def _keep(records: dict[str, Mapping[str, Any]], path: Path, record: Any) -> Non
         records[name] = record
 
 
-def _drone(path: Path, records: dict[str, Mapping[str, Any]]) -> DroneFile | None:
-    if not os.path.lexists(path):
+def _drone(path: Path | None, records: dict[str, Mapping[str, Any]]) -> DroneFile | None:
+    if path is None:
         return None
     found = drone_file.read(path)
     _keep(records, path, found.record)
     return found
 
 
-def _logs(paths: Sequence[Path], records: dict[str, Mapping[str, Any]]) -> tuple[Flight, ...]:
-    flights = []
+def _recorded(
+    paths: Sequence[Path], given: Sequence[Path], records: dict[str, Mapping[str, Any]]
+) -> tuple[list[tuple[Path, Flight]], list[str]]:
+    """The flights in logs of any format, and why others in folders cannot be used.
+
+    Our own logs are shown whole, of others the gapless pieces in which the drone flies, if any.
+
+    Raises:
+        InputError: a log of ours, or one that was itself given, cannot be used.
+    """
+    flights: list[tuple[Path, Flight]] = []
+    refused = []
     for path in paths:
-        text = run_folder.text(path)
-        if not text.startswith(log.MARK):
-            raise InputError(
-                f"{path}: not a flight log of maidenflight; its first line should begin with "
-                f"'{log.MARK}'."
-            )
-        flights.append(log.from_csv(text, f"{path.parent.name}/{path.name}"))
-        if not 0 < flights[-1].period < 1:
-            raise InputError(
-                f"{path}: rows are {flights[-1].period:g} s apart; expected a time that "
-                "increases, in seconds. Log it again."
-            )
-        _keep(records, path, run_folder.record_of(text, path))
-    return tuple(flights)
+        if _is_own(path):
+            flights.append((path, _own(path, records)))
+            continue
+        try:
+            flights += [(path, flight) for flight in _pieces(path)]
+        except InputError as error:
+            if path in given:
+                raise
+            if _numbered(path) and path.parent.name in run_folder.RECORDED and not is_known(path):
+                _own(path, records)
+            refused.append(str(error))
+    return flights, refused
 
 
-def _search(path: Path) -> polars.DataFrame | None:
+def _pieces(path: Path) -> Sequence[Flight]:
+    """The pieces of a log in which the drone flies; the whole of one that is brief.
+
+    Raises:
+        InputError: there is not even that.
+    """
+    try:
+        return read_flights(path).flights
+    except InputError:
+        whole = whole_flights(path)
+        found = [one for one in whole if one.duration < BRIEF_S and usable(one).stop > 1]
+        if not found:
+            raise
+        return found
+
+
+def _is_own(path: Path) -> bool:
+    """Whether a file is a log of ours, by its first line; where it has none, by its name."""
+    try:
+        first = next(iter(inputs.comments(path)), "") if path.suffix == ".csv" else ""
+    except (OSError, UnicodeDecodeError):
+        return _numbered(path)
+    return first.startswith(log.FAMILY)
+
+
+def _numbered(path: Path) -> bool:
+    """Whether a log has a name that a command gives."""
+    return path.match(f"{run_folder.LOG.stem}_*{run_folder.LOG.suffix}")
+
+
+def _own(path: Path, records: dict[str, Mapping[str, Any]]) -> Flight:
+    text = run_folder.text(path)
+    if not text.startswith(log.MARK):
+        raise InputError(
+            f"{path}: not a flight log of maidenflight; its first line should begin with "
+            f"'{log.MARK}'."
+        )
+    flight = log.from_csv(text, f"{path.parent.name}/{path.name}")
+    if not 0 < flight.period < 1:
+        raise InputError(
+            f"{path}: rows are {flight.period:g} s apart; expected a time that increases, in "
+            "seconds. Log it again."
+        )
+    _keep(records, path, run_folder.record_of(text, path))
+    return flight
+
+
+def _search(path: Path | None) -> polars.DataFrame | None:
     """Evaluations of an objective; every parameter that was searched has a column of numbers."""
-    search = _table(path, run_folder.EVALUATIONS)
-    if search is None:
+    search, _ = _table(path, run_folder.EVALUATIONS)
+    if path is None or search is None:
         return None
     searched = {name: float for name in search.columns if name in COMPONENTS}
     return Table(run_folder.EVALUATIONS.name, searched).checked(search, str(path))
 
 
-def _test_flights(path: Path, records: dict[str, Mapping[str, Any]]) -> polars.DataFrame | None:
-    """The rows of `flights.csv`.
+def _test_flights(
+    path: Path | None, records: dict[str, Mapping[str, Any]]
+) -> polars.DataFrame | None:
+    """The rows of test flights.
 
     Those of a matrix say what each policy was trained for, and its name is made of that.
     """
-    if not os.path.lexists(path):
+    if path is None:
         return None
     rows, record = run_folder.read_flights(path)
     _keep(records, Path(path.name), record)
@@ -297,15 +344,15 @@ def _test_flights(path: Path, records: dict[str, Mapping[str, Any]]) -> polars.D
 
 
 def _table(
-    path: Path, table: Table, records: dict[str, Mapping[str, Any]] | None = None
-) -> polars.DataFrame | None:
-    """Reads a table, and its record into `records`."""
-    if not os.path.lexists(path):
-        return None
+    path: Path | None, table: Table, records: dict[str, Mapping[str, Any]] | None = None
+) -> tuple[polars.DataFrame | None, dict[str, Any]]:
+    """Reads a table and its record, which is kept in `records`."""
+    if path is None:
+        return None, {}
     rows, record = table.read(path)
     if records is not None:
         _keep(records, Path(path.name), record)
-    return rows
+    return rows, record
 
 
 def truth(run: Run) -> tuple[tuple[float, float], ...]:

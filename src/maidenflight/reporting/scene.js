@@ -103,6 +103,10 @@ class Scene {
     this.pen.globalAlpha = 0.3;
     this.line(points.slice(0, row + 1), this.colours.blue, 1);
     this.pen.globalAlpha = 1;
+    if (this.measured && flight.hasTruth) {
+      const from = Math.max(0, row - Math.round(TRAIL / flight.period)), seen = flight.measured[0].slice(from, row + 1);
+      this.line(seen.map((_, i) => flight.measured.map(column => column[from + i])), this.colours.green, 1);
+    }
     const first = Math.max(0, row - Math.round(TRAIL / flight.period));
     for (let i = first; i < row; i++) {
       const share = flight.hasReference ? Math.min(1, flight.error[i] / flight.worst) : 0;
@@ -130,8 +134,8 @@ class Scene {
   }
 
   legend(flight) {
-    this.words(flight.simulated ? "simulated" : "real flight", 12, 18);
-    this.words(`grid ${this.cell} m, at height ${+this.ground.toFixed(2)} m`, this.width - 12, 18, "right");
+    this.words(flight.simulated ? `simulated, ${flight.hasTruth ? "true" : "measured"} position` : "real flight, measured position", 12, 18);
+    this.words(`grid ${this.cell} m, at height ${+this.ground.toFixed(2)} m`, this.width - 12, this.width < 480 ? 38 : 18, "right");
     if (!flight.hasReference) return;
     const right = this.width - 12, top = this.height - 18, shade = this.pen.createLinearGradient(right - 130, 0, right - 50, 0);
     shade.addColorStop(0, this.colours.blue);

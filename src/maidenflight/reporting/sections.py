@@ -3,13 +3,9 @@
 A section is empty where nothing is known of it.
 """
 
-from collections.abc import Callable
-from typing import NamedTuple
-
 import polars
 from markupsafe import Markup
 
-from maidenflight import run_folder
 from maidenflight.flights.windows import SEGMENT_SECONDS
 from maidenflight.reporting import (
     corner_figure,
@@ -20,62 +16,52 @@ from maidenflight.reporting import (
     lead,
     literature,
     literature_figure,
-    other_files,
     parameter_tables,
     prediction_figures,
     records,
     text,
     training_figures,
+    trim_figure,
     viewer,
 )
 from maidenflight.reporting import run as runs
+from maidenflight.reporting.charts import Figure
 from maidenflight.reporting.html import render
 from maidenflight.reporting.run import Run
 
-WIDE, NARROW = 1072, 343
-"""Widths of the page on a screen and on a phone, less its margins [px]."""
-
-
-class Drawn(NamedTuple):
-    """A picture twice: as wide as the page, and as wide as a phone, which shows the one that fits.
-
-    Pictures are built of numbers and of text that `svg` escapes.
-    """
-
-    wide: Markup
-    narrow: Markup
-
-
-def _drawn(draw: Callable[[float], str]) -> Drawn:
-    return Drawn(Markup(draw(WIDE)), Markup(draw(NARROW)))
+_NAMED = 20
+"""Files of a kind that are not on the page and are named there."""
 
 
 def parameters(run: Run) -> Markup:
     """What was identified, and how sure it is."""
     best = {name: estimate.value for name, estimate in run.estimates.items()}
-    draws = run.posterior
+    draws = {name: one for name, one in run.posterior.items() if name in best}
+    landscape, contours = _loss_landscape(run) or (None, "")
     return render(
         "parameters.html",
         source=identification_tables.flights(run),
         estimates=parameter_tables.estimates(run),
         segment_seconds=f"{SEGMENT_SECONDS:g}",
+        untold=parameter_tables.untold(run),
         missed=identification_tables.missed(run),
         paper=literature.PAPER,
         gains=identification_tables.gains(run),
         literature=_literature(run),
         others=parameter_tables.others(run),
         sources=parameter_tables.sources(run),
-        landscape=_loss_landscape(run),
+        landscape=landscape,
+        contours=contours,
         evaluations=_evaluations(run).height,
         posterior_of_delays=_delay_posterior(run),
         truth=_shape_of_truth(run),
-        corner=_drawn(lambda width: corner_figure.corner(draws, best, width)) if draws else None,
+        corner=corner_figure.corner(draws, best) if draws else None,
         constants=parameter_tables.constants(run),
         count=len(parameter_tables.QUANTITIES),
     )
 
 
-def _literature(run: Run) -> Drawn | None:
+def _literature(run: Run) -> Figure | None:
     shown = {
         name: found
         for name, found in run.estimates.items()
@@ -84,7 +70,7 @@ def _literature(run: Run) -> Drawn | None:
     truth = {name: runs.true_ends(run, name) for name in shown} if run.reality is not None else {}
     if not shown:
         return None
-    return _drawn(lambda width: literature_figure.beside_literature(shown, truth, width))
+    return literature_figure.beside_literature(shown, truth)
 
 
 def _shape_of_truth(run: Run) -> str:
@@ -94,15 +80,12 @@ def _shape_of_truth(run: Run) -> str:
     return "line" if "spin_down_ratio" in run.estimates else "box"
 
 
-def _delay_posterior(run: Run) -> Drawn | None:
+def _delay_posterior(run: Run) -> Figure | None:
     delays = set(delay_figures.DELAYS)
     known = delays <= set(run.posterior) and delays <= set(run.estimates)
     if run.objective == "replay" or not known:
         return None
-    truth = runs.truth(run)
-    return _drawn(
-        lambda width: delay_figures.delay_posterior(run.posterior, run.estimates, truth, width)
-    )
+    return delay_figures.delay_posterior(run.posterior, run.estimates, runs.truth(run))
 
 
 def _evaluations(run: Run) -> polars.DataFrame:
@@ -110,13 +93,13 @@ def _evaluations(run: Run) -> polars.DataFrame:
     return search.filter(polars.col("objective").is_finite()) if search.width else search
 
 
-def _loss_landscape(run: Run) -> Drawn | None:
-    search, truth = _evaluations(run), runs.truth(run)
+def _loss_landscape(run: Run) -> tuple[Figure, str] | None:
+    search = _evaluations(run)
     if run.objective != "replay" or not set(delay_figures.DELAYS) <= set(search.columns):
         return None
     if search.is_empty() or not (search["objective"] > 0).all():
         return None
-    return _drawn(lambda width: delay_figures.loss_landscape(search, run.estimates, truth, width))
+    return delay_figures.loss_landscape(search, run.estimates, runs.truth(run))
 
 
 def prediction(run: Run) -> Markup:
@@ -128,12 +111,8 @@ def prediction(run: Run) -> Markup:
         logs=logs,
         held_out=held_out,
         errors=flight_tables.errors(run),
-        horizons=None
-        if errors is None
-        else _drawn(lambda width: prediction_figures.horizons(errors, width)),
-        windows=None
-        if windows is None
-        else _drawn(lambda width: prediction_figures.windows(windows, width)),
+        horizons=None if errors is None else prediction_figures.horizons(errors),
+        windows=None if windows is None else prediction_figures.windows(windows),
     )
 
 
@@ -142,12 +121,8 @@ def _held_out(run: Run) -> tuple[str, int | None]:
 
     Going by the records; `None` where they do not say.
     """
-    predicted, used = (
-        runs.log_digests(run.records, name)
-        for name in (run_folder.VALIDATION.name, run_folder.DRONE)
-    )
-    logs = text.plural(len(predicted), "log")
-    return logs, len(predicted & used) if predicted and used else None
+    logs = text.plural(len(run.judged), "log")
+    return logs, len(run.judged & run.used) if run.judged and run.used else None
 
 
 def training(run: Run) -> Markup:
@@ -159,9 +134,7 @@ def training(run: Run) -> Markup:
     last = rows.filter(polars.col("steps") == rows["steps"].max())["episode_return"].to_numpy()
     return render(
         "training.html",
-        curves=_drawn(
-            lambda width: training_figures.learning_curves({"training": rows}, width=width)
-        ),
+        curves=training_figures.learning_curves(rows),
         policies=text.plural(policies, "policy"),
         range=[text.number(end, 3) for end in (last.min(), last.max())] if policies > 1 else [],
     )
@@ -213,7 +186,7 @@ def _boxed(rows: polars.DataFrame, *keys: str) -> bool:
     return max(rows.group_by(keys).len()["len"].to_list(), default=0) >= flight_figures.BOXED
 
 
-def _times(title: str, rows: polars.DataFrame) -> Drawn | None:
+def _times(title: str, rows: polars.DataFrame) -> Figure | None:
     """Box plots; control structures, where all are known, in groups and in their colours.
 
     Nothing where no flight time is a number.
@@ -230,14 +203,26 @@ def _times(title: str, rows: polars.DataFrame) -> Drawn | None:
         *([group] if known else []),
     )
     labels = {colour: names[kind] for kind, colour in colours.items()} if known else {}
-    return _drawn(lambda width: flight_figures.flight_times(shown, width, title, labels))
+    return flight_figures.flight_times(shown, title, labels)
 
 
 def recorded(run: Run) -> Markup:
     """The flights that were recorded, where no others are to be looked at."""
     if run.table is not None:
         return Markup()
-    return render("recorded.html", viewer=_viewer(run), table=flight_tables.recorded(run))
+    return render(
+        "recorded.html",
+        viewer=_viewer(run),
+        trims=_trims(run),
+        table=flight_tables.recorded(run),
+        refused=run.refused,
+    )
+
+
+def _trims(run: Run) -> Figure | None:
+    """Nothing where there are not several flights, or they say nothing."""
+    found = flight_tables.trims(run)
+    return trim_figure.trims(found, run.estimates) if found.height > 1 else None
 
 
 def _viewer(run: Run) -> Markup:
@@ -255,5 +240,5 @@ def reproduce(run: Run) -> Markup:
         longest=max(run.seconds.values(), default=0.0) or 1.0,
         records=records.records(run),
         others=run.other_files,
-        most=other_files.MOST,
+        most=_NAMED,
     )

@@ -2,7 +2,7 @@
 
 Colours are CSS variables of `colours.css`, which each picture carries in light and in dark, so that
 it stands alone as a file too. Paths of numbers are put together here, where a template would bring
-nothing; all text goes through `text` or `titled`, which escape what is no `Markup`.
+nothing; all text goes through `text`, which escapes what is no `Markup`.
 """
 
 import math
@@ -12,7 +12,6 @@ from importlib import resources
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 from markupsafe import Markup, escape
 
 from maidenflight.reporting import text as names
@@ -144,11 +143,6 @@ def text(
     return f'<text {place}{kind} text-anchor="{anchor}">{escape(words)}</text>'
 
 
-def titled(words: str, tip: str) -> Markup:
-    """Text with more of it for who points at it."""
-    return Markup("{}<title>{}</title>").format(words, tip)
-
-
 def symbol(name: str) -> Markup:
     """A parameter's symbol, with its index lowered."""
 
@@ -276,24 +270,6 @@ def margin(values: Any, floor: float = -math.inf) -> tuple[float, float]:
     if room <= 1e-6 * max(abs(low), abs(high)):
         room = 0.05 * max(abs(low), abs(high)) or 1.0
     return max(low - room, min(floor, low)) if floor > -math.inf else low - room, high + room
-
-
-def evaluations(panel: Panel, points: Float[np.ndarray, "n 2"], colour: str) -> str:
-    """Dots with a rim, which show on any ground."""
-    x, y = points[:, 0], points[:, 1]
-    return dots(panel, x, y, "edge", "line") + dots(panel, x, y, "dots", colour)
-
-
-def cross(x: float, y: float, colour: str) -> str:
-    """An upright cross, light at its edges so that it shows on everything."""
-    path = f"M{_number(x - 7)} {_number(y)}h14M{_number(x)} {_number(y - 7)}v14"
-    return stroke(path, "rim", "paper") + stroke(path, "heavy", colour)
-
-
-def diamond(x: float, y: float, colour: str) -> str:
-    """A hollow diamond."""
-    path = f"M{_number(x)} {_number(y - 7)}l7 7l-7 7l-7 -7z"
-    return stroke(path, "rim", "paper") + stroke(path, "line", colour)
 
 
 def _number(value: float) -> str:

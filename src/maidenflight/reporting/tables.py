@@ -31,7 +31,7 @@ class Cell(NamedTuple):
 def number(value: float, decimals: int, scale: float = 1.0) -> Cell:
     """A cell of a number with so many decimals."""
     shown = f"{scale * value:.{decimals}f}" if np.isfinite(value) else text.NOTHING
-    return Cell(shown, float(value))
+    return Cell(shown.replace("-", "\N{MINUS SIGN}"), float(value))
 
 
 def plain(value: Any) -> Cell:

@@ -50,6 +50,11 @@ def symbol(name: str) -> Markup:
     return Markup(re.sub(r"_(\w+)", r"<sub>\1</sub>", str(escape(shown))))
 
 
+def plain_symbol(name: str) -> str:
+    """A parameter's symbol where nothing can be lowered: `T_m`, `I_x`, `τ`."""
+    return Markup(str(symbol(name)).replace("<sub>", "_")).striptags()
+
+
 def quantity(name: str) -> Quantity:
     """The quantity of a parameter, or of the vector that a component such as `inertia_x` is in."""
     return QUANTITIES[COMPONENTS.get(name, (name, None))[0]]

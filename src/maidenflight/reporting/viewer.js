@@ -19,7 +19,8 @@ function prepared(number) {
   const flight = logs.flights[number];
   if (flight.error) return flight;
   const columns = unpacked(flight), reference = logs.references[flight.reference];
-  Object.assign(flight, {position: columns.slice(0, 3), attitude: columns.slice(3, 6), command: columns.slice(6)});
+  const [measured, true_] = [columns.slice(0, 3), columns.slice(10)];
+  Object.assign(flight, {measured, position: true_.length ? true_ : measured, hasTruth: true_.length > 0, attitude: columns.slice(3, 6), command: columns.slice(6, 10)});
   flight.hasReference = reference !== null;
   flight.reference = reference ? unpacked(reference) : flight.position;
   flight.rows = flight.position[0].length;
@@ -61,9 +62,18 @@ function choose(number) {
   part("flight").value = number;
   part("time").max = flight.duration;
   scene.frame(flight);
+  part("measured").parentElement.hidden = !flight.hasTruth;
   viewer.traces = traces(flight);
   for (const row of document.querySelectorAll("table.flights tbody tr")) row.classList.toggle("chosen", row.dataset.flight === String(flight.row));
   redraw();
+}
+
+/* Shows the flight of a place among all, where it is among those held. */
+function choosePlace(place) {
+  const number = logs.flights.findIndex(flight => flight.row === place);
+  if (number < 0) return;
+  choose(number);
+  part("viewer").scrollIntoView({behavior: "smooth", block: "nearest"});
 }
 
 function redraw() {
@@ -142,6 +152,7 @@ function listenToView() {
 
 function listen() {
   part("flight").onchange = event => choose(Number(event.target.value));
+  part("measured").onchange = event => { scene.measured = event.target.checked; show(viewer.time); };
   part("time").oninput = event => { play(false); show(Number(event.target.value)); };
   part("play").onclick = () => play(!viewer.playing);
   document.addEventListener("keydown", event => {

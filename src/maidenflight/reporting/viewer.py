@@ -30,9 +30,11 @@ def held(run: Run) -> dict[str, Any]:
         reference = _packed(flight.setpoint[kept][::every]) if known else None
         if reference not in references:
             references.append(reference)
-        rows = np.concatenate([flight.position, flight.attitude, flight.command], axis=1)[kept][
-            ::every
-        ]
+        columns = [flight.position, flight.attitude, flight.command]
+        true = flight.true_position
+        if true is not None and np.isfinite(true[kept]).all():
+            columns.append(true)
+        rows = np.concatenate(columns, axis=1)[kept][::every]
         about = {
             "row": place,
             "label": _label(run, place, flight),

@@ -228,7 +228,7 @@ def _pybullet() -> Any:
     except ImportError as error:
         raise InputError(
             "PyBullet is not installed, and this drone is simulated in it. Install it with: pip "
-            "install 'maidenflight[pybullet]'"
+            "install '.[pybullet]' in maidenflight's source folder"
             " (ready-made for Python 3.11 on Linux; elsewhere pip compiles it, which takes a C++ "
             "compiler and many minutes)."
         ) from error

@@ -304,7 +304,7 @@ EXCITATION = ControlInterface(
     (0.0, 0.0, 0.0, 0.0),
     (1.0, 1.0, 1.0, 1.0),
     (_ADDED, _ADDED, _ADDED, _ADDED),
-    POSITION_RATE,
+    ATTITUDE_RATE,
 )
 """What is added to the motors' commands while the position PID flies."""
 

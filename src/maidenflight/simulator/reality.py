@@ -4,6 +4,7 @@ A reality is a `VirtualDrone`, of which many are flown at once in JAX, or anythi
 `Reality` protocol: another simulator or a test bench, flown one command at a time.
 """
 
+import dataclasses
 import sys
 from collections.abc import Callable
 from difflib import get_close_matches
@@ -105,17 +106,21 @@ def reality(name: str) -> AnyReality:
     """A reality by name.
 
     Args:
-        name: `NAME:SEED` with a name of `REALITIES`; `MODULE:FACTORY`, a class or function without
+        name: `NAME:SEED` with a name of `REALITIES`; `NAME:SEED@DRONE` with one of `VARIANTS`,
+            drawn about a drone's TOML file or name; `MODULE:FACTORY`, a class or function without
             arguments that makes a reality, in a Python module that can be imported or lies in the
             working folder; or a drone's TOML file or name, simulated at 1 kHz like virtual drones.
 
     Raises:
         InputError: none of these, or PyBullet is not installed.
     """
+    asked, _, centre = name.partition("@")
+    if centre:
+        return _around(asked, centre)
     kind, _, rest = name.partition(":")
     if name in parameters.DRONES or Path(name).exists():
         drone = parameters.replace(parameters.read(name), time_step=0.001)
-        return VirtualDrone(Path(name).stem, drone)
+        return VirtualDrone(parameters.name_of(name), drone)
     if kind in REALITIES:
         if not rest.isdecimal():
             raise InputError(f"{name}: expected {kind}:SEED with a whole number, such as {kind}:7.")
@@ -124,9 +129,22 @@ def reality(name: str) -> AnyReality:
         return _imported(kind, rest)
     raise InputError(
         f"{name}: no such reality.{_hint(kind, rest)} Expected "
-        f"{', '.join(f'{one}:SEED' for one in REALITIES)}, MODULE:FACTORY, a drone's TOML file, or "
+        f"{', '.join(f'{one}:SEED' for one in REALITIES)}, {VARIANTS[1]}:SEED@DRONE, "
+        "MODULE:FACTORY, a drone's TOML file, or "
         f"{' or '.join(parameters.DRONES)}."
     )
+
+
+def _around(asked: str, centre: str) -> VirtualDrone:
+    """A virtual drone about another."""
+    kind, _, seed = asked.partition(":")
+    if kind not in VARIANTS or not seed.isdecimal():
+        raise InputError(
+            f"{asked}@{centre}: expected one of {', '.join(f'{one}:SEED' for one in VARIANTS)} "
+            "before @, such as virtual:7@drone.toml."
+        )
+    drone = virtual_drone(int(seed), kind, parameters.read(centre))
+    return dataclasses.replace(drone, name=f"{drone.name}-{Path(centre).stem}")
 
 
 def checked(given: Any) -> AnyReality:

@@ -1,9 +1,12 @@
-"""Sensors: a noisy, optionally late estimate of the state, and a gyro with noise and bias."""
+"""Sensors: a noisy, optionally late estimate of the state, gyro and accelerometer."""
 
 from typing import NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
+from scipy.signal import butter, sosfilt, sosfilt_zi
+from scipy.spatial.transform import Rotation
 
 from maidenflight.parameters import Parameters
 from maidenflight.simulator import rotations
@@ -23,6 +26,12 @@ NORMALS, UNIFORMS = 12, 6
 """Random numbers of one `measure`."""
 DRIFT_NORMALS = 6
 """Random numbers of one `walk_estimate`."""
+ACCELEROMETER_CUTOFF = 30.0
+"""Cut-off of a Crazyflie's accelerometer filter, Butterworth of second order [Hz] (firmware,
+sensors_bmi088_bmp3xx.c)."""
+ACCELEROMETER_NOISE = 0.5
+"""Standard deviation of a reading before the filter, at 500 Hz [m/s2]: motors' vibration, of the
+size seen between 20 and 40 Hz in logs of a brushed Crazyflie (IMRCLab 2026)."""
 DRIFT_TIME = 1.0
 """Correlation time of the error of the estimated velocity [s]; a flight log of seconds cannot
 distinguish it from a pure random walk."""
@@ -148,6 +157,35 @@ def measure(
         quaternion=rotations.normalise(turned),
         body_rates=gyro(state.body_rates, bias, parameters, normal[9:]),
     )
+
+
+def accelerometer(
+    velocity: Float[np.ndarray, "N 3"],
+    attitude: Float[np.ndarray, "N 3"],
+    period: float,
+    gravity: float,
+    generator: np.random.Generator,
+) -> Float[np.ndarray, "N 3"]:
+    """What an accelerometer behind its low-pass filter reads in a flight [m/s2].
+
+    Args:
+        velocity: true velocity, world [m/s].
+        attitude: true roll, pitch and yaw [rad].
+        period: time between rows [s], at most 1/60 s.
+        gravity: [m/s2].
+        generator: random numbers for the noise.
+
+    Returns:
+        Specific force along body x, y and z.
+    """
+    change = np.gradient(velocity, period, axis=0)
+    turned = Rotation.from_euler("ZYX", attitude[:, ::-1])
+    force = turned.inv().apply(change + np.array([0.0, 0.0, gravity]))
+    noise = ACCELEROMETER_NOISE * np.sqrt(1.0 / (500.0 * period))
+    read = force + noise * generator.standard_normal(force.shape)
+    filters = butter(2, ACCELEROMETER_CUTOFF, fs=1.0 / period, output="sos")
+    rest = sosfilt_zi(filters)[:, :, None] * force[:1]
+    return sosfilt(filters, read, axis=0, zi=rest)[0]
 
 
 def remember(past: Float[Array, "memory 10"], state: State) -> Float[Array, "memory 10"]:

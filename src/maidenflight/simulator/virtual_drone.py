@@ -9,12 +9,13 @@ authors' flights show. All are integrated by RK4 at 1 kHz.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from maidenflight.errors import InputError
-from maidenflight.parameters import Parameters, crazyflie, replace
+from maidenflight.parameters import QUANTITIES, Parameters, crazyflie, replace
 from maidenflight.simulator import dynamics
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.dynamics import Integrator
@@ -85,15 +86,24 @@ FAR_TORQUE_BIAS_STD_N_M = np.array([5e-5, 5e-5, 3e-5], np.float32)
 """Standard deviation of the constant torques of the `far` variant [N m]; those of the authors'
 flights have 2e-5 to 1.3e-4."""
 
+LARGEST_CRAZYFLIE = 0.06
+"""Mass above which a drone is no Crazyflie and has neither its battery nor its 8-bit PWM [kg]."""
+
 VARIANTS = ("near", "virtual", "far")
 """Variants of virtual drones, by growing mismatch to the training model."""
 
 
-def virtual_drone(seed: int, variant: str = "virtual") -> VirtualDrone:
-    """A virtual Crazyflie whose hidden constants are drawn from a seed.
+def virtual_drone(
+    seed: int, variant: str = "virtual", around: Parameters | None = None
+) -> VirtualDrone:
+    """A virtual drone whose hidden constants are drawn from a seed.
 
     Args:
         seed: a whole number, not negative; the same seed is the same drone.
+        around: the drone about which constants are drawn, each in the same proportion as about the
+            Crazyflie; what it lacks, such as drag or a battery that sags, is drawn as the
+            Crazyflie's. A drone of more than `LARGEST_CRAZYFLIE` has no battery compensation. The
+            published Crazyflies unless given.
         variant: `near`: the paper's model with other numbers, and the mean motor lag of the virtual
             drone of the same seed. `virtual`: the effects above. `far`: in addition a lower
             thrust-to-weight ratio, motors that slow down half as fast as they speed up, the
@@ -109,6 +119,8 @@ def virtual_drone(seed: int, variant: str = "virtual") -> VirtualDrone:
             f"virtual drone of variant {variant!r}: expected one of {', '.join(VARIANTS)}."
         )
     drawn = _drawn(np.random.default_rng([seed, 0x0D201E]))
+    if around is not None:
+        drawn = _about(drawn, around)
     if variant == "near":
         drawn = _in_the_papers_model(drawn)
     if variant == "far":
@@ -117,8 +129,77 @@ def virtual_drone(seed: int, variant: str = "virtual") -> VirtualDrone:
             name: float(generator.uniform(low, high)) for name, (low, high) in FAR_RANGES.items()
         }
         torques = FAR_TORQUE_BIAS_STD_N_M * generator.standard_normal(3).astype(np.float32)
+        if around is not None:
+            further, torques = _far_about(further, drawn, around), torques * _size(around)
         drawn = replace(drawn, **further, torque_bias=torques)
-    return VirtualDrone(f"{variant}-{seed}", drawn)
+    compensated = around is None or float(around.mass) <= LARGEST_CRAZYFLIE
+    return VirtualDrone(f"{variant}-{seed}", drawn, battery=compensated)
+
+
+_KEPT = (
+    "thrust_linear",
+    "thrust_offset",
+    "motor_coasting",
+    "rotor_momentum",
+    "flapping_moment",
+    "rotational_damping",
+    "torque_bias",
+    "torque_offset",
+    "arm_length",
+    "ground_effect",
+    "gravity",
+)
+"""What a drone about another has as that one."""
+
+
+def _about(drawn: Parameters, around: Parameters) -> Parameters:
+    """A drone that differs from another as a drawn Crazyflie from the middle of its ranges."""
+    nominal = crazyflie()
+
+    def scaled(name: str, middle: np.ndarray | float) -> np.ndarray:
+        own = np.asarray(getattr(around, name), np.float32)
+        other = np.asarray(getattr(drawn, name), np.float32)
+        return np.where(own == 0, other, own * other / np.float32(middle))
+
+    of_ranges = {
+        name: scaled(name, (RANGES[name][0] + RANGES[name][1]) / 2)
+        for name in ("thrust_to_weight", "motor_time_constant", "spin_down_ratio", "mass")
+    }
+    # A latency of zero is one that the logs did not show.
+    late = float(around.latency) + float(drawn.latency) - RANGES["latency"][0]
+    own = {name: getattr(around, name) for name in _KEPT}
+    return replace(
+        drawn,
+        **own,
+        **of_ranges,
+        latency=min(late, QUANTITIES["latency"].upper),
+        inertia=scaled("inertia", nominal.inertia),
+        drag=scaled("drag", np.array([0.275, 0.275, 0.125], np.float32)),
+        torque_to_thrust=scaled("torque_to_thrust", nominal.torque_to_thrust),
+    )
+
+
+def _far_about(
+    further: Mapping[str, float], drone: Parameters, around: Parameters
+) -> dict[str, float]:
+    """What the `far` variant has instead about a drone: less thrust, and what `around` lacks."""
+    lacking = {
+        name: further[name] * _size(around)
+        for name in ("rotor_momentum", "flapping_moment")
+        if not getattr(around, name)
+    }
+    thrust = 0.9 * float(drone.thrust_to_weight)
+    return {
+        "thrust_to_weight": thrust,
+        "spin_down_ratio": further["spin_down_ratio"],
+        **lacking,
+    }
+
+
+def _size(drone: Parameters) -> float:
+    """Weight times arm, over that of the Crazyflie."""
+    nominal = crazyflie()
+    return float(drone.mass * drone.arm_length / (nominal.mass * nominal.arm_length))
 
 
 def _drawn(generator: np.random.Generator) -> Parameters:

@@ -1,18 +1,27 @@
 """Output in a terminal: progress bars on standard error, tables and notes on standard output."""
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
+_STEPS = 1000
+"""Steps of a bar over stages."""
 _WIDE = 110
 """Columns of a terminal from which a bar may be long."""
 
 
 @contextmanager
-def progress(title: str, total: int | None) -> Iterator[Callable[[int, int | None, str], None]]:
-    """A progress bar on standard error.
+def progress(
+    title: str, total: int | None, remaining: bool = True
+) -> Iterator[Callable[[int, int | None, str], None]]:
+    """A progress bar on standard error, with the time since it began.
 
     Call it with (done, total, remark), where no total means that none is known.
+
+    Args:
+        title: what goes on.
+        total: what there is to do; `None` where that is not known.
+        remaining: show how long it will still take, as if all of it were alike.
     """
     from rich.console import Console
     from rich.progress import (
@@ -38,18 +47,44 @@ def progress(title: str, total: int | None) -> Iterator[Callable[[int, int | Non
         line,
         share,
         TimeElapsedColumn(),
-        TimeRemainingColumn(),
+        *([TimeRemainingColumn()] if remaining else []),
         remark,
     )
     with Progress(*columns, console=console, disable=not console.is_terminal, expand=True) as bar:
         task = bar.add_task(title, total=total, remark="")
 
         def move(done: int, of: int | None, remark: str) -> None:
-            if of is None and bar.tasks[0].total is not None:
-                bar.reset(task, total=None)
-            bar.update(task, completed=done, total=of, remark=remark)
+            # To `update` no total means that it stays; `reset` would set the clock back.
+            bar.tasks[0].total = of
+            bar.update(task, completed=done, remark=remark)
 
         yield move
+
+
+@contextmanager
+def staged(
+    title: str, shares: Mapping[str, float]
+) -> Iterator[Callable[[str, int, int, str], None]]:
+    """A progress bar over stages that never moves back.
+
+    Call it with (stage, done, total, remark), where a total of 0 means that none is known.
+
+    Args:
+        title: what goes on.
+        shares: the stages in order, and how long each takes beside the others.
+    """
+    names, reached = list(shares), 0.0
+    whole = sum(shares.values())
+    with progress(title, _STEPS, remaining=False) as move:
+
+        def to(stage: str, done: int, of: int, remark: str) -> None:
+            nonlocal reached
+            before = sum(shares[name] for name in names[: names.index(stage)])
+            within = shares[stage] * min(done / of, 1.0) if of else 0.0
+            reached = max(reached, (before + within) / whole)
+            move(int(_STEPS * reached), _STEPS, remark)
+
+        yield to
 
 
 def without_bar(line: str) -> None:

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from maidenflight.terminal.drone_output import estimates
+from maidenflight.terminal.drone_output import estimates, untold
 from maidenflight.terminal.flight_output import flights
 
 if TYPE_CHECKING:
@@ -42,6 +42,7 @@ def summary(result: "Demo") -> None:
 
     table = result.transfer.table
     estimates(result.identification, _both_lags(result, truth(result)))
+    untold(result.identification)
     print(
         "Intervals show how much values depend on these flights, not on the model: the truth may "
         "lie outside where this drone has"

@@ -1,5 +1,6 @@
 """Output of identified drones: parameters, how they were found, and how well they predict."""
 
+from collections.abc import Mapping
 from textwrap import fill
 from typing import TYPE_CHECKING
 
@@ -56,6 +57,21 @@ def estimates(found: "Identification", truth: dict[str, str] | None = None) -> N
         print("between trials: standard deviation, of the optimiser only")
 
 
+def untold(found: "Identification") -> None:
+    """Prints what the flights could not tell, with the ranges that are plausible."""
+    if not found.unidentified:
+        return
+    ranges = []
+    for name, (low, high) in found.unidentified.items():
+        scale, unit = _scale(name, high)
+        ranges.append(f"{name} {low * scale:.3g} .. {high * scale:.3g} {unit}".strip())
+    said = (
+        f"not identifiable from these flights: {', '.join(ranges)}. That is what is plausible; "
+        "start values are kept, and training with --randomize posterior covers these ranges."
+    )
+    print(fill(said, 118))
+
+
 def _scale(name: str, value: float) -> tuple[float, str]:
     """Shown value per SI value, and the unit in which it is shown."""
     from maidenflight.parameters import COMPONENTS, QUANTITIES
@@ -77,7 +93,7 @@ def kept(found: "Identification", start: str) -> None:
             f"kept from {start}: mass {mass * 1e3:.4g} g and arm length {arm * 1e3:.4g} mm, on "
             "which inertias and torques depend;"
         )
-        print("if yours differ, give your drone with --start.")
+        print("if yours differ, give --mass, or your drone with --start.")
     if found.noise:
         levels = (
             f"{name} {value:.3g} {QUANTITIES[name].unit}".removesuffix(" -")
@@ -120,6 +136,13 @@ def gains(found: "Identification") -> None:
     table("Log-likelihood gain on held-out flights", heads, rows)
     if any(group.standard_error is None for group in found.gains):
         print("unknown: one held-out segment of flight gives no standard error; give more flights.")
+
+
+def log_likelihoods(found: Mapping[str, float]) -> None:
+    """Prints the log likelihood of a row by drone."""
+    rows = [[name, f"{value:.2f}"] for name, value in found.items()]
+    heads = ["drone", "log likelihood\nnats a row"]
+    table("Likelihood of each row given the rows before, more is better", heads, rows, 1)
 
 
 def predictions(errors: "DataFrame", simulated: bool) -> None:

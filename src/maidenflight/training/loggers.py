@@ -13,7 +13,7 @@ from os import PathLike, environ
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from maidenflight.errors import InputError, WriteError
+from maidenflight.errors import InputError, WriteError, not_installed
 
 if TYPE_CHECKING:
     from maidenflight.training.train import Progress
@@ -219,10 +219,7 @@ def _package(name: str, extra: str) -> Any:
     try:
         return import_module(name)
     except ModuleNotFoundError as error:
-        raise InputError(
-            f"{error.name} is not installed, but --log {extra} needs it: pip install "
-            f"'maidenflight[{extra}]'"
-        ) from error
+        raise not_installed(str(error.name), extra, f"--log {extra}") from error
 
 
 def _scores(progress: "Progress", number: int) -> dict[str, float]:

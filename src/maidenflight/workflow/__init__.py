@@ -4,15 +4,16 @@ Each function reads what it is given, does one stage, writes its results with a 
 making, and returns them.
 """
 
-from maidenflight.simulator.reality import reality
 from maidenflight.workflow.deployment import export
 from maidenflight.workflow.drones import (
     POSSIBLE,
     POSTERIOR,
     TRIMS,
     WIDE,
+    drone_to_fly,
     possible_drones,
     randomized,
+    reality,
     usual_randomization,
 )
 from maidenflight.workflow.flying import (
@@ -23,7 +24,7 @@ from maidenflight.workflow.flying import (
     transfer_summary,
     transfer_to,
 )
-from maidenflight.workflow.logs import Reading, identify_from, record, validate_with
+from maidenflight.workflow.logs import Reading, Start, identify_from, record, validate_with
 from maidenflight.workflow.policies import policy_files, task_to_fly
 from maidenflight.workflow.training import (
     SETTINGS,
@@ -41,7 +42,9 @@ __all__ = [
     "WATCHED_DURATION_S",
     "WIDE",
     "Reading",
+    "Start",
     "best_policy",
+    "drone_to_fly",
     "export",
     "flights_to_view",
     "identify_from",

@@ -5,7 +5,7 @@ from pathlib import Path
 from maidenflight import results
 from maidenflight.deployment import EXPORTERS
 from maidenflight.inputs import StrPath
-from maidenflight.workflow.policies import read_as
+from maidenflight.workflow.policies import hover_of, read_as
 
 
 def export(
@@ -32,6 +32,7 @@ def export(
     record = results.record(
         seed=seed if "seed" in exporter.takes else None,
         inputs=[path],
-        settings={"control": structure},
+        settings={"to": to, "control": policy.interface.name},
     )
-    return exporter(policy, folder, name=Path(path).stem, seed=seed, record=record)
+    given = {"name": Path(path).stem, "hover": hover_of(path), "seed": seed, "record": record}
+    return exporter(policy, folder, **given)

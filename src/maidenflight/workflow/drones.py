@@ -1,9 +1,12 @@
 """Drones by the words of a command line: what to train over and what to predict for."""
 
+from pathlib import Path
+
 import jax
 import numpy as np
 
 from maidenflight.identification import drone_file
+from maidenflight.identification.bounds import must_lie_within_bounds
 from maidenflight.identification.drone_file import DroneFile
 from maidenflight.identification.ensembles import TRIM, posterior_ensemble, trim_ensemble
 from maidenflight.inputs import StrPath
@@ -17,6 +20,8 @@ from maidenflight.simulator.randomization import (
     relative_box,
     wide_box,
 )
+from maidenflight.simulator.reality import AnyReality
+from maidenflight.simulator.reality import reality as known_reality
 
 POSTERIOR = "posterior"
 """Randomize over the posterior samples of an identified drone."""
@@ -51,6 +56,34 @@ def randomized(
         deviations = [0.0 if trim is None else trim.between_segment_sd for trim in trims]
         return wide_box(centre, controller.interface.name, deviations)
     return relative_box(centre, float(randomization))
+
+
+def drone_to_fly(drone: StrPath, accept_bounds: bool = False) -> DroneFile:
+    """Reads a drone that is to be flown or trained for.
+
+    Args:
+        drone: TOML file or name.
+        accept_bounds: take it even if an identified parameter lies at a bound of its search.
+
+    Raises:
+        InputError: it cannot be read, or such a parameter is in it.
+    """
+    file = drone_file.read(drone)
+    if not accept_bounds:
+        must_lie_within_bounds(file)
+    return file
+
+
+def reality(name: str, accept_bounds: bool = False) -> AnyReality:
+    """A reality by name; see `simulator.reality.reality`.
+
+    Raises:
+        InputError: no such reality, or `drone_to_fly` refuses the drone.
+    """
+    drone = name.partition("@")[2] or name
+    if Path(drone).is_file():
+        drone_to_fly(drone, accept_bounds)
+    return known_reality(name)
 
 
 def usual_randomization(drone: StrPath) -> float | str:

@@ -18,14 +18,18 @@ from maidenflight.experiments.transfer import Transfer, transfer
 from maidenflight.flights import log
 from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import read_flights
-from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import DroneFile
 from maidenflight.inputs import StrPath
 from maidenflight.policy import Policy
 from maidenflight.reporting import run
 from maidenflight.simulator import control, tasks
-from maidenflight.simulator.reality import AnyReality, reality
-from maidenflight.workflow.drones import possible_drones, usual_randomization
+from maidenflight.simulator.reality import AnyReality
+from maidenflight.workflow.drones import (
+    drone_to_fly,
+    possible_drones,
+    reality,
+    usual_randomization,
+)
 from maidenflight.workflow.policies import names, policy_files, read_as
 
 
@@ -73,6 +77,7 @@ def transfer_matrix(
     folder: StrPath,
     on_cell: Callable[[int, int, str], None] | None = None,
     restart: bool = False,
+    accept_bounds: bool = False,
 ) -> polars.DataFrame:
     """Trains the policies of a matrix and flies them.
 
@@ -86,6 +91,7 @@ def transfer_matrix(
         folder: where to write.
         on_cell: called with (cells done, cells, what is next).
         restart: use nothing of what an earlier run wrote there.
+        accept_bounds: see `drone_to_fly`.
 
     Returns:
         What `matrix.fly` gives.
@@ -94,7 +100,8 @@ def transfer_matrix(
         InputError: the folder holds policies of other settings or of another version; or a drone or
             a reality is unknown.
     """
-    drone, realities = drone_file.read(asked.drone), [reality(name) for name in asked.realities]
+    drone = drone_to_fly(asked.drone, accept_bounds)
+    realities = [reality(name, accept_bounds) for name in asked.realities]
     inputs = [asked.drone] if Path(asked.drone).is_file() else []
     settings = {
         name: value
@@ -152,6 +159,7 @@ def predict_with(
     randomization: float | str | None = None,
     structure: str | None = None,
     firmware: str = FIRMWARE,
+    accept_bounds: bool = False,
     on_policy: Callable[[int, int], None] | None = None,
 ) -> tuple[list[Path], polars.DataFrame]:
     """Predicts how long policies, ours and the authors', would fly on the real drone.
@@ -172,6 +180,7 @@ def predict_with(
         structure: what the authors' policies command; what their files' names say unless given.
         firmware: what the drone runs: that of the authors' drone, or another, for which policies of
             ours are trained.
+        accept_bounds: see `drone_to_fly`.
         on_policy: called with (policies flown, policies).
 
     Returns:
@@ -179,8 +188,9 @@ def predict_with(
 
     Raises:
         InputError: a file is no policy, or one of ours of another structure; or the drone has no
-            posterior.
+            posterior, or is refused.
     """
+    drone_to_fly(drone, accept_bounds)
     randomization = usual_randomization(drone) if randomization is None else randomization
     drones = possible_drones(drone, randomization, seed)
     files = policy_files(given)

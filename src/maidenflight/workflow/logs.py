@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import jax
 import polars
@@ -11,14 +12,18 @@ import polars
 from maidenflight import parameters, results, run_folder
 from maidenflight.flights import log, recording
 from maidenflight.flights.reading import COMMANDS, MOST, Flights, read_flights
+from maidenflight.flights.windows import LEAD_IN
 from maidenflight.identification import drone_file
-from maidenflight.identification.drone_file import DroneFile, GroupGain
+from maidenflight.identification.bounds import at_bounds
+from maidenflight.identification.drone_file import DroneFile
 from maidenflight.identification.estimates import Identification
 from maidenflight.identification.identify import identify
 from maidenflight.identification.likelihood import Likelihood, log_likelihood
 from maidenflight.identification.prediction import predicted_windows, prediction_error
+from maidenflight.identification.progress import Progress
 from maidenflight.identification.replay import Replay
 from maidenflight.inputs import StrPath
+from maidenflight.reporting.identification_picture import identification_picture
 from maidenflight.simulator.reality import AnyReality
 from maidenflight.simulator.virtual_drone import VirtualDrone
 
@@ -31,6 +36,7 @@ def record(
     count: int,
     duration: float,
     excitation: float,
+    rate: int = recording.RATE,
 ) -> list[Path]:
     """Records flights in a reality: one CSV a flight in `folder`.
 
@@ -41,9 +47,10 @@ def record(
         "flights": count,
         "duration": duration,
         "excitation": excitation,
+        "rate": rate,
     }
     made = results.record(seed=seed, inputs=[], settings=settings)
-    flown = recording.record(drone, jax.random.key(seed), count, duration, excitation)
+    flown = recording.record(drone, jax.random.key(seed), count, duration, excitation, rate=rate)
     if isinstance(drone, VirtualDrone):
         DroneFile(drone.parameters, record=made).write(truth)
     else:
@@ -61,6 +68,64 @@ class Reading:
     """Flight to use [s]; of more, segments of every flight are."""
     commands: str | None = None
     """What commands stand for where logs do not say it; see `read_flights`."""
+    battery_law: str | None = None
+    """By which PWM is read as thrust, a key of `compensation.LAWS`; the logs decide unless
+    given."""
+    ignore: tuple[str, ...] = ()
+    """Signals of `log.OPTIONAL` to pass over, to judge what is found without them."""
+    on_file: Callable[[int, int], None] | None = None
+    """Called with (files read, files found)."""
+
+    def flights(self, logs: StrPath, lead_in: int = LEAD_IN) -> Flights:
+        """Reads logs; see `read_flights`."""
+        return read_flights(
+            logs,
+            self.on_file,
+            self.most_seconds,
+            lead_in,
+            self.commands,
+            self.battery_law,
+            self.ignore,
+        )
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What of it shapes the result, for a record."""
+        return {
+            "most_seconds": self.most_seconds,
+            "commands": self.commands,
+            "battery_law": self.battery_law,
+            "ignore": list(self.ignore) or None,
+        }
+
+
+@dataclass(frozen=True)
+class Start:
+    """The drone that an identification begins with."""
+
+    drone: str = "crazyflie"
+    """Name in `parameters.DRONES`, or a TOML file."""
+    mass: float | None = None
+    """Of what flew [kg]; the drone's own unless given."""
+
+    def read(self) -> DroneFile:
+        """The drone; see `parameters.read` for the errors."""
+        if self.drone in parameters.DRONES:
+            return DroneFile(parameters.read(self.drone, self.mass), name=self.drone)
+        file = drone_file.read(self.drone)
+        return dataclasses.replace(file, parameters=parameters.read(self.drone, self.mass))
+
+    def notes(self, flights: Flights) -> list[str]:
+        """Asks for the mass where nobody gave it, of real flights."""
+        given = self.mass is not None or self.drone not in parameters.DRONES
+        if given or all(flight.simulated for flight in flights):
+            return []
+        mass = 1e3 * float(parameters.read(self.drone).mass)
+        return [
+            f"mass taken from {self.drone}, {mass:.4g} g. Inertia, trim and other torques found "
+            "are in proportion to it; thrust-to-weight ratio, lags and drag do not depend on it. "
+            "Weigh yours with battery and decks, and give --mass GRAMS."
+        ]
 
 
 def identify_from(
@@ -69,47 +134,73 @@ def identify_from(
     output: StrPath,
     settings: Likelihood | Replay | None = None,
     *,
-    start: str = "crazyflie",
+    start: Start | None = None,
     over: Sequence[str] | str | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     reading: Reading | None = None,
-    on_file: Callable[[int, int], None] | None = None,
-    on_evaluation: Callable[[int, int], None] | None = None,
-    on_group: Callable[[GroupGain], None] | None = None,
+    on_progress: Callable[[Progress], None] | None = None,
 ) -> tuple[Flights, Identification]:
     """Identifies a drone from logs.
 
-    Writes `output` (TOML) and, to `run_folder.beside` it, every evaluation. `settings` is
-    `Likelihood()` unless given; the other arguments are as of `identify`.
+    Writes `output` (TOML) and beside it every evaluation and a picture, to `run_folder.beside` and
+    `run_folder.picture_beside`. `settings` is `Likelihood()` unless given; the other arguments are
+    as of `identify`.
     """
     settings = Likelihood() if settings is None else settings
     reading = Reading() if reading is None else reading
-    flights = read_flights(logs, on_file, reading.most_seconds, settings.lead_in, reading.commands)
+    start = Start() if start is None else start
+    begun = start.read()
+    flights = reading.flights(logs, settings.lead_in)
     found = identify(
         flights,
         settings,
-        start=parameters.read(start),
+        start=begun.parameters,
         over=over,
         bounds=bounds,
         key=jax.random.key(seed),
-        on_evaluation=on_evaluation,
-        on_group=on_group,
+        on_progress=on_progress,
     )
     made = results.record(
         seed=seed,
         inputs=flights.paths,
         settings={
-            "start": Path(start).name,
+            "start": Path(start.drone).name,
+            "mass": start.mass,
             "over": over if isinstance(over, str) else list(over or found.estimates),
             "objective": found.objective,
             **dataclasses.asdict(settings),
-            **dataclasses.asdict(reading),
+            **reading.settings,
             "bounds": {name: list(pair) for name, pair in (bounds or {}).items()},
         },
     )
+    more = (*start.notes(flights), *_kept_at_bounds(begun, found))
+    found = dataclasses.replace(found, notes=(*found.notes, *more)) if more else found
     found.write(output, made)
     run_folder.EVALUATIONS.write(run_folder.beside(output), found.search)
+    picture = identification_picture(found, begun.parameters)
+    results.write(run_folder.picture_beside(output), picture)
     return flights, found
+
+
+def _kept_at_bounds(start: DroneFile, found: Identification) -> list[str]:
+    """What was kept of a start although it lay at a search bound there."""
+    return [
+        f"kept from {Path(start.name).name}: {said}"
+        for name, said in at_bounds(start.estimates).items()
+        if name not in found.estimates
+    ]
+
+
+@dataclass(frozen=True)
+class Validation:
+    """How well drones predict flights."""
+
+    flights: Flights
+    log_likelihoods: Mapping[str, float]
+    """Mean log likelihood of a row [nats] by drone; more is better."""
+    errors: polars.DataFrame
+    """As `prediction_error` gives them."""
+    notes: tuple[str, ...]
 
 
 def validate_with(
@@ -118,37 +209,34 @@ def validate_with(
     seed: int,
     output: StrPath,
     horizons: Sequence[float],
-    on_file: Callable[[int, int], None] | None = None,
-    commands: str | None = None,
-) -> tuple[Flights, polars.DataFrame, list[str]]:
+    reading: Reading | None = None,
+) -> Validation:
     """Predicts flights with a drone and with the paper's Crazyflie.
 
     Writes the errors to `output` as CSV.
 
-    Beside it, as `NAME_windows.csv`, it writes a few windows row by row. Of more than `MOST`
-    seconds of flight, segments are predicted. `commands`: see `read_flights`; what the drone was
-    identified from unless given.
-
-    Returns:
-        The flights, the errors as `prediction_error` gives them, and notes for the user.
+    Beside it, as `NAME_windows.csv`, it writes a few windows row by row. Of more than
+    `Reading.most_seconds` of flight, segments are predicted. Commands stand for what they did where
+    the drone was identified, unless logs or `reading` say it.
     """
     file = drone_file.read(drone)
     models = {Path(drone).name: file.parameters, "paper's crazyflie": parameters.crazyflie()}
-    flights = read_flights(logs, on_file, MOST, commands=commands)
+    reading = Reading() if reading is None else reading
+    flights = reading.flights(logs)
     known = None if file.source is None else file.source.commands
-    if commands is None and known in COMMANDS and all(flight.assumed for flight in flights):
-        flights = read_flights(logs, None, MOST, commands=known)
+    if reading.commands is None and known in COMMANDS and all(flight.assumed for flight in flights):
+        reading = dataclasses.replace(reading, commands=known, on_file=None)
+        flights = reading.flights(logs)
     errors = prediction_error(flights, models, horizons, key=jax.random.key(seed))
     drawn = predicted_windows(flights, models, max(horizons), key=jax.random.key(seed))
     inputs = [drone] if Path(drone).is_file() else []
-    settings = {"drone": Path(drone).name, "horizons": list(horizons)}
+    settings = {"drone": Path(drone).name, "horizons": list(horizons), **reading.settings}
     made = results.record(seed=seed, inputs=[*inputs, *flights.paths], settings=settings)
     run_folder.VALIDATION.write(output, errors, made)
     run_folder.WINDOWS.write(run_folder.windows_beside(output), drawn, made)
     likelihoods = {name: log_likelihood(flights.flights, model) for name, model in models.items()}
-    compared = ", ".join(f"{name} {value:.2f}" for name, value in likelihoods.items())
-    judged = f"log likelihood of a row [nats], more is better: {compared}"
-    return flights, errors, [judged, *_not_held_out(file, flights)]
+    notes = [*_not_held_out(file, flights), *_other_law(file, reading)]
+    return Validation(flights, likelihoods, errors, (*notes, *at_bounds(file.estimates).values()))
 
 
 def _not_held_out(drone: DroneFile, flights: Flights) -> list[str]:
@@ -160,4 +248,17 @@ def _not_held_out(drone: DroneFile, flights: Flights) -> list[str]:
     return [
         f"{Path(drone.name).name} was identified from {seen} of these {len(flights.paths)} files; "
         "how well it predicts those is no test."
+    ]
+
+
+def _other_law(drone: DroneFile, reading: Reading) -> list[str]:
+    """Says so if a drone was identified with another choice of the battery law."""
+    settings = drone.record.get("settings", {})
+    given = settings.get("battery_law") if isinstance(settings, dict) else None
+    if given == reading.battery_law or not drone.source:
+        return []
+    how = "without --battery-law" if given is None else f"with --battery-law {given!r}"
+    return [
+        f"{Path(drone.name).name} was identified {how}, unlike here; thrust may differ by that "
+        "alone."
     ]

@@ -71,16 +71,27 @@ def trained_for(path: StrPath) -> str | None:
     return None if task is None else str(task)
 
 
+def hover_of(path: StrPath) -> float | None:
+    """Share of full thrust at which the drone of a policy of ours hovers, as its file says."""
+    share = _record(path).get("hover")
+    return share if isinstance(share, float) and 0.0 < share <= 1.0 else None
+
+
 def trained_with(path: StrPath) -> dict[str, Any]:
     """Settings with which a policy of ours was trained.
 
     Empty where its file does not say, or it is one of the authors'.
     """
+    settings = _record(path).get("settings")
+    return settings if isinstance(settings, dict) else {}
+
+
+def _record(path: StrPath) -> dict[str, Any]:
     try:
-        settings = inputs.from_json(policy.text_of(path))["record"]["settings"]
+        record = inputs.from_json(policy.text_of(path))["record"]
     except (ValueError, LookupError, TypeError):
         return {}
-    return settings if isinstance(settings, dict) else {}
+    return record if isinstance(record, dict) else {}
 
 
 def task_to_fly(files: Sequence[Path], asked: str | None) -> tuple[str, list[str]]:

@@ -16,13 +16,13 @@ from maidenflight.flights.log import Flight
 from maidenflight.identification import drone_file
 from maidenflight.inputs import StrPath
 from maidenflight.policy import Policy
-from maidenflight.simulator import control, tasks
+from maidenflight.simulator import control, dynamics, tasks
 from maidenflight.simulator.virtual_drone import VirtualDrone
 from maidenflight.training import loggers
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.ppo import PPO
 from maidenflight.training.train import Progress, Settings, recorded, train
-from maidenflight.workflow.drones import randomized
+from maidenflight.workflow.drones import drone_to_fly, randomized
 
 WATCHED_DURATION_S = 10.0
 """Longest flight that is shown of a policy in training [s]."""
@@ -73,6 +73,7 @@ def train_for(
     logger_names: Sequence[str] = (),
     history: int = 2,
     yaw_penalty: float = 0.0,
+    accept_bounds: bool = False,
 ) -> tuple[Policy, ...]:
     """Trains policies for a drone.
 
@@ -94,17 +95,18 @@ def train_for(
         logger_names: names in `loggers.LOGGERS`.
         history: H, number of last instants in an observation.
         yaw_penalty: cost of a radian of yaw, per control period; see `tasks.with_yaw_penalty`.
+        accept_bounds: see `drone_to_fly`.
 
     Raises:
-        InputError: there is nothing to resume, or the checkpoint is of another training; or a
-            logger's package is not installed.
+        InputError: the drone is refused; there is nothing to resume, or the checkpoint is of
+            another training; or a logger's package is not installed.
         WriteError: a file cannot be written, as on a full disk; the state at the last evaluation
             is kept.
     """
     saved = Path(folder, run_folder.CHECKPOINT)
     if resume and not saved.exists():
         raise InputError(f"{saved}: no training to resume. {_how_to_start(Path(folder))}")
-    file = drone_file.read(drone)
+    file = drone_to_fly(drone, accept_bounds)
     controller = control.CONTROLLERS[structure](full_scale_counts=file.full_scale_counts)
     box = randomized(file, randomization, controller)
     rows: list[dict[str, Any]] = []
@@ -149,9 +151,10 @@ def train_for(
     made = results.record(
         seed=seed, inputs=inputs, settings=said if inputs else {"drone": str(drone), **said}
     )
+    hover = round(float(dynamics.hover_command(file.parameters)), 6)
     for number, trained in enumerate(policies, 1):
-        file = run_folder.POLICY.path(folder, number)
-        policy.write(file, trained, {**made, "number": number})
+        path = run_folder.POLICY.path(folder, number)
+        policy.write(path, trained, {**made, "hover": hover, "number": number})
     run_folder.TRAINING.write(Path(folder, run_folder.TRAINING.name), polars.DataFrame(rows))
     _remove_older(Path(folder), count)
     saved.unlink()
@@ -198,7 +201,7 @@ def watched_flight(drone: StrPath, structure: str, task: str) -> Callable[[Polic
     controller = control.CONTROLLERS[structure](full_scale_counts=counts)
     flown = tasks.TASKS[task]()
     reality = VirtualDrone(
-        Path(drone).stem, control.in_fitting_steps(parameters.read(drone), controller)
+        parameters.name_of(drone), control.in_fitting_steps(parameters.read(drone), controller)
     )
     return lambda one: transfer(
         [one], [reality], 1, task=flown, controller=controller, duration=WATCHED_DURATION_S

@@ -1,0 +1,97 @@
+"""How slow a log may be: motor lag and latency from simulated flights of which rows are left out.
+
+Virtual drones are flown by the firmware's PID and identified by likelihood from every row at 100
+Hz, every second, and so on, with and without the accelerometer. The search for a rate at which
+nothing is found goes below the one that `identify` accepts.
+
+    python paper/log_rates.py -o log_rates
+"""
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+import polars
+
+import maidenflight as mf
+from maidenflight import results
+from maidenflight.errors import InputError
+from maidenflight.flights.log import Flight, thinned
+from maidenflight.identification import identify as accepted
+from maidenflight.parameters import Parameters, component
+
+OVER = ("thrust_to_weight", "motor_time_constant", "latency", "inertia_x")
+EVERY = (1, 2, 3, 4, 5)
+"""Rows at 100 Hz to one that is kept."""
+
+
+def row(seed: int, truth: Parameters, flights: Sequence[Flight]) -> dict[str, Any]:
+    """What is found of a drone; times in ms. The true lag is the mean of up and down."""
+    lag = float(truth.motor_time_constant) * (1 + float(truth.spin_down_ratio)) / 2
+    true = 1e3 * (lag + float(truth.latency))
+    what = {
+        "drone": seed,
+        "rate": round(1 / flights[0].period, 1),
+        "accelerometer": flights[0].accelerometer is not None,
+        "true": round(true, 1),
+    }
+    try:
+        found = mf.identify(flights, mf.Likelihood(trials=1), over=OVER)
+    except InputError:  # the flights tell nothing that is asked for
+        return what
+    samples = found.posterior["motor_time_constant"] + found.posterior["latency"]
+    low, middle, high = 1e3 * np.quantile(samples, [0.025, 0.5, 0.975])
+    inertia = float(component(found.parameters, "inertia_x")) / float(truth.inertia[0])
+    return what | {
+        "found": round(float(middle), 1),
+        "low": round(float(low), 1),
+        "high": round(float(high), 1),
+        "holds": bool(low <= true <= high),
+        "lag told": "motor_time_constant" in found.estimates,
+        "inertia over true": round(inertia, 2),
+        "inertia told": "inertia_x" in found.estimates,
+    }
+
+
+def table(seeds: Sequence[int], every: Sequence[int], duration: float) -> polars.DataFrame:
+    """A row for each drone and rate, with and without the accelerometer."""
+    accepted.LONGEST_PERIOD = 1.0
+    rows = []
+    for seed in seeds:
+        drone = mf.virtual_drone(seed)
+        whole = mf.record(drone, jax.random.key(seed), flights=4, duration=duration, rate=100)
+        for step in every:
+            flights = [thinned(flight, step) for flight in whole]
+            bare = [replace(flight, accelerometer=None) for flight in flights]
+            rows += [row(seed, drone.parameters, given) for given in (flights, bare)]
+    return polars.DataFrame(rows)
+
+
+def summary(found: polars.DataFrame) -> polars.DataFrame:
+    """Means over the drones, by rate."""
+    by = found.group_by("accelerometer", "rate", maintain_order=True)
+    counted = ("holds", "lag told", "inertia told")
+    return by.agg(polars.exclude("drone", *counted).mean().round(2), polars.col(counted).sum())
+
+
+def main() -> None:
+    """Writes the table and prints it with its summary."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, nargs="*", default=range(1, 7), help="of the drones")
+    parser.add_argument("--every", type=int, nargs="*", default=EVERY, help="rows to one kept")
+    parser.add_argument("--duration", type=float, default=30.0, help="of a flight [s]")
+    parser.add_argument("-o", "--output", type=Path, default=Path("log_rates"))
+    given = parser.parse_args()
+    found = table(given.seeds, given.every, given.duration)
+    results.write(given.output / "log_rates.csv", found.write_csv())
+    with polars.Config(tbl_rows=200, tbl_cols=20, tbl_hide_dataframe_shape=True):
+        print(found)
+        print(summary(found))
+
+
+if __name__ == "__main__":
+    main()

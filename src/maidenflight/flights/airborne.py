@@ -1,0 +1,85 @@
+"""When a drone flies, by its accelerometer, gyro and commands alone.
+
+A log with a state estimate shows height and tilt; one without has to be cut in another way. Motors
+that are off for a moment belong to a flight, since a pilot who cuts the throttle excites the motors
+more than any other. What is left out: motors off for longer; standing on the ground with running
+motors, where the body rates hardly change; take-off and landing beside both, where ground and air
+cushion carry; and impacts, since a flying drone feels no force from the side but its own drag.
+"""
+
+import numpy as np
+from jaxtyping import Bool
+from scipy.ndimage import binary_dilation, binary_opening, uniform_filter1d
+
+from maidenflight.flights.log import Flight
+
+LONGEST_CUT = 0.5
+"""Time for which motors may be off in a flight [s]."""
+TAKE_OFF, LANDING = 1.0, 0.5
+"""Time after and before standing that is left out [s]."""
+STILL_RAD_S = 0.02
+"""Standard deviation of roll and pitch rates over `WINDOW` below which a drone stands: 0.009 to
+0.022 with running motors on the ground, 0.028 and more in the calmest flights of the logs seen."""
+STILL_M_S2 = 0.3
+"""Distance of the mean specific force from gravity below which it does."""
+WINDOW, SMOOTHED = 0.5, 0.05
+"""Time over which standing is judged, and over which vibration is averaged out [s]."""
+IMPACT_M_S2 = 9.81
+"""Specific force from the side beyond which something was hit."""
+AROUND_IMPACT = 0.3
+"""Time before and after an impact that is left out [s]."""
+_GRAVITY = 9.81
+
+
+def faults(flight: Flight) -> dict[str, Bool[np.ndarray, "N"]]:
+    """Rows in which a drone without a state estimate does not fly freely, by the reason."""
+    off = flight.command.max(axis=1) <= 0.0
+    ground = _lasting(off, LONGEST_CUT, flight.period)
+    hit = _impacts(flight)
+    with np.errstate(invalid="ignore"):  # what is not finite is a fault already
+        stands = _stands(flight) & ~off
+    return {
+        f"motors off for {LONGEST_CUT:g} s or longer": ground,
+        "standing with running motors": stands,
+        f"take-off or landing, {TAKE_OFF:g} s after and {LANDING:g} s before standing": _beside(
+            ground | stands, flight.period
+        ),
+        f"impact, {IMPACT_M_S2:g} m/s2 from the side": binary_dilation(
+            hit, np.ones(2 * max(1, round(AROUND_IMPACT / flight.period)) + 1)
+        ),
+    }
+
+
+def _lasting(rows: Bool[np.ndarray, "N"], seconds: float, period: float) -> Bool[np.ndarray, "N"]:
+    """Those of some rows that last so long without a break."""
+    count = max(1, round(seconds / period))
+    padded = np.pad(rows, count, mode="edge")
+    return np.asarray(binary_opening(padded, np.ones(count)))[count:-count]
+
+
+def _stands(flight: Flight) -> Bool[np.ndarray, "N"]:
+    """Rows around which body rates do not change and the force is gravity."""
+    if flight.accelerometer is None:
+        return np.zeros(len(flight), bool)
+    few, many = (max(1, round(time / flight.period)) for time in (SMOOTHED, WINDOW))
+    rates = uniform_filter1d(flight.body_rates[:, :2].astype(float), few, axis=0)
+    mean, square = (uniform_filter1d(some, many, axis=0) for some in (rates, rates**2))
+    deviation = np.sqrt(np.maximum(square - mean**2, 0.0))
+    force = uniform_filter1d(np.linalg.norm(flight.accelerometer.astype(float), axis=1), many)
+    quiet = (deviation < STILL_RAD_S).all(axis=1) & (np.abs(force - _GRAVITY) < STILL_M_S2)
+    return np.asarray(binary_dilation(quiet, np.ones(many)))
+
+
+def _beside(rows: Bool[np.ndarray, "N"], period: float) -> Bool[np.ndarray, "N"]:
+    """Rows shortly after and before some rows."""
+    places = np.arange(len(rows))
+    last = np.maximum.accumulate(np.where(rows, places, -len(rows)))
+    following = np.minimum.accumulate(np.where(rows, places, 2 * len(rows))[::-1])[::-1]
+    near = (places - last) * period < TAKE_OFF
+    return (near | ((following - places) * period < LANDING)) & ~rows
+
+
+def _impacts(flight: Flight) -> Bool[np.ndarray, "N"]:
+    if flight.accelerometer is None:
+        return np.zeros(len(flight), bool)
+    return np.linalg.norm(flight.accelerometer[:, :2], axis=1) > IMPACT_M_S2

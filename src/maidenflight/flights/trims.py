@@ -1,0 +1,106 @@
+"""What single flights say cheaply: the thrust and the constant torques that balance their means.
+
+Over a flight a drone gains hardly any momentum, so the mean thrust carries its weight and the mean
+torque of its rotors cancels whatever constant torque acts on it. Neither motor lag nor latency
+matters to a mean. `identify` finds the same numbers with everything else, and how sure they are.
+"""
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from maidenflight.flights.log import Flight
+from maidenflight.parameters import Parameters
+from maidenflight.simulator import geometry
+
+SEGMENT_S = 0.5
+"""Length of the parts of a flight whose means tell how sure the whole's is [s]."""
+
+
+class Trim(NamedTuple):
+    """Of a flight; NaN where the log does not tell, or is shorter than `SEGMENT_S`."""
+
+    thrust_to_weight: float
+    """k_F [-] with which the mean command carries the weight."""
+    torque_bias: Float[np.ndarray, "3"]
+    """Constant torque about body x, y and z that the mean commands cancel [N m]."""
+    thrust_to_weight_error: float
+    """Standard error, from how parts of the flight differ."""
+    torque_bias_error: Float[np.ndarray, "3"]
+    """[N m]."""
+    command: Float[np.ndarray, "4"]
+    """Mean command u of each motor."""
+    battery: float
+    """Mean voltage [V]."""
+
+
+def trim(flight: Flight, drone: Parameters) -> Trim:
+    """Thrust and constant torques that balance the means of a flight.
+
+    With F_i = m g / 4 k_F u_i, the mean of sum(F_i) R_zz is m (g + dv_z / T), and the mean of all
+    torques on the body that of I domega/dt + omega x (I omega).
+
+    Args:
+        flight: the flight.
+        drone: its mass, inertia, arm length and ratio of torque to thrust; its k_F for the torques
+            where that of the flight is not known.
+
+    Source: Gronauer et al. 2022, eq:motor-force, eq:linear-acceleration, eq:torque and
+    eq:angular-acceleration.
+    """
+    rows = flight.part(flight.lead, len(flight))
+    parts = max(1, round(rows.duration / SEGMENT_S))
+    long = rows.duration >= SEGMENT_S
+    whole = _balance(rows, drone) if long else np.full(4, np.nan)
+    edges = np.linspace(0, len(rows), parts + 1).astype(int)
+    each = np.array(
+        [_balance(rows.part(first, last), drone) for first, last in pairwise(edges)]
+        if parts > 1
+        else np.full((1, 4), np.nan)
+    )
+    error = np.array([_standard_error(column[np.isfinite(column)]) for column in each.T])
+    return Trim(
+        float(whole[0]),
+        whole[1:],
+        float(error[0]),
+        error[1:],
+        _mean(rows.command),
+        float(_mean(rows.battery[:, None])[0]),
+    )
+
+
+def _balance(rows: Flight, drone: Parameters) -> Float[np.ndarray, "4"]:
+    """The ratio of thrust to weight and three torques [N m]."""
+    command = np.asarray(rows.mean_command, np.float64)
+    up = np.cos(rows.attitude[:, 0]) * np.cos(rows.attitude[:, 1])
+    seconds = max((len(rows) - 1) * rows.period, rows.period)
+    rates, speed = rows.body_rates.astype(np.float64), rows.velocity[:, 2].astype(np.float64)
+    gravity, weight = float(drone.gravity), float(drone.mass * drone.gravity)
+    needed = 1.0 + (speed[-1] - speed[0]) / seconds / gravity
+    lifted = float(_mean((command.mean(axis=1) * up)[:, None])[0])
+    ratio = needed / lifted if lifted > 0 else np.nan
+    full = weight / 4 * (ratio if ratio > 0 else float(drone.thrust_to_weight))
+    forces = full * _mean(command)
+    lever, yaw = float(drone.arm_length), float(drone.torque_to_thrust) * np.array(geometry.YAW)
+    given = np.array(
+        [
+            lever * forces @ geometry.ROTORS[:, 1],
+            -lever * forces @ geometry.ROTORS[:, 0],
+            forces @ yaw,
+        ]
+    )
+    inertia = np.asarray(drone.inertia, np.float64)
+    spun = inertia * (rates[-1] - rates[0]) / seconds
+    return np.array([ratio, *(spun + _mean(np.cross(rates, inertia * rates)) - given)])
+
+
+def _standard_error(means: Float[np.ndarray, "n"]) -> float:
+    return float(np.std(means, ddof=1) / np.sqrt(len(means))) if len(means) > 1 else float("nan")
+
+
+def _mean(values: Float[np.ndarray, "N d"]) -> Float[np.ndarray, "d"]:
+    """Over the rows that are finite; NaN where none is."""
+    good = values[np.isfinite(values).all(axis=1)]
+    return good.mean(axis=0) if len(good) else np.full(values.shape[1], np.nan)

@@ -1,0 +1,294 @@
+"""Identification from accelerometer, gyro and motor commands alone.
+
+Thrust and motors are what the accelerometer tells, inertia and torques what the gyro tells, given
+the motors: a controller answers the gyro within milliseconds, so that whatever the model lacks
+would move the lag there. Drag across and what else these sensors do not show keeps the start's
+value, and so does what the flights tell no better than is known without them.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace as replace_
+
+import numpy as np
+from jaxtyping import Float
+
+from maidenflight.errors import InputError
+from maidenflight.identification import lag, posterior
+from maidenflight.identification.box import Box
+from maidenflight.identification.estimates import (
+    Identification,
+    estimates_of,
+    evaluations_table,
+    notes_on,
+)
+from maidenflight.identification.inertial_errors import MOTORS, InertialErrors
+from maidenflight.identification.inertial_fit import (
+    ABOUT_Z,
+    LAG,
+    OWN_LAG,
+    WHITE,
+    Fit,
+    Told,
+    box_of,
+    is_told,
+    told,
+)
+from maidenflight.identification.inertial_signals import ACCELEROMETER, GYRO, signals
+from maidenflight.identification.information import Ranges, prior_ranges
+from maidenflight.identification.likelihood import Likelihood
+from maidenflight.identification.motor_response import Look, MotorResponse
+from maidenflight.identification.problem import Problem
+from maidenflight.parameters import Parameters, check, component, replace
+
+FORCE = ("thrust_to_weight", "thrust_linear", *LAG, "drag_z")
+"""What the accelerometer is asked for."""
+FORCE_GROUPS: dict[str, tuple[str, ...]] = {"slowing_down": ("motor_coasting", "spin_down_ratio")}
+"""What is added if it predicts held-out flight better. Together, since each passes for much of the
+other, and the inertia then found is a fifth off. The thrust of a rotor that stands is not
+among it: it is zero, and a motor that coasts passes for it."""
+TORQUE = (
+    "inertia_x",
+    "inertia_y",
+    "torque_to_thrust",
+    "torque_bias_x",
+    "torque_bias_y",
+    "torque_bias_z",
+)
+"""What the gyro is asked for."""
+TORQUE_GROUPS: dict[str, tuple[str, ...]] = {"rotor_momentum": ("rotor_momentum",)}
+"""Likewise."""
+OF_ACCELEROMETER = (
+    *FORCE,
+    "thrust_offset",
+    "motor_coasting",
+    "spin_down_ratio",
+)
+OF_GYRO = (*TORQUE, "inertia_z", "rotor_momentum", "rotational_damping")
+CLIMB_DRAG = 0.3
+"""Standard deviation of `drag_z` beforehand [1/s]: that of a Crazyflie's climb is 0.4."""
+SHAPE, SHAPE_OF_PWM = 0.1, 0.3
+"""Standard deviation of `thrust_linear` beforehand: of commands that a battery law made of logged
+PWM and voltage, and of others, such as PWM alone, of which a Crazyflie's thrust has 0.27."""
+
+
+def identified(problem: Problem, settings: Likelihood) -> Identification:
+    """Finds the drone under which what accelerometer and gyro measured is most likely.
+
+    Args:
+        problem: its flights need no position, velocity or attitude.
+        settings: uses `trials` and `evaluations`.
+
+    Raises:
+        InputError: too little flight, or a parameter that these sensors do not show.
+    """
+    _must_be_shown(problem.over)
+    force = _force(problem, settings)
+    found = [one for one in (force, _torque(problem, settings, force)) if one is not None]
+    untold = {name: ends for one in found for name, ends in one.untold.items()}
+    draws = {name: samples for one in found for name, samples in one.draws.items()}
+    spread = {name: size for one in found for name, size in one.spread.items()}
+    drone, draws, spread, notes = _with_inertia_z(
+        problem.start, found[-1].best.drone, draws, spread, untold
+    )
+    names = tuple(name for name in draws if name not in untold)
+    if not names:
+        raise InputError(
+            f"these flights cannot tell {', '.join(untold)}: intervals are as wide as what is "
+            "plausible without them. Fly with more excitation."
+        )
+    box = box_of(problem, names)
+    optimum = box.unit_of(drone)
+    runs = [_in_box(fit, box) for one in found for fit in one.fits]
+    optima = np.array([points[int(np.argmin(values))] for points, values in runs])
+    optima[0] = optimum
+    samples = box.unit(np.stack([draws[name] for name in names], axis=1))
+    deviations = np.array([spread[name] for name in names])
+    estimates = estimates_of(box, optimum, optima, posterior.interval(samples), deviations)
+    segments, motors = found[0].best.target.segments, _motors(found)
+    looks = lag.looks(motors, problem.flights, found[0].draws, found[0].untold)
+    return Identification(
+        parameters=check(drone, "identified parameters"),
+        estimates=estimates,
+        unidentified=untold,
+        expected={},
+        objective="likelihood",
+        value=sum(float(one.best.values.min()) for one in found),
+        start_value=sum(one.best.target(problem.start) for one in found),
+        source=problem.source,
+        windows=segments,
+        evaluations=sum(len(values) for _, values in runs),
+        seconds=0.0,
+        search=evaluations_table(box, runs),
+        posterior=draws,
+        gains=tuple(gain for one in found for gain in one.gains),
+        noise={},
+        notes=(*notes_on(estimates, segments), *notes, *lag.notes(looks, motors)),
+        lag_looks=looks,
+    )
+
+
+def _must_be_shown(over: Sequence[str] | None) -> None:
+    if over is None:
+        return
+    hidden = [name for name in over if name not in (*OF_ACCELEROMETER, *OF_GYRO)]
+    if hidden:
+        raise InputError(
+            f"{', '.join(hidden)}: not told by accelerometer, gyro and commands alone, which tell "
+            f"{', '.join((*OF_ACCELEROMETER, *OF_GYRO))}."
+        )
+    if {"inertia_z", "torque_to_thrust"} <= set(over):
+        raise InputError(
+            "inertia_z and torque_to_thrust: yaw shows only their ratio. Name one, or none, where "
+            "inertia_z follows inertia_x and inertia_y."
+        )
+
+
+def _asked(problem: Problem, first: tuple[str, ...], shown: tuple[str, ...]) -> tuple[str, ...]:
+    """What is asked of a sensor."""
+    return first if problem.over is None else tuple(one for one in problem.over if one in shown)
+
+
+def _force(problem: Problem, settings: Likelihood) -> Told | None:
+    """What the accelerometer tells."""
+    names, start = _asked(problem, FORCE, OF_ACCELEROMETER), problem.start
+    if not names:
+        return None
+    by_law = all(np.isfinite(flight.battery).any() for flight in problem.flights)
+    priors = {
+        "thrust_linear": (float(start.thrust_linear), SHAPE if by_law else SHAPE_OF_PWM),
+        "drag_z": (float(component(start, "drag_z")), CLIMB_DRAG),
+    }
+    target = InertialErrors(signals(problem.flights, ACCELEROMETER), priors)
+    groups = FORCE_GROUPS if problem.over is None else {}
+    found = told(problem, settings, target, names, groups, start, {})
+    plausible = _plausible(problem, tuple(found.draws), priors)
+    lost = [name for name in LAG if name in names and not _lag_is_told(found, plausible)]
+    if lost:
+        lost = [name for name in found.draws if name in MOTORS]
+    if "thrust_linear" in names and not is_told(
+        found.error["thrust_linear"], plausible["thrust_linear"]
+    ):
+        lost.append("thrust_linear")
+    if not lost:
+        return found
+    less = found.without({name: plausible[name] for name in lost}, start, problem.generator)
+    kept = tuple(name for name in found.draws if name not in lost)
+    if not kept:
+        return less
+    known = {name: less.draws[name] for name in lost}
+    again = told(problem, settings, target, kept, {}, less.best.drone, known)
+    draws = {**again.draws, **known}
+    return replace_(again, draws=draws, untold=less.untold, gains=found.gains)
+
+
+def _plausible(
+    problem: Problem, names: tuple[str, ...], priors: Mapping[str, tuple[float, float]]
+) -> dict[str, tuple[float, float]]:
+    """Plausible range of each parameter: of a prior the uniform one of the same variance."""
+    box = box_of(problem, names)
+    limits = dict(zip(names, zip(box.lower, box.upper, strict=True), strict=True))
+    found = prior_ranges(problem.start, limits)
+    for name in found.keys() & priors.keys():
+        (mean, deviation), (low, high) = priors[name], limits[name]
+        reach = np.sqrt(3.0) * deviation
+        found[name] = max(low, float(mean - reach)), min(high, float(mean + reach))
+    return found
+
+
+def _lag_is_told(found: Told, plausible: Ranges) -> bool:
+    """Whether lag and latency together are told, and neither lies at a search bound."""
+    if np.isinf([found.error.get(name, 0.0) for name in LAG]).any():
+        return False
+    samples = np.sum([found.draws.get(name, np.zeros(1)) for name in LAG], axis=0)
+    return is_told(float(np.std(samples)), plausible.get(LAG[0], plausible.get(LAG[1], (0, 0))))
+
+
+def _torque(problem: Problem, settings: Likelihood, force: Told | None) -> Told | None:
+    """What the gyro tells, given what the accelerometer tells."""
+    names = _asked(problem, TORQUE, OF_GYRO)
+    if not names:
+        return None
+    known, drone = ({}, problem.start) if force is None else (force.draws, force.best.drone)
+    target = InertialErrors(signals(problem.flights, GYRO))
+    groups = TORQUE_GROUPS if problem.over is None else {}
+    found = told(problem, settings, target, names, groups, drone, known)
+    plausible = _plausible(problem, names, {})
+    lost = {
+        name: plausible[name] for name in names if not is_told(found.error[name], plausible[name])
+    }
+    return found.without(lost, problem.start, problem.generator)
+
+
+def _with_inertia_z(
+    start: Parameters,
+    drone: Parameters,
+    draws: dict[str, Float[np.ndarray, "N"]],
+    spread: dict[str, float],
+    untold: Ranges,
+) -> tuple[Parameters, dict[str, Float[np.ndarray, "N"]], dict[str, float], list[str]]:
+    """What is told, with the inertia about z in the start's ratio to those about x and y.
+
+    Torques about z follow, since yaw shows them as shares of that inertia.
+    """
+    told_of = draws.keys() - untold.keys()
+    if not told_of.intersection(ABOUT_Z) or "inertia_z" in draws:
+        return drone, draws, spread, []
+    level = [name for name in ("inertia_x", "inertia_y") if name in told_of]
+    if not level:
+        note = "yaw shows its torques only as shares of inertia_z, which is the start's"
+        return drone, draws, spread, [note]
+    shares = {name: 1 / float(component(start, name)) / len(level) for name in level}
+    factor = np.sum([share * draws[name] for name, share in shares.items()], axis=0)
+    best = sum(share * float(component(drone, name)) for name, share in shares.items())
+    about_z = float(component(start, "inertia_z"))
+    changes = {"inertia_z": np.float32(best * about_z)}
+    draws, spread = dict(draws), dict(spread)
+    for name in told_of.intersection(ABOUT_Z):
+        changes[name] = np.float32(best * float(component(drone, name)))
+        draws[name], spread[name] = factor * draws[name], best * spread[name]
+    draws["inertia_z"] = about_z * factor
+    spread["inertia_z"] = about_z * float(
+        np.linalg.norm([share * spread[name] for name, share in shares.items()])
+    )
+    ratio = about_z / np.mean([float(component(start, name)) for name in level])
+    note = (
+        f"yaw shows its torques only as shares of inertia_z, which is taken as {ratio:.3g} times "
+        f"the mean of {' and '.join(level)}, as in the start"
+    )
+    return replace(drone, **changes), draws, spread, [note]
+
+
+def _in_box(fit: Fit, box: Box) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n"]]:
+    """Points of a search in a box of other parameters, those that it lacks as in its drone."""
+    points, own = np.tile(box.unit_of(fit.drone), (len(fit.points), 1)), fit.box.values(fit.points)
+    values = box.values(points)
+    for place, name in enumerate(box.names):
+        if name in fit.box.names:
+            values[:, place] = own[:, fit.box.names.index(name)]
+    return box.unit(values), fit.values
+
+
+def _motors(found: Sequence[Told]) -> MotorResponse | None:
+    """What the signals show of the motors' lag."""
+    force = found[0]
+    if not set(LAG) <= force.draws.keys():
+        return None
+    looks = [
+        _look("accelerometer", force.best),
+        _look("accelerometer with white noise", force.others[WHITE]),
+        *(_look("gyro", one.others[OWN_LAG]) for one in found if OWN_LAG in one.others),
+    ]
+    lags, latency = (np.asarray(force.draws[name]) for name in LAG)
+    return MotorResponse(lags, latency, 0.0, tuple(looks), (), {})
+
+
+def _look(signal: str, fit: Fit) -> Look:
+    """Lag and latency together by one fit, with its own standard error."""
+    names = fit.box.names
+    _, scores, curvatures = fit.target.derivatives(fit.drone, names)
+    rows = fit.target.rows
+    covariance = posterior.sandwich(scores * rows, curvatures.sum(axis=0) * rows)
+    along = np.array([name in LAG for name in names], float)
+    value = float(sum(component(fit.drone, name) for name in LAG))
+    share = 1.96 * float(np.sqrt(along @ covariance @ along)) / value
+    return Look(signal, value, (value * np.exp(-share), value * np.exp(share)))

@@ -1,0 +1,50 @@
+"""Trims: what balances the means of a flight is what acts on the drone."""
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from made_flights import calm
+
+from maidenflight.flights.trims import trim
+from maidenflight.parameters import crazyflie, replace
+from maidenflight.simulator import dynamics
+
+torques = st.floats(-2e-3, 2e-3)
+
+
+@given(st.tuples(torques, torques, torques.map(lambda torque: torque / 10)), st.floats(1.5, 2.2))
+def test_a_drone_that_hovers_tells_its_thrust_and_its_torques(bias, ratio):
+    drone = replace(crazyflie(), thrust_to_weight=ratio, torque_bias=jnp.array(bias))
+    # The command at which thrust carries the weight and the rotors cancel the bias.
+    unit = np.eye(4)
+    effect = np.stack(
+        [[float(part) for part in dynamics.torque(jnp.array(one), drone)] + [1.0] for one in unit],
+        axis=1,
+    )
+    wanted = [*(-np.array(bias)), float(drone.mass * drone.gravity)]
+    forces = np.linalg.solve(effect, wanted)
+    command = forces / float(drone.mass * drone.gravity / 4 * drone.thrust_to_weight)
+    still = np.zeros((200, 3), np.float32)
+    flight = calm(200, command=np.float32(np.tile(command, (200, 1))))
+    flight = dataclasses.replace(flight, velocity=still, attitude=still, body_rates=still)
+    found = trim(flight, crazyflie())
+    assert found.thrust_to_weight == pytest.approx(ratio, rel=1e-4)
+    np.testing.assert_allclose(found.torque_bias, bias, atol=1e-7, rtol=1e-3)
+    np.testing.assert_allclose(found.command, command, rtol=1e-5)
+    assert found.battery == pytest.approx(3.7)
+
+
+def test_what_a_log_lacks_is_not_known_and_short_flights_have_no_error():
+    flight = calm(60, attitude=np.full((60, 3), np.nan, np.float32))
+    found = trim(flight, crazyflie())
+    assert np.isnan([found.thrust_to_weight, found.thrust_to_weight_error]).all()
+    assert np.isfinite(found.torque_bias).all()
+    assert np.isnan(found.torque_bias_error).all()
+    off = trim(calm(80, command=np.zeros((80, 4), np.float32)), crazyflie())
+    assert np.isnan(off.thrust_to_weight)
+    assert np.isnan(trim(calm(30), crazyflie()).torque_bias).all()
+    assert (trim(calm(400), crazyflie()).torque_bias_error > 0).all()

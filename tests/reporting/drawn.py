@@ -1,0 +1,20 @@
+"""What tests look at in a chart: the rows that a panel draws."""
+
+from typing import Any
+
+from maidenflight.reporting.charts import Figure
+
+
+def rows(figure: Figure, panel: int = 0) -> list[dict[str, Any]]:
+    """Rows of a panel's data."""
+    columns = figure.panels[panel]["data"]["columns"]
+    return [dict(zip(columns, each, strict=True)) for each in zip(*columns.values(), strict=True)]
+
+
+def of(figure: Figure, panel: int = 0, **wanted: Any) -> list[dict[str, Any]]:
+    """Those with the entries wanted."""
+    return [row for row in rows(figure, panel) if wanted.items() <= row.items()]
+
+
+def titles(figure: Figure) -> list[str]:
+    return [panel.get("title", "") for panel in figure.panels]
