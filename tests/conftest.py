@@ -1,6 +1,7 @@
 """Strict JAX, so that no shape or dtype is guessed, and the same examples from hypothesis on every
 run; the authors' data where it is."""
 
+import gc
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,6 +24,21 @@ settings.register_profile(
     "reproducible", derandomize=True, deadline=None, max_examples=25, database=None
 )
 settings.load_profile("reproducible")
+
+
+MOST_MAPPINGS = 20_000
+"""Memory mappings of a process above which compiled programs are dropped. Each program holds a few,
+and Linux allows 65,530 a process (vm.max_map_count); the compiler aborts at more."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled_programs_within_limits() -> Iterator[None]:
+    """Drops compiled programs between modules, once a process has many."""
+    yield
+    mappings = Path("/proc/self/maps")
+    if mappings.exists() and mappings.read_bytes().count(b"\n") > MOST_MAPPINGS:
+        jax.clear_caches()
+        gc.collect()
 
 
 @pytest.fixture(scope="module")
