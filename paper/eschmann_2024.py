@@ -31,6 +31,7 @@ from maidenflight.identification.identify import identify
 from maidenflight.identification.motor_response import ACCELEROMETER_DELAY
 from maidenflight.parameters import Parameters, crazyflie
 from maidenflight.parameters import replace as with_values
+from maidenflight.simulator.geometry import TORQUES
 
 MASS, ARM = 0.027, 0.028
 """Of the source's drone [kg], and its rotors' distance from each axis [m]."""
@@ -48,7 +49,6 @@ PUBLISHED = {"T_m": 72.0, "c_0": 0.021266, "c_1": -0.011175, "c_2": 0.120130}
 PUBLISHED_INERTIA = {"inertia_x": 1.0286e-5, "inertia_y": 1.1052e-5}
 LAGS = np.arange(0.050, 0.100, 0.0002)
 """Lags that are tried [s]."""
-SIGNS = {"inertia_x": np.array([-1, -1, 1, 1]), "inertia_y": np.array([-1, 1, 1, -1])}
 THROTTLE = np.linspace(0.2, 0.9, 8)
 """Shares of the largest PWM at which curves are compared."""
 MODEL = (
@@ -128,9 +128,9 @@ def source_inertia(
     used = (time > start) & (time < stop)
     force = np.polynomial.polynomial.polyval(lagged(table, lag), curve)
     found = {}
-    for axis, (name, signs) in enumerate(SIGNS.items()):
+    for axis, name in enumerate(("inertia_x", "inertia_y")):
         rate = np.radians(columns(table, "gyro", ["xyz"[axis]])[:, 0])
-        both = np.cov(np.gradient(rate, time)[used], (ARM * force @ signs)[used])
+        both = np.cov(np.gradient(rate, time)[used], (ARM * force @ TORQUES[:, axis])[used])
         found[name] = (float(both[0, 1] / both[0, 0]), float(both[1, 1] / both[0, 1]))
     return found
 

@@ -31,10 +31,11 @@ from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy
 from maidenflight.simulator import dynamics
 from maidenflight.simulator.battery import COUNTS
+from maidenflight.simulator.geometry import TORQUES
 
 BEGIN = 0.5
 """Time after which a flight counts [s]: before it the PID hands over and the yaw rate settles."""
-YAW = np.array([-1.0, 1.0, -1.0, 1.0]) / 4
+YAW = TORQUES[:, 2] / 4
 """The yaw part of the commands of rotors 1 to 4."""
 
 

@@ -19,6 +19,7 @@ def test_a_rotors_torque_is_that_of_its_place_and_its_turn(rotor):
     others = float(drone.torque_offset) * (sum(geometry.YAW) - geometry.YAW[rotor])
     torque = np.array(dynamics.torque(jnp.asarray(forces), drone), np.float64)
     np.testing.assert_allclose(torque, [*lever[:2], reaction + others], rtol=1e-5, atol=1e-12)
+    np.testing.assert_array_equal(geometry.TORQUES[rotor], np.sign([*lever[:2], reaction]))
 
 
 def test_rotors_are_on_a_circle_of_the_arm_and_those_in_front_are_before_the_centre():

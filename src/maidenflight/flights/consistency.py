@@ -19,6 +19,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from maidenflight.flights.log import Flight
+from maidenflight.simulator.geometry import TORQUES
 
 FEWEST = 300
 """Samples below which nothing is concluded from estimates of position and velocity, which drift and
@@ -33,8 +34,6 @@ _LAGS_S = np.arange(-0.16, 0.2001, 0.02)
 """Delays that are tried [s]."""
 _GRAVITY = 9.81
 _PITCH = " Positive pitch is nose down here, a Crazyflie's stateEstimate.pitch is nose up."
-_TORQUES = np.array([[-1, -1, 1, 1], [-1, 1, 1, -1]]).T
-"""Signs of the motors' roll and pitch torque; Gronauer et al. 2022, eq:torque."""
 
 
 class Relation(NamedTuple):
@@ -357,7 +356,7 @@ def _scores(
     command = np.concatenate(commands)
     match = _correlation(np.concatenate(accelerations), command)
     spread = np.cov((command - command.mean(axis=0)).T)
-    signs = np.stack([_TORQUES[np.argsort(order)] for order in orders])
+    signs = np.stack([TORQUES[np.argsort(order), :2] for order in orders])
     power = np.sqrt(np.maximum(np.einsum("oik,ij,ojk->ok", signs, spread, signs), 1e-12))
     sums = np.einsum("ki,oik->ok", match * np.sqrt(np.diag(spread)), signs)
     return np.sum(sums / power, axis=1)

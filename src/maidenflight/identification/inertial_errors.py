@@ -22,6 +22,7 @@ from maidenflight.identification.gauss_newton import NormalEquations
 from maidenflight.identification.inertial_signals import Rotors, Signals
 from maidenflight.identification.one_step import BY_MOMENT, NoiseModel, noise_model
 from maidenflight.parameters import Parameters, component, replace
+from maidenflight.simulator.geometry import TORQUES
 
 MEMORY = 0.25
 """Time that the noise model looks back [s]."""
@@ -30,8 +31,6 @@ LEVEL = 0.02 * 9.81
 the sensor's scale."""
 MOTORS = ("motor_time_constant", "spin_down_ratio", "motor_coasting", "latency")
 """Parameters on which the rotors' speeds depend."""
-_SIGNS = np.array([[-1, -1, 1, 1], [-1, 1, 1, -1], [-1, 1, -1, 1]], float).T
-"""Of the rotors' torques about x, y and z; Gronauer et al. 2022, eq:torque."""
 _NUDGES = {
     "latency": 1e-3,
     "motor_coasting": 5e-3,
@@ -108,9 +107,9 @@ class InertialErrors:
                 found.append(thrust.sum(axis=-1) - drag)
                 continue
             axis, one, other = place - 1, place % 3, (place + 1) % 3
-            torque = bias[axis] + float(drone.mass) * arms[axis] * (thrust @ _SIGNS[:, axis])
+            torque = bias[axis] + float(drone.mass) * arms[axis] * (thrust @ TORQUES[:, axis])
             if axis == 2:
-                spin_up = rotors.change @ _SIGNS[:, axis] / self.signals.step
+                spin_up = rotors.change @ TORQUES[:, axis] / self.signals.step
                 torque += float(drone.rotor_momentum) * spin_up
             else:
                 torque -= float(drone.rotational_damping) * rates[..., axis]

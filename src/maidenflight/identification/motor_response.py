@@ -36,6 +36,7 @@ from scipy.spatial.transform import Rotation
 
 from maidenflight.flights.log import Flight
 from maidenflight.identification.prediction_errors import Fit, Prior, regress
+from maidenflight.simulator.geometry import TORQUES
 
 LAGS = np.geomspace(0.010, 0.25, 18)
 """Lags that are tried [s]."""
@@ -63,7 +64,8 @@ _SEGMENT = 256
 """Steps of a segment of a spectrum."""
 DRAWS = 500
 """Samples of the posterior."""
-_SIGNS = {"gyro x": np.array([-1.0, -1.0, 1.0, 1.0]), "gyro y": np.array([-1.0, 1.0, 1.0, -1.0])}
+_GYRO = {"gyro x": TORQUES[:, 0], "gyro y": TORQUES[:, 1]}
+"""Signs of the motors' torque that each signal of the gyro hears."""
 
 
 class Look(NamedTuple):
@@ -179,7 +181,7 @@ def _prepared(flight: Flight) -> _Prepared:
         if flight.zero_order_hold:
             rates = gyro(flight)[: count * rows : rows]
             turns = np.diff(rates, axis=0) / (rows * flight.period)
-            for axis, name in enumerate(_SIGNS):
+            for axis, name in enumerate(_GYRO):
                 signals[name] = turns[:, [axis]]
                 across = velocity[:-1, [1 - axis]]
                 beside[name] = _constant_and(across, rates[:-1, [axis]])
@@ -214,7 +216,7 @@ def _seen(parts: Sequence[Flight]) -> dict[str, _Seen]:
             found["accelerometer"] = loose._replace(free=True)
     # A torque that turns the drone the wrong way is no torque.
     return {
-        signal: one for signal, one in found.items() if _best(one)[0] > 0 or signal not in _SIGNS
+        signal: one for signal, one in found.items() if _best(one)[0] > 0 or signal not in _GYRO
     }
 
 
@@ -268,7 +270,7 @@ def _of_motors(
     """What the motors add to each column of a signal, in steps."""
     if signal == "rotor speed":
         return means(0.5 * (speed[1:] + speed[:-1]), part.rows)
-    combined = (speed**2) @ _SIGNS.get(signal, np.ones(4))
+    combined = (speed**2) @ _GYRO.get(signal, np.ones(4))
     steps = means((0.5 * (combined[1:] + combined[:-1]))[:, None], part.rows)
     return steps[: len(part.signals[signal])]
 
@@ -325,7 +327,7 @@ def cross_spectrum(flights: Sequence[Flight]) -> list[Look]:
     Source: Bendat and Piersol 2010, Random data, sec. 9.2 (error of a phase from the coherence).
     """
     losses = np.zeros((len(LAGS), len(LATENCIES)))
-    for name in _SIGNS:
+    for name in _GYRO:
         pairs = [_torque_and_turn(flight, name) for flight in flights]
         pairs = [pair for pair in pairs if len(pair[0]) >= 2 * _SEGMENT]
         if not pairs:
@@ -350,7 +352,7 @@ def _torque_and_turn(flight: Flight, name: str) -> tuple[np.ndarray, np.ndarray]
     """Torque command and angular acceleration of one axis in steps, as far as scale."""
     rows = stride(flight)
     rates = means(flight.body_rates.astype(float), rows)[:, 0 if name == "gyro x" else 1]
-    torque = means((flight.mean_command @ _SIGNS[name])[:, None].astype(float), rows)[:, 0]
+    torque = means((flight.mean_command @ _GYRO[name])[:, None].astype(float), rows)[:, 0]
     return torque, np.gradient(rates, rows * flight.period) if len(rates) > 1 else rates
 
 

@@ -15,3 +15,5 @@ FRONT = (True, False, False, True)
 YAW = (-1, 1, -1, 1)
 """Sign of each rotor's reaction torque about z [-]: + turns the drone to the left, since the rotor
 turns clockwise seen from above."""
+TORQUES = np.sign(np.stack([ROTORS[:, 1], -ROTORS[:, 0], YAW])).T
+"""Signs of each rotor's torque about x, y and z [-], (4, 3); Gronauer et al. 2022, eq:torque."""
