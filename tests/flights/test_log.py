@@ -3,6 +3,7 @@
 import io
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -91,6 +92,15 @@ def test_a_sampled_command_is_averaged_with_the_next_one():
         flight.mean_command[:-1], (flight.command[:-1] + flight.command[1:]) / 2
     )
     np.testing.assert_array_equal(flight.mean_command[-1], flight.command[-1])
+
+
+def test_rotors_are_to_turn_with_the_root_of_the_mean_command():
+    flight = calm(zero_order_hold=False)
+    over = replace(flight, command=flight.command - flight.command[0])
+    assert flight.speed_command.dtype == np.float64
+    np.testing.assert_allclose(flight.speed_command**2, flight.mean_command, rtol=1e-6)
+    assert (over.mean_command < 0).any()
+    assert over.speed_command.min() == 0.0
 
 
 def test_duration_is_rows_times_period():

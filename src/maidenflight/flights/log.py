@@ -132,6 +132,11 @@ class Flight:
         following = np.concatenate([self.command[1:], self.command[-1:]])
         return (self.command + following) / 2
 
+    @property
+    def speed_command(self) -> Float[np.ndarray, "N 4"]:
+        """Rotor speed nu that commands ask for until the next row: sqrt(u), in float64."""
+        return np.sqrt(np.clip(self.mean_command.astype(float), 0.0, 1.0))
+
 
 def thinned(flight: Flight, every: int) -> Flight:
     """Every so many rows of a flight, as a slower log would hold them."""
@@ -155,7 +160,8 @@ def averaged(flight: Flight, every: int) -> Flight:
     if every == 1:
         return flight
     count = len(flight) // every
-    speeds = np.sqrt(np.clip(flight.mean_command[: count * every], 0.0, 1.0))
+    # Averaged in the log's own precision.
+    speeds = flight.speed_command[: count * every].astype(flight.command.dtype)
     command = np.square(speeds.reshape(count, every, 4).mean(axis=1)).astype(np.float32)
     kept = {group: values[: count * every : every] for group, values in flight.arrays.items()}
     return replace(

@@ -179,8 +179,7 @@ def _segments(
     first = max(round(SETTLING / step), -(-flight.lead // rows))
     if (steps - first) * step < SHORTEST:
         return
-    command = np.sqrt(np.clip(flight.mean_command.astype(float), 0.0, 1.0))
-    rates = gyro(flight)
+    command, rates = flight.speed_command, gyro(flight)
     force = means(force_along_z(flight)[:, None], rows)[:steps]
     turns = np.diff(rates[: (steps + 1) * rows : rows], axis=0) / step
     measured = np.concatenate([force, turns], axis=1)[:, sensor.places]

@@ -185,8 +185,7 @@ def _prepared(flight: Flight) -> _Prepared:
                 signals[name] = turns[:, [axis]]
                 across = velocity[:-1, [1 - axis]]
                 beside[name] = _constant_and(across, rates[:-1, [axis]])
-    command = np.sqrt(np.clip(flight.mean_command.astype(float), 0.0, 1.0))
-    return _Prepared(flight.period, rows, command, signals, beside)
+    return _Prepared(flight.period, rows, flight.speed_command, signals, beside)
 
 
 def _constant_and(*columns: Float[np.ndarray, "M 1"]) -> Float[np.ndarray, "M k"]:
@@ -280,8 +279,7 @@ def rotor_speeds(flight: Flight, lag: float, latency: float) -> Float[np.ndarray
 
     The rotors begin at the speed of the first command.
     """
-    command = np.sqrt(np.clip(flight.mean_command.astype(float), 0.0, 1.0))
-    return _speeds(command, flight.period, lag, latency)
+    return _speeds(flight.speed_command, flight.period, lag, latency)
 
 
 def _speeds(
