@@ -27,8 +27,8 @@ from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import read_flights
 from maidenflight.flights.tables import Table
 from maidenflight.identification.estimates import Identification
+from maidenflight.identification.flight_signals import ACCELEROMETER_DELAY
 from maidenflight.identification.identify import identify
-from maidenflight.identification.motor_response import ACCELEROMETER_DELAY
 from maidenflight.parameters import Parameters, crazyflie
 from maidenflight.parameters import replace as with_values
 from maidenflight.simulator.geometry import TORQUES

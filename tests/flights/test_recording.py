@@ -11,7 +11,7 @@ from made_flights import same, volts
 
 from maidenflight.errors import InputError
 from maidenflight.flights import checking, flying, log, recording
-from maidenflight.identification.motor_response import rotor_speeds
+from maidenflight.identification.flight_signals import rotor_speeds
 from maidenflight.simulator.virtual_drone import virtual_drone
 
 DRONE = virtual_drone(3)

@@ -15,11 +15,11 @@ from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import read_flights
 from maidenflight.identification import drone_file
 from maidenflight.identification.estimates import Identification
+from maidenflight.identification.flight_signals import rotor_speeds
 from maidenflight.identification.identify import identify, of_one_kind
 from maidenflight.identification.inertial_errors import InertialErrors
 from maidenflight.identification.inertial_signals import ACCELEROMETER, GYRO, Sensor, signals
 from maidenflight.identification.likelihood import Likelihood
-from maidenflight.identification.motor_response import rotor_speeds
 from maidenflight.identification.replay import Replay
 from maidenflight.parameters import Parameters, component, crazyflie, replace
 from maidenflight.simulator.battery import MOST_COUNTS

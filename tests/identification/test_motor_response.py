@@ -5,12 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from scipy.spatial.transform import Rotation
 
 from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import read_flights
-from maidenflight.identification import motor_response as motors
-from maidenflight.identification.motor_response import motor_response, rotor_speeds
+from maidenflight.identification.flight_signals import ACCELEROMETER_DELAY, rotor_speeds
+from maidenflight.identification.motor_response import motor_response
 
 USD = Path(__file__).parents[3] / "shared" / "data" / "usd"
 PERIOD, LAG, LATENCY, THRUST = 0.002, 0.07, 0.006, 4.4
@@ -46,7 +45,7 @@ def made(seed: int, *, rotor_speed: bool, lag: float = LAG, name: str = "made") 
         velocity[row, 2] = climb
         force[row] = thrust[row] - 0.5 * climb + wind[row]
         climb = 0.999 * climb + PERIOD * (force[row] - thrust.mean())
-    late = np.arange(rows) - motors.ACCELEROMETER_DELAY / PERIOD - 0.5
+    late = np.arange(rows) - ACCELEROMETER_DELAY / PERIOD - 0.5
     felt = np.zeros((rows, 3))
     felt[:, 2] = np.interp(late, np.arange(rows), force) + 0.02 * generator.normal(size=rows)
     measured = 2000 * speed[:-1] + generator.normal(size=(rows, 4))
@@ -93,16 +92,6 @@ def test_without_sensors_beside_the_estimate_nothing_is_seen() -> None:
     flight = made(1, rotor_speed=False)
     bare = Flight(**{**vars(flight), "accelerometer": None})
     assert motor_response([bare], np.random.default_rng(0)) is None
-
-
-def test_velocity_is_turned_into_the_body() -> None:
-    flight = made(1, rotor_speed=False)
-    attitude = np.tile(np.array([0.3, -0.2, 1.0], np.float32), (len(flight), 1))
-    velocity = Rotation.from_euler("ZYX", [1.0, -0.2, 0.3]).apply(np.array([1.0, 2.0, 3.0]))
-    turned = Flight(
-        **{**vars(flight), "attitude": attitude, "velocity": np.tile(velocity, (len(flight), 1))}
-    )
-    np.testing.assert_allclose(motors.body_velocity(turned)[0], [1.0, 2.0, 3.0], rtol=1e-5)
 
 
 @pytest.mark.slow

@@ -9,7 +9,8 @@ from jaxtyping import Float
 from maidenflight.flights.log import Flight
 from maidenflight.flights.windows import segment_names
 from maidenflight.identification import one_step
-from maidenflight.identification.motor_response import MotorResponse, stride
+from maidenflight.identification.flight_signals import stride
+from maidenflight.identification.motor_response import MotorResponse
 from maidenflight.identification.one_step import OneStep
 from maidenflight.parameters import Parameters
 

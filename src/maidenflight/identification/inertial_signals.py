@@ -18,7 +18,7 @@ from scipy.signal import lfilter
 from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
 from maidenflight.flights.windows import SAME_RATE, SEGMENT_SECONDS
-from maidenflight.identification.motor_response import force_along_z, gyro, means
+from maidenflight.identification.flight_signals import delayed, force_along_z, gyro, means
 from maidenflight.identification.selection import HELD_OUT
 from maidenflight.parameters import Parameters
 from maidenflight.parameters import replace as with_values
@@ -122,7 +122,7 @@ class Signals:
         """What the rotors of a drone did, by the simulator's motors."""
         substeps = max(1, int(np.ceil(self.period / SLOWEST_STEP - 1e-6)))
         count = self.command.shape[1]
-        commands = _late(self.command, float(drone.latency) / self.period).astype(np.float32)
+        commands = delayed(self.command, float(drone.latency) / self.period).astype(np.float32)
         commands = np.pad(commands, ((0, 0), (0, -count % CHUNK), (0, 0)))
         commands = commands.reshape(-1, self.rows, *commands.shape[1:])
         drone = with_values(drone, time_step=np.float32(self.period / substeps))
@@ -205,13 +205,6 @@ def _integral(force: Float[np.ndarray, "M"], step: float) -> Float[np.ndarray, "
     """Velocity along z [m/s] by the specific force alone, slowly forgotten."""
     kept = 1 - step / CLIMB_MEMORY
     return np.asarray(lfilter([0.0, step], [1.0, -kept], force - force.mean()))
-
-
-def _late(command: Float[np.ndarray, "N S 4"], rows: float) -> Float[np.ndarray, "N S 4"]:
-    """Mean command of each row where all come so many rows late."""
-    whole, share = divmod(rows, 1.0)
-    late = np.concatenate([np.repeat(command[:1], int(whole) + 1, axis=0), command])
-    return (1 - share) * late[1 : len(command) + 1] + share * late[: len(command)]
 
 
 @partial(jax.jit, static_argnums=2)

@@ -34,13 +34,9 @@ from maidenflight.identification.estimates import (
 )
 from maidenflight.identification.fitting import Fit, box_of, fit
 from maidenflight.identification.flight_differences import differences
+from maidenflight.identification.flight_signals import sharp, stride
 from maidenflight.identification.information import LAG, Expected
-from maidenflight.identification.motor_response import (
-    MotorResponse,
-    motor_response,
-    sharp,
-    stride,
-)
+from maidenflight.identification.motor_response import MotorResponse, motor_response
 from maidenflight.identification.noise_levels import noise_levels
 from maidenflight.identification.one_step import OneStep
 from maidenflight.identification.problem import Problem, must_be_positive

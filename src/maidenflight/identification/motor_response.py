@@ -26,15 +26,22 @@ likelihoods).
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.signal import csd, lfilter
-from scipy.spatial.transform import Rotation
+from scipy.signal import csd
 
 from maidenflight.flights.log import Flight
+from maidenflight.identification.flight_signals import (
+    body_velocity,
+    force_along_z,
+    gyro,
+    lagged,
+    means,
+    stride,
+)
 from maidenflight.identification.prediction_errors import Fit, Prior, regress
 from maidenflight.simulator.geometry import TORQUES
 
@@ -44,15 +51,10 @@ SEEN_LAGS = (float(LAGS[1]), float(LAGS[-2]))
 """Lags within which neighbours on both sides were tried [s]."""
 LATENCIES = np.array([0.0, 0.004, 0.008, 0.012])
 """Latencies that are tried [s]."""
-STEP = 0.01
-"""Time over which signals are averaged [s]."""
 MEMORY = 0.25
 """Time that the noise model looks back [s]."""
 FEWEST = 300
 """Steps that a flight must have to be looked at."""
-ACCELEROMETER_DELAY, GYRO_DELAY = 0.0075, 0.0028
-"""Delay of a Crazyflie's low-pass filters, Butterworth of second order at 30 and 80 Hz [s]
-(firmware, sensors_bmi088_bmp3xx.c)."""
 HOVER = 0.05
 """Standard deviation of thrust per command about that of hovering, as a share."""
 CONTRADICTION = 8.0
@@ -203,7 +205,7 @@ def _seen(parts: Sequence[Flight]) -> dict[str, _Seen]:
     free = []
     for lag in LAGS:
         for latency in LATENCIES:
-            speeds = [_speeds(part.command, part.period, lag, latency) for part in prepared]
+            speeds = [lagged(part.command, part.period, lag, latency) for part in prepared]
             for signal, fits in seen.items():
                 fits.append(_fit(prepared, speeds, signal, HOVER))
             if "accelerometer" in seen:
@@ -229,11 +231,6 @@ def _on_grid(fits: Sequence[Sequence[Fit]]) -> _Seen:
 
 def _best(seen: _Seen) -> Float[np.ndarray, "k"]:
     return seen.coefficients[np.unravel_index(np.argmin(seen.losses), seen.losses.shape)]
-
-
-def stride(flight: Flight) -> int:
-    """Rows of a step."""
-    return max(1, round(STEP / flight.period))
 
 
 def _fit(
@@ -272,49 +269,6 @@ def _of_motors(
     combined = (speed**2) @ _GYRO.get(signal, np.ones(4))
     steps = means((0.5 * (combined[1:] + combined[:-1]))[:, None], part.rows)
     return steps[: len(part.signals[signal])]
-
-
-def rotor_speeds(flight: Flight, lag: float, latency: float) -> Float[np.ndarray, "N+1 4"]:
-    """Rotor speeds nu at each row and one period behind the last.
-
-    The rotors begin at the speed of the first command.
-    """
-    return _speeds(flight.speed_command, flight.period, lag, latency)
-
-
-def _speeds(
-    command: Float[np.ndarray, "N 4"], period: float, lag: float, latency: float
-) -> Float[np.ndarray, "N+1 4"]:
-    rows, share = divmod(latency / period, 1.0)
-    late = np.concatenate([np.repeat(command[:1], int(rows) + 1, axis=0), command])
-    late = (1 - share) * late[1 : len(command) + 1] + share * late[: len(command)]
-    kept = np.exp(-period / lag)
-    after = lfilter([1 - kept], [1.0, -kept], late, axis=0, zi=kept * late[:1])[0]
-    return np.concatenate([late[:1], after])
-
-
-def force_along_z(flight: Flight) -> Float[np.ndarray, "N"]:
-    """Specific force along z half a row later, the filter's delay undone [m/s2]."""
-    if flight.accelerometer is None:
-        raise ValueError(f"{flight.name} has no accelerometer")
-    places = np.arange(len(flight))
-    later = places + 0.5 + ACCELEROMETER_DELAY / flight.period
-    return np.interp(later, places, flight.accelerometer[:, 2].astype(float))
-
-
-def gyro(flight: Flight) -> Float[np.ndarray, "N 3"]:
-    """Body rates [rad/s], the filter's delay undone where rows are close enough."""
-    rates = flight.body_rates.astype(float)
-    if stride(flight) == 1:
-        return rates
-    places = np.arange(len(flight))
-    later = places + GYRO_DELAY / flight.period
-    return np.stack([np.interp(later, places, column) for column in rates.T], axis=1)
-
-
-def sharp(flight: Flight) -> Flight:
-    """The flight with the delay of the gyro's filter undone."""
-    return replace(flight, body_rates=gyro(flight).astype(np.float32))
 
 
 def cross_spectrum(flights: Sequence[Flight]) -> list[Look]:
@@ -361,20 +315,6 @@ def _spectrum(
     found = [csd(one, other, 1 / step, nperseg=_SEGMENT) for one, other in pairs]
     sizes = np.array([len(one) for one, _ in pairs], float)
     return found[0][0], np.einsum("i,if->f", sizes, np.stack([part for _, part in found]))
-
-
-def body_velocity(flight: Flight) -> Float[np.ndarray, "N 3"]:
-    """Velocity along the body's axes [m/s]; zero where it is unknown."""
-    if not flight.has_state:
-        return np.zeros((len(flight), 3))
-    attitude = Rotation.from_euler("ZYX", flight.attitude[:, ::-1].astype(float))
-    return attitude.inv().apply(flight.velocity.astype(float))
-
-
-def means(values: Float[np.ndarray, "N c"], rows: int) -> Float[np.ndarray, "M c"]:
-    """Means of each so many rows."""
-    count = len(values) // rows
-    return values[: count * rows].reshape(count, rows, -1).mean(axis=1)
 
 
 def _joint(seen: dict[str, _Seen]) -> Float[np.ndarray, "T D"]:

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from maidenflight.errors import InputError
 from maidenflight.flights.log import GROUPS, Flight, averaged
 from maidenflight.flights.windows import EVERY, LEAD_IN, Windows, first_start, windows
-from maidenflight.identification.motor_response import stride
+from maidenflight.identification.flight_signals import stride
 from maidenflight.identification.objective import PHYSICS_STEP, in_chunks, physics_steps, simulate
 from maidenflight.identification.posterior import RESAMPLES, interval
 from maidenflight.parameters import Parameters, replace

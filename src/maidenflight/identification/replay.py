@@ -19,8 +19,8 @@ from maidenflight.identification.estimates import (
     evaluations_table,
     notes_on,
 )
+from maidenflight.identification.flight_signals import stride
 from maidenflight.identification.gauss_newton import NormalEquations, in_unit_cube
-from maidenflight.identification.motor_response import stride
 from maidenflight.identification.objective import DISCOUNT, Objective
 from maidenflight.identification.problem import Problem, must_be_positive
 from maidenflight.identification.selection import FIRST

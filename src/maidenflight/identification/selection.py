@@ -10,8 +10,8 @@ from maidenflight.flights.log import Flight
 from maidenflight.flights.windows import SHORTEST_LEAD_IN
 from maidenflight.identification import one_step
 from maidenflight.identification.drone_file import GroupGain
+from maidenflight.identification.flight_signals import stride
 from maidenflight.identification.gauss_newton import NormalEquations
-from maidenflight.identification.motor_response import stride
 from maidenflight.identification.one_step import NoiseModel
 from maidenflight.parameters import Parameters
 
