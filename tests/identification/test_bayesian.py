@@ -22,6 +22,10 @@ def test_the_corners_of_the_cube_are_the_bounds():
     np.testing.assert_allclose(BOX.values(np.ones(3)), [high for _, high in PAPER_BOUNDS.values()])
 
 
+def test_limits_are_the_bounds_by_name():
+    assert BOX.limits == PAPER_BOUNDS
+
+
 def test_time_constants_are_searched_on_a_logarithmic_scale_and_the_rest_on_a_linear_one():
     np.testing.assert_allclose(BOX.values(np.full(3, 0.5)), [2.0, np.sqrt(0.01 * 0.5), 0.025])
 

@@ -31,6 +31,11 @@ class Box:
     upper: tuple[float, ...]
     """Their upper bounds, SI units."""
 
+    @property
+    def limits(self) -> dict[str, tuple[float, float]]:
+        """Lower and upper bound by name, SI units."""
+        return dict(zip(self.names, zip(self.lower, self.upper, strict=True), strict=True))
+
     def _ends(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         logarithmic = np.array([name in LOGARITHMIC for name in self.names])
         low, high = np.array(self.lower), np.array(self.upper)

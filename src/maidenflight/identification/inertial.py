@@ -185,8 +185,7 @@ def _plausible(
     problem: Problem, names: tuple[str, ...], priors: Mapping[str, tuple[float, float]]
 ) -> dict[str, tuple[float, float]]:
     """Plausible range of each parameter: of a prior the uniform one of the same variance."""
-    box = box_of(problem, names)
-    limits = dict(zip(names, zip(box.lower, box.upper, strict=True), strict=True))
+    limits = box_of(problem, names).limits
     found = prior_ranges(problem.start, limits)
     for name in found.keys() & priors.keys():
         (mean, deviation), (low, high) = priors[name], limits[name]

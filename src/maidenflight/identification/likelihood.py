@@ -168,9 +168,7 @@ def _expected(
             (*selection.FIRST, *(name for group in some.values() for name in group))
             for some in (every, _groups(problem, motors))
         )
-    box = box_of(problem, names)
-    limits = dict(zip(names, zip(box.lower, box.upper, strict=True), strict=True))
-    priors = information.prior_ranges(problem.start, limits)
+    priors = information.prior_ranges(problem.start, box_of(problem, names).limits)
     found = information.expected(coarse, problem.start, names, priors, _seen(motors, names))
     # What is not even looked for in such flights cannot be told by them either.
     return {
