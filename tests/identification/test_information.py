@@ -92,6 +92,12 @@ def test_plausible_ranges_hold_the_start_and_lie_within_the_bounds():
     assert narrow == {"latency": (0.01, 0.02)}
 
 
+def test_a_parameter_is_told_below_half_the_variance_that_its_range_has():
+    deviation = float(np.std(np.random.default_rng(0).uniform(1.0, 3.0, 100_000)))
+    assert information.is_told(0.7 * deviation, (1.0, 3.0))
+    assert not information.is_told(0.72 * deviation, (1.0, 3.0))
+
+
 def test_excited_flights_tell_what_calm_ones_do_not(excited, calm):
     tells = mf.expected_intervals(excited, ONCE, start=DRONE, over="motor_time_constant")
     hides = mf.expected_intervals(calm, ONCE, start=DRONE, over="motor_time_constant")

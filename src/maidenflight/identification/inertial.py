@@ -24,23 +24,21 @@ from maidenflight.identification.estimates import (
 from maidenflight.identification.inertial_errors import MOTORS, InertialErrors
 from maidenflight.identification.inertial_fit import (
     ABOUT_Z,
-    LAG,
     OWN_LAG,
     WHITE,
     Fit,
     Told,
     box_of,
-    is_told,
     told,
 )
 from maidenflight.identification.inertial_signals import ACCELEROMETER, GYRO, signals
-from maidenflight.identification.information import Ranges, prior_ranges
+from maidenflight.identification.information import DELAYS, Ranges, is_told, prior_ranges
 from maidenflight.identification.likelihood import Likelihood
 from maidenflight.identification.motor_response import Look, MotorResponse
 from maidenflight.identification.problem import Problem
 from maidenflight.parameters import Parameters, check, component, replace
 
-FORCE = ("thrust_to_weight", "thrust_linear", *LAG, "drag_z")
+FORCE = ("thrust_to_weight", "thrust_linear", *DELAYS, "drag_z")
 """What the accelerometer is asked for."""
 FORCE_GROUPS: dict[str, tuple[str, ...]] = {"slowing_down": ("motor_coasting", "spin_down_ratio")}
 """What is added if it predicts held-out flight better. Together, since each passes for much of the
@@ -162,7 +160,7 @@ def _force(problem: Problem, settings: Likelihood) -> Told | None:
     groups = FORCE_GROUPS if problem.over is None else {}
     found = told(problem, settings, target, names, groups, start, {})
     plausible = _plausible(problem, tuple(found.draws), priors)
-    lost = [name for name in LAG if name in names and not _lag_is_told(found, plausible)]
+    lost = [name for name in DELAYS if name in names and not _lag_is_told(found, plausible)]
     if lost:
         lost = [name for name in found.draws if name in MOTORS]
     if "thrust_linear" in names and not is_told(
@@ -196,10 +194,12 @@ def _plausible(
 
 def _lag_is_told(found: Told, plausible: Ranges) -> bool:
     """Whether lag and latency together are told, and neither lies at a search bound."""
-    if np.isinf([found.error.get(name, 0.0) for name in LAG]).any():
+    if np.isinf([found.error.get(name, 0.0) for name in DELAYS]).any():
         return False
-    samples = np.sum([found.draws.get(name, np.zeros(1)) for name in LAG], axis=0)
-    return is_told(float(np.std(samples)), plausible.get(LAG[0], plausible.get(LAG[1], (0, 0))))
+    samples = np.sum([found.draws.get(name, np.zeros(1)) for name in DELAYS], axis=0)
+    return is_told(
+        float(np.std(samples)), plausible.get(DELAYS[0], plausible.get(DELAYS[1], (0, 0)))
+    )
 
 
 def _torque(problem: Problem, settings: Likelihood, force: Told | None) -> Told | None:
@@ -270,14 +270,14 @@ def _in_box(fit: Fit, box: Box) -> tuple[Float[np.ndarray, "n d"], Float[np.ndar
 def _motors(found: Sequence[Told]) -> MotorResponse | None:
     """What the signals show of the motors' lag."""
     force = found[0]
-    if not set(LAG) <= force.draws.keys():
+    if not set(DELAYS) <= force.draws.keys():
         return None
     looks = [
         _look("accelerometer", force.best),
         _look("accelerometer with white noise", force.others[WHITE]),
         *(_look("gyro", one.others[OWN_LAG]) for one in found if OWN_LAG in one.others),
     ]
-    lags, latency = (np.asarray(force.draws[name]) for name in LAG)
+    lags, latency = (np.asarray(force.draws[name]) for name in DELAYS)
     return MotorResponse(lags, latency, 0.0, tuple(looks), (), {})
 
 
@@ -287,7 +287,7 @@ def _look(signal: str, fit: Fit) -> Look:
     _, scores, curvatures = fit.target.derivatives(fit.drone, names)
     rows = fit.target.rows
     covariance = posterior.sandwich(scores * rows, curvatures.sum(axis=0) * rows)
-    along = np.array([name in LAG for name in names], float)
-    value = float(sum(component(fit.drone, name) for name in LAG))
+    along = np.array([name in DELAYS for name in names], float)
+    value = float(sum(component(fit.drone, name) for name in DELAYS))
     share = 1.96 * float(np.sqrt(along @ covariance @ along)) / value
     return Look(signal, value, (value * np.exp(-share), value * np.exp(share)))

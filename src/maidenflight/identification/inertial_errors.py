@@ -21,11 +21,10 @@ from scipy.signal import lfilter
 from maidenflight.identification.gauss_newton import NormalEquations
 from maidenflight.identification.inertial_signals import Rotors, Signals
 from maidenflight.identification.one_step import BY_MOMENT, NoiseModel, noise_model
+from maidenflight.identification.prediction_errors import MEMORY
 from maidenflight.parameters import Parameters, component, replace
 from maidenflight.simulator.geometry import TORQUES
 
-MEMORY = 0.25
-"""Time that the noise model looks back [s]."""
 LEVEL = 0.02 * 9.81
 """Standard deviation of a segment's mean specific force from the model's [m/s2]: battery, climb,
 the sensor's scale."""

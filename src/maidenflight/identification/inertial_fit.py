@@ -29,13 +29,12 @@ from maidenflight.identification.gauss_newton import (
 )
 from maidenflight.identification.inertial_errors import InertialErrors
 from maidenflight.identification.inertial_signals import signals
-from maidenflight.identification.information import NEXT_FLIGHT, TOLD, Ranges
+from maidenflight.identification.information import DELAYS, NEXT_FLIGHT, Ranges
 from maidenflight.identification.likelihood import Likelihood
 from maidenflight.identification.problem import Problem
 from maidenflight.identification.progress import CHOICE, FITTING, INTERVALS
 from maidenflight.parameters import Parameters, component, replace
 
-LAG = ("motor_time_constant", "latency")
 ABOUT_Z = ("torque_to_thrust", "rotor_momentum", "torque_bias_z")
 """Parameters that yaw shows, as shares of the inertia about z. Of what white noise differs by, all
 counts: no lag of its own tells of a controller's answers there."""
@@ -110,11 +109,6 @@ class Told:
         )
 
 
-def is_told(error: float, plausible: tuple[float, float]) -> bool:
-    """Whether flights say more of a parameter than what is plausible without them."""
-    return error**2 < TOLD * (plausible[1] - plausible[0]) ** 2 / 12
-
-
 def bounds(start: Parameters) -> dict[str, tuple[float, float]]:
     """Physical search bounds about a drone by component, much as `box.physical_bounds`."""
     return {
@@ -183,7 +177,7 @@ def told(
     tell(INTERVALS, 0, 1)
     others = {WHITE: _searched(problem, most, target.white(), names, best)}
     if {"inertia_x", "inertia_y"} <= set(names):
-        others[OWN_LAG] = _searched(problem, most, target, (*names, *LAG), best)
+        others[OWN_LAG] = _searched(problem, most, target, (*names, *DELAYS), best)
     late = FILTER
     if not all(flight.zero_order_hold for flight in problem.flights):
         late = np.hypot(late, problem.flights[0].period / np.sqrt(12))

@@ -25,6 +25,8 @@ the drone. A likelihood of one row ahead hardly weighs what lasts."""
 LAG = "motor_time_constant"
 """The parameter that accelerometer or rotor speed show by themselves: the mean of motors that speed
 up and slow down."""
+DELAYS = (LAG, "latency")
+"""The parameters that delay what commands do."""
 NEXT_FLIGHT = 6
 """Segments of the flight that intervals are to hold: 30 s."""
 TOLD = 0.5
@@ -86,6 +88,11 @@ def prior_ranges(start: Parameters, bounds: Ranges) -> dict[str, tuple[float, fl
     return found
 
 
+def is_told(deviation: float, prior: tuple[float, float]) -> bool:
+    """Whether flights say more of a parameter than the range that is plausible without them."""
+    return bool(deviation**2 < TOLD * (prior[1] - prior[0]) ** 2 / _UNIFORM)
+
+
 def expected(
     objective: OneStep,
     start: Parameters,
@@ -120,14 +127,14 @@ def expected(
     widths = np.array([priors[name][1] - priors[name][0] for name in names])
     deviations = np.sqrt(np.diag(covariance(matrix, widths)))
     found = {}
-    for name, deviation, width in zip(names, deviations, widths, strict=True):
+    for name, deviation in zip(names, deviations, strict=True):
         low, high = priors[name]
         here = float(np.clip(component(start, name), low, high))
         reach = 1.96 * float(deviation)
         found[name] = Expected(
             (low, high),
             (max(low, here - reach), min(high, here + reach)),
-            bool(deviation**2 < TOLD * width**2 / _UNIFORM),
+            is_told(float(deviation), (low, high)),
         )
     return found
 

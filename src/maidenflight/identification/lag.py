@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 
 from maidenflight.flights.log import Flight
-from maidenflight.identification.information import LAG
+from maidenflight.identification.information import DELAYS, LAG
 from maidenflight.identification.motor_response import Look, MotorResponse, cross_spectrum
 
 
@@ -23,9 +23,9 @@ def looks(
         draws: posterior samples by parameter.
         untold: parameters that the flights cannot tell.
     """
-    if not {LAG, "latency"} <= set(draws):
+    if not set(DELAYS) <= set(draws):
         return ()
-    low, value, high = np.quantile(draws[LAG] + draws["latency"], [0.025, 0.5, 0.975])
+    low, value, high = np.quantile(sum(draws[name] for name in DELAYS), [0.025, 0.5, 0.975])
     taken = "plausible" if LAG in untold else "taken" if motors else "likelihood"
     return (
         *(motors.looks if motors else ()),

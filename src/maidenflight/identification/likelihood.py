@@ -35,7 +35,7 @@ from maidenflight.identification.estimates import (
 from maidenflight.identification.fitting import Fit, box_of, fit
 from maidenflight.identification.flight_differences import differences
 from maidenflight.identification.flight_signals import sharp, stride
-from maidenflight.identification.information import LAG, Expected
+from maidenflight.identification.information import DELAYS, LAG, Expected
 from maidenflight.identification.motor_response import MotorResponse, motor_response
 from maidenflight.identification.noise_levels import noise_levels
 from maidenflight.identification.one_step import OneStep
@@ -243,7 +243,7 @@ def _searched(
 def _motors(problem: Problem) -> MotorResponse | None:
     """What logs show of the motors' lag, if it is asked for."""
     asked = selection.FIRST if problem.over is None else problem.over
-    if not {"motor_time_constant", "latency"} <= set(asked):
+    if not set(DELAYS) <= set(asked):
         return None
 
     def looked(done: int, of: int) -> None:
@@ -257,7 +257,7 @@ def _seen(motors: MotorResponse | None, names: Sequence[str]) -> dict[str, np.nd
     """Samples of the parameters that are not searched for but seen, those of thrust apart."""
     if motors is None:
         return {}
-    seen = {LAG: motors.lag, "latency": motors.latency}
+    seen = dict(zip(DELAYS, (motors.lag, motors.latency), strict=True))
     return {name: samples for name, samples in seen.items() if name in names}
 
 

@@ -42,7 +42,7 @@ from maidenflight.identification.flight_signals import (
     means,
     stride,
 )
-from maidenflight.identification.prediction_errors import Fit, Prior, regress
+from maidenflight.identification.prediction_errors import MEMORY, Fit, Prior, regress
 from maidenflight.simulator.geometry import TORQUES
 
 LAGS = np.geomspace(0.010, 0.25, 18)
@@ -51,8 +51,6 @@ SEEN_LAGS = (float(LAGS[1]), float(LAGS[-2]))
 """Lags within which neighbours on both sides were tried [s]."""
 LATENCIES = np.array([0.0, 0.004, 0.008, 0.012])
 """Latencies that are tried [s]."""
-MEMORY = 0.25
-"""Time that the noise model looks back [s]."""
 FEWEST = 300
 """Steps that a flight must have to be looked at."""
 HOVER = 0.05

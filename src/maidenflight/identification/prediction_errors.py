@@ -15,6 +15,8 @@ from jaxtyping import Float
 from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 
+MEMORY = 0.25
+"""Time that the noise model of a sensor's signal looks back [s]."""
 ROUNDS = 6
 """Most rounds of noise model and regression; four are mostly enough."""
 
