@@ -129,7 +129,7 @@ def test_the_length_of_the_history_can_be_chosen():
 
 
 def test_flights_of_different_rates_are_refused():
-    with pytest.raises(InputError, match=r"100 Hz, 50 Hz"):
+    with pytest.raises(InputError, match=r"different rates \(50 to 100 Hz\)"):
         windows([calm(200), calm(200, period=0.02)], LENGTH)
 
 

@@ -72,6 +72,20 @@ def _segments(flight: Flight) -> int:
     return max(1, round(flight.duration / SEGMENT_SECONDS))
 
 
+def must_have_one_rate(flights: Iterable[Flight]) -> None:
+    """Refuses flights whose periods differ by more than `SAME_RATE`.
+
+    Raises:
+        InputError: the lowest and the highest rate.
+    """
+    periods = [flight.period for flight in flights]
+    if periods and max(periods) > (1 + SAME_RATE) * min(periods):
+        raise InputError(
+            f"flights of different rates ({1 / max(periods):.6g} to {1 / min(periods):.6g} Hz); "
+            "identify from flights of one rate at a time."
+        )
+
+
 def windows(
     flights: Iterable[Flight],
     length: int,
@@ -98,12 +112,7 @@ def windows(
             f"{bare[0]}: no position, velocity and attitude in it, with which predictions are "
             f"compared, and so in {len(bare)} of {len(flights)} flights. Leave them out."
         )
-    periods = {flight.period for flight in flights}
-    if periods and max(periods) > (1 + SAME_RATE) * min(periods):
-        rates = ", ".join(f"{1 / period:.6g} Hz" for period in sorted(periods))
-        raise InputError(
-            f"flights of different rates ({rates}); identify from flights of one rate at a time."
-        )
+    must_have_one_rate(flights)
     parts: dict[str, list[np.ndarray]] = {name: [] for name in Windows._fields}
     segments = 0
     for flight in flights:

@@ -35,7 +35,7 @@ from maidenflight.identification.inertial_signals import ACCELEROMETER, GYRO, si
 from maidenflight.identification.information import DELAYS, Ranges, is_told, prior_ranges
 from maidenflight.identification.likelihood import Likelihood
 from maidenflight.identification.motor_response import Look, MotorResponse
-from maidenflight.identification.problem import Problem
+from maidenflight.identification.problem import Problem, must_tell
 from maidenflight.parameters import Parameters, check, component, replace
 
 FORCE = ("thrust_to_weight", "thrust_linear", *DELAYS, "drag_z")
@@ -89,11 +89,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         problem.start, found[-1].best.drone, draws, spread, untold
     )
     names = tuple(name for name in draws if name not in untold)
-    if not names:
-        raise InputError(
-            f"these flights cannot tell {', '.join(untold)}: intervals are as wide as what is "
-            "plausible without them. Fly with more excitation."
-        )
+    must_tell(names, untold)
     box = box_of(problem, names)
     optimum = box.unit_of(drone)
     runs = [_in_box(fit, box) for one in found for fit in one.fits]

@@ -17,7 +17,7 @@ from scipy.signal import lfilter
 
 from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
-from maidenflight.flights.windows import SAME_RATE, SEGMENT_SECONDS
+from maidenflight.flights.windows import SEGMENT_SECONDS, must_have_one_rate
 from maidenflight.identification.flight_signals import delayed, force_along_z, gyro, means
 from maidenflight.identification.selection import HELD_OUT
 from maidenflight.parameters import Parameters
@@ -144,13 +144,8 @@ def signals(flights: Sequence[Flight], sensor: Sensor) -> Signals:
     Raises:
         InputError: the flights have different rates, or none is long enough.
     """
-    periods = [flight.period for flight in flights]
-    if max(periods) > (1 + SAME_RATE) * min(periods):
-        raise InputError(
-            f"flights of different rates ({1 / max(periods):.6g} to {1 / min(periods):.6g} Hz); "
-            "identify from flights of one rate at a time."
-        )
-    period = periods[0]
+    must_have_one_rate(flights)
+    period = flights[0].period
     rows = max(1, round(sensor.step / period))
     parts = [
         (flight.name, part)

@@ -12,7 +12,6 @@ from itertools import count
 import numpy as np
 from jaxtyping import Float
 
-from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight, thinned
 from maidenflight.flights.windows import LEAD_IN, windows
 from maidenflight.identification import (
@@ -39,7 +38,7 @@ from maidenflight.identification.information import DELAYS, LAG, Expected
 from maidenflight.identification.motor_response import MotorResponse, motor_response
 from maidenflight.identification.noise_levels import noise_levels
 from maidenflight.identification.one_step import OneStep
-from maidenflight.identification.problem import Problem, must_be_positive
+from maidenflight.identification.problem import Problem, must_be_positive, must_tell
 from maidenflight.identification.progress import (
     CHOICE,
     EXPECTING,
@@ -219,11 +218,7 @@ def _searched(
     if over is None:
         over, first, gains = _chosen(problem, settings, motors, untold)
     over = tuple(name for name in over if name not in untold)
-    if not over:
-        raise InputError(
-            f"these flights cannot tell {', '.join(untold)}: expected intervals are as wide as "
-            "what is plausible without them. Fly with more excitation."
-        )
+    must_tell(over, untold)
     seen, most = _seen(motors, over), settings.evaluations
     pilot = _objective(
         problem.flights, settings, settings.coarse_physics_step, _every(coarse, settings)

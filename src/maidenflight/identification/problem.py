@@ -1,6 +1,6 @@
 """What an identification is asked for, whatever its method."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,6 +31,23 @@ class Problem:
     """Random numbers."""
     reporter: Reporter
     """What is told how far it is."""
+
+
+def must_tell(names: Collection[str], untold: Collection[str]) -> None:
+    """Refuses flights that tell nothing of what is asked for.
+
+    Args:
+        names: parameters that they tell.
+        untold: the others.
+
+    Raises:
+        InputError: there are no `names`.
+    """
+    if not names:
+        raise InputError(
+            f"these flights cannot tell {', '.join(untold)}: intervals are as wide as what is "
+            "plausible without them. Fly with more excitation."
+        )
 
 
 def must_be_positive(settings: Any) -> None:
