@@ -10,7 +10,6 @@ intervals; all of it on every second row, where commands are samples of a faster
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from dataclasses import replace as replace_
-from itertools import count
 
 import numpy as np
 from jaxtyping import Float
@@ -32,7 +31,7 @@ from maidenflight.identification.inertial_signals import signals
 from maidenflight.identification.information import DELAYS, NEXT_FLIGHT, Ranges
 from maidenflight.identification.likelihood import Likelihood
 from maidenflight.identification.problem import Problem
-from maidenflight.identification.progress import CHOICE, FITTING, INTERVALS
+from maidenflight.identification.progress import FITTING, INTERVALS
 from maidenflight.parameters import Parameters, component, replace
 
 ABOUT_Z = ("torque_to_thrust", "rotor_momentum", "torque_bias_z")
@@ -154,15 +153,13 @@ def told(
         def roughly(some: Sequence[str], begin: Parameters) -> Parameters:
             return _searched(problem, most, fitted, some, begin, selection.ROUGH).drone
 
-        tried = count(1)
-        tell(CHOICE, 0, len(groups))
         names, first, gains = selection.choose(
             fitted,
             judged,
             roughly,
             start,
             groups,
-            lambda gain: tell(CHOICE, next(tried), len(groups), gain),
+            problem.reporter.choosing(len(groups)),
             first=names,
         )
     tell(FITTING, 0, settings.trials)

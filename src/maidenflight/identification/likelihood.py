@@ -7,7 +7,6 @@ motors.
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from dataclasses import replace as replace_
-from itertools import count
 
 import numpy as np
 from jaxtyping import Float
@@ -40,7 +39,6 @@ from maidenflight.identification.noise_levels import noise_levels
 from maidenflight.identification.one_step import OneStep
 from maidenflight.identification.problem import Problem, must_be_positive, must_tell
 from maidenflight.identification.progress import (
-    CHOICE,
     EXPECTING,
     FITTING,
     INTERVALS,
@@ -84,11 +82,8 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     """
     if problem.over is not None:
         box_of(problem, problem.over)
-    motors = _motors(problem)
-    if motors:
-        problem = replace_(problem, flights=[sharp(flight) for flight in problem.flights])
+    problem, motors, coarse = _looked_at(problem, settings)
     flights, start = problem.flights, problem.start
-    coarse = _objective(flights, settings, settings.coarse_physics_step)
     fine = _objective(flights, settings, settings.physics_step)
     problem.reporter.stage(EXPECTING, 0, 1)
     expected = _expected(problem, coarse, motors)
@@ -150,11 +145,18 @@ def expected_intervals(problem: Problem, settings: Likelihood) -> dict[str, Expe
     Raises:
         InputError: too little flight, or a parameter that cannot be searched.
     """
+    problem, motors, coarse = _looked_at(problem, settings)
+    return _expected(problem, coarse, motors)
+
+
+def _looked_at(
+    problem: Problem, settings: Likelihood
+) -> tuple[Problem, MotorResponse | None, OneStep]:
+    """The flights with the gyro's delay undone if they show the motors, and the objective."""
     motors = _motors(problem)
     if motors:
         problem = replace_(problem, flights=[sharp(flight) for flight in problem.flights])
-    coarse = _objective(problem.flights, settings, settings.coarse_physics_step)
-    return _expected(problem, coarse, motors)
+    return problem, motors, _objective(problem.flights, settings, settings.coarse_physics_step)
 
 
 def _expected(
@@ -306,15 +308,13 @@ def _chosen(
             close=selection.ROUGH,
         ).drone
 
-    tried = count(1)
-    problem.reporter.stage(CHOICE, 0, len(groups))
     return selection.choose(
         training,
         held_out,
         roughly,
         problem.start,
         groups,
-        lambda gain: problem.reporter.stage(CHOICE, next(tried), len(groups), gain),
+        problem.reporter.choosing(len(groups)),
         sample,
         always,
     )

@@ -1,6 +1,7 @@
 """How far an identification is, for whoever waits for it."""
 
 from collections.abc import Callable, Mapping
+from itertools import count
 from typing import NamedTuple
 
 from maidenflight.identification.drone_file import GroupGain
@@ -46,15 +47,28 @@ class Reporter:
         """Tells where the identification is."""
         self._tell(self._now._replace(stage=stage, done=done, of=of, expected=None, gain=gain))
 
+    def choosing(self, of: int) -> Callable[[GroupGain], None]:
+        """Tells that the choice among groups of parameters begins.
+
+        Args:
+            of: how many groups are tried.
+
+        Returns:
+            What tells of each group that was tried, given its gain.
+        """
+        tried = count(1)
+        self.stage(CHOICE, 0, of)
+        return lambda gain: self.stage(CHOICE, next(tried), of, gain)
+
     def expected(self, found: Mapping[str, Expected]) -> None:
         """Tells what the flights can tell."""
         self._tell(self._now._replace(stage=EXPECTING, done=1, of=1, expected=found, gain=None))
 
     def evaluated(self, planned: int = 0) -> None:
         """Counts an evaluation of the objective, of so many planned where that is known."""
-        count = self._now.evaluations + 1
-        now = self._now._replace(evaluations=count, expected=None)
-        self._tell(now._replace(done=count, of=planned) if planned else now)
+        so_far = self._now.evaluations + 1
+        now = self._now._replace(evaluations=so_far, expected=None)
+        self._tell(now._replace(done=so_far, of=planned) if planned else now)
 
     def _tell(self, now: Progress) -> None:
         self._now = now
