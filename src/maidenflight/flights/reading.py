@@ -251,14 +251,20 @@ def _is_micro_sd(file: Path) -> bool:
         return False
 
 
-def _table(file: Path, name: str) -> Table:
-    raw = tables.content(file)
-    return usddeck.table(raw, name) if usddeck.recognises(raw) else tables.parsed(raw, file, name)
+def _recognised(file: Path) -> tuple[Table, Format | None]:
+    """A file's table, and its format if it is one of the `FORMATS`.
+
+    Raises:
+        InputError: the file is damaged.
+    """
+    raw, name = tables.content(file), "/".join(filter(None, (file.parent.name, file.name)))
+    micro_sd = usddeck.recognises(raw)
+    table = usddeck.table(raw, name) if micro_sd else tables.parsed(raw, file, name)
+    return table, next((kind for kind in FORMATS if kind.recognises(table)), None)
 
 
 def _of_file(file: Path, alone: bool, seen: _Seen, said: _Said) -> list[Flight]:
-    table = _table(file, "/".join(filter(None, (file.parent.name, file.name))))
-    kind = next((kind for kind in FORMATS if kind.recognises(table)), None)
+    table, kind = _recognised(file)
     if kind is not None:
         if said.battery_law:
             if not kind.compensated:
@@ -351,8 +357,7 @@ def whole_flights(file: Path) -> list[Flight]:
     Raises:
         InputError: the file is damaged or in no known format.
     """
-    table = _table(file, "/".join(filter(None, (file.parent.name, file.name))))
-    kind = next((kind for kind in FORMATS if kind.recognises(table)), None)
+    table, kind = _recognised(file)
     if kind is None:
         raise InputError(_unknown(table))
     return [flight for flight, _ in kind.flights(table)[0]]
@@ -361,10 +366,9 @@ def whole_flights(file: Path) -> list[Flight]:
 def is_known(file: Path) -> bool:
     """Whether a file can be read and is in one of the `FORMATS`."""
     try:
-        table = _table(file, file.name)
+        return _recognised(file)[1] is not None
     except InputError:
         return False
-    return any(kind.recognises(table) for kind in FORMATS)
 
 
 def is_log(file: Path) -> bool:

@@ -68,15 +68,17 @@ def differences(
         motors: what their sensors show of the motors, if anything.
     """
     names = segment_names(flights, one_step.LENGTH, stride(flights[0]))
-    found = []
-    for parameter, values in _by_segment(target, drone).items():
-        split = _groups(*_of_flights(names, values, target.rows_per_segment), LEAST[parameter])
-        found += [] if split is None else [(split[0], Difference(parameter, *split[1:]))]
+    seen = {
+        parameter: _of_flights(names, values, target.rows_per_segment)
+        for parameter, values in _by_segment(target, drone).items()
+    }
     if motors is not None:
-        seen = list(motors.per_flight)
         means, variances = np.array(list(motors.per_flight.values())).T
-        split = _groups(seen, means, np.sqrt(variances), LEAST["motor lag"])
-        found += [] if split is None else [(split[0], Difference("motor lag", *split[1:]))]
+        seen["motor lag"] = list(motors.per_flight), means, np.sqrt(variances)
+    found = []
+    for parameter, of_flights in seen.items():
+        if split := _groups(*of_flights, LEAST[parameter]):
+            found.append((split[0], Difference(parameter, *split[1:])))
     return [one for _, one in sorted(found, key=lambda each: -each[0])]
 
 

@@ -16,7 +16,7 @@ Source: Ljung 1999, System identification: theory for the user, ch. 7 and 13.4 (
 closed loop).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -160,36 +160,32 @@ class OneStep:
         np.add.at(sums, self._segment, rows)
         return sums
 
+    def _summed(
+        self, of_chunk: Callable[[Windows, Parameters, int, int], Array], parameters: Parameters
+    ) -> np.ndarray:
+        """Sums of something that a compiled function has for each window, by segment of flight."""
+        drone = self._drone(parameters)
+
+        def compute(first: int, end: int) -> tuple[np.ndarray, ...]:
+            return _stacked(
+                [
+                    (of_chunk(chunk, drone, self.steps, self.stride),)
+                    for chunk in self._chunks[first:end]
+                ]
+            )
+
+        return self._by_segment(on_all_cores(compute, len(self._chunks))[0])
+
     def products(self, parameters: Parameters) -> Float[np.ndarray, "S 12 P+1 P+1"]:
         """Products of an error with itself 0 ... P rows before, summed over each segment of flight.
 
         All twelve columns.
         """
-        drone = self._drone(parameters)
-
-        def compute(first: int, end: int) -> tuple[np.ndarray, ...]:
-            return _stacked(
-                [
-                    (_products(chunk, drone, self.steps, self.stride),)
-                    for chunk in self._chunks[first:end]
-                ]
-            )
-
-        return self._by_segment(on_all_cores(compute, len(self._chunks))[0])
+        return self._summed(_products, parameters)
 
     def sums(self, parameters: Parameters) -> Float[np.ndarray, "S 12"]:
         """Sum of the errors in each segment of flight, without those that start the noise model."""
-        drone = self._drone(parameters)
-
-        def compute(first: int, end: int) -> tuple[np.ndarray, ...]:
-            return _stacked(
-                [
-                    (_sums(chunk, drone, self.steps, self.stride),)
-                    for chunk in self._chunks[first:end]
-                ]
-            )
-
-        return self._by_segment(on_all_cores(compute, len(self._chunks))[0])
+        return self._summed(_sums, parameters)
 
     def hovering(self, parameters: Parameters) -> tuple[float, Float[np.ndarray, "S"]]:
         """The thrust-to-weight ratio at which vertical errors are zero in the mean.
