@@ -18,23 +18,13 @@ import numpy as np
 import polars
 
 from maidenflight import results
-from maidenflight.flights.log import Flight
+from maidenflight.flights.log import Flight, thinned
 from maidenflight.flights.reading import read_flights
 from maidenflight.identification.motor_response import MotorResponse, motor_response
 
 FOLDERS = ("brushed", "brushless", "payload")
 EVERY = (1, 2, 5)
 """Rows of a log to one that is kept."""
-
-
-def thinned(flight: Flight, every: int) -> Flight:
-    """A flight as a slower log would hold it, without the rotors' speeds."""
-    kept = {name: values[::every] for name, values in flight.arrays.items()}
-    kept.pop("rotor_speed", None)
-    held = flight.zero_order_hold and every == 1
-    return replace(
-        flight, period=flight.period * every, zero_order_hold=held, rotor_speed=None, **kept
-    )
 
 
 def ends(found: MotorResponse) -> tuple[float, float, float]:
@@ -46,7 +36,8 @@ def ends(found: MotorResponse) -> tuple[float, float, float]:
 def judged(name: str, flights: Sequence[Flight], every: int) -> dict[str, object] | None:
     """A row of the table, or none where the flights are too short."""
     truth = motor_response(flights, np.random.default_rng(0))
-    found = motor_response([thinned(flight, every) for flight in flights], np.random.default_rng(0))
+    hidden = [thinned(replace(flight, rotor_speed=None), every) for flight in flights]
+    found = motor_response(hidden, np.random.default_rng(0))
     if truth is None or found is None:
         return None
     measured, value, (low, high) = ends(truth)[0], ends(found)[0], ends(found)[1:]

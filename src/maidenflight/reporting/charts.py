@@ -129,18 +129,6 @@ def within(low: float, high: float, **more: Any) -> Spec:
     return {"scale": {"domain": [_plain(low), _plain(high)], "zero": False, "nice": False, **more}}
 
 
-def margin(values: Any) -> tuple[float, float]:
-    """A range with a little room around the finite values; never empty."""
-    finite = np.asarray(values, np.float64)
-    finite = finite[np.isfinite(finite)]
-    low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
-    room = 0.06 * (high - low)
-    # Numbers that are equal but for their last bit are equal.
-    if room <= 1e-6 * max(abs(low), abs(high)):
-        room = 0.05 * max(abs(low), abs(high)) or 1.0
-    return low - room, high + room
-
-
 def tooltip(fields: Mapping[str, str]) -> list[Spec]:
     """What is told of a mark under the pointer: labels by the field; numbers in four digits."""
     return [

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from maidenflight.errors import InputError
 from maidenflight.identification.posterior import LEVEL
-from maidenflight.reporting import charts, text
+from maidenflight.reporting import charts, svg, text
 from maidenflight.reporting.charts import Entry, Figure, Spec
 
 MOST = 8
@@ -105,7 +105,7 @@ def _marginal(name: str, values: Float[np.ndarray, "N"], best: float, level: flo
     ends = np.quantile(shown, [(1 - level) / 2, (1 + level) / 2])
     label = tuple(filter(None, (text.plain_symbol(name), unit)))
     reached = [*shown, *([point] if np.isfinite(point) else [])]
-    return _Marginal(name, label, shown, charts.margin(reached), ends, point)
+    return _Marginal(name, label, shown, svg.margin(reached), ends, point)
 
 
 def _correlations(rows: Float[np.ndarray, "d N"]) -> Float[np.ndarray, "d d"]:

@@ -7,7 +7,7 @@ import numpy as np
 import polars
 
 from maidenflight.identification.prediction import LOGGED, PERSISTENCE
-from maidenflight.reporting import charts
+from maidenflight.reporting import charts, svg
 from maidenflight.reporting.charts import Entry, Figure, Spec
 from maidenflight.reporting.text import ERRORS, Shown
 
@@ -98,7 +98,7 @@ def windows(rows: polars.DataFrame) -> Figure:
     panels = []
     for line, (column, signal) in enumerate(_SIGNALS.items()):
         label = f"{signal.name} [{signal.unit}]"
-        ends = charts.margin(signal.scale * shown[column].to_numpy())
+        ends = svg.margin(signal.scale * shown[column].to_numpy())
         below = "time [s]" if line == len(_SIGNALS) - 1 else ""
         x = charts.number("x", below, **charts.within(0.0, last), axis={"tickCount": 3})
         y = charts.number("y", **charts.within(*ends))
