@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from maidenflight.identification.noise_levels import noise_levels
-from maidenflight.identification.one_step import ORDER
+from maidenflight.identification.one_step_errors import ORDER
 from maidenflight.parameters import QUANTITIES, check, crazyflie, replace
 
 PAPER = crazyflie()

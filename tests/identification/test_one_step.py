@@ -1,5 +1,4 @@
-"""One-step errors and their likelihood, against free fall by hand, regressions by NumPy and
-differences of the value."""
+"""The likelihood of one-step errors, against regressions by NumPy and differences of the value."""
 
 from functools import partial
 from typing import Any
@@ -8,20 +7,19 @@ import jax
 import numpy as np
 import planted
 import pytest
-from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
 from maidenflight import cores
 from maidenflight.flights.windows import Windows, windows
-from maidenflight.identification import one_step
-from maidenflight.identification.one_step import COLUMNS, LENGTH, ORDER, OneStep, noise_model
-from maidenflight.parameters import crazyflie, noiseless, replace
+from maidenflight.identification.one_step import LENGTH, OneStep, noise_model
+from maidenflight.identification.one_step_errors import COLUMNS, ORDER, errors
+from maidenflight.parameters import replace
 
 TRUTH = planted.drone(1.9, 0.06, 0.012)
 NAMES = ("thrust_to_weight", "motor_time_constant", "latency", "inertia_x")
 STEPS = 2
 """Physics steps a row, as many as the planted flights have."""
-many_errors = jax.jit(jax.vmap(partial(one_step.errors, steps=STEPS), (0, None)))
+many_errors = jax.jit(jax.vmap(partial(errors, steps=STEPS), (0, None)))
 
 
 def cut(flights):
@@ -46,77 +44,6 @@ def noisy_windows(flights):
 @pytest.fixture(scope="module")
 def noisy(noisy_windows):
     return OneStep(noisy_windows, 0.01, STEPS)
-
-
-@pytest.mark.slow
-def test_the_errors_of_a_noiseless_flight_vanish_at_the_truth_and_grow_away_from_it(flights):
-    some = cut(flights)
-
-    def size(**changes):
-        found = np.asarray(many_errors(some, replace(TRUTH, **changes)))
-        assert found.shape == (planted.FLIGHTS, LENGTH, 12)
-        return np.sqrt(np.mean(found**2, axis=(0, 1)))[np.array(COLUMNS)]
-
-    assert (size() < [5e-6] * 3 + [1e-4] * 3).all(), "m/s, rad/s"
-    for name, near, far in (
-        ("thrust_to_weight", 1.91, 1.95),
-        ("motor_time_constant", 0.062, 0.07),
-        ("latency", 0.0125, 0.015),
-        ("inertia_x", 1.35e-5, 1.5e-5),
-    ):
-        assert size(**{name: far}).max() > 2 * size(**{name: near}).max() > 10 * size().max(), name
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("steps", [2, 5, 10])
-def test_latencies_of_several_rows_are_told_apart_however_fine_the_steps(steps, flights):
-    """A delay line that is sized by the steps and not by the rows forgets what is 45 ms old."""
-    some = Windows(*(array[0] for array in cut(flights)))
-    errors = jax.jit(partial(one_step.errors, steps=steps))
-    found = [
-        np.asarray(errors(some, replace(TRUTH, latency=delay, time_step=0.01 / steps)))
-        for delay in (0.030, 0.038, 0.046)
-    ]
-    turned = [
-        np.abs(late[:, 9:11] - later[:, 9:11]).max()
-        for late, later in zip(found[:-1], found[1:], strict=True)
-    ]
-    assert min(turned) > 0.02, "rad/s"
-
-
-def test_the_errors_of_a_fall_are_what_is_left_by_hand():
-    """With its rotors at rest and a round body a row is foreseen by a parabola and a turn at a
-    constant rate, whatever it was before."""
-    generator = np.random.default_rng(3)
-    rows = np.cumsum(generator.normal(0, 0.02, (LENGTH + 1, 12)), axis=0).astype(np.float32)
-    start, measured = rows[0], rows[1:]
-    falling = Windows(
-        position=start[:3],
-        velocity=start[3:6],
-        quaternion=Rotation.from_euler("ZYX", start[8:5:-1]).as_quat().astype(np.float32),
-        body_rates=start[9:],
-        command=np.zeros((200, 4), np.float32),
-        measured=measured,
-        segment=np.array(0),
-    )
-    drone = replace(noiseless(crazyflie()), inertia=(1e-5, 1e-5, 1e-5))
-    found = np.asarray(jax.jit(partial(one_step.errors, steps=STEPS))(falling, drone))
-    before, weight = rows[:-1].astype(float), np.array([0, 0, -9.81])
-    np.testing.assert_allclose(
-        found[:, :3],
-        measured[:, :3] - before[:, :3] - 0.01 * before[:, 3:6] - 0.01**2 / 2 * weight,
-        atol=2e-6,
-    )
-    np.testing.assert_allclose(
-        found[:, 3:6], measured[:, 3:6] - before[:, 3:6] - 0.01 * weight, atol=2e-6
-    )
-    ahead = Rotation.from_euler("ZYX", before[:, 8:5:-1]) * Rotation.from_rotvec(
-        0.01 * before[:, 9:]
-    )
-    np.testing.assert_allclose(
-        found[:, 6:9], measured[:, 6:9] - ahead.as_euler("ZYX")[:, ::-1], atol=2e-6
-    )
-    np.testing.assert_allclose(found[:, 9:], measured[:, 9:] - before[:, 9:], atol=2e-6)
 
 
 def autoregression(generator, weights, deviation, rows):
@@ -288,18 +215,6 @@ def test_neither_cores_nor_chunks_change_what_comes_out(noisy_windows, noisy, mo
     alone = noisy.products(TRUTH)
     for copy in found[0].reshape(20, *alone.shape):
         np.testing.assert_allclose(copy, alone, rtol=1e-5, atol=1e-6 * np.abs(alone).max())
-
-
-@pytest.mark.slow
-def test_rows_of_several_commands_are_foreseen_as_rows_of_one_are(noisy_windows):
-    """A command that is written down five times, a fifth as long each, is the same command."""
-    one = Windows(*(array[0] for array in noisy_windows))
-    often = one._replace(command=np.repeat(one.command, 5, axis=0))
-    plain = jax.jit(partial(one_step.errors, steps=5))(one, replace(TRUTH, time_step=0.002))
-    strided = jax.jit(partial(one_step.errors, steps=1, stride=5))(
-        often, replace(TRUTH, time_step=0.002)
-    )
-    np.testing.assert_allclose(np.asarray(strided), np.asarray(plain), atol=2e-6)
 
 
 @pytest.mark.slow

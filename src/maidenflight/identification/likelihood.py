@@ -37,6 +37,7 @@ from maidenflight.identification.information import DELAYS, LAG, Expected
 from maidenflight.identification.motor_response import MotorResponse, motor_response
 from maidenflight.identification.noise_levels import noise_levels
 from maidenflight.identification.one_step import OneStep
+from maidenflight.identification.one_step_errors import ORDER
 from maidenflight.identification.problem import Problem, must_be_positive, must_tell
 from maidenflight.identification.progress import (
     EXPECTING,
@@ -122,7 +123,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         value=float(values.min()),
         start_value=fine(start),
         source=problem.source,
-        windows=int(fine.rows) // (one_step.LENGTH - one_step.ORDER),
+        windows=int(fine.rows) // (one_step.LENGTH - ORDER),
         evaluations=sum(len(one.values) for one in found),
         seconds=0.0,
         search=evaluations_table(box, [(one.points, one.values) for one in found]),

@@ -29,7 +29,7 @@ def noise_levels(
 
     Args:
         products: mean products of one-step errors with their past, in the columns of
-            `one_step.errors` (m, m/s, rad, rad/s).
+            `one_step_errors.errors` (m, m/s, rad, rad/s).
         parameters: the drone; its motors' torque and its inertia turn torque noise into thrust
             noise.
         period: time between two rows [s].

@@ -17,39 +17,28 @@ closed loop).
 """
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 from jaxtyping import Array, Float
 
 from maidenflight.flights.windows import Windows
+from maidenflight.identification import one_step_errors
 from maidenflight.identification.gauss_newton import NormalEquations
-from maidenflight.identification.objective import in_chunks, on_all_cores, under_way, wrapped
+from maidenflight.identification.objective import in_chunks, on_all_cores
+from maidenflight.identification.one_step_errors import COLUMNS, ORDER, VERTICAL
 from maidenflight.parameters import Parameters, replace
-from maidenflight.simulator import dynamics, environment, rotations
-from maidenflight.simulator.dynamics import State
 
 LENGTH = 100
 """Rows of a window; its first rows only start the noise model, so that windows that are short waste
 much."""
-ORDER = 16
-"""Rows of the past in an error's autoregression. Half as many cannot tell slow disturbances from a
-lag: on simulated flights it then comes out up to 2 ms off, and intervals are too narrow to hold the
-truth."""
 CHUNK = 64
 """Windows differentiated side by side; with up to sixteen directions their state still fits a
 core's cache."""
 BY_MOMENT = ("torque_bias_x", "torque_bias_y", "torque_bias_z")
 """Parameters that the mean errors tell, not the likelihood."""
-_VERTICAL = 5
-"""Where the vertical velocity stands in a row."""
-COLUMNS = (3, 4, 5, 9, 10, 11)
-"""Where velocity and body rates stand in a row. Position and attitude follow from them, and say
-nothing more of the drone."""
 
 
 class NoiseModel(NamedTuple):
@@ -59,58 +48,6 @@ class NoiseModel(NamedTuple):
     """Weight of the error 1 ... P rows ago."""
     deviation: Float[np.ndarray, "6"]
     """Standard deviation of what is new in each row [m/s, rad/s]."""
-
-
-def errors(
-    window: Windows, parameters: Parameters, steps: int, stride: int = 1
-) -> Float[Array, "T 12"]:
-    """Measured minus predicted position, velocity, attitude and body rates.
-
-    Each row is predicted from the measured one before it.
-
-    Args:
-        window: one of `Windows` (no leading axis).
-        parameters: the drone; its `time_step` times `steps` is the period of the commands.
-        steps: physics steps a command.
-        stride: commands to a row.
-    """
-    line, places, speed = under_way(window, parameters, steps, stride)
-    measured = jnp.asarray(window.measured)
-    first = jnp.concatenate(
-        [
-            window.position,
-            window.velocity,
-            rotations.to_attitude(jnp.asarray(window.quaternion)),
-            window.body_rates,
-        ]
-    )
-    before = jnp.concatenate([first[None], measured[:-1]])
-
-    def advance(speed: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
-        newest, row_before = row
-        start = State(
-            row_before[:3],
-            row_before[3:6],
-            rotations.from_attitude(row_before[6:9]),
-            row_before[9:],
-            speed,
-        )
-        state = start
-        for place in newest:
-            state = environment.drive(
-                dynamics.midpoint, state, line, steps, parameters, newest=place
-            )
-        ahead = jnp.concatenate(
-            [
-                state.position,
-                state.velocity,
-                rotations.to_attitude(state.quaternion),
-                state.body_rates,
-            ]
-        )
-        return state.rotor_speed, ahead
-
-    return wrapped(measured - lax.scan(advance, speed, (places.reshape(-1, stride), before))[1])
 
 
 class OneStep:
@@ -181,11 +118,11 @@ class OneStep:
 
         All twelve columns.
         """
-        return self._summed(_products, parameters)
+        return self._summed(one_step_errors.products, parameters)
 
     def sums(self, parameters: Parameters) -> Float[np.ndarray, "S 12"]:
         """Sum of the errors in each segment of flight, without those that start the noise model."""
-        return self._summed(_sums, parameters)
+        return self._summed(one_step_errors.sums, parameters)
 
     def hovering(self, parameters: Parameters) -> tuple[float, Float[np.ndarray, "S"]]:
         """The thrust-to-weight ratio at which vertical errors are zero in the mean.
@@ -194,8 +131,8 @@ class OneStep:
         """
         here = float(parameters.thrust_to_weight)
         ahead = replace(parameters, thrust_to_weight=np.float32(1.1 * here))
-        errors = self.sums(parameters)[:, _VERTICAL]
-        slopes = (self.sums(ahead)[:, _VERTICAL] - errors) / (0.1 * here)
+        errors = self.sums(parameters)[:, VERTICAL]
+        slopes = (self.sums(ahead)[:, VERTICAL] - errors) / (0.1 * here)
         return here - errors.sum() / slopes.sum(), here - errors / slopes
 
     def carrying(self, parameters: Parameters) -> float:
@@ -203,11 +140,9 @@ class OneStep:
         here = float(parameters.thrust_to_weight)
         if self._slope is None:
             ahead = replace(parameters, thrust_to_weight=np.float32(1.1 * here))
-            change = (
-                self.sums(ahead)[:, _VERTICAL].sum() - self.sums(parameters)[:, _VERTICAL].sum()
-            )
+            change = self.sums(ahead)[:, VERTICAL].sum() - self.sums(parameters)[:, VERTICAL].sum()
             self._slope = float(change / (0.1 * here))
-        return here - float(self.sums(parameters)[:, _VERTICAL].sum()) / self._slope
+        return here - float(self.sums(parameters)[:, VERTICAL].sum()) / self._slope
 
     def climbs(self, parameters: Parameters, names: Sequence[str]) -> Float[np.ndarray, "d"]:
         """Derivative of the sum of vertical errors with respect to each parameter."""
@@ -291,7 +226,9 @@ class OneStep:
         def compute(first: int, end: int) -> tuple[np.ndarray, ...]:
             return _stacked(
                 [
-                    _derivatives(chunk, drone, directions, *given, self.steps, self.stride)
+                    one_step_errors.derivatives(
+                        chunk, drone, directions, *given, self.steps, self.stride
+                    )
                     for chunk in self._chunks[first:end]
                 ]
             )
@@ -319,7 +256,7 @@ class OneStep:
         )
         value = float(_minus_log_likelihood(noise.deviation, np.ones(6)))
         found = value, scores[:, :d] / self.rows, curvatures[:, :d, :d] / self.rows
-        self._climbs = climbs.sum(axis=0)[:d] * noise.deviation[COLUMNS.index(_VERTICAL)]
+        self._climbs = climbs.sum(axis=0)[:d] * noise.deviation[COLUMNS.index(VERTICAL)]
         self._latest = parameters, tuple(names), found
         return found
 
@@ -355,87 +292,3 @@ def _minus_log_likelihood(
 ) -> Any:
     """Of a row whose mean squared new errors are `ratio` times the noise model's variances."""
     return np.sum(np.log(deviation)) + 3 * np.log(2 * np.pi) + 0.5 * np.sum(ratio, axis=-1)
-
-
-@partial(jax.jit, static_argnums=(2, 3))
-def _products(
-    chunk: Windows, parameters: Parameters, steps: int, stride: int
-) -> Float[Array, "64 12 P+1 P+1"]:
-    """Products of the errors in each window of a chunk."""
-
-    def one(window: Windows) -> Float[Array, "12 P+1 P+1"]:
-        wrong = errors(window, parameters, steps, stride)
-        late = jnp.stack(
-            [wrong[ORDER - lag : wrong.shape[0] - lag] for lag in range(ORDER + 1)], axis=-1
-        )
-        return jnp.einsum("tci,tcj->cij", late, late)
-
-    return jax.vmap(one)(chunk)
-
-
-@partial(jax.jit, static_argnums=(2, 3))
-def _sums(chunk: Windows, parameters: Parameters, steps: int, stride: int) -> Float[Array, "64 12"]:
-    """Sums of the errors in each window of a chunk."""
-    return jax.vmap(lambda window: errors(window, parameters, steps, stride)[ORDER:].sum(axis=0))(
-        chunk
-    )
-
-
-@partial(jax.jit, static_argnums=(7, 8))
-def _derivatives(
-    chunk: Windows,
-    parameters: Parameters,
-    directions: Parameters,
-    coefficients: Array,
-    deviation: Array,
-    share: Array,
-    by_moment: Array,
-    steps: int,
-    stride: int,
-) -> tuple[
-    Float[Array, "64 d"], Float[Array, "64 d d"], Float[Array, "64 d 6 P"], Float[Array, "64 d"]
-]:
-    """Derivatives of half the sum of squared innovations in each window of a chunk.
-
-    They are gradient, curvature, the slopes' products with the past errors, and the sum of the
-    vertical errors' slopes.
-
-    Where `by_moment`, half the sum of squares of the errors themselves, over their own variance:
-    `share` is the deviation of the innovations over theirs.
-    """
-
-    def one(
-        window: Windows,
-    ) -> tuple[Float[Array, "d"], Float[Array, "d d"], Float[Array, "d 6 P"], Float[Array, "d"]]:
-        def scaled(drone: Parameters) -> Float[Array, "T 6"]:
-            return errors(window, drone, steps, stride)[:, np.array(COLUMNS)] / deviation[None]
-
-        def before(wrong: Float[Array, "T 6"], lag: int) -> Float[Array, "T-P 6"]:
-            return wrong[ORDER - lag : wrong.shape[0] - lag]
-
-        def new(wrong: Float[Array, "T 6"]) -> Float[Array, "T-P 6"]:
-            left = wrong[ORDER:]
-            for lag in range(1, ORDER + 1):
-                left = left - coefficients[None, :, lag - 1] * before(wrong, lag)
-            return left
-
-        def along(direction: Parameters) -> tuple[Array, Array]:
-            wrong, slope = jax.jvp(scaled, (parameters,), (direction,))
-            return wrong, jnp.where(jnp.isfinite(slope), slope, 0.0)
-
-        def apart(some: Array) -> Array:
-            """By moment or by likelihood, for an array with a leading axis of directions."""
-            return by_moment.reshape(-1, *(1,) * (some.ndim - 1))
-
-        wrong, slopes = jax.vmap(along, out_axes=(None, 0))(directions)
-        climbs = jnp.sum(slopes[:, ORDER:, COLUMNS.index(_VERTICAL)], axis=1)
-        left, plain = wrong[ORDER:] * share[None], slopes[:, ORDER:] * share[None, None]
-        slopes = jnp.where(apart(slopes), plain, jax.vmap(new)(slopes))
-        score = jnp.sum(slopes * jnp.where(apart(slopes), left, new(wrong)), axis=(1, 2))
-        flat = slopes.reshape(slopes.shape[0], -1)
-        curvature = jnp.where(by_moment[:, None] == by_moment[None], flat @ flat.T, 0.0)
-        past = jnp.stack([before(wrong, lag) for lag in range(1, ORDER + 1)], axis=-1)
-        shared = jnp.einsum("dtc,tcp->dcp", slopes, past)
-        return score, curvature, jnp.where(apart(shared), 0.0, shared), climbs
-
-    return jax.vmap(one)(chunk)
