@@ -348,7 +348,7 @@ class State(NamedTuple):
     number: Any
 
 
-def _fresh() -> State:
+def _fresh(_: tuple[int, ...]) -> State:
     return State(np.zeros((4, 5), np.float32), np.zeros((), np.int32))
 
 
@@ -356,7 +356,7 @@ def _checkpoint() -> Good:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "training.npz")
         checkpoint.save(
-            path, State(np.arange(20, dtype=np.float32).reshape(4, 5), np.int32(7)), "mine"
+            path, State(np.arange(20, dtype=np.float32).reshape(4, 5), np.int32(7)), "mine", (9,)
         )
         content = path.read_bytes()
     return Good("training.npz", content, _npz)
@@ -385,7 +385,7 @@ def _npz(generator: random.Random, good: bytes, other: bytes) -> Damaged:
 
 
 def _restored(_: Path, path: Path) -> Any:
-    return checkpoint.restored(path, _fresh, "mine")
+    return checkpoint.restored(path, _fresh, "mine")[0]
 
 
 def _told() -> Good:

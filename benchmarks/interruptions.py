@@ -90,7 +90,8 @@ def met(folder: Path, before: dict[Path, float]) -> str:
         return f"writing {written[0].name.rsplit('.', 2)[0].lstrip('.')}"
     if not new:
         return "starting, compiling or learning, before its first score"
-    return "learning after a score" if (folder / CHECKPOINT).exists() else "leaving"
+    written = any(path.name == "training.csv" for path in new)
+    return "leaving" if written else "learning after a score"
 
 
 def state(folder: Path) -> dict[Path, float]:
@@ -153,9 +154,7 @@ def main(kills: int, seed: int, updates: int, method: str) -> None:
                     what = met(folder, before)
                     where[what] += 1
                     print(f"kill {where.total()}, training {trainings}: {what}", flush=True)
-                # After a kill between the checkpoint's removal and the end there is nothing left to
-                # do.
-                over = (folder / "training.csv").exists() and not (folder / CHECKPOINT).exists()
+                over = (folder / "training.csv").exists()
             if not over:
                 ended(begun(arguments, folder, cache, (folder / CHECKPOINT).exists()))
             same = contents(folder) == expected

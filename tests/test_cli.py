@@ -626,12 +626,18 @@ def test_training_that_is_interrupted_says_how_to_go_on_and_does(
         "policy_1.json",
         "tensorboard",
         "training.csv",
+        "training.npz",
     ]
-    for name in ("policy_1.json", "training.csv"):
+    for name in ("policy_1.json", "training.csv", "training.npz"):
         assert (folder / name).read_bytes() == (whole / name).read_bytes()
     shown = scalars(folder / "tensorboard" / "policy_1")
     assert shown == scalars(whole / "tensorboard" / "policy_1")
     assert len(shown) == 3 * polars.read_csv(folder / "training.csv").height
+
+    # Without --updates the number is the training's own.
+    code, _, err = run(monkeypatch, capsys, *what[:-4], *what[-2:], "-o", folder, "--resume")
+    assert code == 0, err
+    assert (folder / "policy_1.json").read_bytes() == (whole / "policy_1.json").read_bytes()
 
 
 @pytest.mark.parametrize(

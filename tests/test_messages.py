@@ -262,13 +262,13 @@ def test_the_help_of_training_tells_how_many_updates_are_usual() -> None:
 
 def test_a_checkpoint_of_other_settings_says_which(tmp_path: Path) -> None:
     path, state = tmp_path / "training.npz", np.zeros(2, np.float32)
-    words = {"settings": {"updates": 300, "num_envs": 4}, "history": 2}
-    checkpoint.save(path, state, checkpoint.fingerprint(words, state))
+    words = {"settings": {"horizon": 32, "num_envs": 4}, "history": 2}
+    checkpoint.save(path, state, checkpoint.fingerprint(words, state), (9,))
     for others, numbers, says in (
         (
-            {**words, "settings": {"updates": 500, "num_envs": 4}},
+            {**words, "settings": {"horizon": 64, "num_envs": 4}},
             state,
-            r"another training: updates was 300 and is 500\. Give",
+            r"another training: horizon was 32 and is 64\. Give",
         ),
         ({**words, "history": 3}, state, r"another training: history was 2 and is 3\. Give"),
         (
@@ -278,9 +278,9 @@ def test_a_checkpoint_of_other_settings_says_which(tmp_path: Path) -> None:
         ),
     ):
         with pytest.raises(InputError, match=says):
-            checkpoint.restored(path, lambda: state, checkpoint.fingerprint(others, numbers))
+            checkpoint.restored(path, lambda _: state, checkpoint.fingerprint(others, numbers))
     np.testing.assert_array_equal(
-        checkpoint.restored(path, lambda: state, checkpoint.fingerprint(words, state)), state
+        checkpoint.restored(path, lambda _: state, checkpoint.fingerprint(words, state))[0], state
     )
 
 

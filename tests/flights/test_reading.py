@@ -2,7 +2,6 @@
 InputError or ignored."""
 
 import gzip
-import re
 import warnings
 from functools import cache
 
@@ -14,7 +13,7 @@ from hypothesis import strategies as st
 from made_flights import AUTHORS, authors_columns, authors_text, calm, same
 
 from maidenflight.errors import InputError
-from maidenflight.flights import log, tables
+from maidenflight.flights import log
 from maidenflight.flights.reading import Flights, read_flights
 
 
@@ -345,11 +344,3 @@ def test_strange_cells_are_read_or_refused_not_crashed_on(tmp_path_factory, sour
         line = lines[-81 + row].split(b",")
         lines[-81 + row] = b",".join([*line[:column], new, *line[column + 1 :]])
     reads_or_refuses(put(tmp_path_factory.getbasetemp() / "cells" / "x.csv", b"\n".join(lines)))
-
-
-@pytest.mark.parametrize(("mark", "what"), tables.FOREIGN.items())
-def test_a_file_of_another_kind_is_named(mark, what, tmp_path):
-    path = tmp_path / "flight.csv"
-    path.write_bytes(mark + bytes(range(256)))
-    with pytest.raises(InputError, match=re.escape(what)):
-        read_flights(path)

@@ -406,6 +406,9 @@ def test_a_folder_without_a_run_is_refused(tmp_path):
         report(tmp_path, tmp_path / "page.html")
     with pytest.raises(InputError, match="no such file or folder"):
         report(tmp_path / "nowhere", tmp_path / "page.html")
+    (tmp_path / "flight.ulg").write_bytes(b"ULog\x01")
+    with pytest.raises(InputError, match=r"nothing of a run.* There is a PX4 ULog, which is not"):
+        report(tmp_path, tmp_path / "page.html")
 
 
 @pytest.mark.parametrize(

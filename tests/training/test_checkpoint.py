@@ -23,32 +23,45 @@ class State(NamedTuple):
 FULL = State(jnp.arange(6.0).reshape(2, 3), jnp.asarray(7, jnp.int32))
 
 
-def fresh() -> State:
+STAGES = (3, 9)
+
+
+def fresh(_: Any = None) -> State:
     return State(jnp.zeros((2, 3)), jnp.zeros((), jnp.int32))
 
 
 def test_a_state_comes_back_to_the_last_bit(tmp_path: Path) -> None:
     path = tmp_path / "folder" / "training.npz"
-    checkpoint.save(path, FULL, "mine")
-    found = checkpoint.restored(path, fresh, "mine")
+    checkpoint.save(path, FULL, "mine", STAGES)
+    heard: list[Any] = []
+
+    def start(stages: Any) -> State:
+        heard.append(stages)
+        return fresh()
+
+    found, stages = checkpoint.restored(path, start, "mine")
+    assert stages == checkpoint.stages(path) == STAGES
+    assert heard == [STAGES]
     np.testing.assert_array_equal(found.weights, FULL.weights)
     assert (int(found.number), found.number.dtype) == (7, jnp.int32)
 
 
 def test_without_a_file_training_begins(tmp_path: Path) -> None:
-    assert int(checkpoint.restored(tmp_path / "none.npz", fresh, "mine").number) == 0
+    state, stages = checkpoint.restored(tmp_path / "none.npz", fresh, "mine")
+    assert (int(state.number), stages) == (0, ())
+    assert checkpoint.stages(tmp_path / "none.npz") == ()
 
 
 @pytest.mark.parametrize(
     ("start", "told"),
     [
         (fresh, "yours"),
-        (lambda: fresh()._replace(weights=jnp.zeros((3, 2))), "mine"),
-        (lambda: fresh()._replace(number=jnp.zeros(())), "mine"),
+        (lambda _: fresh()._replace(weights=jnp.zeros((3, 2))), "mine"),
+        (lambda _: fresh()._replace(number=jnp.zeros(())), "mine"),
     ],
 )
 def test_another_training_is_refused(start: Any, told: str, tmp_path: Path) -> None:
-    checkpoint.save(tmp_path / "training.npz", FULL, "mine")
+    checkpoint.save(tmp_path / "training.npz", FULL, "mine", STAGES)
     with pytest.raises(InputError, match=r"training\.npz: a checkpoint of another training"):
         checkpoint.restored(tmp_path / "training.npz", start, told)
 
@@ -65,10 +78,12 @@ def damaged(whole: bytes) -> dict[str, bytes]:
 @pytest.mark.parametrize("how", ["empty", "cut", "text", "one byte"])
 def test_a_damaged_file_is_refused(how: str, tmp_path: Path) -> None:
     path = tmp_path / "training.npz"
-    checkpoint.save(path, FULL, "mine")
+    checkpoint.save(path, FULL, "mine", STAGES)
     path.write_bytes(damaged(path.read_bytes())[how])
     with pytest.raises(InputError, match=r"training\.npz"):
         checkpoint.restored(path, fresh, "mine")
+    with pytest.raises(InputError, match=r"training\.npz"):
+        checkpoint.stages(path)
 
 
 def test_code_in_a_file_is_not_run(tmp_path: Path) -> None:
@@ -76,7 +91,7 @@ def test_code_in_a_file_is_not_run(tmp_path: Path) -> None:
         def __reduce__(self) -> Any:
             return os.mkdir, (str(tmp_path / "boom"),)
 
-    title = np.array("maidenflight checkpoint 1\n0\nmine")
+    title = np.array("maidenflight checkpoint 2\n0\n3\nmine")
     with open(tmp_path / "training.npz", "wb") as file:
         np.savez(
             file,
@@ -91,7 +106,7 @@ def test_code_in_a_file_is_not_run(tmp_path: Path) -> None:
 
 def test_another_versions_file_is_refused(tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.setattr(checkpoint, "__version__", "99.0")
-    checkpoint.save(tmp_path / "training.npz", FULL, "mine")
+    checkpoint.save(tmp_path / "training.npz", FULL, "mine", STAGES)
     monkeypatch.undo()
     with pytest.raises(InputError, match=r"a checkpoint of maidenflight 99\.0"):
         checkpoint.restored(tmp_path / "training.npz", fresh, "mine")
@@ -99,16 +114,16 @@ def test_another_versions_file_is_refused(tmp_path: Path, monkeypatch: Any) -> N
 
 def test_a_full_disk_keeps_the_last_good_state(tmp_path: Path, monkeypatch: Any) -> None:
     path = tmp_path / "training.npz"
-    checkpoint.save(path, FULL, "mine")
+    checkpoint.save(path, FULL, "mine", STAGES)
 
     def full(*_: Any) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(os, "replace", full)
     with pytest.raises(WriteError, match=r"No space left on device\)\. Free space there, or"):
-        checkpoint.save(path, fresh(), "mine")
+        checkpoint.save(path, fresh(), "mine", STAGES)
     monkeypatch.undo()
-    assert int(checkpoint.restored(path, fresh, "mine").number) == 7
+    assert int(checkpoint.restored(path, fresh, "mine")[0].number) == 7
     assert list(tmp_path.iterdir()) == [path]
 
 
@@ -135,8 +150,8 @@ def test_whenever_a_writing_process_is_killed_the_file_is_the_old_or_the_new_one
     stage: str, expected: int, tmp_path: Path
 ) -> None:
     path, new = tmp_path / "there" / "training.npz", tmp_path / "new.npz"
-    checkpoint.save(path, FULL, "mine")
-    checkpoint.save(new, fresh(), "mine")
+    checkpoint.save(path, FULL, "mine", STAGES)
+    checkpoint.save(new, fresh(), "mine", STAGES)
     done = subprocess.run(
         [sys.executable, "-c", _KILLED, stage, new, path],
         capture_output=True,
@@ -144,7 +159,7 @@ def test_whenever_a_writing_process_is_killed_the_file_is_the_old_or_the_new_one
         check=False,
     )
     assert done.returncode == -signal.SIGKILL, done.stderr
-    assert int(checkpoint.restored(path, fresh, "mine").number) == expected
+    assert int(checkpoint.restored(path, fresh, "mine")[0].number) == expected
     left = results.leftovers(path.parent)
     assert len(left) == (0 if expected == 0 else 1)
     assert sorted(path.parent.iterdir()) == sorted([path, *left])

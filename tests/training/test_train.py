@@ -21,6 +21,7 @@ from maidenflight.policy import Policy, untrained
 from maidenflight.simulator import control, tasks
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import relative_box
+from maidenflight.training import analytic_gradient, checkpoint
 from maidenflight.training import train as module
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.evaluation import Evaluation, evaluate
@@ -137,6 +138,74 @@ def test_the_checkpoint_of_another_training_is_refused_and_kept(other: Any, tmp_
 
 
 @pytest.mark.slow
+def test_training_that_has_ended_is_extended_and_an_extension_is_resumed(tmp_path: Path) -> None:
+    further = changed(TINY, updates=6)
+
+    def extended(folder: str, hear: Any = None) -> tuple[Policy, ...]:
+        saved = tmp_path / folder / "training.npz"
+        if not saved.exists():
+            learn(saved)
+        return learn(saved, hear, further)
+
+    def interrupt(progress: Progress) -> None:
+        if progress.update == 5:
+            raise KeyboardInterrupt
+
+    heard: list[Progress] = []
+    policies = extended("whole", heard.append)
+    assert [progress.update for progress in heard] == [1, 2, 3, 4, 5, 6]
+    assert [progress.steps for progress in heard] == [update * 32 for update in range(1, 7)]
+    with pytest.raises(KeyboardInterrupt):
+        extended("killed", interrupt)
+    assert_same(extended("killed"), policies)
+    whole, killed = (tmp_path / folder / "training.npz" for folder in ("whole", "killed"))
+    assert whole.read_bytes() == killed.read_bytes()
+    assert checkpoint.stages(whole) == (4, 6)
+    with pytest.raises(InputError, match=r"updates was 6 and is 4\. Give 6, or more"):
+        learn(whole)
+
+
+def test_an_extension_is_recorded(tmp_path: Path, monkeypatch: Any) -> None:
+    made = policy.untrained(jax.random.key(0), (3,))
+    stub = training_that_gives(made)
+
+    def extended(*arguments: Any) -> tuple[Policy, ...]:
+        given = stub(*arguments)
+        checkpoint.save(arguments[6], (), "", (600, 700))
+        return given
+
+    monkeypatch.setattr("maidenflight.workflow.training.train", stub)
+    workflow.train_for("crazyflie", 0, tmp_path, 1, changed(TINY, updates=600), 0.1)
+    assert "extended_from" not in policy.record(tmp_path / "policy_1.json")["settings"]
+    monkeypatch.setattr("maidenflight.workflow.training.train", extended)
+    workflow.train_for("crazyflie", 0, tmp_path, 1, changed(TINY, updates=700), 0.1, resume=True)
+    settings = policy.record(tmp_path / "policy_1.json")["settings"]
+    assert (settings["updates"], settings["extended_from"]) == (700, [600])
+    assert workflow.updates_so_far(tmp_path) == 700
+    assert workflow.updates_so_far(tmp_path / "none") is None
+
+
+def test_the_rates_of_further_updates_are_those_of_a_training_of_so_many() -> None:
+    """Half of twice as many updates: 2 % and half of the other 98 % of the initial rate."""
+    network: Any = untrained(jax.random.key(0), (8,)).network
+    gradient = jax.tree.map(jnp.ones_like, network)
+
+    def change(updates: int, done: int) -> float:
+        rule = analytic_gradient._optimiser(
+            changed(TINY, updates=updates, hidden_learning_rate=0.0)
+        )
+        state: Any = jax.tree.map(
+            lambda leaf: leaf + done if leaf.dtype == jnp.int32 else leaf, rule.init(network)
+        )
+        with jax.numpy_dtype_promotion("standard"):
+            changes: Any = rule.update(gradient, state, network)[0]
+        return float(changes[1][-1][0])
+
+    ratio = change(20, 10) / change(10, 10)
+    np.testing.assert_allclose(ratio, 0.51 / 0.02, rtol=1e-4)
+
+
+@pytest.mark.slow
 def test_a_full_disk_is_said_in_a_line_and_training_goes_on_when_there_is_space(
     tmp_path: Path, monkeypatch: Any, capsys: Any
 ) -> None:
@@ -192,7 +261,7 @@ def test_a_full_disk_is_said_in_a_line_and_training_goes_on_when_there_is_space(
         kept.append((folder / "training.npz").read_bytes())
     assert kept[0] != kept[1] == kept[2]
     assert command(folder, "--resume")[0] == command(whole)[0] == 0
-    names = ["policy_1.json", "policy_2.json", "training.csv"]
+    names = ["policy_1.json", "policy_2.json", "training.csv", "training.npz"]
     assert [sorted(path.name for path in place.iterdir()) for place in (folder, whole)] == [
         names,
         names,
@@ -201,12 +270,12 @@ def test_a_full_disk_is_said_in_a_line_and_training_goes_on_when_there_is_space(
         (whole / name).read_bytes() for name in names
     ]
 
+    # Training that has ended is resumed to the same end.
+    assert command(folder, "--resume")[0] == 0
+    (folder / "training.npz").unlink()
     code, err = command(folder, "--resume")
     assert code == 2
-    assert (
-        "no training to resume. The policies there are of a training that has ended. Give "
-        "--overwrite instead of --resume" in err
-    )
+    assert "no training to resume. The policies there are of a training whose state is gone." in err
 
 
 def training_that_gives(*policies: Policy) -> Any:
@@ -216,7 +285,7 @@ def training_that_gives(*policies: Policy) -> Any:
         *_, keys, _, on_progress, saved, _ = arguments
         score = Evaluation(*(jnp.zeros(len(keys)) for _ in Evaluation._fields))
         on_progress(Progress(1, 1, score))
-        Path(saved).touch()
+        checkpoint.save(saved, (), "", (1,))
         return policies
 
     return given
@@ -235,7 +304,7 @@ def test_what_a_killed_run_left_is_cleared_and_does_not_stand_in_the_way(
         workflow.train_for("crazyflie", 0, tmp_path, 1, TINY, 0.1, resume=True)
     monkeypatch.setattr("maidenflight.workflow.training.train", training_that_gives())
     workflow.train_for("crazyflie", 0, tmp_path, 1, TINY, 0.1)
-    assert [path.name for path in tmp_path.iterdir()] == ["training.csv"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["training.csv", "training.npz"]
 
 
 def test_policies_of_an_earlier_training_of_more_go(tmp_path: Path, monkeypatch: Any) -> None:
@@ -304,13 +373,21 @@ def test_a_policy_sees_as_many_instants_as_asked_and_another_number_is_another_t
 
 
 @pytest.mark.parametrize(
-    ("updates", "evaluations", "ends"),
-    [(400, 4, [100, 200, 300, 400]), (5, 3, [2, 3, 5]), (2, 15, [1, 2]), (7, 1, [7])],
+    ("stages", "evaluations", "ends"),
+    [
+        ((400,), 4, [100, 200, 300, 400]),
+        ((5,), 3, [2, 3, 5]),
+        ((2,), 15, [1, 2]),
+        ((7,), 1, [7]),
+        ((600, 700), 15, [*range(40, 601, 40), 650, 700]),
+        ((4, 5, 9), 2, [2, 4, 5, 7, 9]),
+        ((2, 4), 15, [1, 2, 3, 4]),
+    ],
 )
-def test_the_last_score_comes_at_the_end_whatever_divides_what(
-    updates: int, evaluations: int, ends: list[int]
+def test_the_last_score_of_a_stage_comes_at_its_end_whatever_divides_what(
+    stages: tuple[int, ...], evaluations: int, ends: list[int]
 ) -> None:
-    assert module._ends(AnalyticGradient(updates=updates, evaluations=evaluations)) == ends
+    assert module._ends(stages, evaluations) == ends
 
 
 def test_what_cannot_be_trained_is_refused() -> None:

@@ -87,7 +87,8 @@ if TYPE_CHECKING:
 @click.option(
     "--resume",
     is_flag=True,
-    help="Resume training that was interrupted in the folder, with the same result.",
+    help="Resume training that was interrupted in the folder, with the same result; or, with more "
+    "--updates, extend the one that has ended there.",
 )
 @click.option(
     "--log",
@@ -138,8 +139,11 @@ def train(
     cores.as_devices()
     from maidenflight import workflow
 
+    if resume and updates is None:
+        updates = workflow.updates_so_far(output)
     settings = workflow.settings_for(control, task, method, updates)
     heard: list[Progress] = []
+    first: Progress | None = None
     began = time.perf_counter()
     with (
         _watched(view, drone_, control, task) as watch,
@@ -148,12 +152,12 @@ def train(
     ):
 
         def hear(progress: "Progress") -> None:
-            nonlocal began
-            # The first evaluation includes compilation; those of a checkpoint take no time.
-            rate = (
-                (progress.steps - heard[0].steps) / (time.perf_counter() - began) if heard else None
-            )
-            began = began if heard else time.perf_counter()
+            nonlocal first, began
+            # Evaluations of a checkpoint take no time, and the first other includes compilation.
+            since = time.perf_counter() - began
+            rate = (progress.steps - first.steps) / since if first else None
+            if first is None and progress.best is not None:
+                first, began = progress, time.perf_counter()
             heard.append(progress)
             flight_output.scored(move, progress, settings.updates, rate)
             watch(progress)
@@ -198,8 +202,9 @@ def train(
             if score["survival"] < _MIN_SURVIVAL
         ]:
             print(
-                f"note: {', '.join(falling)} hardly ever last an episode; train with more "
-                "--updates, or see docs/training.md."
+                f"note: of {', '.join(falling)} less than {_MIN_SURVIVAL:.0%} of the episodes "
+                "reach the time limit. Train further with --resume and more --updates, or see "
+                "docs/training.md."
             )
         print(f"written to {output}/")
 

@@ -7,6 +7,7 @@ result tables that maidenflight itself writes.
 import hashlib
 import math
 import os
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,6 +22,7 @@ from maidenflight.flights import (
     cflib,
     checking,
     compensation,
+    foreign,
     log,
     nanobench,
     tables,
@@ -162,7 +164,7 @@ def read_flights(
     said = _Said(commands, battery_law, frozenset(ignore))
     path = Path(path)
     paths, refused = _files(path)
-    seen = _Seen([], [], [], refused, {})
+    seen = _Seen([], [], _unread(path), refused, {})
     read = (
         _held(flight, said, seen) for flight in _read(paths, path.is_file(), seen, said, on_file)
     )
@@ -317,9 +319,13 @@ def _unknown(table: Table) -> str:
 
 def _nothing(path: Path, files: int, reasons: list[str]) -> str:
     if not reasons:
+        kinds, others = foreign.below(path)
+        if kinds:
+            return f"{path}: no flight logs that are read, but {foreign.told(kinds)}"
+        place = path / "flights" if others or not path.name else path
         return (
-            f"{path}: no flight logs ({', '.join(SUFFIXES)}) in this folder. Record some: "
-            f"maidenflight record -o {path}."
+            f"{path}: no flight logs ({', '.join(SUFFIXES)}) in this folder or below it. Give the "
+            f"folder that holds yours, or record some (maidenflight record -o {place})."
         )
     more = f"; and {len(reasons) - 3} more" if len(reasons) > 3 else ""
     return (
@@ -344,6 +350,12 @@ def _files(path: Path) -> tuple[list[Path], list[str]]:
     if not files and not refused:
         raise InputError(_nothing(path, 0, []))
     return files, refused
+
+
+def _unread(path: Path) -> list[str]:
+    """A note on files of a folder that may hold flights but are not read."""
+    kinds = Counter[foreign.Foreign]() if path.is_file() else foreign.below(path)[0]
+    return [f"{path.name}: also holds {foreign.told(kinds)}"] if kinds else []
 
 
 def log_files(folder: Path) -> list[Path]:

@@ -6,6 +6,7 @@ Damage is named by its line and column.
 import gzip
 import io
 import zlib
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,6 +17,7 @@ from jaxtyping import Float
 
 from maidenflight import inputs
 from maidenflight.errors import InputError
+from maidenflight.flights import foreign
 
 _LARGEST = float(np.finfo(np.float32).max)
 _GZIP, _PARQUET, _UTF16 = b"\x1f\x8b", b"PAR1", (b"\xff\xfe", b"\xfe\xff")
@@ -85,27 +87,11 @@ def content(path: Path) -> bytes:
     return raw
 
 
-FOREIGN: dict[bytes, str] = {
-    b"ULog": "a PX4 ULog",
-    b"H Product:Blackbox": "a Betaflight blackbox log",
-    b"\x89MCAP": "an MCAP recording",
-    b"SQLite format 3": "an SQLite database, such as a rosbag2",
-    b"#ROSBAG": "a ROS 1 bag",
-    b"PK\x03\x04": "an Excel workbook or a zip archive",
-    b"\x89HDF": "an HDF5 file",
-    b"\x93NUMPY": "a NumPy array",
-}
-"""How files begin that may hold flights but are not read, and what they are."""
-
-
 def decoded(raw: bytes, name: str) -> str:
     """Text of a file, lines ended by a line feed."""
-    for mark, what in FOREIGN.items():
-        if raw.startswith(mark):
-            raise InputError(
-                f"{name}: this is {what}, which is not read. Write its rows as CSV in the format "
-                "of docs/flight-log.md."
-            )
+    kind = foreign.kind_of(raw, name)
+    if kind is not None:
+        raise InputError(f"{name}: this is {foreign.told(Counter([kind]))}")
     if raw[:2] in _UTF16:
         raise InputError(f"{name}: cannot be read as a flight log (UTF-16). Save it as UTF-8.")
     try:

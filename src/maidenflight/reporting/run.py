@@ -177,10 +177,7 @@ def read(*given: Path) -> Run:
         other_files=found.others,
     )
     if not run.known:
-        raise InputError(
-            f"{' '.join(map(str, given))}: nothing of a run here; expected flight logs, a drone "
-            "(.toml), policies (.json), or tables that maidenflight has written."
-        )
+        raise InputError(sources.nothing(given))
     return run
 
 

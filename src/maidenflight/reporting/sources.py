@@ -5,6 +5,7 @@ writes are known by their names too, so that a broken one is told and not passed
 """
 
 import os
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
@@ -13,7 +14,7 @@ from typing import Any
 
 from maidenflight import inputs, run_folder
 from maidenflight.errors import InputError
-from maidenflight.flights import reading
+from maidenflight.flights import foreign, reading
 from maidenflight.flights.log import FAMILY
 from maidenflight.run_folder import Table
 
@@ -105,6 +106,17 @@ def find(given: Sequence[Path]) -> Sources:
     for several in ("policies", "logs", "tested"):
         merged[several] = tuple(dict.fromkeys((*getattr(found, several), *getattr(named, several))))
     return Sources(**merged, others=found.others)  # type: ignore[arg-type]
+
+
+def nothing(given: Sequence[Path]) -> str:
+    """What to say where there is nothing for a report, and what of it may hold flights."""
+    unread = [foreign.below(path)[0] for path in given if path.is_dir()]
+    kinds = sum(unread, Counter[foreign.Foreign]())
+    return (
+        f"{' '.join(map(str, given))}: nothing of a run here; expected flight logs, a drone "
+        "(.toml), policies (.json), or tables that maidenflight has written."
+        + (f" There is {foreign.told(kinds)}" if kinds else "")
+    )
 
 
 def _together(parts: Iterable[Sources]) -> Sources:

@@ -10,9 +10,9 @@ import os
 import struct
 import zipfile
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import numpy as np
@@ -23,7 +23,7 @@ from maidenflight import __version__, inputs, results
 from maidenflight.errors import InputError
 
 T = TypeVar("T")
-_TITLE = "maidenflight checkpoint 1"
+_TITLE = "maidenflight checkpoint 2"
 _DAMAGED = (
     *(
         OSError,
@@ -78,10 +78,17 @@ def _flat(words: Mapping[str, Any]) -> dict[str, Any]:
     return {**words.pop("settings", {}), **words}
 
 
-def save(path: str | PathLike[str], state: Any, fingerprint: str) -> None:
+def save(path: str | PathLike[str], state: Any, fingerprint: str, stages: Sequence[int]) -> None:
     """Writes a state of training, whole or not at all.
 
     Of several processes that train together, only the first writes.
+
+    Args:
+        path: file to write.
+        state: a pytree of arrays.
+        fingerprint: of this training.
+        stages: number of updates after which training was or is to end, and those after which it
+            was extended from there.
 
     Raises:
         WriteError: the file cannot be written; what was there before is kept.
@@ -90,7 +97,8 @@ def save(path: str | PathLike[str], state: Any, fingerprint: str) -> None:
     if jax.process_index() > 0:
         return
     file = io.BytesIO()
-    np.savez(file, title=np.array(f"{_TITLE}\n{__version__}\n{fingerprint}"), **leaves)  # type: ignore[arg-type]
+    title = [_TITLE, __version__, " ".join(map(str, stages)), fingerprint]
+    np.savez(file, title=np.array("\n".join(title)), **leaves)  # type: ignore[arg-type]
     results.write(path, file.getvalue())
 
 
@@ -100,26 +108,29 @@ def _whole(leaf: Any) -> np.ndarray:
     return np.asarray(leaf)
 
 
-def restored(path: str | PathLike[str], start: Callable[[], T], expected: str) -> T:
-    """The state in a file, or a new one if there is no such file.
+class _Saved(NamedTuple):
+    """What a file holds."""
 
-    Args:
-        path: as given to `save`.
-        start: makes a new state; the file's arrays must have its shapes.
-        expected: fingerprint of this training.
+    fingerprint: str
+    stages: tuple[int, ...]
+    leaves: list[np.ndarray]
+
+
+def _read(path: str | PathLike[str]) -> _Saved:
+    """What `save` wrote.
 
     Raises:
-        InputError: the file is damaged, or of another training.
+        InputError: the file is damaged, or of another version.
     """
-    if not os.path.lexists(path):
-        return start()
-    remedy = "Give the settings, seed and drone that it was started with, or another folder."
-    shapes, structure = tree.flatten(jax.eval_shape(start))
     try:
         with np.load(io.BytesIO(inputs.content(path)), allow_pickle=False) as content:
-            title, version, found = str(content["title"]).split("\n")
-            leaves = [np.asarray(content[f"leaf {number}"]) for number in range(len(shapes))]
-            whole = len(content.files) == len(shapes) + 1
+            title, version, *words = str(content["title"]).split("\n")
+            stages, fingerprint = words if title == _TITLE else ("", "")
+            saved = _Saved(
+                fingerprint,
+                tuple(map(int, stages.split())),
+                [np.asarray(content[f"leaf {number}"]) for number in range(len(content.files) - 1)],
+            )
     except _DAMAGED as error:
         raise InputError(
             f"{path}: not a checkpoint of training ({error}). Remove it to start again."
@@ -129,12 +140,42 @@ def restored(path: str | PathLike[str], start: Callable[[], T], expected: str) -
             f"{path}: a checkpoint of maidenflight {version}; this is {__version__}. Finish it "
             "there, or remove it to start again."
         )
-    sound = whole and all(
-        leaf.shape == shape.shape and leaf.dtype == shape.dtype
-        for leaf, shape in zip(leaves, shapes, strict=True)
+    return saved
+
+
+def stages(path: str | PathLike[str]) -> tuple[int, ...]:
+    """Numbers of updates that `save` was given, or none if there is no such file.
+
+    Raises:
+        InputError: the file is damaged, or of another version.
+    """
+    return _read(path).stages if os.path.lexists(path) else ()
+
+
+def restored(
+    path: str | PathLike[str], start: Callable[[tuple[int, ...]], T], expected: str
+) -> tuple[T, tuple[int, ...]]:
+    """The state in a file and its stages, or a new one and none if there is no such file.
+
+    Args:
+        path: as given to `save`.
+        start: (stages) to a new state; the file's arrays must have its shapes.
+        expected: fingerprint of this training.
+
+    Raises:
+        InputError: the file is damaged, or of another training.
+    """
+    if not os.path.lexists(path):
+        return start(()), ()
+    found = _read(path)
+    if found.fingerprint == expected:
+        shapes, structure = tree.flatten(jax.eval_shape(lambda: start(found.stages)))
+        if [(leaf.shape, leaf.dtype) for leaf in found.leaves] == [
+            (shape.shape, shape.dtype) for shape in shapes
+        ]:
+            leaves = [jax.numpy.asarray(leaf) for leaf in found.leaves]
+            return tree.unflatten(structure, leaves), found.stages
+    raise InputError(
+        f"{path}: a checkpoint of another training{_difference(found.fingerprint, expected)}. "
+        "Give the settings, seed and drone that it was started with, or another folder."
     )
-    if found != expected or not sound:
-        raise InputError(
-            f"{path}: a checkpoint of another training{_difference(found, expected)}. {remedy}"
-        )
-    return tree.unflatten(structure, [jax.numpy.asarray(leaf) for leaf in leaves])

@@ -5,7 +5,7 @@ numbers of an update depend on its number alone, so that neither the number of e
 interruption changes the result.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import Field, asdict
 from functools import partial
 from os import PathLike
@@ -104,7 +104,7 @@ class _State(NamedTuple):
     best: Policy
     best_score: Evaluation
     scores: Evaluation
-    """E x P, all evaluations; not a number where they are still to come."""
+    """E x P, all evaluations of all stages; not a number where they are still to come."""
     scored: Array
     """Number of evaluations so far."""
 
@@ -129,7 +129,9 @@ def train(
         settings: of the method, which is chosen by their class; default `AnalyticGradient()`.
         on_progress: called after each evaluation; first with those of the checkpoint.
         saved: checkpoint, written after each evaluation. If it exists, training resumes from it and
-            ends with the same policies as without the interruption.
+            ends with the same policies as without the interruption. If it is of a training that
+            has ended and `settings.updates` is larger than its number, training is extended: its
+            further updates have the learning rates that they have in a training of that many.
         history: H, number of last instants in an observation. The first layer grows with it.
 
     Returns:
@@ -138,8 +140,9 @@ def train(
 
     Raises:
         InputError: policies cannot be made for this control structure or history; the drones' time
-            step does not divide its period; the checkpoint is of another training or cannot be
-            written; or the scores of a policy are no longer finite.
+            step does not divide its period; the checkpoint is of another training, of more updates,
+            or of fewer that have not ended, or cannot be written; or the scores of a policy are no
+            longer finite.
     """
     settings = AnalyticGradient() if settings is None else settings
     if type(settings) not in METHODS:
@@ -177,13 +180,11 @@ def train(
         )
     begin, learn = METHODS[type(settings)]
     env = Environment.matching(box.centre, task, controller, history=history)
-    ends = _ends(settings)
 
-    def start() -> _State:
+    def start(stages: tuple[int, ...]) -> _State:
         learners = begin(env, settings, box, keys)
-        nothing = Evaluation(
-            *(jnp.full((len(ends), len(keys)), jnp.nan) for _ in Evaluation._fields)
-        )
+        count = len(_ends(stages or (settings.updates,), settings.evaluations))
+        nothing = Evaluation(*(jnp.full((count, len(keys)), jnp.nan) for _ in Evaluation._fields))
         worst = Evaluation(*(jnp.full(len(keys), -jnp.inf) for _ in Evaluation._fields))
         return _State(learners, learners.policy, worst, nothing, jnp.zeros((), jnp.int32))
 
@@ -201,7 +202,16 @@ def train(
             )
 
     fingerprint = _fingerprint(env, settings, box, keys)
-    state = start() if saved is None else checkpoint.restored(saved, start, fingerprint)
+    state, stages = (
+        (start(()), ()) if saved is None else checkpoint.restored(saved, start, fingerprint)
+    )
+    stages = _extended(stages, settings, int(state.scored), saved)
+    ends = _ends(stages, settings.evaluations)
+    if to_come := len(ends) - len(state.scores.survival):
+        more = jnp.full((to_come, len(keys)), jnp.nan)
+        state = state._replace(
+            scores=Evaluation(*(jnp.concatenate([rows, more]) for rows in state.scores))
+        )
     for number in range(int(state.scored)):
         report(state, number)
     for number in range(int(state.scored), len(ends)):
@@ -221,7 +231,7 @@ def train(
             )
         state = _advanced(state, learners, scores)
         if saved is not None:
-            checkpoint.save(saved, state, fingerprint)
+            checkpoint.save(saved, state, fingerprint, stages)
         report(state, number)
     return tuple(_one_of(state.best, number) for number in range(len(keys)))
 
@@ -246,17 +256,61 @@ def _one_of(stacked: Policy, number: int) -> Policy:
     return tree.map(lambda leaf: leaf[number], stacked)
 
 
-def _ends(settings: Settings) -> list[int]:
-    """Updates after which policies are evaluated: evenly spaced, the last at the end."""
-    count = max(1, min(settings.evaluations, settings.updates))
-    return [round(settings.updates * number / count) for number in range(1, count + 1)]
+def _extended(
+    stages: tuple[int, ...],
+    settings: Settings,
+    scored: int,
+    saved: str | PathLike[str] | None,
+) -> tuple[int, ...]:
+    """Stages of a training that goes on from a checkpoint to `settings.updates`.
+
+    Args:
+        stages: of the checkpoint; none where there is none.
+        settings: of the method.
+        scored: number of evaluations that the checkpoint holds.
+        saved: the checkpoint.
+
+    Raises:
+        InputError: it has more updates, or fewer and has not ended.
+    """
+    last, updates = (stages or (0,))[-1], settings.updates
+    ended = scored == len(_ends(stages, settings.evaluations))
+    if updates == last or (updates > last and ended):
+        return stages if updates == last else (*stages, updates)
+    remedy = (
+        f"Give {last}, or more to train further"
+        if ended
+        else f"Finish it with updates = {last}; then it can be extended"
+    )
+    raise InputError(
+        f"{saved}: a checkpoint of another training: updates was {last} and is {updates}. {remedy}."
+    )
+
+
+def _ends(stages: Sequence[int], evaluations: int) -> list[int]:
+    """Updates after which policies are evaluated: evenly spaced in each stage, the last at its end.
+
+    Args:
+        stages: numbers of updates after which training ends, ascending.
+        evaluations: in the first stage; as often per update in the others.
+    """
+    ends, first = [], 0
+    for end in stages:
+        per_update = min(1.0, evaluations / stages[0])
+        count = max(1, round((end - first) * per_update))
+        ends += [first + round((end - first) * number / count) for number in range(1, count + 1)]
+        first = end
+    return ends
 
 
 def _fingerprint(env: Environment, settings: Settings, box: Distribution, keys: Array) -> str:
     task, controller = env.task, env.controller
     words = {
         "method": type(settings).__name__,
-        "settings": recorded(settings),
+        # Their number is in the checkpoint's stages.
+        "settings": {
+            name: value for name, value in recorded(settings).items() if name != "updates"
+        },
         "task": [task.name, task.duration, task.floor],
         "control": [
             controller.interface.to_dict(),

@@ -31,6 +31,7 @@ from maidenflight.workflow.training import (
     WATCHED_DURATION_S,
     settings_for,
     train_for,
+    updates_so_far,
     watched_flight,
 )
 
@@ -60,6 +61,7 @@ __all__ = [
     "transfer_matrix",
     "transfer_summary",
     "transfer_to",
+    "updates_so_far",
     "usual_randomization",
     "validate_with",
     "watched_flight",

@@ -18,7 +18,7 @@ from maidenflight.inputs import StrPath
 from maidenflight.policy import Policy
 from maidenflight.simulator import control, dynamics, tasks
 from maidenflight.simulator.virtual_drone import VirtualDrone
-from maidenflight.training import loggers
+from maidenflight.training import checkpoint, loggers
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.ppo import PPO
 from maidenflight.training.train import Progress, Settings, recorded, train
@@ -59,6 +59,15 @@ def _by_gradient(structure: str, task: str) -> AnalyticGradient:
     return settings
 
 
+def updates_so_far(folder: StrPath) -> int | None:
+    """Number of updates of the training in a folder, whether it has ended or not, if there is one.
+
+    Raises:
+        InputError: its checkpoint is damaged, or of another version.
+    """
+    return max(checkpoint.stages(Path(folder, run_folder.CHECKPOINT)), default=None)
+
+
 def train_for(
     drone: StrPath,
     seed: int,
@@ -77,12 +86,13 @@ def train_for(
 ) -> tuple[Policy, ...]:
     """Trains policies for a drone.
 
-    Writes one JSON per policy and `training.csv` with their scores.
+    Writes one JSON per policy, `training.csv` with their scores, and the state of training, from
+    which it can be extended.
 
     Args:
         drone: TOML file or name.
         seed: random seed.
-        folder: where to write. Until the policies are written it holds `run_folder.CHECKPOINT`.
+        folder: where to write. `run_folder.CHECKPOINT` in it is the state at the last evaluation.
         count: number of policies.
         settings: of the method.
         randomization: half width of a box about the drone; `POSTERIOR`: samples of its posterior;
@@ -91,7 +101,7 @@ def train_for(
         structure: name of a control structure in `control.CONTROLLERS`.
         task: name in `tasks.TASKS`.
         resume: resume from the checkpoint in the folder, with the same result as without the
-            interruption.
+            interruption; or extend the training that has ended there to more updates.
         logger_names: names in `loggers.LOGGERS`.
         history: H, number of last instants in an observation.
         yaw_penalty: cost of a radian of yaw, per control period; see `tasks.with_yaw_penalty`.
@@ -147,6 +157,8 @@ def train_for(
             else tasks.TASKS[task]()
         )
         policies = train(trained_task, controller, box, keys, settings, note, saved, history)
+    stages = checkpoint.stages(saved)
+    said["extended_from"] = list(stages[:-1]) or None
     inputs = [drone] if Path(drone).is_file() else []
     made = results.record(
         seed=seed, inputs=inputs, settings=said if inputs else {"drone": str(drone), **said}
@@ -157,7 +169,6 @@ def train_for(
         policy.write(path, trained, {**made, "hover": hover, "number": number})
     run_folder.TRAINING.write(Path(folder, run_folder.TRAINING.name), polars.DataFrame(rows))
     _remove_older(Path(folder), count)
-    saved.unlink()
     return policies
 
 
@@ -178,8 +189,8 @@ def _how_to_start(folder: Path) -> str:
     """What to do if there is no checkpoint to resume from."""
     if (folder / run_folder.TRAINING.name).exists():
         return (
-            "The policies there are of a training that has ended. Give --overwrite instead of "
-            "--resume to train others in their place."
+            "The policies there are of a training whose state is gone. Give --overwrite instead "
+            "of --resume to train others in their place."
         )
     started = folder.is_dir() and set(folder.iterdir()) > set(results.leftovers(folder))
     return (

@@ -1,0 +1,108 @@
+"""Files that may hold flights but are not read: what they are, and what to do with them."""
+
+import os
+from collections import Counter
+from itertools import islice
+from pathlib import Path
+from typing import NamedTuple
+
+from maidenflight import run_folder
+
+_CSV = "Write its rows as CSV in the format of docs/flight-log.md"
+_QUAD = _CSV
+
+
+class Foreign(NamedTuple):
+    """A kind of file."""
+
+    begins: bytes
+    """Its first bytes."""
+    one: str
+    several: str
+    remedy: str = _CSV
+    """What to do, a sentence without its full stop."""
+    suffix: str = ""
+    """Ending of its name, where the first bytes do not tell."""
+
+
+KINDS = (
+    Foreign(b"ULog", "a PX4 ULog", "PX4 ULogs", _QUAD),
+    Foreign(b"H Product:Blackbox", "a Betaflight blackbox log", "Betaflight blackbox logs", _QUAD),
+    Foreign(b"\xa3\x95\x80", "an ArduPilot DataFlash log", "ArduPilot DataFlash logs"),
+    Foreign(b"\x89MCAP", "an MCAP recording", "MCAP recordings"),
+    Foreign(b"SQLite format 3", "an SQLite database, such as a rosbag2", "SQLite databases"),
+    Foreign(b"#ROSBAG", "a ROS 1 bag", "ROS 1 bags"),
+    Foreign(
+        b"PK\x03\x04",
+        "an Excel workbook",
+        "Excel workbooks",
+        "Save its sheet as CSV, with commas and decimal points",
+        ".xlsx",
+    ),
+    Foreign(
+        b"\xd0\xcf\x11\xe0",
+        "an Excel workbook",
+        "Excel workbooks",
+        "Save its sheet as CSV, with commas and decimal points",
+        ".xls",
+    ),
+    Foreign(b"PK\x03\x04", "an archive of NumPy arrays", "archives of NumPy arrays", suffix=".npz"),
+    Foreign(
+        b"PK\x03\x04",
+        "a zip archive or an Excel workbook",
+        "zip archives",
+        "Unpack it, or save its sheet as CSV",
+    ),
+    Foreign(b"\x89HDF", "an HDF5 file", "HDF5 files"),
+    Foreign(b"MATLAB ", "a MATLAB file", "MATLAB files"),
+    Foreign(b"\x93NUMPY", "a NumPy array", "NumPy arrays"),
+)
+"""Kinds of files that are recognised; of one beginning, the first whose suffix fits."""
+_HEAD = max(len(kind.begins) for kind in KINDS)
+_LOOKED_AT = 1000
+"""Files of a folder whose beginning is read."""
+
+
+def kind_of(head: bytes, name: str) -> Foreign | None:
+    """The kind of a file by its first bytes and its name, if it is of one."""
+    return next(
+        (
+            kind
+            for kind in KINDS
+            if head.startswith(kind.begins) and name.lower().endswith(kind.suffix)
+        ),
+        None,
+    )
+
+
+def below(folder: Path) -> tuple[Counter[Foreign], int]:
+    """How many files of each kind a folder and all its folders hold, and of no kind."""
+    names = (
+        Path(place, name)
+        for place, _, names in os.walk(folder)
+        for name in sorted(names)
+        if name != run_folder.CHECKPOINT and Path(place, name).is_file()
+    )
+    kinds: Counter[Foreign] = Counter()
+    others = 0
+    for path in islice(names, _LOOKED_AT):
+        try:
+            with path.open("rb") as file:
+                kind = kind_of(file.read(_HEAD), path.name)
+        except OSError:
+            kind = None
+        if kind is None:
+            others += 1
+        else:
+            kinds[kind] += 1
+    return kinds, others
+
+
+def told(kinds: Counter[Foreign]) -> str:
+    """What files are and what to do with them, such as "2 PX4 ULogs, which are not read. ..."."""
+    said = " and ".join(
+        kind.one if count == 1 else f"{count} {kind.several}" for kind, count in kinds.items()
+    )
+    alone = kinds.total() == 1
+    remedies = ". ".join(dict.fromkeys(kind.remedy for kind in kinds))
+    return f"{said}, which {'is' if alone else 'are'} not read. {remedies}."
