@@ -169,6 +169,18 @@ def test_help_starts_within_a_fifth_of_a_second_of_python_itself() -> None:
             "crazyflie: no [posterior]",
         ),
         (["train", "-o", "{tmp}/p", "--randomize", "much"], "posterior"),
+        *(
+            (["train", "--drone", "crazyflie", "-o", "{tmp}/p", "--hidden", sizes], "50,50")
+            for sizes in ("50x50", "0", "50,,50", "1025", "-5", "")
+        ),
+        (
+            [
+                *("train", "--drone", "crazyflie", "-o", "{tmp}/p"),
+                *("--hidden", "128,128", "--for", "crazyflie"),
+            ],
+            "22016 multiplications",
+        ),
+        (["export", "{tmp}/no.json", "-o", "{tmp}/c", "--propellers", "legacy"], "propellers"),
         (["transfer", "{tmp}/empty", "-o", "{tmp}/t"], "no policies"),
         (["transfer", "{tmp}/odd.csv", "-o", "{tmp}/t"], "not valid JSON"),
         (["transfer", "{tmp}/odd.csv", "--reality", "virtual:x", "-o", "{tmp}/t"], "virtual:SEED"),

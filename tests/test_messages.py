@@ -260,6 +260,20 @@ def test_the_help_of_training_tells_how_many_updates_are_usual() -> None:
     assert f"{workflow.settings_for('pwm', 'circle', 'ppo').updates} for PPO" in told
 
 
+def test_the_help_of_training_tells_the_usual_hidden_layers() -> None:
+    (option,) = [one for one in cli.commands.commands["train"].params if one.name == "hidden"]
+    assert isinstance(option, click.Option)
+    told = re.findall(r"\d+,\d+", option.help or "")
+    usual = {
+        (structure, method): workflow.settings_for(structure, "circle", method).hidden
+        for structure in ("pwm", "attitude_rate", "attitude")
+        for method in ("gradient", "ppo")
+    }
+    larger = usual.pop(("attitude_rate", "gradient"))
+    assert told == ["50,50", ",".join(map(str, larger))]
+    assert set(usual.values()) == {(50, 50)}
+
+
 def test_a_checkpoint_of_other_settings_says_which(tmp_path: Path) -> None:
     path, state = tmp_path / "training.npz", np.zeros(2, np.float32)
     words = {"settings": {"horizon": 32, "num_envs": 4}, "history": 2}

@@ -16,16 +16,18 @@ import maidenflight as mf
 from flights.made_flights import calm
 from maidenflight import policy, workflow
 from maidenflight.deployment import EXPORTERS
+from maidenflight.errors import InputError
 from maidenflight.flights.reading import Flights
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import DroneFile, Search, Source
 from maidenflight.parameters import crazyflie
 from maidenflight.policy import Policy
-from maidenflight.simulator import dynamics
+from maidenflight.simulator import control, dynamics, tasks
 from maidenflight.simulator.control import Controller
 from maidenflight.training.evaluation import Evaluation
 from maidenflight.training.train import Progress
 from maidenflight.workflow import logs
+from maidenflight.workflow.deployment import check_export
 
 
 def test_how_logs_were_read_stands_in_the_drone_file_s_record(
@@ -107,7 +109,6 @@ def test_what_a_command_of_one_is_goes_from_the_drone_s_logs_to_the_exported_cod
         task: Any, controller: Controller, box: Any, keys: Any, settings: Any, note: Any, *_: Any
     ) -> tuple[Policy]:
         note(Progress(1, 1, Evaluation(*jnp.zeros((3, 1)))))
-        (tmp_path / "training.npz").touch()
         return (policy.untrained(jax.random.key(0), (8, 8), interface=controller.interface),)
 
     monkeypatch.setattr("maidenflight.workflow.training.train", untrained)
@@ -129,6 +130,45 @@ def test_what_a_command_of_one_is_goes_from_the_drone_s_logs_to_the_exported_cod
     assert share is not None
     hovers = float(dynamics.hover_command(crazyflie()))
     assert float(share[1]) == pytest.approx(hovers, abs=1e-6)
+
+
+@pytest.mark.parametrize("structure", control.CONTROLLERS)
+@pytest.mark.parametrize("method", ["gradient", "ppo"])
+def test_the_usual_network_of_every_structure_can_be_exported_to_everything(
+    structure: str, method: str
+) -> None:
+    for task in tasks.TASKS:
+        settings = workflow.settings_for(structure, task, method)
+        for to in EXPORTERS:
+            check_export(to, control.CONTROLLERS[structure]().interface, settings.hidden, 2)
+
+
+def test_attitude_rate_fits_a_crazyflie_with_four_instants() -> None:
+    hidden = workflow.settings_for("attitude_rate", "circle").hidden
+    check_export("crazyflie", control.attitude_rate().interface, hidden, 4)
+
+
+def test_what_the_target_could_not_hold_is_not_trained(tmp_path: Path, monkeypatch: Any) -> None:
+    def trained(*_: Any) -> None:
+        raise AssertionError("training began")
+
+    monkeypatch.setattr("maidenflight.workflow.training.train", trained)
+    settings = workflow.settings_for("pwm", "circle", hidden=(128, 128))
+    assert settings.hidden == (128, 128)
+    with pytest.raises(InputError, match="22016 multiplications"):
+        workflow.train_for("crazyflie", 0, tmp_path, 1, settings, 0.1, target="crazyflie")
+    with pytest.raises(AssertionError, match="training began"):
+        workflow.train_for("crazyflie", 0, tmp_path, 1, settings, 0.1, target="c")
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_app_is_exported_for_the_drone_s_propellers(tmp_path: Path) -> None:
+    policy.write(tmp_path / "policy_1.json", policy.untrained(jax.random.key(0)), {})
+    workflow.export(
+        tmp_path / "policy_1.json", tmp_path / "app", 0, "crazyflie", propellers="legacy"
+    )
+    assert "LEGACY_PROPELLERS=y" in (tmp_path / "app" / "app-config").read_text()
+    assert '"propellers": "legacy"' in (tmp_path / "app" / "src" / "policy.h").read_text()
 
 
 RECORDED = [name for name, exporter in EXPORTERS.items() if "record" in exporter.takes]

@@ -212,6 +212,21 @@ def test_another_mode_starts_the_pids_anew_only_in_2026():
         assert (abs(float(memory.attitude.integral[2])) > before / 2) == kept
 
 
+def test_a_disabled_yaw_is_the_given_one_in_2021_and_the_one_before_in_2026():
+    """By reading: no trace of the real firmware disables yaw."""
+    for generation, kept in zip(GENERATIONS, (12.0, 50.0), strict=True):
+        turned = hand(thrust=40000, attitude=[0, 0, 50])
+        memory, _ = flown(generation, turned)
+        assert memory.desired[2] == 50.0
+        disabled = hand(thrust=40000, attitude=[0, 0, 12])
+        disabled = disabled._replace(mode=disabled.mode.at[5].set(firmware.DISABLE))
+        memory, motors = flown(generation, disabled, memory)
+        assert memory.desired[2] == kept
+        as_told, _ = flown(generation, hand(thrust=40000, attitude=[0, 0, kept]), memory)
+        assert as_told.desired[2] == kept
+        assert np.ptp(motors) > 0
+
+
 @pytest.mark.parametrize("generation", GENERATIONS)
 def test_forward_in_the_bodys_axes_is_left_in_the_worlds_at_a_quarter_turn(generation):
     mode = jnp.array([VELOCITY, VELOCITY, ABSOLUTE, 0, 0, ABSOLUTE])

@@ -31,6 +31,12 @@ from maidenflight.deployment import EXPORTERS
     "folder is called. Ours say it"
     " themselves.",
 )
+@click.option(
+    "--propellers",
+    type=click.Choice(options.PROPELLERS),
+    help="Of the drone, for crazyflie: the firmware compensates the battery by them; 2.1+ unless "
+    "given.",
+)
 @options.seed
 @options.as_json
 @options.overwrite
@@ -39,6 +45,7 @@ def export(
     to: str,
     output: Path | None,
     control: str | None,
+    propellers: str | None,
     seed: int,
     as_json: bool,
     overwrite: bool,
@@ -47,11 +54,13 @@ def export(
 
     The policy is ours or of Gronauer et al., whose JSON can be written too.
     """
+    if propellers is not None and "propellers" not in EXPORTERS[to].takes:
+        raise click.BadParameter(f"--to {to} does not depend on the propellers; leave it out.")
     output = output or Path(EXPORTERS[to].folder)
     options.must_be_new(output, overwrite)
     from maidenflight import workflow
 
-    written = workflow.export(policy, output, seed, to, control)
+    written = workflow.export(policy, output, seed, to, control, propellers)
     content = {"files": [str(path) for path in written]}
     home = policy.parent.parent if policy.parent.name == run_folder.POLICIES else policy.parent
     options.emit(

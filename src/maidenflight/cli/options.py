@@ -13,6 +13,7 @@ from maidenflight.errors import InputError
 
 CONTROLS = ("pwm", "attitude_rate", "attitude")
 TASKS = ("circle", "figure_eight", "hover", "take_off")
+PROPELLERS = ("2.1+", "legacy", "thrust-upgrade")
 REALITIES = (
     "near:SEED, virtual:SEED or far:SEED, with growing mismatch to the training model; "
     "near:SEED@DRONE and so on, about a drone of your own; "
@@ -100,6 +101,18 @@ def randomization(
         return width
 
     return read
+
+
+def layers(_: click.Context, __: click.Parameter, given: str | None) -> tuple[int, ...] | None:
+    """Reads sizes of hidden layers, such as 50,50."""
+    if given is None:
+        return None
+    sizes = tuple(int(size) for size in given.split(",") if size.strip().isdecimal())
+    if len(sizes) != given.count(",") + 1 or not all(1 <= size <= 1024 for size in sizes):
+        raise click.BadParameter(
+            f"{given!r}; expected numbers from 1 to 1024 with commas between them, such as 50,50."
+        )
+    return sizes
 
 
 def must_exist(drone: str) -> None:

@@ -12,6 +12,7 @@ import click
 from maidenflight import cores, run_folder, terminal
 from maidenflight.cli import options
 from maidenflight.cli.interruption import resumable
+from maidenflight.deployment import EXPORTERS
 from maidenflight.terminal import flight_output
 from maidenflight.training.loggers import LOGGERS
 
@@ -53,6 +54,19 @@ if TYPE_CHECKING:
     show_default=True,
     type=click.IntRange(1, 50),
     help="Number of last instants in a policy's observation.",
+)
+@click.option(
+    "--hidden",
+    callback=options.layers,
+    metavar="SIZES",
+    help="Sizes of a policy's hidden layers, such as 50,50; that unless given, and 75,75 for "
+    "attitude_rate by gradients.",
+)
+@click.option(
+    "--for",
+    "target",
+    type=click.Choice(list(EXPORTERS)),
+    help="Check before training that the policies can be exported to this.",
 )
 @click.option(
     "--method",
@@ -117,6 +131,8 @@ def train(
     task: str,
     count: int,
     history: int,
+    hidden: tuple[int, ...] | None,
+    target: str | None,
     method: str,
     updates: int | None,
     randomize: float | str,
@@ -141,7 +157,7 @@ def train(
 
     if resume and updates is None:
         updates = workflow.updates_so_far(output)
-    settings = workflow.settings_for(control, task, method, updates)
+    settings = workflow.settings_for(control, task, method, updates, hidden)
     heard: list[Progress] = []
     first: Progress | None = None
     began = time.perf_counter()
@@ -178,6 +194,7 @@ def train(
             history,
             yaw_penalty,
             accept_bounds,
+            target,
         )
     scores = _scores(heard, count)
     content = {

@@ -28,7 +28,7 @@ class Exporter:
     takes: tuple[str, ...] = ("record",)
     """Keywords that the function takes: `name` of the policy, `hover`, the share of full thrust at
     which its drone hovers, `seed` of random numbers in what is written, `record` of how the policy
-    was made."""
+    was made, `propellers` of the drone."""
 
     def __call__(self, policy: "Policy", folder: "StrPath", **given: Any) -> list[Path]:
         """Writes a policy.
@@ -36,8 +36,8 @@ class Exporter:
         Args:
             policy: the policy.
             folder: where to write; made if missing.
-            given: `name`, `hover`, `seed`, `record`; those that the function does not take
-                are left out.
+            given: some of `name`, `hover`, `seed`, `record`, `propellers`; those that the function
+                does not take are left out.
 
         Returns:
             The files written.
@@ -71,7 +71,7 @@ EXPORTERS: dict[str, Exporter] = {
         f"{_HERE}.crazyflie:export_crazyflie",
         "crazyflie_app",
         "an app that builds beside an unmodified Crazyflie firmware",
-        ("hover", "seed", "record"),
+        ("hover", "seed", "record", "propellers"),
     ),
 }
 """By the word that the command line takes."""

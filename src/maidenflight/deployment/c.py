@@ -50,6 +50,7 @@ def export_c(
     hover: float | None = None,
     seed: int = 0,
     record: Mapping[str, Any] | None = None,
+    reentrant: bool = True,
 ) -> list[Path]:
     """Writes a policy as `policy.h` and `policy.c`.
 
@@ -62,6 +63,8 @@ def export_c(
             `MF_HOVER`; not written unless given.
         seed: random seed of the golden vectors.
         record: how the policy was made, for the header's comment.
+        reentrant: whether several tasks may compute at the same time, each with two layers on its
+            stack; else the layers lie in static memory, and a small stack does for any network.
 
     Returns:
         The files written: the header and the source.
@@ -94,7 +97,11 @@ def export_c(
         "multiplications": sum(weight.size for weight in policy.weights),
         "constants": sum(numbers.nbytes for numbers in tables.values()) + 16 * len(layers),
         "state": 4 * (policy.layer_sizes[0] + ACTION_SIZE + 1),
-        "stack": 8 * widest + 250,
+        "storage": "" if reentrant else "static ",
+        "shared": "" if reentrant else " /* not on the stack: one task at a time */",
+        "tasks": "several tasks may compute at a time" if reentrant else "one task at a time",
+        "variables": 0 if reentrant else 8 * widest,
+        "stack": 250 + (8 * widest if reentrant else 0),
         "instant_size": OBSERVATION_SIZE,
         "action_size": ACTION_SIZE,
         "layer_count": len(layers),

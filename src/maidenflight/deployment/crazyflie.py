@@ -28,9 +28,13 @@ MAIN_LOOP = 1000
 MOST_MULTIPLICATIONS = 12_000
 """Of a network: half a millisecond of the drone's processor at 7 cycles a multiplication (counted
 on an emulated Cortex-M4), which leaves the other half of a stabilizer's step to the firmware."""
-WIDEST = 100
-"""Numbers in a layer: two layers lie on the stack of the firmware's stabilizer, 1800 bytes, of
-which they then take 800."""
+PROPELLERS = {
+    "2.1+": "",
+    "legacy": "CONFIG_CRAZYFLIE_LEGACY_PROPELLERS=y\n",
+    "thrust-upgrade": "CONFIG_CRAZYFLIE_THRUST_UPGRADE_KIT=y\n",
+}
+"""What the firmware's configuration says of the drone's propellers, on which its battery
+compensation depends; nothing for those that it assumes (firmware 2026.08, Kconfig)."""
 _FOLDER = resources.files("maidenflight.deployment").joinpath("crazyflie")
 _VERBATIM = ("Makefile", "Kbuild", "app-config", "src/Kbuild")
 
@@ -42,6 +46,7 @@ def export_crazyflie(
     hover: float | None = None,
     seed: int = 0,
     record: Mapping[str, Any] | None = None,
+    propellers: str = "2.1+",
 ) -> list[Path]:
     """Writes a policy as an app: `make CRAZYFLIE_BASE=...` in its folder builds a firmware.
 
@@ -53,14 +58,15 @@ def export_crazyflie(
         hover: see `export_c`; the app itself measures it in flight.
         seed: random seed of the golden vectors of the self-test.
         record: how the policy was made, for a comment.
+        propellers: those of the drone, a name in `PROPELLERS`.
 
     Returns:
         The files written.
 
     Raises:
         InputError: the policy makes no sense, the app cannot drive its control structure, its rate
-            does not divide the firmware's, its network is too large for the drone, or the directory
-            cannot be written.
+            does not divide the firmware's, its network is too large for the drone, no propellers
+            have that name, or the directory cannot be written.
     """
     policy.check()
     interface = policy.interface
@@ -73,13 +79,15 @@ def export_crazyflie(
             f"policy: rate = {interface.rate} Hz does not divide the {MAIN_LOOP} Hz of the "
             "firmware. Train at 100, 50 or 25 Hz."
         )
-    multiplications, widest = sum(weight.size for weight in policy.weights), max(policy.layer_sizes)
-    if multiplications > MOST_MULTIPLICATIONS or widest > WIDEST:
+    multiplications = sum(weight.size for weight in policy.weights)
+    if multiplications > MOST_MULTIPLICATIONS:
         raise InputError(
-            f"policy: {multiplications} multiplications and layers of up to {widest} numbers; the "
-            "drone has time for "
-            f"{MOST_MULTIPLICATIONS} and room for {WIDEST}. Train a smaller network, such as 50-50."
+            f"policy: {multiplications} multiplications; the drone has time for "
+            f"{MOST_MULTIPLICATIONS}. Train a smaller network: maidenflight train --hidden 50,50."
         )
+    if propellers not in PROPELLERS:
+        raise InputError(f"propellers = {propellers!r}; expected {', '.join(PROPELLERS)}.")
+    drive = _text(f"src/{interface.name}.drive")
     content = {
         "version": __version__,
         "hash": digest(policy),
@@ -87,11 +95,15 @@ def export_crazyflie(
         "rate": interface.rate,
         "full": f"{np.float32(interface.full_scale_counts)!s}f",
         "level": level_in_c(interface),
-        "drive": _text(f"src/{interface.name}.drive"),
+        "drive": drive,
+        "firmware": "2025.12" if "normalizedForces" in drive else "2023.11",
+        "propellers": propellers,
     }
     folder = Path(directory)
-    code = export_c(policy, folder / "src", hover=hover, seed=seed, record=record)
+    # The self-test runs on the small stack of the firmware's start-up, so layers stay off it.
+    code = export_c(policy, folder / "src", hover=hover, seed=seed, record=record, reentrant=False)
     made = {name: _text(name) for name in _VERBATIM}
+    made["app-config"] += PROPELLERS[propellers]
     made |= {
         name: Template(_text(f"{name}.template")).substitute(content)
         for name in ("src/maidenflight.c", "README.md")

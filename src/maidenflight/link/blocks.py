@@ -72,6 +72,7 @@ REASONS = (
     "no position set-points",
     "parameters",
     "self-test",
+    "another controller was chosen",
 )
 """Source: deployment/crazyflie/src/maidenflight.c.template, enum why."""
 TASK, START_X, START_Y, FULL = "mf.task", "mf.x", "mf.y", "mf.full"

@@ -13,6 +13,7 @@ Two generations of it.
 | another mode | nothing | all PIDs start anew, from the present tilt |
 | thrust above 65535 | passes | clipped |
 | a motor above 65535 | clipped | all four are lowered |
+| a disabled yaw | counts as absolute | the desired yaw stays |
 
 Units are the firmware's: m, deg, deg/s and PWM counts in float32, computed in the firmware's order.
 Signs are ours: pitch and pitch rate are positive nose down, which is the firmware's gyro and minus
@@ -66,7 +67,9 @@ class Setpoint(NamedTuple):
     thrust: Float[Array, ""]
     """[counts], of use where z is disabled."""
     mode: Int[Array, "6"]
-    """Of x, y, z, roll, pitch, yaw. A disabled yaw counts as absolute."""
+    """Of x, y, z, roll, pitch, yaw. A disabled yaw counts as absolute in 2021.10 and keeps the
+    desired yaw in 2026.08, which would take that of the set-point's quaternion where it has one;
+    here it has none."""
     velocity_body: Bool[Array, ""]
     """Whether velocity is in axes turned by yaw."""
 
@@ -370,7 +373,10 @@ def tick(
         memory = _chosen(changed, reset(memory, state, firmware)._replace(desired=level), memory)
     memory = memory._replace(mode=jnp.zeros_like(memory.mode) if fixed else setpoint.mode)
     moved = memory.desired[2] + setpoint.body_rates[2] * (1 / ATTITUDE_RATE)
-    yaw = wrap(jnp.where(setpoint.mode[5] == VELOCITY, moved, setpoint.attitude[2]))
+    given = setpoint.attitude[2]
+    if firmware == "2026.08":
+        given = jnp.where(setpoint.mode[5] == DISABLE, memory.desired[2], given)
+    yaw = wrap(jnp.where(setpoint.mode[5] == VELOCITY, moved, given))
     memory = _chosen(
         attitude_due, memory._replace(desired=_with_third(memory.desired, yaw)), memory
     )

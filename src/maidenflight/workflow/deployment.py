@@ -1,15 +1,26 @@
 """A policy for other programs."""
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import jax
 
 from maidenflight import results
 from maidenflight.deployment import EXPORTERS
 from maidenflight.inputs import StrPath
+from maidenflight.policy import untrained
+from maidenflight.simulator.interface import ControlInterface
 from maidenflight.workflow.policies import hover_of, read_as
 
 
 def export(
-    path: StrPath, folder: StrPath, seed: int, to: str = "c", structure: str | None = None
+    path: StrPath,
+    folder: StrPath,
+    seed: int,
+    to: str = "c",
+    structure: str | None = None,
+    propellers: str | None = None,
 ) -> list[Path]:
     """Writes a policy, ours or the authors', for other programs.
 
@@ -19,6 +30,7 @@ def export(
         seed: of random numbers in what is written, such as observations of a self-test.
         to: a name in `deployment.EXPORTERS`.
         structure: what an authors' policy commands; what its file's name says unless given.
+        propellers: of the drone, where the exporter takes them; its default unless given.
 
     Returns:
         The files written.
@@ -29,10 +41,36 @@ def export(
     """
     exporter = EXPORTERS[to]
     policy = read_as(path, structure)
+    chosen = {} if propellers is None else {"propellers": propellers}
     record = results.record(
         seed=seed if "seed" in exporter.takes else None,
         inputs=[path],
-        settings={"to": to, "control": policy.interface.name},
+        settings={"to": to, "control": policy.interface.name, **chosen},
     )
-    given = {"name": Path(path).stem, "hover": hover_of(path), "seed": seed, "record": record}
+    given: dict[str, Any] = {
+        "name": Path(path).stem,
+        "hover": hover_of(path),
+        "seed": seed,
+        "record": record,
+        **chosen,
+    }
     return exporter(policy, folder, **given)
+
+
+def check_export(
+    to: str, interface: ControlInterface, hidden: tuple[int, ...], history: int
+) -> None:
+    """Checks before a training that its policies can be exported: exports an untrained one.
+
+    Args:
+        to: a name in `deployment.EXPORTERS`.
+        interface: of the policies.
+        hidden: sizes of their hidden layers.
+        history: number of instants in their observation.
+
+    Raises:
+        InputError: what is written could not hold them.
+    """
+    policy = untrained(jax.random.key(0), hidden, history, interface)
+    with TemporaryDirectory() as folder:
+        EXPORTERS[to](policy, folder, name="policy", seed=0)

@@ -22,6 +22,7 @@ from maidenflight.training import checkpoint, loggers
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.ppo import PPO
 from maidenflight.training.train import Progress, Settings, recorded, train
+from maidenflight.workflow.deployment import check_export
 from maidenflight.workflow.drones import drone_to_fly, randomized
 
 WATCHED_DURATION_S = 10.0
@@ -30,24 +31,36 @@ WATCHED_DURATION_S = 10.0
 SETTINGS: dict[str, AnalyticGradient] = {
     "pwm": AnalyticGradient(),
     "attitude_rate": AnalyticGradient(
-        num_envs=256, horizon=32, hidden=(128, 128), failure_penalty=10.0, reset_fraction=0.5
+        num_envs=256, horizon=32, hidden=(75, 75), failure_penalty=10.0, reset_fraction=0.5
     ),
     "attitude": AnalyticGradient(updates=1200, num_envs=128, horizon=32),
 }
 """Default settings by control structure. At a lower rate the same time ahead is fewer periods. To
 separate initial states that can be saved from those that cannot takes more environments, and at
-50 Hz, where most episodes depend on it, a larger network."""
+50 Hz, where most episodes depend on it, a larger network; it fits a Crazyflie with up to four
+instants."""
 
 
 def settings_for(
-    structure: str, task: str, method: str = "gradient", updates: int | None = None
+    structure: str,
+    task: str,
+    method: str = "gradient",
+    updates: int | None = None,
+    hidden: tuple[int, ...] | None = None,
 ) -> Settings:
     """Default settings for a control structure, a task and a method, all by name.
 
-    `updates` replaces the number of updates if given.
+    Args:
+        structure: name of a control structure in `control.CONTROLLERS`.
+        task: name in `tasks.TASKS`.
+        method: `"gradient"` or `"ppo"`.
+        updates: replaces the number of updates if given.
+        hidden: replaces the sizes of the policy's hidden layers if given.
     """
-    settings = PPO() if method == "ppo" else _by_gradient(structure, task)
-    return settings if updates is None else dataclasses.replace(settings, updates=updates)
+    settings: Any = PPO() if method == "ppo" else _by_gradient(structure, task)
+    given = {"updates": updates, "hidden": hidden}
+    chosen = {name: value for name, value in given.items() if value is not None}
+    return dataclasses.replace(settings, **chosen)
 
 
 def _by_gradient(structure: str, task: str) -> AnalyticGradient:
@@ -83,6 +96,7 @@ def train_for(
     history: int = 2,
     yaw_penalty: float = 0.0,
     accept_bounds: bool = False,
+    target: str | None = None,
 ) -> tuple[Policy, ...]:
     """Trains policies for a drone.
 
@@ -106,10 +120,13 @@ def train_for(
         history: H, number of last instants in an observation.
         yaw_penalty: cost of a radian of yaw, per control period; see `tasks.with_yaw_penalty`.
         accept_bounds: see `drone_to_fly`.
+        target: name in `deployment.EXPORTERS` of what the policies are to be exported to, which is
+            checked before training.
 
     Raises:
-        InputError: the drone is refused; there is nothing to resume, or the checkpoint is of
-            another training; or a logger's package is not installed.
+        InputError: the drone is refused; the policies could not be exported to the target; there
+            is nothing to resume, or the checkpoint is of another training; or a logger's package is
+            not installed.
         WriteError: a file cannot be written, as on a full disk; the state at the last evaluation
             is kept.
     """
@@ -118,6 +135,8 @@ def train_for(
         raise InputError(f"{saved}: no training to resume. {_how_to_start(Path(folder))}")
     file = drone_to_fly(drone, accept_bounds)
     controller = control.CONTROLLERS[structure](full_scale_counts=file.full_scale_counts)
+    if target is not None:
+        check_export(target, controller.interface, settings.hidden, history)
     box = randomized(file, randomization, controller)
     rows: list[dict[str, Any]] = []
 

@@ -3,4 +3,4 @@
 
 #include <stdint.h>
 
-#define portMAX_DELAY UINT32_C(0xffffffff)
+#define pdMS_TO_TICKS(MILLISECONDS) ((uint32_t)(MILLISECONDS))
