@@ -16,7 +16,7 @@ STEP = 0.001
 TWIN = VirtualDrone(
     "jax",
     replace(noiseless(crazyflie()), time_step=STEP, latency=0.008),
-    battery=False,
+    thrust_law=None,
 )
 """The same drone in JAX."""
 

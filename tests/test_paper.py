@@ -215,7 +215,9 @@ def turned(yaw: float, rows: int) -> polars.DataFrame:
     }
     values |= {
         f"mot{motor}": ratio
-        for motor, ratio in enumerate(65536 * battery.motor_ratio(commands, volts).T)
+        for motor, ratio in enumerate(
+            65536 * battery.motor_ratio(commands, volts, battery.AUTHORS).T
+        )
     }
     return polars.DataFrame(values)
 

@@ -108,7 +108,7 @@ def test_the_motor_ratio_of_real_flights_follows_the_networks_command() -> None:
             np.clip(np.stack([table[f"n{motor}"] for motor in range(4)], axis=1), -1, 1) + 1
         ) / 2
         logged = np.stack([table[f"mot{motor}"] for motor in range(4)], axis=1) / 256
-        expected = battery.motor_ratio(command, table["bat"][:, None]) * 256
+        expected = battery.motor_ratio(command, table["bat"][:, None], battery.AUTHORS) * 256
         exact.append((logged == expected).ravel())
         near.append((np.abs(logged - expected) <= 1).ravel())
         free.append((expected < 255).ravel())

@@ -12,6 +12,7 @@ from made_flights import same, volts
 from maidenflight.errors import InputError
 from maidenflight.flights import checking, flying, log, recording
 from maidenflight.identification.flight_signals import rotor_speeds
+from maidenflight.simulator.battery import Supply
 from maidenflight.simulator.virtual_drone import virtual_drone
 
 DRONE = virtual_drone(3)
@@ -132,7 +133,7 @@ def test_without_a_battery_the_logged_command_is_the_ratio():
         flying.Rows(**values),
         "made",
         zero_order_hold=True,
-        has_battery=False,
+        supply=Supply(),
         simulated="x",
         period=0.02,
     )

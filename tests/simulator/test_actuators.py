@@ -10,6 +10,7 @@ from jax import lax
 
 from maidenflight.parameters import crazyflie, noiseless, replace
 from maidenflight.simulator import actuators
+from maidenflight.simulator.battery import AUTHORS, Supply
 
 NOISY = replace(crazyflie(), actuator_noise=0.05, actuator_noise_rate=32.5)
 actuate = jax.jit(actuators.actuate, static_argnums=5)
@@ -50,7 +51,7 @@ def test_the_rotor_speed_command_is_the_square_root_with_a_finite_slope_at_zero(
 
 
 def test_noise_never_drives_a_command_out_of_its_range():
-    memory = actuators.switched_on(jnp.float32(0.5), NOISY, False)
+    memory = actuators.switched_on(jnp.float32(0.5), NOISY, Supply())
     loud = replace(NOISY, actuator_noise=0.5)
     found = [
         actuate(
@@ -59,7 +60,7 @@ def test_noise_never_drives_a_command_out_of_its_range():
             np.float32(0.01),
             loud,
             jax.random.normal(jax.random.key(seed), (4,)),
-            False,
+            Supply(),
         )[1]
         for seed in range(20)
     ]
@@ -68,9 +69,9 @@ def test_noise_never_drives_a_command_out_of_its_range():
 
 
 def test_without_noise_and_battery_the_command_passes_as_it_is():
-    memory = actuators.switched_on(jnp.float32(0.5), NOISY, False)
+    memory = actuators.switched_on(jnp.float32(0.5), NOISY, Supply())
     command = jnp.array([0.1, 0.4, 0.7, 0.9])
-    memory, speed = actuate(memory, command, np.float32(0.01), noiseless(NOISY), STILL, False)
+    memory, speed = actuate(memory, command, np.float32(0.01), noiseless(NOISY), STILL, Supply())
     np.testing.assert_allclose(speed, np.sqrt(command), rtol=1e-6)
     np.testing.assert_array_equal(memory.ratio, command)
 
@@ -78,25 +79,25 @@ def test_without_noise_and_battery_the_command_passes_as_it_is():
 def test_a_fresh_stiff_battery_changes_a_command_by_less_than_a_timer_step():
     quiet = noiseless(NOISY)
     command = jnp.array([0.1, 0.4, 0.7, 0.9])
-    memory = actuators.switched_on(jnp.float32(0.5), quiet, True)
-    _, speed = actuate(memory, command, np.float32(0.01), quiet, STILL, True)
+    memory = actuators.switched_on(jnp.float32(0.5), quiet, AUTHORS)
+    _, speed = actuate(memory, command, np.float32(0.01), quiet, STILL, AUTHORS)
     np.testing.assert_allclose(np.square(speed), command, atol=0.012)
 
 
 def test_a_sagging_battery_weakens_a_sudden_command_until_the_firmware_has_seen_the_sag():
     weak = replace(noiseless(NOISY), battery_resistance=0.8)
-    memory = actuators.switched_on(jnp.float32(0.2), weak, True)
+    memory = actuators.switched_on(jnp.float32(0.2), weak, AUTHORS)
     command = jnp.full(4, 0.6)
-    memory, first = actuate(memory, command, np.float32(0.01), weak, STILL, True)
+    memory, first = actuate(memory, command, np.float32(0.01), weak, STILL, AUTHORS)
     later = first
     for _ in range(5):
-        memory, later = actuate(memory, command, np.float32(0.01), weak, STILL, True)
+        memory, later = actuate(memory, command, np.float32(0.01), weak, STILL, AUTHORS)
     assert np.all(np.square(first) < 0.58)
     np.testing.assert_allclose(np.square(later), 0.6, atol=0.012)
 
 
 def test_a_battery_delivers_the_mean_ratio_over_time():
     quiet = noiseless(NOISY)
-    memory = actuators.switched_on(jnp.float32(0.5), quiet, True)
-    after, _ = actuate(memory, jnp.full(4, 0.5), np.float32(0.01), quiet, STILL, True)
+    memory = actuators.switched_on(jnp.float32(0.5), quiet, AUTHORS)
+    after, _ = actuate(memory, jnp.full(4, 0.5), np.float32(0.01), quiet, STILL, AUTHORS)
     np.testing.assert_allclose(after.charge_drawn, 0.01 * np.mean(after.ratio), rtol=1e-5)

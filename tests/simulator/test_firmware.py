@@ -69,8 +69,9 @@ def recorded(generation):
             for part in ("state", "gyro", "setpoint", "setpoint_mode", "velocity_body", "tick")
         )
         state, gyro, asked, mode, body, ticks = parts
-        place = {"2021.10": "fw2021/{}/motor_power", "2026.08": "{}/motor_pwm"}[generation]
+        place = {"2021.10": "fw2021/{}/motor_power", "2026.08": "{}/motor_uncapped"}[generation]
         real = np.stack([traces[place.format(name)] for name in SCENARIOS]).astype(np.float32)
+        real = np.maximum(real, 0)
     turned = (asked[..., 6:9] * FLIP, asked[..., 9:12] * FLIP)
     setpoint = Setpoint(
         asked[..., :3],
@@ -167,12 +168,12 @@ def test_the_mixer_turns_the_drone_the_way_it_was_told(axis, sign, generation):
     np.testing.assert_allclose(np.delete(found, axis), 0, atol=1e-8)
 
 
-def test_above_full_thrust_2021_clips_each_motor_and_2026_lowers_all():
+def test_above_full_thrust_2021_clips_each_motor_and_2026_leaves_that_to_the_cap_on_pwm():
     np.testing.assert_array_equal(
         mix(60000, [20000, 0, 0], "2021.10"), [50000, 50000, 65535, 65535]
     )
     np.testing.assert_array_equal(
-        mix(60000, [20000, 0, 0], "2026.08"), [45535, 45535, 65535, 65535]
+        mix(60000, [20000, 0, 0], "2026.08"), [50000, 50000, 70000, 70000]
     )
 
 

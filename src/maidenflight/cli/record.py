@@ -84,6 +84,14 @@ def _duration(
     "as by radio, which holds one command in five.",
 )
 @click.option(
+    "--firmware",
+    default="2021.10",
+    show_default=True,
+    type=click.Choice(["2021.10", "2026.08"]),
+    help="Firmware whose PID flies a virtual drone and compensates for its battery: that of the "
+    "paper's flights, or today's, which lets thrust commands exceed 1.",
+)
+@click.option(
     "--steps",
     default=0.1,
     show_default=True,
@@ -112,6 +120,7 @@ def record(
     duration: float,
     excitation: float,
     rate: int,
+    firmware: str,
     steps: float,
     task: str,
     height: float,
@@ -134,7 +143,7 @@ def record(
         if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
     }
     virtual, real = (
-        {"reality", "excitation", "rate", "accept_bounds", "overwrite"},
+        {"reality", "excitation", "rate", "firmware", "accept_bounds", "overwrite"},
         {"steps", "task", "height"},
     )
     if wrong := sorted(given & (virtual if uri else real)):
@@ -172,6 +181,7 @@ def record(
             duration,
             excitation,
             rate,
+            firmware,
         )
     truth = output / run_folder.REALITY
     known = str(truth) if truth.exists() else None

@@ -58,7 +58,7 @@ def _attitude_rate(interface: ControlInterface) -> Controller:
             memory, asked[1:], jnp.degrees(measurement.body_rates), firmware.RATE, FIRMWARE
         )
         motors = firmware.mix(asked[0], firmware.cut(torque), FIRMWARE)
-        return memory, jnp.clip(motors / interface.full_scale_counts, 0.0, 1.0)
+        return memory, motors / interface.full_scale_counts
 
     commander = control.controller_for(interface, FIRMWARE)
     return commander._replace(init=init, command=command)
@@ -85,6 +85,6 @@ def _attitude(interface: ControlInterface) -> Controller:
         memory, motors = firmware.tick(
             memory, wanted, control.sensed(measurement), FIRMWARE, position_due=False
         )
-        return memory, jnp.clip(motors / interface.full_scale_counts, 0.0, 1.0)
+        return memory, motors / interface.full_scale_counts
 
     return control.controller_for(interface, FIRMWARE)._replace(command=command)

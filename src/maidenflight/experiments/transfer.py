@@ -20,6 +20,7 @@ from maidenflight.flights.log import Flight
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Actor, Policy
 from maidenflight.simulator import control, rotations, tasks
+from maidenflight.simulator.battery import Supply
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.reality import MOTORS, AnyReality, Reality, Truth, checked
@@ -140,6 +141,7 @@ def transfer(
     names = list(names or (f"policy_{number}" for number in range(1, len(policies) + 1)))
     plan = [(policy, trial) for policy in range(len(policies)) for trial in range(trials)]
     period = 1 / policies[0].interface.rate
+    counts = policies[0].interface.full_scale_counts
     table: list[dict[str, Any]] = []
     flights: list[Flight] = []
     for number, reality in enumerate(places):
@@ -152,6 +154,8 @@ def transfer(
             keys,
             round(duration * policies[0].interface.rate),
         )
+        law = reality.thrust_law if isinstance(reality, VirtualDrone) else None
+        supply = Supply(law, counts, battery=law is not None)
         for (policy, trial), rows in zip(plan, flown, strict=True):
             steps, reason = end_of_flight(rows)
             rows = jax.tree.map(lambda values, end=steps: values[:end], rows)
@@ -172,7 +176,7 @@ def transfer(
                     rows,
                     f"flight_{len(table):02d}",
                     zero_order_hold=controller.command_rate == controller.interface.rate,
-                    has_battery=isinstance(reality, VirtualDrone) and reality.battery,
+                    supply=supply,
                     simulated=reality.name,
                     period=period,
                 )

@@ -117,7 +117,7 @@ def _flight(table: dict[str, np.ndarray], name: str) -> Flight:
     with np.errstate(
         invalid="ignore"
     ):  # a battery that is not a number makes a command that is not one, which checking drops
-        command = battery.thrust_command(ratio, voltage[:, None])
+        command = np.minimum(battery.thrust_command(ratio, voltage[:, None], battery.AUTHORS), 1.0)
     # Where the network commanded the motors, its own command equals that of the motors.
     wanted = (np.clip(columns("n0", "n1", "n2", "n3"), -1.0, 1.0) + 1.0) / 2.0
     free = np.isfinite(command) & (ratio < _SATURATED)

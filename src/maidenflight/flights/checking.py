@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float
 from maidenflight.errors import InputError
 from maidenflight.flights import airborne, consistency, resampling
 from maidenflight.flights.log import GROUPS, OPTIONAL, Flight
+from maidenflight.simulator.battery import LARGEST_COMMAND
 
 MAX_TILT_RAD = np.radians(60.0)
 """Roll or pitch beyond which a row counts as a crash [rad]."""
@@ -180,8 +181,8 @@ def _faults(flight: Flight, cuts: Bool[np.ndarray, "N"]) -> dict[str, Bool[np.nd
                 if flight.has_state
                 else airborne.faults(flight)
             ),
-            "command outside [0, 1]": (flight.command < -0.001).any(axis=1)
-            | (flight.command > 1.001).any(axis=1),
+            f"command outside [0, {LARGEST_COMMAND:g}]": (flight.command < -0.001).any(axis=1)
+            | (flight.command > LARGEST_COMMAND).any(axis=1),
             "every column stands still": _still(flight),
         }
         sound = ~np.any(list(faults.values()), axis=0)
@@ -307,15 +308,15 @@ def _refuse_wrong_units(flight: Flight) -> None:
         (
             "command",
             np.abs(flight.command),
-            1.001,
-            "a share of full thrust in [0, 1]",
+            LARGEST_COMMAND,
+            "a share of full thrust, about 0.5 in hover",
             "PWM counts or percent",
         ),
         (
             "command",
             -flight.command,
             0.001,
-            "a share of full thrust in [0, 1]",
+            "a share of full thrust from 0",
             "actions a in [-1, 1], of which u = (a + 1) / 2",
         ),
         ("position", np.abs(flight.position), 500.0, "m", "millimetres"),

@@ -5,6 +5,9 @@ and the firmware's law gives the thrust command that it stands for. The laws dif
 hundredths of the thrust and in their slope, so a log's own `controller.cmd_thrust`, the mean
 command of the four motors, decides between them where it is there.
 
+A command may exceed 1: the firmware caps PWM, after compensation, and by the thrust law full PWM
+from 3.9 V is 1.87 times what 65535 counts stand for (2.1+ propellers).
+
 Source: Crazyflie firmware 2021.10 and 2025.12, src/drivers/src/motors.c and its platform defaults.
 Of 24 NanoBench flights (2025.12.1) with a logged thrust, 21 follow the law of the 2.1+ propellers
 (median error -0.008 to 0.002 of full thrust; the legacy law is off by 0.02 to 0.06) and three the
@@ -12,6 +15,7 @@ legacy law (0.002 to 0.004; the other is off by -0.055).
 """
 
 from collections.abc import Callable, Mapping
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -20,7 +24,7 @@ from maidenflight.errors import InputError
 from maidenflight.simulator import battery
 from maidenflight.simulator.battery import MOST_COUNTS
 
-PLUS = "2.1+ propellers"
+PLUS = battery.PLUS.name
 """The law of today's Crazyflie, taken where a log cannot decide."""
 NONE = "firmware of 2021, before it compensates"
 """`motor.m1` of that firmware is the command itself."""
@@ -38,29 +42,20 @@ HOVER_VOLTS = 1.9
 1.5 to 1.7 V, brushed ones at 2.3 V and more."""
 
 
-def _cubic(
-    volts: np.ndarray, constant: float, linear: float, square: float, cube: float, most: float
-) -> np.ndarray:
-    """Share of full thrust at a motor voltage.
-
-    A third-order polynomial [N] over the largest thrust of a motor [N].
-    """
-    thrust = constant + volts * (linear + volts * (square + volts * cube))
-    return np.where(volts <= 0, 0.0, np.clip(thrust / most, 0.0, 1.0))
+def _share(
+    law: battery.ThrustLaw, ratio: Float[np.ndarray, "N 4"], volts: Float[np.ndarray, "N 4"]
+) -> Float[np.ndarray, "N 4"]:
+    return law.counts(ratio * volts) / MOST_COUNTS
 
 
 LAWS: Mapping[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] = {
-    PLUS: lambda ratio, volts: _cubic(
-        ratio * volts, -0.024765379, 0.065237935, -0.026792505, 0.006776789, 0.12
-    ),
-    "legacy propellers": lambda ratio, volts: _cubic(
-        ratio * volts, -0.014830745, 0.047244652, -0.018473644, 0.005960924, 0.12
-    ),
-    "thrust upgrade": lambda ratio, volts: _cubic(
-        ratio * volts, 0.006728128, 0.010115576, 0.010263198, 0.002835864, 0.18
-    ),
-    "firmware of 2021": lambda ratio, volts: (
-        battery.thrust_command(ratio, volts) * np.float32(battery.COUNTS / MOST_COUNTS)
+    **{
+        name: partial(_share, law)
+        for name, law in battery.LAWS.items()
+        if law is not battery.FIRMWARE_2021
+    },
+    battery.FIRMWARE_2021.name: lambda ratio, volts: battery.thrust_command(
+        ratio, volts, battery.AUTHORS._replace(full_scale_counts=MOST_COUNTS)
     ),
     BRUSHLESS: lambda ratio, volts: np.where(
         ratio <= 0, 0.0, np.clip((ratio * volts + 0.30) / 2.85, 0.0, 1.0) ** 2
@@ -116,16 +111,8 @@ def law_of(
 
 
 def _miss(command: np.ndarray, thrust: np.ndarray) -> float:
-    """Median error where no motor is saturated.
-
-    The firmware subtracts what one motor lacks from all, so that their mean is too small.
-    """
-    free = command.max(axis=1, initial=0.0) < 0.98
-    return (
-        float(np.median(np.abs(command.mean(axis=1) - thrust)[free]))
-        if free.sum() >= 50
-        else np.inf
-    )
+    """Median error; infinite of too few rows."""
+    return float(np.median(np.abs(command.mean(axis=1) - thrust))) if len(thrust) >= 50 else np.inf
 
 
 def assumed(pwm: Float[np.ndarray, "N 4"], volts: Float[np.ndarray, "N"]) -> str:

@@ -17,9 +17,10 @@ from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
 from maidenflight.parameters import Parameters
 from maidenflight.simulator import battery, dynamics, environment, rotations
+from maidenflight.simulator.battery import Supply
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.reality import Reality, Truth
+from maidenflight.simulator.reality import MOTORS, Reality, Truth
 from maidenflight.simulator.sensors import Measurement
 from maidenflight.simulator.tasks import Task
 
@@ -186,6 +187,8 @@ def fly_reality(
         for number in range(commands):
             measurement = _measurement(reality) if number else seen
             command = np.asarray(pilot.command(measurement, setpoint), np.float64)
+            if reality.takes == MOTORS:
+                command = np.minimum(command, 1.0)
             for _ in range(reality.rate // pilot.command_rate):
                 reality.step(command)
         after = _truth(reality)
@@ -261,20 +264,18 @@ def to_flight(
     name: str,
     *,
     zero_order_hold: bool,
-    has_battery: bool,
+    supply: Supply,
     simulated: str,
     period: float = 0.01,
 ) -> Flight:
     """A flight log of logged rows.
 
-    The command is computed from the motor ratio, as for a real log.
+    The command is computed from the motor ratio by the law of `supply`, as for a real log.
     """
     logged: dict[str, np.ndarray] = {
         field: np.asarray(values) for field, values in rows._asdict().items()
     }
-    command = logged["ratio"]
-    if has_battery:
-        command = np.asarray(battery.thrust_command(command, logged["battery"][:, None]))
+    command = battery.thrust_command(logged["ratio"], logged["battery"][:, None], supply)
     return Flight(
         name=name,
         period=period,
@@ -282,7 +283,8 @@ def to_flight(
         velocity=logged["velocity"],
         attitude=logged["attitude"],
         body_rates=logged["body_rates"],
-        command=command,
+        command=np.asarray(command),
+        full_scale_counts=supply.full_scale_counts,
         battery=logged["battery"],
         setpoint=logged["setpoint"],
         zero_order_hold=zero_order_hold,

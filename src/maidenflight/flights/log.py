@@ -52,7 +52,7 @@ _COLUMNS = tuple(column for columns in GROUPS.values() for column in columns)
 _LEGEND = (
     "time s; position m and velocity m/s in the world, z up; roll, pitch, yaw rad (ZYX, positive "
     "pitch nose down); body_rate rad/s,"
-    " x forward, y left, z up; command = normalised thrust u in [0, 1] of motors 1..4 (front "
+    " x forward, y left, z up; command = normalised thrust u from 0 of motors 1..4 (front "
     "right, back right, back left, front"
     " left), what the battery could give of it; battery V; setpoint m"
 )
@@ -135,7 +135,7 @@ class Flight:
     @property
     def speed_command(self) -> Float[np.ndarray, "N 4"]:
         """Rotor speed nu that commands ask for until the next row: sqrt(u), in float64."""
-        return np.sqrt(np.clip(self.mean_command.astype(float), 0.0, 1.0))
+        return np.sqrt(np.maximum(self.mean_command.astype(float), 0.0))
 
 
 def thinned(flight: Flight, every: int) -> Flight:

@@ -15,6 +15,8 @@ from maidenflight.flights.flying import Pilot, Rows
 from maidenflight.flights.log import Flight, thinned
 from maidenflight.parameters import Parameters
 from maidenflight.simulator import control, sensors, tasks
+from maidenflight.simulator.battery import COUNTS, MOST_COUNTS, Supply, law_for
+from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.firmware import POSITION_RATE
 from maidenflight.simulator.reality import MOTORS, POSITION, AnyReality, Reality, checked
@@ -74,6 +76,7 @@ def record(
     excitation: float = 0.05,
     task: Task | None = None,
     rate: int = RATE,
+    firmware: str = "2021.10",
 ) -> Sequence[Flight]:
     """Lets the firmware's position PID fly a task in a reality and logs it.
 
@@ -88,6 +91,8 @@ def record(
         excitation: strength of `dither` [-]; 0 is the plain PID.
         task: the circle of the paper unless given.
         rate: rows a second [Hz], a divisor of 500. Below 500 the log is subsampled.
+        firmware: `"2021.10"`, as the paper's flights had, or `"2026.08"`: its PID, its battery
+            compensation, and u = 1 is full PWM in its logs.
 
     Raises:
         InputError: another rate, a reality that takes neither motor commands nor positions, or one
@@ -96,25 +101,29 @@ def record(
     if rate < 1 or RATE % rate:
         raise InputError(f"rate = {rate} Hz; expected a divisor of {RATE}, such as 500, 250, 100.")
     task, steps = task or tasks.circle(), round(duration * RATE)
+    counts = MOST_COUNTS if firmware == "2026.08" else COUNTS
+    pid = control.position_pid(firmware, counts)
     keys = jax.random.split(key, flights)
     if isinstance(reality := checked(reality), VirtualDrone):
-        env = reality.environment(task, control.position_pid())
+        if reality.thrust_law is not None:
+            reality = replace(reality, thrust_law=law_for(counts))
+        env = reality.environment(task, pid)
         rows = _fly_pid(env, reality.parameters, keys, steps, jnp.float32(excitation))
         logged = [
             jax.tree.map(lambda values, n=number: values[n], rows) for number in range(flights)
         ]
-        has_battery = env.battery
+        supply = env.supply
     else:
-        logged = [_fly_one(reality, task, one, steps, excitation) for one in keys]
-        has_battery = False
+        logged = [_fly_one(reality, task, one, steps, excitation, pid) for one in keys]
+        supply = Supply(full_scale_counts=counts)
     return [
-        _logged(rows, reality, f"flight_{number:02d}", rate, has_battery, one)
+        _logged(rows, reality, f"flight_{number:02d}", rate, supply, one)
         for number, (rows, one) in enumerate(zip(logged, keys, strict=True), 1)
     ]
 
 
 def _logged(
-    rows: Rows, reality: AnyReality, name: str, rate: int, has_battery: bool, key: Array
+    rows: Rows, reality: AnyReality, name: str, rate: int, supply: Supply, key: Array
 ) -> Flight:
     """The log of a flight: every row, or as many as a slower one holds."""
     made = RATE if getattr(reality, "takes", MOTORS) == MOTORS else POSITION_RATE
@@ -122,7 +131,7 @@ def _logged(
         rows,
         name,
         zero_order_hold=made == RATE,
-        has_battery=has_battery,
+        supply=supply,
         simulated=reality.name,
         period=1 / made,
     )
@@ -141,13 +150,15 @@ def _logged(
     return flight if rate >= made else thinned(flight, made // rate)
 
 
-def _fly_one(reality: Reality, task: Task, key: Array, steps: int, excitation: float) -> Rows:
+def _fly_one(
+    reality: Reality, task: Task, key: Array, steps: int, excitation: float, pid: Controller
+) -> Rows:
     """A flight of the PID, or of a reality's own position controller."""
     dither_key, key = jax.random.split(key)
     if reality.takes == MOTORS:
         signs = np.asarray(_signs(steps, dither_key))
         actions = iter(np.float32(excitation) * np.repeat(signs, DITHER_PERIODS, axis=0))
-        pilot = flying.cascade(control.position_pid(), lambda *_: next(actions))
+        pilot = flying.cascade(pid, lambda *_: next(actions))
     elif reality.takes == POSITION and excitation == 0.0:
         steps = steps * POSITION_RATE // RATE
         pilot = Pilot(

@@ -183,6 +183,18 @@ def read(drone: StrPath, mass: float | None = None) -> Parameters:
     return found if mass is None else with_mass(found, mass, str(drone))
 
 
+def full_scale_counts(drone: StrPath) -> float | None:
+    """Firmware counts of u = 1 in the flights of an identified drone; None of any other.
+
+    Args:
+        drone: TOML file that `read` takes, or a name in `DRONES`.
+    """
+    said: Any = {} if str(drone) in DRONES else document(drone)
+    for table in ("identification", "source", "full_scale_counts"):
+        said = said.get(table) if isinstance(said, dict) else None
+    return float(said) if isinstance(said, int | float) else None
+
+
 def name_of(drone: StrPath) -> str:
     """What to call a drone: its name, or its file's name without the ending."""
     return str(drone) if str(drone) in DRONES else Path(drone).stem

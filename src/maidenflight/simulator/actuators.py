@@ -7,6 +7,7 @@ from jaxtyping import Array, Float
 
 from maidenflight.parameters import Parameters
 from maidenflight.simulator import battery
+from maidenflight.simulator.battery import Supply
 
 
 class Actuators(NamedTuple):
@@ -22,11 +23,11 @@ class Actuators(NamedTuple):
     """Battery voltage [V]."""
 
 
-def switched_on(command: Float[Array, ""], parameters: Parameters, with_battery: bool) -> Actuators:
+def switched_on(command: Float[Array, ""], parameters: Parameters, supply: Supply) -> Actuators:
     """Actuators at a steady command, with a fresh battery and no noise yet."""
     steady = jnp.broadcast_to(command, (4,))
     fresh = jnp.zeros(())
-    ratio = battery.motor_ratio(steady, parameters.battery_voltage) if with_battery else steady
+    ratio = battery.motor_ratio(steady, parameters.battery_voltage, supply)
     return Actuators(jnp.zeros(4), fresh, ratio, battery.voltage(fresh, ratio, parameters))
 
 
@@ -62,30 +63,28 @@ def actuate(
     period: Float[Array, ""],
     parameters: Parameters,
     normal: Float[Array, "4"],
-    with_battery: bool,
+    supply: Supply,
 ) -> tuple[Actuators, Float[Array, "4"]]:
     """Turns a thrust command into the rotor speed command that enters the delay line.
 
     Args:
         actuators: state before.
-        command: u, in [0, 1].
+        command: u, from 0; a firmware's PID may ask for more than 1.
         period: time for which the command holds [s].
         parameters: uses the noise and `battery` fields.
         normal: draws from the standard normal distribution.
-        with_battery: whether the command passes through the firmware's battery compensation and
-            8-bit PWM.
+        supply: what becomes of the command before the motors.
 
     Returns:
-        New state and sqrt(u) of the noisy command, in [0, 1].
+        New state and sqrt(u) of the noisy command, within what the supply allows.
     """
     noise = ornstein_uhlenbeck(actuators.noise, period, parameters, normal)
-    if with_battery:
-        ratio = battery.motor_ratio(command, actuators.voltage)
+    ratio = battery.motor_ratio(command, actuators.voltage, supply)
+    actuators, most = actuators._replace(noise=noise, ratio=ratio), supply.most
+    if supply.battery:
         volts = battery.voltage(actuators.charge_drawn, ratio, parameters)
         drawn = actuators.charge_drawn + period * jnp.mean(ratio)
+        actuators = actuators._replace(charge_drawn=drawn, voltage=volts)
         # The thrust follows the voltage at the motor now, which sags after the ratio was chosen.
-        command = battery.thrust_command(ratio, volts)
-        actuators = Actuators(noise, drawn, ratio, volts)
-    else:
-        actuators = actuators._replace(noise=noise, ratio=command)
-    return actuators, rotor_speed_command(jnp.clip(command + noise, 0.0, 1.0))
+        ratio, most = battery.thrust_command(ratio, volts, supply), None
+    return actuators, rotor_speed_command(jnp.clip(ratio + noise, 0.0, most))

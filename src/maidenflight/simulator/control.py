@@ -54,7 +54,7 @@ class Controller(NamedTuple):
     init: Callable[[], Any]
     """Memory at switch-on."""
     command: Drive
-    """(memory, action, measurement, setpoint [m]) to (memory, thrust commands u in [0, 1])."""
+    """(memory, action, measurement, setpoint [m]) to (memory, thrust commands u from 0)."""
     command_rate: int
     """Thrust commands a second [Hz]."""
 
@@ -75,7 +75,7 @@ def driven(
     Args:
         interface: what actions mean.
         drive: (memory, command in the interface's units, measurement, setpoint [m]) to (memory, the
-            motors' thrust commands u in [0, 1]).
+            motors' thrust commands u from 0); the firmware's PIDs may ask for more than 1.
         command_rate: thrust commands a second [Hz]; 100 unless given, or the rate of actions where
             that does not divide 100.
         init: memory at switch-on.
@@ -277,8 +277,8 @@ def firmware_units(interface: ControlInterface) -> Four:
 
 
 def _shares(motors: Float[Array, "4"], interface: ControlInterface) -> Float[Array, "4"]:
-    """Motor commands [counts] as u."""
-    return jnp.clip(motors * (1.0 / interface.full_scale_counts), 0.0, 1.0)
+    """Motor commands [counts] as u, which may exceed 1."""
+    return motors * (1.0 / interface.full_scale_counts)
 
 
 def _pid_rate(interface: ControlInterface) -> int:
@@ -309,7 +309,7 @@ EXCITATION = ControlInterface(
 """What is added to the motors' commands while the position PID flies."""
 
 
-def position_pid(firmware: str = "2021.10") -> Controller:
+def position_pid(firmware: str = "2021.10", full_scale_counts: float = COUNTS) -> Controller:
     """The firmware's cascaded PID, which holds a set-point.
 
     Position and velocity loops run at 100 Hz, attitude and rate loops at 500 Hz.
@@ -319,15 +319,18 @@ def position_pid(firmware: str = "2021.10") -> Controller:
 
     Args:
         firmware: `"2021.10"`, which the paper's flights had, or `"2026.08"`.
+        full_scale_counts: see `ControlInterface`.
 
     Raises:
         InputError: there is no such firmware.
     """
-    return _position_pid(checked(firmware))
+    return _position_pid(
+        checked(firmware), replaced(EXCITATION, full_scale_counts=full_scale_counts)
+    )
 
 
 @cache
-def _position_pid(firmware: Generation) -> Controller:
+def _position_pid(firmware: Generation, interface: ControlInterface) -> Controller:
     mode: Any = np.array([ABSOLUTE, ABSOLUTE, ABSOLUTE, DISABLE, DISABLE, ABSOLUTE], np.int32)
     every = ATTITUDE_RATE // POSITION_RATE
 
@@ -341,14 +344,13 @@ def _position_pid(firmware: Generation) -> Controller:
         inner, motors = tick(
             memory.firmware, wanted, sensed(measurement), firmware, position_due=memory.step == 0
         )
-        return CascadeMemory(inner, (memory.step + 1) % every), jnp.clip(
-            motors / COUNTS + action, 0.0, 1.0
-        )
+        added = jnp.maximum(motors / interface.full_scale_counts + action, 0.0)
+        return CascadeMemory(inner, (memory.step + 1) % every), added
 
     def init() -> CascadeMemory:
         return CascadeMemory(switched_on(), np.int32(0))  # type: ignore[arg-type]
 
-    return Controller(EXCITATION, init, command, ATTITUDE_RATE)
+    return Controller(interface, init, command, ATTITUDE_RATE)
 
 
 def sensed(measurement: Measurement) -> StateEstimate:

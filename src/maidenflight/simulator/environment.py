@@ -17,6 +17,7 @@ from maidenflight.errors import InputError
 from maidenflight.parameters import Parameters
 from maidenflight.simulator import actuators, control, dynamics, latency, noise, sensors, tasks
 from maidenflight.simulator.actuators import Actuators
+from maidenflight.simulator.battery import MOST_COUNTS, PLUS, Supply, ThrustLaw
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.dynamics import Integrator, State
 from maidenflight.simulator.sensors import Measurement
@@ -43,8 +44,10 @@ class Environment:
     default."""
     history: int = 2
     """H, instants in an observation (Gronauer et al. 2022, sec. Simulation Environment)."""
+    thrust_law: ThrustLaw | None = None
+    """By which the firmware compensates for the battery; see `Supply`."""
     battery: bool = False
-    """Whether commands pass through battery compensation, 8-bit PWM and a battery that sags."""
+    """Whether commands pass through that law, 8-bit PWM and a battery that sags."""
     estimate_rate: int = 100
     """Estimates of position, velocity and attitude a second [Hz]; the gyro is read for every
     command (Crazyflie: 100 Hz, 500 Hz)."""
@@ -52,6 +55,11 @@ class Environment:
     """Estimates that a late estimator remembers; 0: the estimator is not late."""
 
     def __post_init__(self) -> None:
+        if self.battery and self.thrust_law is None:
+            raise InputError(
+                "battery = True without a thrust law. Give one of simulator.battery.LAWS, such as "
+                "thrust_law=battery.FIRMWARE_2021."
+            )
         rates = self.controller.command_rate, self.estimate_rate, self.controller.interface.rate
         if min(rates) < 1 or rates[0] % max(rates) or max(rates[1:]) % min(rates[1:]):
             raise InputError(
@@ -75,12 +83,15 @@ class Environment:
             parameters: one drone; its `time_step` must divide the period between two commands.
             task: the paper's circle unless given.
             controller: PWM unless given.
-            settings: further fields.
+            settings: further fields. The thrust law is today's firmware's, unless given, where a
+                command of 1 is full PWM, and else none.
 
         Raises:
             InputError: the time step does not divide the period.
         """
         task, controller = task or tasks.circle(), controller or control.pwm()
+        if controller.interface.full_scale_counts == MOST_COUNTS:
+            settings = {"thrust_law": PLUS, **settings}
         step = float(np.asarray(parameters.time_step))
         steps = 1.0 / (controller.command_rate * step)
         if round(steps) < 1 or abs(steps - round(steps)) > 1e-3:
@@ -92,6 +103,12 @@ class Environment:
                 f"replace(parameters, time_step={fitting:.6g})."
             )
         return cls(task=task, controller=controller, steps_per_command=round(steps), **settings)
+
+    @property
+    def supply(self) -> Supply:
+        """What becomes of thrust commands before the motors."""
+        full = self.controller.interface.full_scale_counts
+        return Supply(self.thrust_law, full, self.battery)
 
     @property
     def commands_per_action(self) -> int:
@@ -232,7 +249,7 @@ def begin(
         delay_line=jnp.broadcast_to(
             actuators.rotor_speed_command(command), (environment.delay_slots(), 4)
         ),
-        actuators=actuators.switched_on(command, parameters, environment.battery),
+        actuators=actuators.switched_on(command, parameters, environment.supply),
         controller=environment.controller.init(),
         gyro=state.body_rates,
         gyro_bias=bias,
@@ -373,7 +390,7 @@ def _hold_command(
     )
     period = environment.command_period(parameters)
     motors, speed_command = actuators.actuate(
-        env_state.actuators, command, period, parameters, normal, environment.battery
+        env_state.actuators, command, period, parameters, normal, environment.supply
     )
     old, newest = env_state.delay_line, 0 if place is None else place
     line = (

@@ -12,7 +12,7 @@ Two generations of it.
 | rate mode | attitude PID of the axis is reset | attitude PID runs on |
 | another mode | nothing | all PIDs start anew, from the present tilt |
 | thrust above 65535 | passes | clipped |
-| a motor above 65535 | clipped | all four are lowered |
+| a motor above 65535 | clipped | passes; capped after battery compensation |
 | a disabled yaw | counts as absolute | the desired yaw stays |
 
 Units are the firmware's: m, deg, deg/s and PWM counts in float32, computed in the firmware's order.
@@ -315,8 +315,10 @@ def mix(
 ) -> Float[Array, "4"]:
     """Motor commands [counts] from thrust and roll, pitch, yaw [counts].
 
+    In 2026.08 they end nowhere; `battery.motor_ratio` and `actuators.actuate` cap them.
+
     Source: power_distribution_stock.c (2021.10), power_distribution_quadrotor.c (2026.08), X
-    formation.
+    formation; stabilizer.c for the order.
     """
     roll, pitch, yaw = cut(torque[0] / 2), cut(torque[1] / 2), torque[2]
     right, left = thrust - roll, thrust + roll
@@ -325,12 +327,7 @@ def mix(
             [right - pitch - yaw, right + pitch + yaw, left + pitch - yaw, left - pitch + yaw]
         )
     )
-    if firmware == "2026.08":
-        m1, m2, m3, m4 = motors
-        motors = motors - jnp.maximum(
-            jnp.maximum(jnp.maximum(m1, m2), jnp.maximum(m3, m4)) - MOST_COUNTS, 0.0
-        )
-    return jnp.clip(motors, 0.0, MOST_COUNTS)
+    return jnp.clip(motors, 0.0, MOST_COUNTS if firmware == "2021.10" else None)
 
 
 def tick(

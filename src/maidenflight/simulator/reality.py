@@ -18,6 +18,7 @@ from jaxtyping import Float
 
 from maidenflight import parameters
 from maidenflight.errors import InputError
+from maidenflight.simulator.battery import law_for
 from maidenflight.simulator.bullet import bullet_drone
 from maidenflight.simulator.sensors import Measurement
 from maidenflight.simulator.virtual_drone import VARIANTS, VirtualDrone, virtual_drone
@@ -120,7 +121,8 @@ def reality(name: str) -> AnyReality:
     kind, _, rest = name.partition(":")
     if name in parameters.DRONES or Path(name).exists():
         drone = parameters.replace(parameters.read(name), time_step=0.001)
-        return VirtualDrone(parameters.name_of(name), drone)
+        law = law_for(parameters.full_scale_counts(name))
+        return VirtualDrone(parameters.name_of(name), drone, thrust_law=law)
     if kind in REALITIES:
         if not rest.isdecimal():
             raise InputError(f"{name}: expected {kind}:SEED with a whole number, such as {kind}:7.")
@@ -143,7 +145,8 @@ def _around(asked: str, centre: str) -> VirtualDrone:
             f"{asked}@{centre}: expected one of {', '.join(f'{one}:SEED' for one in VARIANTS)} "
             "before @, such as virtual:7@drone.toml."
         )
-    drone = virtual_drone(int(seed), kind, parameters.read(centre))
+    law = law_for(parameters.full_scale_counts(centre))
+    drone = virtual_drone(int(seed), kind, parameters.read(centre), law)
     return dataclasses.replace(drone, name=f"{drone.name}-{Path(centre).stem}")
 
 

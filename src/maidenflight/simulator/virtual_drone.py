@@ -17,6 +17,7 @@ import numpy as np
 from maidenflight.errors import InputError
 from maidenflight.parameters import QUANTITIES, Parameters, crazyflie, replace
 from maidenflight.simulator import dynamics
+from maidenflight.simulator.battery import FIRMWARE_2021, ThrustLaw
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.dynamics import Integrator
 from maidenflight.simulator.environment import Environment
@@ -32,8 +33,9 @@ class VirtualDrone:
     """The true parameters; `time_step` is 1 ms."""
     integrator: Integrator = dynamics.rk4
     """The physics engine."""
-    battery: bool = True
-    """Whether commands pass through battery compensation, 8-bit PWM and a battery that sags."""
+    thrust_law: ThrustLaw | None = FIRMWARE_2021
+    """By which its firmware compensates for a battery that sags, behind 8-bit PWM; None: it has
+    neither."""
 
     def environment(self, task: Task, controller: Controller) -> Environment:
         """The environment in which this drone flies a task under a control structure."""
@@ -42,7 +44,8 @@ class VirtualDrone:
         )
         settings = {
             "integrator": self.integrator,
-            "battery": self.battery,
+            "thrust_law": self.thrust_law,
+            "battery": self.thrust_law is not None,
             "estimator_memory": memory,
         }
         return Environment.matching(self.parameters, task, controller, **settings)
@@ -94,7 +97,10 @@ VARIANTS = ("near", "virtual", "far")
 
 
 def virtual_drone(
-    seed: int, variant: str = "virtual", around: Parameters | None = None
+    seed: int,
+    variant: str = "virtual",
+    around: Parameters | None = None,
+    thrust_law: ThrustLaw = FIRMWARE_2021,
 ) -> VirtualDrone:
     """A virtual drone whose hidden constants are drawn from a seed.
 
@@ -108,6 +114,7 @@ def virtual_drone(
             drone of the same seed. `virtual`: the effects above. `far`: in addition a lower
             thrust-to-weight ratio, motors that slow down half as fast as they speed up, the
             rotors' angular momentum, a flapping moment and constant torques.
+        thrust_law: of its firmware.
 
     Raises:
         InputError: the seed is negative, or there is no such variant.
@@ -133,7 +140,8 @@ def virtual_drone(
             further, torques = _far_about(further, drawn, around), torques * _size(around)
         drawn = replace(drawn, **further, torque_bias=torques)
     compensated = around is None or float(around.mass) <= LARGEST_CRAZYFLIE
-    return VirtualDrone(f"{variant}-{seed}", drawn, battery=compensated)
+    law = thrust_law if compensated else None
+    return VirtualDrone(f"{variant}-{seed}", drawn, thrust_law=law)
 
 
 _KEPT = (

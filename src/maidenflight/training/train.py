@@ -174,7 +174,7 @@ def train(
         raise InputError(
             "keys must be random keys, one a policy: jax.random.split(jax.random.key(0), 3)."
         )
-    if controller.interface == EXCITATION:
+    if controller.interface.name == EXCITATION.name:
         raise InputError(
             f"control structure {EXCITATION.name} cannot be trained for: it flies by itself. Give "
             "what mf.pwm() gives."

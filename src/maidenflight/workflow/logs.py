@@ -37,6 +37,7 @@ def record(
     duration: float,
     excitation: float,
     rate: int = recording.RATE,
+    firmware: str = "2021.10",
 ) -> list[Path]:
     """Records flights in a reality: one CSV a flight in `folder`.
 
@@ -48,9 +49,18 @@ def record(
         "duration": duration,
         "excitation": excitation,
         "rate": rate,
+        "firmware": firmware,
     }
     made = results.record(seed=seed, inputs=[], settings=settings)
-    flown = recording.record(drone, jax.random.key(seed), count, duration, excitation, rate=rate)
+    flown = recording.record(
+        drone,
+        jax.random.key(seed),
+        count,
+        duration,
+        excitation,
+        rate=rate,
+        firmware=firmware,
+    )
     if isinstance(drone, VirtualDrone):
         DroneFile(drone.parameters, record=made).write(truth)
     else:
