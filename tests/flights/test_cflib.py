@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from maidenflight.errors import InputError
 from maidenflight.flights import cflib, compensation, tables
 from maidenflight.flights.reading import read_flights
+from maidenflight.simulator.battery import LARGEST_COMMAND
 
 ROWS = 600
 DEGREE = np.pi / 180
@@ -238,7 +239,7 @@ def test_the_command_rises_with_the_pwm_from_nothing(law):
     command = compensation.thrust_command(pwm, np.full(200, 3.9), law)[:, 0]
     assert command[0] == 0
     assert (np.diff(command) >= 0).all()
-    assert 0.5 < command[-1] <= 1
+    assert 0.5 < command[-1] < LARGEST_COMMAND
 
 
 def test_a_battery_law_in_a_comment_is_known_or_refused(tmp_path):

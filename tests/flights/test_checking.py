@@ -46,8 +46,8 @@ FAULTS = [
         for value in (np.nan, np.inf)
     ],
     ("command", 3, np.nan, "not a finite number in command_4"),
-    ("command", 1, 1.2, "command outside [0, 1]"),
-    ("command", 1, -0.2, "command outside [0, 1]"),
+    ("command", 1, 3.1, "command outside [0, 3]"),
+    ("command", 1, -0.2, "command outside [0, 3]"),
     ("attitude", 0, 1.06, "tilt above 60 deg"),
     ("attitude", 1, -1.06, "tilt above 60 deg"),
     ("body_rates", 2, -25.5, "body rate above 25 rad/s"),
@@ -72,6 +72,7 @@ BOLD = [
     ("body_rates", 0, 24.5, SOME),
     ("position", 2, 0.11, ALL),
     ("command", 1, 0.0, SOME),
+    ("command", 1, 1.6, SOME),
     ("battery", ..., np.nan, ALL),
     ("setpoint", ..., np.nan, ALL),
 ]
@@ -130,7 +131,7 @@ def test_pieces_that_are_too_short_are_dropped_with_a_note(shortest, lengths):
     [
         ("attitude", 180 / np.pi, ["roll, pitch", "expected rad,", "degrees"]),
         ("body_rates", 180 / np.pi, ["body_rate", "expected rad/s,", "degrees a second"]),
-        ("command", 65535.0, ["command", r"in \[0, 1\]", "PWM counts"]),
+        ("command", 65535.0, ["command", "share of full thrust", "PWM counts"]),
         ("position", 1000.0, ["position", "expected m,", "millimetres"]),
         ("velocity", 1000.0, ["velocity", "expected m/s,", "millimetres"]),
         ("battery", 1000.0, ["battery", "expected V,", "millivolts"]),

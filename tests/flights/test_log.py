@@ -116,7 +116,7 @@ def test_a_file_says_what_it_is_and_in_which_units():
         "velocity m/s ",
         "yaw rad ",
         "body_rate rad/s,",
-        r"u in \[0, 1\]",
+        "thrust u from 0",
         "battery V;",
         "setpoint m$",
     ):

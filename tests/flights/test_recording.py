@@ -139,3 +139,15 @@ def test_without_a_battery_the_logged_command_is_the_ratio():
     )
     np.testing.assert_array_equal(flight.command, values["ratio"])
     assert (flight.zero_order_hold, flight.simulated, flight.period) == (True, "x", 0.02)
+
+
+def test_todays_firmware_flies_commands_above_1_and_its_log_says_the_scale():
+    strong = recording.record(DRONE, jax.random.key(1), 1, 2.0, 0.15, firmware="2026.08")[0]
+    old = recording.record(DRONE, jax.random.key(1), 1, 2.0, 0.15)[0]
+    assert (strong.full_scale_counts, old.full_scale_counts) == (65535.0, 60000.0)
+    assert 1.2 < strong.command.max() < 2.5
+    assert old.command.max() == pytest.approx(65535 / 60000, rel=1e-3)
+    # Between a motor that is off and one at 7,000 counts there is none.
+    assert not ((strong.command > 0) & (strong.command < 0.1)).any()
+    kept, _ = checking.pieces(strong)
+    assert sum(map(len, kept)) > 0.9 * len(strong)

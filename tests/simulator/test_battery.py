@@ -171,9 +171,8 @@ def test_a_motor_is_off_below_7000_counts_of_todays_firmware_only():
     command, volts = float32([0.105, 0.108, 0.5, 0.0]), float32(3.9)
     for battery_sags in (True, False):
         supply = battery.Supply(battery.PLUS, 65535.0, battery_sags)
-        np.testing.assert_array_equal(
-            np.asarray(battery.motor_ratio(command, volts, supply)) > 0, [False, True, True, False]
-        )
+        turning = np.asarray(battery.motor_ratio(command, volts, supply)) > 0
+        np.testing.assert_array_equal(turning, [False, True, True, False])
     assert np.all(battery.motor_ratio(command, volts, AUTHORS)[:3] > 0)
 
 

@@ -9,6 +9,7 @@ import pytest
 from maidenflight.errors import InputError
 from maidenflight.parameters import QUANTITIES, check, crazyflie, replace
 from maidenflight.simulator import control, dynamics, environment, tasks
+from maidenflight.simulator.battery import FIRMWARE_2021, PLUS
 from maidenflight.simulator.rollout import rollout
 from maidenflight.simulator.virtual_drone import FAR_RANGES, RANGES, VARIANTS, virtual_drone
 
@@ -51,14 +52,15 @@ def test_drones_about_another_differ_from_it_as_drawn_crazyflies_from_theirs(var
         drone.parameters.inertia / 3e-3, usual.parameters.inertia / crazyflie().inertia, rtol=1e-5
     )
     assert drone.parameters.position_walk == 0.0
-    assert (drone.battery, usual.battery) == (False, True)
+    assert (drone.thrust_law, usual.thrust_law) == (None, FIRMWARE_2021)
     check(drone.parameters)
 
 
 def test_a_crazyflie_about_which_one_is_drawn_keeps_what_was_identified():
     centre = replace(crazyflie(), motor_coasting=0.12, drag=(0.4, 0.2, 0.0))
     drone = virtual_drone(5, "virtual", centre)
-    assert drone.battery
+    assert drone.thrust_law == FIRMWARE_2021
+    assert virtual_drone(5, "virtual", centre, PLUS).thrust_law == PLUS
     assert drone.parameters.motor_coasting == np.float32(0.12)
     assert drone.parameters.drag[0] / drone.parameters.drag[1] == pytest.approx(
         2 * float(np.divide(*virtual_drone(5).parameters.drag[:2])), rel=1e-5

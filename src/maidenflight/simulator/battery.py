@@ -95,7 +95,7 @@ def _cubic_volts(counts: Numbers, force: tuple[float, ...], full: float) -> Numb
     for _ in range(_ITERATIONS):
         here = constant + volts * (linear + volts * (square + volts * cube))
         volts = volts - (here - newtons) / (linear + volts * (2 * square + volts * 3 * cube))
-    return xp.maximum(volts, 0.0)
+    return xp.where(counts > 0, volts, 0.0)
 
 
 def _cubic(name: str, force: tuple[float, ...], full: float) -> ThrustLaw:

@@ -35,7 +35,7 @@ class State(NamedTuple):
     body_rates: Float[Array, "3"]
     """omega [rad/s], body."""
     rotor_speed: Float[Array, "4"]
-    """nu [-], in [0, 1]."""
+    """nu [-]: 1 at a command of 1."""
 
 
 Integrator = Callable[[State, Float[Array, "4"], Parameters], State]
@@ -159,8 +159,8 @@ def motor_derivative(
     nu^2, so a rotor that coasts follows dnu/dt = -nu^2 / T_c.
 
     Args:
-        rotor_speed: nu, in [0, 1].
-        command: sqrt(u) after the delay line, in [0, 1].
+        rotor_speed: nu.
+        command: sqrt(u) after the delay line.
         parameters: `motor_time_constant` T_m [s] holds while the motor speeds up, `spin_down_ratio`
             and `motor_coasting` T_c [s] besides while it slows down.
 
