@@ -525,3 +525,86 @@ def test_an_exporter_is_a_file_and_a_line(monkeypatch: pytest.MonkeyPatch) -> No
     (written,) = added["scales"](made, "scales", name="mine", seed=1, record={})
     assert json.loads(written.read_text())["name"] == "pwm"
     assert written == Path("scales/mine_scales.json")
+
+
+FIRST_HOURS = ("docs/first-hour-crazyflie.md", "docs/first-hour-px4-betaflight.md")
+
+
+def as_logged(number: int, flight: log.Flight) -> None:
+    """Writes a flight as ulog2csv and blackbox_decode do, in their axes, units and orders."""
+
+    def write(name: str, columns: dict[str, np.ndarray]) -> None:
+        Path(name).parent.mkdir(exist_ok=True)
+        rows = np.stack(list(columns.values()), axis=1)
+        np.savetxt(name, rows, delimiter=",", header=",".join(columns), comments="", fmt="%.9g")
+
+    def numbered(name: str, values: np.ndarray) -> dict[str, np.ndarray]:
+        return {f"{name}[{axis}]": column for axis, column in enumerate(values.T)}
+
+    assert flight.accelerometer is not None
+    time = 5e6 + 1e6 * flight.period * np.arange(len(flight))  # [us]
+    down, throttle = np.array([1.0, -1.0, -1.0]), np.sqrt(flight.command)
+    sensors = numbered("gyro_rad", flight.body_rates * down)
+    sensors |= numbered("accelerometer_m_s2", flight.accelerometer * down)
+    write(f"px4/flight_{number}_sensor_combined_0.csv", {"timestamp": time, **sensors})
+    motors = numbered("control", throttle[:, [0, 2, 3, 1]])
+    write(f"px4/flight_{number}_actuator_motors_0.csv", {"timestamp": time, **motors})
+    decoded = {"loopIteration": np.arange(len(flight)), " time (us)": time}
+    decoded |= numbered(" gyroADC", np.degrees(flight.body_rates))
+    decoded |= numbered(" accSmooth", 2048 * flight.accelerometer / 9.81)
+    decoded |= numbered(" motor", 158 + (2047 - 158) * throttle[:, [1, 0, 2, 3]])
+    write(f"blackbox/LOG0000{number}.01.csv", decoded)
+
+
+def test_the_snippets_for_px4_and_betaflight_convert_flights_back() -> None:
+    drone, *snippets = blocks(FIRST_HOURS[1], "python")
+    exec(compile(drone, FIRST_HOURS[1], "exec"), {})
+    assert float(parameters.read("mine.toml").mass) == pytest.approx(1.3)
+    rows, generator = 500, np.random.default_rng(0)
+    empty = np.full((rows, 3), np.nan)
+    for number in (1, 2):
+        rates, force = generator.normal(size=(2, rows, 3)).cumsum(axis=1) / 30
+        command = np.clip(0.45 + generator.normal(size=(rows, 4)).cumsum(axis=0) / 300, 0.2, 0.8)
+        force[:, 2] += 9.81
+        sensed = {"body_rates": rates, "accelerometer": force, "command": command}
+        state = {"position": empty, "velocity": empty, "attitude": empty, "setpoint": empty}
+        full = np.full(rows, np.nan)
+        made = log.Flight("made", 0.004, battery=full, zero_order_hold=False, **sensed, **state)
+        as_logged(number, made)
+    for snippet in snippets:
+        exec(compile(snippet, FIRST_HOURS[1], "exec"), {})
+    for name, every in (("flights/flight_2", 1), ("blackbox_flights/LOG00002.01", 2)):
+        read = log.from_csv(Path(f"{name}.csv").read_text(), name)
+        assert not np.isfinite(read.position).any()
+        for group, values in sensed.items():
+            np.testing.assert_allclose(
+                getattr(read, group)[::every][:498], values[:498], atol=2e-3, err_msg=group
+            )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", FIRST_HOURS)
+def test_the_commands_of_a_first_hour_run(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flown = mf.record(mf.virtual_drone(7), jax.random.key(0), flights=2, duration=4.0)
+    for number, flight in enumerate(flown):
+        for folder in ("flights", "more_flights", "blackbox_flights"):
+            log.write(f"{folder}/flight_{number}.csv", flight)
+    parameters.write("mine.toml", parameters.crazyflie(), {})
+    commands = [
+        shlex.split(line, comments=True) for line in "".join(blocks(page, "sh")).splitlines()
+    ]
+    assert len(commands) >= 8
+    for words in commands:
+        monkeypatch.setattr(sys, "argv", words + LESS_WORK.get(words[1], []))
+        cli.main()
+    assert (tmp_path / "report.html").exists()
+
+
+def test_the_gallery_shows_small_pictures_and_all_of_its_folder() -> None:
+    folder = ROOT / "docs" / "gallery"
+    page = (folder.parent / "gallery.md").read_text()
+    shown = set(re.findall(r"\]\(gallery/([\w.]+)\)", page))
+    assert {path.name for path in folder.iterdir()} == shown
+    assert all(path.stat().st_size < 200_000 for path in folder.iterdir())

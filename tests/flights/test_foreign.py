@@ -44,7 +44,7 @@ def test_kinds_together_have_each_remedy_once(tmp_path: Path) -> None:
     put(tmp_path / "training.npz", b"PK\3\4")
     words = said(tmp_path)
     assert "a PX4 ULog and a Betaflight blackbox log and an Excel workbook, which are" in words
-    assert words.count("docs/flight-log.md") == 1
+    assert words.count("docs/first-hour-px4-betaflight.md") == 1
     assert words.count("Save its sheet as CSV") == 1
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from maidenflight import run_folder
 
 _CSV = "Write its rows as CSV in the format of docs/flight-log.md"
-_QUAD = _CSV
+_QUAD = "docs/first-hour-px4-betaflight.md shows how to make a CSV of it"
 
 
 class Foreign(NamedTuple):

@@ -1,0 +1,110 @@
+"""Pictures of docs/gallery.md: what maidenflight writes and shows, of a simulated demo.
+
+    maidenflight demo -o run
+    python benchmarks/gallery.py run
+
+needs Chromium for the report, Pillow, and for the last picture the extra viewer and a display
+(`xvfb-run -a` where there is none). Pictures are of the files in the run's folder alone.
+"""
+
+import io
+import os
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+import click
+from PIL import Image
+
+CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
+CHARTS = ("literature", "delays", "learning")
+"""Figures of the report that are saved by its own buttons."""
+LARGEST = 200_000
+"""Of a picture [bytes]."""
+_SAVE = """<script>
+figures.forEach(drawFigure);
+setTimeout(() => document.querySelector("#%s .files .button").click(), 2000);
+</script>"""
+_ALONE = """<style>body {padding: 12px !important}</style><script>
+addEventListener("load", () => setTimeout(() =>
+  document.body.replaceChildren(document.querySelector("figure.view")), 1500));
+</script>"""
+
+
+def _browsed(page: str, home: Path, size: str, *options: str, query: str = "theme=light") -> None:
+    """Opens a page, whose downloads go to a folder, and leaves."""
+    browser = next(filter(None, map(shutil.which, CHROMIUM)), None)
+    if browser is None:
+        raise click.ClickException("needs Chromium.")
+    path = home / "page.html"
+    path.write_text(page)
+    subprocess.run(
+        [
+            *(browser, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"),
+            *("--virtual-time-budget=8000", f"--window-size={size}", *options),
+            f"{path.as_uri()}?{query}",
+        ],
+        check=True,
+        capture_output=True,
+        env=os.environ | {"HOME": str(home)},
+    )
+
+
+def _small(picture: Path, to: Path, width: int) -> None:
+    """Writes a picture with few colours, at most so wide [px]."""
+    image = Image.open(picture).convert("RGB")
+    if image.width > width:
+        image = image.resize((width, round(image.height * width / image.width)))
+    buffer = io.BytesIO()
+    image.quantize(64, dither=Image.Dither.NONE).save(buffer, "png", optimize=True)
+    to.write_bytes(buffer.getvalue())
+
+
+def _of_report(run: Path, to: Path) -> None:
+    page = (run / "report.html").read_text()
+    with tempfile.TemporaryDirectory() as made:
+        home = Path(made)
+        shot = f"--screenshot={home / 'shot.png'}"
+        _browsed(page, home, "1120,1590", shot)
+        _small(home / "shot.png", to / "report.png", 1000)
+        _browsed(page + _ALONE, home, "1000,560", shot, query="theme=light&autoplay")
+        _small(home / "shot.png", to / "viewer.png", 1000)
+        for name in CHARTS:  # one at a time: a browser asks before it saves several
+            _browsed(page + _SAVE % name, home, "1000,1500", "--dump-dom")
+            shutil.copy(home / "Downloads" / f"{name}.svg", to)
+
+
+def _of_rerun(run: Path, to: Path) -> None:
+    with tempfile.TemporaryDirectory() as made:
+        recording, shot = Path(made, "view.rrd"), Path(made, "shot.png")
+        flight = run / "transfer" / "flight_01.csv"
+        subprocess.run(["maidenflight", "view", flight, "-o", recording], check=True)
+        subprocess.run(
+            ["rerun", recording, "--screenshot-to", shot, "--window-size", "1000x620"], check=True
+        )
+        _small(shot, to / "rerun.png", 1000)
+
+
+@click.command(help=__doc__)
+@click.argument("run", type=click.Path(path_type=Path, exists=True, file_okay=False))
+@click.option(
+    "-o", "output", default="docs/gallery", type=click.Path(path_type=Path), show_default=True
+)
+def main(run: Path, output: Path) -> None:
+    output.mkdir(parents=True, exist_ok=True)
+    shutil.copy(run / "identification.svg", output)
+    _of_report(run, output)
+    if shutil.which("rerun"):
+        _of_rerun(run, output)
+    else:
+        click.echo("without the extra viewer: rerun.png stays as it is", err=True)
+    for path in sorted(output.iterdir()):
+        size = path.stat().st_size
+        click.echo(f"{path}: {size / 1e3:.0f} kB")
+        if size > LARGEST:
+            raise click.ClickException(f"{path} is larger than {LARGEST / 1e3:.0f} kB.")
+
+
+if __name__ == "__main__":
+    main()
