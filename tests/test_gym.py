@@ -16,9 +16,9 @@ from gymnasium.vector import AutoresetMode  # noqa: E402
 import maidenflight.gym  # noqa: E402
 from maidenflight import parameters  # noqa: E402
 from maidenflight.errors import InputError  # noqa: E402
-from maidenflight.gym import arguments  # noqa: E402
+from maidenflight.gym import arguments, rewards  # noqa: E402
 from maidenflight.parameters import crazyflie, noiseless, replace  # noqa: E402
-from maidenflight.simulator import trajectories  # noqa: E402
+from maidenflight.simulator import dynamics, tasks, trajectories  # noqa: E402
 from maidenflight.simulator.randomization import relative_box  # noqa: E402
 
 IDS = [f"maidenflight/{name}-v0" for name in maidenflight.gym.TASKS]
@@ -225,14 +225,44 @@ def test_every_drone_has_its_picture():
 
 
 def test_drones_are_drawn_from_a_box_unless_one_is_named(tmp_path):
-    world, drones = arguments.world("circle", "attitude_rate", None, "2026.08", 2, {})
+    world, drones = arguments.world("circle", "attitude_rate", None, "2026.08", 2, "task", {})
     assert str(drones) == str(relative_box(replace(crazyflie(), time_step=0.002)))
     assert world.steps_per_command == 1
     file = parameters.write(tmp_path / "mine.toml", replace(crazyflie(), mass=0.031))
     for given in ("crazyflie", str(file), file, replace(crazyflie(), mass=0.031)):
-        assert str(arguments.world("circle", "pwm", given, "2026.08", 2, {})[1]) == ""
+        assert str(arguments.world("circle", "pwm", given, "2026.08", 2, "task", {})[1]) == ""
     box = relative_box(crazyflie(), 0.3)
-    assert arguments.world("circle", "pwm", box, "2026.08", 2, {})[1] is box
+    assert arguments.world("circle", "pwm", box, "2026.08", 2, "task", {})[1] is box
+
+
+def test_the_shaped_reward_pays_for_every_period_that_is_flown():
+    task = tasks.circle()
+    reward = rewards.shaped(task).reward
+    assert rewards.shaped(task) is rewards.shaped(task)
+    setpoint, still = jnp.array([0.0, 0.0, 1.0]), jnp.zeros(4)
+
+    def at(distance, rate=0.0, change=0.0):
+        state = dynamics.at_hover(setpoint + jnp.array([distance, 0.0, 0.0]), QUIET)
+        state = state._replace(body_rates=jnp.array([0.0, rate, 0.0]))
+        return float(reward(state, setpoint, still.at[0].set(change), still))
+
+    values = [at(0.0), at(0.1), at(0.1, rate=10.0), at(0.1, change=2.0), at(0.24, rate=100.0)]
+    np.testing.assert_allclose(values, [1.0, 0.5, 0.4, 0.46, 0.0], atol=1e-6)
+    assert at(0.26) == 0.0, "a failure"
+    far = dynamics.at_hover(setpoint + jnp.array([0.2, 0.0, 0.0]), QUIET)
+    periods = task.duration * 100
+    own = float(task.reward(far, setpoint, still, still)) * periods
+    assert own < -99.0, "with the task's own reward to fly badly costs as much as to fall at once"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("make", [gymnasium.make, gymnasium.make_vec])
+def test_an_environment_gives_the_shaped_reward(make):
+    environment = make(CIRCLE, reward="shaped", parameters=QUIET)
+    environment.reset(seed=0)
+    action = HOVER if make is gymnasium.make else HOVER[None]
+    given = [float(np.squeeze(environment.step(action)[1])) for _ in range(5)]
+    assert all(0.3 < reward < 1.0 for reward in given)
 
 
 def test_equal_environments_share_their_compiled_functions():
@@ -243,13 +273,13 @@ def test_equal_environments_share_their_compiled_functions():
 def test_way_points_of_a_file_are_a_task(tmp_path):
     (tmp_path / "way.csv").write_text("time,x,y,z\n0,0,0,1\n2,0.5,0,1\n3.5,0.5,0.5,1\n")
     task = arguments.world(
-        "tracking", "pwm", None, "2026.08", 2, {"waypoints": tmp_path / "way.csv"}
+        "tracking", "pwm", None, "2026.08", 2, "task", {"waypoints": tmp_path / "way.csv"}
     )[0].task
     assert task.duration == 3.5
     np.testing.assert_allclose(task.reference(jnp.float32(1.0)), [0.25, 0, 1], atol=1e-6)
     curve = trajectories.pentagram()
     assert (
-        arguments.world("tracking", "pwm", None, "2026.08", 2, {"trajectory": curve})[
+        arguments.world("tracking", "pwm", None, "2026.08", 2, "task", {"trajectory": curve})[
             0
         ].task.reference
         is curve
@@ -265,6 +295,7 @@ def test_way_points_of_a_file_are_a_task(tmp_path):
         ("Circle", {"parameters": "no.toml"}, "give a TOML file or one of: crazyflie"),
         ("Circle", {"parameters": 0.028}, "Give Parameters"),
         ("Circle", {"history": 0}, "1 or more"),
+        ("Circle", {"reward": "dense"}, "reward = 'dense'; expected 'task' or 'shaped'"),
         ("Circle", {"history": 2.0}, "whole number"),
         ("Circle", {"diameter": "wide"}, "expected a number"),
         ("Circle", {"period": -1}, "expected a number"),

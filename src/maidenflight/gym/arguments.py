@@ -7,6 +7,7 @@ from math import isfinite
 from typing import Any
 
 from maidenflight.errors import InputError
+from maidenflight.gym import rewards
 from maidenflight.inputs import StrPath
 from maidenflight.parameters import DRONES, Parameters, crazyflie, read
 from maidenflight.simulator import control, tasks, trajectories
@@ -33,6 +34,7 @@ def world(
     parameters: Drones,
     firmware: str,
     history: int,
+    reward: str,
     options: dict[str, Any],
 ) -> tuple[Environment, Distribution]:
     """What to simulate and which drones to draw.
@@ -43,6 +45,7 @@ def world(
         parameters: see `Drones`; a file or a point is exactly that drone in every episode.
         firmware: generation of the PIDs, of no consequence to PWM.
         history: instants in an observation.
+        reward: `"task"` or `"shaped"`, see `rewards`.
         options: arguments of the task.
 
     Raises:
@@ -55,8 +58,10 @@ def world(
         )
     controller = _controller(control, firmware)
     drones = _drones(parameters, controller)
+    flown = _task(task, options)
+    flown = rewards.shaped(flown) if rewards.checked(reward) == "shaped" else flown
     return Environment.matching(
-        drones.centre, task=_task(task, options), controller=controller, history=history
+        drones.centre, task=flown, controller=controller, history=history
     ), drones
 
 

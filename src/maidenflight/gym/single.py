@@ -51,6 +51,7 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         parameters: arguments.Drones = None,
         firmware: str = "2026.08",
         history: int = 2,
+        reward: str = "task",
         render_mode: str | None = None,
         **options: Any,
     ) -> None:
@@ -62,6 +63,8 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             parameters: see `arguments.Drones`; a box is drawn from anew for each episode.
             firmware: generation of the PIDs.
             history: H, instants in an observation.
+            reward: `"task"`, the task's own, or `"shaped"`, with which methods such as PPO learn;
+                see `rewards.shaped`.
             render_mode: `"rgb_array"`, or none.
             options: arguments of the task: height, diameter, period [m, s]; for tracking,
                 trajectory, waypoints and others.
@@ -71,7 +74,7 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """
         self.render_mode = arguments.checked_render_mode(render_mode)
         self._env, self._drones = arguments.world(
-            task, control, parameters, firmware, history, options
+            task, control, parameters, firmware, history, reward, options
         )
         self.metadata = {**self.metadata, "render_fps": self._env.controller.interface.rate}
         self.observation_space, self.action_space = spaces(history)

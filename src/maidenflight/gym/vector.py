@@ -41,6 +41,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         parameters: arguments.Drones = None,
         firmware: str = "2026.08",
         history: int = 2,
+        reward: str = "task",
         render_mode: str | None = None,
         **options: Any,
     ) -> None:
@@ -55,7 +56,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             )
         self.render_mode = arguments.checked_render_mode(render_mode)
         self._env, self._drones = arguments.world(
-            task, control, parameters, firmware, history, options
+            task, control, parameters, firmware, history, reward, options
         )
         self.metadata = {**self.metadata, "render_fps": self._env.controller.interface.rate}
         self.num_envs = num_envs
