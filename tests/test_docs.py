@@ -566,8 +566,13 @@ def test_the_snippets_for_px4_and_betaflight_convert_flights_back() -> None:
         rates, force = generator.normal(size=(2, rows, 3)).cumsum(axis=1) / 30
         command = np.clip(0.45 + generator.normal(size=(rows, 4)).cumsum(axis=0) / 300, 0.2, 0.8)
         force[:, 2] += 9.81
-        sensed = {"body_rates": rates, "accelerometer": force, "command": command}
-        state = {"position": empty, "velocity": empty, "attitude": empty, "setpoint": empty}
+        sensed: dict[str, Any] = {"body_rates": rates, "accelerometer": force, "command": command}
+        state: dict[str, Any] = {
+            "position": empty,
+            "velocity": empty,
+            "attitude": empty,
+            "setpoint": empty,
+        }
         full = np.full(rows, np.nan)
         made = log.Flight("made", 0.004, battery=full, zero_order_hold=False, **sensed, **state)
         as_logged(number, made)
