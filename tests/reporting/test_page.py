@@ -407,7 +407,7 @@ def test_a_folder_without_a_run_is_refused(tmp_path):
     with pytest.raises(InputError, match="no such file or folder"):
         report(tmp_path / "nowhere", tmp_path / "page.html")
     (tmp_path / "flight.ulg").write_bytes(b"ULog\x01")
-    with pytest.raises(InputError, match=r"nothing of a run.* There is a PX4 ULog, which is not"):
+    with pytest.raises(InputError, match=r"nothing of a run.* Found: a PX4 ULog, which is not"):
         report(tmp_path, tmp_path / "page.html")
 
 

@@ -160,6 +160,7 @@ def train(
     settings = workflow.settings_for(control, task, method, updates, hidden)
     heard: list[Progress] = []
     first: Progress | None = None
+    new = 0
     began = time.perf_counter()
     with (
         _watched(view, drone_, control, task) as watch,
@@ -168,11 +169,12 @@ def train(
     ):
 
         def hear(progress: "Progress") -> None:
-            nonlocal first, began
+            nonlocal first, began, new
             # Evaluations of a checkpoint take no time, and the first other includes compilation.
             since = time.perf_counter() - began
             rate = (progress.steps - first.steps) / since if first else None
-            if first is None and progress.best is not None:
+            new += progress.best is not None
+            if first is None and new == 1 + resume:  # of a checkpoint's the last one has policies
                 first, began = progress, time.perf_counter()
             heard.append(progress)
             flight_output.scored(move, progress, settings.updates, rate)

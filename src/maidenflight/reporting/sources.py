@@ -115,7 +115,7 @@ def nothing(given: Sequence[Path]) -> str:
     return (
         f"{' '.join(map(str, given))}: nothing of a run here; expected flight logs, a drone "
         "(.toml), policies (.json), or tables that maidenflight has written."
-        + (f" There is {foreign.told(kinds)}" if kinds else "")
+        + (f" Found: {foreign.told(kinds)}" if kinds else "")
     )
 
 
