@@ -190,6 +190,14 @@ def test_the_python_of_the_transfer_page_runs(
     assert "quantile_90" in capsys.readouterr().out
 
 
+def test_the_python_of_the_plants_page_runs() -> None:
+    (snippet,) = blocks("docs/plant.md", "python")
+    names: dict[str, Any] = {}
+    exec(compile(snippet, "docs/plant.md", "exec"), names)
+    assert len(names["message"]) == 76
+    assert names["plant"].number == 1
+
+
 @pytest.mark.slow
 def test_the_python_of_the_identification_page_runs(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -16,6 +16,7 @@ from maidenflight.cli import (
     export,
     identify,
     interruption,
+    plant,
     record,
     train,
     transfer,
@@ -79,6 +80,7 @@ for _command in (
     export.export,
     export.report,
     export.view,
+    plant.plant,
     demo.demo,
 ):
     commands.add_command(_command)

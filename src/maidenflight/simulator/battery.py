@@ -185,6 +185,12 @@ def motor_ratio(command: Numbers, voltage: Numbers, supply: Supply) -> Numbers:
     ratio = supply.law.volts(supply.full_scale_counts * command) / voltage
     if supply.law.capped_together:
         ratio = ratio - xp.maximum(xp.max(ratio, axis=-1, keepdims=True) - 1.0, 0.0)
+    return timer_ratio(ratio)
+
+
+def timer_ratio(ratio: Numbers) -> Numbers:
+    """What the motors' 8-bit timer makes of a motor ratio."""
+    xp = ratio.__array_namespace__()
     return xp.floor(xp.clip(ratio, 0.0, 1.0) * (MOST_COUNTS / _STEPS)) / _STEPS
 
 

@@ -1,18 +1,24 @@
 """Drones by the words of a command line: what to train over and what to predict for."""
 
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import jax
 import numpy as np
 
+from maidenflight.errors import InputError
 from maidenflight.identification import drone_file
 from maidenflight.identification.bounds import must_lie_within_bounds
 from maidenflight.identification.drone_file import DroneFile
 from maidenflight.identification.ensembles import TRIM, posterior_ensemble, trim_ensemble
 from maidenflight.inputs import StrPath
-from maidenflight.parameters import Parameters
+from maidenflight.parameters import Parameters, full_scale_counts
 from maidenflight.simulator import control
+from maidenflight.simulator.battery import COUNTS, PLUS
 from maidenflight.simulator.control import Controller
+from maidenflight.simulator.plant import RunningPlant
 from maidenflight.simulator.randomization import (
     Distribution,
     Ensemble,
@@ -22,6 +28,7 @@ from maidenflight.simulator.randomization import (
 )
 from maidenflight.simulator.reality import AnyReality
 from maidenflight.simulator.reality import reality as known_reality
+from maidenflight.simulator.virtual_drone import VirtualDrone
 
 POSTERIOR = "posterior"
 """Randomize over the posterior samples of an identified drone."""
@@ -84,6 +91,31 @@ def reality(name: str, accept_bounds: bool = False) -> AnyReality:
     if Path(drone).is_file():
         drone_to_fly(drone, accept_bounds)
     return known_reality(name)
+
+
+def plant(drone: str, seed: int, compensated: bool = True) -> Callable[[], RunningPlant]:
+    """What begins flights of a drone for a firmware that runs elsewhere.
+
+    Args:
+        drone: a drone's TOML file or name, or a virtual drone such as `virtual:7`.
+        seed: of the noise.
+        compensated: whether that firmware compensates for the battery, as today's does by the law
+            of the 2.1+ propellers; else PWM is the thrust command.
+
+    Raises:
+        InputError: no such drone, or a reality that is no virtual drone.
+    """
+    found = reality(drone, accept_bounds=True)
+    if not isinstance(found, VirtualDrone):
+        raise InputError(
+            f"{drone}: {found.name} has physics of its own. Give a drone's TOML file, or "
+            "virtual:SEED."
+        )
+    law = PLUS if compensated and found.thrust_law is not None else None
+    own = drone.partition("@")[2] or drone
+    file = own if Path(own).is_file() else "crazyflie"
+    counts = full_scale_counts(file) or COUNTS
+    return partial(RunningPlant, replace(found, thrust_law=law), seed, counts)
 
 
 def usual_randomization(drone: StrPath) -> float | str:
