@@ -44,6 +44,7 @@ def judged(name: str, flights: Sequence[Flight], every: int) -> dict[str, object
     return {
         "flights": name,
         "rate": round(1 / (flights[0].period * every)),
+        "every": every,
         "measured": round(measured, 1),
         "found": round(value, 1),
         "low": round(low, 1),
@@ -77,7 +78,7 @@ def summary(found: polars.DataFrame) -> polars.DataFrame:
             .otherwise(polars.lit("log"))
             .alias("of")
         )
-        .group_by("of", "rate", maintain_order=True)
+        .group_by("of", "every", maintain_order=True)
         .agg(
             polars.len().alias("count"),
             polars.col("error").abs().median().alias("median error"),

@@ -147,9 +147,9 @@ def test_the_best_policy_is_told_from_one_of_the_same_name(trained: Path) -> Non
     files = workflow.policy_files([trained / "circle", trained / "hover", trained / "hover"])
     assert policies.names(files) == ["circle/policy_1", "circle/policy_2", "hover/policy_1"]
     rows = [
-        ("circle/policy_1", 3.0, 0.1),
-        ("circle/policy_2", 20.0, 0.2),
-        ("hover/policy_1", 20.0, 0.1),
+        ("circle/policy_1", 3.0, 0.1, 0.01),
+        ("circle/policy_2", 20.0, 0.05, 0.4),
+        ("hover/policy_1", 20.0, 0.1, 0.02),
     ]
     table = polars.DataFrame(
         [
@@ -158,9 +158,11 @@ def test_the_best_policy_is_told_from_one_of_the_same_name(trained: Path) -> Non
                 "reality": "virtual-7",
                 "duration": duration,
                 "position_error": error,
+                "command_change": change,
+                "at_limits": 0.0,
                 "end_reason": reason,
             }
-            for name, duration, error in rows
+            for name, duration, error, change in rows
             for reason in ("tilt", "time limit")
         ]
     )
@@ -174,8 +176,12 @@ def test_the_best_policy_is_told_from_one_of_the_same_name(trained: Path) -> Non
         "time_limit",
         "duration",
         "position_error",
+        "command_change",
+        "at_limits",
     ]
-    assert summary.row(1) == ("circle/policy_2", "virtual-7", 2, 1, 20.0, 0.2)
+    assert summary.row(1) == ("circle/policy_2", "virtual-7", 2, 1, 20.0, 0.05, 0.4, 0.0)
+    (note,) = workflow.limit_cycles(flown)
+    assert note.startswith("circle/policy_2 in virtual-7 changes its commands by 0.40 ")
 
 
 def test_a_policy_and_reality_have_a_row(capsys: Any) -> None:
@@ -186,9 +192,10 @@ def test_a_policy_and_reality_have_a_row(capsys: Any) -> None:
         "time_limit": [8],
         "duration": [19.2],
         "position_error": [0.013],
+        "command_change": [0.021],
     }
     flight_output.by_policy(polars.DataFrame(columns))
-    assert re.search(r"policy_1 +far-7 +8 of 9 +19\.20 s +1\.3 cm", capsys.readouterr().out)
+    assert re.search(r"policy_1 +far-7 +8 of 9 +19\.20 s +1\.3 cm +0\.021", capsys.readouterr().out)
 
 
 def test_equal_notes_are_said_once(capsys: Any) -> None:

@@ -147,6 +147,7 @@ FLIGHTS = Table(
     {
         **{"flight": int, "policy": str, "reality": str, "trial": int},
         **{"duration": float, "end_reason": str, "position_error": float},
+        **{"command_change": float, "at_limits": float},
     },
 )
 """Zero-shot flights, a row a flight."""

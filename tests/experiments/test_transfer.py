@@ -3,10 +3,11 @@ import numpy as np
 import pytest
 
 from maidenflight.errors import InputError
-from maidenflight.experiments.transfer import end_of_flight, transfer
-from maidenflight.flights.flying import Rows
+from maidenflight.experiments.transfer import activity, end_of_flight, transfer
+from maidenflight.flights.flying import Rows, to_flight
 from maidenflight.parameters import crazyflie
 from maidenflight.policy import untrained
+from maidenflight.simulator.battery import Supply
 from maidenflight.simulator.control import attitude_rate
 from maidenflight.simulator.virtual_drone import virtual_drone
 from numpy_drone import TWIN, NumpyDrone
@@ -187,3 +188,18 @@ def test_a_reality_with_the_policies_own_controller_is_given_its_commands() -> N
 def test_a_reality_that_takes_something_else_is_refused() -> None:
     with pytest.raises(InputError, match="attitude"):
         transfer(POLICIES, NumpyDrone(takes="attitude"), trials=1, duration=0.2)
+
+
+def test_activity_is_the_change_of_commands_in_10_ms_and_their_share_at_limits():
+    def flight(low, high, period):
+        command = np.tile(np.array([[low] * 4, [high] * 4], np.float32), (50, 1))
+        made = rows()._replace(ratio=command)
+        named = {"zero_order_hold": True, "supply": Supply(), "simulated": "made"}
+        return to_flight(made, "made", period=period, **named)
+
+    assert activity(flight(0.5, 0.7, 0.01)) == {
+        "command_change": pytest.approx(0.2, abs=1e-5),
+        "at_limits": 0.0,
+    }
+    assert activity(flight(0.5, 0.7, 0.02))["command_change"] == pytest.approx(0.1, abs=1e-5)
+    assert activity(flight(0.0, 1.2, 0.01))["at_limits"] == 1.0

@@ -1,6 +1,7 @@
 """Recording: the firmware's PID flies a virtual drone about the circle, and the log holds what a
 real one would."""
 
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -12,6 +13,7 @@ from made_flights import same, volts
 from maidenflight.errors import InputError
 from maidenflight.flights import checking, flying, log, recording
 from maidenflight.identification.flight_signals import rotor_speeds
+from maidenflight.parameters import replace as with_values
 from maidenflight.simulator.battery import Supply
 from maidenflight.simulator.virtual_drone import virtual_drone
 
@@ -151,3 +153,10 @@ def test_todays_firmware_flies_commands_above_1_and_its_log_says_the_scale():
     assert not ((strong.command > 0) & (strong.command < 0.1)).any()
     kept, _ = checking.pieces(strong)
     assert sum(map(len, kept)) > 0.9 * len(strong)
+
+
+@pytest.mark.parametrize("ratio", [5.0, 0.95])
+def test_a_drone_that_the_pid_cannot_hold_is_refused_and_not_flown(ratio):
+    strong = replace(DRONE, parameters=with_values(DRONE.parameters, thrust_to_weight=ratio))
+    with pytest.raises(InputError, match="20000 to 65535"):
+        recording.record(strong, jax.random.key(0), 1, 2.0)

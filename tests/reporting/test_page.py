@@ -75,6 +75,8 @@ def flown(simulated: str = "virtual-1", reason: str = "tilt") -> Transfer:
             "duration": durations,
             "end_reason": ["position error", reason, "time limit"],
             "position_error": [0.011, float("nan"), 0.0123],
+            "command_change": [0.01, 0.4, 0.02],
+            "at_limits": [0.0, 0.3, 0.0],
         }
     )
     return Transfer(table, tuple(circling(duration, simulated) for duration in durations))
@@ -729,6 +731,8 @@ def test_243_flights_open_in_under_three_seconds(tmp_path):
         "duration": 20.0,
         "end_reason": "time limit",
         "position_error": 0.01,
+        "command_change": 0.02,
+        "at_limits": 0.0,
     }
     table = polars.DataFrame([{"flight": number, **rows} for number in range(1, 244)])
     made = report(Transfer(table, (one,) * 243), tmp_path / "page.html")

@@ -227,7 +227,7 @@ def train(
             )
         print(f"written to {output}/")
 
-    options.emit(as_json, content, text, ("transfer", output))
+    options.emit(as_json, content, text, ("transfer", output, "--drone", drone_))
 
 
 _MIN_SURVIVAL = 0.1

@@ -112,12 +112,14 @@ def transfer(
             policies, places, seed or 0, output, trials or 3, duration or 20.0, task
         )
     summary, best = workflow.transfer_summary(flown), workflow.best_policy(flown, files)
+    cycles = workflow.limit_cycles(flown)
+    options.print_notes(cycles)
     content = {
         "flights": flown.table.to_dicts(),
         "summary": summary.to_dicts(),
         "best": str(best),
         "task": task,
-        "notes": notes,
+        "notes": [*notes, *cycles],
         "simulated": True,
         "output": str(output),
     }
@@ -127,7 +129,10 @@ def transfer(
             flight_output.flights(flown)
         flight_output.by_policy(summary)
         if len(files) > 1:
-            flight_output.best([best], "longest mean flight; among equals the smallest mean error")
+            flight_output.best(
+                [best],
+                "longest mean flight; among equals no limit cycle and the smallest mean error",
+            )
         print(f"written to {output}/, a row a flight in flights.csv")
 
     options.emit(as_json, content, text, ("export", best))

@@ -43,9 +43,34 @@ class Transfer:
 
     table: polars.DataFrame
     """One row a flight: flight, policy, reality, trial, duration [s], end_reason, position_error
-    [m]."""
+    [m], command_change and at_limits of `activity`."""
     flights: tuple[Flight, ...]
     """Their logs, in the table's order, each up to its end."""
+
+
+LIMIT_CYCLE = 0.15
+"""Change of commands in 10 ms [-] above which a flight is a limit cycle: motors that are thrown
+between their limits. Policies identified from flights of their drone have 0.001 to 0.05."""
+_AT_LIMIT = 0.001
+"""Distance from 0 or 1 within which a command is at its limit [-]."""
+
+
+def activity(flight: Flight) -> dict[str, float]:
+    """How much the motors are asked to do.
+
+    Returns:
+        `command_change`, the mean |u_t - u_(t-1)| of the logged commands in 10 ms [-], and
+        `at_limits`, the share of commands that are 0 or at least 1 [-]; NaN of a single row.
+    """
+    command = flight.command.astype(float)
+    change = np.abs(np.diff(command, axis=0))
+    if not len(change):
+        return {"command_change": float("nan"), "at_limits": float("nan")}
+    limits = (command <= _AT_LIMIT) | (command >= 1.0 - _AT_LIMIT)
+    return {
+        "command_change": round(float(np.mean(change)) * 0.01 / flight.period, 6),
+        "at_limits": round(float(np.mean(limits)), 6),
+    }
 
 
 def guards(
@@ -160,6 +185,14 @@ def transfer(
             steps, reason = end_of_flight(rows)
             rows = jax.tree.map(lambda values, end=steps: values[:end], rows)
             error = np.linalg.norm(rows.true_position - rows.true_setpoint, axis=1)
+            flight = flying.to_flight(
+                rows,
+                f"flight_{len(table) + 1:02d}",
+                zero_order_hold=controller.command_rate == controller.interface.rate,
+                supply=supply,
+                simulated=reality.name,
+                period=period,
+            )
             table.append(
                 {
                     "flight": len(table) + 1,
@@ -169,18 +202,10 @@ def transfer(
                     "duration": round(steps * period, 6),
                     "end_reason": reason,
                     "position_error": round(float(np.mean(error, dtype=np.float64)), 6),
+                    **activity(flight),
                 }
             )
-            flights.append(
-                flying.to_flight(
-                    rows,
-                    f"flight_{len(table):02d}",
-                    zero_order_hold=controller.command_rate == controller.interface.rate,
-                    supply=supply,
-                    simulated=reality.name,
-                    period=period,
-                )
-            )
+            flights.append(flight)
     return Transfer(polars.DataFrame(table), tuple(flights))
 
 

@@ -14,11 +14,11 @@ from maidenflight.flights import flying
 from maidenflight.flights.flying import Pilot, Rows
 from maidenflight.flights.log import Flight, thinned
 from maidenflight.parameters import Parameters
-from maidenflight.simulator import control, sensors, tasks
+from maidenflight.simulator import control, dynamics, sensors, tasks
 from maidenflight.simulator.battery import COUNTS, MOST_COUNTS, Supply, law_for
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.firmware import POSITION_RATE
+from maidenflight.simulator.firmware import LEAST_THRUST_COUNTS, POSITION_RATE
 from maidenflight.simulator.reality import MOTORS, POSITION, AnyReality, Reality, checked
 from maidenflight.simulator.tasks import Task
 from maidenflight.simulator.virtual_drone import VirtualDrone
@@ -105,6 +105,7 @@ def record(
     pid = control.position_pid(firmware, counts)
     keys = jax.random.split(key, flights)
     if isinstance(reality := checked(reality), VirtualDrone):
+        _must_be_held(reality, counts)
         if reality.thrust_law is not None:
             reality = replace(reality, thrust_law=law_for(counts))
         env = reality.environment(task, pid)
@@ -120,6 +121,26 @@ def record(
         _logged(rows, reality, f"flight_{number:02d}", rate, supply, one)
         for number, (rows, one) in enumerate(zip(logged, keys, strict=True), 1)
     ]
+
+
+_ROOM = 0.05
+"""Share of the thrust at hover by which the PID must be able to change it."""
+
+
+def _must_be_held(drone: VirtualDrone, full_scale_counts: float) -> None:
+    """Refuses a drone that the Crazyflie's PID cannot hold at a height.
+
+    Raises:
+        InputError: it hovers at less thrust than the PID gives at least, or at more than there is.
+    """
+    hover = full_scale_counts * float(dynamics.hover_command(drone.parameters))
+    if not LEAST_THRUST_COUNTS < (1 - _ROOM) * hover < (1 + _ROOM) * hover < MOST_COUNTS:
+        raise InputError(
+            f"{drone.name} hovers at {hover:.0f} counts of thrust; the Crazyflie's position PID, "
+            f"which records flights, gives {LEAST_THRUST_COUNTS:.0f} to {MOST_COUNTS:.0f}. "
+            "Identify it from logs of its own autopilot, or give a reality that flies its own "
+            "position controller (docs/realities.md)."
+        )
 
 
 def _logged(

@@ -24,7 +24,11 @@ _COLUMNS = {
     "duration": "Duration [s]",
     "end_reason": "Ended by",
     "position_error": "Mean position error [cm]",
+    "command_change": "Change of commands in 10 ms [%]",
+    "at_limits": "Commands at a limit [%]",
 }
+_ACTIVITY = ("command_change", "at_limits")
+"""Of flights of which it was measured; tables of a matrix need not have it."""
 
 
 def _control(name: str) -> Cell:
@@ -46,10 +50,11 @@ def flights(run: Run) -> Markup | str:
                 tables.number(row["duration"], 2),
                 tables.plain(row["end_reason"]),
                 tables.number(row["position_error"], 2, 100.0),
+                *(tables.number(row[column], 1, 100.0) for column in _ACTIVITY if column in row),
             ]
         )
-    columns = list(_COLUMNS)
-    heads = list(_COLUMNS.items())
+    heads = [(name, head) for name, head in _COLUMNS.items() if name in run.table.columns]
+    columns = [name for name, _ in heads]
     return tables.sortable("flights", heads, rows, run.table.select(columns), of_flights=True)
 
 

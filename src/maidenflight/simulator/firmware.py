@@ -151,8 +151,10 @@ _YAW = _ATTITUDE._replace(
 )
 _MAX_TILT_DEG = 20.0
 """Limit of roll and pitch that the velocity PID asks for [deg]."""
-_THRUST_BASE_COUNTS, _THRUST_MIN_COUNTS, _THRUST_SCALE = 36000.0, 20000.0, 1000.0
-"""[counts], [counts], [counts per unit of the velocity PID's output]."""
+_THRUST_BASE_COUNTS, _THRUST_SCALE = 36000.0, 1000.0
+"""[counts], [counts per unit of the velocity PID's output]."""
+LEAST_THRUST_COUNTS = 20000.0
+"""Thrust that the velocity PID asks for at least [counts]."""
 
 
 def checked(firmware: str) -> Generation:
@@ -280,7 +282,7 @@ def position_loops(
         ]
     )
     most = MOST_COUNTS if firmware == "2026.08" else None
-    thrust = jnp.clip(out[2] * _THRUST_SCALE + _THRUST_BASE_COUNTS, _THRUST_MIN_COUNTS, most)
+    thrust = jnp.clip(out[2] * _THRUST_SCALE + _THRUST_BASE_COUNTS, LEAST_THRUST_COUNTS, most)
     return memory._replace(position=position, velocity=velocity, desired=desired, thrust=thrust)
 
 

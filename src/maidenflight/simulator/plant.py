@@ -251,8 +251,9 @@ SIZE = 17
 class RunningPlant:
     """A flight of the plant, a step at a time.
 
-    State and parameters cross to the compiled step as one vector each: handing over their many
-    arrays one by one would take longer than the physics.
+    Its state crosses to the compiled step as one vector: handing over many arrays one by one would
+    take longer than the physics. The parameters are constants of that program, which saves a third
+    of each step and costs another compilation for each drone.
     """
 
     def __init__(self, drone: VirtualDrone, seed: int, full_scale_counts: float) -> None:
@@ -263,19 +264,16 @@ class RunningPlant:
             seed: of the noise; the same seed and PWM give the same bytes.
             full_scale_counts: see `plant_of`.
         """
-        self._plant, parameters = plant_of(drone, full_scale_counts)
-        self._parameters, self._parameters_of = ravel_pytree(
-            jax.tree.map(lambda value: jnp.asarray(value, jnp.float32), parameters)
-        )
+        self._plant, self._parameters = plant_of(drone, full_scale_counts)
         self._key = jax.random.key(seed)
         self._noise = np.empty((0, 0), np.float32)
-        first = begin(self._plant, parameters, jax.random.fold_in(self._key, 1))
+        first = begin(self._plant, self._parameters, jax.random.fold_in(self._key, 1))
         self._state, self._state_of = ravel_pytree(first)
-        self._advance = jax.jit(self._advanced, static_argnums=4)
+        self._advance = jax.jit(self._advanced, static_argnums=3)
         # Compiled now, so that the first answer need not wait.
         off, quiet = np.zeros(4, np.float32), np.zeros(_NORMALS + sensors.UNIFORMS, np.float32)
         for posed in (False, True):
-            self._advance(self._state, off, self._parameters, quiet, posed)
+            self._advance(self._state, off, quiet, posed)
         self.number = 0
         """Steps made."""
         self.readings: np.ndarray = np.asarray(_in_one(first.readings))
@@ -285,12 +283,11 @@ class RunningPlant:
         self,
         state: Float[Array, "n"],
         pwm: Float[Array, "4"],
-        parameters: Float[Array, "p"],
         drawn: Float[Array, "N"],
         posed: bool,
     ) -> tuple[Float[Array, "n"], Float[Array, "17"]]:
-        before, drone = self._state_of(state), self._parameters_of(parameters)
-        after = step(self._plant, before, pwm, drone, drawn, posed)
+        before = self._state_of(state)
+        after = step(self._plant, before, pwm, self._parameters, drawn, posed)
         return ravel_pytree(after)[0], _in_one(after.readings)
 
     def step(self, pwm: Float[np.ndarray, "4"]) -> Float[np.ndarray, "17"]:
@@ -301,9 +298,7 @@ class RunningPlant:
             self._noise = np.asarray(draw(key, DRAWN))
         self.number += 1
         posed = self.number % POSE_EVERY == 0
-        self._state, readings = self._advance(
-            self._state, pwm, self._parameters, self._noise[place], posed
-        )
+        self._state, readings = self._advance(self._state, pwm, self._noise[place], posed)
         self.readings = np.asarray(readings)
         return self.readings
 

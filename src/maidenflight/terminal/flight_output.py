@@ -47,12 +47,20 @@ def by_policy(summary: "DataFrame") -> None:
             f"{row['time_limit']} of {row['flights']}",
             f"{row['duration']:.2f} s",
             f"{row['position_error'] * 100:.1f} cm",
+            f"{row['command_change']:.3f}",
         ]
         for row in summary.iter_rows(named=True)
     ]
-    columns = ["policy", "reality", "reached the time limit", "mean duration", "mean error"]
+    columns = [
+        "policy",
+        "reality",
+        "reached the time limit",
+        "mean duration",
+        "mean error",
+        "change of u",
+    ]
     table(
-        "Zero-shot flights by policy, simulated; error: distance from the set-point",
+        "Zero-shot flights by policy, simulated; error: distance from the set-point; u: in 10 ms",
         columns,
         rows,
         numbers_from=2,
@@ -72,12 +80,22 @@ def flights(flown: "Transfer") -> None:
             f"{row['duration']:.2f} s",
             row["end_reason"],
             f"{row['position_error'] * 100:.1f} cm",
+            f"{row['command_change']:.3f}",
         ]
         for row in flown.table.iter_rows(named=True)
     ]
-    columns = ["flight", "policy", "reality", "trial", "duration", "ended by", "error"]
+    columns = [
+        "flight",
+        "policy",
+        "reality",
+        "trial",
+        "duration",
+        "ended by",
+        "error",
+        "change of u",
+    ]
     table(
-        "Zero-shot flights, simulated; error: mean distance from the set-point",
+        "Zero-shot flights, simulated; error: mean distance from the set-point; u: in 10 ms",
         columns,
         rows,
         numbers_from=3,

@@ -20,6 +20,7 @@ from maidenflight.workflow.drones import (
 from maidenflight.workflow.flying import (
     best_policy,
     flights_to_view,
+    limit_cycles,
     predict_with,
     transfer_matrix,
     transfer_summary,
@@ -50,6 +51,7 @@ __all__ = [
     "export",
     "flights_to_view",
     "identify_from",
+    "limit_cycles",
     "plant",
     "policy_files",
     "possible_drones",

@@ -14,7 +14,7 @@ from maidenflight.experiments import matrix
 from maidenflight.experiments.as_flown import FIRMWARE, controller_as_flown
 from maidenflight.experiments.flight_times import predict_flight_times
 from maidenflight.experiments.matrix import Cell, Matrix
-from maidenflight.experiments.transfer import Transfer, transfer
+from maidenflight.experiments.transfer import LIMIT_CYCLE, Transfer, transfer
 from maidenflight.flights import log
 from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import read_flights
@@ -222,16 +222,17 @@ def predict_with(
 
 
 def best_policy(flown: Transfer, files: Sequence[Path]) -> Path:
-    """The policy that flew longest and, among equals, closest.
+    """The policy that flew longest and, among equals, closest; one in a limit cycle only for want.
 
     Of what `transfer_to` gives, and the files that it flew.
     """
     order = flown.table.group_by("policy").agg(
-        polars.col("duration").mean(), polars.col("position_error").mean()
+        polars.col("duration").mean(),
+        polars.col("position_error").mean(),
+        (polars.col("command_change").mean() > LIMIT_CYCLE).alias("limit_cycle"),
     )
-    name = order.sort(["duration", "position_error", "policy"], descending=[True, False, False])[
-        "policy"
-    ][0]
+    keys = ["duration", "limit_cycle", "position_error", "policy"]
+    name = order.sort(keys, descending=[True, False, False, False])["policy"][0]
     return next(path for path, called in zip(files, names(files), strict=True) if called == name)
 
 
@@ -245,7 +246,21 @@ def transfer_summary(flown: Transfer) -> polars.DataFrame:
         (polars.col("end_reason") == "time limit").sum().alias("time_limit"),
         polars.col("duration").mean(),
         polars.col("position_error").mean(),
+        polars.col("command_change").mean(),
+        polars.col("at_limits").mean(),
     )
+
+
+def limit_cycles(flown: Transfer) -> list[str]:
+    """A sentence on each policy and reality whose motors are thrown between their limits."""
+    return [
+        f"{row['policy']} in {row['reality']} changes its commands by {row['command_change']:.2f} "
+        f"of full thrust in 10 ms, {100 * row['at_limits']:.0f} % of them at a limit: a limit "
+        "cycle, which wears motors and seldom survives on a real drone. Identify the drone from "
+        "its flights, or train with its latency."
+        for row in transfer_summary(flown).iter_rows(named=True)
+        if row["command_change"] > LIMIT_CYCLE
+    ]
 
 
 def flights_to_view(path: StrPath) -> Sequence[Flight]:
