@@ -17,9 +17,10 @@ from maidenflight.simulator.control import NOTHING
 from maidenflight.simulator.firmware import ABSOLUTE, DISABLE, VELOCITY, StateEstimate
 from maidenflight.simulator.plant import SIZE
 
-STRUCTURES = ("position", "attitude", "attitude_rate")
+STRUCTURES = ("position", "pwm", "attitude", "attitude_rate")
 MODES = {
     "position": (ABSOLUTE, ABSOLUTE, ABSOLUTE, DISABLE, DISABLE, ABSOLUTE),
+    "pwm": (ABSOLUTE, ABSOLUTE, ABSOLUTE, DISABLE, DISABLE, ABSOLUTE),
     "attitude": (DISABLE, DISABLE, DISABLE, ABSOLUTE, ABSOLUTE, ABSOLUTE),
     "attitude_rate": (DISABLE, DISABLE, DISABLE, VELOCITY, VELOCITY, VELOCITY),
 }
@@ -45,7 +46,7 @@ def reference(time):
 def setpoint(structure, goal, estimate):
     """What a policy of a structure would ask for: PD control of the position."""
     wanted = NOTHING._replace(mode=np.array(MODES[structure], np.int32))
-    if structure == "position":
+    if structure in ("position", "pwm"):
         return wanted._replace(position=goal)
     push = 6.0 * (goal - estimate.position) - 4.0 * estimate.velocity
     tilt = jnp.clip(jnp.degrees(jnp.stack([-push[1], push[0], 0.0]) / 9.81), -20.0, 20.0)
@@ -73,6 +74,8 @@ def tick(structure, mind, seen, number, fresh):
     )
     wanted = setpoint(structure, reference(number.astype(jnp.float32) * 0.001), estimate)
     memory, motors = firmware.tick(mind.memory, wanted, estimate, "2026.08", number % 10 == 0, True)
+    if structure == "pwm":  # Forces of single motors end at full scale before compensation.
+        motors = jnp.minimum(motors, 65535.0)
     ratio = battery.motor_ratio(motors / 65535.0, volts, SUPPLY)
     return Mind(memory, here, speed), 65535.0 * ratio + 1.0
 

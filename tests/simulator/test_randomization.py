@@ -161,3 +161,10 @@ def test_a_wide_box_holds_the_drone_with_all_its_trims_and_what_published_drones
     np.testing.assert_array_equal(
         many(wide_box(drone, structure), KEYS[:3]).torque_bias, [drone.torque_bias] * 3
     )
+
+
+@pytest.mark.parametrize(("latency", "latest"), [(0.0, 0.006), (0.007, 0.013), (0.02, 0.032)])
+def test_a_wide_box_is_milliseconds_wide_in_latency_even_where_none_was_identified(latency, latest):
+    box = wide_box(replace(PAPER, latency=latency), "pwm")
+    assert float(box.lower.latency) == pytest.approx(0.8 * latency)
+    assert float(box.upper.latency) == pytest.approx(latest)

@@ -228,6 +228,9 @@ WIDTHS: dict[str, dict[str, tuple[float, float]]] = {
 """Least and greatest factors of `wide_box`, by control structure: published Crazyflies have
 thrust-to-weight ratios of up to 1.97 and lags of up to 136 ms, in both directions. No drone has a
 rotor torque so large; trained over less, PWM policies flew worse on all others."""
+LATER = 0.006
+"""Least width of `wide_box` above the latency where that is randomized [s]: no factor widens an
+identified latency of zero, and another link or controller adds milliseconds to any."""
 TRIM_WIDTHS = {"pwm": 2.0, "attitude_rate": 2.0, "attitude": 1.0}
 """Half width of `wide_box` in constant torques, in their deviations between flights."""
 
@@ -257,6 +260,9 @@ def wide_box(
         )
         for end in (0, 1)
     )
+    if "latency" in WIDTHS[structure]:
+        latest = min(float(nominal.latency) + LATER, QUANTITIES["latency"].upper)
+        upper = replace(upper, latency=max(float(upper.latency), latest))
     return UniformBox(lower, upper)
 
 
