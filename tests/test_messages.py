@@ -180,7 +180,7 @@ def test_the_best_policy_is_told_from_one_of_the_same_name(trained: Path) -> Non
         "at_limits",
     ]
     assert summary.row(1) == ("circle/policy_2", "virtual-7", 2, 1, 20.0, 0.05, 0.4, 0.0)
-    (note,) = workflow.limit_cycles(flown)
+    (note,) = workflow.limit_cycles(summary)
     assert note.startswith("circle/policy_2 in virtual-7 changes its commands by 0.40 ")
 
 

@@ -112,7 +112,7 @@ def transfer(
             policies, places, seed or 0, output, trials or 3, duration or 20.0, task
         )
     summary, best = workflow.transfer_summary(flown), workflow.best_policy(flown, files)
-    cycles = workflow.limit_cycles(flown)
+    cycles = workflow.limit_cycles(summary)
     options.print_notes(cycles)
     content = {
         "flights": flown.table.to_dicts(),

@@ -179,8 +179,8 @@ def transfer(
             keys,
             round(duration * policies[0].interface.rate),
         )
-        law = reality.thrust_law if isinstance(reality, VirtualDrone) else None
-        supply = Supply(law, counts, battery=law is not None)
+        virtual = isinstance(reality, VirtualDrone)
+        supply = reality.supply(counts) if virtual else Supply(full_scale_counts=counts)
         for (policy, trial), rows in zip(plan, flown, strict=True):
             steps, reason = end_of_flight(rows)
             rows = jax.tree.map(lambda values, end=steps: values[:end], rows)

@@ -15,7 +15,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from maidenflight.errors import InputError
+from maidenflight.link import datagrams
 from maidenflight.simulator.plant import POSE_EVERY, STEP, RunningPlant
 
 FIRMWARE_PORT, GROUND_PORT = 19950, 19850
@@ -113,14 +113,7 @@ def _waiting(line: socket.socket) -> list[tuple[bytes, tuple[str, int]]]:
 
 
 def _bound(port: int) -> socket.socket:
-    line = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    try:
-        line.bind(("127.0.0.1", port))
-    except OSError as error:
-        line.close()
-        raise InputError(
-            f"plant: port {port} of this machine is taken ({error.strerror}). Is another CrazySim "
-            "running?"
-        ) from error
+    taken = f"port {port} of this machine is taken"
+    line = datagrams.listening(("127.0.0.1", port), taken, "Is another CrazySim running?")
     line.setblocking(False)
     return line

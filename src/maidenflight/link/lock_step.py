@@ -23,6 +23,7 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 
 from maidenflight.errors import InputError
+from maidenflight.link import datagrams
 from maidenflight.simulator.plant import POSE_EVERY, SIZE, RunningPlant
 
 SENSORS = struct.Struct(f"<II{SIZE}f")
@@ -143,15 +144,9 @@ def by_udp(
 
 
 def _bound(address: tuple[str, int]) -> socket.socket:
-    line = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    try:
-        line.bind(address)
-    except OSError as error:
-        line.close()
-        raise InputError(
-            f"plant: cannot listen at {address[0]}:{address[1]} ({error.strerror}). Give another "
-            "with --udp HOST:PORT."
-        ) from error
+    where = f"{address[0]}:{address[1]}"
+    advice = "Give another with --udp HOST:PORT."
+    line = datagrams.listening(address, f"cannot listen at {where}", advice)
     line.settimeout(PATIENCE)
     return line
 

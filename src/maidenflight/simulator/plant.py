@@ -93,8 +93,8 @@ def plant_of(drone: VirtualDrone, full_scale_counts: float) -> tuple[Plant, Para
         full_scale_counts: counts that its thrust command of 1 stands for. A drone without a thrust
             law takes PWM as thrust command.
     """
-    supply = Supply(drone.thrust_law, full_scale_counts, drone.thrust_law is not None)
-    return Plant(drone.integrator, supply), replace(drone.parameters, time_step=np.float32(STEP))
+    plant = Plant(drone.integrator, drone.supply(full_scale_counts))
+    return plant, replace(drone.parameters, time_step=np.float32(STEP))
 
 
 @partial(jax.jit, static_argnums=0)
@@ -207,9 +207,7 @@ def _read(
     always = now.readings._replace(gyro=rates, accelerometer=smooth, battery=now.actuators.voltage)
     if not posed:
         return kept, always
-    blurred = sensors.measure(
-        now.state._replace(body_rates=now.gyro), now.gyro_bias, parameters, normal[6:18], uniform
-    )
+    blurred = sensors.measure(now.state, now.gyro_bias, parameters, normal[6:18], uniform)
     up = jnp.maximum(rotations.axes(now.state.quaternion)[2][2], 0.1)
     far = jnp.maximum(now.state.position[2] / up, 1e-2)
     along = _turned_back(now.state.quaternion, now.state.velocity)

@@ -17,7 +17,7 @@ import numpy as np
 from maidenflight.errors import InputError
 from maidenflight.parameters import QUANTITIES, Parameters, crazyflie, replace
 from maidenflight.simulator import dynamics
-from maidenflight.simulator.battery import FIRMWARE_2021, ThrustLaw
+from maidenflight.simulator.battery import FIRMWARE_2021, Supply, ThrustLaw
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.dynamics import Integrator
 from maidenflight.simulator.environment import Environment
@@ -36,6 +36,10 @@ class VirtualDrone:
     thrust_law: ThrustLaw | None = FIRMWARE_2021
     """By which its firmware compensates for a battery that sags, behind 8-bit PWM; None: it has
     neither."""
+
+    def supply(self, full_scale_counts: float) -> Supply:
+        """What becomes of thrust commands, of which 1 stands for so many counts."""
+        return Supply(self.thrust_law, full_scale_counts, battery=self.thrust_law is not None)
 
     def environment(self, task: Task, controller: Controller) -> Environment:
         """The environment in which this drone flies a task under a control structure."""

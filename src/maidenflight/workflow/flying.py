@@ -251,14 +251,17 @@ def transfer_summary(flown: Transfer) -> polars.DataFrame:
     )
 
 
-def limit_cycles(flown: Transfer) -> list[str]:
-    """A sentence on each policy and reality whose motors are thrown between their limits."""
+def limit_cycles(summary: polars.DataFrame) -> list[str]:
+    """A sentence on each policy and reality whose motors are thrown between their limits.
+
+    Of what `transfer_summary` gives.
+    """
     return [
         f"{row['policy']} in {row['reality']} changes its commands by {row['command_change']:.2f} "
         f"of full thrust in 10 ms, {100 * row['at_limits']:.0f} % of them at a limit: a limit "
         "cycle, which wears motors and seldom survives on a real drone. Identify the drone from "
         "its flights, or train with its latency."
-        for row in transfer_summary(flown).iter_rows(named=True)
+        for row in summary.iter_rows(named=True)
         if row["command_change"] > LIMIT_CYCLE
     ]
 
