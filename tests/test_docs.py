@@ -225,7 +225,7 @@ def test_the_python_and_the_commands_of_the_realities_page_run(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     pytest.importorskip("pybullet")
-    (snippet,) = blocks("docs/realities.md", "python")
+    *_, snippet = blocks("docs/realities.md", "python")
     policies = [policy.untrained(jax.random.key(0))]
     monkeypatch.setattr(mf, "transfer", partial(mf.transfer, duration=0.5), raising=False)
     names: dict[str, Any] = {"policies": policies}
@@ -244,6 +244,17 @@ def test_the_python_and_the_commands_of_the_realities_page_run(
         monkeypatch.setattr(sys, "argv", arguments + LESS_WORK[arguments[1]])
         cli.main()
     assert Path("recorded/reality.toml").exists()
+
+
+@pytest.mark.parametrize(("place", "package"), [(0, "l2f"), (1, "crazyflow")])
+def test_the_python_on_simulators_by_others_runs(
+    place: int, package: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if importlib.util.find_spec(package) is None:
+        pytest.skip(f"{package} is not installed (extra [{package}])")
+    monkeypatch.setattr(mf, "transfer", partial(mf.transfer, duration=0.5), raising=False)
+    names: dict[str, Any] = {"mf": mf, "policies": [policy.untrained(jax.random.key(0))]}
+    exec(blocks("docs/realities.md", "python")[place], names)
 
 
 def test_a_reality_of_ones_own_as_the_page_on_extending_shows_it(

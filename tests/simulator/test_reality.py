@@ -70,6 +70,7 @@ def test_a_factory_in_the_working_folder_makes_a_reality(module: str) -> None:
         ("virtual:", "virtual:7"),
         ("virtul:5", "virtual:5"),
         ("crazyfly", "crazyflie"),
+        ("crazyflo:cf2x_L250", "crazyflow:cf2x_L250"),
         ("virtul:drone", "virtual"),
         ("no_such_module:drone", "no_such_module"),
         ("own_simulator:yours", "yours"),

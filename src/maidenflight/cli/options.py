@@ -17,7 +17,8 @@ PROPELLERS = ("2.1+", "legacy", "thrust-upgrade")
 REALITIES = (
     "near:SEED, virtual:SEED or far:SEED, with growing mismatch to the training model; "
     "near:SEED@DRONE and so on, about a drone of your own; "
-    "pybullet:SEED (virtual:SEED in PyBullet); MODULE:FACTORY of your own; or a drone's TOML file"
+    "pybullet:SEED (virtual:SEED in PyBullet); l2f:DRONE or crazyflow:DRONE, in those simulators; "
+    "MODULE:FACTORY of your own; or a drone's TOML file; +sensors and +10ms behind any of them"
 )
 PATH = click.Path(path_type=Path)
 

@@ -125,7 +125,7 @@ class Parameters:
         "motors",
         "k_M1",
         "m",
-        (0.0, 0.1),
+        (0.0, 0.3),
         "reaction torque of a rotor per thrust",
         f"{_PAPER}, eq:motor-torque",
     )

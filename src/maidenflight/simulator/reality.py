@@ -18,6 +18,7 @@ from jaxtyping import Float
 
 from maidenflight import parameters
 from maidenflight.errors import InputError
+from maidenflight.simulator import additions
 from maidenflight.simulator.battery import law_for
 from maidenflight.simulator.bullet import bullet_drone
 from maidenflight.simulator.sensors import Measurement
@@ -103,23 +104,45 @@ REALITIES: dict[str, Callable[[int], AnyReality]] = {
 """Realities that a seed makes, by the NAME of `NAME:SEED`."""
 
 
+def _l2f(drone: str) -> Reality:
+    from maidenflight.simulator.l2f import L2F
+
+    return L2F(drone)
+
+
+def _crazyflow(drone: str) -> Reality:
+    from maidenflight.simulator.crazyflow import Crazyflow
+
+    return Crazyflow(drone)
+
+
+SIMULATORS: dict[str, Callable[[str], AnyReality]] = {"l2f": _l2f, "crazyflow": _crazyflow}
+"""Simulators by others with drones of their own, by the NAME of `NAME:DRONE`."""
+
+
 def reality(name: str) -> AnyReality:
     """A reality by name.
 
     Args:
         name: `NAME:SEED` with a name of `REALITIES`; `NAME:SEED@DRONE` with one of `VARIANTS`,
-            drawn about a drone's TOML file or name; `MODULE:FACTORY`, a class or function without
-            arguments that makes a reality, in a Python module that can be imported or lies in the
-            working folder; or a drone's TOML file or name, simulated at 1 kHz like virtual drones.
+            drawn about a drone's TOML file or name; `NAME:DRONE` with a name of `SIMULATORS` and a
+            drone that it has; `MODULE:FACTORY`, a class or function without arguments that makes a
+            reality, in a Python module that can be imported or lies in the working folder; or a
+            drone's TOML file or name, simulated at 1 kHz like virtual drones. Behind any of them
+            `+sensors` and `+10ms` add noise and latency (`additions`).
 
     Raises:
-        InputError: none of these, or PyBullet is not installed.
+        InputError: none of these, or what simulates it is not installed.
     """
+    if not is_drone(name):
+        plain, added = additions.split(name)
+        if added:
+            return additions.with_additions(reality(plain), added)
     asked, _, centre = name.partition("@")
     if centre:
         return _around(asked, centre)
     kind, _, rest = name.partition(":")
-    if name in parameters.DRONES or Path(name).exists():
+    if is_drone(name):
         drone = parameters.replace(parameters.read(name), time_step=0.001)
         law = law_for(parameters.full_scale_counts(name))
         return VirtualDrone(parameters.name_of(name), drone, thrust_law=law)
@@ -127,14 +150,21 @@ def reality(name: str) -> AnyReality:
         if not rest.isdecimal():
             raise InputError(f"{name}: expected {kind}:SEED with a whole number, such as {kind}:7.")
         return REALITIES[kind](int(rest))
+    if kind in SIMULATORS and rest:
+        return SIMULATORS[kind](rest)
     if rest and not rest.isdecimal():
         return _imported(kind, rest)
     raise InputError(
         f"{name}: no such reality.{_hint(kind, rest)} Expected "
         f"{', '.join(f'{one}:SEED' for one in REALITIES)}, {VARIANTS[1]}:SEED@DRONE, "
-        "MODULE:FACTORY, a drone's TOML file, or "
-        f"{' or '.join(parameters.DRONES)}."
+        f"{', '.join(f'{one}:DRONE' for one in SIMULATORS)}, MODULE:FACTORY, a drone's TOML "
+        f"file, or {' or '.join(parameters.DRONES)}."
     )
+
+
+def is_drone(name: str) -> bool:
+    """Whether a reality's name is that of a drone or of a drone's file."""
+    return name in parameters.DRONES or Path(name).exists()
 
 
 def _around(asked: str, centre: str) -> VirtualDrone:
@@ -169,9 +199,12 @@ _MEMBERS = ("name", "rate", "hover", "takes", "reset", "step", "observe", "truth
 
 
 def _hint(kind: str, rest: str) -> str:
-    meant = get_close_matches(kind, [*REALITIES, *parameters.DRONES], 1)
+    others = SIMULATORS if rest and not rest.isdecimal() else ()
+    meant = get_close_matches(kind, [*REALITIES, *others, *parameters.DRONES], 1)
     if not meant:
         return ""
+    if meant[0] in SIMULATORS:
+        return f" Did you mean {meant[0]}:{rest}?"
     seed = rest if rest.isdecimal() else "7"
     return f" Did you mean {f'{meant[0]}:{seed}' if meant[0] in REALITIES else meant[0]}?"
 

@@ -15,7 +15,7 @@ from maidenflight.identification.drone_file import DroneFile
 from maidenflight.identification.ensembles import TRIM, posterior_ensemble, trim_ensemble
 from maidenflight.inputs import StrPath
 from maidenflight.parameters import Parameters, full_scale_counts
-from maidenflight.simulator import control
+from maidenflight.simulator import additions, control
 from maidenflight.simulator.battery import COUNTS, PLUS
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.plant import RunningPlant
@@ -26,7 +26,7 @@ from maidenflight.simulator.randomization import (
     relative_box,
     wide_box,
 )
-from maidenflight.simulator.reality import AnyReality
+from maidenflight.simulator.reality import AnyReality, is_drone
 from maidenflight.simulator.reality import reality as known_reality
 from maidenflight.simulator.virtual_drone import VirtualDrone
 
@@ -87,7 +87,8 @@ def reality(name: str, accept_bounds: bool = False) -> AnyReality:
     Raises:
         InputError: no such reality, or `drone_to_fly` refuses the drone.
     """
-    drone = name.partition("@")[2] or name
+    plain = name if is_drone(name) else additions.split(name)[0]
+    drone = plain.partition("@")[2] or plain
     if Path(drone).is_file():
         drone_to_fly(drone, accept_bounds)
     return known_reality(name)

@@ -23,9 +23,9 @@ from maidenflight.identification.prediction import predicted_windows, prediction
 from maidenflight.identification.progress import Progress
 from maidenflight.identification.replay import Replay
 from maidenflight.inputs import StrPath
+from maidenflight.parameters import Parameters
 from maidenflight.reporting.identification_picture import identification_picture
 from maidenflight.simulator.reality import AnyReality
-from maidenflight.simulator.virtual_drone import VirtualDrone
 
 
 def record(
@@ -41,7 +41,8 @@ def record(
 ) -> list[Path]:
     """Records flights in a reality: one CSV a flight in `folder`.
 
-    The true parameters of a virtual drone are written to `truth`; other realities have none.
+    The true parameters of a virtual drone are written to `truth`, and what another reality tells
+    of its own in `parameters`, if it does.
     """
     settings = {
         "reality": drone.name,
@@ -61,8 +62,9 @@ def record(
         rate=rate,
         firmware=firmware,
     )
-    if isinstance(drone, VirtualDrone):
-        DroneFile(drone.parameters, record=made).write(truth)
+    own = getattr(drone, "parameters", None)
+    if isinstance(own, Parameters):
+        DroneFile(own, record=made).write(truth)
     else:
         Path(truth).unlink(missing_ok=True)
     written = [log.write(Path(folder) / f"{flight.name}.csv", flight, made) for flight in flown]

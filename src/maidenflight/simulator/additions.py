@@ -1,0 +1,246 @@
+"""What a reality's name adds to it: `+sensors` and `+10ms`, in any order, on any reality.
+
+Virtual drones get other parameters. Other realities are wrapped: `Sensing` reads them through the
+noise and delay of a Crazyflie's sensors, `Late` holds back their commands.
+"""
+
+import dataclasses
+import re
+from collections import deque
+from types import MappingProxyType
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from maidenflight import parameters
+from maidenflight.errors import InputError
+from maidenflight.parameters import Parameters, crazyflie, noiseless, replace
+from maidenflight.simulator import sensors
+from maidenflight.simulator.dynamics import State
+from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.sensors import Measurement
+from maidenflight.simulator.virtual_drone import VirtualDrone
+
+SENSORS = MappingProxyType(
+    {
+        "position_noise": 0.003,
+        "position_noise_uniform": 0.001,
+        "velocity_noise": 0.015,
+        "attitude_noise": float(np.radians(0.1)),
+        "attitude_noise_uniform": float(np.radians(0.05)),
+        "gyro_noise": 0.01,
+        "gyro_time_constant": 0.0028,
+        "gyro_turn_on_bias": float(np.radians(0.5)),
+        "estimator_delay": 0.005,
+    }
+)
+"""What `+sensors` sets: the noise and delays of the middle one of the virtual drones."""
+
+_ADDITION = re.compile(r"(?P<before>.+)\+(?P<what>sensors|(?P<late>\d+(?:\.\d+)?)ms)")
+
+
+def split(name: str) -> tuple[str, list[str]]:
+    """A reality's name without what it adds, and what that is, in order, such as `["10ms"]`."""
+    added: list[str] = []
+    while found := _ADDITION.fullmatch(name):
+        name, added = found["before"], [found["what"], *added]
+    return name, added
+
+
+def with_additions(drone: Any, added: list[str]) -> Any:
+    """A reality with what its name adds.
+
+    Args:
+        drone: a `VirtualDrone`, or one that follows the `Reality` protocol.
+        added: of `split`.
+
+    Raises:
+        InputError: the same twice, or a latency that is no whole number of the reality's steps or
+            longer than a drone's may be.
+    """
+    kinds = ["latency" if one.endswith("ms") else one for one in added]
+    if len(set(kinds)) < len(kinds):
+        raise InputError(f"{drone.name} + {' + '.join(added)}: expected each addition once.")
+    for one in added:
+        if one == "sensors":
+            drone = _with_sensors(drone)
+        else:
+            drone = _later(drone, float(one.removesuffix("ms")) / 1000)
+    return drone
+
+
+def _with_sensors(drone: Any) -> Any:
+    if isinstance(drone, VirtualDrone):
+        return _with(drone, replace(drone.parameters, **SENSORS), "+sensors")
+    return Sensing(drone)
+
+
+def _later(drone: Any, seconds: float) -> Any:
+    if isinstance(drone, VirtualDrone):
+        late = replace(drone.parameters, latency=float(drone.parameters.latency) + seconds)
+        return _with(drone, parameters.check(late, drone.name), f"+{_ms(seconds)}")
+    return Late(drone, seconds)
+
+
+def _with(drone: VirtualDrone, changed: Parameters, addition: str) -> VirtualDrone:
+    return dataclasses.replace(drone, name=f"{drone.name}{addition}", parameters=changed)
+
+
+def _ms(seconds: float) -> str:
+    return f"{1000 * seconds:g}ms"
+
+
+class _Around:
+    """A reality around another, which it passes on."""
+
+    def __init__(self, inner: Any, addition: str) -> None:
+        self.inner = inner
+        self.name = f"{inner.name}+{addition}"
+        self.rate, self.takes, self.hover = inner.rate, inner.takes, inner.hover
+        own = getattr(inner, "parameters", None)
+        if own is not None:
+            self.parameters = own
+
+    def reset(self, position: Float[np.ndarray, "3"], seed: int) -> None:
+        self.inner.reset(position, seed)
+
+    def step(self, command: Float[np.ndarray, "4"]) -> None:
+        self.inner.step(command)
+
+    def observe(self) -> Measurement:
+        return self.inner.observe()
+
+    def truth(self) -> Any:
+        return self.inner.truth()
+
+
+class Late(_Around):
+    """A reality whose commands act later; its truth and its log hold those that were given."""
+
+    def __init__(self, inner: Any, seconds: float) -> None:
+        """Wraps it.
+
+        Args:
+            inner: a reality of the protocol.
+            seconds: how much later [s], a multiple of its step.
+
+        Raises:
+            InputError: it is none.
+        """
+        super().__init__(inner, _ms(seconds))
+        steps = seconds * inner.rate
+        if abs(steps - round(steps)) > 1e-6:
+            raise InputError(
+                f"{self.name}: {inner.name} takes a command each {1000 / inner.rate:g} ms; "
+                "expected a multiple of that."
+            )
+        self._steps = round(steps)
+        if hasattr(self, "parameters"):
+            later = float(self.parameters.latency) + seconds
+            self.parameters = parameters.check(replace(self.parameters, latency=later), self.name)
+
+    def reset(self, position: Float[np.ndarray, "3"], seed: int) -> None:
+        """Begins a flight, with commands to hover on their way."""
+        super().reset(position, seed)
+        self._given: Any = np.full(4, self.hover)
+        self._line = deque([self._given] * self._steps)
+
+    def step(self, command: Float[np.ndarray, "4"]) -> None:
+        """Gives a command, and holds the one that was given so long ago."""
+        self._given = np.array(command, np.float64)
+        self._line.append(self._given)
+        super().step(self._line.popleft())
+
+    def truth(self) -> Any:
+        """The true state, and the command given last."""
+        return super().truth()._replace(command=self._given)
+
+
+class Sensing(_Around):
+    """A reality seen through the sensors of `SENSORS`, as a virtual drone is.
+
+    Position, velocity and attitude are estimated at 100 Hz and late; the gyro is read afresh,
+    behind its filter, with a bias drawn for each flight.
+    """
+
+    def __init__(self, inner: Any) -> None:
+        """Wraps a reality of the protocol."""
+        super().__init__(inner, "sensors")
+        self._seen_by = replace(noiseless(crazyflie()), **SENSORS)
+        if hasattr(self, "parameters"):
+            self.parameters = replace(self.parameters, **SENSORS)
+        self._every = max(1, round(inner.rate / Environment.estimate_rate))
+
+    def reset(self, position: Float[np.ndarray, "3"], seed: int) -> None:
+        """Begins a flight with noise of its own."""
+        super().reset(position, seed)
+        self._random = np.random.default_rng(seed)
+        self._bias = np.float32(SENSORS["gyro_turn_on_bias"]) * self._normal(3)
+        state = self._state()
+        self._before = self._filtered = state.body_rates
+        memory = 2 + int(np.ceil(SENSORS["estimator_delay"] * Environment.estimate_rate))
+        now = np.concatenate([state.position, state.velocity, state.quaternion])
+        self._past = np.tile(now, (memory, 1))
+        self._steps = 0
+        self._read(state, estimate=True)
+
+    def step(self, command: Float[np.ndarray, "4"]) -> None:
+        """Passes a command on, then reads the sensors."""
+        super().step(command)
+        self._steps += 1
+        state, elapsed = self._state(), np.float32(1.0 / self.rate)
+        self._filtered = np.asarray(
+            _low_pass(self._filtered, self._before, state.body_rates, elapsed, self._seen_by)
+        )
+        self._before = state.body_rates
+        self._read(state, estimate=self._steps % self._every == 0)
+
+    def observe(self) -> Measurement:
+        """What the sensors said after the last step."""
+        return self._measurement
+
+    def _state(self) -> State:
+        seen: Any = self.inner.observe()
+        position, velocity, quaternion, rates = (np.asarray(part, np.float32) for part in seen)
+        return State(position, velocity, quaternion, rates, np.zeros(4, np.float32))  # pyright: ignore
+
+    def _normal(self, size: int) -> Any:
+        return self._random.standard_normal(size).astype(np.float32)
+
+    def _read(self, state: State, estimate: bool) -> None:
+        if estimate and self._steps:
+            self._past = np.asarray(_remember(self._past, state))
+        uniform = self._random.uniform(-1.0, 1.0, sensors.UNIFORMS).astype(np.float32)
+        fresh: Any = _measured(
+            self._past,
+            state._replace(body_rates=self._filtered),
+            self._bias,
+            self._seen_by,
+            self._normal(sensors.NORMALS),
+            uniform,
+        )
+        fresh = Measurement(*(np.asarray(part) for part in fresh))  # pyright: ignore
+        held = self._measurement if not estimate else fresh
+        self._measurement = held._replace(body_rates=fresh.body_rates)
+
+
+_low_pass = jax.jit(sensors.low_pass)
+_remember = jax.jit(sensors.remember)
+
+
+@jax.jit
+def _measured(
+    past: Float[Array, "memory 10"],
+    state: State,
+    bias: Float[Array, "3"],
+    drone: Parameters,
+    normal: Float[Array, "12"],
+    uniform: Float[Array, "6"],
+) -> Measurement:
+    period = jnp.float32(1.0 / Environment.estimate_rate)
+    return sensors.measure(
+        sensors.delayed(past, state, period, drone), bias, drone, normal, uniform
+    )

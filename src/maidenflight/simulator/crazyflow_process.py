@@ -1,0 +1,92 @@
+"""A drone in crazyflow, as a process of its own: `python -m ...crazyflow_process DRONE`.
+
+crazyflow needs `SCIPY_ARRAY_API=1` before SciPy is first imported, which would change SciPy for
+the whole program. So it runs apart, and here alone it is imported.
+
+On standard input come frames of `ASKED` numbers in float64, on standard output go a line of JSON
+and a frame of `TOLD` for each: what was asked is either four rotor speeds to hold for a step, or
+the state to begin with. The process ends with its input.
+"""
+
+import importlib
+import json
+import os
+import sys
+from typing import Any, BinaryIO
+
+import numpy as np
+
+RATE = 500
+"""Steps a second [Hz], crazyflow's own."""
+ASKED = 8
+"""Numbers of a request: 0 and four rotor speeds [rpm], or 1, a position [m] and four of them."""
+TOLD = 13
+"""Numbers of an answer: position, velocity, quaternion x, y, z, w, body rates."""
+STEP, BEGIN = 0.0, 1.0
+"""The first number of a request."""
+
+
+def main(drone: str) -> None:
+    """Answers requests until there are no more.
+
+    Args:
+        drone: crazyflow's name of it.
+    """
+    # What libraries print belongs to standard error; the frames have a descriptor of their own.
+    with os.fdopen(os.dup(1), "wb") as told:
+        os.dup2(2, 1)
+        simulation, limit = _world(drone)
+        if simulation is None:
+            told.write(json.dumps({"drones": limit}).encode() + b"\n")
+            return
+        told.write(json.dumps(_described(simulation, limit)).encode() + b"\n")
+        told.flush()
+        _serve(simulation, sys.stdin.buffer, told)
+
+
+def _world(drone: str) -> tuple[Any, Any]:
+    """A simulation and the largest thrust of a rotor [N]; or nothing, and the drones that are."""
+    crazyflow: Any = importlib.import_module("crazyflow")
+    physics: Any = importlib.import_module("crazyflow.dynamics")
+    physical = crazyflow.Dynamics.first_principles
+    names = [str(one) for one in crazyflow.Drone if physical in physics.supported_dynamics(one)]
+    if drone not in names:
+        return None, names
+    known, motors = crazyflow.Drone(drone), crazyflow.Control.rotor_vel
+    simulation = crazyflow.Sim(drone=known, dynamics=physical, control=motors, freq=RATE)
+    return simulation, float(physics.load_params(physical, known)["thrust_max"])
+
+
+def _described(simulation: Any, thrust: float) -> dict[str, Any]:
+    """The drone's constants, of one world and drone."""
+    numbers = {
+        name: np.asarray(value, np.float64).reshape(np.shape(value)).tolist()
+        for name, value in vars(simulation.data.params).items()
+    }
+    return {**numbers, "thrust_max": thrust}
+
+
+def _serve(simulation: Any, asked: BinaryIO, told: BinaryIO) -> None:
+    import jax.numpy as jnp
+
+    simulation.reset()
+    while len(frame := asked.read(8 * ASKED)) == 8 * ASKED:
+        kind, *numbers = np.frombuffer(frame).tolist()
+        if kind == BEGIN:
+            simulation.reset()
+            states = simulation.data.states.replace(
+                pos=jnp.asarray([[numbers[:3]]], jnp.float32),
+                rotor_vel=jnp.asarray([[numbers[3:]]], jnp.float32),
+            )
+            simulation.data = simulation.data.replace(states=states)
+        else:
+            simulation.rotor_vel_control(jnp.asarray([[numbers[:4]]], jnp.float32))
+            simulation.step()
+        states = simulation.data.states
+        parts = (states.pos, states.vel, states.quat, states.ang_vel)
+        told.write(np.concatenate([np.ravel(part) for part in parts]).astype(np.float64).tobytes())
+        told.flush()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

@@ -1,0 +1,130 @@
+"""What a reality's name adds: latency that is the same as in the simulator, and sensors."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from maidenflight import parameters
+from maidenflight.errors import InputError
+from maidenflight.simulator.additions import SENSORS, Late, Sensing, split, with_additions
+from maidenflight.simulator.reality import REALITIES, checked, reality
+from maidenflight.simulator.virtual_drone import VirtualDrone
+from numpy_drone import NumpyDrone
+
+START = np.array([0.1, 0.2, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("virtual:7", ("virtual:7", [])),
+        ("virtual:7+10ms", ("virtual:7", ["10ms"])),
+        ("l2f:x500+sensors+2.5ms", ("l2f:x500", ["sensors", "2.5ms"])),
+        ("near:1@crazyflie_2.1++10ms", ("near:1@crazyflie_2.1+", ["10ms"])),
+        ("virtual:7+noise", ("virtual:7+noise", [])),
+    ],
+)
+def test_additions_are_read_from_the_end(name: str, expected: tuple[str, list[str]]) -> None:
+    assert split(name) == expected
+
+
+def test_a_virtual_drone_gets_other_parameters() -> None:
+    plain, added = reality("near:7"), reality("near:7+sensors+10ms")
+    assert isinstance(plain, VirtualDrone)
+    assert isinstance(added, VirtualDrone)
+    assert added.name == "near-7+sensors+10ms"
+    assert added.parameters.latency == pytest.approx(float(plain.parameters.latency) + 0.01)
+    for name, value in SENSORS.items():
+        assert getattr(added.parameters, name) == np.float32(value)
+    assert added.parameters.mass == plain.parameters.mass
+
+
+def test_a_name_that_ends_like_an_addition_is_a_drone(tmp_path: Path) -> None:
+    file = tmp_path / "heavy+10ms"
+    parameters.write(file, parameters.crazyflie(), {})
+    plain = reality(str(file))
+    assert isinstance(plain, VirtualDrone)
+    assert plain.parameters.latency == parameters.crazyflie().latency
+    assert reality("crazyflie_2.1+").name == "crazyflie_2.1+"
+    assert reality("crazyflie_2.1++10ms").name == "crazyflie_2.1++10ms"
+
+
+@pytest.mark.parametrize("name", ["near:7+10ms+5ms", "near:7+sensors+sensors", "near:7+45ms"])
+def test_what_cannot_be_added_is_refused(name: str) -> None:
+    with pytest.raises(InputError, match="near-7"):
+        reality(name)
+
+
+def test_a_latency_between_two_steps_is_refused() -> None:
+    with pytest.raises(InputError, match="2 ms"):
+        Late(NumpyDrone(), 0.003)
+
+
+def test_a_wrapped_latency_is_that_of_the_simulator(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(REALITIES, "numpy", lambda seed: NumpyDrone(latency_steps=2))
+    late, twin = reality("numpy:0+10ms"), NumpyDrone(latency_steps=12)
+    assert isinstance(late, Late)
+    assert checked(late) is late
+    assert late.name == "numpy+10ms"
+    commands = 0.58 + 0.05 * np.sin(np.arange(60)[:, None] / 5 + np.arange(4.0))
+    for drone in (late, twin):
+        drone.reset(START, 0)
+        for command in commands:
+            drone.step(command)
+    for one, other in zip(late.truth(), twin.truth(), strict=True):
+        np.testing.assert_array_equal(one, other)
+    late.reset(START, 0)
+    np.testing.assert_array_equal(late.truth().command, np.full(4, late.hover))
+
+
+def test_sensors_read_with_the_noise_that_they_are_said_to_have() -> None:
+    drone = with_additions(NumpyDrone(latency_steps=0), ["sensors"])
+    assert isinstance(drone, Sensing)
+    seen = []
+    for seed in range(40):
+        drone.reset(START, seed)
+        for _ in range(10):
+            drone.step(np.full(4, drone.hover))
+            seen.append([*drone.observe()[:2], drone.observe().body_rates])
+    position, velocity, gyro = (np.array(part) for part in zip(*seen, strict=True))
+    estimates = (position.reshape(40, 10, 3)[:, 4::5] - START).ravel()
+    expected = np.hypot(SENSORS["position_noise"], SENSORS["position_noise_uniform"] / np.sqrt(3))
+    assert estimates.std() == pytest.approx(expected, rel=0.2)
+    assert velocity[4::5].std() == pytest.approx(SENSORS["velocity_noise"], rel=0.2)
+    within = gyro.reshape(40, 10, 3) - gyro.reshape(40, 10, 3).mean(axis=1, keepdims=True)
+    assert within.std() * np.sqrt(10 / 9) == pytest.approx(SENSORS["gyro_noise"], rel=0.1)
+    biases = gyro.reshape(40, 10, 3).mean(axis=1)
+    assert biases.std() == pytest.approx(SENSORS["gyro_turn_on_bias"], rel=0.3)
+
+
+def test_estimates_come_at_100_hz_the_gyro_at_each_step_and_a_seed_repeats_them() -> None:
+    drone = Sensing(NumpyDrone())
+    flights = []
+    for seed in (3, 3, 4):
+        drone.reset(START, seed)
+        rows = []
+        for _ in range(10):
+            rows.append(np.concatenate(drone.observe()))
+            drone.step(np.full(4, drone.hover + 0.01))
+        flights.append(np.array(rows))
+    first, again, other = flights
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first, other)
+    changed = np.any(np.diff(first[:, :10], axis=0) != 0, axis=1)
+    np.testing.assert_array_equal(np.flatnonzero(changed), [4])
+    assert np.all(np.diff(first[:, 10:], axis=0) != 0)
+    np.testing.assert_array_equal(drone.truth().position, drone.inner.truth().position)
+
+
+def test_estimates_are_as_late_as_they_are_said_to_be() -> None:
+    """Falling at a constant speed, the estimate lags by its age."""
+    drone = Sensing(NumpyDrone(latency_steps=0))
+    gaps = []
+    for seed in range(30):
+        drone.reset(START, seed)
+        for _ in range(100):
+            drone.step(np.full(4, 0.3))
+        gaps.append(drone.observe().position[2] - drone.truth().position[2])
+    speed = drone.inner.observe().velocity[2]
+    assert np.mean(gaps) == pytest.approx(-speed * SENSORS["estimator_delay"], rel=0.3)
