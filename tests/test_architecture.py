@@ -11,7 +11,7 @@ ROOT = Path(maidenflight.__file__).parent
 ORDER = [
     "parameters",
     "simulator",
-    "flights gym policy",
+    "flights foreign gym policy",
     "identification training",
     "experiments",
     "deployment reporting link",

@@ -80,6 +80,7 @@ def transfer(
 
     POLICIES are files or folders, or with --matrix those of a matrix. They are ours, or the
     authors' in files whose names begin with a control structure; all of one call are of one kind.
+    Beside them fly raptor, raptor:500hz, and networks in ONNX that a TOML file describes.
     """
     if settings is not None:
         if (
@@ -104,20 +105,21 @@ def transfer(
     with terminal.progress("transfer", None) as move:
         asked = realities or (f"virtual:7@{drone_}" if drone_ else "virtual:7",)
         places = [workflow.reality(name, accept_bounds) for name in asked]
-        files = workflow.policy_files(policies)
+        files = workflow.policy_files(workflow.own_and_foreign(policies)[0])
         task, notes = workflow.task_to_fly(files, task)
         options.print_notes(notes)
         move(0, None, "compiling and flying")
         flown = workflow.transfer_to(
             policies, places, seed or 0, output, trials or 3, duration or 20.0, task
         )
-    summary, best = workflow.transfer_summary(flown), workflow.best_policy(flown, files)
+    summary = workflow.transfer_summary(flown)
+    best = workflow.best_policy(flown, files) if files else None
     cycles = workflow.limit_cycles(summary)
     options.print_notes(cycles)
     content = {
         "flights": flown.table.to_dicts(),
         "summary": summary.to_dicts(),
-        "best": str(best),
+        "best": str(best) if best else None,
         "task": task,
         "notes": [*notes, *cycles],
         "simulated": True,
@@ -128,14 +130,14 @@ def transfer(
         if flown.table.height <= flight_output.FEW:
             flight_output.flights(flown)
         flight_output.by_policy(summary)
-        if len(files) > 1:
+        if best and len(files) > 1:
             flight_output.best(
                 [best],
                 "longest mean flight; among equals no limit cycle and the smallest mean error",
             )
         print(f"written to {output}/, a row a flight in flights.csv")
 
-    options.emit(as_json, content, text, ("export", best))
+    options.emit(as_json, content, text, ("export", best) if best else ())
 
 
 def _transfer_matrix(

@@ -6,9 +6,10 @@ Source of the experiment and its guards: Gronauer et al. 2022, sec. Zero-Shot Ex
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import polars
 from jaxtyping import Array, Float
@@ -17,6 +18,7 @@ from maidenflight.errors import InputError
 from maidenflight.flights import flying
 from maidenflight.flights.flying import Pilot, Rows
 from maidenflight.flights.log import Flight
+from maidenflight.foreign.policies import ForeignPolicy
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Actor, Policy
 from maidenflight.simulator import control, rotations, tasks
@@ -24,6 +26,7 @@ from maidenflight.simulator.battery import Supply
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.reality import MOTORS, AnyReality, Reality, Truth, checked
+from maidenflight.simulator.stepped import Stepped
 from maidenflight.simulator.tasks import MAX_POSITION_ERROR_M, Task
 from maidenflight.simulator.virtual_drone import VirtualDrone
 
@@ -120,7 +123,7 @@ def end_of_flight(rows: Rows) -> tuple[int, str]:
 
 
 def transfer(
-    policies: Sequence[Policy] | Policy,
+    policies: Sequence[Policy | ForeignPolicy] | Policy | ForeignPolicy,
     realities: Sequence[AnyReality] | AnyReality,
     trials: int = 3,
     key: Array | None = None,
@@ -136,7 +139,8 @@ def transfer(
     from its PID. Virtual drones are flown all at once; other realities one flight after another.
 
     Args:
-        policies: policies of one control structure and layer sizes, or one.
+        policies: policies of one control structure and layer sizes, policies by others beside them,
+            or one of either.
         realities: where to fly them; one or more.
         trials: flights of each policy in each reality.
         key: random key; `jax.random.key(0)` unless given.
@@ -151,47 +155,39 @@ def transfer(
             interface than theirs, or a reality that takes neither motor commands nor those of the
             policies.
     """
-    policies = [policies] if isinstance(policies, Policy) else policies
+    policies = [policies] if isinstance(policies, Policy | ForeignPolicy) else policies
     several: Any = realities if isinstance(realities, list | tuple) else [realities]
     for one in policies:
-        if not isinstance(one, Policy):
+        if not isinstance(one, Policy | ForeignPolicy):
             raise InputError(
                 f"{str(one)[:60]!r} is no Policy; expected what policy.read(FILE) gives."
             )
     places = [checked(one) for one in several]
     if not policies or not places or trials < 1:
         raise InputError("a transfer needs at least one policy, one reality and one trial.")
-    controller = _controller_of(policies, controller)
+    own = [one for one in policies if isinstance(one, Policy)]
+    controller = _controller_of(own, controller) if own else control.pwm()
     key = jax.random.key(0) if key is None else key
     names = list(names or (f"policy_{number}" for number in range(1, len(policies) + 1)))
     plan = [(policy, trial) for policy in range(len(policies)) for trial in range(trials)]
-    period = 1 / policies[0].interface.rate
-    counts = policies[0].interface.full_scale_counts
+    counts = controller.interface.full_scale_counts
     table: list[dict[str, Any]] = []
     flights: list[Flight] = []
     for number, reality in enumerate(places):
         keys = jax.random.split(jax.random.fold_in(key, number), len(plan))
-        flown = _fly_plan(
-            reality,
-            [policies[policy] for policy, _ in plan],
-            controller,
-            task or tasks.circle(),
-            keys,
-            round(duration * policies[0].interface.rate),
-        )
-        virtual = isinstance(reality, VirtualDrone)
-        supply = reality.supply(counts) if virtual else Supply(full_scale_counts=counts)
-        for (policy, trial), rows in zip(plan, flown, strict=True):
+        asked = [policies[policy] for policy, _ in plan]
+        flown = _fly_plan(reality, asked, controller, task or tasks.circle(), keys, duration)
+        for (policy, trial), (rows, logged) in zip(plan, flown, strict=True):
             steps, reason = end_of_flight(rows)
             rows = jax.tree.map(lambda values, end=steps: values[:end], rows)
             error = np.linalg.norm(rows.true_position - rows.true_setpoint, axis=1)
             flight = flying.to_flight(
                 rows,
                 f"flight_{len(table) + 1:02d}",
-                zero_order_hold=controller.command_rate == controller.interface.rate,
-                supply=supply,
+                zero_order_hold=logged.zero_order_hold,
+                supply=_supply(reality, counts, logged),
                 simulated=reality.name,
-                period=period,
+                period=1 / logged.rate,
             )
             table.append(
                 {
@@ -199,7 +195,7 @@ def transfer(
                     "policy": names[policy],
                     "reality": reality.name,
                     "trial": trial + 1,
-                    "duration": round(steps * period, 6),
+                    "duration": round(steps / logged.rate, 6),
                     "end_reason": reason,
                     "position_error": round(float(np.mean(error, dtype=np.float64)), 6),
                     **activity(flight),
@@ -227,20 +223,60 @@ def _controller_of(policies: Sequence[Policy], controller: Controller | None) ->
     return controller
 
 
+class _Logged(NamedTuple):
+    """How a flight was logged."""
+
+    rate: int
+    """Rows a second [Hz]."""
+    zero_order_hold: bool
+    by_command: bool
+    """Whether the log holds commands as they were given, not what a battery made of them."""
+
+
+def _supply(reality: AnyReality, counts: float, logged: _Logged) -> Supply:
+    if isinstance(reality, VirtualDrone) and not logged.by_command:
+        return reality.supply(counts)
+    return Supply(full_scale_counts=counts)
+
+
 def _fly_plan(
     reality: AnyReality,
+    policies: Sequence[Policy | ForeignPolicy],
+    controller: Controller,
+    task: Task,
+    keys: Array,
+    duration: float,
+) -> Iterator[tuple[Rows, _Logged]]:
+    """The rows of a flight of each policy, with the key of the same place."""
+    own = [(one, key) for one, key in zip(policies, keys, strict=True) if isinstance(one, Policy)]
+    together = iter(())
+    if own and isinstance(reality, VirtualDrone):
+        steps = round(duration * controller.interface.rate)
+        several, theirs = [one for one, _ in own], jnp.stack([key for _, key in own])
+        together = iter(_fly_together(reality, several, controller, task, theirs, steps))
+    rate = controller.interface.rate
+    held = controller.command_rate == rate
+    stepped: Any = reality
+    if isinstance(reality, VirtualDrone) and len(own) < len(policies):
+        stepped = Stepped(reality)
+    for policy, key in zip(policies, keys, strict=True):
+        if isinstance(policy, Policy) and isinstance(reality, VirtualDrone):
+            yield next(together), _Logged(rate, held, by_command=False)
+            continue
+        pilot = _pilot(stepped, policy, controller, task)
+        rows = flying.fly_reality(stepped, pilot, task, key, round(duration * pilot.rate), _ended)
+        yield rows, _Logged(pilot.rate, pilot.zero_order_hold, by_command=True)
+
+
+def _fly_together(
+    reality: VirtualDrone,
     policies: Sequence[Policy],
     controller: Controller,
     task: Task,
     keys: Array,
     steps: int,
 ) -> Iterator[Rows]:
-    """The rows of a flight of each policy, with the key of the same place."""
-    if not isinstance(reality, VirtualDrone):
-        for policy, key in zip(policies, keys, strict=True):
-            pilot = _pilot(reality, policy, controller)
-            yield flying.fly_reality(reality, pilot, task, key, steps, _ended)
-        return
+    """Flights of policies on a virtual drone, all at once."""
     env = replace(reality.environment(task, controller), history=policies[0].history)
     stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *policies)
     drones = jax.tree.map(
@@ -267,8 +303,17 @@ def _ended(truth: Truth, setpoint: Float[np.ndarray, "3"]) -> bool:
 _attitude = jax.jit(rotations.to_attitude)
 
 
-def _pilot(reality: Reality, policy: Policy, controller: Controller) -> Pilot:
+def _pilot(
+    reality: Reality, policy: Policy | ForeignPolicy, controller: Controller, task: Task
+) -> Pilot:
     """What flies a policy in a reality, by its own controller if it has the policy's."""
+    if not isinstance(policy, Policy):
+        if reality.takes != MOTORS:
+            raise InputError(
+                f"{reality.name} takes {reality.takes!r}, but {policy.name} commands the motors."
+            )
+        fly, held = policy.begin(reality.hover, task), policy.command_rate == policy.rate
+        return Pilot(fly, policy.command_rate, policy.rate, zero_order_hold=held)
     actor = Actor(policy, reality.hover)
     if reality.takes == MOTORS:
         return flying.cascade(controller, lambda *now: actor.act(*now).action)

@@ -169,7 +169,6 @@ class Sensing(_Around):
     def __init__(self, inner: Any) -> None:
         """Wraps a reality of the protocol."""
         super().__init__(inner, "sensors")
-        self._seen_by = replace(noiseless(crazyflie()), **SENSORS)
         if hasattr(self, "parameters"):
             self.parameters = replace(self.parameters, **SENSORS)
         self._every = max(1, round(inner.rate / Environment.estimate_rate))
@@ -183,24 +182,29 @@ class Sensing(_Around):
         self._before = self._filtered = state.body_rates
         memory = 2 + int(np.ceil(SENSORS["estimator_delay"] * Environment.estimate_rate))
         now = np.concatenate([state.position, state.velocity, state.quaternion])
-        self._past = np.tile(now, (memory, 1))
+        self._past: Any = np.tile(now, (memory, 1))
         self._steps = 0
-        self._read(state, estimate=True)
+        self._estimate(state)
 
     def step(self, command: Float[np.ndarray, "4"]) -> None:
         """Passes a command on, then reads the sensors."""
         super().step(command)
         self._steps += 1
         state, elapsed = self._state(), np.float32(1.0 / self.rate)
-        self._filtered = np.asarray(
-            _low_pass(self._filtered, self._before, state.body_rates, elapsed, self._seen_by)
-        )
+        self._filtered = _low_pass(self._filtered, self._before, state.body_rates, elapsed)
         self._before = state.body_rates
-        self._read(state, estimate=self._steps % self._every == 0)
+        if self._steps % self._every == 0:
+            self._past = np.concatenate([np.hstack(state[:3])[None], self._past[:-1]])
+            self._estimate(state)
+        self._seen: Measurement | None = None
 
     def observe(self) -> Measurement:
-        """What the sensors said after the last step."""
-        return self._measurement
+        """What the sensors say after the last step."""
+        if self._seen is None:
+            filtered: Any = np.asarray(self._filtered)
+            rates = sensors.gyro(filtered, self._bias, _SEEN_BY, self._normal(3))
+            self._seen = self._estimated._replace(body_rates=rates)
+        return self._seen
 
     def _state(self) -> State:
         seen: Any = self.inner.observe()
@@ -210,37 +214,34 @@ class Sensing(_Around):
     def _normal(self, size: int) -> Any:
         return self._random.standard_normal(size).astype(np.float32)
 
-    def _read(self, state: State, estimate: bool) -> None:
-        if estimate and self._steps:
-            self._past = np.asarray(_remember(self._past, state))
+    def _estimate(self, state: State) -> None:
         uniform = self._random.uniform(-1.0, 1.0, sensors.UNIFORMS).astype(np.float32)
-        fresh: Any = _measured(
-            self._past,
-            state._replace(body_rates=self._filtered),
-            self._bias,
-            self._seen_by,
-            self._normal(sensors.NORMALS),
-            uniform,
-        )
-        fresh = Measurement(*(np.asarray(part) for part in fresh))  # pyright: ignore
-        held = self._measurement if not estimate else fresh
-        self._measurement = held._replace(body_rates=fresh.body_rates)
+        made = _estimated(self._past, state, self._normal(sensors.NORMALS), uniform)
+        parts: Any = [np.asarray(part) for part in made]
+        self._estimated, self._seen = Measurement(*parts), None
 
 
-_low_pass = jax.jit(sensors.low_pass)
-_remember = jax.jit(sensors.remember)
+_SEEN_BY: Any = replace(noiseless(crazyflie()), **SENSORS)
 
 
 @jax.jit
-def _measured(
+def _low_pass(
+    filtered: Float[Array, "3"],
+    before: Float[Array, "3"],
+    after: Float[Array, "3"],
+    elapsed: Float[Array, ""],
+) -> Float[Array, "3"]:
+    return sensors.low_pass(filtered, before, after, elapsed, _SEEN_BY)
+
+
+@jax.jit
+def _estimated(
     past: Float[Array, "memory 10"],
     state: State,
-    bias: Float[Array, "3"],
-    drone: Parameters,
     normal: Float[Array, "12"],
     uniform: Float[Array, "6"],
 ) -> Measurement:
+    """Position, velocity and attitude; the body rates of it are not used."""
     period = jnp.float32(1.0 / Environment.estimate_rate)
-    return sensors.measure(
-        sensors.delayed(past, state, period, drone), bias, drone, normal, uniform
-    )
+    late = sensors.delayed(past, state, period, _SEEN_BY)
+    return sensors.measure(late, jnp.zeros(3), _SEEN_BY, normal, uniform)

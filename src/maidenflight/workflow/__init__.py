@@ -27,7 +27,7 @@ from maidenflight.workflow.flying import (
     transfer_to,
 )
 from maidenflight.workflow.logs import Reading, Start, identify_from, record, validate_with
-from maidenflight.workflow.policies import policy_files, task_to_fly
+from maidenflight.workflow.policies import own_and_foreign, policy_files, task_to_fly
 from maidenflight.workflow.training import (
     SETTINGS,
     WATCHED_DURATION_S,
@@ -52,6 +52,7 @@ __all__ = [
     "flights_to_view",
     "identify_from",
     "limit_cycles",
+    "own_and_foreign",
     "plant",
     "policy_files",
     "possible_drones",

@@ -30,7 +30,7 @@ from maidenflight.workflow.drones import (
     reality,
     usual_randomization,
 )
-from maidenflight.workflow.policies import names, policy_files, read_as
+from maidenflight.workflow.policies import names, own_and_foreign, policy_files, read_as
 
 
 def transfer_to(
@@ -42,28 +42,31 @@ def transfer_to(
     duration: float,
     task: str = "circle",
 ) -> Transfer:
-    """Flies policies, ours or the authors', in realities.
+    """Flies policies, ours, the authors' or by others, in realities.
 
     Writes `flights.csv` with a row a flight, and every flight's log.
     """
-    files = policy_files(given)
+    own, others = own_and_foreign(given)
+    files = policy_files(own)
     policies = [read_policy(path) for path in files]
     flown = transfer(
-        policies,
+        [*policies, *others],
         realities,
         trials,
         jax.random.key(seed),
         task=tasks.TASKS[task](),
         duration=duration,
-        names=names(files),
+        names=[*names(files), *(one.name for one in others)],
     )
     settings = {
+        **({"foreign": [one.name for one in others]} if others else {}),
         "task": task,
         "realities": [drone.name for drone in realities],
         "trials": trials,
         "duration": duration,
     }
-    made = results.record(seed=seed, inputs=files, settings=settings)
+    described = [path for path in given if Path(path).suffix == ".toml"]
+    made = results.record(seed=seed, inputs=[*files, *described], settings=settings)
     written = [
         log.write(Path(folder) / f"{flight.name}.csv", flight, made) for flight in flown.flights
     ]
@@ -224,9 +227,10 @@ def predict_with(
 def best_policy(flown: Transfer, files: Sequence[Path]) -> Path:
     """The policy that flew longest and, among equals, closest; one in a limit cycle only for want.
 
-    Of what `transfer_to` gives, and the files that it flew.
+    Of what `transfer_to` gives, and the files of ours that it flew.
     """
-    order = flown.table.group_by("policy").agg(
+    own = flown.table.filter(polars.col("policy").is_in(names(files)))
+    order = own.group_by("policy").agg(
         polars.col("duration").mean(),
         polars.col("position_error").mean(),
         (polars.col("command_change").mean() > LIMIT_CYCLE).alias("limit_cycle"),

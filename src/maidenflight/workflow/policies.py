@@ -7,12 +7,24 @@ from typing import Any
 from maidenflight import inputs, policy
 from maidenflight.deployment.authors_json import read_policy
 from maidenflight.errors import InputError
+from maidenflight.foreign.policies import ForeignPolicy, foreign_policy
 from maidenflight.inputs import StrPath
 from maidenflight.policy import Policy
 from maidenflight.simulator import tasks
 
 USUAL = "circle"
 """Task of policies that do not say what they were trained for, as the authors' do not."""
+
+
+def own_and_foreign(given: Sequence[StrPath]) -> tuple[list[StrPath], list[ForeignPolicy]]:
+    """Files and folders of policies of ours and the authors', and policies by others.
+
+    Raises:
+        InputError: one by others needs a package that is not installed, or its file is wrong.
+    """
+    found = {path: foreign_policy(Path(path)) for path in given}
+    own = [path for path, policy in found.items() if policy is None]
+    return own, [policy for policy in found.values() if policy is not None]
 
 
 def policy_files(given: Sequence[StrPath]) -> list[Path]:
@@ -36,7 +48,7 @@ def policy_files(given: Sequence[StrPath]) -> list[Path]:
 def names(files: Sequence[Path]) -> list[str]:
     """Files without their ending, each with as many of its folders as tell all of them apart."""
     parts = [path.absolute().with_suffix("").parts for path in files]
-    for depth in range(1, max(map(len, parts)) + 1):
+    for depth in range(1, max(map(len, parts), default=0) + 1):
         called = ["/".join(part[-depth:]) for part in parts]
         if len(set(called)) == len(called):
             return called
