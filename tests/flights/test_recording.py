@@ -16,6 +16,8 @@ from maidenflight.identification.flight_signals import rotor_speeds
 from maidenflight.parameters import replace as with_values
 from maidenflight.simulator.battery import Supply
 from maidenflight.simulator.virtual_drone import virtual_drone
+from numpy_drone import NumpyDrone
+from numpy_reference import PAPER
 
 DRONE = virtual_drone(3)
 SECONDS, FLIGHTS = 4.0, 2
@@ -160,3 +162,7 @@ def test_a_drone_that_the_pid_cannot_hold_is_refused_and_not_flown(ratio):
     strong = replace(DRONE, parameters=with_values(DRONE.parameters, thrust_to_weight=ratio))
     with pytest.raises(InputError, match="20000 to 65535"):
         recording.record(strong, jax.random.key(0), 1, 2.0)
+    by_protocol = NumpyDrone(constants=PAPER | {"k_F": ratio})
+    with pytest.raises(InputError, match="numpy"):
+        recording.record(by_protocol, jax.random.key(0), 1, 2.0)
+    assert not by_protocol.resets

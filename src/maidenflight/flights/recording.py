@@ -105,7 +105,7 @@ def record(
     pid = control.position_pid(firmware, counts)
     keys = jax.random.split(key, flights)
     if isinstance(reality := checked(reality), VirtualDrone):
-        _must_be_held(reality, counts)
+        _must_be_held(reality.name, float(dynamics.hover_command(reality.parameters)), counts)
         if reality.thrust_law is not None:
             reality = replace(reality, thrust_law=law_for(counts))
         env = reality.environment(task, pid)
@@ -115,6 +115,8 @@ def record(
         ]
         supply = env.supply
     else:
+        if reality.takes == MOTORS:
+            _must_be_held(reality.name, reality.hover, counts)
         logged = [_fly_one(reality, task, one, steps, excitation, pid) for one in keys]
         supply = Supply(full_scale_counts=counts)
     return [
@@ -127,16 +129,16 @@ _ROOM = 0.05
 """Share of the thrust at hover by which the PID must be able to change it."""
 
 
-def _must_be_held(drone: VirtualDrone, full_scale_counts: float) -> None:
+def _must_be_held(name: str, hover_command: float, full_scale_counts: float) -> None:
     """Refuses a drone that the Crazyflie's PID cannot hold at a height.
 
     Raises:
         InputError: it hovers at less thrust than the PID gives at least, or at more than there is.
     """
-    hover = full_scale_counts * float(dynamics.hover_command(drone.parameters))
+    hover = full_scale_counts * hover_command
     if not LEAST_THRUST_COUNTS < (1 - _ROOM) * hover < (1 + _ROOM) * hover < MOST_COUNTS:
         raise InputError(
-            f"{drone.name} hovers at {hover:.0f} counts of thrust; the Crazyflie's position PID, "
+            f"{name} hovers at {hover:.0f} counts of thrust; the Crazyflie's position PID, "
             f"which records flights, gives {LEAST_THRUST_COUNTS:.0f} to {MOST_COUNTS:.0f}. "
             "Identify it from logs of its own autopilot, or give a reality that flies its own "
             "position controller (docs/realities.md)."
