@@ -7,6 +7,7 @@ import numpy as np
 from maidenflight.flights.log import Flight
 from maidenflight.identification.information import DELAYS, LAG
 from maidenflight.identification.motor_response import Look, MotorResponse, cross_spectrum
+from maidenflight.parameters import Parameters
 
 
 def looks(
@@ -14,18 +15,24 @@ def looks(
     flights: Sequence[Flight],
     draws: Mapping[str, np.ndarray],
     untold: Collection[str],
+    drone: Parameters,
 ) -> tuple[Look, ...]:
     """What each signal shows, and last what is taken; nothing where neither delay is identified.
+
+    Signals show the mean lag of speeding up and slowing down, and so is that which is taken.
 
     Args:
         motors: what logs show of the motors.
         flights: the flights.
         draws: posterior samples by parameter.
         untold: parameters that the flights cannot tell.
+        drone: what was identified.
     """
     if not set(DELAYS) <= set(draws):
         return ()
-    low, value, high = np.quantile(sum(draws[name] for name in DELAYS), [0.025, 0.5, 0.975])
+    ratio = draws.get("spin_down_ratio", float(drone.spin_down_ratio))
+    total = draws[LAG] * (1 + ratio) / 2 + draws["latency"]
+    low, value, high = np.quantile(total, [0.025, 0.5, 0.975])
     taken = "plausible" if LAG in untold else "taken" if motors else "likelihood"
     return (
         *(motors.looks if motors else ()),

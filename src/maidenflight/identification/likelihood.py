@@ -113,7 +113,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     estimates = estimates_of(box, optimum, optima, interval, deviation)
     if LAG in seen:
         estimates = of_seen_lag(estimates)
-    looks = lag.looks(motors, flights, draws, untold)
+    looks = lag.looks(motors, flights, draws, untold, drone)
     return Identification(
         parameters=check(drone, "identified parameters"),
         estimates=estimates,

@@ -15,7 +15,8 @@ Steps are of about 10 ms whatever the log's rate, commands are used at the full 
   answer to the noise that it is to predict.
 
 Flights differ more than each one's noise says. Their estimates are joined as random effects, and
-half of what accelerometer and gyro disagree by is added to the interval.
+half of what accelerometer and gyro, each by itself and in full, disagree by is added to the
+interval.
 
 Measured on logs of a brushed Crazyflie with known rotor speeds, where the likelihood of one row
 ahead found half the lag; docs/identification.md has the figures.
@@ -351,7 +352,11 @@ def _random_effects(found: Sequence[tuple[float, float]]) -> tuple[float, float,
 
 
 def _look(signal: str, found: dict[str, dict[str, _Seen]]) -> Look:
-    parts = [WEIGHTS[signal] * seen[signal].losses for seen in found.values() if signal in seen]
+    """What a signal says by itself, its likelihood taken in full.
+
+    Under the weights that are small the looks of sound flights differ by chance only.
+    """
+    parts = [seen[signal].losses for seen in found.values() if signal in seen]
     mean, error, spread = _random_effects([_log_total(part) for part in parts])
     reach = 1.96 * np.hypot(error, spread)
     value, low, high = np.exp([mean, mean - reach, mean + reach])
@@ -365,8 +370,8 @@ def _disagreement(looks: Sequence[Look]) -> float:
 
 
 def _latencies(losses: Float[np.ndarray, "T D"], generator: np.random.Generator) -> np.ndarray:
-    """Samples of the latency, anywhere within half a grid step of a grid point."""
+    """Samples of the latency, with a density that is linear between grid points."""
     weights = _weights(losses).sum(axis=0)
-    half = (LATENCIES[1] - LATENCIES[0]) / 2
+    step = LATENCIES[1] - LATENCIES[0]
     chosen = generator.choice(LATENCIES, DRAWS, p=weights)
-    return np.maximum(chosen + generator.uniform(-half, half, DRAWS), 0.0)
+    return np.maximum(chosen + generator.triangular(-step, 0.0, step, DRAWS), 0.0)
