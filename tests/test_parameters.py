@@ -279,7 +279,7 @@ def test_every_value_has_both_its_bounds_checked(name):
     for bound, outside in ((quantity.lower, -np.inf), (quantity.upper, np.inf)):
         edge = np.full(quantity.size, bound, np.float32)
         beyond = np.nextafter(edge, np.float32(outside))
-        shape = () if quantity.size == 1 else (3,)
+        shape = () if quantity.size == 1 else (quantity.size,)
         check(replace(crazyflie(), **{name: edge.reshape(shape)}))
         with pytest.raises(InputError, match=f"{name} = .* is outside"):
             check(replace(crazyflie(), **{name: beyond.reshape(shape)}))
@@ -340,7 +340,8 @@ def test_a_noiseless_drone_does_not_walk():
 
 def test_every_single_number_of_a_drone_is_a_component_once():
     singles = [name for name in FIELDS if QUANTITIES[name].size == 1]
-    vectors = [f"{name}_{axis}" for name in FIELDS if QUANTITIES[name].size == 3 for axis in "xyz"]
+    parts = {1: "", 3: "xyz", 4: "1234"}
+    vectors = [f"{name}_{part}" for name in FIELDS for part in parts[QUANTITIES[name].size]]
     assert list(COMPONENTS) == singles + vectors
     assert len(COMPONENTS) == sum(leaf.size for leaf in jax.tree.leaves(crazyflie()))
     assert len(set(COMPONENTS.values())) == len(COMPONENTS)
@@ -351,7 +352,9 @@ def test_components_put_one_by_one_make_the_drone_they_were_read_from(drone, oth
     """Each component by hand from its field, and all of them back into another drone."""
     for name in COMPONENTS:
         field, axis = (
-            (name[:-2], "xyz".index(name[-1])) if name[:-2] in QUANTITIES else (name, None)
+            (name[:-2], {"x": 0, "y": 1, "z": 2}.get(name[-1], ord(name[-1]) - ord("1")))
+            if name[:-2] in QUANTITIES
+            else (name, None)
         )
         value = np.asarray(getattr(drone, field))
         assert component(drone, name) == (value if axis is None else value[axis])

@@ -136,7 +136,7 @@ FURTHER = replace(
 @pytest.mark.parametrize(
     "alone",
     [
-        {"flapping_moment": 1e-4},
+        {"flapping_moment": 1e-4, "wind": (1.0, -2.0, 0.5)},
         {"rotational_damping": 2e-5},
         {"rotor_momentum": 3e-5},
         {"torque_bias": (2e-5, -3e-5, 1e-5)},
@@ -145,7 +145,7 @@ FURTHER = replace(
             for name in ("flapping_moment", "rotational_damping", "rotor_momentum", "torque_bias")
         },
     ],
-    ids=["flapping", "damping", "rotor momentum", "bias", "all"],
+    ids=["flapping in wind", "damping", "rotor momentum", "bias", "all"],
 )
 def test_bullet_feels_the_torques_that_the_papers_model_lacks_as_our_equations_do(
     pybullet, truth, alone

@@ -432,6 +432,44 @@ def test_drag_along_the_nose_acts_along_the_nose_alone():
     np.testing.assert_allclose(found, -0.5 * (nose @ velocity) * nose, atol=1e-5)
 
 
+@given(attitudes, vectors, vectors, vectors)
+def test_in_wind_the_air_is_the_frame_that_matters(attitude, velocity, rates, wind):
+    """A drone in wind is pushed and turned as one in calm air with the velocity through the air."""
+    blown = replace(FURTHER, drag=(0.3, 0.2, 0.1), wind=wind)
+    calm = replace(blown, wind=(0.0, 0.0, 0.0))
+    speed = (0.7, 0.75, 0.8, 0.72)
+    moving, through = (
+        drone(velocity=each, attitude=attitude, body_rates=rates, rotor_speed=speed)
+        for each in (velocity, velocity - wind)
+    )
+    np.testing.assert_allclose(
+        linear_acceleration(moving, blown), linear_acceleration(through, calm), atol=1e-4
+    )
+    np.testing.assert_allclose(
+        angular_acceleration(moving, jnp.zeros(4), blown),
+        angular_acceleration(through, jnp.zeros(4), calm),
+        rtol=1e-4,
+        atol=1e-3,
+    )
+
+
+@pytest.mark.parametrize("rotor", range(4))
+def test_a_damaged_propeller_loses_its_share_of_thrust_and_of_torque(rotor):
+    """By hand: a tenth less of one of four equal forces f takes 0.1 f of lift, and turns the drone
+    about x and y by 0.1 f L / sqrt(2) towards that rotor."""
+    share = np.ones(4, np.float32)
+    share[rotor] = 0.9
+    damaged = replace(PAPER, rotor_thrust=share)
+    sound = dynamics.rotor_forces(jnp.full(4, 0.8), PAPER)
+    forces = dynamics.rotor_forces(jnp.full(4, 0.8), damaged)
+    np.testing.assert_allclose(forces, sound * share, rtol=1e-6)
+    about_x, about_y, _ = torque(forces, damaged)
+    arm = 0.1 * float(sound[0]) * 0.0396 / np.sqrt(2.0)
+    signs = dynamics.torque(jnp.asarray(share) - 1.0, replace(PAPER, torque_offset=0.0))
+    assert float(about_x) == pytest.approx(np.sign(float(signs[0])) * arm, rel=1e-4)
+    assert float(about_y) == pytest.approx(np.sign(float(signs[1])) * arm, rel=1e-4)
+
+
 @given(
     st.floats(-0.25, 0.125, width=16), st.floats(-0.25, 1.0, width=16), st.floats(1.25, 4, width=16)
 )

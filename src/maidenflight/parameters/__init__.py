@@ -9,6 +9,7 @@ from maidenflight.parameters.quantities import (
     check,
     component,
     noiseless,
+    part_names,
     plain,
     replace,
 )
@@ -42,6 +43,7 @@ __all__ = [
     "name_of",
     "named",
     "noiseless",
+    "part_names",
     "plain",
     "read",
     "replace",

@@ -61,8 +61,8 @@ _AUTHORS = "the authors' code (phoenix-drone-simulation c5d6907)"
 class Parameters:
     """The constants of one quadrotor, in SI units.
 
-    Leaves are floats, or arrays with any leading batch axes; `inertia` and `drag` have a last axis
-    of 3. `QUANTITIES` gives each field's unit, symbol, bounds, meaning and source.
+    Leaves are floats, or arrays with any leading batch axes; vectors have a last axis of 3, and
+    `rotor_thrust` of 4. `QUANTITIES` gives each field's unit, symbol, bounds, meaning and source.
     """
 
     thrust_to_weight: Any = _quantity(
@@ -120,6 +120,15 @@ class Parameters:
         (0.0, 0.05),
         "delay from command to motor",
         f"{_PAPER}, sec. Motor Model; bounds of its search",
+    )
+    rotor_thrust: Any = _quantity(
+        "motors",
+        "s",
+        "-",
+        (0.0, 1.5),
+        "thrust of each rotor as a share of a sound one's; all 1 in the paper's model",
+        "a damaged propeller; rotors in the order of the motors",
+        4,
     )
     torque_to_thrust: Any = _quantity(
         "motors",
@@ -236,6 +245,15 @@ class Parameters:
         (0.0, 0.1),
         "gain of thrust near the ground times height squared; acts in tasks that have a floor",
         "gym-pybullet-drones: 11.37 (r/4)^2 with a propeller of r = 23.1 mm",
+    )
+    wind: Any = _quantity(
+        "air",
+        "w",
+        "m/s",
+        (-30.0, 30.0),
+        "velocity of the air, world; 0 in the paper's model",
+        "rotor drag and flapping follow the velocity through the air",
+        3,
     )
     position_noise: Any = _quantity(
         "sensors", "sigma_r", "m", (0.0, 1.0), "Gaussian noise of the position", _AUTHORS
@@ -368,6 +386,11 @@ class Parameters:
                 object.__setattr__(self, name, np.asarray(value, dtype=np.float32))
 
 
+def part_names(size: int) -> str:
+    """What the parts of a vector are called: its axes, or the numbers of four motors."""
+    return "xyz" if size == 3 else "1234"
+
+
 QUANTITIES: dict[str, Quantity] = {
     entry.name: entry.metadata["quantity"] for entry in dataclasses.fields(Parameters)
 }
@@ -378,12 +401,12 @@ COMPONENTS: dict[str, tuple[str, int | None]] = {
     **{
         f"{name}_{axis}": (name, place)
         for name, quantity in QUANTITIES.items()
-        if quantity.size == 3
-        for place, axis in enumerate("xyz")
+        if quantity.size > 1
+        for place, axis in enumerate(part_names(quantity.size))
     },
 }
-"""Every single number of `Parameters` by name, such as `latency` or `inertia_x`: its field, and its
-place in it if that is a vector."""
+"""Every single number of `Parameters` by name, such as `latency`, `inertia_x` or `rotor_thrust_1`:
+its field, and its place in it if that is a vector."""
 
 
 def component(parameters: Parameters, name: str) -> Any:
@@ -406,7 +429,11 @@ def replace(parameters: Parameters, /, **changes: Any) -> Parameters:
     for name in [name for name in changes if name not in QUANTITIES]:
         field_name, place = COMPONENTS[name]
         parts = vectors.setdefault(
-            field_name, [getattr(parameters, field_name)[..., axis] for axis in range(3)]
+            field_name,
+            [
+                getattr(parameters, field_name)[..., axis]
+                for axis in range(QUANTITIES[field_name].size)
+            ],
         )
         parts[place if place is not None else 0] = changes.pop(name)
     stacked = {
@@ -441,7 +468,7 @@ def check(parameters: Parameters, where: str = "parameters") -> Parameters:
         if value.shape != (() if quantity.size == 1 else (quantity.size,)):
             raise InputError(
                 f"{where}: {name} has shape {value.shape}, expected "
-                f"{'one number' if quantity.size == 1 else '3 numbers'}."
+                f"{'one number' if quantity.size == 1 else f'{quantity.size} numbers'}."
             )
         if not (
             np.all(np.isfinite(value))

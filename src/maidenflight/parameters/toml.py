@@ -129,7 +129,7 @@ def _numbers(value: Any, name: str, where: str) -> Any:
     if not all(isinstance(entry, float | int) and not isinstance(entry, bool) for entry in entries):
         raise InputError(
             f"{where}: {name} = {value!r}, expected "
-            f"{'3 numbers' if QUANTITIES[name].size == 3 else 'a number'}."
+            f"{f'{QUANTITIES[name].size} numbers' if QUANTITIES[name].size > 1 else 'a number'}."
         )
     if isinstance(value, list) != (QUANTITIES[name].size > 1):
         raise InputError(

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from markupsafe import Markup, escape
 
-from maidenflight.parameters import COMPONENTS, QUANTITIES, Quantity
+from maidenflight.parameters import COMPONENTS, QUANTITIES, Quantity, part_names
 
 NOTHING = "\N{EN DASH}"
 """Stands for a number that is not known."""
@@ -45,7 +45,9 @@ def symbol(name: str) -> Markup:
     """A parameter's symbol as HTML: `T_m` becomes T with a subscript, `inertia_x` I with an x."""
     letters = "|".join(_GREEK)
     field, place = COMPONENTS.get(name, (name, None))
-    given = QUANTITIES[field].symbol + ("" if place is None else f"_{'xyz'[place]}")
+    quantity = QUANTITIES[field]
+    part = "" if place is None else f"_{part_names(quantity.size)[place]}"
+    given = quantity.symbol + part
     shown = re.sub(rf"(?<![a-z])({letters})(?![a-z])", lambda found: _GREEK[found[0]], given)
     return Markup(re.sub(r"_(\w+)", r"<sub>\1</sub>", str(escape(shown))))
 

@@ -150,15 +150,15 @@ class _World:
         self.settings: tuple[Any, ...] = ()
 
     def set_up(
-        self, constants: Float[np.ndarray, "12"], linear_damping: float, angular_damping: float
+        self, constants: Float[np.ndarray, "15"], linear_damping: float, angular_damping: float
     ) -> None:
         """Makes the body this drone's; `constants` are those of `_constants`."""
         settings = (constants.tobytes(), linear_damping, angular_damping)
         if settings == self.settings:
             return
-        mass, ix, iy, iz, arm, *drag, self.flapping, self.damping, gravity, step = (
-            constants.tolist()
-        )
+        given = constants.tolist()
+        mass, ix, iy, iz, arm, *drag, self.flapping, self.damping, gravity, step = given[:-3]
+        self.wind = given[-3:]
         self.places = (arm * ROTORS).tolist()
         self.drag = [mass * share for share in drag]
         self.bullet.setGravity(0.0, 0.0, -gravity, **self.client)
@@ -186,9 +186,10 @@ class _World:
         bullet.applyExternalTorque(self.body, -1, further, frame, **self.client)
         if any(self.drag) or self.flapping or self.damping:
             x, y, z, w = bullet.getBasePositionAndOrientation(self.body, **self.client)[1]
+            moving, turning = bullet.getBaseVelocity(self.body, **self.client)
+            through_air = [of - air for of, air in zip(moving, self.wind, strict=True)]
             velocity, rates = (
-                bullet.rotateVector((-x, -y, -z, w), one)
-                for one in bullet.getBaseVelocity(self.body, **self.client)
+                bullet.rotateVector((-x, -y, -z, w), one) for one in (through_air, turning)
             )
             slowing = [-share * speed for share, speed in zip(self.drag, velocity, strict=True)]
             bullet.applyExternalForce(self.body, -1, slowing, (0.0, 0.0, 0.0), frame, **self.client)
@@ -247,6 +248,7 @@ def _motors(
     forces = dynamics.rotor_forces(rotor_speed, parameters)
     # What depends on velocities is left to the world's step.
     still = State(*(jnp.zeros(size, rotor_speed.dtype) for size in (3, 3, 4, 3, 4)))
+    still = still._replace(velocity=jnp.asarray(parameters.wind, rotor_speed.dtype))
     further = dynamics.further_torque(still, spin_up, parameters)
     *about_x_and_y, yaw = further
     return rotor_speed, jnp.stack(
@@ -272,8 +274,8 @@ def _state(parts: Any, rotor_speed: Any) -> State:
     return State(position, velocity, quaternion, body_rates, rotor_speed)
 
 
-def _constants(parameters: Parameters) -> Float[Array, "12"]:
-    """Mass, inertia, arm length, drag, flapping, damping, gravity and time step."""
+def _constants(parameters: Parameters) -> Float[Array, "15"]:
+    """Mass, inertia, arm length, drag, flapping, damping, gravity, time step and wind."""
     names = (
         "mass",
         "inertia",
@@ -283,5 +285,6 @@ def _constants(parameters: Parameters) -> Float[Array, "12"]:
         "rotational_damping",
         "gravity",
         "time_step",
+        "wind",
     )
     return jnp.concatenate([jnp.ravel(getattr(parameters, name)) for name in names])

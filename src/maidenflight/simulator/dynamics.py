@@ -46,13 +46,16 @@ Axes = tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]
 def rotor_forces(rotor_speed: Float[Array, "4"], parameters: Parameters) -> Float[Array, "4"]:
     """Thrust of each rotor, F = m g / 4 k_F (c_0 + c_1 nu + (1 - c_0 - c_1) nu^2) [N].
 
+    Each is multiplied by its rotor's share `rotor_thrust`, 1 for a sound one.
+
     Source: Gronauer et al. 2022, eq:motor-force, where c_0 = c_1 = 0; the affine-quadratic curve
     fits a load cell better.
     """
     full = parameters.mass * parameters.gravity / 4 * parameters.thrust_to_weight
     square = full * (1.0 - parameters.thrust_offset - parameters.thrust_linear)
-    return full * parameters.thrust_offset + rotor_speed * (
-        full * parameters.thrust_linear + rotor_speed * square
+    return parameters.rotor_thrust * (
+        full * parameters.thrust_offset
+        + rotor_speed * (full * parameters.thrust_linear + rotor_speed * square)
     )
 
 
@@ -86,7 +89,7 @@ def further_torque(state: State, spin_up: Float[Array, "4"], parameters: Paramet
     Crazyflie.
     """
     (vx, vy, vz), (p, q, _), (bias_x, bias_y, bias_z) = (
-        state.velocity,
+        _through_air(state, parameters),
         state.body_rates,
         parameters.torque_bias,
     )
@@ -102,6 +105,12 @@ def further_torque(state: State, spin_up: Float[Array, "4"], parameters: Paramet
     )
 
 
+def _through_air(state: State, parameters: Parameters) -> Axes:
+    """Velocity relative to the air [m/s], world."""
+    (vx, vy, vz), (wx, wy, wz) = state.velocity, parameters.wind
+    return vx - wx, vy - wy, vz - wz
+
+
 def linear_acceleration(state: State, parameters: Parameters) -> Float[Array, "3"]:
     """Acceleration of the centre of mass [m/s2], world.
 
@@ -111,7 +120,7 @@ def linear_acceleration(state: State, parameters: Parameters) -> Float[Array, "3
     f1, f2, f3, f4 = rotor_forces(state.rotor_speed, parameters)
     thrust = (f1 + f2 + f3 + f4) * (1.0 / parameters.mass)
     x, y, z = rotations.axes(state.quaternion)
-    (vx, vy, vz), (dx, dy, dz) = state.velocity, parameters.drag
+    (vx, vy, vz), (dx, dy, dz) = _through_air(state, parameters), parameters.drag
     along_x = dx * (x[0] * vx + x[1] * vy + x[2] * vz)
     along_y = dy * (y[0] * vx + y[1] * vy + y[2] * vz)
     along_z = dz * (z[0] * vx + z[1] * vy + z[2] * vz) - thrust

@@ -158,6 +158,8 @@ _KEPT = (
     "torque_bias",
     "torque_offset",
     "arm_length",
+    "rotor_thrust",
+    "wind",
     "ground_effect",
     "gravity",
 )
