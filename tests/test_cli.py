@@ -29,6 +29,7 @@ COMMANDS = (
     "validate",
     "train",
     "transfer",
+    "envelope",
     "predict",
     "export",
     "report",
@@ -186,6 +187,8 @@ def test_help_starts_within_a_fifth_of_a_second_of_python_itself() -> None:
         (["transfer", "{tmp}/odd.csv", "--reality", "virtual:x", "-o", "{tmp}/t"], "virtual:SEED"),
         (["transfer", "{tmp}/odd.csv", "--reality", "far:", "-o", "{tmp}/t"], "far:SEED"),
         (["transfer", "-o", "{tmp}/t"], "Give policies"),
+        (["envelope", "{tmp}/empty", "-o", "{tmp}/t"], "no policies"),
+        (["envelope", "{tmp}/odd.csv", "--along", "depth", "-o", "{tmp}/t"], "--along"),
         (["transfer", "{tmp}/odd.csv", "--resume", "-o", "{tmp}/t"], "Only a matrix is resumed"),
         (["transfer", "--matrix", "{tmp}/odd.csv", "-o", "{tmp}/t"], "not settings of a matrix"),
         (

@@ -17,6 +17,7 @@ from flights.made_flights import calm
 from maidenflight import policy, workflow
 from maidenflight.deployment import EXPORTERS
 from maidenflight.errors import InputError
+from maidenflight.experiments import envelope
 from maidenflight.flights.reading import Flights
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import DroneFile, Search, Source
@@ -24,6 +25,7 @@ from maidenflight.parameters import crazyflie
 from maidenflight.policy import Policy
 from maidenflight.simulator import control, dynamics, tasks
 from maidenflight.simulator.control import Controller
+from maidenflight.simulator.virtual_drone import virtual_drone
 from maidenflight.training.evaluation import Evaluation
 from maidenflight.training.train import Progress
 from maidenflight.workflow import logs
@@ -183,3 +185,38 @@ def test_what_is_exported_says_how_it_was_made(to: str, tmp_path: Path) -> None:
     recorded = [text for text in texts if b"policy_1.json sha256" in text]
     assert recorded
     assert all(json.dumps({"to": to, "control": "pwm"}).encode() in text for text in recorded)
+
+
+def test_an_envelope_goes_on_where_it_was_interrupted(tmp_path: Path, monkeypatch: Any) -> None:
+    flown: list[tuple[str, str]] = []
+
+    def one(policies: Any, reality: Any, axis: str, *, names: Any, **_: Any) -> polars.DataFrame:
+        if len(flown) == 2:
+            raise KeyboardInterrupt
+        flown.append((reality.name, axis))
+        rows = {"policy": list(names), "reality": reality.name, "axis": axis, "flight": [1]}
+        rows |= {"reached": 0.5, "unit": "m/s", "hardest": 1.0, "limit": float("nan")}
+        return polars.DataFrame(rows)
+
+    monkeypatch.setattr("maidenflight.workflow.envelope.envelope.envelope", one)
+    policy.write(tmp_path / "policy_1.json", policy.untrained(jax.random.key(0)))
+    places = [virtual_drone(7), virtual_drone(8)]
+
+    def asked(resume: bool, flights: int = 20) -> polars.DataFrame:
+        given = [tmp_path / "policy_1.json"], places, ("circle", "latency"), 0, tmp_path / "out"
+        return workflow.envelope_of(*given, flights=flights, resume=resume)
+
+    with pytest.raises(KeyboardInterrupt):
+        asked(resume=False)
+    first = list(flown)
+    flown.clear()
+    table = asked(resume=True)
+    assert first + flown == [
+        (place, axis) for place in ("virtual-7", "virtual-8") for axis in ("circle", "latency")
+    ]
+    assert list(zip(table["reality"], table["axis"], strict=True)) == first + flown
+    assert (tmp_path / "out" / "envelope.svg").read_text().startswith("<svg")
+    with pytest.raises(InputError, match="of other policies, settings"):
+        asked(resume=True, flights=5)
+    best = workflow.best_by_envelope(envelope.summary(table), [tmp_path / "policy_1.json"])
+    assert best == tmp_path / "policy_1.json"

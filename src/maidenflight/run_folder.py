@@ -162,6 +162,16 @@ MATRIX_FLIGHTS = Table(
     "motor_time_constant s and latency s of the policy's training, duration s, position_error m",
 )
 """The same of a matrix: what each policy was trained for, and its number in its cell."""
+ENVELOPE = Table(
+    "envelope.csv",
+    {
+        **{"policy": str, "reality": str, "axis": str, "flight": int},
+        **{"reached": float, "unit": str, "hardest": float, "limit": float},
+    },
+    "maidenflight envelope 1: simulated, a row a flight of a policy along an axis; reached is the "
+    "hardest that it flew and limit what physics allows, in the unit of the row",
+)
+"""How far each flight went along each axis of difficulty."""
 PREDICTION = Table(
     "prediction.csv",
     {"policy": str, "control": str, "trial": int, "duration": float, "end_reason": str},

@@ -17,6 +17,7 @@ SHAPES = {
     "climb": (trajectories.climb(), 1.5),
     "figure-eight": (trajectories.figure_eight(), 5.5),
     "pentagram": (trajectories.pentagram(), 5.0),
+    "quickening circle": (trajectories.quickening_circle(2.5), 6.0),
     "zigzag": (trajectories.zigzag(PATH), 3.0),
     "polynomial": (trajectories.polynomial(PATH), 3.0),
 }
@@ -88,6 +89,26 @@ def test_a_figure_eight_crosses_its_centre_twice_a_period_once_each_way(period):
     np.testing.assert_allclose(
         distance**4, 0.64 * (path[:, 0] ** 2 - path[:, 1] ** 2), atol=1e-6
     )  # Bernoulli's equation
+
+
+@pytest.mark.parametrize(
+    ("make", "length"),
+    [(trajectories.quickening_circle, 1.0), (trajectories.quickening_figure_eight, 2.0)],
+)
+def test_a_quickening_reference_starts_at_rest_and_gains_speed_evenly_to_its_fastest(make, length):
+    """The distance on a circle is by hand: half of the fastest times the time, to the end."""
+    reference, end, period = make(2.0), trajectories.QUICKENING, np.pi * length / 2.0
+    times = np.linspace(0.0, end, 3001)
+    speeds = np.linalg.norm(jax.vmap(velocity(reference))(jnp.asarray(float32(times))), axis=1)
+    after = np.linspace(end, end + period, 3001)
+    late = np.linalg.norm(jax.vmap(velocity(reference))(jnp.asarray(float32(after))), axis=1)
+    assert speeds[0] == 0.0
+    assert late.max() == pytest.approx(2.0, rel=1e-3)
+    assert np.all(speeds <= 2.0 * times / end + 1e-3)
+    np.testing.assert_allclose(*points(reference, [end + 1.0, end + 1.0 + period]), atol=1e-3)
+    if make is trajectories.quickening_circle:
+        np.testing.assert_allclose(speeds, 2.0 * times / end, atol=1e-3)
+        assert np.trapezoid(speeds, times) == pytest.approx(0.5 * 2.0 * end, rel=1e-4)
 
 
 def test_a_pentagram_has_five_equal_edges_at_one_speed_and_corners_of_36_degrees():

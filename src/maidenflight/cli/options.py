@@ -12,7 +12,7 @@ import click
 from maidenflight.errors import InputError
 
 CONTROLS = ("pwm", "attitude_rate", "attitude")
-TASKS = ("circle", "figure_eight", "hover", "take_off")
+TASKS = ("circle", "figure_eight", "fast_circle", "fast_figure_eight", "hover", "take_off")
 PROPELLERS = ("2.1+", "legacy", "thrust-upgrade")
 REALITIES = (
     "near:SEED, virtual:SEED or far:SEED, with growing mismatch to the training model; "

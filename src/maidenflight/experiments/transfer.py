@@ -166,7 +166,7 @@ def transfer(
     if not policies or not places or trials < 1:
         raise InputError("a transfer needs at least one policy, one reality and one trial.")
     own = [one for one in policies if isinstance(one, Policy)]
-    controller = _controller_of(own, controller) if own else control.pwm()
+    controller = controller_of(own, controller) if own else control.pwm()
     key = jax.random.key(0) if key is None else key
     names = list(names or (f"policy_{number}" for number in range(1, len(policies) + 1)))
     plan = [(policy, trial) for policy in range(len(policies)) for trial in range(trials)]
@@ -205,7 +205,7 @@ def transfer(
     return Transfer(polars.DataFrame(table), tuple(flights))
 
 
-def _controller_of(policies: Sequence[Policy], controller: Controller | None) -> Controller:
+def controller_of(policies: Sequence[Policy], controller: Controller | None) -> Controller:
     """The controller that all policies are for."""
     kinds = {str((policy.interface, policy.history, policy.layer_sizes)) for policy in policies}
     if len(kinds) > 1:
@@ -263,7 +263,7 @@ def _fly_plan(
         if isinstance(policy, Policy) and isinstance(reality, VirtualDrone):
             yield next(together), _Logged(rate, held, by_command=False)
             continue
-        pilot = _pilot(stepped, policy, controller, task)
+        pilot = pilot_of(stepped, policy, controller, task)
         rows = flying.fly_reality(stepped, pilot, task, key, round(duration * pilot.rate), _ended)
         yield rows, _Logged(pilot.rate, pilot.zero_order_hold, by_command=True)
 
@@ -303,7 +303,7 @@ def _ended(truth: Truth, setpoint: Float[np.ndarray, "3"]) -> bool:
 _attitude = jax.jit(rotations.to_attitude)
 
 
-def _pilot(
+def pilot_of(
     reality: Reality, policy: Policy | ForeignPolicy, controller: Controller, task: Task
 ) -> Pilot:
     """What flies a policy in a reality, by its own controller if it has the policy's."""

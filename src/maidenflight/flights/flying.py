@@ -28,6 +28,10 @@ Act = Callable[[Measurement, Float[np.ndarray, "3"]], Float[ArrayLike, "4"]]
 """(measurement, set-point [m]) to four numbers, once a period; it may keep a state."""
 
 
+Change = Callable[[Parameters, Float[Array, ""]], Parameters]
+"""(drone, time since the flight began [s]) to the drone as it is then."""
+
+
 class Rows(NamedTuple):
     """What is logged of N control periods: the rows of `Flight`, and the true state."""
 
@@ -57,6 +61,7 @@ def fly(
     key: Array,
     steps: int,
     start: Float[Array, ""] | float = 0.0,
+    during: Change | None = None,
 ) -> Rows:
     """Flies from hover near the reference's start and logs every control period.
 
@@ -69,6 +74,7 @@ def fly(
         key: random key.
         steps: control periods, static.
         start: the reference's clock at the start [s].
+        during: what changes of the drone in the course of the flight; nothing unless given.
     """
     offset, begin_key, key = _start(key)
     state = dynamics.at_hover(env.task.reference(jnp.asarray(start)) + offset, parameters)
@@ -78,8 +84,9 @@ def fly(
         env_state: environment.EnvState, now: tuple[Array, Array]
     ) -> tuple[environment.EnvState, Rows]:
         number, key = now
+        drone = parameters if during is None else during(parameters, env_state.elapsed)
         after, step_result = environment.step(
-            env, env_state, act(environment.observation(env_state), number), parameters, key
+            env, env_state, act(environment.observation(env_state), number), drone, key
         )
         seen = env_state.measurement
         motors = after.actuators if env.commands_per_action == 1 else env_state.actuators

@@ -1,13 +1,13 @@
 """The posterior of a likelihood's maximum, by Laplace's approximation."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
 
 from maidenflight.identification.box import Box
 from maidenflight.identification.fitting import Fit
-from maidenflight.identification.information import HOVERING, NEXT_FLIGHT, Ranges
+from maidenflight.identification.information import HOVERING, LAG, NEXT_FLIGHT, Ranges
 from maidenflight.identification.one_step import OneStep
 from maidenflight.identification.posterior import (
     RESAMPLES,
@@ -16,6 +16,9 @@ from maidenflight.identification.posterior import (
     sandwich,
 )
 from maidenflight.parameters import component
+
+SLOWING_DOWN = "spin_down_ratio"
+"""Slowing down over speeding up."""
 
 
 def samples(
@@ -63,6 +66,7 @@ def samples(
         error = spread[place] * np.sqrt(1 / target.segments + 1 / NEXT_FLIGHT)
         error = np.hypot(error / slope[place], sampling_error[place])
         noise = generator.normal(0.0, error, (count, 1))
+    along = along @ _mean_lag_kept([names[place] for place in others], fit, seen, slope[others])
     curvature = curvatures.sum(axis=0) * np.outer(slope, slope)
     reduced = along.T @ curvature @ along
     known = np.array([names[place] in {*seen, *untold} for place in others], bool)
@@ -92,6 +96,25 @@ def samples(
     if by_moment:
         draws[:, names.index(HOVERING)] += noise[:, 0]
     return np.clip(draws, 0.0, 1.0), box, spread[:fitted]
+
+
+def _mean_lag_kept(
+    names: Sequence[str],
+    fit: Fit,
+    seen: Mapping[str, np.ndarray],
+    slope: Float[np.ndarray, "n"],
+) -> Float[np.ndarray, "n n"]:
+    """How parameters move in the unit cube where the ratio of slowing down moves.
+
+    The lag that is seen is the mean of speeding up and slowing down, T_m (1 + ratio) / 2. With
+    another ratio it stays the same, and T_m does not.
+    """
+    moved = np.eye(len(names))
+    if LAG in seen and LAG in names and SLOWING_DOWN in names:
+        lag, ratio = names.index(LAG), names.index(SLOWING_DOWN)
+        change = -float(fit.drone.motor_time_constant) / (1 + float(fit.drone.spin_down_ratio))
+        moved[lag, ratio] = change * slope[ratio] / slope[lag]
+    return moved
 
 
 def _resized(

@@ -45,6 +45,9 @@ class Task(NamedTuple):
     """(state, setpoint) to the differentiable margin to failure as a share of its limit: 1 where
     nothing is wrong, positive while safe, at most 0 where the drone has failed. `None`: training by
     gradients learns of failure from distance, tilt and body rates alone."""
+    tilt_margin: float = 0.30
+    """Sine of the tilt beyond which training by gradients penalises it: on the drone a guard ends
+    the flight at 30 degrees, sine 0.5."""
 
 
 END_REASONS = ("", "time limit", "not finite", "body rate", "tilt", "position error", "height")
@@ -69,6 +72,10 @@ STANDING_HEIGHT_M = 0.0125
 """Height [m] of a drone that stands on the ground (authors' code, take-off)."""
 AIRBORNE_HEIGHT_M = 0.05
 """Height [m] that a drone has once it has left the ground; ours."""
+FASTEST = {"fast_circle": 2.5, "fast_figure_eight": 2.0}
+"""Top speeds of fast tasks [m/s], near what the Crazyflie's thrust allows."""
+STEEP = 0.94
+"""Sine of the tilt, 70 degrees, beyond which fast tasks penalise it; ours."""
 LOW_HEIGHT_M = 0.08
 """Height [m] below which each step of a take-off costs 1 (authors' code)."""
 
@@ -470,9 +477,37 @@ def figure_eight(period: float = trajectories.NORMAL) -> Task:
     )
 
 
+@once
+def fast_circle(fastest: float = FASTEST["fast_circle"]) -> Task:
+    """Fly a level circle of 1 m at any speed up to the fastest [m/s]; 5 s an episode.
+
+    At 2.5 m/s it takes a thrust of 1.6 times the weight and 52 degrees of tilt.
+    """
+    return _fast("fast_circle", trajectories.quickening_circle(fastest), fastest)
+
+
+@once
+def fast_figure_eight(fastest: float = FASTEST["fast_figure_eight"]) -> Task:
+    """Fly a level figure-eight, 2 m wide, at any top speed up to the fastest [m/s]; 5 s an episode.
+
+    At 2 m/s its tips take a thrust of 1.6 times the weight.
+    """
+    return _fast("fast_figure_eight", trajectories.quickening_figure_eight(fastest), fastest)
+
+
+def _fast(name: str, reference: Trajectory, fastest: float) -> Task:
+    """A task whose episodes start anywhere on a reference that grows faster."""
+    task = tracking(reference, 5.0, latest_start=trajectories.QUICKENING)
+    usual = fastest == FASTEST[name]
+    # Another name for another speed, so that training is not resumed with it.
+    return task._replace(name=name if usual else f"{name} up to {fastest:g} m/s", tilt_margin=STEEP)
+
+
 TASKS: dict[str, Callable[[], Task]] = {
     "circle": circle,
     "figure_eight": figure_eight,
+    "fast_circle": fast_circle,
+    "fast_figure_eight": fast_figure_eight,
     "hover": hover,
     "take_off": take_off,
 }

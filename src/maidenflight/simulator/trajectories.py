@@ -31,6 +31,8 @@ Waypoints = tuple[tuple[float, float, float, float], ...]
 COLUMNS = ("time", "x", "y", "z")
 """Columns of a way-point file."""
 
+QUICKENING = 30.0
+"""Time in which a quickening reference comes to its fastest [s]."""
 SLOW, NORMAL, FAST = 15.0, 5.5, 3.5
 """Periods of a figure-eight [s] (SimpleFlight, second-hand)."""
 
@@ -120,6 +122,37 @@ def figure_eight(period: float = NORMAL, width: float = 2.0, height: float = 1.0
         return jnp.stack([x, x * cosine, jnp.full_like(x, height)])
 
     return reference
+
+
+@once
+def quickening(trajectory: Trajectory, duration: float = QUICKENING) -> Trajectory:
+    """The same path, from rest; its speed grows linearly and is the trajectory's own at the end.
+
+    Args:
+        trajectory: what is flown, for ever.
+        duration: time until it is flown at its own speed [s].
+    """
+
+    def reference(time: Float[Array, ""]) -> Float[Array, "3"]:
+        early = jnp.minimum(time, duration)
+        return trajectory(early * early / (2.0 * duration) + jnp.maximum(time - duration, 0.0))
+
+    return reference
+
+
+@once
+def quickening_circle(fastest: float, diameter: float = 1.0) -> Trajectory:
+    """A `circle` of a diameter [m] whose speed grows to the fastest [m/s] in `QUICKENING`."""
+    return quickening(circle(diameter, pi * diameter / fastest))
+
+
+@once
+def quickening_figure_eight(fastest: float, width: float = 2.0) -> Trajectory:
+    """A `figure_eight` whose top speed, at its tips, grows to the fastest [m/s].
+
+    A lemniscate of half width h and period P is flown at 2 pi h / P there.
+    """
+    return quickening(figure_eight(pi * width / fastest, width))
 
 
 @once

@@ -102,6 +102,32 @@ def flights(flown: "Transfer") -> None:
     )
 
 
+def envelope(found: "DataFrame") -> None:
+    """Prints a line for each policy, reality and axis, of what `envelope.summary` gives."""
+    rows = []
+    for row in found.iter_rows(named=True):
+        values = {name: row[name] for name in ("envelope", "low", "high", "median")}
+        shown = {name: "-" if value != value else f"{value:.3g}" for name, value in values.items()}
+        limit = "" if row["limit"] != row["limit"] else f"{row['limit']:.3g}"
+        rows.append(
+            [
+                *(row["policy"], row["reality"], row["axis"]),
+                shown["envelope"],
+                f"{shown['low']} to {shown['high']}",
+                shown["median"],
+                limit,
+                row["unit"],
+            ]
+        )
+    columns = ["policy", "reality", "along", "envelope", "95 %", "median", "physics", "unit"]
+    table(
+        "Flown within 10 cm by 95 % of flights, simulated; -: not even the easiest",
+        columns,
+        rows,
+        numbers_from=3,
+    )
+
+
 def flight_times(flown: "DataFrame") -> None:
     """Prints predicted flight times, a line a policy."""
     from maidenflight.experiments.flight_times import summary

@@ -54,11 +54,8 @@ class AnalyticGradient:
     penalty is a step and has no gradient."""
     position_penalty: float = 2.0
     """Cost per metre beyond `position_margin`, per control period."""
-    tilt_margin: float = 0.30
-    """Sine of the tilt beyond which `tilt_penalty` acts: on the drone a guard ends the flight at
-    30 degrees, sine 0.5."""
     tilt_penalty: float = 2.0
-    """Cost per sine of tilt beyond `tilt_margin`, per control period."""
+    """Cost per sine of tilt beyond the task's `tilt_margin`, per control period."""
     body_rate_margin: float = 10.0
     """Body rate [rad/s] about any axis beyond which `body_rate_penalty` acts; on the drone a guard
     ends the flight at 14 rad/s."""
@@ -144,7 +141,7 @@ def _segment(
         guards = settings.position_penalty * jax.nn.relu(
             step_result.position_error - settings.position_margin
         )
-        guards += settings.tilt_penalty * jax.nn.relu(tilt - settings.tilt_margin)
+        guards += settings.tilt_penalty * jax.nn.relu(tilt - task.tilt_margin)
         guards += settings.body_rate_penalty * jnp.sum(
             jax.nn.relu(jnp.abs(after.state.body_rates) - settings.body_rate_margin)
         )

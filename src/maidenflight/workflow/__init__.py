@@ -17,6 +17,7 @@ from maidenflight.workflow.drones import (
     reality,
     usual_randomization,
 )
+from maidenflight.workflow.envelope import best_by_envelope, envelope_of
 from maidenflight.workflow.flying import (
     best_policy,
     flights_to_view,
@@ -46,8 +47,10 @@ __all__ = [
     "WIDE",
     "Reading",
     "Start",
+    "best_by_envelope",
     "best_policy",
     "drone_to_fly",
+    "envelope_of",
     "export",
     "flights_to_view",
     "identify_from",

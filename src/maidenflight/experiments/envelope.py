@@ -1,0 +1,383 @@
+"""`envelope`: how far policies fly as a flight becomes harder.
+
+Along each axis a flight grows harder, in speed or in what the drone is made to bear, until it is
+not flown any more: a guard trips, or the mean distance from the set-point exceeds `WITHIN_M`. What
+a flight reaches is the hardest that it still flew. What 95 % of flights reach is the envelope.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import polars
+from jaxtyping import Array, Float
+
+from maidenflight.errors import InputError
+from maidenflight.experiments import transfer
+from maidenflight.flights import flying
+from maidenflight.flights.flying import Rows
+from maidenflight.parameters import QUANTITIES, Parameters, replace
+from maidenflight.policy import Policy
+from maidenflight.simulator import tasks, trajectories
+from maidenflight.simulator.control import Controller
+from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.reality import AnyReality, Truth
+from maidenflight.simulator.tasks import MAX_POSITION_ERROR_M, Task
+from maidenflight.simulator.virtual_drone import VirtualDrone
+
+WITHIN_M = 0.10
+"""Mean distance from the set-point [m] up to which a flight is flown."""
+WINDOW_S = 1.0
+"""Time over which that mean is taken where a flight grows faster [s]."""
+SHARE = 0.95
+"""Share of flights that reach what is called the envelope."""
+DURATION_S = 20.0
+"""Length of a flight under a condition [s]."""
+_RESAMPLINGS = 1000
+"""Of the bootstrap."""
+
+
+class Pace(NamedTuple):
+    """A reference that is flown faster and faster within one flight."""
+
+    unit: str
+    of: Callable[[float], trajectories.Trajectory]
+    """(fastest [m/s]) to the reference."""
+    fastest: float
+    """Top speed to which it grows in `trajectories.QUICKENING` [m/s]."""
+    tightest: float
+    """Least radius of curvature of the path [m], where it is flown fastest."""
+
+
+class Condition(NamedTuple):
+    """What a drone is made to bear, in grades; each grade is a flight of its own."""
+
+    unit: str
+    grades: tuple[float, ...]
+    changed: Callable[[Parameters, float, int], Parameters]
+    """(drone, grade, number of the flight) to the drone that bears it."""
+    during: flying.Change | None = None
+    """What changes in the course of a flight."""
+
+
+def gust(drone: Parameters, elapsed: Float[Array, ""]) -> Parameters:
+    """The drone in a gust that is as strong as its wind at most: 1 s long, every 4 s.
+
+    Source: MIL-F-8785C, sec. 3.7.3 (discrete gusts in the shape of one less a cosine).
+    """
+    since = jnp.mod(elapsed, 4.0)
+    share = jnp.where(since < 1.0, 0.5 - 0.5 * jnp.cos(2 * jnp.pi * since), 0.0)
+    return replace(drone, wind=share * drone.wind)
+
+
+def _in_wind(drone: Parameters, grade: float, number: int) -> Parameters:
+    # Directions of successive flights divide the circle evenly, however many there are.
+    heading = 2 * math.pi * number * (math.sqrt(5.0) - 1) / 2
+    return replace(drone, wind=(grade * math.cos(heading), grade * math.sin(heading), 0.0))
+
+
+def _loaded(drone: Parameters, grade: float, _: int) -> Parameters:
+    """With a payload at the centre of mass: thrust stays the same, and so do the torques."""
+    heavier = np.float32(1.0 + grade)
+    return replace(
+        drone,
+        mass=drone.mass * heavier,
+        thrust_to_weight=drone.thrust_to_weight / heavier,
+        drag=drone.drag / heavier,
+    )
+
+
+def _drained(drone: Parameters, grade: float, _: int) -> Parameters:
+    return replace(drone, battery_voltage=drone.battery_voltage - np.float32(grade))
+
+
+def _damaged(drone: Parameters, grade: float, number: int) -> Parameters:
+    share = np.array(drone.rotor_thrust, np.float32)
+    share[number % 4] *= np.float32(1.0 - grade)
+    return replace(drone, rotor_thrust=share)
+
+
+def _late(drone: Parameters, grade: float, _: int) -> Parameters:
+    longest = np.float32(QUANTITIES["latency"].upper)
+    return replace(drone, latency=np.minimum(drone.latency + np.float32(grade), longest))
+
+
+def _grades(step: float, count: int) -> tuple[float, ...]:
+    return tuple(round(step * number, 6) for number in range(count + 1))
+
+
+AXES: dict[str, Pace | Condition] = {
+    "circle": Pace("m/s", trajectories.quickening_circle, 3.0, 0.5),
+    "figure_eight": Pace("m/s", trajectories.quickening_figure_eight, 3.0, 1.0 / 3.0),
+    "gusts": Condition("m/s", _grades(1.0, 12), _in_wind, gust),
+    "payload": Condition("of mass", _grades(0.05, 12), _loaded),
+    "battery": Condition("V less", _grades(0.1, 12), _drained),
+    "propeller": Condition("of a rotor's thrust", _grades(0.05, 10), _damaged),
+    "latency": Condition("s more", _grades(0.0025, 12), _late),
+}
+"""What grows harder, by name."""
+
+
+def limit(axis: str, reality: AnyReality) -> float:
+    """The fastest that physics allows [m/s]; NaN under a condition and where thrust is not known.
+
+    A level curve of radius r takes v^2 / r sideways beside g upwards, and thrust gives k_F g.
+    """
+    pace = AXES[axis]
+    if not isinstance(pace, Pace) or not isinstance(reality, VirtualDrone):
+        return float("nan")
+    thrust, gravity = (
+        float(value) for value in (reality.parameters.thrust_to_weight, reality.parameters.gravity)
+    )
+    return math.sqrt(pace.tightest * gravity * math.sqrt(max(thrust**2 - 1.0, 0.0)))
+
+
+def envelope(
+    policies: Sequence[Policy],
+    reality: AnyReality,
+    axis: str,
+    *,
+    flights: int = 20,
+    key: Array | None = None,
+    task: Task | None = None,
+    names: Sequence[str] | None = None,
+) -> polars.DataFrame:
+    """Flies policies along one axis in one reality.
+
+    Args:
+        policies: of one control structure and layer sizes.
+        reality: where to fly; other than a virtual drone, only axes of speed.
+        axis: a name of `AXES`.
+        flights: of each policy, along the whole axis each.
+        key: random key; `jax.random.key(0)` unless given. Flights of the same number have the same
+            noise for each policy and grade.
+        task: what is flown under a condition; the paper's circle unless given.
+        names: what the table calls the policies; policy_1, policy_2, ... unless given.
+
+    Returns:
+        One row a flight: policy, reality, axis, flight, reached (the hardest that was flown, in
+        `unit`; NaN if nothing was), unit, hardest (the end of the axis) and limit (of `limit`).
+
+    Raises:
+        InputError: an unknown axis, policies of different kinds, or a condition of a reality whose
+            parameters are not ours to change.
+    """
+    if axis not in AXES:
+        raise InputError(f"axis {axis!r}: no such axis. Give one of {', '.join(AXES)}.")
+    if flights < 1 or not policies:
+        raise InputError("an envelope needs at least one policy and one flight.")
+    along, controller = AXES[axis], transfer.controller_of(policies, None)
+    keys = jax.random.split(jax.random.key(0) if key is None else key, flights)
+    if isinstance(along, Pace):
+        hardest = along.fastest
+        reached = _paced(policies, reality, controller, along, keys)
+    elif isinstance(reality, VirtualDrone):
+        hardest = along.grades[-1]
+        reached = _under(policies, reality, controller, along, keys, task or tasks.circle())
+    else:
+        raise InputError(
+            f"{reality.name}: its drone is not ours to change, so {axis} cannot be flown there. "
+            f"Give axes of speed: {', '.join(name for name in AXES if _is_pace(name))}."
+        )
+    called = names or [f"policy_{number}" for number in range(1, len(policies) + 1)]
+    rows = [
+        {
+            "policy": name,
+            "reality": reality.name,
+            "axis": axis,
+            "flight": number,
+            "reached": round(value, 6),
+            "unit": along.unit,
+            "hardest": hardest,
+            "limit": round(limit(axis, reality), 6),
+        }
+        for name, values in zip(called, reached, strict=True)
+        for number, value in enumerate(values, 1)
+    ]
+    return polars.DataFrame(rows)
+
+
+def _is_pace(axis: str) -> bool:
+    return isinstance(AXES[axis], Pace)
+
+
+def _paced(
+    policies: Sequence[Policy],
+    reality: AnyReality,
+    controller: Controller,
+    pace: Pace,
+    keys: Array,
+) -> list[list[float]]:
+    """The speed that each flight of each policy reaches."""
+    task = tasks.tracking(pace.of(pace.fastest), trajectories.QUICKENING)
+    rate = controller.interface.rate
+    steps = round(trajectories.QUICKENING * rate)
+    found = []
+    for rows in _flown(policies, reality, controller, task, keys, steps):
+        flown = rows_flown(rows, rate)
+        found.append(pace.fastest * flown / steps if flown else float("nan"))
+    return _by_policy(found, len(policies))
+
+
+def rows_flown(rows: Rows, rate: int) -> int:
+    """Rows until a guard trips or the distance's mean over `WINDOW_S` exceeds `WITHIN_M`.
+
+    Args:
+        rows: one flight.
+        rate: its rows a second.
+    """
+    end = _guarded(rows)
+    distance = _distance(rows)[:end]
+    window = round(WINDOW_S * rate)
+    if len(distance) < window:
+        return 0
+    means = np.convolve(distance, np.ones(window), "valid") / window
+    far = means > WITHIN_M
+    # The flight was flown up to where the first window that strayed began.
+    return int(np.argmax(far)) if far.any() else end
+
+
+def _under(
+    policies: Sequence[Policy],
+    reality: VirtualDrone,
+    controller: Controller,
+    condition: Condition,
+    keys: Array,
+    task: Task,
+) -> list[list[float]]:
+    """The grade up to which each flight of each policy lasts within the distance."""
+    steps = round(DURATION_S * controller.interface.rate)
+    flown = np.ones((len(policies) * len(keys), len(condition.grades)), bool)
+    for place, grade in enumerate(condition.grades):
+        drones = [
+            condition.changed(reality.parameters, grade, number) for number in range(len(keys))
+        ]
+        for flight, rows in enumerate(
+            _flown(policies, reality, controller, task, keys, steps, drones, condition.during)
+        ):
+            lasted = _guarded(rows) == steps
+            flown[flight, place] = lasted and float(np.mean(_distance(rows))) <= WITHIN_M
+    found = [
+        condition.grades[int(np.argmin(row)) - 1] if not row.all() else condition.grades[-1]
+        for row in flown
+    ]
+    found = [value if row[0] else float("nan") for value, row in zip(found, flown, strict=True)]
+    return _by_policy(found, len(policies))
+
+
+def _by_policy(found: Sequence[float], policies: int) -> list[list[float]]:
+    each = len(found) // policies
+    return [list(found[each * place : each * (place + 1)]) for place in range(policies)]
+
+
+def _distance(rows: Rows) -> Float[np.ndarray, "N"]:
+    return np.linalg.norm(
+        np.subtract(rows.true_position, rows.true_setpoint, dtype=np.float64), axis=1
+    )
+
+
+def _guarded(rows: Rows) -> int:
+    """Rows until the drone is lost: the tilt that speed takes trips no guard here."""
+    finite = np.isfinite(np.concatenate([rows.true_position, rows.true_attitude], axis=1)).all(1)
+    lost = ~finite | (_distance(rows) > MAX_POSITION_ERROR_M)
+    return int(np.argmax(lost)) if lost.any() else len(lost)
+
+
+def _flown(
+    policies: Sequence[Policy],
+    reality: AnyReality,
+    controller: Controller,
+    task: Task,
+    keys: Array,
+    steps: int,
+    drones: Sequence[Parameters] | None = None,
+    during: flying.Change | None = None,
+) -> Iterator[Rows]:
+    """The flights of the first policy, of the second, and so on; drones are those of the keys."""
+    if not isinstance(reality, VirtualDrone):
+        for policy in policies:
+            for key in keys:
+                pilot = transfer.pilot_of(reality, policy, controller)
+                yield flying.fly_reality(reality, pilot, task, key, steps, _lost)
+        return
+    env = _environment(reality, task, controller, policies[0].history)
+    given = drones or [reality.parameters] * len(keys)
+    stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *given)
+    for policy in policies:
+        rows = jax.tree.map(np.asarray, _fly(env, during, policy, stacked, keys, steps))
+        for place in range(len(keys)):
+            yield jax.tree.map(lambda values, place=place: values[place], rows)
+
+
+def _environment(
+    reality: VirtualDrone, task: Task, controller: Controller, history: int
+) -> Environment:
+    return dataclasses.replace(reality.environment(task, controller), history=history)
+
+
+@partial(jax.jit, static_argnums=(0, 1, 5))
+def _fly(
+    env: Environment,
+    during: flying.Change | None,
+    policy: Policy,
+    drones: Parameters,
+    keys: Array,
+    steps: int,
+) -> Rows:
+    def one(drone: Parameters, key: Array) -> Rows:
+        act = lambda observation, _: policy(observation)  # noqa: E731
+        return flying.fly(env, act, drone, key, steps, during=during)
+
+    return jax.vmap(one)(drones, keys)
+
+
+def _lost(truth: Truth, setpoint: Float[np.ndarray, "3"]) -> bool:
+    distance = np.linalg.norm(np.asarray(truth.position) - setpoint)
+    return not distance <= MAX_POSITION_ERROR_M
+
+
+def summary(flights: polars.DataFrame) -> polars.DataFrame:
+    """The envelope of each policy and reality along each axis, with a 95 % interval.
+
+    Args:
+        flights: rows of `envelope`.
+
+    Returns:
+        One row a policy, reality and axis: flights, envelope (what `SHARE` of the flights reach),
+        low and high (percentiles of a bootstrap over flights), median, unit, hardest and limit.
+        NaN: more than the other flights fly nothing at all.
+
+    Source: Efron and Tibshirani 1993, An introduction to the bootstrap, sec. 13.3.
+    """
+    rows: list[dict[str, Any]] = []
+    for (policy, place, axis), part in flights.group_by(
+        "policy", "reality", "axis", maintain_order=True
+    ):
+        reached = np.nan_to_num(part["reached"].to_numpy(), nan=-np.inf)
+        generator = np.random.default_rng(0)
+        again = [
+            _reached_by_most(generator.choice(reached, len(reached))) for _ in range(_RESAMPLINGS)
+        ]
+        low, high = np.quantile(again, [0.025, 0.975], method="nearest")
+        values = {
+            "envelope": _reached_by_most(reached),
+            "low": low,
+            "high": high,
+            "median": float(np.quantile(reached, 0.5, method="lower")),
+        }
+        rows.append(
+            {"policy": policy, "reality": place, "axis": axis, "flights": len(reached)}
+            | {name: float(v) if np.isfinite(v) else float("nan") for name, v in values.items()}
+            | {name: part[name][0] for name in ("unit", "hardest", "limit")}
+        )
+    return polars.DataFrame(rows)
+
+
+def _reached_by_most(reached: Float[np.ndarray, "n"]) -> float:
+    """The most that `SHARE` of the flights reach."""
+    return float(np.sort(reached)[math.floor((1.0 - SHARE) * len(reached) + 1e-9)])
