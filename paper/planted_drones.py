@@ -3,7 +3,8 @@
 Thrust-to-weight ratio, motor time constant and latency are drawn at random. A PWM policy, trained
 over the same ranges, flies each drone with sensor and actuator noise; nothing but the three is
 unknown. (A policy in a limit cycle throws commands between 0 and 1, where the simulator cuts the
-motors' noise off and the lag comes out up to 2.4 ms too long.) Prints the coverage of 90 and 95 % intervals and the largest errors.
+motors' noise off and the lag comes out up to 2.4 ms too long.) Prints the coverage of 90 and 95 %
+intervals and the largest errors.
 
     python paper/planted_drones.py --drones 240 -o planted_drones
 

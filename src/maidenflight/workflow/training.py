@@ -67,7 +67,7 @@ def _by_gradient(structure: str, task: str) -> AnalyticGradient:
     settings = SETTINGS[structure]
     if task == "hover":  # which fails beyond 5.2 rad/s
         return dataclasses.replace(settings, updates=2 * settings.updates, body_rate_margin=4.0)
-    if task == "figure_eight":  # eight times as large as the circle, and faster
+    if task in ("figure_eight", "fast_figure_eight"):  # far larger than the circle, and faster
         return dataclasses.replace(settings, updates=3 * settings.updates)
     return settings
 
