@@ -190,6 +190,23 @@ def test_the_python_of_the_transfer_page_runs(
     assert "quantile_90" in capsys.readouterr().out
 
 
+@pytest.mark.slow
+def test_the_python_and_the_commands_of_the_envelopes_page_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("maidenflight.simulator.trajectories.QUICKENING", 1.0)
+    monkeypatch.setattr("maidenflight.experiments.envelope.DURATION_S", 0.1)
+    policy.write(tmp_path / "policies" / "policy_1.json", policy.untrained(jax.random.key(0)))
+    (snippet,) = blocks("docs/envelope.md", "python")
+    names: dict[str, Any] = {}
+    exec(compile(snippet, "docs/envelope.md", "exec"), names)
+    assert names["flown"].height == 5
+    for number, line in enumerate("".join(blocks("docs/envelope.md", "sh")).splitlines()):
+        words = shlex.split(line, comments=True)[1:]
+        cli.commands([*words, "--flights", "2", "-o", str(number)], standalone_mode=False)
+        assert Path(str(number), "envelope.svg").exists()
+
+
 def test_the_python_of_the_plants_page_runs() -> None:
     (snippet,) = blocks("docs/plant.md", "python")
     names: dict[str, Any] = {}
