@@ -122,3 +122,15 @@ def test_flights_shorter_than_a_window_are_refused_in_words(flights):
         identify(few, over=FIRST)
     with pytest.raises(InputError, match="no flights"):
         identify([], over=FIRST)
+
+
+@pytest.mark.slow
+def test_without_noise_a_start_beside_the_wrong_latency_finds_the_right_one():
+    """The start has 18 ms, and the optimum next to it 21 ms with twice the lag."""
+    truth = replace(planted.drone(1.72, 0.055, 0.0005), spin_down_ratio=3.0, inertia_x=0.9e-5)
+    truth = replace(truth, inertia_y=0.9e-5, inertia_z=1.8e-5)
+    found = identify(planted.logs(truth, 16), Likelihood(trials=1)).estimates
+    assert found["thrust_to_weight"].value == pytest.approx(1.72, rel=0.005)
+    assert found["motor_time_constant"].value == pytest.approx(0.055, abs=0.002)
+    assert found["latency"].value < 0.002
+    assert found["inertia_x"].value == pytest.approx(0.9e-5, rel=0.05)
