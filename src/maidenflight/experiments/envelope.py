@@ -21,12 +21,14 @@ from maidenflight.errors import InputError
 from maidenflight.experiments import transfer
 from maidenflight.flights import flying
 from maidenflight.flights.flying import Rows
+from maidenflight.foreign.policies import ForeignPolicy
 from maidenflight.parameters import QUANTITIES, Parameters, replace
 from maidenflight.policy import Policy
-from maidenflight.simulator import tasks, trajectories
+from maidenflight.simulator import control, tasks, trajectories
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.reality import AnyReality, Truth
+from maidenflight.simulator.stepped import Stepped
 from maidenflight.simulator.tasks import MAX_POSITION_ERROR_M, Task
 from maidenflight.simulator.virtual_drone import VirtualDrone
 
@@ -138,7 +140,7 @@ def limit(axis: str, reality: AnyReality) -> float:
 
 
 def envelope(
-    policies: Sequence[Policy],
+    policies: Sequence[Policy | ForeignPolicy],
     reality: AnyReality,
     axis: str,
     *,
@@ -150,7 +152,7 @@ def envelope(
     """Flies policies along one axis in one reality.
 
     Args:
-        policies: of one control structure and layer sizes.
+        policies: ours of one control structure and layer sizes, and others'.
         reality: where to fly; other than a virtual drone, only axes of speed.
         axis: a name of `AXES`.
         flights: of each policy, along the whole axis each.
@@ -171,7 +173,8 @@ def envelope(
         raise InputError(f"axis {axis!r}: no such axis. Give one of {', '.join(AXES)}.")
     if flights < 1 or not policies:
         raise InputError("an envelope needs at least one policy and one flight.")
-    along, controller = AXES[axis], transfer.controller_of(policies, None)
+    along, own = AXES[axis], [one for one in policies if isinstance(one, Policy)]
+    controller = transfer.controller_of(own, None) if own else control.pwm()
     keys = jax.random.split(jax.random.key(0) if key is None else key, flights)
     if isinstance(along, Pace):
         hardest = along.fastest
@@ -207,7 +210,7 @@ def _is_pace(axis: str) -> bool:
 
 
 def _paced(
-    policies: Sequence[Policy],
+    policies: Sequence[Policy | ForeignPolicy],
     reality: AnyReality,
     controller: Controller,
     pace: Pace,
@@ -215,12 +218,10 @@ def _paced(
 ) -> list[list[float]]:
     """The speed that each flight of each policy reaches."""
     task = tasks.tracking(pace.of(pace.fastest), trajectories.QUICKENING)
-    rate = controller.interface.rate
-    steps = round(trajectories.QUICKENING * rate)
     found = []
-    for rows in _flown(policies, reality, controller, task, keys, steps):
-        flown = rows_flown(rows, rate)
-        found.append(pace.fastest * flown / steps if flown else float("nan"))
+    for rows, rate in _flown(policies, reality, controller, task, keys, trajectories.QUICKENING):
+        share = rows_flown(rows, rate) / round(trajectories.QUICKENING * rate)
+        found.append(pace.fastest * share if share else float("nan"))
     return _by_policy(found, len(policies))
 
 
@@ -243,7 +244,7 @@ def rows_flown(rows: Rows, rate: int) -> int:
 
 
 def _under(
-    policies: Sequence[Policy],
+    policies: Sequence[Policy | ForeignPolicy],
     reality: VirtualDrone,
     controller: Controller,
     condition: Condition,
@@ -251,16 +252,15 @@ def _under(
     task: Task,
 ) -> list[list[float]]:
     """The grade up to which each flight of each policy lasts within the distance."""
-    steps = round(DURATION_S * controller.interface.rate)
     flown = np.ones((len(policies) * len(keys), len(condition.grades)), bool)
     for place, grade in enumerate(condition.grades):
         drones = [
             condition.changed(reality.parameters, grade, number) for number in range(len(keys))
         ]
-        for flight, rows in enumerate(
-            _flown(policies, reality, controller, task, keys, steps, drones, condition.during)
+        for flight, (rows, rate) in enumerate(
+            _flown(policies, reality, controller, task, keys, DURATION_S, drones, condition.during)
         ):
-            lasted = _guarded(rows) == steps
+            lasted = _guarded(rows) == round(DURATION_S * rate)
             flown[flight, place] = lasted and float(np.mean(_distance(rows))) <= WITHIN_M
     found = [
         condition.grades[int(np.argmin(row)) - 1] if not row.all() else condition.grades[-1]
@@ -289,29 +289,42 @@ def _guarded(rows: Rows) -> int:
 
 
 def _flown(
-    policies: Sequence[Policy],
+    policies: Sequence[Policy | ForeignPolicy],
     reality: AnyReality,
     controller: Controller,
     task: Task,
     keys: Array,
-    steps: int,
+    duration: float,
     drones: Sequence[Parameters] | None = None,
     during: flying.Change | None = None,
-) -> Iterator[Rows]:
-    """The flights of the first policy, of the second, and so on; drones are those of the keys."""
-    if not isinstance(reality, VirtualDrone):
-        for policy in policies:
-            for key in keys:
-                pilot = transfer.pilot_of(reality, policy, controller)
-                yield flying.fly_reality(reality, pilot, task, key, steps, _lost)
-        return
-    env = _environment(reality, task, controller, policies[0].history)
-    given = drones or [reality.parameters] * len(keys)
-    stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *given)
+) -> Iterator[tuple[Rows, int]]:
+    """Rows and their rate of the first policy's flights, of the second's, and so on.
+
+    Drones are those of the keys; our policies fly them all at once.
+    """
+    given = drones or [getattr(reality, "parameters", None)] * len(keys)
     for policy in policies:
-        rows = jax.tree.map(np.asarray, _fly(env, during, policy, stacked, keys, steps))
-        for place in range(len(keys)):
-            yield jax.tree.map(lambda values, place=place: values[place], rows)
+        if isinstance(policy, Policy) and isinstance(reality, VirtualDrone):
+            rate = controller.interface.rate
+            env = _environment(reality, task, controller, policy.history)
+            stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *given)
+            steps = round(duration * rate)
+            rows = jax.tree.map(np.asarray, _fly(env, during, policy, stacked, keys, steps))
+            for place in range(len(keys)):
+                yield jax.tree.map(lambda values, place=place: values[place], rows), rate
+            continue
+        if during is not None:
+            raise InputError(
+                f"{policy}: what changes in the course of a flight is flown by our own policies "
+                "only. Leave it out of --along."
+            )
+        for drone, key in zip(given, keys, strict=True):
+            place: Any = reality
+            if isinstance(reality, VirtualDrone):
+                place = Stepped(dataclasses.replace(reality, parameters=drone))
+            pilot = transfer.pilot_of(place, policy, controller, task)
+            steps = round(duration * pilot.rate)
+            yield flying.fly_reality(place, pilot, task, key, steps, _lost), pilot.rate
 
 
 def _environment(

@@ -14,7 +14,7 @@ from maidenflight.inputs import StrPath
 from maidenflight.reporting.envelope_picture import envelope_picture
 from maidenflight.simulator import tasks
 from maidenflight.simulator.reality import AnyReality
-from maidenflight.workflow.policies import names, policy_files
+from maidenflight.workflow.policies import names, own_and_foreign, policy_files
 
 
 def envelope_of(
@@ -34,7 +34,7 @@ def envelope_of(
     Writes `envelope.csv` with a row a flight, whole again after each axis, and `envelope.svg`.
 
     Args:
-        given: policy files, and folders of them, of one kind.
+        given: policy files, and folders of them, of one kind, and policies by others.
         realities: where to fly.
         axes: names of `envelope.AXES`.
         seed: random seed.
@@ -50,16 +50,20 @@ def envelope_of(
     Raises:
         InputError: see `envelope.envelope`; or the folder holds an envelope of other settings.
     """
-    files = policy_files(given)
-    policies = [read_policy(path) for path in files]
+    own, others = own_and_foreign(given)
+    files = policy_files(own)
+    policies = [*(read_policy(path) for path in files), *others]
+    called = [*names(files), *(one.name for one in others)]
     settings = {
+        **({"foreign": [one.name for one in others]} if others else {}),
         "realities": [place.name for place in realities],
         "axes": list(axes),
         "flights": flights,
         "task": task,
         "within": envelope.WITHIN_M,
     }
-    made = results.plain(results.record(seed=seed, inputs=files, settings=settings))
+    described = [path for path in given if Path(path).suffix == ".toml"]
+    made = results.plain(results.record(seed=seed, inputs=[*files, *described], settings=settings))
     path = Path(folder, run_folder.ENVELOPE.name)
     parts = _found(path, made) if resume else {}
     plan = [(place, axis) for place in realities for axis in axes]
@@ -75,7 +79,7 @@ def envelope_of(
             flights=flights,
             key=jax.random.key(seed),
             task=tasks.TASKS[task](),
-            names=names(files),
+            names=called,
         )
         run_folder.ENVELOPE.write(path, polars.concat(parts.values()), made)
     flown = polars.concat(parts[place.name, axis] for place, axis in plan)
@@ -87,10 +91,11 @@ def envelope_of(
 def best_by_envelope(summary: polars.DataFrame, files: Sequence[Path]) -> Path:
     """The policy with the widest envelope: its mean share of each axis, in all realities.
 
-    Of what `envelope.summary` gives, and the files that were flown.
+    Of what `envelope.summary` gives, and the files of ours that were flown.
     """
+    own = summary.filter(polars.col("policy").is_in(names(files)))
     share = (polars.col("envelope").fill_nan(0.0) / polars.col("hardest")).mean()
-    order = summary.group_by("policy", maintain_order=True).agg(share.alias("share"))
+    order = own.group_by("policy", maintain_order=True).agg(share.alias("share"))
     name = order.sort("share", descending=True, maintain_order=True)["policy"][0]
     return next(path for path, called in zip(files, names(files), strict=True) if called == name)
 
