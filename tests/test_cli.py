@@ -23,6 +23,7 @@ from maidenflight.terminal import flight_output
 COMMANDS = (
     "demo",
     "drone",
+    "plan",
     "record",
     "fly",
     "identify",
@@ -243,6 +244,17 @@ def test_help_starts_within_a_fifth_of_a_second_of_python_itself() -> None:
         ),
         (["record", "--height", "1"], "--height is for a real drone (--uri)"),
         (["record", "--recover", "-o", "{tmp}/nowhere"], "no such folder"),
+        (["record", "--plan", "{tmp}/no.toml", "-o", "{tmp}/r"], "no readable flight plan"),
+        (["record", "--plan", "{tmp}/bad.toml", "-o", "{tmp}/r"], "flight plan of this version"),
+        (["record", "--plan", "{tmp}/no.toml", "--duration", "9"], "--duration: the plan says"),
+        (["plan", "--room", "2x2"], "2x2x1.5"),
+        (["plan", "--room", "0.5x2x2", "-o", "{tmp}/p.toml"], "0.8 to 100 m"),
+        (["plan", "--room", "nanx2x2", "-o", "{tmp}/p.toml"], "0.8 to 100 m"),
+        (["plan", "--seconds", "1"], "--seconds"),
+        (["plan", "--for", ",", "-o", "{tmp}/p.toml"], "names no parameter"),
+        (["plan", "--for", "patience", "-o", "{tmp}/p.toml"], "not a parameter"),
+        (["plan", "{tmp}/no.toml", "-o", "{tmp}/p.toml"], "no such drone"),
+        (["plan", "--rate", "120", "-o", "{tmp}/p.toml"], "divisor of 500"),
     ],
 )
 def test_a_mistake_gives_one_line_and_exit_code_2(

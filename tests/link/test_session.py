@@ -21,9 +21,11 @@ import maidenflight as mf
 from maidenflight import parameters
 from maidenflight.errors import InputError
 from maidenflight.flights.compensation import thrust_command
+from maidenflight.flights.flight_plan import Block, FlightPlan
+from maidenflight.flights.manoeuvres import Manoeuvre
 from maidenflight.flights.reading import read_flights
 from maidenflight.link import flying, rows, session
-from maidenflight.link.blocks import MOTORS, ROOM, STATE, VARIANCE, with_policy
+from maidenflight.link.blocks import MOTORS, PERIOD, ROOM, STATE, VARIANCE, with_policy
 from maidenflight.link.crazyflie import Crazyflie
 from maidenflight.link.flying import COMPLETE, PROMISED, Plan
 from maidenflight.link.guards import GUARDS, Limits
@@ -75,6 +77,54 @@ def test_identify_finds_the_fake_drone_in_what_record_wrote(tmp_path):
     )
     assert found.parameters.thrust_to_weight == pytest.approx(THRUST_TO_WEIGHT, rel=0.02)
     assert found.parameters.motor_time_constant == pytest.approx(MOTOR_TIME_CONSTANT, rel=0.2)
+
+
+BY_SETPOINTS = FlightPlan(
+    (Block(Manoeuvre("steps_yaw", 0.5, 1.0), 1.0), Block(Manoeuvre("steps_x", 0.1, 1.0), 1.0)),
+    (2.0, 1.6, 1.5),
+    0.5,
+    name="mine.toml",
+)
+
+
+def test_a_flight_plan_becomes_positions_and_yaw_within_its_room():
+    made = session.of_flight_plan(BY_SETPOINTS)
+    places = BY_SETPOINTS.setpoints()
+    np.testing.assert_array_equal(made.reference, places[:, :3])
+    np.testing.assert_array_equal(made.yaw, places[:, 3])
+    assert BY_SETPOINTS.seconds / len(places) == pytest.approx(PERIOD)
+    narrow = session.within(BY_SETPOINTS.room, Limits())
+    assert (narrow.fence, narrow.ceiling) == (0.8, 1.5)
+    assert session.checked_plan(made, narrow) is made
+    assert session.within((9.0, 9.0, 9.0), Limits()) == Limits()
+    with pytest.raises(InputError):
+        session.checked_plan(made, session.within((0.5, 0.5, 1.0), Limits()))
+
+
+def test_excitation_of_motors_is_refused_before_anything_connects(tmp_path):
+    shaken = dataclasses.replace(
+        BY_SETPOINTS, blocks=(*BY_SETPOINTS.blocks, Block(Manoeuvre("motors", 0.06), 2.0))
+    )
+    with pytest.raises(InputError, match=r"mine\.toml"):
+        session.record("udp://127.0.0.1:9", tmp_path, plan=shaken, count=1)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_flight_plan_is_flown_with_its_yaw(tmp_path, monkeypatch):
+    asked = []
+    go_to = Crazyflie.go_to
+
+    def noted(self, place, yaw=0.0):
+        asked.append((*place, yaw))
+        go_to(self, place, yaw)
+
+    monkeypatch.setattr(Crazyflie, "go_to", noted)
+    (flight,) = flown(FakeDrone(), tmp_path, session.of_flight_plan(BY_SETPOINTS))
+    assert flight.ending.reason == COMPLETE
+    yaws = np.array(asked)[:, 3]
+    assert set(np.unique(yaws)) == {-0.5, 0.0, 0.5}
+    assert yaws[-1] == 0.0
+    assert np.sum(yaws == 0.5) == pytest.approx(50, abs=5)
 
 
 def test_names_go_on_and_nothing_is_overwritten(tmp_path):

@@ -17,6 +17,7 @@ from maidenflight.cli import (
     export,
     identify,
     interruption,
+    plan,
     plant,
     record,
     train,
@@ -70,6 +71,7 @@ def commands() -> None:
 
 
 for _command in (
+    plan.plan,
     record.record,
     record.fly,
     drone.drone,

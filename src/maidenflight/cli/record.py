@@ -102,6 +102,12 @@ def _duration(
 @_task
 @_height
 @click.option(
+    "--plan",
+    "plan_file",
+    type=options.PATH,
+    help="Fly this plan of maidenflight plan instead, once unless --flights is given.",
+)
+@click.option(
     "--recover",
     is_flag=True,
     help="Fly nothing; make the logs that a crash has left as rows in the folder.",
@@ -124,6 +130,7 @@ def record(
     steps: float,
     task: str,
     height: float,
+    plan_file: Path | None,
     recover: bool,
     accept_bounds: bool,
     seed: int,
@@ -151,8 +158,22 @@ def record(
             f"--{wrong[0].replace('_', '-')} is for "
             f"{'virtual drones' if uri else 'a real drone (--uri)'}. Leave it out."
         )
+    if plan_file is not None:
+        told = given & {"duration", "excitation", "steps", "task", "height", "recover"}
+        if told:
+            raise click.UsageError(
+                f"--{min(told)}: the plan says what is flown. Leave it or --plan out."
+            )
+        if "count" not in given:
+            count = 1
     if recover:
         _recover(output, as_json)
+        return
+    if uri and plan_file is not None:
+        from maidenflight.flights import flight_plan
+
+        planned = flight_plan.read(plan_file)
+        _fly_really(uri, output, as_json, plan=planned, count=count, seed=seed)
         return
     if uri:
         _fly_really(
@@ -169,21 +190,21 @@ def record(
         return
     options.must_be_new(output, overwrite)
     from maidenflight import workflow
+    from maidenflight.flights import flight_plan
 
+    planned = None if plan_file is None else flight_plan.read(plan_file)
     with terminal.progress("record", None) as move:
         move(0, None, "compiling and flying")
-        written = workflow.record(
-            workflow.reality(reality, accept_bounds),
-            seed,
-            output,
-            output / run_folder.REALITY,
-            count,
-            duration,
-            excitation,
-            rate,
-            firmware,
-        )
-    truth = output / run_folder.REALITY
+        truth, flown = output / run_folder.REALITY, workflow.reality(reality, accept_bounds)
+        if planned is None:
+            written = workflow.record(
+                flown, seed, output, truth, count, duration, excitation, rate, firmware
+            )
+        else:
+            duration = planned.seconds
+            written = workflow.record_planned(
+                flown, planned, seed, output, truth, count, rate, firmware
+            )
     known = str(truth) if truth.exists() else None
     content = {
         "flights": [str(path) for path in written],

@@ -44,12 +44,13 @@ def dither(
         steps: commands.
         key: random key.
     """
-    signs = _signs(steps, key)
-    return lambda observation, number: strength * signs[number // DITHER_PERIODS]
+    drawn = signs(steps, key)
+    return lambda observation, number: strength * drawn[number // DITHER_PERIODS]
 
 
 @partial(jax.jit, static_argnums=0)
-def _signs(steps: int, key: Array) -> Float[Array, "K 4"]:
+def signs(steps: int, key: Array) -> Float[Array, "K 4"]:
+    """Signs of `dither` for so many commands."""
     return jax.random.rademacher(key, (steps // DITHER_PERIODS + 1, 4), dtype=jnp.float32)
 
 
@@ -98,14 +99,13 @@ def record(
         InputError: another rate, a reality that takes neither motor commands nor positions, or one
             that takes positions and an excitation above 0.
     """
-    if rate < 1 or RATE % rate:
-        raise InputError(f"rate = {rate} Hz; expected a divisor of {RATE}, such as 500, 250, 100.")
+    must_divide(rate)
     task, steps = task or tasks.circle(), round(duration * RATE)
     counts = MOST_COUNTS if firmware == "2026.08" else COUNTS
     pid = control.position_pid(firmware, counts)
     keys = jax.random.split(key, flights)
     if isinstance(reality := checked(reality), VirtualDrone):
-        _must_be_held(reality.name, float(dynamics.hover_command(reality.parameters)), counts)
+        must_be_held(reality.name, float(dynamics.hover_command(reality.parameters)), counts)
         if reality.thrust_law is not None:
             reality = replace(reality, thrust_law=law_for(counts))
         env = reality.environment(task, pid)
@@ -116,20 +116,30 @@ def record(
         supply = env.supply
     else:
         if reality.takes == MOTORS:
-            _must_be_held(reality.name, reality.hover, counts)
+            must_be_held(reality.name, reality.hover, counts)
         logged = [_fly_one(reality, task, one, steps, excitation, pid) for one in keys]
         supply = Supply(full_scale_counts=counts)
     return [
-        _logged(rows, reality, f"flight_{number:02d}", rate, supply, one)
+        flight_log(rows, reality, f"flight_{number:02d}", rate, supply, one)
         for number, (rows, one) in enumerate(zip(logged, keys, strict=True), 1)
     ]
+
+
+def must_divide(rate: int) -> None:
+    """Refuses rates of a log at which rows would not be commands.
+
+    Raises:
+        InputError: it is no divisor of `RATE`.
+    """
+    if rate < 1 or RATE % rate:
+        raise InputError(f"rate = {rate} Hz; expected a divisor of {RATE}, such as 500, 250, 100.")
 
 
 _ROOM = 0.05
 """Share of the thrust at hover by which the PID must be able to change it."""
 
 
-def _must_be_held(name: str, hover_command: float, full_scale_counts: float) -> None:
+def must_be_held(name: str, hover_command: float, full_scale_counts: float) -> None:
     """Refuses a drone that the Crazyflie's PID cannot hold at a height.
 
     Raises:
@@ -145,7 +155,7 @@ def _must_be_held(name: str, hover_command: float, full_scale_counts: float) -> 
         )
 
 
-def _logged(
+def flight_log(
     rows: Rows, reality: AnyReality, name: str, rate: int, supply: Supply, key: Array
 ) -> Flight:
     """The log of a flight: every row, or as many as a slower one holds."""
@@ -179,8 +189,8 @@ def _fly_one(
     """A flight of the PID, or of a reality's own position controller."""
     dither_key, key = jax.random.split(key)
     if reality.takes == MOTORS:
-        signs = np.asarray(_signs(steps, dither_key))
-        actions = iter(np.float32(excitation) * np.repeat(signs, DITHER_PERIODS, axis=0))
+        drawn = np.asarray(signs(steps, dither_key))
+        actions = iter(np.float32(excitation) * np.repeat(drawn, DITHER_PERIODS, axis=0))
         pilot = flying.cascade(pid, lambda *_: next(actions))
     elif reality.takes == POSITION and excitation == 0.0:
         steps = steps * POSITION_RATE // RATE

@@ -32,7 +32,7 @@ NEXT_FLIGHT = 6
 TOLD = 0.5
 """Share of its variance beforehand below which a parameter's variance must lie for flights to tell
 it: they then say more than is known without them."""
-_UNIFORM = 12.0
+UNIFORM = 12.0
 """Squared width of a uniform distribution over its variance."""
 
 Ranges = Mapping[str, tuple[float, float]]
@@ -90,7 +90,7 @@ def prior_ranges(start: Parameters, bounds: Ranges) -> dict[str, tuple[float, fl
 
 def is_told(deviation: float, prior: tuple[float, float]) -> bool:
     """Whether flights say more of a parameter than the range that is plausible without them."""
-    return bool(deviation**2 < TOLD * (prior[1] - prior[0]) ** 2 / _UNIFORM)
+    return bool(deviation**2 < TOLD * (prior[1] - prior[0]) ** 2 / UNIFORM)
 
 
 def expected(
@@ -179,4 +179,4 @@ def covariance(
         widths: of the parameters' ranges.
     """
     scale = np.outer(widths, widths)
-    return np.linalg.inv(matrix * scale + _UNIFORM * np.eye(len(widths))) * scale
+    return np.linalg.inv(matrix * scale + UNIFORM * np.eye(len(widths))) * scale

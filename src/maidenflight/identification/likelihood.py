@@ -372,6 +372,23 @@ def log_likelihood(
     return -_objective(flights, settings, settings.physics_step)(drone)
 
 
+def coarse_objective(flights: Sequence[Flight], settings: Likelihood | None = None) -> OneStep:
+    """The objective by which information is judged before a fit, on all windows.
+
+    Args:
+        flights: checked flights of one rate; where they show the motors, the gyro's delay is
+            undone.
+        settings: uses `lead_in` and `coarse_physics_step`; `Likelihood()` unless given.
+
+    Raises:
+        InputError: too little flight.
+    """
+    settings = Likelihood() if settings is None else settings
+    if all(one.accelerometer is not None or one.rotor_speed is not None for one in flights):
+        flights = [sharp(flight) for flight in flights]
+    return _objective(flights, settings, settings.coarse_physics_step)
+
+
 def _every(objective: OneStep, settings: Likelihood) -> int:
     """Windows from one of the pilot's to the next."""
     return max(1, objective.size // settings.pilot_windows)

@@ -94,6 +94,8 @@ class Plan:
     full_scale_counts: float | None = None
     """Counts of a thrust command of 1, if not those of the policy's own interface, which the app
     has from its export."""
+    yaw: Float[np.ndarray, "N"] | None = None
+    """Yaw, one each 10 ms [rad]; zero unless given. The policy on board has none."""
 
 
 class Ending(NamedTuple):
@@ -196,8 +198,8 @@ def _lead(
     ground = drone.latest.position
     reference = plan.reference + np.array([ground[0], ground[1], 0.0])
 
-    def step(place: Vector) -> Reading:
-        drone.go_to(place)
+    def step(place: Vector, yaw: float = 0.0) -> Reading:
+        drone.go_to(place, yaw)
         clock.sleep(PERIOD)
         assert drone.latest is not None
         broken = str(rows.error.strerror) if rows.error else ""
@@ -208,10 +210,13 @@ def _lead(
             raise _BrokenOff(trip)
         return drone.latest
 
-    def along(places: Callable[[float], Vector | None]) -> None:
+    def along(
+        places: Callable[[float], Vector | None],
+        turned: Callable[[float], float] = lambda seconds: 0.0,
+    ) -> None:
         began = clock.now()
-        while (place := places(clock.now() - began)) is not None:
-            step(place)
+        while (place := places(seconds := clock.now() - began)) is not None:
+            step(place, turned(seconds))
 
     start = _vector(reference[0])
     above = (ground[0], ground[1], start[2])
@@ -252,7 +257,7 @@ def _lead(
         along(place)
         drone.set(ENABLE, 0)
     else:
-        along(lambda seconds: _entry(reference, seconds))
+        along(lambda seconds: _entry(reference, seconds), lambda seconds: _yaw(plan.yaw, seconds))
     last = _vector(reference[-1])
     along(lambda seconds: last if seconds < HOVER else None)
     say("landing")
@@ -266,6 +271,10 @@ def _vector(values: np.ndarray) -> Vector:
 def _entry(reference: np.ndarray, seconds: float) -> Vector | None:
     number = int(seconds / PERIOD + 0.5)
     return _vector(reference[number]) if number < len(reference) else None
+
+
+def _yaw(yaw: np.ndarray | None, seconds: float) -> float:
+    return 0.0 if yaw is None else float(yaw[min(int(seconds / PERIOD + 0.5), len(yaw) - 1)])
 
 
 def _straight(start: Vector, end: Vector, speed: float) -> Callable[[float], Vector | None]:

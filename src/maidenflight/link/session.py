@@ -3,6 +3,7 @@
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,6 +14,7 @@ from jaxtyping import Float
 
 from maidenflight import results
 from maidenflight.errors import InputError
+from maidenflight.flights.flight_plan import FlightPlan
 from maidenflight.link import guards, rows
 from maidenflight.link.blocks import ENABLE, PERIOD
 from maidenflight.link.clock import Clock, WallClock
@@ -69,6 +71,31 @@ def reference(
     # It begins and ends without a step, so that the drone is handed over at rest.
     signs[[0, -1]] = 0.0
     return places + steps * signs[number] * [1.0, 1.0, 0.5]
+
+
+def of_flight_plan(plan: FlightPlan) -> Plan:
+    """What of a flight plan a real drone is asked for: positions and yaw.
+
+    Raises:
+        InputError: it excites the motors, which no set-point can ask for.
+    """
+    excited = [block.manoeuvre.name for block in plan.blocks if not block.manoeuvre.by_setpoints]
+    if excited:
+        raise InputError(
+            f"{plan.name}: {', '.join(excited)} is thrust on single motors, which the radio link "
+            "cannot ask a real drone for. Plan without --motors."
+        )
+    places = plan.setpoints()
+    return Plan(places[:, :3], yaw=places[:, 3])
+
+
+def within(room: tuple[float, float, float], limits: Limits) -> Limits:
+    """The limits, narrowed to a room."""
+    return replace(
+        limits,
+        fence=min(limits.fence, room[0] / 2, room[1] / 2),
+        ceiling=min(limits.ceiling, room[2]),
+    )
 
 
 def checked_plan(plan: Plan, limits: Limits) -> Plan:
@@ -241,6 +268,7 @@ def record(
     steps: float = 0.1,
     policy: bool = False,
     full_scale_counts: float | None = None,
+    plan: FlightPlan | None = None,
     seed: int = 0,
     limits: Limits = Limits(),  # noqa: B008
     clock: Clock | None = None,
@@ -259,6 +287,8 @@ def record(
         steps: see `reference`; each flight has its own.
         policy: whether the policy on board flies the reference.
         full_scale_counts: overrides the policy's counts of a thrust command of 1; see `Plan`.
+        plan: what to fly instead of the task, `count` times, with its own duration, height and
+            steps; its room narrows the limits.
         seed: of the steps.
         limits: where to break off.
         clock: the computer's unless given.
@@ -269,22 +299,29 @@ def record(
         InputError: no connection, an unfit drone, or a reference beyond the limits.
         WriteError: rows cannot be written.
     """
-    trajectory = tasks.TASKS[task]().reference
-    plans = [
-        Plan(
-            reference(trajectory, duration, height, steps, seed + number), policy, full_scale_counts
-        )
-        for number in range(count)
-    ]
-    for plan in plans:
-        checked_plan(plan, limits)
-    settings: dict[str, object] = {
-        "task": task,
-        "duration": duration,
-        "height": height,
-        "steps": steps,
-        "policy": policy,
-    }
+    if plan is not None:
+        limits = within(plan.room, limits)
+        plans = [of_flight_plan(plan)] * count
+        settings: dict[str, object] = {"plan": Path(plan.name).name, "duration": plan.seconds}
+    else:
+        trajectory = tasks.TASKS[task]().reference
+        plans = [
+            Plan(
+                reference(trajectory, duration, height, steps, seed + number),
+                policy,
+                full_scale_counts,
+            )
+            for number in range(count)
+        ]
+        settings = {
+            "task": task,
+            "duration": duration,
+            "height": height,
+            "steps": steps,
+            "policy": policy,
+        }
+    for one in plans:
+        checked_plan(one, limits)
     if policy and full_scale_counts is not None:
         settings["full_scale_counts"] = full_scale_counts
     clock = clock or WallClock()

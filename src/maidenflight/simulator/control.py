@@ -295,7 +295,7 @@ class CascadeMemory(NamedTuple):
 
     firmware: Memory
     step: Int[Array, ""]
-    """Commands given so far, modulo the commands between two updates of the outer loops."""
+    """Commands given so far."""
 
 
 _ADDED = "added share of full thrust"
@@ -329,8 +329,36 @@ def position_pid(firmware: str = "2021.10", full_scale_counts: float = COUNTS) -
     )
 
 
+def turning_pid(
+    heading: Callable[[Int[Array, ""]], Float[Array, ""]],
+    firmware: str = "2021.10",
+    full_scale_counts: float = COUNTS,
+) -> Controller:
+    """`position_pid` that also turns.
+
+    Args:
+        heading: number of the command, at 500 Hz, to the yaw that is asked for [rad]; it may hold
+            traced arrays, so that flights with other headings are one compiled program.
+        firmware: as of `position_pid`.
+        full_scale_counts: as of `position_pid`.
+
+    Raises:
+        InputError: there is no such firmware.
+    """
+    interface = replaced(EXCITATION, full_scale_counts=full_scale_counts)
+    return _cascade(checked(firmware), interface, heading)
+
+
 @cache
 def _position_pid(firmware: Generation, interface: ControlInterface) -> Controller:
+    return _cascade(firmware, interface, None)
+
+
+def _cascade(
+    firmware: Generation,
+    interface: ControlInterface,
+    heading: Callable[[Int[Array, ""]], Float[Array, ""]] | None,
+) -> Controller:
     mode: Any = np.array([ABSOLUTE, ABSOLUTE, ABSOLUTE, DISABLE, DISABLE, ABSOLUTE], np.int32)
     every = ATTITUDE_RATE // POSITION_RATE
 
@@ -341,11 +369,15 @@ def _position_pid(firmware: Generation, interface: ControlInterface) -> Controll
         setpoint: Float[Array, "3"],
     ) -> tuple[CascadeMemory, Float[Array, "4"]]:
         wanted = NOTHING._replace(mode=mode, position=setpoint)
+        if heading is not None:
+            yaw = jnp.degrees(heading(memory.step))
+            wanted = wanted._replace(attitude=jnp.zeros(3).at[2].set(yaw))
+        due = memory.step % every == 0
         inner, motors = tick(
-            memory.firmware, wanted, sensed(measurement), firmware, position_due=memory.step == 0
+            memory.firmware, wanted, sensed(measurement), firmware, position_due=due
         )
         added = jnp.maximum(motors / interface.full_scale_counts + action, 0.0)
-        return CascadeMemory(inner, (memory.step + 1) % every), added
+        return CascadeMemory(inner, memory.step + 1), added
 
     def init() -> CascadeMemory:
         return CascadeMemory(switched_on(), np.int32(0))  # type: ignore[arg-type]

@@ -28,6 +28,7 @@ from maidenflight.workflow.flying import (
     transfer_to,
 )
 from maidenflight.workflow.logs import Reading, Start, identify_from, record, validate_with
+from maidenflight.workflow.planning import plan_for, record_planned
 from maidenflight.workflow.policies import own_and_foreign, policy_files, task_to_fly
 from maidenflight.workflow.training import (
     SETTINGS,
@@ -56,6 +57,7 @@ __all__ = [
     "identify_from",
     "limit_cycles",
     "own_and_foreign",
+    "plan_for",
     "plant",
     "policy_files",
     "possible_drones",
@@ -63,6 +65,7 @@ __all__ = [
     "randomized",
     "reality",
     "record",
+    "record_planned",
     "settings_for",
     "task_to_fly",
     "train_for",
