@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from maidenflight import cli, policy, workflow
-from maidenflight.cli import options
+from maidenflight import cli, policy, results, workflow
+from maidenflight.cli import interruption, options
 from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import Policy, untrained
@@ -288,7 +288,7 @@ def training_that_gives(*policies: Policy) -> Any:
     """In place of `train`: one evaluation, a checkpoint, and these policies."""
 
     def given(*arguments: Any) -> tuple[Policy, ...]:
-        *_, keys, _, on_progress, saved, _ = arguments
+        *_, keys, _, on_progress, saved, _, _ = arguments
         score = Evaluation(*(jnp.zeros(len(keys)) for _ in Evaluation._fields))
         on_progress(Progress(1, 1, score))
         checkpoint.save(saved, (), "", (1,))
@@ -327,6 +327,43 @@ def test_policies_of_an_earlier_training_of_more_go(tmp_path: Path, monkeypatch:
         "policy_5.json",
     ]
     assert policy.record(tmp_path / "policy_1.json")["seed"] == 7
+
+
+def test_an_earlier_training_stays_until_the_first_checkpoint_of_the_one_in_its_place(
+    tmp_path: Path, monkeypatch: Any
+) -> None:
+    def interrupted(*arguments: Any) -> Any:
+        *_, anew = arguments
+        assert anew
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(
+        "maidenflight.workflow.training.train",
+        training_that_gives(policy.untrained(jax.random.key(0), (3,))),
+    )
+    workflow.train_for("crazyflie", 7, tmp_path, 1, TINY, 0.1)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    monkeypatch.setattr("maidenflight.workflow.training.train", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        workflow.train_for("crazyflie", 8, tmp_path, 1, TINY, 0.1)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_an_interrupted_command_says_whether_its_own_checkpoint_is_there(
+    tmp_path: Path, monkeypatch: Any
+) -> None:
+    saved = tmp_path / "training.npz"
+    saved.write_text("of an earlier training")
+    for arguments, written, said in (
+        (["train", "--overwrite"], False, "before anything was reached"),
+        (["train", "--overwrite"], True, "--resume"),
+        (["train", "--resume"], False, "--resume"),
+    ):
+        monkeypatch.setattr(sys, "argv", ["maidenflight", *arguments])
+        with interruption.resumable(saved):
+            if written:
+                results.write(saved, "of this one")
+            assert said in interruption.line()
 
 
 def test_a_mistake_in_the_command_keeps_an_earlier_training(tmp_path: Path) -> None:

@@ -160,13 +160,26 @@ def _watched(handler: object, patience: float) -> Iterator[None]:
         ours.close()
 
 
+def _written(file: Path) -> tuple[int, int] | None:
+    """What tells a file from the one that replaces it; nothing of a folder, or of no file."""
+    if not file.is_file():
+        return None
+    found = file.stat()
+    return found.st_ino, found.st_mtime_ns
+
+
 @contextmanager
 def resumable(checkpoint: Path) -> Iterator[None]:
     """Says how to go on where work is interrupted that a checkpoint, a file or a folder, holds.
 
-    Or that it holds nothing yet.
+    Or that it holds nothing yet: a file may be that of an earlier run, which this one replaces.
     """
     global _line
+    earlier = None if "--resume" in sys.argv else _written(checkpoint)
+
+    def reached() -> bool:
+        return checkpoint.exists() and (earlier is None or _written(checkpoint) != earlier)
+
     again = shlex.join(
         [
             "maidenflight",
@@ -176,7 +189,7 @@ def resumable(checkpoint: Path) -> Iterator[None]:
     )
 
     def how() -> str:
-        if checkpoint.exists():
+        if reached():
             return f"interrupted; {checkpoint} holds what was reached. Go on with: {again}"
         from_start = shlex.join(["maidenflight", *sys.argv[1:]])
         return f"interrupted before anything was reached. Start again with: {from_start}"
@@ -186,7 +199,7 @@ def resumable(checkpoint: Path) -> Iterator[None]:
         yield
         _line = plainly
     except WriteError as error:
-        if not checkpoint.exists():
+        if not reached():
             raise
         raise InputError(
             f"{error.wrong} {checkpoint} holds what was reached. {error.remedy} and go on with: "

@@ -123,6 +123,7 @@ def train(
     on_progress: Callable[[Progress], None] | None = None,
     saved: str | PathLike[str] | None = None,
     history: int = 2,
+    anew: bool = False,
 ) -> tuple[Policy, ...]:
     """Trains one policy per key, all in one call.
 
@@ -138,6 +139,7 @@ def train(
             has ended and `settings.updates` is larger than its number, training is extended: its
             further updates have the learning rates that they have in a training of that many.
         history: H, number of last instants in an observation. The first layer grows with it.
+        anew: do not resume; an earlier checkpoint stays until this training's first replaces it.
 
     Returns:
         For each key, in order, the policy at its best evaluation (`Evaluation.beats`). Time grows
@@ -208,7 +210,7 @@ def train(
 
     fingerprint = _fingerprint(env, settings, box, keys)
     state, stages = (
-        (start(()), ()) if saved is None else checkpoint.restored(saved, start, fingerprint)
+        (start(()), ()) if saved is None or anew else checkpoint.restored(saved, start, fingerprint)
     )
     stages = _extended(stages, settings, int(state.scored), saved)
     ends = _ends(stages, settings.evaluations)

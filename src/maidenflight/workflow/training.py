@@ -167,15 +167,16 @@ def train_for(
     with loggers.opened(
         logger_names, folder, count, {"drone": Path(drone).name, "seed": seed, **said}
     ) as show:
-        # Only now are all inputs checked, and an earlier training may be removed.
-        for left in [*([] if resume else [saved]), *results.leftovers(folder)]:
+        for left in results.leftovers(folder):
             left.unlink(missing_ok=True)
         trained_task = (
             tasks.with_yaw_penalty(tasks.TASKS[task](), yaw_penalty)
             if yaw_penalty
             else tasks.TASKS[task]()
         )
-        policies = train(trained_task, controller, box, keys, settings, note, saved, history)
+        policies = train(
+            trained_task, controller, box, keys, settings, note, saved, history, not resume
+        )
     stages = checkpoint.stages(saved)
     said["extended_from"] = list(stages[:-1]) or None
     inputs = [drone] if Path(drone).is_file() else []
