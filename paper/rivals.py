@@ -89,30 +89,42 @@ def table(
     """A row a flight, as `envelope.envelope` gives; policies are called by their training."""
     parts = []
     for seed in seeds:
-        drone = virtual_drone(seed)
-        known = identified(folder / drone.name, drone, seed)
-        files = {
-            f"unidentified, {name}": trained(folder / UNKNOWN / name, UNKNOWN, kind, policies)
-            for name, kind in RANDOMIZATIONS.items()
-        } | {
-            f"identified, {name}": trained(folder / drone.name / name, known, kind, policies)
-            for name, kind in OF_IDENTIFIED.items()
-        }
-        names = [f"{name}: {number}" for name in files for number in range(1, policies + 1)]
-        flown = [read(file) for several in files.values() for file in several]
-        for axis in axes:
-            print(f"{drone.name} along {axis}", flush=True)
-            found = envelope.envelope(
-                flown, drone, axis, flights=flights, task=tasks.TASKS[TASK](), names=names
+        file = folder / f"virtual-{seed}" / "envelopes.csv"
+        if not file.exists():
+            found = of_drone(folder, seed, axes, policies, flights)
+            results.write(file, found.write_csv())
+        parts.append(polars.read_csv(file))
+    return polars.concat(parts)
+
+
+def of_drone(
+    folder: Path, seed: int, axes: Sequence[str], policies: int, flights: int
+) -> polars.DataFrame:
+    """The same of one drone."""
+    drone, parts = virtual_drone(seed), []
+    known = identified(folder / drone.name, drone, seed)
+    files = {
+        f"unidentified, {name}": trained(folder / UNKNOWN / name, UNKNOWN, kind, policies)
+        for name, kind in RANDOMIZATIONS.items()
+    } | {
+        f"identified, {name}": trained(folder / drone.name / name, known, kind, policies)
+        for name, kind in OF_IDENTIFIED.items()
+    }
+    names = [f"{name}: {number}" for name in files for number in range(1, policies + 1)]
+    flown = [read(file) for several in files.values() for file in several]
+    for axis in axes:
+        print(f"{drone.name} along {axis}", flush=True)
+        found = envelope.envelope(
+            flown, drone, axis, flights=flights, task=tasks.TASKS[TASK](), names=names
+        )
+        parts.append(found)
+        if axis == "circle":
+            speeds = pid_speed(drone, flights)
+            pid = found[:flights].with_columns(
+                polars.lit("firmware PID: 1").alias("policy"),
+                polars.Series("reached", speeds),
             )
-            parts.append(found)
-            if axis == "circle":
-                speeds = pid_speed(drone, flights)
-                pid = found[:flights].with_columns(
-                    polars.lit("firmware PID: 1").alias("policy"),
-                    polars.Series("reached", speeds),
-                )
-                parts.append(pid)
+            parts.append(pid)
     return polars.concat(parts)
 
 
