@@ -31,6 +31,7 @@ FREE = {
     "reporting/live.py": "recordings, written by rerun while training goes on",
     "training/checkpoint.py": "an archive in memory",
     "cli/cache.py": "the cache of compiled programs",
+    "simulator/crazyflow.py": "what its process prints, in a temporary folder",
 }
 """Modules that may open files for writing or remove them, and why."""
 WRITES = re.compile(
