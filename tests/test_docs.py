@@ -643,6 +643,27 @@ def test_the_commands_of_a_first_hour_run(
     assert (tmp_path / "report.html").exists()
 
 
+@pytest.mark.slow
+def test_the_commands_of_the_first_hour_with_the_paper_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = "docs/first-hour-paper.md"
+    for number, flight in enumerate(
+        mf.record(mf.virtual_drone(7), jax.random.key(0), flights=2, duration=4.0)
+    ):
+        log.write(f"authors_flights/pwm/flight_{number}.csv", flight)
+    for name in ("pwm_024", "attitude_rate_066", "attitude_021"):
+        policy.write(f"{name}.json", policy.untrained(jax.random.key(0)))
+    for line in "".join(blocks(page, "sh")).splitlines():
+        words = shlex.split(line)
+        monkeypatch.setattr(sys, "argv", words + LESS_WORK.get(words[1], []))
+        cli.main()
+    assert (tmp_path / "report.html").exists()
+    scripts = re.findall(r"^python (paper/\w+\.py)", (ROOT / page).read_text(), re.MULTILINE)
+    assert len(scripts) == 2
+    assert all((ROOT / script).exists() for script in scripts)
+
+
 def test_the_gallery_shows_small_pictures_and_all_of_its_folder() -> None:
     folder = ROOT / "docs" / "gallery"
     page = (folder.parent / "gallery.md").read_text()
