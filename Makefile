@@ -7,18 +7,20 @@ BIN := $(VENV)/bin
 export PIP_CONSTRAINT := requirements.lock
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: demo test test-all lint docs format lock clean
+.PHONY: demo test test-slow test-all lint docs format lock clean
 
 demo: $(VENV)/.installed
 	$(BIN)/maidenflight demo
 	@echo 'To go on: . $(BIN)/activate && maidenflight --help'
 
-# XLA compiles in half the time without its optimizations; test-all compiles as users do.
+# XLA compiles in half the time without its optimizations; the slow tests compile as users do.
 test: $(VENV)/.installed-dev
 	JAX_DISABLE_MOST_OPTIMIZATIONS=1 $(BIN)/python -m pytest -n auto --dist loadfile -m 'not slow'
 
-test-all: $(VENV)/.installed-dev
-	$(BIN)/python -m pytest -n auto --dist loadfile
+test-slow: $(VENV)/.installed-dev
+	$(BIN)/python -m pytest -n auto --dist loadfile -m slow --durations 20
+
+test-all: test test-slow
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check
