@@ -78,7 +78,7 @@ class Recipe(NamedTuple):
         drone = "drone.toml" if self.drone == "paper's" else "drone_30g.toml"
         command = (
             f"maidenflight train --drone {drone} --policies {SEEDS} -o {self.name} "
-            f"--control {self.control} --task {self.task}"
+            f"--control {self.control} --task {self.task} --randomize 0.1"
         )
         return command if self.history == 2 else f"{command} --history {self.history}"
 

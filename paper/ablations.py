@@ -52,8 +52,10 @@ from maidenflight.training.train import recorded, train
 RANDOMIZATION = 0.10
 """Half width of the box of drones to train over."""
 QUICK = {
-    "pwm": AnalyticGradient(updates=400, hidden_learning_rate=0.0),
-    "attitude_rate": AnalyticGradient(updates=300, horizon=32, hidden_learning_rate=0.0),
+    "pwm": AnalyticGradient(updates=400, hidden_learning_rate=0.0, action_change_penalty=0.0),
+    "attitude_rate": AnalyticGradient(
+        updates=300, horizon=32, hidden_learning_rate=0.0, action_change_penalty=0.0
+    ),
 }
 """Settings of training, by control structure: a quarter as long as the command line's, and by Adam
 alone, as docs/studies/ablations.md was measured."""

@@ -72,9 +72,13 @@ class Cell(NamedTuple):
 
 
 QUICK = {
-    "pwm": AnalyticGradient(updates=800, hidden_learning_rate=0.0),
-    "attitude_rate": AnalyticGradient(updates=600, horizon=32, hidden_learning_rate=0.0),
-    "attitude": AnalyticGradient(updates=600, horizon=32, hidden_learning_rate=0.0),
+    "pwm": AnalyticGradient(updates=800, hidden_learning_rate=0.0, action_change_penalty=0.0),
+    "attitude_rate": AnalyticGradient(
+        updates=600, horizon=32, hidden_learning_rate=0.0, action_change_penalty=0.0
+    ),
+    "attitude": AnalyticGradient(
+        updates=600, horizon=32, hidden_learning_rate=0.0, action_change_penalty=0.0
+    ),
 }
 """Settings of training, by control structure: half as long as the command line's, or less, and by
 Adam alone, as docs/studies/randomization.md was measured."""

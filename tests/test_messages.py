@@ -16,6 +16,7 @@ from maidenflight import cli, parameters, policy, terminal, workflow
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.identification.drone_file import Estimate, GroupGain
+from maidenflight.simulator import tasks
 from maidenflight.terminal import drone_output, flight_output
 from maidenflight.training import checkpoint
 from maidenflight.training.evaluation import Evaluation
@@ -265,6 +266,16 @@ def test_the_help_of_training_tells_how_many_updates_are_usual() -> None:
             assert workflow.settings_for(structure, task).updates == times * count
             assert word in told
     assert f"{workflow.settings_for('pwm', 'circle', 'ppo').updates} for PPO" in told
+
+
+def test_the_help_of_training_tells_the_usual_randomization() -> None:
+    (option,) = [one for one in cli.commands.commands["train"].params if one.name == "randomize"]
+    assert isinstance(option, click.Option)
+    usual = {task: workflow.usual_training_box(task) for task in tasks.TASKS}
+    told = (option.help or "").split("Unless given: ")[1]
+    narrow = " and ".join(task for task, box in usual.items() if box != workflow.WIDE)
+    assert told == f"{workflow.WIDE}, and 0.1 for {narrow}."
+    assert set(usual.values()) == {workflow.WIDE, 0.1}
 
 
 def test_the_help_of_training_tells_the_usual_hidden_layers() -> None:

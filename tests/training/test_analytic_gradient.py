@@ -53,6 +53,17 @@ def test_an_update_changes_the_network_and_nothing_else_of_a_policy(
         np.testing.assert_array_equal(one, other)
 
 
+@pytest.mark.parametrize("thrust_to_weight", [1.725, 6.0])
+def test_an_untrained_policy_hovers_its_drones(thrust_to_weight: float) -> None:
+    drone = replace(crazyflie(), thrust_to_weight=thrust_to_weight)
+    world, box = Environment.matching(drone), relative_box(drone, 0.0)
+    settings = AnalyticGradient(num_envs=2, horizon=2)
+    learner = analytic_gradient.begin(world, settings, box, jax.random.split(jax.random.key(5), 1))
+    policy = jax.tree.map(lambda leaf: leaf[0], learner.policy)
+    action = policy(policy.observation_mean)  # the network's input is zero
+    np.testing.assert_allclose((action + 1) / 2, 1 / thrust_to_weight, rtol=1e-5)
+
+
 def test_without_a_rate_for_hidden_layers_adam_steps_everywhere_and_its_steps_shrink() -> None:
     settings = AnalyticGradient(updates=50, learning_rate=0.01, hidden_learning_rate=0.0)
     network = untrained(jax.random.key(0), (8, 8), 2).network

@@ -84,11 +84,10 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--randomize",
-    default="0.1",
-    show_default=True,
     callback=options.randomization("posterior", "wide"),
-    help="Half width of the parameters' box; posterior: samples of the identified posterior; or "
-    "wide: a wide box, with the constant torques of all its flights.",
+    help="wide: a wide box about the drone, with the constant torques of all its flights; "
+    "posterior: samples of the identified posterior; or the half width of a box, 0.1 in the "
+    "paper. Unless given: wide, and 0.1 for fast_circle and fast_figure_eight.",
 )
 @click.option(
     "--yaw-penalty",
@@ -135,7 +134,7 @@ def train(
     target: str | None,
     method: str,
     updates: int | None,
-    randomize: float | str,
+    randomize: float | str | None,
     yaw_penalty: float,
     resume: bool,
     logger_names: tuple[str, ...],
@@ -187,7 +186,7 @@ def train(
             output,
             count,
             settings,
-            randomize,
+            workflow.usual_training_box(task) if randomize is None else randomize,
             hear,
             control,
             task,

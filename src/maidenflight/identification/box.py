@@ -131,7 +131,7 @@ def physical_bounds(start: Parameters) -> dict[str, tuple[float, float]]:
         "latency": (0.0, 0.05),
         "spin_down_ratio": (0.2, 5.0),
         "motor_coasting": (0.0, 0.5),
-        "torque_to_thrust": (0.0, 0.1),
+        "torque_to_thrust": (0.0, 0.3),
         "rotor_momentum": (0.0, 0.1 * torque),
         "flapping_moment": (-0.1 * torque, 0.2 * torque),
         "rotational_damping": (0.0, 0.05 * torque),

@@ -228,9 +228,10 @@ WIDTHS: dict[str, dict[str, tuple[float, float]]] = {
 """Least and greatest factors of `wide_box`, by control structure: published Crazyflies have
 thrust-to-weight ratios of up to 1.97 and lags of up to 136 ms, in both directions. No drone has a
 rotor torque so large; trained over less, PWM policies flew worse on all others."""
-LATER = 0.006
+LATER = 0.015
 """Least width of `wide_box` above the latency where that is randomized [s]: no factor widens an
-identified latency of zero, and another link or controller adds milliseconds to any."""
+identified latency of zero, and another link or controller adds milliseconds to any. From 6 to 18 ms
+it costs 0.5 mm on the circle (docs/studies/training.md)."""
 TRIM_WIDTHS = {"pwm": 2.0, "attitude_rate": 2.0, "attitude": 1.0}
 """Half width of `wide_box` in constant torques, in their deviations between flights."""
 

@@ -18,8 +18,9 @@ import optax
 from jax import lax, tree
 from jaxtyping import Array, Bool, Float
 
+from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy, untrained
-from maidenflight.simulator import environment, rotations
+from maidenflight.simulator import dynamics, environment, rotations
 from maidenflight.simulator.environment import Environment, EnvState
 from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.rollout import EnvInstance, randomized_reset
@@ -64,6 +65,10 @@ class AnalyticGradient:
     action_excess_penalty: float = 0.01
     """Cost of the squared part of an action beyond [-1, 1], which the control structure clips:
     without it a clipped action has no gradient."""
+    action_change_penalty: float = 0.02
+    """Cost of the length of an action's change, beside the task's own. Policies that answer noise
+    less keep the motors calm and tolerate more latency, at the same distance from the circle
+    (docs/studies/training.md)."""
     failure_penalty: float = 5.0
     """Cost of a horizon with a failure: a sigmoid of the task's smallest `failure_margin`. It is
     flat far beyond failure, so that the gradient comes from drones that can still be saved."""
@@ -117,13 +122,28 @@ def begin(env: Environment, settings: AnalyticGradient, box: Distribution, keys:
 
     def one(key: Array) -> _Learner:
         policy_key, key = jax.random.split(key)
-        policy = untrained(policy_key, settings.hidden, env.history, env.controller.interface)
         instances = jax.vmap(partial(randomized_reset, env, box))(
             own(jax.random.split(key, settings.num_envs))
+        )
+        policy = _hovering(
+            untrained(policy_key, settings.hidden, env.history, env.controller.interface),
+            instances.parameters,
         )
         return _Learner(policy, _optimiser(settings).init(policy.network), instances)
 
     return begun(one, _SHARDING, settings.num_envs, keys)
+
+
+def _hovering(policy: Policy, drones: Parameters) -> Policy:
+    """A policy with last biases that hover the mean of some drones.
+
+    Strong drones hover far from the middle of the range of commands, at which they would leave the
+    task's bounds before a gradient tells anything.
+    """
+    share = lax.pmean(jnp.mean(jax.vmap(dynamics.hover_command)(drones)), DRONES)
+    weights, (*biases, last) = policy.network
+    level = policy.interface.level(jnp.clip(share, 0.0, 1.0))
+    return policy.with_network((weights, (*biases, last + level)))
 
 
 def _segment(
@@ -149,6 +169,7 @@ def _segment(
             guards
             - step_result.reward
             + settings.action_excess_penalty * squared(jax.nn.relu(jnp.abs(action) - 1.0))
+            + settings.action_change_penalty * norm(action - env_state.action)
         )
         margin = (
             jnp.ones(())

@@ -36,6 +36,7 @@ from maidenflight.workflow.training import (
     settings_for,
     train_for,
     updates_so_far,
+    usual_training_box,
     watched_flight,
 )
 
@@ -74,6 +75,7 @@ __all__ = [
     "transfer_to",
     "updates_so_far",
     "usual_randomization",
+    "usual_training_box",
     "validate_with",
     "watched_flight",
 ]

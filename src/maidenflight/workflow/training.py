@@ -23,7 +23,7 @@ from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.ppo import PPO
 from maidenflight.training.train import Progress, Settings, recorded, train
 from maidenflight.workflow.deployment import check_export
-from maidenflight.workflow.drones import drone_to_fly, randomized
+from maidenflight.workflow.drones import WIDE, drone_to_fly, randomized
 
 WATCHED_DURATION_S = 10.0
 """Longest flight that is shown of a policy in training [s]."""
@@ -39,6 +39,15 @@ SETTINGS: dict[str, AnalyticGradient] = {
 separate initial states that can be saved from those that cannot takes more environments, and at
 50 Hz, where most episodes depend on it, a larger network; it fits a Crazyflie with up to four
 instants."""
+
+FASTEST_BOX = 0.1
+"""Half width of the box that tasks at the limit of a drone are trained over unless the user says:
+many drones of the wide box cannot fly them."""
+
+
+def usual_training_box(task: str) -> float | str:
+    """What policies for a task, by its name, are trained over unless the user says."""
+    return FASTEST_BOX if task in tasks.FASTEST else WIDE
 
 
 def settings_for(
