@@ -31,6 +31,20 @@ def content(path: StrPath) -> bytes:
     return _ordinary(path).read_bytes()
 
 
+def beginning(path: StrPath, count: int) -> bytes:
+    """The first bytes of a file.
+
+    Args:
+        path: of the file.
+        count: bytes to read at most.
+
+    Raises:
+        OSError: see `content`.
+    """
+    with _ordinary(path).open("rb") as file:
+        return file.read(count)
+
+
 def _ordinary(path: StrPath) -> Path:
     path = Path(path)
     if path.exists() and not (path.is_file() or path.is_dir()):

@@ -10,17 +10,15 @@ Source: Crazyflie firmware 2025.12, src/modules/src/stabilizer.c, stabilizer_typ
 quatcompress.h; docs on log blocks.
 """
 
-import warnings
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 import polars
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
 from maidenflight.errors import InputError
-from maidenflight.flights import compensation, tables
+from maidenflight.flights import attitudes, compensation, streams, tables
 from maidenflight.flights.log import Flight
 from maidenflight.flights.tables import Table
 from maidenflight.simulator.battery import MOST_COUNTS
@@ -35,17 +33,6 @@ class Spelling(NamedTuple):
     columns: tuple[str, ...]
     si: Callable[[np.ndarray], np.ndarray]
     """From the columns' values, (N, columns), to SI units and our signs."""
-
-
-def _quaternion(values: np.ndarray) -> np.ndarray:
-    """Roll, pitch, yaw of a quaternion x, y, z, w; NaN where it is none."""
-    sound = np.isfinite(values).all(axis=1) & (np.linalg.norm(values, axis=1) > 0.5)
-    attitude = np.full((len(values), 3), np.nan)
-    with warnings.catch_warnings():
-        # Nose straight up, roll and yaw cannot be told apart; such rows are dropped as a crash.
-        warnings.filterwarnings("ignore", "Gimbal lock")
-        attitude[sound] = Rotation.from_quat(values[sound]).as_euler("ZYX")[:, ::-1]
-    return attitude
 
 
 def _compressed(values: np.ndarray) -> np.ndarray:
@@ -65,7 +52,7 @@ def _compressed(values: np.ndarray) -> np.ndarray:
         code = np.where(other, code >> np.uint64(10), code)
     rest = np.sqrt(np.clip(1 - (quaternion**2).sum(axis=1), 0.0, 1.0))
     quaternion[np.arange(len(code)), largest] = rest
-    return np.where(np.isfinite(values), _quaternion(quaternion), np.nan)
+    return np.where(np.isfinite(values), attitudes.of_quaternions(quaternion), np.nan)
 
 
 def _columns(pattern: str, *names: str) -> tuple[str, ...]:
@@ -87,7 +74,7 @@ SPELLINGS: dict[str, tuple[Spelling, ...]] = {
         Spelling(_columns("stateEstimateZ.v{}", *_XYZ), _scaled(1e-3)),
     ),
     "attitude": (
-        Spelling(_columns("stateEstimate.q{}", *_XYZ, "w"), _quaternion),
+        Spelling(_columns("stateEstimate.q{}", *_XYZ, "w"), attitudes.of_quaternions),
         Spelling(("stateEstimateZ.quat",), _compressed),
         Spelling(
             _columns("stateEstimate.{}", "roll", "pitch", "yaw"),
@@ -171,7 +158,7 @@ def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], 
     with np.errstate(invalid="ignore"):  # what is not finite is refused by checking
         time = (read[clock] - read[clock][0]) * (1e-3 if abs(step) >= 1 else 1.0)
     unknown = np.full((rows, 3), np.nan)
-    period = _period(time)
+    period = streams.period(time)
     flight = Flight(
         name=table.name,
         period=period,
@@ -233,19 +220,6 @@ def _law(table: Table, values: dict[str, np.ndarray], volts: np.ndarray) -> tupl
         if found:
             return found, compensation.BY_THRUST
     return compensation.assumed(values["PWM"], volts), compensation.BY_VOLTAGE
-
-
-def _period(time: np.ndarray) -> float:
-    """The step that most rows have [s], to 0.1 ms where that is within 0.2 % of it, else to 1 us.
-
-    Stamps in whole ms are averaged over the steps near their median.
-    """
-    steps = np.diff(time[np.isfinite(time)])
-    if len(steps) == 0:
-        return 0.01
-    middle = np.median(steps)
-    mean = np.mean(steps[np.abs(steps - middle) <= abs(middle) / 2])
-    return float(np.round(mean, 4 if abs(np.round(mean, 4) - mean) <= 2e-3 * abs(mean) else 6))
 
 
 def _together(read: dict[str, np.ndarray], clock: str) -> dict[str, np.ndarray]:

@@ -26,7 +26,6 @@ class Foreign(NamedTuple):
 
 
 KINDS = (
-    Foreign(b"ULog", "a PX4 ULog", "PX4 ULogs", _QUAD),
     Foreign(b"H Product:Blackbox", "a Betaflight blackbox log", "Betaflight blackbox logs", _QUAD),
     Foreign(b"\xa3\x95\x80", "an ArduPilot DataFlash log", "ArduPilot DataFlash logs"),
     Foreign(b"\x89MCAP", "an MCAP recording", "MCAP recordings"),

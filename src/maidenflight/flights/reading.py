@@ -13,61 +13,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
 from maidenflight import run_folder
 from maidenflight.errors import InputError
-from maidenflight.flights import (
-    authors,
-    cflib,
-    checking,
-    compensation,
-    foreign,
-    log,
-    nanobench,
-    tables,
-    usddeck,
-)
+from maidenflight.flights import checking, compensation, foreign, formats, log
+from maidenflight.flights.formats import Logged
 from maidenflight.flights.log import SUBSAMPLED, ZERO_ORDER_HOLD, Flight
 from maidenflight.flights.sampling import sampled
-from maidenflight.flights.tables import Table
 from maidenflight.flights.windows import LEAD_IN
 from maidenflight.inputs import StrPath
 
-SUFFIXES = (".csv", ".csv.gz", ".parquet")
 MOST = 3600.0
 """Flight that the command line uses of a large folder [s]; an hour is identified from in less than
 2 GB of memory."""
-
-
-class Format(NamedTuple):
-    """A way of writing flights down.
-
-    `flights` gives each with the time of its rows [s], and notes; `compensated` says whether its
-    commands are PWM that a battery law reads as thrust.
-    """
-
-    what: str
-    recognises: Callable[[Table], bool]
-    flights: Callable[[Table], tuple[list[tuple[Flight, np.ndarray]], list[str]]]
-    compensated: bool = False
-
-
-FORMATS = (
-    Format(
-        f"maidenflight's own log ('{log.MARK}', see docs/flight-log.md)",
-        log.recognises,
-        log.flights,
-    ),
-    Format("the 22 columns of Gronauer et al.", authors.recognises, authors.flights),
-    Format("NanoBench's 51 columns", nanobench.recognises, nanobench.flights, True),
-    Format(
-        "log variables of a Crazyflie ('stateEstimate.x', 'gyro.x', ...)",
-        cflib.recognises,
-        cflib.flights,
-        True,
-    ),
-)
 
 _RESULTS = (
     {"update", "steps", "policy"},
@@ -129,8 +86,8 @@ def read_flights(
     """Reads and checks flights.
 
     Args:
-        path: a file, or a folder that is searched with all its folders for `.csv`, `.csv.gz` and
-            `.parquet`, and for micro-SD logs of a Crazyflie, which have no extension.
+        path: a file, or a folder that is searched with all its folders for files with one of
+            `formats.SUFFIXES`, and for micro-SD logs of a Crazyflie, which have no extension.
         on_file: called with (files read, files found), for a progress bar.
         most: flight to keep [s]. Of more, segments of every flight are kept, one file being in
             memory beside them.
@@ -244,77 +201,40 @@ def _read(
             on_file(number, len(paths))
 
 
-def _is_micro_sd(file: Path) -> bool:
-    """Whether a file without an extension begins as a micro-SD log."""
-    try:
-        with file.open("rb") as opened:
-            return usddeck.recognises(opened.read(usddeck.HEAD))
-    except OSError:
-        return False
-
-
-def _recognised(file: Path) -> tuple[Table, Format | None]:
-    """A file's table, and its format if it is one of the `FORMATS`.
-
-    Raises:
-        InputError: the file is damaged.
-    """
-    raw, name = tables.content(file), "/".join(filter(None, (file.parent.name, file.name)))
-    micro_sd = usddeck.recognises(raw)
-    table = usddeck.table(raw, name) if micro_sd else tables.parsed(raw, file, name)
-    return table, next((kind for kind in FORMATS if kind.recognises(table)), None)
-
-
 def _of_file(file: Path, alone: bool, seen: _Seen, said: _Said) -> list[Flight]:
-    table, kind = _recognised(file)
-    if kind is not None:
-        if said.battery_law:
-            if not kind.compensated:
-                raise InputError(
-                    f"{table.name}: its commands are not read by a battery law. Leave it out, or "
-                    "give only logs of a Crazyflie's PWM."
-                )
-            table = replace(table, head={**table.head, compensation.SAID_IN_HEAD: said.battery_law})
-        flights, dropped = _checked(table, kind, said.ignore)
+    found = formats.logged(file, said.battery_law)
+    if isinstance(found, Logged):
+        flights, dropped = _checked(found, said.ignore)
         held = hashlib.sha256()
         for flight in flights:
             held.update(flight.position.tobytes() + flight.command.tobytes())
         first = seen.digests.get(held.hexdigest())
         if flights and first is not None:
-            seen.notes.append(f"{table.name}: holds the same flight as {first}; used once")
+            seen.notes.append(f"{found.name}: holds the same flight as {first}; used once")
             return []
-        seen.digests[held.hexdigest()] = table.name
+        seen.digests[held.hexdigest()] = found.name
         seen.notes.extend(dropped)
         seen.paths.append(file)
         return flights
     if alone:
-        raise InputError(_unknown(table))
-    if not any(columns <= set(table.frame.columns) for columns in _RESULTS):
+        raise InputError(formats.unknown(found))
+    if not any(columns <= set(found.frame.columns) for columns in _RESULTS):
         seen.others.append(
-            f"{table.name}: not a flight log, passed over (columns "
-            f"{', '.join(table.frame.columns[:4])[:60]} ...)"
+            f"{found.name}: not a flight log, passed over (columns "
+            f"{', '.join(found.frame.columns[:4])[:60]} ...)"
         )
     return []
 
 
-def _checked(table: Table, kind: Format, ignore: frozenset[str]) -> tuple[list[Flight], list[str]]:
-    found, said = kind.flights(table)
-    notes = [*table.notes, *said]
+def _checked(found: Logged, ignore: frozenset[str]) -> tuple[list[Flight], list[str]]:
+    notes = [*found.notes]
     kept: list[Flight] = []
-    for flight, time in found:
+    for flight, time in found.flights:
         flight = replace(flight, **dict.fromkeys(ignore))
         pieces, dropped = checking.pieces(flight, time)
         kept += pieces
         notes += dropped
     return kept, notes
-
-
-def _unknown(table: Table) -> str:
-    columns = ",".join(table.frame.columns)
-    return (
-        f"{table.name}: unknown format; its columns are {columns[:60]!r}. Known are "
-        f"{'; '.join(kind.what for kind in FORMATS)}."
-    )
 
 
 def _nothing(path: Path, files: int, reasons: list[str]) -> str:
@@ -324,8 +244,8 @@ def _nothing(path: Path, files: int, reasons: list[str]) -> str:
             return f"{path}: no flight logs that are read, but {foreign.told(kinds)}"
         place = path / "flights" if others or not path.name else path
         return (
-            f"{path}: no flight logs ({', '.join(SUFFIXES)}) in this folder or below it. Give the "
-            f"folder that holds yours, or record some (maidenflight record -o {place})."
+            f"{path}: no flight logs ({', '.join(formats.SUFFIXES)}) in this folder or below it. "
+            f"Give the folder that holds yours, or record some (maidenflight record -o {place})."
         )
     more = f"; and {len(reasons) - 3} more" if len(reasons) > 3 else ""
     return (
@@ -339,7 +259,7 @@ def _files(path: Path) -> tuple[list[Path], list[str]]:
     if path.is_file():
         return [path], []
     if not path.is_dir():
-        known = ", ".join(SUFFIXES)
+        known = ", ".join(formats.SUFFIXES)
         raise InputError(
             f"{path}: no such file or folder. Give a flight log ({known}) or a folder of them."
         )
@@ -369,23 +289,10 @@ def whole_flights(file: Path) -> list[Flight]:
     Raises:
         InputError: the file is damaged or in no known format.
     """
-    table, kind = _recognised(file)
-    if kind is None:
-        raise InputError(_unknown(table))
-    return [flight for flight, _ in kind.flights(table)[0]]
-
-
-def is_known(file: Path) -> bool:
-    """Whether a file can be read and is in one of the `FORMATS`."""
-    try:
-        return _recognised(file)[1] is not None
-    except InputError:
-        return False
-
-
-def is_log(file: Path) -> bool:
-    """Whether a file may be a log, by its ending or, where it has none, by its first bytes."""
-    return file.name.endswith(SUFFIXES) or ("." not in file.name and _is_micro_sd(file))
+    found = formats.logged(file)
+    if not isinstance(found, Logged):
+        raise InputError(formats.unknown(found))
+    return [flight for flight, _ in found.flights]
 
 
 def _below(path: Path) -> tuple[list[Path], list[str]]:
@@ -401,6 +308,6 @@ def _below(path: Path) -> tuple[list[Path], list[str]]:
         file
         for folder, _, names in os.walk(path, onerror=unreadable)
         for name in names
-        if is_log(file := Path(folder, name))
+        if formats.is_log(file := Path(folder, name))
     ]
     return found, refused

@@ -16,8 +16,9 @@ from maidenflight import inputs, results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.flights import log
+from maidenflight.flights.formats import is_known
 from maidenflight.flights.log import Flight
-from maidenflight.flights.reading import is_known, read_flights, whole_flights
+from maidenflight.flights.reading import read_flights, whole_flights
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import DroneFile, Estimate
 from maidenflight.parameters import COMPONENTS, Parameters, component

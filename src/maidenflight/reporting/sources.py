@@ -14,7 +14,7 @@ from typing import Any
 
 from maidenflight import inputs, run_folder
 from maidenflight.errors import InputError
-from maidenflight.flights import foreign, reading
+from maidenflight.flights import foreign, formats, reading
 from maidenflight.flights.log import FAMILY
 from maidenflight.run_folder import Table
 
@@ -155,7 +155,7 @@ def _of_file(path: Path) -> Sources:
     if kind is None:
         raise InputError(
             f"{path}: nothing that a report shows; expected a drone (.toml), a policy (.json), "
-            f"flight logs ({', '.join(reading.SUFFIXES)}) or a table that maidenflight has written."
+            f"flight logs ({', '.join(formats.SUFFIXES)}) or a table that maidenflight has written."
         )
     part: dict[str, Any] = {kind: (path,) if kind in ("policies", "logs") else path}
     return _beside(Sources(**part))
@@ -277,7 +277,7 @@ def kind_of(path: Path) -> str | None:
             content = inputs.from_json(inputs.text(path))
             is_policy = isinstance(content, dict) and not {"layers", "0"}.isdisjoint(content)
             return "policies" if is_policy else None
-    return "logs" if reading.is_log(path) else None
+    return "logs" if formats.is_log(path) else None
 
 
 def _of_toml(text: str) -> str | None:

@@ -1,0 +1,243 @@
+"""From the topics of a PX4 drone to a flight, whatever recorded them.
+
+PX4's world is north, east, down and its body forward, right, down. Ours is north, west, up and
+forward, left, up: of both, x stays and y and z are turned, so that yaw is 0 with the nose to the
+north and one matrix D = diag(1, -1, -1) serves all; a rotation R becomes D R D, a quaternion
+(w, x, y, z) becomes (w, x, -y, -z).
+
+Rows are the samples of the gyro, or of the state estimate where that is logged at
+`rates.LEAST_HZ` or more. `sensor_combined` comes first, since `vehicle_angular_velocity` and
+`vehicle_acceleration` are low-pass filtered; its values are means over an integration time, so they
+belong to its middle.
+
+Source: PX4 v1.14, src/modules/logger/logged_topics.cpp (rates, SDLOG_PROFILE), msg/*.msg (units,
+frames), src/modules/land_detector/land_detector_params_mc.c.
+"""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from maidenflight.errors import InputError
+from maidenflight.flights import airborne, attitudes, px4_motors, rates, streams
+from maidenflight.flights.log import Flight
+from maidenflight.flights.px4_topics import REMEDY, Parameters, Topics, columns, vector
+from maidenflight.flights.streams import Stream
+
+TOPICS = (
+    "vehicle_local_position",
+    "vehicle_attitude",
+    "vehicle_angular_velocity",
+    "vehicle_acceleration",
+    "sensor_combined",
+    "actuator_motors",
+    "actuator_outputs",
+    "esc_status",
+    "battery_status",
+    "vehicle_land_detected",
+    "vehicle_status",
+)
+"""Topics that are read."""
+FULL_RATE = 0.8
+"""Share of the control loop's rate from which a log holds every command."""
+LANDED = 1.0
+"""Time by which PX4 says that it has landed later than it has, LNDMC_TRIG_TIME [s]."""
+_TURN = np.array([1.0, -1.0, -1.0])
+_INVALID = 2**31 - 1
+
+
+def flight(
+    name: str, topics: Topics, parameters: Parameters
+) -> tuple[Flight, Float[np.ndarray, "N"], list[str]]:
+    """The flight in what was recorded, unchecked.
+
+    Args:
+        name: of the file, for errors and notes.
+        topics: those of `TOPICS` that were recorded.
+        parameters: PX4's, as far as they were recorded.
+
+    Returns:
+        The flight, the time of its rows [s] and what was assumed.
+
+    Raises:
+        InputError: a signal is missing or logged too rarely, or it is no quadrotor in X.
+    """
+    rates_, gyro_notes = _gyro(name, topics)
+    force = _force(topics)
+    rotors = px4_motors.rotors(name, parameters)
+    speeds, motor_notes = px4_motors.motors(name, topics, parameters, rotors.order)
+    state, state_notes = _state(name, topics)
+    needed = {"body rates": rates_.rate, "motors": speeds.rate}
+    if state is None:
+        needed["specific force"] = force.rate if force else 0.0
+    rates.refuse_too_slow(name, needed, REMEDY)
+    slower = state is not None and state.step > rates_.step
+    at = state.time if state is not None and slower else rates_.time
+    flying, air_notes = _in_the_air(name, topics, at)
+    at = at[flying]
+    if len(at) < 2:
+        raise InputError(f"{name}: never in the air with armed motors. Leave it out.")
+    loop = float(parameters.get("IMU_GYRO_RATEMAX", 400.0)) or 400.0
+    speed, means = _speeds(at, speeds, speeds.rate >= FULL_RATE * loop)
+    unknown = np.full((len(at), 3), np.nan, np.float32)
+    found: dict[str, Any] = {"position": unknown, "velocity": unknown, "attitude": unknown}
+    if state is not None:
+        rows = streams.between(at, state)
+        found = {
+            "position": rows[:, :3],
+            "velocity": rows[:, 3:6],
+            "attitude": attitudes.wrapped(rows[:, 6:9]),
+        }
+    if force is not None and force.rate >= rates.LEAST_HZ:
+        found["accelerometer"] = streams.between(at, force)
+    measured, speed_notes = px4_motors.rotor_speed(name, topics, rotors.order, at)
+    if measured is not None:
+        found["rotor_speed"] = measured
+    logged = Flight(
+        name=name,
+        period=streams.period(at),
+        body_rates=streams.between(at, rates_).astype(np.float32),
+        command=np.square(speed).astype(np.float32),
+        battery=_battery(topics, at).astype(np.float32),
+        setpoint=unknown,
+        zero_order_hold=means,
+        **{group: values.astype(np.float32) for group, values in found.items()},
+    )
+    notes = [*gyro_notes, *motor_notes, *rotors.notes, *state_notes, *air_notes, *speed_notes]
+    notes += rates.notes(name, needed, REMEDY)
+    return logged, at - at[0], notes
+
+
+def _speeds(
+    at: Float[np.ndarray, "N"], speeds: Stream, whole: bool
+) -> tuple[Float[np.ndarray, "N 4"], bool]:
+    """Rotor speeds that are asked for in rows, and whether they are means until the next row.
+
+    Where every command was logged, each holds until the next. Of a faster loop's, each stands for
+    the step about it, and rows that are as frequent lie between two of them.
+    """
+    if whole:
+        return streams.mean_until_next(at, speeds), True
+    if speeds.rate > 1.5 / streams.period(at):
+        about = Stream(speeds.time - speeds.step / 2, speeds.values)
+        return streams.mean_until_next(at, about), True
+    return streams.between(at, speeds), False
+
+
+def _gyro(name: str, topics: Topics) -> tuple[Stream, list[str]]:
+    """Body rates, forward, left, up."""
+    raw = columns(topics, "sensor_combined", *vector("gyro_rad", 3), "gyro_integral_dt")
+    filtered = columns(
+        topics, "vehicle_angular_velocity", *vector("xyz", 3), clock="timestamp_sample"
+    )
+    empty = Stream(np.zeros(0), np.zeros((0, 3)))
+    first = empty if raw is None else _centred(*raw)
+    second = empty if filtered is None else streams.stream(filtered[0], filtered[1] * _TURN)
+    if first.rate >= rates.LEAST_HZ or first.rate >= second.rate:
+        return first, [f"{name}: body rates of sensor_combined, {first.rate:.0f} Hz"]
+    note = (
+        f"{name}: body rates of vehicle_angular_velocity, {second.rate:.0f} Hz, which PX4 has "
+        "low-pass filtered (IMU_GYRO_CUTOFF): their delay is found as latency"
+    )
+    return second, [note]
+
+
+def _centred(time: np.ndarray, values: np.ndarray) -> Stream:
+    """Means over an integration time [us], the last column, in its middle."""
+    span = np.clip(np.nan_to_num(values[:, 3]), 0.0, 2e4)
+    return streams.stream(time - span * 0.5e-6, values[:, :3] * _TURN)
+
+
+def _force(topics: Topics) -> Stream | None:
+    """Specific force, forward, left, up; the one that is not filtered if there is one."""
+    raw = columns(
+        topics,
+        "sensor_combined",
+        *vector("accelerometer_m_s2", 3),
+        "accelerometer_integral_dt",
+    )
+    if raw is not None:
+        relative = topics["sensor_combined"].get("accelerometer_timestamp_relative")
+        late = np.zeros(len(raw[0])) if relative is None else relative.astype(float)
+        known = late != _INVALID
+        return _centred(np.where(known, raw[0] + late * 1e-6, np.nan), raw[1])
+    filtered = columns(topics, "vehicle_acceleration", *vector("xyz", 3), clock="timestamp_sample")
+    return None if filtered is None else streams.stream(filtered[0], filtered[1] * _TURN)
+
+
+def _state(name: str, topics: Topics) -> tuple[Stream | None, list[str]]:
+    """Position, velocity and attitude, or none where they are not known often enough."""
+    place = columns(
+        topics,
+        "vehicle_local_position",
+        *("x", "y", "z", "vx", "vy", "vz"),
+        clock="timestamp_sample",
+    )
+    turned = columns(topics, "vehicle_attitude", *vector("q", 4), clock="timestamp_sample")
+    alone = "read as accelerometer, gyro and motors alone"
+    if place is None or turned is None:
+        lacking = "position" if place is None else "attitude"
+        return None, [f"{name}: no {lacking} logged: {alone}"]
+    fields = topics["vehicle_local_position"]
+    flags = [
+        fields[flag].astype(bool)
+        for flag in ("xy_valid", "z_valid", "v_xy_valid", "v_z_valid")
+        if flag in fields
+    ]
+    valid = np.all(flags, axis=0) if flags else np.ones(len(place[0]), bool)
+    if valid.mean() < 0.5:
+        return None, [
+            f"{name}: PX4 has no valid position in {100 * (1 - valid.mean()):.0f} %: {alone}"
+        ]
+    moved = np.concatenate([place[1][:, :3] * _TURN, place[1][:, 3:] * _TURN], axis=1)
+    where = streams.stream(place[0], np.where(valid[:, None], moved, np.nan))
+    quaternion = turned[1][:, [1, 2, 3, 0]] * [1.0, -1.0, -1.0, 1.0]
+    angles = attitudes.of_quaternions(quaternion)
+    known = np.isfinite(angles).all(axis=1)
+    seen = streams.stream(turned[0][known], np.unwrap(angles[known], axis=0))
+    slowest = min(where.rate, seen.rate)
+    if slowest < 0.97 * rates.LEAST_HZ:
+        return None, [
+            f"{name}: position logged at {where.rate:.3g} Hz and attitude at {seen.rate:.3g} Hz, "
+            f"below {rates.LEAST_HZ:g} Hz: {alone}"
+        ]
+    at = where.time if where.step >= seen.step else seen.time
+    rows = np.concatenate([streams.between(at, where), streams.between(at, seen)], axis=1)
+    note = f"{name}: position, velocity and attitude of PX4's estimator, x north, y west, z up"
+    return Stream(at, rows), [note]
+
+
+def _in_the_air(
+    name: str, topics: Topics, at: Float[np.ndarray, "N"]
+) -> tuple[Bool[np.ndarray, "N"], list[str]]:
+    """Rows in which PX4 says that it flies, without those beside the ground."""
+    ground = np.zeros(len(at), bool)
+    landed = columns(topics, "vehicle_land_detected", "landed")
+    if landed is not None:
+        ground |= streams.held(at, streams.stream(*landed))[:, 0] > 0
+    status = columns(topics, "vehicle_status", "arming_state")
+    if status is not None:
+        state = streams.held(at, streams.stream(*status))[:, 0]
+        ground |= np.isfinite(state) & (state != 2)
+    if not ground.any():
+        return ~ground, []
+    on = at[ground]
+    following = np.searchsorted(on, at)
+    since = at - on[np.clip(following - 1, 0, None)]
+    until = on[np.clip(following, None, len(on) - 1)] - at
+    near = (since >= 0) & (since < airborne.TAKE_OFF)
+    near |= (until >= 0) & (until < LANDED + airborne.LANDING)
+    left = ground | near
+    return ~left, [
+        f"{name}: {int(left.sum())} of {len(at)} rows left out: disarmed or landed, "
+        f"{airborne.TAKE_OFF:g} s after and {LANDED + airborne.LANDING:g} s before"
+    ]
+
+
+def _battery(topics: Topics, at: Float[np.ndarray, "N"]) -> Float[np.ndarray, "N"]:
+    found = columns(topics, "battery_status", "voltage_v")
+    if found is None:
+        return np.full(len(at), np.nan)
+    volts = streams.held(at, streams.stream(*found))[:, 0]
+    return np.where(volts > 0.5, volts, np.nan)

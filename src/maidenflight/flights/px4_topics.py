@@ -1,0 +1,35 @@
+"""Topics of a PX4 drone as a recording holds them, and what makes it record them more often."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Float
+
+Topics = Mapping[str, Mapping[str, np.ndarray]]
+"""Fields of each topic by the names that ULog gives them, such as `control[0]`; `timestamp` and
+`timestamp_sample` in us."""
+Parameters = Mapping[str, float]
+
+REMEDY = (
+    "Set SDLOG_PROFILE to 17 (default set and high rate), so that sensor_combined and "
+    "actuator_motors are logged at full rate."
+)
+
+
+def columns(
+    topics: Topics, topic: str, *fields: str, clock: str = "timestamp"
+) -> tuple[Float[np.ndarray, "M"], Float[np.ndarray, "M K"]] | None:
+    """Times [s] and some fields of a topic, if it has them all."""
+    found = topics.get(topic)
+    if found is None or not {"timestamp", *fields} <= set(found):
+        return None
+    stamps = found["timestamp"].astype(float)
+    sampled = found.get(clock)
+    if sampled is not None:
+        stamps = np.where(sampled > 0, sampled.astype(float), stamps)
+    return stamps * 1e-6, np.stack([found[field].astype(float) for field in fields], axis=1)
+
+
+def vector(field: str, count: int) -> tuple[str, ...]:
+    """Names of the elements of a field."""
+    return tuple(f"{field}[{number}]" for number in range(count))

@@ -1,0 +1,112 @@
+"""Signals that are logged each at a rate and times of its own, and rows made of them."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+LONGEST_GAP = 5.0
+"""Steps of a signal between two of its samples beyond which it is unknown there."""
+
+
+class Stream(NamedTuple):
+    """A signal of K numbers: M samples in the order of their times, which differ."""
+
+    time: Float[np.ndarray, "M"]
+    """[s]."""
+    values: Float[np.ndarray, "M K"]
+
+    @property
+    def step(self) -> float:
+        """The typical time between two samples [s]; NaN of fewer than two."""
+        return float(np.median(np.diff(self.time))) if len(self.time) > 1 else float("nan")
+
+    @property
+    def rate(self) -> float:
+        """[Hz]; 0 of fewer than two samples."""
+        return 1.0 / self.step if len(self.time) > 1 else 0.0
+
+    def part(self, kept: np.ndarray) -> "Stream":
+        """Some of the samples, by a mask."""
+        return Stream(self.time[kept], self.values[kept])
+
+
+def stream(time: Float[np.ndarray, "M"], values: np.ndarray) -> Stream:
+    """A signal of samples in any order; of those with one time the first.
+
+    Args:
+        time: of each sample [s]; those that are not finite are left out.
+        values: (M, K), or (M,) of one number.
+    """
+    values = np.asarray(values, float)
+    values = values[:, None] if values.ndim == 1 else values
+    known = np.isfinite(time)
+    kept, first = np.unique(np.asarray(time, float)[known], return_index=True)
+    return Stream(kept, values[known][first])
+
+
+def _near(at: Float[np.ndarray, "N"], signal: Stream) -> np.ndarray:
+    """Whether a time lies between two samples that are not far apart."""
+    after = np.clip(np.searchsorted(signal.time, at, side="left"), 0, len(signal.time) - 1)
+    before = np.clip(np.searchsorted(signal.time, at, side="right") - 1, 0, None)
+    apart = signal.time[after] - signal.time[before]
+    inside = (at >= signal.time[0]) & (at <= signal.time[-1])
+    return inside & (apart <= LONGEST_GAP * signal.step)
+
+
+def between(at: Float[np.ndarray, "N"], signal: Stream) -> Float[np.ndarray, "N K"]:
+    """A signal at given times, on straight lines between its samples; NaN in gaps and outside."""
+    if len(signal.time) < 2:
+        return np.full((len(at), signal.values.shape[1]), np.nan)
+    values = np.stack([np.interp(at, signal.time, row) for row in signal.values.T], axis=1)
+    values[~_near(at, signal)] = np.nan
+    return values
+
+
+def held(at: Float[np.ndarray, "N"], signal: Stream) -> Float[np.ndarray, "N K"]:
+    """The last sample at or before given times, however old; NaN before the first."""
+    if not len(signal.time):
+        return np.full((len(at), signal.values.shape[1]), np.nan)
+    before = np.searchsorted(signal.time, at, side="right") - 1
+    return np.where((before >= 0)[:, None], signal.values[np.maximum(before, 0)], np.nan)
+
+
+def mean_until_next(at: Float[np.ndarray, "N"], signal: Stream) -> Float[np.ndarray, "N K"]:
+    """The mean of a signal that holds each sample, from each time to the next; NaN as `between`.
+
+    The integral of such a signal is linear between its samples, so that the mean is exact. After
+    the last time comes a step as long as the one before.
+    """
+    if len(signal.time) < 2 or len(at) < 2:
+        return np.full((len(at), signal.values.shape[1]), np.nan)
+    step = np.diff(signal.time)[:, None]
+    integral = np.concatenate(
+        [np.zeros((1, signal.values.shape[1])), np.cumsum(signal.values[:-1] * step, axis=0)]
+    )
+    steps = np.diff(at)
+    usual = np.median(steps)
+    # After a gap of the rows it is the mean over a usual step, not over the gap.
+    ends = at + np.minimum(np.append(steps, usual), 1.5 * usual)
+    ends = np.minimum(ends, signal.time[-1])
+    summed = [
+        np.stack([np.interp(when, signal.time, row) for row in integral.T], axis=1)
+        for when in (at, ends)
+    ]
+    width = (ends - at)[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean = (summed[1] - summed[0]) / width
+    known = _near(at, signal)[:, None] & (width > 0)
+    return np.where(known, mean, np.nan)
+
+
+def period(time: Float[np.ndarray, "N"]) -> float:
+    """The step that most rows have [s], to 0.1 ms where that is within 0.2 % of it, else to 1 us.
+
+    Stamps in whole ms are averaged over the steps near their median. 0.01 of a single row.
+    """
+    steps = np.diff(time[np.isfinite(time)])
+    if len(steps) == 0:
+        return 0.01
+    middle = np.median(steps)
+    mean = np.mean(steps[np.abs(steps - middle) <= abs(middle) / 2])
+    return float(np.round(mean, 4 if abs(np.round(mean, 4) - mean) <= 2e-3 * abs(mean) else 6))
