@@ -23,11 +23,10 @@ from scipy.signal import lfilter
 
 from maidenflight import results
 from maidenflight.flights import cflib, checking, usddeck
-from maidenflight.flights.log import Flight
+from maidenflight.flights.log import ACCELEROMETER_DELAY, Flight
 from maidenflight.flights.reading import read_flights
 from maidenflight.flights.tables import Table
 from maidenflight.identification.estimates import Identification
-from maidenflight.identification.flight_signals import ACCELEROMETER_DELAY
 from maidenflight.identification.identify import identify
 from maidenflight.parameters import Parameters, crazyflie
 from maidenflight.parameters import replace as with_values

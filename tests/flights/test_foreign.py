@@ -37,17 +37,14 @@ def test_a_file_of_another_kind_is_named_alone_and_in_a_folder(
 def test_kinds_together_have_each_remedy_once(tmp_path: Path) -> None:
     for name, begins in (
         ("a.bin", b"\xa3\x95\x80"),
-        ("b.bbl", b"H Product:Blackbox"),
+        ("b.h5", b"\x89HDF"),
         ("c.xlsx", b"PK\3\4"),
     ):
         put(tmp_path / name, begins)
     put(tmp_path / "training.npz", b"PK\3\4")
     words = said(tmp_path)
-    assert (
-        "an ArduPilot DataFlash log and a Betaflight blackbox log and an Excel workbook, which are"
-        in words
-    )
-    assert words.count("docs/first-hour-px4-betaflight.md") == 1
+    assert "an ArduPilot DataFlash log and an HDF5 file and an Excel workbook, which are" in words
+    assert words.count("docs/flight-log.md") == 1
     assert words.count("Save its sheet as CSV") == 1
 
 

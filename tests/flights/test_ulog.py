@@ -229,23 +229,34 @@ def test_disarmed_and_landed_rows_are_left_out(tmp_path: Path) -> None:
     assert first == pytest.approx(400, abs=12)
 
 
-def test_filtered_topics_serve_where_there_are_no_others(tmp_path: Path) -> None:
-    flight = sensed()
-    topics = made.topics_of(flight, state=False)
+def filtered(topics: dict[str, Any]) -> dict[str, Any]:
+    """Topics whose sensors PX4 has low-pass filtered."""
     combined = {field: values for field, _, values in topics.pop("sensor_combined")}
     stamps = combined["timestamp"]
-    for topic, values in (
-        ("vehicle_angular_velocity", combined["gyro_rad"]),
-        ("vehicle_acceleration", combined["accelerometer_m_s2"]),
-    ):
-        topics[topic] = [
+    return topics | {
+        topic: [
             ("timestamp", "uint64_t", stamps + 100),
             ("timestamp_sample", "uint64_t", stamps),
             ("xyz", "float", values),
         ]
+        for topic, values in (
+            ("vehicle_angular_velocity", combined["gyro_rad"]),
+            ("vehicle_acceleration", combined["accelerometer_m_s2"]),
+        )
+    }
+
+
+def test_filtered_topics_serve_where_there_are_no_others(tmp_path: Path) -> None:
+    flight = sensed()
+    topics = filtered(made.topics_of(flight, state=False))
     (found,) = read(tmp_path, topics)
     assert_allclose(found.body_rates, flight.body_rates, atol=1e-5)
     assert_allclose(found.arrays["accelerometer"], flight.arrays["accelerometer"], atol=1e-5)
+    # Of Butterworth filters at PX4's 30 and 40 Hz; none of what is not filtered.
+    assert found.accelerometer_delay == pytest.approx(0.0075, abs=1e-4)
+    assert found.gyro_delay == pytest.approx(0.0056, abs=1e-4)
+    (plain,) = read(tmp_path, made.topics_of(flight, state=False))
+    assert (plain.accelerometer_delay, plain.gyro_delay) == (0.0, 0.0)
 
 
 def test_damaged_files_are_refused_or_named(tmp_path: Path) -> None:
@@ -300,8 +311,9 @@ def test_a_planted_drone_comes_back_through_a_ulog(tmp_path: Path) -> None:
     drone = mf.virtual_drone(1)
     flown = mf.record(drone, jax.random.key(1), flights=2, duration=12.0, excitation=0.05)
     for number, flight in enumerate(flown):
-        topics = made.topics_of(flight, state=False)
-        (tmp_path / f"log_{number}.ulg").write_bytes(made.ulog(topics, made.placed()))
+        topics = filtered(made.topics_of(flight, state=False))
+        parameters = made.placed() | {"IMU_ACCEL_CUTOFF": 30.0, "IMU_GYRO_CUTOFF": 80.0}
+        (tmp_path / f"log_{number}.ulg").write_bytes(made.ulog(topics, parameters))
     flights = read_flights(tmp_path)
     assert len(flights) == 2
     start = replace(crazyflie(), mass=drone.parameters.mass)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from maidenflight.flights.log import Flight
+from maidenflight.flights.log import ACCELEROMETER_DELAY, Flight
 from maidenflight.flights.reading import read_flights
-from maidenflight.identification.flight_signals import ACCELEROMETER_DELAY, rotor_speeds
+from maidenflight.identification.flight_signals import rotor_speeds
 from maidenflight.identification.motor_response import motor_response
 
 USD = Path(__file__).parents[3] / "shared" / "data" / "usd"

@@ -9,7 +9,6 @@ from typing import NamedTuple
 from maidenflight import run_folder
 
 _CSV = "Write its rows as CSV in the format of docs/flight-log.md"
-_QUAD = "docs/first-hour-px4-betaflight.md shows how to make a CSV of it"
 
 
 class Foreign(NamedTuple):
@@ -26,7 +25,6 @@ class Foreign(NamedTuple):
 
 
 KINDS = (
-    Foreign(b"H Product:Blackbox", "a Betaflight blackbox log", "Betaflight blackbox logs", _QUAD),
     Foreign(b"\xa3\x95\x80", "an ArduPilot DataFlash log", "ArduPilot DataFlash logs"),
     Foreign(b"\x89MCAP", "an MCAP recording", "MCAP recordings"),
     Foreign(b"SQLite format 3", "an SQLite database, such as a rosbag2", "SQLite databases"),

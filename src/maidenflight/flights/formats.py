@@ -14,6 +14,7 @@ from maidenflight import inputs
 from maidenflight.errors import InputError
 from maidenflight.flights import (
     authors,
+    blackbox,
     cflib,
     compensation,
     log,
@@ -74,7 +75,12 @@ FORMATS = (
         True,
     ),
 )
-RECORDINGS = (Recording("PX4 ULog", (".ulg",), ulog.recognises, ulog.flights),)
+RECORDINGS = (
+    Recording("PX4 ULog", (".ulg",), ulog.recognises, ulog.flights),
+    Recording(
+        "Betaflight blackbox log", (".bbl", ".bfl"), blackbox.recognises, blackbox.flights, True
+    ),
+)
 SUFFIXES = (*TABLES, *(suffix for kind in RECORDINGS for suffix in kind.suffixes))
 """Endings of files that are searched for in folders."""
 

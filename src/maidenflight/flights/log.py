@@ -24,6 +24,12 @@ MARK = f"{FAMILY} 3"
 ZERO_ORDER_HOLD, SUBSAMPLED = "zero-order-hold", "subsampled"
 """What logged commands stand for: each acts until the next row, or is one of a faster loop."""
 
+ACCELEROMETER_DELAY, GYRO_DELAY = 0.0075, 0.0028
+"""Delay of a Crazyflie's low-pass filters, Butterworth of second order at 30 and 80 Hz [s]
+(firmware, sensors_bmi088_bmp3xx.c)."""
+LONGEST_DELAY = 0.1
+"""Delay beyond which a log's comment is refused [s]."""
+
 GROUPS: dict[str, tuple[str, ...]] = {
     "time": ("time",),
     "position": ("position_x", "position_y", "position_z"),
@@ -48,6 +54,9 @@ TRUTH: dict[str, tuple[str, ...]] = {
 """Columns of a simulated flight that nobody but who looks at it may read, likewise."""
 
 _COLUMNS = tuple(column for columns in GROUPS.values() for column in columns)
+
+_DELAYS = {"accelerometer_delay": ACCELEROMETER_DELAY, "gyro_delay": GYRO_DELAY}
+"""Comments of a log that tell a delay where it is not the usual one [s]."""
 
 _LEGEND = (
     "time s; position m and velocity m/s in the world, z up; roll, pitch, yaw rad (ZYX, positive "
@@ -86,6 +95,10 @@ class Flight:
     """Counts of a Crazyflie's firmware, before battery compensation, that u = 1 stands for."""
     assumed: bool = False
     """Whether `zero_order_hold` is a guess, because the log does not say."""
+    accelerometer_delay: float = ACCELEROMETER_DELAY
+    """By which the low-pass filter of the accelerometer makes it late [s]."""
+    gyro_delay: float = GYRO_DELAY
+    """By which the low-pass filter of the gyro makes it late [s]."""
     lead: int = 0
     """Rows at the beginning that are there for their commands only, in a stretch of a longer
     flight; see `sampling`."""
@@ -196,6 +209,11 @@ def to_csv(flight: Flight, record: Mapping[str, Any] | None = None) -> str:
             if flight.full_scale_counts == COUNTS
             else [f"# full_scale_counts: {flight.full_scale_counts:g}"]
         ),
+        *(
+            f"# {key}: {value:.6g}"
+            for key, usual in _DELAYS.items()
+            if (value := getattr(flight, key)) != usual
+        ),
         f"# record: {json.dumps(dict(record or {}))}",
     ]
     return "\n".join(head) + "\n" + frame.write_csv(float_precision=7)
@@ -219,6 +237,17 @@ def _full_scale_counts(table: Table) -> float:
     raise InputError(
         f"{table.name}: full_scale_counts = {said[:20]!r}; expected the counts that u = 1 stands "
         f"for, above 0 and at most {MOST_COUNTS:g}."
+    )
+
+
+def _delay(table: Table, key: str) -> float:
+    said = table.head.get(key, f"{_DELAYS[key]:g}")
+    with suppress(ValueError):
+        if 0.0 <= float(said) <= LONGEST_DELAY:
+            return float(said)
+    raise InputError(
+        f"{table.name}: {key} = {said[:20]!r}; expected the delay of that sensor's filter "
+        f"[s], 0 to {LONGEST_DELAY:g}."
     )
 
 
@@ -279,6 +308,7 @@ def timed(table: Table) -> tuple[Flight, Float[np.ndarray, "N"]]:
         zero_order_hold=table.head["commands"] == ZERO_ORDER_HOLD,
         simulated="" if simulated == "no" else simulated,
         full_scale_counts=_full_scale_counts(table),
+        **{key: _delay(table, key) for key in _DELAYS},
         battery=column["battery"].astype(np.float32),
         **arrays,
     )

@@ -21,7 +21,7 @@ from jaxtyping import Bool, Float
 
 from maidenflight.errors import InputError
 from maidenflight.flights import airborne, attitudes, px4_motors, rates, streams
-from maidenflight.flights.log import Flight
+from maidenflight.flights.log import LONGEST_DELAY, Flight
 from maidenflight.flights.px4_topics import REMEDY, Parameters, Topics, columns, vector
 from maidenflight.flights.streams import Stream
 
@@ -43,6 +43,8 @@ FULL_RATE = 0.8
 """Share of the control loop's rate from which a log holds every command."""
 LANDED = 1.0
 """Time by which PX4 says that it has landed later than it has, LNDMC_TRIG_TIME [s]."""
+GYRO_CUTOFF, ACCELEROMETER_CUTOFF = 40.0, 30.0
+"""PX4's usual low-pass filters, IMU_GYRO_CUTOFF and IMU_ACCEL_CUTOFF [Hz]."""
 _TURN = np.array([1.0, -1.0, -1.0])
 _INVALID = 2**31 - 1
 
@@ -63,8 +65,8 @@ def flight(
     Raises:
         InputError: a signal is missing or logged too rarely, or it is no quadrotor in X.
     """
-    rates_, gyro_notes = _gyro(name, topics)
-    force = _force(topics)
+    rates_, gyro_delay, gyro_notes = _gyro(name, topics, parameters)
+    force, force_delay = _force(topics, parameters)
     rotors = px4_motors.rotors(name, parameters)
     speeds, motor_notes = px4_motors.motors(name, topics, parameters, rotors.order)
     state, state_notes = _state(name, topics)
@@ -102,6 +104,8 @@ def flight(
         battery=_battery(topics, at).astype(np.float32),
         setpoint=unknown,
         zero_order_hold=means,
+        accelerometer_delay=force_delay,
+        gyro_delay=gyro_delay,
         **{group: values.astype(np.float32) for group, values in found.items()},
     )
     notes = [*gyro_notes, *motor_notes, *rotors.notes, *state_notes, *air_notes, *speed_notes]
@@ -125,8 +129,8 @@ def _speeds(
     return streams.between(at, speeds), False
 
 
-def _gyro(name: str, topics: Topics) -> tuple[Stream, list[str]]:
-    """Body rates, forward, left, up."""
+def _gyro(name: str, topics: Topics, parameters: Parameters) -> tuple[Stream, float, list[str]]:
+    """Body rates, forward, left, up, and the delay of their filter [s]."""
     raw = columns(topics, "sensor_combined", *vector("gyro_rad", 3), "gyro_integral_dt")
     filtered = columns(
         topics, "vehicle_angular_velocity", *vector("xyz", 3), clock="timestamp_sample"
@@ -135,12 +139,13 @@ def _gyro(name: str, topics: Topics) -> tuple[Stream, list[str]]:
     first = empty if raw is None else _centred(*raw)
     second = empty if filtered is None else streams.stream(filtered[0], filtered[1] * _TURN)
     if first.rate >= rates.LEAST_HZ or first.rate >= second.rate:
-        return first, [f"{name}: body rates of sensor_combined, {first.rate:.0f} Hz"]
+        return first, 0.0, [f"{name}: body rates of sensor_combined, {first.rate:.0f} Hz"]
+    delay = min(rates.filter_delay(parameters.get("IMU_GYRO_CUTOFF", GYRO_CUTOFF)), LONGEST_DELAY)
     note = (
-        f"{name}: body rates of vehicle_angular_velocity, {second.rate:.0f} Hz, which PX4 has "
-        "low-pass filtered (IMU_GYRO_CUTOFF): their delay is found as latency"
+        f"{name}: body rates of vehicle_angular_velocity, {second.rate:.0f} Hz, behind PX4's "
+        f"low-pass filter (IMU_GYRO_CUTOFF), whose delay of {1e3 * delay:.2g} ms is undone"
     )
-    return second, [note]
+    return second, delay, [note]
 
 
 def _centred(time: np.ndarray, values: np.ndarray) -> Stream:
@@ -149,8 +154,11 @@ def _centred(time: np.ndarray, values: np.ndarray) -> Stream:
     return streams.stream(time - span * 0.5e-6, values[:, :3] * _TURN)
 
 
-def _force(topics: Topics) -> Stream | None:
-    """Specific force, forward, left, up; the one that is not filtered if there is one."""
+def _force(topics: Topics, parameters: Parameters) -> tuple[Stream | None, float]:
+    """Specific force, forward, left, up, and the delay of its filter [s].
+
+    The one that is not filtered, if there is one.
+    """
     raw = columns(
         topics,
         "sensor_combined",
@@ -161,9 +169,12 @@ def _force(topics: Topics) -> Stream | None:
         relative = topics["sensor_combined"].get("accelerometer_timestamp_relative")
         late = np.zeros(len(raw[0])) if relative is None else relative.astype(float)
         known = late != _INVALID
-        return _centred(np.where(known, raw[0] + late * 1e-6, np.nan), raw[1])
+        return _centred(np.where(known, raw[0] + late * 1e-6, np.nan), raw[1]), 0.0
     filtered = columns(topics, "vehicle_acceleration", *vector("xyz", 3), clock="timestamp_sample")
-    return None if filtered is None else streams.stream(filtered[0], filtered[1] * _TURN)
+    if filtered is None:
+        return None, 0.0
+    delay = rates.filter_delay(parameters.get("IMU_ACCEL_CUTOFF", ACCELEROMETER_CUTOFF))
+    return streams.stream(filtered[0], filtered[1] * _TURN), min(delay, LONGEST_DELAY)
 
 
 def _state(name: str, topics: Topics) -> tuple[Stream | None, list[str]]:

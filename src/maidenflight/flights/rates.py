@@ -4,6 +4,7 @@ Identification follows the motors' lag from row to row. Between two logged comma
 taken, and where that is not what the motors were told, latency is off by up to half the step.
 """
 
+import math
 from collections.abc import Mapping
 
 from maidenflight.errors import InputError
@@ -18,6 +19,17 @@ NEEDED = {
     "specific force": "thrust without a position",
 }
 """Signals that identification needs, and what they tell."""
+
+
+def filter_delay(cutoff: float) -> float:
+    """Delay of a low-pass filter of second order, a Butterworth, at low frequencies [s].
+
+    1 / (s^2 + sqrt(2) s + 1) of s = i f / cutoff: its phase falls by sqrt(2) f / cutoff.
+
+    Args:
+        cutoff: where it passes 0.71 [Hz]; 0 is no filter.
+    """
+    return 2**0.5 / (2 * math.pi * cutoff) if cutoff > 0 else 0.0
 
 
 def refuse_too_slow(name: str, rates: Mapping[str, float], remedy: str) -> None:

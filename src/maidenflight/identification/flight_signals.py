@@ -1,6 +1,6 @@
 """What a flight's sensors measured and what its rotors did, in steps of about 10 ms.
 
-Delays of a Crazyflie's low-pass filters are undone, so that signals and commands have one clock.
+Delays of the sensors' low-pass filters are undone, so that signals and commands have one clock.
 """
 
 from dataclasses import replace
@@ -14,9 +14,6 @@ from maidenflight.flights.log import Flight
 
 STEP = 0.01
 """Time over which signals are averaged [s]."""
-ACCELEROMETER_DELAY, GYRO_DELAY = 0.0075, 0.0028
-"""Delay of a Crazyflie's low-pass filters, Butterworth of second order at 30 and 80 Hz [s]
-(firmware, sensors_bmi088_bmp3xx.c)."""
 
 
 def stride(flight: Flight) -> int:
@@ -43,7 +40,7 @@ def force_along_z(flight: Flight) -> Float[np.ndarray, "N"]:
     if flight.accelerometer is None:
         raise ValueError(f"{flight.name} has no accelerometer")
     places = np.arange(len(flight))
-    later = places + 0.5 + ACCELEROMETER_DELAY / flight.period
+    later = places + 0.5 + flight.accelerometer_delay / flight.period
     return np.interp(later, places, flight.accelerometer[:, 2].astype(float))
 
 
@@ -53,7 +50,7 @@ def gyro(flight: Flight) -> Float[np.ndarray, "N 3"]:
     if stride(flight) == 1:
         return rates
     places = np.arange(len(flight))
-    later = places + GYRO_DELAY / flight.period
+    later = places + flight.gyro_delay / flight.period
     return np.stack([np.interp(later, places, column) for column in rates.T], axis=1)
 
 
