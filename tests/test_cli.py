@@ -26,6 +26,7 @@ COMMANDS = (
     "plan",
     "record",
     "fly",
+    "log",
     "identify",
     "validate",
     "train",

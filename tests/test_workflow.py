@@ -13,12 +13,13 @@ import polars
 import pytest
 
 import maidenflight as mf
-from flights.made_flights import calm
-from maidenflight import policy, workflow
+from flights.made_flights import calm, driven
+from maidenflight import policy, results, workflow
 from maidenflight.deployment import EXPORTERS
 from maidenflight.errors import InputError
 from maidenflight.experiments import envelope
-from maidenflight.flights.reading import Flights
+from maidenflight.flights import log
+from maidenflight.flights.reading import Flights, read_flights
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import DroneFile, Search, Source
 from maidenflight.parameters import crazyflie
@@ -30,6 +31,7 @@ from maidenflight.training.evaluation import Evaluation
 from maidenflight.training.train import Progress
 from maidenflight.workflow import logs
 from maidenflight.workflow.deployment import check_export
+from test_cli import run
 
 
 def test_how_logs_were_read_stands_in_the_drone_file_s_record(
@@ -65,6 +67,33 @@ def test_how_logs_were_read_stands_in_the_drone_file_s_record(
     workflow.identify_from(tmp_path, 0, tmp_path / "drone.toml")
     made = drone_file.read(tmp_path / "drone.toml").record["settings"]
     assert not {"commands", "battery_law", "ignore"} & set(made)
+
+
+def test_logs_of_any_format_are_told_and_converted(
+    tmp_path: Path, monkeypatch: Any, capsys: Any
+) -> None:
+    log.write(tmp_path / "logs" / "one.csv", driven())
+    (tmp_path / "logs" / "bad.csv").write_text("x,y\n1,2\n")
+    converted = tmp_path / "converted"
+    code, out, _ = run(monkeypatch, capsys, "log", tmp_path / "logs", "-o", converted, "--json")
+    told = json.loads(out)
+    assert code == 0
+    (one,) = told["logs"]
+    assert (one["pieces"], one["rate"], one["seconds"]) == (1, 100.0, 9.0)
+    assert told["dropped"] or told["refused"]
+    (written,) = told["written"]
+    (back,), (before,) = read_flights(written), read_flights(tmp_path / "logs")
+    for group, values in before.arrays.items():
+        np.testing.assert_allclose(back.arrays[group], values, atol=1e-6)
+    record = results.read_record(Path(written))
+    assert record is not None
+    assert "one.csv" in str(results.recorded_inputs(record, "one.csv"))
+    code, _, err = run(monkeypatch, capsys, "log", tmp_path / "logs", "-o", converted)
+    assert code == 2
+    assert "--overwrite" in err
+    code, out, _ = run(monkeypatch, capsys, "log", tmp_path / "logs")
+    assert code == 0
+    assert "one.csv" in out
 
 
 def test_the_mass_is_asked_for_where_nobody_gave_it(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from maidenflight.cli import (
     export,
     identify,
     interruption,
+    log,
     plan,
     plant,
     record,
@@ -71,6 +72,7 @@ def commands() -> None:
 
 
 for _command in (
+    log.log,
     plan.plan,
     record.record,
     record.fly,

@@ -4,6 +4,7 @@ Each function reads what it is given, does one stage, writes its results with a 
 making, and returns them.
 """
 
+from maidenflight.workflow.conversion import convert
 from maidenflight.workflow.deployment import export
 from maidenflight.workflow.drones import (
     POSSIBLE,
@@ -51,6 +52,7 @@ __all__ = [
     "Start",
     "best_by_envelope",
     "best_policy",
+    "convert",
     "drone_to_fly",
     "envelope_of",
     "export",
