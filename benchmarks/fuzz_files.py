@@ -88,7 +88,7 @@ def small_policy(control: str = "pwm", history: int = 1) -> policies.Policy:
 
 
 def policy_told(read: policies.Policy) -> list[np.ndarray]:
-    words = np.array([str(read.interface), str(read.history)])
+    words = np.array([str(read.interface), str(read.history), str(read.look_ahead)])
     return [
         words,
         *map(
@@ -100,7 +100,7 @@ def policy_told(read: policies.Policy) -> list[np.ndarray]:
 
 def unsound_policy(read: policies.Policy) -> str:
     arrays = policy_told(read)[1:]
-    sizes = (20 * read.history, *(len(bias) for bias in read.biases))
+    sizes = (20 * read.history + read.look_ahead.size, *(len(bias) for bias in read.biases))
     faults = {
         "a number that is none": not all(
             np.isfinite(array).all() and array.dtype == np.float32 for array in arrays

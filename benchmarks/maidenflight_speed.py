@@ -120,7 +120,7 @@ def training(shared: Any, own: Any, steps: int) -> Any:
         world, policy, own["drone"], fresh, fly_key, steps
     )
     told = (
-        jax.vmap(environment.observation)(before),
+        jax.vmap(partial(environment.observation, world))(before),
         step_result.reward,
         step_result.terminated,
         step_result.truncated,

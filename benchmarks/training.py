@@ -172,7 +172,7 @@ def survivable(env: Environment, drones: RelativeBox, policy: Policy) -> float:
         noise = jax.random.split(key, all_periods)[:periods]
 
         def by_policy(env_state: EnvState, key: jax.Array) -> tuple[EnvState, jax.Array]:
-            action = policy(environment.observation(env_state))
+            action = policy(environment.observation(env, env_state))
             return environment.step(env, env_state, action, drone, key)[0], jnp.clip(
                 action, -1.0, 1.0
             )

@@ -8,7 +8,6 @@ but the drawing stops a drone that falls.
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 from importlib import resources
 from pathlib import Path
@@ -23,6 +22,7 @@ from scipy.spatial.transform import Rotation
 
 import maidenflight as mf
 from maidenflight import results
+from maidenflight.experiments.transfer import as_seen_by
 from maidenflight.flights import flying
 from maidenflight.flights.flying import Rows
 from maidenflight.policy import Policy
@@ -84,7 +84,7 @@ def film(progress: Progress, seed: int) -> Film:
     """Three flights of the best policy so far."""
     policy = jax.tree.map(lambda leaf: leaf[0], progress.best)
     reality = mf.virtual_drone(7)
-    env = replace(reality.environment(mf.circle(), mf.pwm()), history=policy.history)
+    env = as_seen_by(policy, reality.environment(mf.circle(), mf.pwm()))
     keys = jax.random.split(jax.random.key(seed + 1), len(COLOURS))
     rows = jax.tree.map(np.asarray, _fly(env, policy, reality.parameters, keys))
     every = round(mf.pwm().interface.rate / FRAMES)

@@ -164,11 +164,19 @@ def test_the_python_of_the_training_page_runs(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(mf, "AnalyticGradient", lambda updates: QUICK, raising=False)
-    (snippet,) = blocks("docs/training.md", "python")
+    snippet, _ = blocks("docs/training.md", "python")
     names: dict[str, Any] = {}
     exec(compile(snippet, "docs/training.md", "exec"), names)
     assert [policy.layer_sizes for policy in names["policies"]] == [(40, 50, 50, 4)] * 3
     assert Path("training.npz").exists()
+
+
+def test_the_python_of_the_training_page_on_look_ahead_runs() -> None:
+    _, snippet = blocks("docs/training.md", "python")
+    names: dict[str, Any] = {}
+    exec(compile(snippet, "docs/training.md", "exec"), names)
+    assert names["actor"].policy.layer_sizes == (55, 50, 50, 4)
+    assert names["command"].shape == (4,)
 
 
 def test_the_python_of_the_transfer_page_runs(

@@ -85,6 +85,23 @@ def test_without_a_seed_the_next_episode_of_the_same_seed_begins():
     np.testing.assert_array_equal(starts, again)
 
 
+def test_a_look_ahead_is_seen_by_one_drone_and_by_many():
+    given = {"look_ahead": 2, "look_ahead_spacing": 0.5, "parameters": QUIET}
+    alone, many = gymnasium.make(CIRCLE, **given), gymnasium.make_vec(CIRCLE, num_envs=2, **given)
+    assert alone.observation_space.shape == many.single_observation_space.shape == (46,)
+    first, both = alone.reset(seed=3)[0], many.reset(seed=3)[0]
+    np.testing.assert_array_equal(both[0], first)
+    for seen in (first, alone.step(HOVER)[0]):
+        # Half a second is a sixth of the circle about (0.25, 0, 1), clock-wise.
+        setpoint = seen[33:36] + seen[20:23] - [0.25, 0.0, 1.0]
+        for number in (1, 2):
+            cosine, sine = np.cos(np.pi / 3 * number), np.sin(np.pi / 3 * number)
+            x, y, z = setpoint
+            later = [cosine * x + sine * y + 0.25, cosine * y - sine * x, z + 1.0]
+            ahead = seen[40:].reshape(2, 3)[number - 1]
+            np.testing.assert_allclose(ahead, later - seen[20:23], atol=1e-5)
+
+
 def test_environments_that_were_never_seeded_differ():
     one, other = gymnasium.make(CIRCLE), gymnasium.make(CIRCLE)
     assert not np.allclose(one.reset()[0], other.reset()[0], atol=1e-4)
@@ -297,6 +314,7 @@ def test_way_points_of_a_file_are_a_task(tmp_path):
         ("Circle", {"history": 0}, "1 or more"),
         ("Circle", {"reward": "dense"}, "reward = 'dense'; expected 'task' or 'shaped'"),
         ("Circle", {"history": 2.0}, "whole number"),
+        ("Circle", {"look_ahead": -1}, "whole number from 0"),
         ("Circle", {"diameter": "wide"}, "expected a number"),
         ("Circle", {"period": -1}, "expected a number"),
         ("Circle", {"radius": 0.5}, "It has diameter, period, height"),

@@ -16,15 +16,16 @@ from maidenflight.policy import Actor, Policy, from_json, read, to_json, untrain
 from maidenflight.simulator import dynamics, environment, interface
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.interface import ControlInterface
+from maidenflight.simulator.look_ahead import NONE, LookAhead
 from maidenflight.simulator.rollout import rollout
 from maidenflight.simulator.sensors import Measurement
 
 KEY = jax.random.key(0)
 
 
-def noisy(key, hidden, history):
+def noisy(key, hidden, history, look_ahead=NONE):
     """A policy in which no number is round."""
-    made = untrained(key, hidden, history)
+    made = untrained(key, hidden, history, look_ahead=look_ahead)
     leaves, structure = jax.tree.flatten(made)
     keys = jax.random.split(key, len(leaves))
     leaves = [
@@ -37,9 +38,12 @@ def noisy(key, hidden, history):
 SMALL = json.loads(to_json(noisy(KEY, (3,), 1)))
 
 
-@pytest.mark.parametrize(("hidden", "history"), [((50, 50), 2), ((3,), 1), ((), 3)])
-def test_a_policy_reads_back_bit_by_bit(tmp_path, hidden, history):
-    made = noisy(KEY, hidden, history)
+@pytest.mark.parametrize(
+    ("hidden", "history", "look_ahead"),
+    [((50, 50), 2, NONE), ((3,), 1, LookAhead(4, 0.05)), ((), 3, NONE)],
+)
+def test_a_policy_reads_back_bit_by_bit(tmp_path, hidden, history, look_ahead):
+    made = noisy(KEY, hidden, history, look_ahead)
     back = read(write(tmp_path / "policy.json", made, {"seed": 1}))
     assert jax.tree.structure(back) == jax.tree.structure(made)
     for old, new in zip(jax.tree.leaves(made), jax.tree.leaves(back), strict=True):
@@ -47,7 +51,9 @@ def test_a_policy_reads_back_bit_by_bit(tmp_path, hidden, history):
         np.testing.assert_array_equal(
             np.asarray(old).view(np.uint32), np.asarray(new).view(np.uint32)
         )
-    assert back.layer_sizes == (20 * history, *hidden, 4)
+    assert back.layer_sizes == (20 * history + 3 * look_ahead.points, *hidden, 4)
+    assert back.look_ahead == look_ahead
+    assert ("look_ahead" in json.loads(to_json(made))) == (look_ahead.points > 0)
 
 
 @pytest.mark.parametrize(
@@ -255,12 +261,22 @@ def test_a_policy_checks_itself():
             dataclasses.replace(made, **wrong).check("mine.json")
 
 
-@pytest.mark.parametrize("history", [1, 3])
-def test_an_actor_does_what_the_simulator_does_with_the_same_policy(history):
+@pytest.mark.parametrize("wrong", [None, [], {"points": 4}, {"points": 3, "spacing": 0.05}, 4])
+def test_a_damaged_look_ahead_is_refused(wrong):
+    content = json.loads(to_json(noisy(KEY, (3,), 1, LookAhead(4, 0.05))))
+    with pytest.raises(InputError, match=r"mine\.json"):
+        from_json(json.dumps(content | {"look_ahead": wrong}), "mine.json")
+    del content["look_ahead"]
+    with pytest.raises(InputError, match=r"mine\.json"):
+        from_json(json.dumps(content), "mine.json")
+
+
+@pytest.mark.parametrize(("history", "look_ahead"), [(1, LookAhead(2, 0.2)), (3, NONE)])
+def test_an_actor_does_what_the_simulator_does_with_the_same_policy(history, look_ahead):
     """Measurements of a simulated episode, one instant at a time: the same actions, and commands
     that the simulated motors were given."""
-    made, drone = untrained(KEY, (8,), history), crazyflie()
-    env = Environment(history=history)
+    made, drone = untrained(KEY, (8,), history, look_ahead=look_ahead), crazyflie()
+    env = Environment(history=history, look_ahead=look_ahead)
     first = environment.reset(env, drone, KEY)
     _, (states, _) = rollout(env, made, first, drone, KEY, 21)
     actor = Actor(made, 1 / float(drone.thrust_to_weight))
@@ -270,9 +286,26 @@ def test_an_actor_does_what_the_simulator_does_with_the_same_policy(history):
             seen, after = (
                 jax.tree.map(lambda leaf, at=at: leaf[at], states) for at in (number, number + 1)
             )
-            command, action = actor.act(seen.measurement, env.task.reference(seen.time))
+            later = [env.task.reference(seen.time + after) for after in look_ahead.times]
+            ahead = {"ahead": np.stack(later)} if later else {}
+            command, action = actor.act(seen.measurement, env.task.reference(seen.time), **ahead)
             np.testing.assert_allclose(action, after.action, atol=1e-5)
             np.testing.assert_allclose(command, (np.clip(action, -1, 1) + 1) / 2, atol=1e-6)
+
+
+def test_an_actor_is_given_the_points_that_its_policy_looks_ahead_at_and_no_others():
+    drone = dynamics.at_hover(jnp.zeros(3), crazyflie())
+    seen = Measurement(drone.position, drone.velocity, drone.quaternion, drone.body_rates)
+    plain = Actor(untrained(KEY, (8,)), 0.6)
+    ahead = Actor(untrained(KEY, (8,), look_ahead=LookAhead(2)), 0.6)
+    first = ahead.act(seen, np.zeros(3), np.zeros((2, 3)))
+    wrong = [(plain, np.zeros((2, 3))), (ahead, None), (ahead, np.zeros((3, 3)))]
+    for actor, points in [*wrong, (ahead, np.zeros(6)), (ahead, np.full((2, 3), np.nan))]:
+        with pytest.raises(InputError, match="ahead"):
+            actor.act(seen, np.zeros(3), points)
+    ahead.reset()
+    again = ahead.act(seen, np.zeros(3), np.zeros((2, 3)))
+    np.testing.assert_array_equal(again.action, first.action)
 
 
 def test_an_actor_refuses_numbers_that_are_not_finite_and_goes_on_as_before():

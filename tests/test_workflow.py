@@ -26,6 +26,7 @@ from maidenflight.parameters import crazyflie
 from maidenflight.policy import Policy
 from maidenflight.simulator import control, dynamics, tasks
 from maidenflight.simulator.control import Controller
+from maidenflight.simulator.look_ahead import LookAhead
 from maidenflight.simulator.virtual_drone import virtual_drone
 from maidenflight.training.evaluation import Evaluation
 from maidenflight.training.train import Progress
@@ -163,6 +164,24 @@ def test_what_a_command_of_one_is_goes_from_the_drone_s_logs_to_the_exported_cod
     assert float(share[1]) == pytest.approx(hovers, abs=1e-6)
 
 
+@pytest.mark.parametrize("ahead", [LookAhead(), LookAhead(2, 0.2)])
+def test_a_look_ahead_is_trained_with_and_recorded(
+    tmp_path: Path, monkeypatch: Any, ahead: LookAhead
+) -> None:
+    def untrained(*given: Any) -> tuple[Policy]:
+        given[5](Progress(1, 1, Evaluation(*jnp.zeros((3, 1)))))
+        assert ahead in given
+        return (policy.untrained(jax.random.key(0), (8,), look_ahead=ahead),)
+
+    monkeypatch.setattr("maidenflight.workflow.training.train", untrained)
+    workflow.train_for("crazyflie", 0, tmp_path, 1, workflow.SETTINGS["pwm"], 0.1, look_ahead=ahead)
+    file = tmp_path / "policy_1.json"
+    assert policy.read(file).look_ahead == ahead
+    told = {"look_ahead": {"points": 2, "spacing": 0.2}} if ahead.points else {}
+    settings = policy.record(file)["settings"]
+    assert {name: settings[name] for name in settings if "ahead" in name} == told
+
+
 @pytest.mark.parametrize("structure", control.CONTROLLERS)
 @pytest.mark.parametrize("method", ["gradient", "ppo"])
 def test_the_usual_network_of_every_structure_can_be_exported_to_everything(
@@ -188,6 +207,12 @@ def test_what_the_target_could_not_hold_is_not_trained(tmp_path: Path, monkeypat
     assert settings.hidden == (128, 128)
     with pytest.raises(InputError, match="22016 multiplications"):
         workflow.train_for("crazyflie", 0, tmp_path, 1, settings, 0.1, target="crazyflie")
+    with pytest.raises(InputError, match="looks ahead at 2 points"):
+        workflow.train_for(
+            *("crazyflie", 0, tmp_path, 1, workflow.settings_for("pwm", "circle"), 0.1),
+            target="authors",
+            look_ahead=LookAhead(2),
+        )
     with pytest.raises(AssertionError, match="training began"):
         workflow.train_for("crazyflie", 0, tmp_path, 1, settings, 0.1, target="c")
     assert not list(tmp_path.iterdir())

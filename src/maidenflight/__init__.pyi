@@ -23,6 +23,7 @@ from .simulator.control import pwm as pwm
 from .simulator.environment import Environment as Environment
 from .simulator.environment import reset as reset
 from .simulator.environment import step as step
+from .simulator.look_ahead import LookAhead as LookAhead
 from .simulator.randomization import randomize as randomize
 from .simulator.randomization import relative_box as relative_box
 from .simulator.randomization import wide_box as wide_box

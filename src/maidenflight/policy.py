@@ -19,8 +19,10 @@ from maidenflight import inputs, results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
 from maidenflight.simulator import interface as interfaces
+from maidenflight.simulator import look_ahead as ahead_of
 from maidenflight.simulator.environment import ACTION_SIZE, OBSERVATION_SIZE, observe, remember
 from maidenflight.simulator.interface import ControlInterface
+from maidenflight.simulator.look_ahead import LookAhead
 from maidenflight.simulator.sensors import Measurement
 
 FORMAT = "maidenflight policy 2"
@@ -86,16 +88,18 @@ class Policy:
 
     weights: tuple[Float[Array, "outputs inputs"], ...]
     biases: tuple[Float[Array, "outputs"], ...]
-    observation_mean: Float[Array, "20H"]
-    observation_std: Float[Array, "20H"]
+    observation_mean: Float[Array, "20H+3K"]
+    observation_std: Float[Array, "20H+3K"]
     interface: ControlInterface = dataclasses.field(
         default=interfaces.pwm(), metadata={"static": True}
     )
     """What the actions command, and how often."""
     history: int = dataclasses.field(default=2, metadata={"static": True})
     """H, observed instants in the input."""
+    look_ahead: LookAhead = dataclasses.field(default=ahead_of.NONE, metadata={"static": True})
+    """The K points of the reference ahead of time, behind the last instant of the input."""
 
-    def __call__(self, observation: Float[Array, "20H"]) -> Float[Array, "4"]:
+    def __call__(self, observation: Float[Array, "20H+3K"]) -> Float[Array, "4"]:
         """Action for an observation.
 
         Not clipped, because the next observation holds it as it is.
@@ -143,6 +147,7 @@ def untrained(
     hidden: tuple[int, ...] = (50, 50),
     history: int = 2,
     interface: ControlInterface | None = None,
+    look_ahead: LookAhead = ahead_of.NONE,
 ) -> Policy:
     """A policy with Kaiming-uniform weights and zero biases.
 
@@ -156,10 +161,11 @@ def untrained(
         hidden: sizes of the hidden layers.
         history: H, observed instants in the input.
         interface: what its actions command; PWM at 100 Hz unless given.
+        look_ahead: points of the reference ahead of time in the input; none unless given.
 
     Source: Gronauer et al. 2022, sec. Zero-Shot Experiments (layer sizes and initial weights).
     """
-    sizes = (OBSERVATION_SIZE * history, *hidden, ACTION_SIZE)
+    sizes = (OBSERVATION_SIZE * history + look_ahead.size, *hidden, ACTION_SIZE)
     weights = []
     for key_, fan_in, outputs in zip(
         jax.random.split(key, len(sizes) - 1), sizes[:-1], sizes[1:], strict=True
@@ -167,14 +173,16 @@ def untrained(
         bound = np.float32(np.sqrt(6.0 / fan_in) * (0.1 if outputs == ACTION_SIZE else 1.0))
         weights.append(jax.random.uniform(key_, (outputs, fan_in), minval=-bound, maxval=bound))
     biases = tuple(jnp.zeros(outputs) for outputs in sizes[1:])
-    mean = jnp.tile(jnp.array(_MEAN), history)
+    mean = [np.tile(np.array(_MEAN, np.float32), history), np.zeros(look_ahead.size, np.float32)]
+    deviation = [np.tile(np.array(_DEVIATION, np.float32), history), look_ahead.deviations]
     return Policy(
         tuple(weights),
         biases,
-        mean,
-        jnp.tile(jnp.array(_DEVIATION), history),
+        jnp.array(np.concatenate(mean)),
+        jnp.array(np.concatenate(deviation)),
         interface or interfaces.pwm(),
         history,
+        look_ahead,
     )
 
 
@@ -217,17 +225,29 @@ class Actor:
         self._history: Array | None = None
         self._action: Any = self._level
 
-    def act(self, measurement: Measurement, setpoint: ArrayLike) -> Act:
+    def act(
+        self, measurement: Measurement, setpoint: ArrayLike, ahead: ArrayLike | None = None
+    ) -> Act:
         """What to do now; to be called `policy.interface.rate` times a second.
 
         Args:
             measurement: what is known of the drone now.
             setpoint: where it shall be now [m], world, (3,).
+            ahead: where it shall be at the K instants of `policy.look_ahead` [m], world, (K, 3);
+                to be given where the policy looks ahead, and only there.
 
         Raises:
-            InputError: a number that is given, or an action, is not finite. What is remembered
-                stays as it was.
+            InputError: a number that is given, or an action, is not finite, or there are not K
+                points ahead. What is remembered stays as it was.
         """
+        points = np.zeros((0, 3), np.float32) if ahead is None else np.asarray(ahead, np.float32)
+        if points.shape != (self.policy.look_ahead.points, 3):
+            told = "no points" if ahead is None else f"an array of shape {points.shape}"
+            raise InputError(
+                f"ahead: {told}; the policy looks ahead at {self.policy.look_ahead.points} points, "
+                f"{self.policy.look_ahead.spacing:g} s apart. Give where the drone shall be then, "
+                f"({self.policy.look_ahead.points}, 3) in m."
+            )
         seen = Measurement(*(jnp.asarray(part, jnp.float32) for part in measurement))
         history = self._history
         if history is None:
@@ -238,13 +258,15 @@ class Actor:
             self._history is None,
             seen,
             np.asarray(setpoint, np.float32),
+            points,
             self._action,
         )
         given = Act(np.asarray(command), np.asarray(action))
-        if not (np.isfinite(history).all() and np.isfinite(given.action).all()):
+        known = np.isfinite(history).all() and np.isfinite(points).all()
+        if not (known and np.isfinite(given.action).all()):
             raise InputError(
-                f"measurement {seen}, setpoint {setpoint}: an action of {given.action}. Expected "
-                "finite numbers: let another controller fly."
+                f"measurement {seen}, setpoint {setpoint}, ahead {points.tolist()}: an action "
+                f"of {given.action}. Expected finite numbers: let another controller fly."
             )
         self._history, self._action = history, given.action
         return given
@@ -257,12 +279,13 @@ def _act(
     first: Bool[Array, ""],
     measurement: Measurement,
     setpoint: Float[Array, "3"],
+    ahead: Float[Array, "K 3"],
     last_action: Float[Array, "4"],
 ) -> tuple[Float[Array, "H 20"], Float[Array, "4"], Float[Array, "4"]]:
     instant = observe(measurement, setpoint, last_action)
     filled = jnp.broadcast_to(instant, history.shape)
     history = jnp.where(first, filled, remember(history, instant))
-    action = policy(history.reshape(-1))
+    action = policy(ahead_of.joined(history, ahead, measurement.position))
     return history, action, policy.interface.command(action)
 
 
@@ -287,6 +310,7 @@ def to_json(policy: Policy, record: Mapping[str, Any] | None = None) -> str:
             "format": FORMAT,
             "interface": policy.interface.to_dict(),
             "history": policy.history,
+            **_look_ahead_told(policy.look_ahead),
             "instant": INSTANT,
             "activation": "relu",
             "record": dict(record or {}),
@@ -295,6 +319,11 @@ def to_json(policy: Policy, record: Mapping[str, Any] | None = None) -> str:
             "layers": layers,
         }
     )
+
+
+def _look_ahead_told(look_ahead: LookAhead) -> dict[str, Any]:
+    """What a file says of a look-ahead; nothing where there is none."""
+    return {"look_ahead": look_ahead.to_dict()} if look_ahead.points else {}
 
 
 def from_json(text: str, where: str = "policy") -> Policy:
@@ -323,6 +352,11 @@ def from_json(text: str, where: str = "policy") -> Policy:
             observation_std=_numbers(content["observation_std"]),
             interface=ControlInterface.from_dict(content["interface"]),
             history=content["history"],
+            look_ahead=(
+                LookAhead.from_dict(content["look_ahead"])
+                if "look_ahead" in content
+                else ahead_of.NONE
+            ),
         )
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
@@ -383,11 +417,11 @@ def _check_sizes(policy: Policy, where: str) -> None:
             f"{where}: {len(policy.weights)} layers of weights and {len(policy.biases)} of biases; "
             "expected as many, and one or more."
         )
-    size = OBSERVATION_SIZE * history
+    size = OBSERVATION_SIZE * history + policy.look_ahead.size
     if policy.observation_mean.shape != (size,) or policy.observation_std.shape != (size,):
         raise InputError(
             f"{where}: the normaliser has {policy.observation_mean.shape} values, expected {size} "
-            "(20 x history)."
+            "(20 x history, and 3 x points of the look-ahead)."
         )
     for number, (weight, bias) in enumerate(zip(policy.weights, policy.biases, strict=True), 1):
         if weight.ndim != 2 or weight.shape[1] != size or bias.shape != weight.shape[:1]:

@@ -28,6 +28,7 @@ from maidenflight.deployment.onnx import to_onnx
 from maidenflight.errors import InputError
 from maidenflight.flights import authors, tables
 from maidenflight.simulator import interface, rotations
+from maidenflight.simulator.look_ahead import LookAhead
 from maidenflight.simulator.sensors import Measurement
 
 GENERATOR = np.random.default_rng(0)
@@ -343,6 +344,10 @@ def test_what_the_authors_json_cannot_hold_is_refused(tmp_path):
         (acting(fine, interface.attitude_rate(highest_rate=360.0)), "span = "),
         (acting(fine, interface.pwm(full_scale_counts=65535.0)), "full_scale_counts = 65535"),
         (made(history=3), "history = 3, but the authors' policies see 2 instants"),
+        (
+            policy.untrained(jax.random.key(0), (8,), look_ahead=LookAhead(3)),
+            "looks ahead at 3 points",
+        ),
         (made((4,) * 7), "8 layers, but the authors' firmware takes at most 7"),
         (
             dataclasses.replace(fine, observation_std=jnp.full(40, 9e-6)),

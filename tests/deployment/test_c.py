@@ -22,9 +22,10 @@ from maidenflight.deployment.c import (
 )
 from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie
-from maidenflight.policy import to_json, untrained
+from maidenflight.policy import Actor, to_json, untrained
 from maidenflight.simulator import environment
 from maidenflight.simulator.interface import INTERFACES
+from maidenflight.simulator.look_ahead import NONE, LookAhead
 from maidenflight.simulator.rollout import rollout
 from maidenflight.simulator.sensors import Measurement
 
@@ -46,22 +47,19 @@ pytestmark = pytest.mark.skipif(
 )
 
 
-class Now(ctypes.Structure):
-    """mf_observation."""
-
-    _fields_ = [
-        ("position", ctypes.c_float * 3),
-        ("quaternion", ctypes.c_float * 4),
-        ("velocity", ctypes.c_float * 3),
-        ("body_rates", ctypes.c_float * 3),
-        ("setpoint", ctypes.c_float * 3),
-    ]
+NOW = [
+    ("position", ctypes.c_float * 3),
+    ("quaternion", ctypes.c_float * 4),
+    ("velocity", ctypes.c_float * 3),
+    ("body_rates", ctypes.c_float * 3),
+    ("setpoint", ctypes.c_float * 3),
+]
 
 
 class Flown:
     """A compiled policy and its state."""
 
-    def __init__(self, directory, history, level="-O3", compiler=None):
+    def __init__(self, directory, history, level="-O3", compiler=None, ahead=0):
         """Compiles `policy.c` of a directory, warnings being errors."""
         target = directory / f"policy{level}.so"
         command = [
@@ -77,14 +75,20 @@ class Flown:
         found = subprocess.run(command, cwd=directory, capture_output=True, text=True)
         assert (found.returncode, found.stderr) == (0, "")
 
+        class Now(ctypes.Structure):
+            """mf_observation."""
+
+            _fields_ = [*NOW, *([("ahead", ctypes.c_float * (3 * ahead))] if ahead else [])]
+
         class State(ctypes.Structure):
             _fields_ = [
                 ("history", ctypes.c_float * 20 * history),
+                *([("ahead", ctypes.c_float * (3 * ahead))] if ahead else []),
                 ("action", ctypes.c_float * 4),
                 ("begun", ctypes.c_bool),
             ]
 
-        self.library, self.state = ctypes.CDLL(str(target)), State()
+        self.library, self.state, self.now = ctypes.CDLL(str(target)), State(), Now
         self.library.mf_network.argtypes = [NUMBERS, NUMBERS]
         self.library.mf_policy_reset.argtypes = [ctypes.POINTER(State), NUMBERS]
         self.library.mf_policy_step.argtypes = [ctypes.POINTER(State), ctypes.POINTER(Now), NUMBERS]
@@ -102,7 +106,7 @@ class Flown:
     def reset(self, action):
         self.library.mf_policy_reset(self.state, np.asarray(action, np.float32))
 
-    def step(self, measurement, setpoint):
+    def step(self, measurement, setpoint, *ahead):
         """Whether all was finite, and the commands."""
         parts = (
             measurement.position,
@@ -110,10 +114,11 @@ class Flown:
             measurement.velocity,
             measurement.body_rates,
             setpoint,
+            *ahead,
         )
-        kinds: list[Any] = [field[1] for field in Now._fields_]
-        values = [kind(*np.asarray(part).tolist()) for kind, part in zip(kinds, parts, strict=True)]
-        now = Now(*values)
+        kinds: list[Any] = [field[1] for field in self.now._fields_]
+        values = [kind(*np.ravel(part).tolist()) for kind, part in zip(kinds, parts, strict=True)]
+        now = self.now(*values)
         command = np.full(4, np.nan, np.float32)
         return self.library.mf_policy_step(self.state, now, command), command
 
@@ -121,18 +126,17 @@ class Flown:
     action = property(lambda self: np.array(self.state.action))
 
 
-def restless(hidden=(50, 50), history=2, interface=None):
+def restless(hidden=(50, 50), history=2, interface=None, look_ahead=NONE):
     """A policy with biases, whose actions are of order 1, sometimes beyond; weak in the last
     action, lest a flight run away."""
-    policy = untrained(jax.random.key(3), hidden, history, interface)
+    policy = untrained(jax.random.key(3), hidden, history, interface, look_ahead)
     keys = jax.random.split(jax.random.key(4), len(policy.biases))
     biases = tuple(
         jax.random.normal(key, bias.shape) * 0.3
         for key, bias in zip(keys, policy.biases, strict=True)
     )
-    deviation = policy.observation_std * jnp.tile(
-        jnp.where(jnp.arange(20) < 16, 1.0, 10.0), history
-    )
+    weaker = jnp.tile(jnp.where(jnp.arange(20) < 16, 1.0, 10.0), history)
+    deviation = policy.observation_std * jnp.concatenate([weaker, jnp.ones(look_ahead.size)])
     weights = (*policy.weights[:-1], 5.0 * policy.weights[-1])
     return dataclasses.replace(policy, weights=weights, biases=biases, observation_std=deviation)
 
@@ -159,7 +163,11 @@ def walk(steps, seed=0):
 def flown(tmp_path):
     """Exports and compiles."""
     return lambda policy, level="-O3", compiler=None: Flown(
-        export_c(policy, tmp_path)[0].parent, policy.history, level, compiler
+        export_c(policy, tmp_path)[0].parent,
+        policy.history,
+        level,
+        compiler,
+        policy.look_ahead.points,
     )
 
 
@@ -179,6 +187,40 @@ def test_network_computes_what_python_computes_and_passes_its_self_test(
     assert np.all(error <= 1e-5 * np.maximum(1.0, np.abs(expected)))
     assert np.abs(expected).max() > 1.0
     assert drone.self_test()
+
+
+@pytest.mark.parametrize("compiler", COMPILERS)
+def test_a_policy_that_looks_ahead_sees_the_points_that_the_caller_gives(flown, compiler):
+    """Step by step as in Python; a point that is not finite gives no command and is forgotten."""
+    policy = restless((13,), look_ahead=LookAhead(3, 0.1))
+    drone, actor = flown(policy, compiler=compiler), Actor(policy, 0.5)
+    assert drone.self_test()
+    observations = golden_observations(policy, 1)
+    assert observations.shape == (GOLDEN_COUNT, 49)
+    expected = np.asarray(jax.vmap(policy)(jnp.asarray(observations)))
+    np.testing.assert_allclose(drone.network(observations), expected, rtol=1e-5, atol=1e-5)
+    level = np.asarray(policy.interface.level(jnp.float32(0.5)))
+    measurements, setpoints = walk(20)
+    points = np.random.default_rng(5).normal(size=(20, 3, 3)).astype(np.float32)
+    poisoned = points[0].copy()
+    poisoned[2, 1] = np.nan
+    for _ in range(2):
+        drone.reset(level)
+        actor.reset()
+        for measurement, setpoint, ahead in zip(measurements, setpoints, points, strict=True):
+            finite, command = drone.step(measurement, setpoint, ahead)
+            wanted, action = actor.act(measurement, setpoint, ahead)
+            assert finite
+            np.testing.assert_allclose(drone.action, action, rtol=1e-5, atol=1e-5)
+            np.testing.assert_allclose(command, wanted, rtol=0, atol=1e-5)
+            seen = np.asarray(drone.state.ahead).reshape(3, 3)
+            np.testing.assert_allclose(seen, ahead - np.asarray(measurement.position), atol=1e-6)
+        kept = drone.action
+        finite, command = drone.step(measurements[0], setpoints[0], poisoned)
+        assert not finite
+        assert command.tolist() == [0.0] * 4
+        np.testing.assert_array_equal(drone.action, kept)
+        assert not drone.state.begun
 
 
 @pytest.mark.slow

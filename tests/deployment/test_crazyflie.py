@@ -42,6 +42,7 @@ from maidenflight.simulator import (
 )
 from maidenflight.simulator.control import CONTROLLERS
 from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.look_ahead import LookAhead
 from maidenflight.simulator.rollout import rollout
 from maidenflight.simulator.sensors import Measurement
 
@@ -77,7 +78,8 @@ LEGACY, FORCE = 0, 2
     PARAMETERS,
     SELF_TEST,
     SWITCHED_AWAY,
-) = range(1, 10)
+    NO_FUTURE,
+) = range(1, 11)
 HOVER_THRUST = 35_000.0
 START = (0.5, -0.25)
 GIVEN = np.dtype(
@@ -117,6 +119,8 @@ class Entry(ctypes.Structure):
     _fields_ = [("name", ctypes.c_char_p), ("type", ctypes.c_int), ("address", ctypes.c_void_p)]
 
 
+READ_ONLY = 64
+"""What a parameter's type has more where only the app writes it."""
 KINDS = {
     "params_mf": (ctypes.c_uint8, ctypes.c_uint16, ctypes.c_float),
     "logs_mf": (ctypes.c_uint8, ctypes.c_uint32, ctypes.c_float),
@@ -135,8 +139,12 @@ class App:
             rows = (Entry * 64).in_dll(self.library, table)
             count = next(number for number, row in enumerate(rows) if row.name is None)
             self.tables[table] = {
-                row.name.decode(): kinds[row.type].from_address(row.address) for row in rows[:count]
+                row.name.decode(): kinds[row.type % READ_ONLY].from_address(row.address)
+                for row in rows[:count]
             }
+        rows = (Entry * 64).in_dll(self.library, "params_mf")
+        named = rows[: len(self.tables["params_mf"])]
+        self.read_only = {row.name.decode() for row in named if row.type >= READ_ONLY}
         self.parameters, self.logs = self.tables.values()
         self.library.controllerOutOfTreeInit()
 
@@ -182,7 +190,12 @@ def hovering(milliseconds: int, **changes: Any) -> np.ndarray:
     return given
 
 
+AHEAD = "pwm_looking_ahead"
+
+
 def policy_of(structure: str) -> Policy:
+    if structure == AHEAD:
+        return restless((8,), 2, look_ahead=LookAhead(3, 0.2))
     return restless((8,), 2, CONTROLLERS[structure]().interface)
 
 
@@ -409,7 +422,11 @@ def milliseconds(flight: Measurement, every: int) -> np.ndarray:
 
 
 def actions_in_python(
-    policy: Policy, flight: Measurement, setpoints: np.ndarray, share: float
+    policy: Policy,
+    flight: Measurement,
+    setpoints: np.ndarray,
+    share: float,
+    ahead: np.ndarray | None = None,
 ) -> np.ndarray:
     """One for each 10 ms, from what the policy would see, its last action before the first being
     the one that keeps level."""
@@ -429,7 +446,8 @@ def actions_in_python(
             if memory is None
             else np.vstack([memory[1:], instant])
         )
-        action = np.asarray(act(memory.reshape(-1)))
+        later = () if ahead is None else np.ravel(ahead[row] - np.asarray(flight.position)[row])
+        action = np.asarray(act(np.concatenate([memory.reshape(-1), later], dtype=np.float32)))
         actions += [action] * every
     return np.array(actions)
 
@@ -459,6 +477,48 @@ def test_motors_are_commanded_as_by_python_s_policy(
     # The PID forgets when the policy takes over, and then has nothing to do.
     assert found["calls"].tolist() == [1] + [0] * (len(found) - 1)
     assert np.std(actions, axis=0).min() > 0.05
+
+
+def test_a_policy_that_looks_ahead_sees_the_circle_to_come(
+    load: Load, flight: tuple[Measurement, np.ndarray]
+) -> None:
+    policy, (measured, setpoints) = policy_of(AHEAD), flight
+    found = asked_in_flight(load(AHEAD), milliseconds(measured, 10))
+    angle = 2 * np.pi * (np.arange(200)[:, None] / 100 + [0.2, 0.4, 0.6]) / 3
+    later = [0.25 - 0.25 * np.cos(angle), 0.25 * np.sin(angle), np.ones_like(angle)]
+    shares = HOVER_THRUST / 60000, np.stack(later, axis=-1)
+    actions = actions_in_python(policy, measured, setpoints, *shares)
+    commands = np.repeat((np.clip(actions, -1, 1) + 1) / 2, 10, axis=0)
+    np.testing.assert_allclose(found["forces"] * (65535 / 60000), commands, rtol=0, atol=1e-5)
+
+
+def test_a_policy_that_looks_ahead_hovers_but_follows_no_set_points_by_radio(load: Load) -> None:
+    app = load(AHEAD)
+    assert app.parameters["ahead"].value == 3
+    assert app.read_only == {"ahead"}
+    app.set(task=0)
+    app.until(1000)
+    app.set(enable=1)
+    (found,) = app.hover()
+    at_start = Measurement(
+        *(
+            jnp.array([numbers])
+            for numbers in ([0.0, 0, 1], [0.0, 0, 0], [0.0, 0, 0, 1], [0.0, 0, 0])
+        )
+    )
+    here = np.array([[0, 0, 1]], np.float32)
+    stays = HOVER_THRUST / 60000, np.broadcast_to(here, (1, 3, 3))
+    (action,) = actions_in_python(policy_of(AHEAD), at_start, here, *stays)
+    np.testing.assert_allclose(
+        found["forces"] * (65535 / 60000), (np.clip(action, -1, 1) + 1) / 2, rtol=0, atol=1e-5
+    )
+    refusing = load(AHEAD)
+    refusing.set(task=2)
+    refusing.until(1000)
+    refusing.set(enable=1)
+    found = refusing.hover(5)
+    assert (refusing.log("active"), refusing.log("why")) == (0, NO_FUTURE)
+    assert (found["mode"] == LEGACY).all()
 
 
 def test_the_action_before_the_first_is_that_of_the_pid_s_mean_thrust(load: Load) -> None:
@@ -824,9 +884,9 @@ def test_the_page_and_the_tables_name_the_same(load: Load) -> None:
         assert {"uint8": ctypes.c_uint8, "uint32": ctypes.c_uint32, "float": ctypes.c_float}[
             kind
         ] is type(app.logs[name]), name
-    reasons = re.findall(r"^\| (\d) \| ", page, re.M)
-    assert reasons == [str(reason) for reason in range(1, SWITCHED_AWAY + 1)]
-    assert len(REASONS) == SWITCHED_AWAY + 1
+    reasons = re.findall(r"^\| (\d+) \| ", page, re.M)
+    assert reasons == [str(reason) for reason in range(1, NO_FUTURE + 1)]
+    assert len(REASONS) == NO_FUTURE + 1
 
     assert ENABLE.removeprefix("mf.") in app.parameters
     assert ACTIVE.removeprefix("mf.") in app.logs

@@ -25,6 +25,7 @@ from maidenflight.deployment.onnx import IR, OPSET, export_onnx, to_onnx
 from maidenflight.errors import InputError
 from maidenflight.policy import to_json, untrained
 from maidenflight.simulator.interface import ControlInterface
+from maidenflight.simulator.look_ahead import LookAhead
 
 onnx = pytest.importorskip("onnx")
 onnxruntime = pytest.importorskip("onnxruntime")
@@ -129,6 +130,19 @@ def test_the_model_is_sound_and_says_what_it_is():
         "instant": json.loads(to_json(one))["instant"],
         "sha256": hashlib.sha256(to_json(one).encode()).hexdigest(),
     }
+
+
+def test_a_policy_that_looks_ahead_has_a_wider_input_and_says_so():
+    one = policy.untrained(jax.random.key(0), (8,), look_ahead=LookAhead(3, 0.2))
+    model = onnx.load_from_string(to_onnx(one))
+    told = {entry.key: entry.value for entry in model.metadata_props}
+    assert json.loads(told["look_ahead"]) == {"points": 3, "spacing": 0.2}
+    assert model.graph.input[0].type.tensor_type.shape.dim[1].dim_value == 49
+    observations = np.random.default_rng(1).normal(size=(100, 49)).astype(np.float32)
+    command, action = computed(to_onnx(one), observations)
+    expected = np.asarray(ACTIONS(one, jnp.asarray(observations)))
+    np.testing.assert_allclose(action, expected, rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(command, (np.clip(expected, -1, 1) + 1) / 2, atol=1e-5)
 
 
 def test_the_same_policy_and_record_give_the_same_bytes():

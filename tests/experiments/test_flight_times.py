@@ -21,6 +21,7 @@ from maidenflight.parameters import Parameters, crazyflie, noiseless, replace
 from maidenflight.policy import Policy, untrained
 from maidenflight.simulator import control, dynamics, environment, interface, rotations, tasks
 from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.look_ahead import NONE, LookAhead
 from maidenflight.simulator.sensors import Measurement
 
 KEY = jax.random.key(0)
@@ -41,9 +42,9 @@ def constant(action: tuple[float, ...], kind: str = "pwm") -> Policy:
     return dataclasses.replace(made, interface=interface.INTERFACES[kind]())
 
 
-def restless(kind: str, number: int) -> Policy:
+def restless(kind: str, number: int, look_ahead: LookAhead = NONE) -> Policy:
     """A policy that feels what it sees, its last actions among it, and loses control."""
-    made = untrained(jax.random.key(number), (8,))
+    made = untrained(jax.random.key(number), (8,), look_ahead=look_ahead)
     weights = (made.weights[0], made.weights[1] * 8)
     return dataclasses.replace(made, weights=weights, interface=interface.INTERFACES[kind]())
 
@@ -151,20 +152,23 @@ def test_yaw_rate_is_the_rate_pids_own_set_point() -> None:
 
 
 @pytest.mark.slow
-def test_policies_see_the_history_and_hold_the_actions_of_their_own_rate() -> None:
+@pytest.mark.parametrize("look_ahead", [NONE, LookAhead(3, 0.2)])
+def test_policies_see_the_history_and_hold_the_actions_of_their_own_rate(
+    look_ahead: LookAhead,
+) -> None:
     """As in an environment that acts at that rate: its layout is held against the drone's logs.
     Only the guard looks more often."""
     structure = as_flown.controller_as_flown(interface.attitude())
-    policies = [restless("attitude", number) for number in range(4)]
+    policies = [restless("attitude", number, look_ahead) for number in range(4)]
     drone = replace(noiseless(crazyflie()), time_step=control.time_step(structure))
-    env = Environment.matching(drone, tasks.circle(), structure)
+    env = Environment.matching(drone, tasks.circle(), structure, look_ahead=look_ahead)
     state = flight_times._first_state(env, drone, STILL, KEY)
 
     @jax.jit
     def fly(policy: Policy) -> jax.Array:
         def one(env_state: environment.EnvState, _: None) -> tuple[environment.EnvState, jax.Array]:
             after = environment.step(
-                env, env_state, policy(environment.observation(env_state)), drone, KEY
+                env, env_state, policy(environment.observation(env, env_state)), drone, KEY
             )[0]
             return after, jnp.max(jnp.abs(rotations.to_attitude(after.measurement.quaternion)[:2]))
 

@@ -1,3 +1,5 @@
+import dataclasses
+
 import jax
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from maidenflight.parameters import crazyflie
 from maidenflight.policy import untrained
 from maidenflight.simulator.battery import Supply
 from maidenflight.simulator.control import attitude_rate
+from maidenflight.simulator.look_ahead import NONE, LookAhead
 from maidenflight.simulator.virtual_drone import virtual_drone
 from numpy_drone import TWIN, NumpyDrone
 
@@ -98,6 +101,9 @@ def test_an_untrained_policy_ends_by_a_guard() -> None:
 def test_policies_of_different_shapes_and_empty_lists_are_refused() -> None:
     with pytest.raises(InputError, match="different kinds"):
         transfer([POLICIES[0], untrained(jax.random.key(0), hidden=(8,))], [virtual_drone(1)])
+    others = [untrained(jax.random.key(0), look_ahead=LookAhead(2, step)) for step in (0.1, 0.2)]
+    with pytest.raises(InputError, match="different kinds"):
+        transfer(others, [virtual_drone(1)])
     with pytest.raises(InputError, match="at least one"):
         transfer([], [virtual_drone(1)])
 
@@ -139,10 +145,20 @@ def test_a_controller_of_another_interface_is_refused() -> None:
 
 @pytest.mark.parametrize("controller", [None, attitude_rate()], ids=["pwm", "attitude_rate"])
 def test_a_reality_in_numpy_is_flown_as_the_same_drone_in_jax(controller) -> None:
-    """To 1 mm over 0.4 s, with motor commands held for 10 ms and with PIDs at 500 Hz."""
+    """To 1 mm over 0.4 s, with motor commands held for 10 ms, by policies that look ahead, and with
+    PIDs at 500 Hz."""
     policies = [
-        untrained(jax.random.key(number), interface=controller and controller.interface)
+        untrained(
+            jax.random.key(number),
+            interface=controller and controller.interface,
+            look_ahead=NONE if controller else LookAhead(2, 0.4),
+        )
         for number in range(2)
+    ]
+    # Points ahead weigh so much that those of another period would be noticed.
+    policies = [
+        dataclasses.replace(one, observation_std=one.observation_std.at[40:].mul(0.1))
+        for one in policies
     ]
     drone = NumpyDrone()
     flown = transfer(policies, [drone, TWIN], trials=1, duration=0.4)

@@ -1,5 +1,6 @@
 """A network in ONNX flies as its TOML file says: one of ours, exported, as itself."""
 
+import dataclasses
 import re
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from maidenflight.foreign.onnx_file import INPUTS, OnnxPolicy
 from maidenflight.foreign.policies import ForeignPolicy, foreign_policy
 from maidenflight.policy import untrained
 from maidenflight.simulator import tasks
+from maidenflight.simulator.look_ahead import LookAhead
 from numpy_drone import NumpyDrone
 
 PAGE = Path(__file__).parents[2] / "docs" / "realities.md"
@@ -37,6 +39,19 @@ def test_our_policy_flies_as_itself(file: Path) -> None:
     ours, flown = (
         transfer(one, NumpyDrone(), 1, duration=0.4).flights[0]
         for one in (untrained(jax.random.key(3)), theirs)
+    )
+    np.testing.assert_allclose(flown.command, ours.command, atol=1e-5)
+    np.testing.assert_allclose(flown.position, ours.position, atol=1e-5)
+
+
+def test_our_policy_that_looks_ahead_flies_as_itself(file: Path) -> None:
+    ahead = untrained(jax.random.key(3), look_ahead=LookAhead(2, 0.4))
+    strong = ahead.observation_std.at[40:].mul(0.1)
+    ahead = dataclasses.replace(ahead, observation_std=strong)
+    export_onnx(ahead, file.parent)
+    file.write_text(OURS + "look_ahead = {points = 2, spacing = 0.4}\n")
+    ours, flown = (
+        transfer(one, NumpyDrone(), 1, duration=0.2).flights[0] for one in (ahead, OnnxPolicy(file))
     )
     np.testing.assert_allclose(flown.command, ours.command, atol=1e-5)
     np.testing.assert_allclose(flown.position, ours.position, atol=1e-5)
@@ -71,6 +86,8 @@ def test_rotor_speed_is_squared_motors_are_reordered_and_numbers_are_scaled(file
         ("history = 2", "history = 2\nmotors = [1, 2, 3, 3]", "motors"),
         ("[-1, 1]", '"all"', "range"),
         ("history = 2", "history = 2\nmean = []", "mean"),
+        ("history = 2", "history = 2\nlook_ahead = 5", "look-ahead"),
+        ("history = 2", "history = 2\nlook_ahead = {points = 5, spacing = 0.1}", "look_ahead"),
     ],
 )
 def test_what_makes_no_sense_is_refused(file: Path, before: str, after: str, named: str) -> None:

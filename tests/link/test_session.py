@@ -168,6 +168,7 @@ def test_the_log_holds_what_was_commanded(tmp_path):
         ({"spoiled": ("stateEstimate.qx",)}, "not a number"),
         ({"tilted": True}, "tilted by 23 deg"),
         ({"policy": False}, "no policy on board"),
+        ({"policy": True, "ahead": True}, "the policy on board looks ahead"),
     ],
 )
 def test_an_unfit_drone_does_not_take_off(fake, why, tmp_path):
@@ -182,6 +183,8 @@ def test_an_unfit_drone_does_not_take_off(fake, why, tmp_path):
         setattr(made, name, fake.get(name, getattr(made, name)))
     if "tilted" in fake:
         made.tilt = 0.4
+    if "ahead" in fake:
+        made.parameters["mf.ahead"] = 5
     with pytest.raises(InputError, match=why):
         flown(made, tmp_path, plan(policy="policy" in fake))
     assert made.off_at == 0.0

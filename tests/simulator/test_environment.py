@@ -267,8 +267,10 @@ def test_a_failure_in_the_last_step_is_a_failure_and_not_the_end_of_time(
 def test_an_observation_holds_instants_from_oldest_to_newest_each_with_its_last_action(history):
     env = Environment(history=history)
     env_state = start(env, PAPER, KEY)
-    instants = [np.asarray(environment.observation(env_state))[-20:]]
-    np.testing.assert_array_equal(environment.observation(env_state), np.tile(instants[0], history))
+    instants = [np.asarray(environment.observation(env, env_state))[-20:]]
+    np.testing.assert_array_equal(
+        environment.observation(env, env_state), np.tile(instants[0], history)
+    )
     np.testing.assert_allclose(instants[0][-4:], 2 / 1.725 - 1, rtol=1e-6)
     for number, action in enumerate(
         float32([[0.1, 0.2, 0.3, 0.4], [-2.0, 2.0, 0.0, 0.5], [0.0, 0.1, 0.2, 0.3]])
@@ -289,7 +291,7 @@ def test_an_observation_holds_instants_from_oldest_to_newest_each_with_its_last_
                 ]
             )
         )
-        observation = np.asarray(environment.observation(env_state))
+        observation = np.asarray(environment.observation(env, env_state))
         assert observation.shape == (20 * history,)
         np.testing.assert_allclose(observation, np.concatenate(instants[-history:]), atol=1e-6)
 

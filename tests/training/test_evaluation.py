@@ -26,9 +26,8 @@ def test_a_score_is_what_a_plain_loop_counts() -> None:
         env_state = environment.reset(simulated, drone, reset_key)
         total, alive = 0.0, True
         for now in jax.random.split(key, steps):
-            env_state, step_result = step(
-                simulated, env_state, policy(environment.observation(env_state)), drone, now
-            )
+            seen = environment.observation(simulated, env_state)
+            env_state, step_result = step(simulated, env_state, policy(seen), drone, now)
             total += float(step_result.reward)
             if bool(step_result.terminated):
                 alive = False

@@ -20,6 +20,7 @@ from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import Policy, untrained
 from maidenflight.simulator import control, tasks
 from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.look_ahead import LookAhead
 from maidenflight.simulator.randomization import relative_box
 from maidenflight.training import analytic_gradient, checkpoint
 from maidenflight.training import train as module
@@ -405,10 +406,13 @@ def test_a_policy_sees_as_many_instants_as_asked_and_another_number_is_another_t
         tmp_path / "training.npz",
         changed(TINY, updates=1, evaluations=1),
     )
-    (policy,) = train(
-        tasks.circle(), control.pwm(), BOX, KEYS[:1], settings, saved=saved, history=3
-    )
-    assert (policy.history, policy.layer_sizes) == (3, (60, 8, 4))
+    asked = tasks.circle(), control.pwm(), BOX, KEYS[:1], settings
+    ahead = LookAhead(2, 0.2)
+    (policy,) = train(*asked, saved=saved, history=3, look_ahead=ahead)
+    assert (policy.history, policy.look_ahead, policy.layer_sizes) == (3, ahead, (66, 8, 4))
+    for other in (LookAhead(), LookAhead(2, 0.1)):
+        with pytest.raises(InputError, match="a checkpoint of another training"):
+            train(*asked, saved=saved, history=3, look_ahead=other)
     with pytest.raises(InputError, match="a checkpoint of another training"):
         train(tasks.circle(), control.pwm(), BOX, KEYS[:1], settings, saved=saved, history=2)
     with pytest.raises(InputError, match="history = 0; expected 1 or more"):

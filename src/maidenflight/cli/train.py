@@ -56,6 +56,22 @@ if TYPE_CHECKING:
     help="Number of last instants in a policy's observation.",
 )
 @click.option(
+    "--look-ahead",
+    "points",
+    default=0,
+    show_default=True,
+    type=click.IntRange(0, 50),
+    help="Number of points of the reference, ahead of time, in a policy's observation.",
+)
+@click.option(
+    "--look-ahead-spacing",
+    "spacing",
+    default=0.1,
+    show_default=True,
+    type=options.Range(0.001, 10.0),
+    help="Time between two of these points [s].",
+)
+@click.option(
     "--hidden",
     callback=options.layers,
     metavar="SIZES",
@@ -130,6 +146,8 @@ def train(
     task: str,
     count: int,
     history: int,
+    points: int,
+    spacing: float,
     hidden: tuple[int, ...] | None,
     target: str | None,
     method: str,
@@ -153,6 +171,7 @@ def train(
     options.must_be_new(output, overwrite, resume)
     cores.as_devices()
     from maidenflight import workflow
+    from maidenflight.simulator.look_ahead import LookAhead
 
     if resume and updates is None:
         updates = workflow.updates_so_far(output)
@@ -196,6 +215,7 @@ def train(
             yaw_penalty,
             accept_bounds,
             target,
+            LookAhead(points, spacing),
         )
     scores = _scores(heard, count)
     content = {

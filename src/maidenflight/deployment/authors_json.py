@@ -127,6 +127,11 @@ def to_authors_json(policy: Policy) -> str:
             f"policy: history = {policy.history}, but the authors' policies see {HISTORY} "
             f"instants. Train with --history {HISTORY}."
         )
+    if policy.look_ahead.points:
+        raise InputError(
+            f"policy: it looks ahead at {policy.look_ahead.points} points of the reference, which "
+            "the authors' files cannot hold. Train without --look-ahead, or export to c."
+        )
     if len(policy.weights) > MOST_LAYERS:
         raise InputError(
             f"policy: {len(policy.weights)} layers, but the authors' firmware takes at most "

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from maidenflight import __version__, results
 from maidenflight.deployment.commands import check_hover, described, level_in_c
+from maidenflight.deployment.look_ahead import in_policy
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
 from maidenflight.policy import Policy, to_json
@@ -82,6 +83,7 @@ def export_c(
     tables = _tables(policy, layers, observations, actions)
     widest = max([policy.layer_sizes[0], *(len(biases) for _, biases in layers)])
     content = {
+        **in_policy(policy.look_ahead),
         "version": __version__,
         "hash": digest(policy),
         "record": _comment(record),
@@ -128,7 +130,7 @@ def export_c(
 
 
 def golden_observations(policy: Policy, seed: int) -> Numbers:
-    """Random observations such as the policy meets in flight, (GOLDEN_COUNT, 20 H).
+    """Random observations such as the policy meets in flight, (GOLDEN_COUNT, 20 H + 3 K).
 
     Each number lies within two deviations of its mean in the policy's own normaliser, the instants
     of one observation differ little, and quaternions have length 1.
@@ -142,13 +144,18 @@ def golden_observations(policy: Policy, seed: int) -> Numbers:
     place = random.uniform(-1.8, 1.8, (GOLDEN_COUNT, 1, OBSERVATION_SIZE)) + random.uniform(
         -0.2, 0.2, shape
     )
-    mean, deviation = (
-        np.asarray(numbers, np.float64).reshape(shape[1:])
+    middle, spread = (
+        np.asarray(numbers, np.float64)
         for numbers in (policy.observation_mean, policy.observation_std)
     )
-    instants = mean + deviation * place
+    size = OBSERVATION_SIZE * policy.history
+    instants = middle[:size].reshape(shape[1:]) + spread[:size].reshape(shape[1:]) * place
     instants[..., _QUATERNION] /= np.linalg.norm(instants[..., _QUATERNION], axis=-1, keepdims=True)
-    return instants.reshape(GOLDEN_COUNT, -1).astype(np.float32)
+    flat = instants.reshape(GOLDEN_COUNT, -1)
+    if policy.look_ahead.points:
+        place = random.uniform(-2.0, 2.0, (GOLDEN_COUNT, policy.look_ahead.size))
+        flat = np.concatenate([flat, middle[size:] + spread[size:] * place], axis=1)
+    return flat.astype(np.float32)
 
 
 def digest(policy: Policy) -> str:

@@ -19,6 +19,7 @@ import numpy as np
 from maidenflight import __version__, results
 from maidenflight.deployment.c import digest, export_c
 from maidenflight.deployment.commands import level_in_c
+from maidenflight.deployment.look_ahead import in_app
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
 from maidenflight.policy import Policy
@@ -35,6 +36,10 @@ PROPELLERS = {
 }
 """What the firmware's configuration says of the drone's propellers, on which its battery
 compensation depends; nothing for those that it assumes (firmware 2026.08, Kconfig)."""
+_README_AHEAD = (
+    " This policy looks ahead: it flies `mf.task` 0 and 1, whose future the app knows. With "
+    "`mf.task` 2 it\ndoes not start, and `mf.why` is 10."
+)
 _FOLDER = resources.files("maidenflight.deployment").joinpath("crazyflie")
 _VERBATIM = ("Makefile", "Kbuild", "app-config", "src/Kbuild")
 
@@ -89,6 +94,8 @@ def export_crazyflie(
         raise InputError(f"propellers = {propellers!r}; expected {', '.join(PROPELLERS)}.")
     drive = _text(f"src/{interface.name}.drive")
     content = {
+        **in_app(policy.look_ahead),
+        "ahead_readme": _README_AHEAD if policy.look_ahead.points else "",
         "version": __version__,
         "hash": digest(policy),
         "control": interface.name,

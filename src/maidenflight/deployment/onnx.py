@@ -19,6 +19,7 @@ from maidenflight.errors import InputError, not_installed
 from maidenflight.inputs import StrPath
 from maidenflight.policy import INSTANT, Policy
 from maidenflight.simulator.environment import ACTION_SIZE
+from maidenflight.simulator.look_ahead import LookAhead
 
 NAME = "policy.onnx"
 OPSET = 17
@@ -32,11 +33,11 @@ def to_onnx(
 ) -> bytes:
     """The bytes of an ONNX model. The same arguments give the same bytes.
 
-    Input: `observation`, float32 (batch, 20 H), SI units, laid out as `policy.INSTANT`, oldest
-    instant first. Outputs: `command`, float32 (batch, 4), centre + span clip(a, -1, 1) of the
-    policy's interface; and `action`, float32 (batch, 4), the unclipped a, which the next
-    observation holds. Both are NaN in rows whose observation or action is not finite; ReLU and
-    clipping would hide that.
+    Input: `observation`, float32 (batch, 20 H + 3 K), SI units, laid out as `policy.INSTANT`,
+    oldest instant first, then the K points of a look-ahead. Outputs: `command`, float32 (batch, 4),
+    centre + span clip(a, -1, 1) of the policy's interface; and `action`, float32 (batch, 4), the
+    unclipped a, which the next observation holds. Both are NaN in rows whose observation or action
+    is not finite; ReLU and clipping would hide that.
 
     Args:
         policy: the policy.
@@ -70,7 +71,7 @@ def to_onnx(
             table(
                 "observation",
                 policy.layer_sizes[0],
-                f"{policy.history} instants of 20 numbers: {INSTANT}",
+                f"{policy.history} instants of 20 numbers: {INSTANT}{_ahead(policy.look_ahead)}",
             )
         ],
         [
@@ -96,6 +97,8 @@ def to_onnx(
         "sha256": digest(policy),
         "record": json.dumps(dict(record or {})),
     }
+    if policy.look_ahead.points:
+        metadata["look_ahead"] = json.dumps(policy.look_ahead.to_dict())
     metadata |= {} if hover is None else {"hover": f"{np.float32(hover)!s}"}
     helper.set_model_props(model, metadata)
     return model.SerializeToString(deterministic=True)
@@ -124,6 +127,16 @@ def export_onnx(
             the directory cannot be written.
     """
     return [results.write(Path(directory) / NAME, to_onnx(policy, record, hover))]
+
+
+def _ahead(look_ahead: LookAhead) -> str:
+    """What the input's description says of a look-ahead."""
+    if not look_ahead.points:
+        return ""
+    return (
+        f"; then {look_ahead.points} x 3: where the set-point will be {look_ahead.spacing:g} s, "
+        f"{2 * look_ahead.spacing:g} s, ... later - position"
+    )
 
 
 def _check(policy: Policy) -> None:

@@ -306,7 +306,7 @@ def _flown(
     for policy in policies:
         if isinstance(policy, Policy) and isinstance(reality, VirtualDrone):
             rate = controller.interface.rate
-            env = _environment(reality, task, controller, policy.history)
+            env = transfer.as_seen_by(policy, reality.environment(task, controller))
             stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *given)
             steps = round(duration * rate)
             rows = jax.tree.map(np.asarray, _fly(env, during, policy, stacked, keys, steps))
@@ -325,12 +325,6 @@ def _flown(
             pilot = transfer.pilot_of(place, policy, controller, task)
             steps = round(duration * pilot.rate)
             yield flying.fly_reality(place, pilot, task, key, steps, _lost), pilot.rate
-
-
-def _environment(
-    reality: VirtualDrone, task: Task, controller: Controller, history: int
-) -> Environment:
-    return dataclasses.replace(reality.environment(task, controller), history=history)
 
 
 @partial(jax.jit, static_argnums=(0, 1, 5))

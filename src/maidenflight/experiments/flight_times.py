@@ -147,7 +147,9 @@ def predict_flight_times(
     drones = drone if np.ndim(drone.mass) else tree.map(lambda leaf: np.asarray(leaf)[None], drone)
     kinds: dict[tuple, list[int]] = {}
     for place, policy in enumerate(policies):
-        kinds.setdefault((policy.interface, policy.history, policy.layer_sizes), []).append(place)
+        kinds.setdefault(
+            (policy.interface, policy.history, policy.look_ahead, policy.layer_sizes), []
+        ).append(place)
     steps, reasons = (np.zeros((len(policies), trials), np.int32) for _ in _Flights._fields)
     done = 0
     for places in kinds.values():
@@ -200,7 +202,11 @@ def _fly_kind(
     )
     nominal = tree.map(lambda leaf: leaf[0], drones)
     env = Environment.matching(
-        nominal, tasks.circle(), structure, estimator_memory=_MEMORY if late else 0
+        nominal,
+        tasks.circle(),
+        structure,
+        estimator_memory=_MEMORY if late else 0,
+        look_ahead=policies[0].look_ahead,
     )
     laid = NamedSharding(_mesh(), PartitionSpec(_POLICIES))
     size = laid.mesh.size * AT_ONCE.get(jax.default_backend(), AT_ONCE_ELSEWHERE)
@@ -272,6 +278,8 @@ def _mesh() -> Mesh:
 def _identity(policy: Policy) -> int:
     """A number of 32 bits that stands for what a policy is, so that its flights are its own."""
     kind = f"{policy.interface.name} {policy.interface.rate} {policy.history} {policy.layer_sizes}"
+    ahead = policy.look_ahead
+    kind += f" {ahead.points} {ahead.spacing}" if ahead.points else ""
     known = hashlib.sha256(kind.encode())
     for leaf in tree.leaves(policy):
         known.update(np.asarray(leaf, "<f4").tobytes())
@@ -398,7 +406,8 @@ def _until_next_action(
     Also, after each row, why the flight would end.
     """
     env_state, history = before
-    action = policy(history.reshape(-1))
+    seen = environment.observation(env, env_state._replace(history=history))
+    action = policy(seen)
 
     def hold(env_state: EnvState, row: Array) -> tuple[EnvState, Array]:
         after, step_result = environment.step(

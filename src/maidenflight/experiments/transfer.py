@@ -3,9 +3,10 @@
 Source of the experiment and its guards: Gronauer et al. 2022, sec. Zero-Shot Experiments.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import count
 from typing import Any, NamedTuple
 
 import jax
@@ -20,12 +21,13 @@ from maidenflight.flights.flying import Pilot, Rows
 from maidenflight.flights.log import Flight
 from maidenflight.foreign.policies import ForeignPolicy
 from maidenflight.parameters import Parameters
-from maidenflight.policy import Actor, Policy
-from maidenflight.simulator import control, rotations, tasks
+from maidenflight.policy import Act, Actor, Policy
+from maidenflight.simulator import control, look_ahead, rotations, tasks
 from maidenflight.simulator.battery import Supply
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.reality import MOTORS, AnyReality, Reality, Truth, checked
+from maidenflight.simulator.sensors import Measurement
 from maidenflight.simulator.stepped import Stepped
 from maidenflight.simulator.tasks import MAX_POSITION_ERROR_M, Task
 from maidenflight.simulator.virtual_drone import VirtualDrone
@@ -207,7 +209,10 @@ def transfer(
 
 def controller_of(policies: Sequence[Policy], controller: Controller | None) -> Controller:
     """The controller that all policies are for."""
-    kinds = {str((policy.interface, policy.history, policy.layer_sizes)) for policy in policies}
+    kinds = {
+        str((policy.interface, policy.history, policy.look_ahead, policy.layer_sizes))
+        for policy in policies
+    }
     if len(kinds) > 1:
         raise InputError(
             f"policies of different kinds ({'; '.join(sorted(kinds))}); transfer each kind by "
@@ -221,6 +226,11 @@ def controller_of(policies: Sequence[Policy], controller: Controller | None) -> 
             "Give the one that they were trained for."
         )
     return controller
+
+
+def as_seen_by(policy: Policy, env: Environment) -> Environment:
+    """The environment with the observations of a policy."""
+    return replace(env, history=policy.history, look_ahead=policy.look_ahead)
 
 
 class _Logged(NamedTuple):
@@ -277,7 +287,7 @@ def _fly_together(
     steps: int,
 ) -> Iterator[Rows]:
     """Flights of policies on a virtual drone, all at once."""
-    env = replace(reality.environment(task, controller), history=policies[0].history)
+    env = as_seen_by(policies[0], reality.environment(task, controller))
     stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *policies)
     drones = jax.tree.map(
         lambda leaf: np.broadcast_to(leaf, (len(policies), *np.shape(leaf))), reality.parameters
@@ -314,13 +324,13 @@ def pilot_of(
             )
         fly, held = policy.begin(reality.hover, task), policy.command_rate == policy.rate
         return Pilot(fly, policy.command_rate, policy.rate, zero_order_hold=held)
-    actor = Actor(policy, reality.hover)
+    act = _acting(policy, reality.hover, task)
     if reality.takes == MOTORS:
-        return flying.cascade(controller, lambda *now: actor.act(*now).action)
+        return flying.cascade(controller, lambda *now: act(*now).action)
     interface = controller.interface
     if reality.takes == interface.name:
         return Pilot(
-            lambda *now: actor.act(*now).command,
+            lambda *now: act(*now).command,
             interface.rate,
             interface.rate,
             zero_order_hold=False,
@@ -329,3 +339,19 @@ def pilot_of(
         f"{reality.name} takes {reality.takes!r}; expected {MOTORS!r}, or the policies' own "
         f"{interface.name!r}."
     )
+
+
+def _acting(
+    policy: Policy, hover: float, task: Task
+) -> Callable[[Measurement, Float[np.ndarray, "3"]], Act]:
+    """A policy that begins a task; where it looks ahead, it is shown the task's reference."""
+    actor, calls = Actor(policy, hover), count()
+
+    def act(measurement: Measurement, setpoint: Float[np.ndarray, "3"]) -> Act:
+        if not policy.look_ahead.points:
+            return actor.act(measurement, setpoint)
+        time = next(calls) / policy.interface.rate
+        ahead = look_ahead.points_at(policy.look_ahead, task.reference, time)
+        return actor.act(measurement, setpoint, ahead)
+
+    return act

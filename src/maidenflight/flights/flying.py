@@ -86,7 +86,7 @@ def fly(
         number, key = now
         drone = parameters if during is None else during(parameters, env_state.elapsed)
         after, step_result = environment.step(
-            env, env_state, act(environment.observation(env_state), number), drone, key
+            env, env_state, act(environment.observation(env, env_state), number), drone, key
         )
         seen = env_state.measurement
         motors = after.actuators if env.commands_per_action == 1 else env_state.actuators

@@ -10,8 +10,10 @@ motors = [1, 2, 3, 4]    # the motor of each output: front right, back right, ba
 ```
 
 `history` (1 unless given) joins so many instants, the oldest first; `mean` and `std` scale one
-instant; `output` names the output that commands the motors and that the next instant holds as
-`last_action`, not clipped, the first one unless given. Needs onnxruntime (extra `onnx`).
+instant; `look_ahead = {points = 5, spacing = 0.1}` puts so many points of the reference to come, so
+many seconds apart and relative to the position, behind the newest instant; `output` names the
+output that commands the motors and that the next instant holds as `last_action`, not clipped, the
+first one unless given. Needs onnxruntime (extra `onnx`).
 """
 
 from collections import deque
@@ -27,6 +29,7 @@ from maidenflight import inputs
 from maidenflight.errors import InputError, not_installed
 from maidenflight.foreign.policies import Fly, reference_velocity
 from maidenflight.inputs import StrPath
+from maidenflight.simulator.look_ahead import NONE, LookAhead, points_at
 from maidenflight.simulator.sensors import Measurement
 from maidenflight.simulator.tasks import Task
 
@@ -76,6 +79,7 @@ _KEYS = {
     "mean",
     "std",
     "output",
+    "look_ahead",
 }
 
 
@@ -100,6 +104,7 @@ class OnnxPolicy:
         self._power = 2 if told["commands"] == "rotor_speed" else 1
         self._motors = np.array(told["motors"]) - 1
         self._mean, self._std = told["mean"], told["std"]
+        self._look_ahead = told["look_ahead"]
         self._session = _session(Path(path).parent / told["network"])
         names = [one.name for one in self._session.get_outputs()]
         self._output = told["output"] or names[0]
@@ -124,7 +129,11 @@ class OnnxPolicy:
             now = Instant._make([*seen, setpoint, velocity_at(calls / self.rate), last])
             instant = (np.concatenate([part(now) for part in self._parts]) - self._mean) / self._std
             past.extend([instant] * (1 if past else self._history))
-            last = self._run(np.concatenate(past))
+            ahead = []
+            if self._look_ahead.points:
+                points = points_at(self._look_ahead, task.reference, calls / self.rate)
+                ahead = [np.ravel(np.asarray(points) - now.position)]
+            last = self._run(np.concatenate([*past, *ahead]))
             calls += 1
             command = np.empty(4)
             command[self._motors] = (last - self._lowest) / span
@@ -140,7 +149,7 @@ class OnnxPolicy:
         except Exception as error:  # onnxruntime's errors share no class but this
             raise InputError(
                 f"{self._where}: the network takes no {len(numbers)} inputs "
-                f"({str(error).splitlines()[0]:.120}). Check inputs and history."
+                f"({str(error).splitlines()[0]:.120}). Check inputs, history and look_ahead."
             ) from error
         output = np.ravel(made).astype(np.float64)
         if output.shape != (4,) or not np.isfinite(output).all():
@@ -163,9 +172,10 @@ def _read(path: StrPath) -> dict[str, Any]:
         raise InputError(
             f"{path}: {', '.join(sorted(lacking)) or 'nothing'} is lacking and "
             f"{', '.join(sorted(told.keys() - _KEYS)) or 'nothing'} is unknown; expected network, "
-            "rate, inputs, range, commands, and perhaps motors, history, mean, std, output."
+            "rate, inputs, range, commands, and perhaps motors, history, mean, std, output, "
+            "look_ahead."
         )
-    usual: Any = {"motors": [1, 2, 3, 4], "history": 1, "output": None}
+    usual: Any = {"motors": [1, 2, 3, 4], "history": 1, "output": None, "look_ahead": None}
     told: dict[str, Any] = {**usual, **told}
     for name in ("inputs", "range", "motors", "mean", "std"):
         if name in told and not (isinstance(told[name], list) and told[name]):
@@ -186,7 +196,14 @@ def _read(path: StrPath) -> dict[str, Any]:
     }
     if said := [what for what, is_wrong in wrong.items() if is_wrong]:
         raise InputError(f"{path}: expected {'; '.join(said)}.")
-    return told | {"mean": np.array(told["mean"]), "std": np.array(told["std"])}
+    ahead = NONE
+    if told["look_ahead"] is not None:
+        try:
+            ahead = LookAhead.from_dict(told["look_ahead"])
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
+    arrays = {name: np.array(told[name]) for name in ("mean", "std")}
+    return told | arrays | {"look_ahead": ahead}
 
 
 _EXAMPLE = Instant._make(

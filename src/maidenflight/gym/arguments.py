@@ -13,6 +13,7 @@ from maidenflight.parameters import DRONES, Parameters, crazyflie, read
 from maidenflight.simulator import control, tasks, trajectories
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.look_ahead import NONE, LookAhead
 from maidenflight.simulator.randomization import Distribution, relative_box
 from maidenflight.simulator.tasks import Task
 from maidenflight.simulator.trajectories import Trajectory
@@ -36,6 +37,7 @@ def world(
     history: int,
     reward: str,
     options: dict[str, Any],
+    look_ahead: LookAhead = NONE,
 ) -> tuple[Environment, Distribution]:
     """What to simulate and which drones to draw.
 
@@ -47,6 +49,7 @@ def world(
         history: instants in an observation.
         reward: `"task"` or `"shaped"`, see `rewards`.
         options: arguments of the task.
+        look_ahead: points of the reference ahead of time in an observation.
 
     Raises:
         InputError: one of them is not what it should be.
@@ -61,7 +64,11 @@ def world(
     flown = _task(task, options)
     flown = rewards.shaped(flown) if rewards.checked(reward) == "shaped" else flown
     return Environment.matching(
-        drones.centre, task=flown, controller=controller, history=history
+        drones.centre,
+        task=flown,
+        controller=controller,
+        history=history,
+        look_ahead=look_ahead,
     ), drones
 
 

@@ -90,12 +90,12 @@ class Program:
 
     def _packed_launch(
         self, distribution: Distribution, key: UInt32[Array, "2"], number: Array
-    ) -> tuple[Groups, Float[Array, "20H"]]:
+    ) -> tuple[Groups, Float[Array, "20H+3K"]]:
         key = jax.random.key_data(
             jax.random.fold_in(jax.random.wrap_key_data(key, impl=RANDOM), number)
         )
         flight = self._launch(distribution, key)
-        return self._pack(flight), environment.observation(flight.drone.env_state)
+        return self._pack(flight), environment.observation(self._env, flight.drone.env_state)
 
     def _step(self, groups: Groups, action: Float[Array, "4"]) -> tuple[Groups, Float[Array, "n"]]:
         flight = self._unpack(groups)
@@ -110,7 +110,7 @@ class Program:
             error / steps,
             env_state.elapsed,
         ]
-        row = jnp.concatenate([environment.observation(env_state), jnp.stack(numbers)])
+        row = jnp.concatenate([environment.observation(self._env, env_state), jnp.stack(numbers)])
         return self._pack(
             Flight(
                 EnvInstance(env_state, flight.drone.parameters),

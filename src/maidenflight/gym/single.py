@@ -13,6 +13,7 @@ from maidenflight.errors import InputError
 from maidenflight.gym import arguments, flying
 from maidenflight.gym.drawing import Scene, View
 from maidenflight.simulator.environment import ACTION_SIZE, OBSERVATION_SIZE
+from maidenflight.simulator.look_ahead import SPACING, LookAhead
 from maidenflight.simulator.tasks import TIME_LIMIT
 
 # A step takes less time than to hand it to another thread, which JAX does on a CPU unless it is
@@ -27,11 +28,10 @@ _LARGEST = np.finfo(np.float32).max
 Step = tuple[np.ndarray, float, bool, bool, dict[str, Any]]
 
 
-def spaces(history: int) -> tuple[Box, Box]:
+def spaces(history: int, look_ahead: LookAhead) -> tuple[Box, Box]:
     """Observations, which have no bounds but those of float32, and actions."""
-    return Box(-_LARGEST, _LARGEST, (OBSERVATION_SIZE * history,), np.float32), Box(
-        -1.0, 1.0, (ACTION_SIZE,), np.float32
-    )
+    size = OBSERVATION_SIZE * history + look_ahead.size
+    return Box(-_LARGEST, _LARGEST, (size,), np.float32), Box(-1.0, 1.0, (ACTION_SIZE,), np.float32)
 
 
 class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
@@ -53,6 +53,8 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         history: int = 2,
         reward: str = "task",
         render_mode: str | None = None,
+        look_ahead: int = 0,
+        look_ahead_spacing: float = SPACING,
         **options: Any,
     ) -> None:
         """Checks the arguments; compiles at the first reset.
@@ -66,6 +68,8 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             reward: `"task"`, the task's own, or `"shaped"`, with which methods such as PPO learn;
                 see `rewards.shaped`.
             render_mode: `"rgb_array"`, or none.
+            look_ahead: K, points of the reference ahead of time in an observation.
+            look_ahead_spacing: time between two of them [s].
             options: arguments of the task: height, diameter, period [m, s]; for tracking,
                 trajectory, waypoints and others.
 
@@ -73,11 +77,12 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             InputError: an argument is not what it should be.
         """
         self.render_mode = arguments.checked_render_mode(render_mode)
+        ahead = LookAhead(look_ahead, look_ahead_spacing)
         self._env, self._drones = arguments.world(
-            task, control, parameters, firmware, history, reward, options
+            task, control, parameters, firmware, history, reward, options, ahead
         )
         self.metadata = {**self.metadata, "render_fps": self._env.controller.interface.rate}
-        self.observation_space, self.action_space = spaces(history)
+        self.observation_space, self.action_space = spaces(history, ahead)
         self._program = flying.program(self._env)
         self._key: np.ndarray | None = None
         self._number = 0

@@ -60,6 +60,8 @@ ENABLE = "mf.enable"
 PID."""
 ACTIVE = "mf.active"
 """Log variable of the controller on board: whether the policy flies."""
+AHEAD = "mf.ahead"
+"""Parameter that the controller on board has where its policy looks ahead: at how many points."""
 WHY = "mf.why"
 """Log variable of the controller on board: why it last did not, a number of `REASONS`."""
 REASONS = (
@@ -73,6 +75,7 @@ REASONS = (
     "parameters",
     "self-test",
     "another controller was chosen",
+    "set-points without a future",
 )
 """Source: deployment/crazyflie/src/maidenflight.c.template, enum why."""
 TASK, START_X, START_Y, FULL = "mf.task", "mf.x", "mf.y", "mf.full"

@@ -15,6 +15,7 @@ from typing import Any
 from maidenflight.errors import InputError, not_installed
 from maidenflight.link.blocks import (
     ACTIVE,
+    AHEAD,
     ENABLE,
     MOTORS,
     STATE,
@@ -97,6 +98,7 @@ class Crazyflie:
             self.has_policy = (
                 self._has_log(ACTIVE) and self._has_log(WHY) and self.parameter(ENABLE) is not None
             )
+            self.looks_ahead = self.parameter(AHEAD) is not None
             self.decks = tuple(deck for deck in DECKS if self.parameter(deck) == 1)
             self.blocks = (STATE, with_policy(MOTORS) if self.has_policy else MOTORS)
             self._start_blocks()

@@ -188,6 +188,8 @@ class Standing(NamedTuple):
     """Of the estimated position [m2], some time's readings."""
     policy: bool
     """Whether a controller on board with our parameters answers."""
+    looks_ahead: bool = False
+    """Whether its policy sees the reference ahead of time."""
 
 
 def objections(standing: Standing, limits: Limits, needs_policy: bool) -> list[str]:
@@ -221,6 +223,11 @@ def objections(standing: Standing, limits: Limits, needs_policy: bool) -> list[s
         )
     if needs_policy and not standing.policy:
         said.append("no policy on board; build the exported app and flash it")
+    elif needs_policy and standing.looks_ahead:
+        said.append(
+            "the policy on board looks ahead, but set-points by radio tell no more than where the "
+            "drone shall be now; flash one trained without --look-ahead, or fly mf.task 0 or 1"
+        )
     return said
 
 

@@ -180,7 +180,9 @@ def check(
     if drone.lost or drone.latest is None:
         return [f"the link is down ({drone.lost or 'no rows'}); connect again"]
     return guards.objections(
-        Standing(drone.latest, drone.decks, tuple(drone.variance), drone.has_policy),
+        Standing(
+            drone.latest, drone.decks, tuple(drone.variance), drone.has_policy, drone.looks_ahead
+        ),
         limits,
         needs_policy,
     )

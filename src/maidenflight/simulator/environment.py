@@ -15,11 +15,21 @@ from jaxtyping import Array, Bool, Float, Int
 
 from maidenflight.errors import InputError
 from maidenflight.parameters import Parameters
-from maidenflight.simulator import actuators, control, dynamics, latency, noise, sensors, tasks
+from maidenflight.simulator import (
+    actuators,
+    control,
+    dynamics,
+    latency,
+    look_ahead,
+    noise,
+    sensors,
+    tasks,
+)
 from maidenflight.simulator.actuators import Actuators
 from maidenflight.simulator.battery import MOST_COUNTS, PLUS, Supply, ThrustLaw
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.dynamics import Integrator, State
+from maidenflight.simulator.look_ahead import LookAhead
 from maidenflight.simulator.sensors import Measurement
 from maidenflight.simulator.tasks import Task
 
@@ -53,6 +63,8 @@ class Environment:
     command (Crazyflie: 100 Hz, 500 Hz)."""
     estimator_memory: int = 0
     """Estimates that a late estimator remembers; 0: the estimator is not late."""
+    look_ahead: LookAhead = look_ahead.NONE
+    """Points of the reference ahead of time in an observation."""
 
     def __post_init__(self) -> None:
         if self.battery and self.thrust_law is None:
@@ -209,9 +221,12 @@ def remember(history: Float[Array, "H 20"], instant: Float[Array, "20"]) -> Floa
     return jnp.concatenate([history[1:], instant[None]])
 
 
-def observation(env_state: EnvState) -> Float[Array, "20H"]:
-    """The policy's input: the last H instants, oldest first."""
-    return env_state.history.reshape(-1)
+def observation(environment: Environment, env_state: EnvState) -> Float[Array, "20H+3K"]:
+    """The policy's input: the last H instants, oldest first, and the K points of a look-ahead."""
+    if not environment.look_ahead.points:
+        return env_state.history.reshape(-1)
+    ahead = environment.look_ahead.of(environment.task.reference, env_state.time)
+    return look_ahead.joined(env_state.history, ahead, env_state.measurement.position)
 
 
 def begin(

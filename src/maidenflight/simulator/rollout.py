@@ -22,7 +22,7 @@ from maidenflight.simulator.environment import (
 )
 from maidenflight.simulator.randomization import Distribution
 
-PolicyFunction = Callable[[Float[Array, "20H"]], Float[Array, "4"]]
+PolicyFunction = Callable[[Float[Array, "20H+3K"]], Float[Array, "4"]]
 
 
 class EnvInstance(NamedTuple):
@@ -57,7 +57,7 @@ def rollout(
 
     def one(env_state: EnvState, key: Array) -> tuple[EnvState, tuple[EnvState, StepResult]]:
         after, step_result = step(
-            environment, env_state, policy(observation(env_state)), parameters, key
+            environment, env_state, policy(observation(environment, env_state)), parameters, key
         )
         return after, (env_state, step_result)
 
@@ -105,7 +105,7 @@ def rollout_with_auto_reset(
         env_state, step_result = step(
             environment,
             drone.env_state,
-            policy(observation(drone.env_state)),
+            policy(observation(environment, drone.env_state)),
             drone.parameters,
             key,
         )

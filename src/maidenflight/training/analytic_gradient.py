@@ -126,7 +126,9 @@ def begin(env: Environment, settings: AnalyticGradient, box: Distribution, keys:
             own(jax.random.split(key, settings.num_envs))
         )
         policy = _hovering(
-            untrained(policy_key, settings.hidden, env.history, env.controller.interface),
+            untrained(
+                policy_key, settings.hidden, env.history, env.controller.interface, env.look_ahead
+            ),
             instances.parameters,
         )
         return _Learner(policy, _optimiser(settings).init(policy.network), instances)
@@ -155,7 +157,7 @@ def _segment(
     def one(
         env_state: EnvState, key: Array
     ) -> tuple[EnvState, tuple[Float[Array, ""], Bool[Array, ""], Float[Array, ""]]]:
-        action = policy(environment.observation(env_state))
+        action = policy(environment.observation(env, env_state))
         after, step_result = environment.step(env, env_state, action, drone.parameters, key)
         tilt = norm(rotations.body_z(after.state.quaternion)[:2])
         guards = settings.position_penalty * jax.nn.relu(

@@ -157,7 +157,9 @@ def begin(env: Environment, settings: PPO, box: Distribution, keys: Array) -> _L
 
     def one(key: Array) -> _Learner:
         policy_key, critic_key, key = jax.random.split(key, 3)
-        policy = untrained(policy_key, settings.hidden, env.history, env.controller.interface)
+        policy = untrained(
+            policy_key, settings.hidden, env.history, env.controller.interface, env.look_ahead
+        )
         instances = jax.vmap(partial(randomized_reset, env, box))(
             own(jax.random.split(key, settings.num_envs))
         )
@@ -185,7 +187,7 @@ def _critic_observation(
     env: Environment, settings: PPO, centre: Parameters, drone: EnvInstance
 ) -> Float[Array, "S"]:
     """The policy's observation and, with `critic_sees_truth`, true state and parameters."""
-    seen = environment.observation(drone.env_state)
+    seen = environment.observation(env, drone.env_state)
     if not settings.critic_sees_truth:
         return seen
     state = drone.env_state.state
@@ -226,7 +228,7 @@ def _rollout(
         carry: tuple[EnvInstance, Array], now: tuple[Array, Array, Array]
     ) -> tuple[tuple[EnvInstance, Array], _Period]:
         (drone, discounted), (number, noise, key) = carry, now
-        action = policy(environment.observation(drone.env_state)) + deviation * noise
+        action = policy(environment.observation(env, drone.env_state)) + deviation * noise
         env_state, step_result = environment.step(
             env, drone.env_state, action, drone.parameters, key
         )

@@ -21,6 +21,7 @@ from maidenflight.errors import InputError
 from maidenflight.policy import Policy
 from maidenflight.simulator.control import EXCITATION, Controller
 from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.look_ahead import NONE, LookAhead
 from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.tasks import Task
 from maidenflight.training import analytic_gradient, checkpoint, ppo
@@ -124,6 +125,7 @@ def train(
     saved: str | PathLike[str] | None = None,
     history: int = 2,
     anew: bool = False,
+    look_ahead: LookAhead = NONE,
 ) -> tuple[Policy, ...]:
     """Trains one policy per key, all in one call.
 
@@ -140,6 +142,8 @@ def train(
             further updates have the learning rates that they have in a training of that many.
         history: H, number of last instants in an observation. The first layer grows with it.
         anew: do not resume; an earlier checkpoint stays until this training's first replaces it.
+        look_ahead: points of the reference ahead of time in an observation, such as
+            `LookAhead(5)`; none unless given. The first layer grows with them.
 
     Returns:
         For each key, in order, the policy at its best evaluation (`Evaluation.beats`). Time grows
@@ -186,7 +190,7 @@ def train(
             f"history = {history}; expected 1 or more instants. The paper's policies see 2."
         )
     begin, learn = METHODS[type(settings)]
-    env = Environment.matching(box.centre, task, controller, history=history)
+    env = Environment.matching(box.centre, task, controller, history=history, look_ahead=look_ahead)
 
     def start(stages: tuple[int, ...]) -> _State:
         learners = begin(env, settings, box, keys)
@@ -325,6 +329,7 @@ def _fingerprint(env: Environment, settings: Settings, box: Distribution, keys: 
             env.steps_per_command,
         ],
         "history": env.history,
+        **({"look_ahead": env.look_ahead.to_dict()} if env.look_ahead.points else {}),
     }
     reference = jax.vmap(task.reference)(jnp.linspace(0.0, task.duration, 50))
     return checkpoint.fingerprint(words, (reference, jax.random.key_data(keys), box))

@@ -11,6 +11,7 @@ from maidenflight.deployment import EXPORTERS
 from maidenflight.inputs import StrPath
 from maidenflight.policy import untrained
 from maidenflight.simulator.interface import ControlInterface
+from maidenflight.simulator.look_ahead import NONE, LookAhead
 from maidenflight.workflow.policies import hover_of, read_as
 
 
@@ -58,7 +59,11 @@ def export(
 
 
 def check_export(
-    to: str, interface: ControlInterface, hidden: tuple[int, ...], history: int
+    to: str,
+    interface: ControlInterface,
+    hidden: tuple[int, ...],
+    history: int,
+    look_ahead: LookAhead = NONE,
 ) -> None:
     """Checks before a training that its policies can be exported: exports an untrained one.
 
@@ -67,10 +72,11 @@ def check_export(
         interface: of the policies.
         hidden: sizes of their hidden layers.
         history: number of instants in their observation.
+        look_ahead: points of the reference ahead of time in it.
 
     Raises:
         InputError: what is written could not hold them.
     """
-    policy = untrained(jax.random.key(0), hidden, history, interface)
+    policy = untrained(jax.random.key(0), hidden, history, interface, look_ahead)
     with TemporaryDirectory() as folder:
         EXPORTERS[to](policy, folder, name="policy", seed=0)

@@ -17,6 +17,7 @@ from maidenflight.identification import drone_file
 from maidenflight.inputs import StrPath
 from maidenflight.policy import Policy
 from maidenflight.simulator import control, dynamics, tasks
+from maidenflight.simulator.look_ahead import NONE, LookAhead
 from maidenflight.simulator.virtual_drone import VirtualDrone
 from maidenflight.training import checkpoint, loggers
 from maidenflight.training.analytic_gradient import AnalyticGradient
@@ -106,6 +107,7 @@ def train_for(
     yaw_penalty: float = 0.0,
     accept_bounds: bool = False,
     target: str | None = None,
+    look_ahead: LookAhead = NONE,
 ) -> tuple[Policy, ...]:
     """Trains policies for a drone.
 
@@ -131,6 +133,7 @@ def train_for(
         accept_bounds: see `drone_to_fly`.
         target: name in `deployment.EXPORTERS` of what the policies are to be exported to, which is
             checked before training.
+        look_ahead: points of the reference ahead of time in an observation.
 
     Raises:
         InputError: the drone is refused; the policies could not be exported to the target; there
@@ -145,7 +148,7 @@ def train_for(
     file = drone_to_fly(drone, accept_bounds)
     controller = control.CONTROLLERS[structure](full_scale_counts=file.full_scale_counts)
     if target is not None:
-        check_export(target, controller.interface, settings.hidden, history)
+        check_export(target, controller.interface, settings.hidden, history, look_ahead)
     box = randomized(file, randomization, controller)
     rows: list[dict[str, Any]] = []
 
@@ -169,6 +172,7 @@ def train_for(
         "randomization": randomization,
         "policies": count,
         "history": history,
+        "look_ahead": look_ahead.to_dict() if look_ahead.points else None,
         "yaw_penalty": yaw_penalty or None,
         **recorded(settings),
     }
@@ -184,7 +188,16 @@ def train_for(
             else tasks.TASKS[task]()
         )
         policies = train(
-            trained_task, controller, box, keys, settings, note, saved, history, not resume
+            trained_task,
+            controller,
+            box,
+            keys,
+            settings,
+            note,
+            saved,
+            history,
+            not resume,
+            look_ahead,
         )
     stages = checkpoint.stages(saved)
     said["extended_from"] = list(stages[:-1]) or None

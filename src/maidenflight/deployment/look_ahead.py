@@ -1,0 +1,89 @@
+"""A policy's look-ahead as C: what stands in the templates where a policy looks ahead.
+
+Where it does not, every piece is empty, and the files have no word of it.
+"""
+
+import numpy as np
+
+from maidenflight.simulator.look_ahead import LookAhead
+
+_TIMES = "MF_AHEAD_SPACING, 2 MF_AHEAD_SPACING, ... later"
+_IN_POLICY = {
+    "ahead_told": f"""
+ * Behind them stand MF_AHEAD points of the reference, 3 numbers each: where the drone shall be
+ * {_TIMES} - position. The caller gives them in
+ * each step; where a trajectory ends, its last point again.""",
+    "ahead_example": ", {{later_x, later_y, later_z}, ...}",
+    "ahead_defines": """
+#define MF_AHEAD $points /* points of the reference ahead of time */
+#define MF_AHEAD_SPACING $spacing /* time between two of them [s] */""",
+    "ahead_size": " + 3 * MF_AHEAD",
+    "ahead_less": " - 3 * MF_AHEAD",
+    "ahead_field": f"""
+    float ahead[MF_AHEAD][3]; /* [m], world: the setpoint {_TIMES} */""",
+    "ahead_remembered": ", then the points ahead",
+    "ahead_function": """/* Puts the points ahead, relative to the drone, behind the newest
+ * instant; whether all are finite. */
+static bool look_ahead(mf_policy_state *state, const mf_observation *now)
+{
+    float *points = state->history + MF_HISTORY * MF_INSTANT_SIZE;
+    for (size_t i = 0; i < MF_AHEAD; i++) {
+        for (size_t j = 0; j < 3; j++) {
+            points[3 * i + j] = now->ahead[i][j] - now->position[j];
+        }
+    }
+    return all_finite(points, 3 * MF_AHEAD);
+}
+
+""",
+    "ahead_call": " || !look_ahead(state, now)",
+}
+"""Pieces of `policy.h` and `policy.c`."""
+_IN_APP = {
+    "ahead_why": ",\n           MF_NO_FUTURE",
+    "ahead_here": "    foresee(step);\n",
+    "ahead_step": "stabilizerStep_t step",
+    "ahead_given": "stabilizerStep",
+    "ahead_refused": """    if (plan.task == MF_COMMANDER) { /* it says nothing of later */
+        return MF_NO_FUTURE;
+    }
+""",
+    "ahead_foreseen": """/* Where the drone shall be when the policy looks ahead. */
+static void foresee(stabilizerStep_t step)
+{
+    const float now = (float)(step - begun) / RATE_MAIN_LOOP;
+    for (int i = 0; i < MF_AHEAD; i++) {
+        const float angle = MF_TURN * (now + (float)(i + 1) * MF_AHEAD_SPACING) / plan.period;
+        const bool circles = plan.task == MF_CIRCLE;
+        seen.ahead[i][0] = circles ? plan.radius * (1.0f - cosf(angle)) : 0.0f;
+        seen.ahead[i][1] = circles ? plan.radius * sinf(angle) : 0.0f;
+        seen.ahead[i][2] = plan.height;
+    }
+}
+
+""",
+    "ahead_parameter": "PARAM_ADD(PARAM_UINT8 | PARAM_RONLY, ahead, &ahead)\n",
+    "ahead_variable": "static uint8_t ahead = MF_AHEAD; /* read only: points ahead that the "
+    "policy sees */\n",
+}
+"""Pieces of the Crazyflie app."""
+_WITHOUT = {"ahead_step": "void"}
+
+
+def in_policy(look_ahead: LookAhead) -> dict[str, str]:
+    """What the templates of `policy.h` and `policy.c` take, by name."""
+    if not look_ahead.points:
+        return dict.fromkeys(_IN_POLICY, "")
+    spacing = f"{np.float32(look_ahead.spacing)!s}f"
+    numbers = {"$points": str(look_ahead.points), "$spacing": spacing}
+    pieces = dict(_IN_POLICY)
+    for name, number in numbers.items():
+        pieces["ahead_defines"] = pieces["ahead_defines"].replace(name, number)
+    return pieces
+
+
+def in_app(look_ahead: LookAhead) -> dict[str, str]:
+    """What the template of the Crazyflie app takes, by name."""
+    if not look_ahead.points:
+        return {**dict.fromkeys(_IN_APP, ""), **_WITHOUT}
+    return dict(_IN_APP)
