@@ -215,7 +215,9 @@ def record(
     options.emit(
         as_json,
         content,
-        lambda: print(f"{count} simulated flights of {duration:g} s in {output}/{where}"),
+        lambda: print(
+            f"{count} simulated flight{'s' * (count > 1)} of {duration:g} s in {output}/{where}"
+        ),
         ("identify", output),
     )
 
