@@ -26,8 +26,7 @@ class Foreign(NamedTuple):
 
 KINDS = (
     Foreign(b"\xa3\x95\x80", "an ArduPilot DataFlash log", "ArduPilot DataFlash logs"),
-    Foreign(b"\x89MCAP", "an MCAP recording", "MCAP recordings"),
-    Foreign(b"SQLite format 3", "an SQLite database, such as a rosbag2", "SQLite databases"),
+    Foreign(b"SQLite format 3", "an SQLite database", "SQLite databases"),
     Foreign(b"#ROSBAG", "a ROS 1 bag", "ROS 1 bags"),
     Foreign(
         b"PK\x03\x04",
@@ -56,6 +55,8 @@ KINDS = (
 )
 """Kinds of files that are recognised; of one beginning, the first whose suffix fits."""
 _HEAD = max(len(kind.begins) for kind in KINDS)
+READ = ".db3"
+"""Ending of an SQLite database that is read, a rosbag2."""
 _LOOKED_AT = 1000
 """Files of a folder whose beginning is read."""
 
@@ -78,7 +79,9 @@ def below(folder: Path) -> tuple[Counter[Foreign], int]:
         Path(place, name)
         for place, _, names in os.walk(folder)
         for name in sorted(names)
-        if name != run_folder.CHECKPOINT and Path(place, name).is_file()
+        if name != run_folder.CHECKPOINT
+        and not name.lower().endswith(READ)
+        and Path(place, name).is_file()
     )
     kinds: Counter[Foreign] = Counter()
     others = 0

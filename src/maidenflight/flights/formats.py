@@ -19,6 +19,7 @@ from maidenflight.flights import (
     compensation,
     log,
     nanobench,
+    rosbag,
     tables,
     ulog,
     usddeck,
@@ -58,6 +59,8 @@ class Recording(NamedTuple):
     """Of a file, and the name that errors call it by."""
     may_be_text: bool = False
     """Whether files of it may end in .txt."""
+    named: bool = False
+    """Whether others begin as they do, so that its ending must fit too."""
 
 
 FORMATS = (
@@ -80,6 +83,8 @@ RECORDINGS = (
     Recording(
         "Betaflight blackbox log", (".bbl", ".bfl"), blackbox.recognises, blackbox.flights, True
     ),
+    Recording("MCAP recording", (".mcap",), rosbag.recognises_mcap, rosbag.flights),
+    Recording("rosbag2 in SQLite", (".db3",), rosbag.recognises_sqlite, rosbag.flights, named=True),
 )
 SUFFIXES = (*TABLES, *(suffix for kind in RECORDINGS for suffix in kind.suffixes))
 """Endings of files that are searched for in folders."""
@@ -177,7 +182,15 @@ def _beginning(file: Path) -> bytes:
 
 def _recording(file: Path) -> Recording | None:
     head = _beginning(file)
-    return next((kind for kind in RECORDINGS if kind.recognises(head)), None)
+    return next(
+        (
+            kind
+            for kind in RECORDINGS
+            if kind.recognises(head)
+            and (not kind.named or file.name.lower().endswith(kind.suffixes))
+        ),
+        None,
+    )
 
 
 def _table(file: Path, name: str) -> Table:
@@ -190,7 +203,7 @@ def _table(file: Path, name: str) -> Table:
     if usddeck.recognises(raw):
         return usddeck.table(raw, name)
     packed = next((kind for kind in RECORDINGS if kind.recognises(raw[:HEAD])), None)
-    if packed is not None:
+    if packed is not None and not packed.named:
         raise InputError(f"{name}: a {packed.what}, compressed. Decompress it.")
     promised = next((kind for kind in RECORDINGS if file.suffix.lower() in kind.suffixes), None)
     if promised is not None:

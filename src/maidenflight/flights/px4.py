@@ -5,8 +5,7 @@ forward, left, up: of both, x stays and y and z are turned, so that yaw is 0 wit
 north and one matrix D = diag(1, -1, -1) serves all; a rotation R becomes D R D, a quaternion
 (w, x, y, z) becomes (w, x, -y, -z).
 
-Rows are the samples of the gyro, or of the state estimate where that is logged at
-`rates.LEAST_HZ` or more. `sensor_combined` comes first, since `vehicle_angular_velocity` and
+`joining` makes the rows. `sensor_combined` comes first, since `vehicle_angular_velocity` and
 `vehicle_acceleration` are low-pass filtered; its values are means over an integration time, so they
 belong to its middle.
 
@@ -14,13 +13,10 @@ Source: PX4 v1.14, src/modules/logger/logged_topics.cpp (rates, SDLOG_PROFILE), 
 frames), src/modules/land_detector/land_detector_params_mc.c.
 """
 
-from typing import Any
-
 import numpy as np
 from jaxtyping import Bool, Float
 
-from maidenflight.errors import InputError
-from maidenflight.flights import airborne, attitudes, px4_motors, rates, streams
+from maidenflight.flights import airborne, joining, px4_motors, rates, streams
 from maidenflight.flights.log import LONGEST_DELAY, Flight
 from maidenflight.flights.px4_topics import REMEDY, Parameters, Topics, columns, vector
 from maidenflight.flights.streams import Stream
@@ -65,68 +61,27 @@ def flight(
     Raises:
         InputError: a signal is missing or logged too rarely, or it is no quadrotor in X.
     """
-    rates_, gyro_delay, gyro_notes = _gyro(name, topics, parameters)
+    body_rates, gyro_delay, gyro_notes = _gyro(name, topics, parameters)
     force, force_delay = _force(topics, parameters)
     rotors = px4_motors.rotors(name, parameters)
     speeds, motor_notes = px4_motors.motors(name, topics, parameters, rotors.order)
     state, state_notes = _state(name, topics)
-    needed = {"body rates": rates_.rate, "motors": speeds.rate}
-    if state is None:
-        needed["specific force"] = force.rate if force else 0.0
-    rates.refuse_too_slow(name, needed, REMEDY)
-    slower = state is not None and state.step > rates_.step
-    at = state.time if state is not None and slower else rates_.time
-    flying, air_notes = _in_the_air(name, topics, at)
-    at = at[flying]
-    if len(at) < 2:
-        raise InputError(f"{name}: never in the air with armed motors. Leave it out.")
     loop = float(parameters.get("IMU_GYRO_RATEMAX", 400.0)) or 400.0
-    speed, means = _speeds(at, speeds, speeds.rate >= FULL_RATE * loop)
-    unknown = np.full((len(at), 3), np.nan, np.float32)
-    found: dict[str, Any] = {"position": unknown, "velocity": unknown, "attitude": unknown}
-    if state is not None:
-        rows = streams.between(at, state)
-        found = {
-            "position": rows[:, :3],
-            "velocity": rows[:, 3:6],
-            "attitude": attitudes.wrapped(rows[:, 6:9]),
-        }
-    if force is not None and force.rate >= rates.LEAST_HZ:
-        found["accelerometer"] = streams.between(at, force)
-    measured, speed_notes = px4_motors.rotor_speed(name, topics, rotors.order, at)
-    if measured is not None:
-        found["rotor_speed"] = measured
-    logged = Flight(
-        name=name,
-        period=streams.period(at),
-        body_rates=streams.between(at, rates_).astype(np.float32),
-        command=np.square(speed).astype(np.float32),
-        battery=_battery(topics, at).astype(np.float32),
-        setpoint=unknown,
-        zero_order_hold=means,
-        accelerometer_delay=force_delay,
-        gyro_delay=gyro_delay,
-        **{group: values.astype(np.float32) for group, values in found.items()},
+    signals = joining.Signals(
+        body_rates,
+        speeds,
+        force,
+        state,
+        px4_motors.rotor_speed(topics, rotors.order),
+        _battery(topics),
+        speeds.rate >= FULL_RATE * loop,
+        force_delay,
+        gyro_delay,
     )
-    notes = [*gyro_notes, *motor_notes, *rotors.notes, *state_notes, *air_notes, *speed_notes]
-    notes += rates.notes(name, needed, REMEDY)
-    return logged, at - at[0], notes
-
-
-def _speeds(
-    at: Float[np.ndarray, "N"], speeds: Stream, whole: bool
-) -> tuple[Float[np.ndarray, "N 4"], bool]:
-    """Rotor speeds that are asked for in rows, and whether they are means until the next row.
-
-    Where every command was logged, each holds until the next. Of a faster loop's, each stands for
-    the step about it, and rows that are as frequent lie between two of them.
-    """
-    if whole:
-        return streams.mean_until_next(at, speeds), True
-    if speeds.rate > 1.5 / streams.period(at):
-        about = Stream(speeds.time - speeds.step / 2, speeds.values)
-        return streams.mean_until_next(at, about), True
-    return streams.between(at, speeds), False
+    logged, time, said = joining.flight(
+        name, signals, REMEDY, lambda at: _in_the_air(name, topics, at)
+    )
+    return logged, time, [*gyro_notes, *motor_notes, *rotors.notes, *state_notes, *said]
 
 
 def _gyro(name: str, topics: Topics, parameters: Parameters) -> tuple[Stream, float, list[str]]:
@@ -186,10 +141,9 @@ def _state(name: str, topics: Topics) -> tuple[Stream | None, list[str]]:
         clock="timestamp_sample",
     )
     turned = columns(topics, "vehicle_attitude", *vector("q", 4), clock="timestamp_sample")
-    alone = "read as accelerometer, gyro and motors alone"
     if place is None or turned is None:
         lacking = "position" if place is None else "attitude"
-        return None, [f"{name}: no {lacking} logged: {alone}"]
+        return None, [f"{name}: no {lacking} logged: {joining.ALONE}"]
     fields = topics["vehicle_local_position"]
     flags = [
         fields[flag].astype(bool)
@@ -198,25 +152,15 @@ def _state(name: str, topics: Topics) -> tuple[Stream | None, list[str]]:
     ]
     valid = np.all(flags, axis=0) if flags else np.ones(len(place[0]), bool)
     if valid.mean() < 0.5:
-        return None, [
-            f"{name}: PX4 has no valid position in {100 * (1 - valid.mean()):.0f} %: {alone}"
-        ]
+        share = 100 * (1 - valid.mean())
+        return None, [f"{name}: PX4 has no valid position in {share:.0f} %: {joining.ALONE}"]
     moved = np.concatenate([place[1][:, :3] * _TURN, place[1][:, 3:] * _TURN], axis=1)
     where = streams.stream(place[0], np.where(valid[:, None], moved, np.nan))
     quaternion = turned[1][:, [1, 2, 3, 0]] * [1.0, -1.0, -1.0, 1.0]
-    angles = attitudes.of_quaternions(quaternion)
-    known = np.isfinite(angles).all(axis=1)
-    seen = streams.stream(turned[0][known], np.unwrap(angles[known], axis=0))
-    slowest = min(where.rate, seen.rate)
-    if slowest < 0.97 * rates.LEAST_HZ:
-        return None, [
-            f"{name}: position logged at {where.rate:.3g} Hz and attitude at {seen.rate:.3g} Hz, "
-            f"below {rates.LEAST_HZ:g} Hz: {alone}"
-        ]
-    at = where.time if where.step >= seen.step else seen.time
-    rows = np.concatenate([streams.between(at, where), streams.between(at, seen)], axis=1)
-    note = f"{name}: position, velocity and attitude of PX4's estimator, x north, y west, z up"
-    return Stream(at, rows), [note]
+    found, notes = joining.state(name, where, streams.stream(turned[0], quaternion))
+    if found is not None:
+        notes = [f"{name}: position, velocity and attitude of PX4's estimator, x north, z up"]
+    return found, notes
 
 
 def _in_the_air(
@@ -246,9 +190,6 @@ def _in_the_air(
     ]
 
 
-def _battery(topics: Topics, at: Float[np.ndarray, "N"]) -> Float[np.ndarray, "N"]:
+def _battery(topics: Topics) -> Stream | None:
     found = columns(topics, "battery_status", "voltage_v")
-    if found is None:
-        return np.full(len(at), np.nan)
-    volts = streams.held(at, streams.stream(*found))[:, 0]
-    return np.where(volts > 0.5, volts, np.nan)
+    return None if found is None else streams.stream(*found)

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
 from maidenflight.errors import InputError
 from maidenflight.flights import streams
@@ -154,22 +154,14 @@ def _outputs(
     return sent, low, high, channels
 
 
-def rotor_speed(
-    name: str, topics: Topics, order: tuple[int, ...], at: Float[np.ndarray, "N"]
-) -> tuple[Float[np.ndarray, "N 4"] | None, list[str]]:
-    """Speeds that the ESCs tell [rad/s], if often enough for these rows."""
+def rotor_speed(topics: Topics, order: tuple[int, ...]) -> Stream | None:
+    """Speeds of our motors that the ESCs tell [rad/s]."""
     fields = [f"esc[{number}].esc_rpm" for number in range(4)]
     told = columns(topics, "esc_status", *fields)
     if told is None or not np.any(told[1]):
-        return None, []
+        return None
     escs = _by_function(topics["esc_status"])
-    speeds = streams.stream(told[0], np.abs(told[1][:, escs][:, list(order)]) * 2 * np.pi / 60)
-    if speeds.rate < 0.5 / streams.period(at):
-        return None, [
-            f"{name}: rotor speeds at {speeds.rate:.3g} Hz are too rare for rows at "
-            f"{1 / streams.period(at):.4g} Hz and passed over"
-        ]
-    return streams.between(at, speeds), [f"{name}: rotor speeds of esc_status"]
+    return streams.stream(told[0], np.abs(told[1][:, escs][:, list(order)]) * 2 * np.pi / 60)
 
 
 def _by_function(fields: Mapping[str, np.ndarray]) -> Int[np.ndarray, "4"]:

@@ -1,0 +1,187 @@
+"""Which topics and fields of a ROS 2 recording are which signal of a drone.
+
+Topics of MAVROS are known by their names. For others a file `NAME.topics.toml` beside the recording
+says it, NAME being the recording's name without its ending; docs/flight-log.md describes it. ROS
+has our axes: the world's z up, the body's x forward, y left, z up (REP 103).
+
+Source: mavros 2.6, mavros/src/plugins (imu.cpp, local_position.cpp, rc_io.cpp, sys_status.cpp);
+mavros_msgs and crazyflie_interfaces message definitions.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from maidenflight import inputs
+from maidenflight.errors import InputError
+
+CLOCKS = ("header", "received")
+"""What stamps samples: a message's header where it has one, or when it was recorded."""
+THRUSTS = ("square", "linear")
+"""How thrust follows the motors' numbers."""
+COUNTS = {
+    "position": 3,
+    "velocity": 3,
+    "attitude": 4,
+    "body_rates": 3,
+    "accelerometer": 3,
+    "motors": 4,
+    "rotor_speed": 4,
+    "battery": 1,
+}
+"""Signals, and how many fields each has."""
+NEEDED = ("body_rates", "accelerometer", "motors")
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a signal is."""
+
+    topic: str
+    fields: tuple[str, ...]
+    scale: float = 1.0
+    """By which its numbers are multiplied."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where all signals of a drone are."""
+
+    sources: Mapping[str, Source]
+    """By keys of `COUNTS`."""
+    low: float = 0.0
+    """Number of a motor that does not turn."""
+    high: float = 1.0
+    """Number of a motor at full throttle."""
+    square: bool = True
+    """Whether rotor speed follows the numbers, or thrust does."""
+    received: bool = False
+    """Whether samples have the time at which they were recorded, not that of their header."""
+    remedy: str = "Record its topics at a higher rate."
+
+
+@dataclass(frozen=True)
+class Variables:
+    """Log variables of a Crazyflie in messages that do not name them."""
+
+    names: Mapping[str, tuple[str, ...]]
+    """By topic, in the order of their values."""
+
+
+_XYZ = ("x", "y", "z")
+_IMU = ("imu/data_raw", "imu/data")
+_MAVROS = {
+    "body_rates": (_IMU, tuple(f"angular_velocity.{axis}" for axis in _XYZ)),
+    "accelerometer": (_IMU, tuple(f"linear_acceleration.{axis}" for axis in _XYZ)),
+    # Front right, back left, front left, back right, as PX4 and ArduPilot number an X.
+    "motors": (("rc/out",), tuple(f"channels[{number}]" for number in (0, 3, 1, 2))),
+    "position": (("local_position/pose",), tuple(f"pose.position.{axis}" for axis in _XYZ)),
+    "attitude": (
+        ("local_position/pose",),
+        tuple(f"pose.orientation.{axis}" for axis in (*_XYZ, "w")),
+    ),
+    "velocity": (
+        ("local_position/velocity_local",),
+        tuple(f"twist.linear.{axis}" for axis in _XYZ),
+    ),
+    "battery": (("battery",), ("voltage",)),
+}
+_REMEDY = (
+    "Raise the rates of HIGHRES_IMU and SERVO_OUTPUT_RAW (ros2 service call "
+    "/mavros/set_message_interval), or read the autopilot's own log."
+)
+
+
+def of_mavros(topics: list[str]) -> dict[str, Layout]:
+    """Layouts of drones whose MAVROS was recorded, by the beginning of their topics' names."""
+    marks = sorted({topic.rpartition("mavros/")[0] for topic in topics if "mavros/" in topic})
+    found: dict[str, Layout] = {}
+    for mark in marks:
+        sources = {}
+        for signal, (ends, fields) in _MAVROS.items():
+            there = [name for end in ends if (name := f"{mark}mavros/{end}") in topics]
+            if there:
+                sources[signal] = Source(there[0], fields)
+        if set(NEEDED) <= set(sources):
+            found[mark] = Layout(sources, 1000.0, 2000.0, remedy=_REMEDY)
+    return found
+
+
+def beside(path: Path) -> Path:
+    """Where the file lies that says what the topics of a recording are."""
+    return path.with_name(f"{path.stem}.topics.toml")
+
+
+def read(path: Path) -> Layout | Variables:
+    """Reads such a file.
+
+    Raises:
+        InputError: it cannot be read, or an entry is missing, unknown or of the wrong kind.
+    """
+    try:
+        content = inputs.from_toml(inputs.text(path))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read as TOML ({error}). Mend it.") from error
+    if "variables" in content:
+        return _variables(path, content)
+    clock = content.pop("clock", CLOCKS[0])
+    if clock not in CLOCKS:
+        raise InputError(f"{path}: clock = {clock!r}; expected {' or '.join(map(repr, CLOCKS))}.")
+    unknown = set(content) - set(COUNTS)
+    lacking = [signal for signal in NEEDED if signal not in content]
+    if unknown or lacking:
+        raise InputError(
+            f"{path}: {', '.join(sorted(unknown)) or 'nothing'} unknown and "
+            f"{', '.join(lacking) or 'nothing'} missing; expected {', '.join(NEEDED)}, and perhaps "
+            f"{', '.join(signal for signal in COUNTS if signal not in NEEDED)}."
+        )
+    sources = {signal: _source(path, signal, table) for signal, table in content.items()}
+    motors = content["motors"]
+    thrust = motors.get("thrust", THRUSTS[0])
+    low, high = (_number(path, "motors", key, motors.get(key, usual))
+                 for key, usual in (("low", 0.0), ("high", 1.0)))  # fmt: skip
+    if thrust not in THRUSTS or not low < high:
+        raise InputError(
+            f"{path}: motors have thrust = {thrust!r}, low = {low:g}, high = {high:g}; expected "
+            f"{' or '.join(map(repr, THRUSTS))}, and low below high."
+        )
+    return Layout(sources, low, high, thrust == THRUSTS[0], clock == CLOCKS[1])
+
+
+def _variables(path: Path, content: dict[str, Any]) -> Variables:
+    names = content["variables"]
+    if set(content) != {"variables"} or not isinstance(names, dict) or not all(
+        isinstance(some, list) and some and all(isinstance(one, str) for one in some)
+        for some in names.values()
+    ):  # fmt: skip
+        raise InputError(
+            f"{path}: expected the names of each topic's values alone, such as "
+            '\'[variables]\' and \'"/cf1/log1" = ["gyro.x", "gyro.y"]\'.'
+        )
+    return Variables({topic: tuple(some) for topic, some in names.items()})
+
+
+def _source(path: Path, signal: str, table: Any) -> Source:
+    known = {"topic", "fields", "scale", *(("low", "high", "thrust") if signal == "motors" else ())}
+    count = COUNTS[signal]
+    if (
+        not isinstance(table, dict)
+        or set(table) - known
+        or not isinstance(table.get("topic"), str)
+        or not isinstance(table.get("fields"), list)
+        or len(table["fields"]) != count
+        or not all(isinstance(field, str) for field in table["fields"])
+    ):
+        raise InputError(
+            f"{path}: [{signal}] needs topic, a name, and fields, {count} of them, and may have "
+            f"{', '.join(sorted(known - {'topic', 'fields'}))}."
+        )
+    scale = _number(path, signal, "scale", table.get("scale", 1.0))
+    return Source(table["topic"], tuple(table["fields"]), scale)
+
+
+def _number(path: Path, signal: str, key: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e12:
+        raise InputError(f"{path}: {key} of [{signal}] is {value!r}; expected a number.")
+    return float(value)
