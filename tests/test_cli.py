@@ -266,7 +266,7 @@ def test_a_mistake_gives_one_line_and_exit_code_2(
     (tmp_path / "other" / "notes.json").write_text('{"format": "another"}')
     (tmp_path / "full" / "mine.txt").write_text("keep me")
     (tmp_path / "odd.csv").write_text("a,b\n1,2\n")
-    (tmp_path / "bad.toml").write_text("format = 4\n")
+    (tmp_path / "bad.toml").write_text("format = 5\n")
     code, out, err = run(
         monkeypatch, capsys, *(argument.format(tmp=tmp_path) for argument in arguments)
     )

@@ -14,19 +14,24 @@ from maidenflight.errors import InputError
 from maidenflight.parameters import (
     COMPONENTS,
     DRONES,
+    GEOMETRY,
     QUANTITIES,
     Parameters,
+    arm_length,
     check,
     component,
     crazyflie,
     from_toml,
+    h_frame,
     name_of,
     noiseless,
+    plus_frame,
     read,
     replace,
     sources,
     to_toml,
     write,
+    x_frame,
 )
 
 GOOD = to_toml(crazyflie(), "crazyflie")
@@ -40,7 +45,10 @@ def drones(draw):
         number = st.floats(float(low), float(high), width=32)
         return number if quantity.size == 1 else st.tuples(*[number] * quantity.size)
 
-    return Parameters(**{name: draw(values(quantity)) for name, quantity in QUANTITIES.items()})
+    drawn = {name: draw(values(quantity)) for name, quantity in QUANTITIES.items()}
+    side = st.floats(0.01, 0.5)
+    frame = h_frame(draw(side), draw(side), reversed_rotors=draw(st.booleans()))
+    return Parameters(**drawn | frame)
 
 
 @given(drones())
@@ -69,7 +77,6 @@ def test_the_crazyflie_has_the_constants_of_the_papers_appendix():
     drone = crazyflie()
     appendix = {
         "gravity": 9.81,
-        "arm_length": 0.0396,
         "mass": 0.028,
         "torque_to_thrust": 5.96e-3,
         "torque_offset": 1.56e-5,
@@ -144,10 +151,10 @@ def test_a_heavier_drone_has_the_same_motors_and_the_mass_where_it_was(name, sha
 def test_a_frame_of_another_mass_has_the_same_shape_and_density(mass):
     drone, like = read("crazyflie_bolt", mass), read("crazyflie_brushless")
     for pure in (
-        lambda one: one.inertia / (one.mass * one.arm_length**2),
-        lambda one: one.mass / one.arm_length**3,
-        lambda one: one.torque_to_thrust / one.arm_length,
-        lambda one: one.ground_effect / one.arm_length**2,
+        lambda one: one.inertia / (one.mass * arm_length(one) ** 2),
+        lambda one: one.mass / arm_length(one) ** 3,
+        lambda one: one.torque_to_thrust / arm_length(one),
+        lambda one: one.ground_effect / arm_length(one) ** 2,
         lambda one: one.thrust_to_weight,
     ):
         np.testing.assert_allclose(pure(drone), pure(like), rtol=1e-4)
@@ -184,9 +191,9 @@ def edited(name, value):
     ("text", "message"),
     [
         pytest.param(GOOD + "[", "not valid TOML", id="broken"),
-        pytest.param("", "format = None, expected 4", id="empty"),
-        pytest.param(edited("format", 5), "format = 5, expected 4", id="later format"),
-        pytest.param(edited("format", 3), "format = 3, expected 4", id="earlier format"),
+        pytest.param("", "format = None, expected 5", id="empty"),
+        pytest.param(edited("format", 6), "format = 6, expected 5", id="later format"),
+        pytest.param(edited("format", 4), "format = 4, expected 5.*rotor_x", id="earlier format"),
         pytest.param(edited("mass", None), "missing mass", id="missing"),
         pytest.param(
             edited("mass", "0.028\nmas = 1.0"),
@@ -202,7 +209,7 @@ def edited(name, value):
             id="wrong table",
         ),
         pytest.param(
-            "format = 4\nbody = 3\n",
+            "format = 5\nbody = 3\n",
             r"body is a value, expected a table \[body\]",
             id="value for a table",
         ),
@@ -278,6 +285,9 @@ def test_every_value_has_both_its_bounds_checked(name):
     quantity = QUANTITIES[name]
     for bound, outside in ((quantity.lower, -np.inf), (quantity.upper, np.inf)):
         edge = np.full(quantity.size, bound, np.float32)
+        if name in GEOMETRY:  # All of it alike would be no frame.
+            edge = edge * np.sign(getattr(crazyflie(), name))
+            outside = np.inf * edge
         beyond = np.nextafter(edge, np.float32(outside))
         shape = () if quantity.size == 1 else (quantity.size,)
         check(replace(crazyflie(), **{name: edge.reshape(shape)}))
@@ -391,3 +401,57 @@ def test_a_traced_component_is_differentiated_through():
     value, slope = jax.jit(jax.value_and_grad(weighted))(np.float32(2e-5))
     assert value == pytest.approx(2 * 2e-5 + 3 * 1.33e-5, rel=1e-6)
     assert slope == 2
+
+
+def laid_out(lines):
+    """The good file with other lines for the frame."""
+    kept = [line for line in GOOD.splitlines() if line.split(" = ")[0] not in GEOMETRY]
+    place = kept.index("[body]") + 1
+    return "\n".join([*kept[:place], *lines, *kept[place:]])
+
+
+@pytest.mark.parametrize(("layout", "frame"), [("x", x_frame), ("+", plus_frame)])
+def test_a_file_may_give_layout_and_arm_of_a_frame(layout, frame):
+    drone = from_toml(laid_out([f'layout = "{layout}"', "arm_length = 0.225"]))
+    for name, values in frame(0.225).items():
+        np.testing.assert_array_equal(getattr(drone, name), np.float32(values))
+    assert arm_length(drone) == pytest.approx(0.225, rel=1e-6)
+    assert from_toml(to_toml(drone, "mine")).rotor_x[0] == drone.rotor_x[0]
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        (["arm_length = 0.225"], "layout = None"),
+        (['layout = "hex"', "arm_length = 0.225"], "layout = 'hex'"),
+        (['layout = "x"', 'arm_length = "long"'], "arm_length = 'long'"),
+        (['layout = "x"', "arm_length = 0.0"], "forward = 0.0"),
+        (['layout = "x"', "arm_length = 0.2", "rotor_x = [1.0, 1.0, 1.0, 1.0]"], "beside rotor_x"),
+        ([], "missing rotor_x, rotor_y, rotor_direction"),
+    ],
+)
+def test_half_a_frame_in_a_file_is_refused(lines, message):
+    with pytest.raises(InputError, match=message):
+        from_toml(laid_out(lines), "mine.toml")
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"rotor_direction": (-1.0, -1.0, 1.0, 1.0)},  # yaw is roll
+        {"rotor_direction": (1.0, 1.0, 1.0, 1.0)},
+        {"rotor_direction": (-1.0, 1.0, -1.0, 0.5)},
+        {"rotor_x": (0.0, 0.0, 0.0, 0.0)},
+        {"rotor_x": (0.1, 0.05, 0.05, 0.1)},  # the centre of mass is behind all rotors
+    ],
+)
+def test_a_frame_that_cannot_be_steered_is_refused(changes):
+    with pytest.raises(InputError, match=r"rotor_direction|rotors at"):
+        check(replace(crazyflie(), **{name: np.float32(one) for name, one in changes.items()}))
+
+
+@pytest.mark.parametrize("make", [x_frame, plus_frame, lambda arm: h_frame(0.1, arm)])
+@pytest.mark.parametrize("arm", [0.0, -0.1, np.nan, np.inf])
+def test_a_frame_without_size_is_refused(make, arm):
+    with pytest.raises(InputError):
+        make(arm)

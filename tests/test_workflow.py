@@ -22,7 +22,7 @@ from maidenflight.flights import log
 from maidenflight.flights.reading import Flights, read_flights
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import DroneFile, Search, Source
-from maidenflight.parameters import crazyflie
+from maidenflight.parameters import GEOMETRY, crazyflie, plain, plus_frame, replace
 from maidenflight.policy import Policy
 from maidenflight.simulator import control, dynamics, tasks
 from maidenflight.simulator.control import Controller
@@ -190,12 +190,36 @@ def test_the_usual_network_of_every_structure_can_be_exported_to_everything(
     for task in tasks.TASKS:
         settings = workflow.settings_for(structure, task, method)
         for to in EXPORTERS:
-            check_export(to, control.CONTROLLERS[structure]().interface, settings.hidden, 2)
+            check_export(
+                to, control.CONTROLLERS[structure]().interface, settings.hidden, 2, crazyflie()
+            )
 
 
 def test_attitude_rate_fits_a_crazyflie_with_four_instants() -> None:
     hidden = workflow.settings_for("attitude_rate", "circle").hidden
-    check_export("crazyflie", control.attitude_rate().interface, hidden, 4)
+    check_export("crazyflie", control.attitude_rate().interface, hidden, 4, crazyflie())
+
+
+@pytest.mark.parametrize("structure", control.CONTROLLERS)
+def test_an_app_for_the_firmwares_mixer_is_not_made_of_a_policy_for_another_frame(
+    structure: str, tmp_path: Path
+) -> None:
+    interface = control.CONTROLLERS[structure]().interface
+    own, other = crazyflie(), replace(crazyflie(), **plus_frame(0.05))
+    path, made = tmp_path / "policy.json", policy.untrained(jax.random.key(0), (8,), 2, interface)
+    for drone in (own, other):
+        rotors = {name: plain(getattr(drone, name)) for name in GEOMETRY}
+        policy.write(path, made, {"rotors": rotors})
+        if drone is own or structure == "pwm":
+            assert workflow.export(path, tmp_path / f"app{drone is own}", 0, "crazyflie")
+            check_export("crazyflie", interface, (8,), 2, drone)
+            continue
+        with pytest.raises(InputError, match="mixes for an X"):
+            workflow.export(path, tmp_path / "no", 0, "crazyflie")
+        with pytest.raises(InputError, match="mixes for an X"):
+            check_export("crazyflie", interface, (8,), 2, drone)
+        written = workflow.export(path, tmp_path / "c", 0, "c")
+        assert any("rotor_x" in file.read_text() for file in written)
 
 
 def test_what_the_target_could_not_hold_is_not_trained(tmp_path: Path, monkeypatch: Any) -> None:

@@ -53,8 +53,8 @@ def stabilised(state, parameters):
     full = parameters.mass * parameters.gravity * parameters.thrust_to_weight
     lever = jnp.stack(
         [
-            parameters.arm_length / jnp.sqrt(2.0),
-            parameters.arm_length / jnp.sqrt(2.0),
+            jnp.mean(jnp.abs(parameters.rotor_y)),
+            jnp.mean(jnp.abs(parameters.rotor_x)),
             parameters.torque_to_thrust,
         ]
     )

@@ -84,7 +84,7 @@ def piloted(drone: Parameters, seconds: float, seed: int) -> Flight:
     )
     lag, coasting = float(drone.motor_time_constant), float(drone.motor_coasting)
     linear, full = float(drone.thrust_linear), 9.81 / 4 * float(drone.thrust_to_weight)
-    lever = float(drone.arm_length) / np.sqrt(2)
+    lever = float(drone.rotor_x[0])
     arms = float(drone.mass) * np.array([lever, lever, float(drone.torque_to_thrust)])
     inertia, bias = np.asarray(drone.inertia, float), np.asarray(drone.torque_bias, float)
     late = round(float(drone.latency) / period)

@@ -16,7 +16,7 @@ from maidenflight.identification.box import physical_bounds
 from maidenflight.identification.ensembles import posterior_ensemble
 from maidenflight.identification.information import HOVERING, Expected
 from maidenflight.identification.likelihood import Likelihood
-from maidenflight.parameters import component, crazyflie, replace
+from maidenflight.parameters import component, crazyflie, replace, x_frame
 
 ONCE = Likelihood(trials=1)
 DRONE = replace(planted.drone(1.85, 0.06, 0.009), actuator_noise=0.005)
@@ -80,7 +80,7 @@ def test_flights_never_widen_what_is_plausible_and_more_of_them_say_more(seed, m
 
 
 def test_plausible_ranges_hold_the_start_and_lie_within_the_bounds():
-    heavy = replace(crazyflie(), mass=0.9, arm_length=0.2, latency=0.04, inertia=(5e-3,) * 3)
+    heavy = replace(crazyflie(), mass=0.9, **x_frame(0.2), latency=0.04, inertia=(5e-3,) * 3)
     for start in (crazyflie(), heavy):
         bounds = physical_bounds(start)
         priors = information.prior_ranges(start, bounds)

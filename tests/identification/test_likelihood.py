@@ -14,7 +14,7 @@ from maidenflight.identification.box import physical_bounds
 from maidenflight.identification.identify import identify
 from maidenflight.identification.likelihood import Likelihood
 from maidenflight.identification.selection import FIRST, GROUPS, split
-from maidenflight.parameters import QUANTITIES, component, crazyflie, replace
+from maidenflight.parameters import QUANTITIES, component, crazyflie, replace, x_frame
 
 TRUTH = {"thrust_to_weight": 1.85, "motor_time_constant": 0.06, "latency": 0.009}
 
@@ -82,7 +82,7 @@ def test_the_noise_of_the_sensors_is_found_beside_and_the_drone_flies_with_it(fo
 
 
 def test_bounds_are_physical_and_hold_the_drone_and_all_that_may_be_chosen():
-    heavy = replace(crazyflie(), mass=0.9, arm_length=0.2, inertia=(5e-3, 6e-3, 9e-3))
+    heavy = replace(crazyflie(), mass=0.9, **x_frame(0.2), inertia=(5e-3, 6e-3, 9e-3))
     for drone in (crazyflie(), heavy):
         bounds = physical_bounds(drone)
         assert {*FIRST, *(name for group in GROUPS.values() for name in group)} <= set(bounds)

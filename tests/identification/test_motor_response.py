@@ -10,8 +10,10 @@ from maidenflight.flights.log import ACCELEROMETER_DELAY, Flight
 from maidenflight.flights.reading import read_flights
 from maidenflight.identification.flight_signals import rotor_speeds
 from maidenflight.identification.motor_response import motor_response
+from maidenflight.parameters import crazyflie
 
 USD = Path(__file__).parents[3] / "shared" / "data" / "usd"
+DRONE = crazyflie()
 PERIOD, LAG, LATENCY, THRUST = 0.002, 0.07, 0.006, 4.4
 
 
@@ -67,7 +69,7 @@ def made(seed: int, *, rotor_speed: bool, lag: float = LAG, name: str = "made") 
 
 @pytest.mark.parametrize("rotor_speed", [True, False])
 def test_a_planted_lag_comes_back(rotor_speed: bool) -> None:
-    found = motor_response([made(1, rotor_speed=rotor_speed)], np.random.default_rng(0))
+    found = motor_response([made(1, rotor_speed=rotor_speed)], np.random.default_rng(0), DRONE)
     assert found is not None
     low, middle, high = np.quantile(found.lag + found.latency, [0.025, 0.5, 0.975])
     assert low < LAG + LATENCY < high
@@ -81,7 +83,7 @@ def test_flights_of_different_lags_widen_the_interval() -> None:
         made(seed, rotor_speed=True, lag=lag, name=f"flight {seed}")
         for seed, lag in enumerate((0.04, 0.07, 0.12))
     ]
-    one, other = (motor_response(some, np.random.default_rng(0)) for some in (alike, apart))
+    one, other = (motor_response(some, np.random.default_rng(0), DRONE) for some in (alike, apart))
     assert one is not None
     assert other is not None
     assert other.spread > one.spread + 0.01
@@ -91,17 +93,18 @@ def test_flights_of_different_lags_widen_the_interval() -> None:
 def test_without_sensors_beside_the_estimate_nothing_is_seen() -> None:
     flight = made(1, rotor_speed=False)
     bare = Flight(**{**vars(flight), "accelerometer": None})
-    assert motor_response([bare], np.random.default_rng(0)) is None
+    assert motor_response([bare], np.random.default_rng(0), DRONE) is None
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(not USD.exists(), reason="no logs of measured drones here")
 def test_the_lag_of_a_real_drone_is_that_of_its_measured_speeds() -> None:
     flights = read_flights(USD / "brushed" / "jana01").flights
-    measured = motor_response(flights, np.random.default_rng(0))
+    measured = motor_response(flights, np.random.default_rng(0), DRONE)
     hidden = motor_response(
         [Flight(**{**vars(flight), "rotor_speed": None}) for flight in flights],
         np.random.default_rng(0),
+        DRONE,
     )
     assert measured is not None
     assert hidden is not None

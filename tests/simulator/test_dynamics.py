@@ -351,7 +351,12 @@ def test_without_air_drag_rotors_and_body_keep_their_angular_momentum(
     """About z, of a drone whose rotors have no other torque: I_z r + J_r Omega (nu_1 - nu_2 + nu_3
     - nu_4); 1 and 3 turn as r counts."""
     parameters = replace(
-        PAPER, torque_to_thrust=0.0, rotor_momentum=3e-5, arm_length=0.0, spin_down_ratio=1.5
+        PAPER,
+        torque_to_thrust=0.0,
+        rotor_momentum=3e-5,
+        rotor_x=np.zeros(4, np.float32),
+        rotor_y=np.zeros(4, np.float32),
+        spin_down_ratio=1.5,
     )
     start = drone(rotor_speed=rotor_speed, body_rates=(0, 0, 3))
     end = fly(integrator, start, command, parameters, 20)

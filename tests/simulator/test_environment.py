@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 
 import numpy_reference
 from maidenflight.errors import InputError
-from maidenflight.parameters import crazyflie, noiseless, replace
+from maidenflight.parameters import crazyflie, noiseless, replace, x_frame
 from maidenflight.simulator import control, dynamics, environment, interface, latency, tasks
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
@@ -60,7 +60,6 @@ NAMES = {
     "gravity": "g",
     "mass": "m",
     "inertia": "I",
-    "arm_length": "L",
     "torque_to_thrust": "k_M1",
     "torque_offset": "k_M2",
 }
@@ -120,6 +119,8 @@ def test_driving_in_float64_is_the_papers_equations(integrator, tolerance, delay
             name: np.array(numpy_reference.PAPER[symbol], np.float64)
             for name, symbol in NAMES.items()
         }
+        frame = x_frame(numpy_reference.PAPER["L"])
+        exact |= {name: np.array(values, np.float64) for name, values in frame.items()}
         parameters = replace(jax.tree.map(float64, QUIET), **exact)
         parameters = replace(parameters, latency=np.asarray(delay), time_step=np.asarray(0.005))
         flown = jax.tree.map(np.asarray, driven(integrator, first, commands, parameters))

@@ -61,7 +61,7 @@ def _attitude_rate(interface: ControlInterface) -> Controller:
         return memory, motors / interface.full_scale_counts
 
     commander = control.controller_for(interface, FIRMWARE)
-    return commander._replace(init=init, command=command)
+    return commander._replace(init=init, command=command, mixed=None)
 
 
 @cache
@@ -87,4 +87,4 @@ def _attitude(interface: ControlInterface) -> Controller:
         )
         return memory, motors / interface.full_scale_counts
 
-    return control.controller_for(interface, FIRMWARE)._replace(command=command)
+    return control.controller_for(interface, FIRMWARE)._replace(command=command, mixed=None)

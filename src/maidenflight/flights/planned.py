@@ -22,6 +22,7 @@ from maidenflight.simulator.battery import COUNTS, MOST_COUNTS, Supply, law_for
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.firmware import POSITION_RATE
 from maidenflight.simulator.firmware import checked as generation
+from maidenflight.simulator.mixing import Mixer, mixer_of
 from maidenflight.simulator.reality import MOTORS, POSITION, AnyReality, Reality, checked
 from maidenflight.simulator.virtual_drone import VirtualDrone
 
@@ -82,18 +83,21 @@ def fly(
     env = drone.environment(tasks.hover(), control.position_pid(firmware, counts))
     places = np.stack([plan.setpoints() for plan in plans]).astype(np.float32)
     strengths = np.stack([plan.excitation() for plan in plans]).astype(np.float32)
-    rows = _fly(env, firmware, counts, drone.parameters, keys, places, strengths)
+    rows = _fly(
+        env, firmware, counts, mixer_of(drone.parameters), drone.parameters, keys, places, strengths
+    )
     rows = jax.tree.map(np.asarray, rows)
     return [
         jax.tree.map(lambda values, n=n: values[n], rows) for n in range(len(plans))
     ], env.supply
 
 
-@partial(jax.jit, static_argnums=(0, 1, 2))
+@partial(jax.jit, static_argnums=(0, 1, 2, 3))
 def _fly(
     env: Environment,
     firmware: str,
     counts: float,
+    mixer: Mixer | None,
     drone: Parameters,
     keys: Int[Array, "F"],
     places: Float[Array, "F N 4"],
@@ -113,7 +117,7 @@ def _fly(
         flown = replace(
             env,
             task=env.task._replace(reference=reference),
-            controller=control.turning_pid(heading, firmware, counts),
+            controller=control.turning_pid(heading, firmware, counts, mixer),
         )
         sign_key, key = jax.random.split(key)
         signs = recording.signs(steps, sign_key)

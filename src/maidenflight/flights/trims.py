@@ -12,8 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.flights.log import Flight
-from maidenflight.parameters import Parameters
-from maidenflight.simulator import geometry
+from maidenflight.parameters import Parameters, levers
 
 SEGMENT_S = 0.5
 """Length of the parts of a flight whose means tell how sure the whole's is [s]."""
@@ -44,7 +43,7 @@ def trim(flight: Flight, drone: Parameters) -> Trim:
 
     Args:
         flight: the flight.
-        drone: its mass, inertia, arm length and ratio of torque to thrust; its k_F for the torques
+        drone: its mass, inertia, rotors and ratio of torque to thrust; its k_F for the torques
             where that of the flight is not known.
 
     Source: Gronauer et al. 2022, eq:motor-force, eq:linear-acceleration, eq:torque and
@@ -83,14 +82,7 @@ def _balance(rows: Flight, drone: Parameters) -> Float[np.ndarray, "4"]:
     ratio = needed / lifted if lifted > 0 else np.nan
     full = weight / 4 * (ratio if ratio > 0 else float(drone.thrust_to_weight))
     forces = full * _mean(command)
-    lever, yaw = float(drone.arm_length), float(drone.torque_to_thrust) * np.array(geometry.YAW)
-    given = np.array(
-        [
-            lever * forces @ geometry.ROTORS[:, 1],
-            -lever * forces @ geometry.ROTORS[:, 0],
-            forces @ yaw,
-        ]
-    )
+    given = forces @ (levers(drone) * [1.0, 1.0, float(drone.torque_to_thrust)])
     inertia = np.asarray(drone.inertia, np.float64)
     spun = inertia * (rates[-1] - rates[0]) / seconds
     return np.array([ratio, *(spun + _mean(np.cross(rates, inertia * rates)) - given)])

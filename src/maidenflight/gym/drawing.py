@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from PIL import Image, ImageDraw, ImageFont
 
-from maidenflight.simulator import geometry
+from maidenflight.parameters import Parameters, arm_length, rotors
 from maidenflight.simulator.tasks import Task
 
 SIZE = (640, 480)
@@ -44,8 +44,14 @@ class View(NamedTuple):
 class Scene:
     """A task seen by a camera that stands still."""
 
-    def __init__(self, task: Task) -> None:
-        """Places the camera so that the whole reference and the floor under it are in view."""
+    def __init__(self, task: Task, drone: Parameters) -> None:
+        """Places the camera so that the whole reference and the floor under it are in view.
+
+        Args:
+            task: whose reference is drawn.
+            drone: whose rotors are drawn where they are, at a size that is seen.
+        """
+        self._hubs = rotors(drone) / arm_length(drone)
         times = jnp.linspace(0.0, task.duration, 240)
         self._path = np.asarray(jax.jit(jax.vmap(task.reference))(times), np.float64)
         low, high = self._path.min(0), self._path.max(0)
@@ -125,14 +131,14 @@ class Scene:
         speed: np.ndarray,
     ) -> None:
         arm, down = self._arm, np.array([1.0, 1.0, 0.0])
-        hubs = position + arm * geometry.ROTORS @ rotation.T
+        hubs = position + arm * self._hubs @ rotation.T
         for hub in hubs:
             disc = (hub + 0.55 * arm * _CIRCLE @ rotation.T) * down
             pen.polygon(self._seen(disc), _SHADOW)
         pen.line(self._seen([position * down, position]), _GRID, _FINE)
         up = rotation[:, 2]
         for number in np.argsort(hubs @ self._axes[2]):
-            hub, colour = hubs[number], _FRONT if geometry.FRONT[number] else _BACK
+            hub, colour = hubs[number], _FRONT if self._hubs[number, 0] > 1e-3 else _BACK
             pen.line(self._seen([position, hub]), _INK, 4 * _FINE)
             disc = self._seen(hub + 0.12 * arm * up + 0.55 * arm * _CIRCLE @ rotation.T)
             pen.polygon(disc, tuple(round(0.72 * 255 + 0.28 * c) for c in colour), colour, _FINE)

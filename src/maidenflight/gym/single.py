@@ -171,5 +171,5 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if self._groups is None:
             raise InputError("render: no episode has begun. Call reset() first.")
         if self._scene is None:
-            self._scene = Scene(self._env.task)
+            self._scene = Scene(self._env.task, self._drones.centre)
         return self._scene.draw(View(*map(np.asarray, self._program.view(self._groups))))

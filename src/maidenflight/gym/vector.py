@@ -162,7 +162,9 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if self._groups is None:
             raise InputError("render: no episode has begun. Call reset() first.")
         if not self._scenes:
-            self._scenes = [Scene(self._env.task) for _ in range(self.num_envs)]
+            self._scenes = [
+                Scene(self._env.task, self._drones.centre) for _ in range(self.num_envs)
+            ]
         parts = [np.asarray(part) for part in self._program.view_all(self._groups)]
         return tuple(
             scene.draw(View(*(part[i] for part in parts))) for i, scene in enumerate(self._scenes)

@@ -7,7 +7,14 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.errors import InputError
-from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, component, replace
+from maidenflight.parameters import (
+    COMPONENTS,
+    QUANTITIES,
+    Parameters,
+    arm_length,
+    component,
+    replace,
+)
 
 PAPER_BOUNDS: dict[str, tuple[float, float]] = {
     "thrust_to_weight": (1.5, 2.5),
@@ -121,7 +128,7 @@ def physical_bounds(start: Parameters) -> dict[str, tuple[float, float]]:
 
     Torques in units of its weight times its arm.
     """
-    torque = float(start.mass * start.gravity * start.arm_length)
+    torque = float(start.mass * start.gravity) * arm_length(start)
     around = {
         name: float(component(start, name)) for name in ("inertia_x", "inertia_y", "inertia_z")
     }

@@ -22,8 +22,7 @@ from maidenflight.identification.gauss_newton import NormalEquations
 from maidenflight.identification.inertial_signals import Rotors, Signals
 from maidenflight.identification.one_step import BY_MOMENT, NoiseModel, noise_model
 from maidenflight.identification.prediction_errors import MEMORY
-from maidenflight.parameters import Parameters, component, replace
-from maidenflight.simulator.geometry import TORQUES
+from maidenflight.parameters import Parameters, component, levers, replace
 
 LEVEL = 0.02 * 9.81
 """Standard deviation of a segment's mean specific force from the model's [m/s2]: battery, climb,
@@ -96,8 +95,8 @@ class InertialErrors:
         offset, linear = float(drone.thrust_offset), float(drone.thrust_linear)
         share = offset + linear * rotors.mean + (1 - offset - linear) * rotors.square
         thrust = float(drone.gravity * drone.thrust_to_weight) / 4 * share
-        lever, rates = float(drone.arm_length) / np.sqrt(2.0), self.signals.body_rates
-        arms = (lever, lever, float(drone.torque_to_thrust))
+        arms, rates = levers(drone), self.signals.body_rates
+        turned = arms * [1.0, 1.0, float(drone.torque_to_thrust)]
         inertia, bias = np.asarray(drone.inertia, float), np.asarray(drone.torque_bias, float)
         found = []
         for place in self.signals.sensor.places:
@@ -106,9 +105,9 @@ class InertialErrors:
                 found.append(thrust.sum(axis=-1) - drag)
                 continue
             axis, one, other = place - 1, place % 3, (place + 1) % 3
-            torque = bias[axis] + float(drone.mass) * arms[axis] * (thrust @ TORQUES[:, axis])
+            torque = bias[axis] + float(drone.mass) * (thrust @ turned[:, axis])
             if axis == 2:
-                spin_up = rotors.change @ TORQUES[:, axis] / self.signals.step
+                spin_up = rotors.change @ arms[:, axis] / self.signals.step
                 torque += float(drone.rotor_momentum) * spin_up
             else:
                 torque -= float(drone.rotational_damping) * rates[..., axis]

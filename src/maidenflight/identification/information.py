@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.identification.one_step import OneStep
-from maidenflight.parameters import Parameters, component
+from maidenflight.parameters import Parameters, arm_length, component
 
 HOVERING = "thrust_to_weight"
 """The parameter that is found by its moment: mean thrust carries the weight and what accelerates
@@ -61,7 +61,7 @@ def prior_ranges(start: Parameters, bounds: Ranges) -> dict[str, tuple[float, fl
         start: the drone.
         bounds: search bounds, which no range exceeds.
     """
-    torque = float(start.mass * start.gravity * start.arm_length)
+    torque = float(start.mass * start.gravity) * arm_length(start)
     factors = {
         HOVERING: (0.8, 1.25),
         "motor_time_constant": (0.5, 1.6),

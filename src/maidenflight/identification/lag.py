@@ -36,7 +36,7 @@ def looks(
     taken = "plausible" if LAG in untold else "taken" if motors else "likelihood"
     return (
         *(motors.looks if motors else ()),
-        *cross_spectrum(flights),
+        *cross_spectrum(flights, drone),
         Look(taken, float(value), (float(low), float(high))),
     )
 

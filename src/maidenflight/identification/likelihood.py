@@ -256,7 +256,7 @@ def _motors(problem: Problem) -> MotorResponse | None:
         problem.reporter.stage(MOTOR_LAG, done, of)
 
     looked(0, 0)
-    return motor_response(problem.flights, problem.generator, looked)
+    return motor_response(problem.flights, problem.generator, problem.start, looked)
 
 
 def _seen(motors: MotorResponse | None, names: Sequence[str]) -> dict[str, np.ndarray]:

@@ -44,7 +44,7 @@ from maidenflight.identification.flight_signals import (
     stride,
 )
 from maidenflight.identification.prediction_errors import MEMORY, Fit, Prior, regress
-from maidenflight.simulator.geometry import TORQUES
+from maidenflight.parameters import Parameters, levers
 
 LAGS = np.geomspace(0.010, 0.25, 18)
 """Lags that are tried [s]."""
@@ -65,8 +65,8 @@ _SEGMENT = 256
 """Steps of a segment of a spectrum."""
 DRAWS = 500
 """Samples of the posterior."""
-_GYRO = {"gyro x": TORQUES[:, 0], "gyro y": TORQUES[:, 1]}
-"""Signs of the motors' torque that each signal of the gyro hears."""
+_GYRO: tuple[str, ...] = ("gyro x", "gyro y")
+"""Signals that hear the motors' torque about an axis."""
 
 
 class Look(NamedTuple):
@@ -105,6 +105,7 @@ class _Seen(NamedTuple):
 def motor_response(
     flights: Sequence[Flight],
     generator: np.random.Generator,
+    drone: Parameters,
     on_flight: Callable[[int, int], None] | None = None,
 ) -> MotorResponse | None:
     """What flights show of the motors; None where no signal but the estimated state shows it.
@@ -112,11 +113,12 @@ def motor_response(
     Args:
         flights: checked flights of one rate.
         generator: random numbers for the samples.
+        drone: where its rotors are.
         on_flight: called with (flights looked at, flights).
     """
     groups, found = _by_name(flights), {}
     for number, (name, parts) in enumerate(groups.items(), 1):
-        if seen := _seen(parts):
+        if seen := _seen(parts, _torques(drone)):
             found[name] = seen
         if on_flight is not None:
             on_flight(number, len(groups))
@@ -167,9 +169,17 @@ class _Prepared(NamedTuple):
     signals: dict[str, Float[np.ndarray, "M c"]]
     beside: dict[str, Float[np.ndarray, "M k"]]
     """What explains each signal besides the motors."""
+    weights: dict[str, Float[np.ndarray, "4"]]
+    """Of the motors' thrusts in each signal of the gyro."""
 
 
-def _prepared(flight: Flight) -> _Prepared:
+def _torques(drone: Parameters) -> Float[np.ndarray, "4 2"]:
+    """Torque of each rotor's thrust about x and y, as shares of the largest about the axis."""
+    turned = levers(drone)[:, :2]
+    return turned / np.abs(turned).max(axis=0)
+
+
+def _prepared(flight: Flight, torques: Float[np.ndarray, "4 2"]) -> _Prepared:
     rows, signals, beside = stride(flight), {}, {}
     count = len(flight) // rows
     velocity = means(body_velocity(flight), rows)
@@ -186,7 +196,8 @@ def _prepared(flight: Flight) -> _Prepared:
                 signals[name] = turns[:, [axis]]
                 across = velocity[:-1, [1 - axis]]
                 beside[name] = _constant_and(across, rates[:-1, [axis]])
-    return _Prepared(flight.period, rows, flight.speed_command, signals, beside)
+    weights = dict(zip(_GYRO, torques.T, strict=True))
+    return _Prepared(flight.period, rows, flight.speed_command, signals, beside, weights)
 
 
 def _constant_and(*columns: Float[np.ndarray, "M 1"]) -> Float[np.ndarray, "M k"]:
@@ -195,9 +206,9 @@ def _constant_and(*columns: Float[np.ndarray, "M 1"]) -> Float[np.ndarray, "M k"
     return np.concatenate([np.ones_like(columns[0]), *kept], axis=1)
 
 
-def _seen(parts: Sequence[Flight]) -> dict[str, _Seen]:
+def _seen(parts: Sequence[Flight], torques: Float[np.ndarray, "4 2"]) -> dict[str, _Seen]:
     """Signals of one flight's pieces on the grid."""
-    prepared = [_prepared(part) for part in parts if len(part) // stride(part) >= FEWEST]
+    prepared = [_prepared(part, torques) for part in parts if len(part) // stride(part) >= FEWEST]
     if not prepared or not prepared[0].signals:
         return {}
     seen = {signal: [] for signal in prepared[0].signals}
@@ -265,21 +276,25 @@ def _of_motors(
     """What the motors add to each column of a signal, in steps."""
     if signal == "rotor speed":
         return means(0.5 * (speed[1:] + speed[:-1]), part.rows)
-    combined = (speed**2) @ _GYRO.get(signal, np.ones(4))
+    combined = (speed**2) @ part.weights.get(signal, np.ones(4))
     steps = means((0.5 * (combined[1:] + combined[:-1]))[:, None], part.rows)
     return steps[: len(part.signals[signal])]
 
 
-def cross_spectrum(flights: Sequence[Flight]) -> list[Look]:
+def cross_spectrum(flights: Sequence[Flight], drone: Parameters) -> list[Look]:
     """Lag and latency by the phase between torque command and angular acceleration, 1 to 10 Hz.
 
     It takes feedback for response: a look that is independent of every model, not a better one.
 
+    Args:
+        flights: of one rate.
+        drone: where its rotors are.
+
     Source: Bendat and Piersol 2010, Random data, sec. 9.2 (error of a phase from the coherence).
     """
     losses = np.zeros((len(LAGS), len(LATENCIES)))
-    for name in _GYRO:
-        pairs = [_torque_and_turn(flight, name) for flight in flights]
+    for axis, weights in enumerate(_torques(drone).T):
+        pairs = [_torque_and_turn(flight, axis, weights) for flight in flights]
         pairs = [pair for pair in pairs if len(pair[0]) >= 2 * _SEGMENT]
         if not pairs:
             return []
@@ -299,11 +314,13 @@ def cross_spectrum(flights: Sequence[Flight]) -> list[Look]:
     return [Look("cross-spectrum", float(value), (float(low), float(high)))]
 
 
-def _torque_and_turn(flight: Flight, name: str) -> tuple[np.ndarray, np.ndarray]:
+def _torque_and_turn(
+    flight: Flight, axis: int, weights: Float[np.ndarray, "4"]
+) -> tuple[np.ndarray, np.ndarray]:
     """Torque command and angular acceleration of one axis in steps, as far as scale."""
     rows = stride(flight)
-    rates = means(flight.body_rates.astype(float), rows)[:, 0 if name == "gyro x" else 1]
-    torque = means((flight.mean_command @ _GYRO[name])[:, None].astype(float), rows)[:, 0]
+    rates = means(flight.body_rates.astype(float), rows)[:, axis]
+    torque = means((flight.mean_command @ weights)[:, None].astype(float), rows)[:, 0]
     return torque, np.gradient(rates, rows * flight.period) if len(rates) > 1 else rates
 
 

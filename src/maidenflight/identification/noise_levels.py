@@ -7,7 +7,7 @@ the drone. The levels follow in closed form from the products of errors with ear
 import numpy as np
 from jaxtyping import Float
 
-from maidenflight.parameters import Parameters
+from maidenflight.parameters import Parameters, levers
 
 ROWS = 8
 """Rows over which noise is measured, at most: 0.08 s at 100 Hz, in which a policy reacts. Over
@@ -68,13 +68,9 @@ def noise_levels(
     lags = np.arange(2, order + 1) * period
     rate = np.maximum(-np.mean(np.log(kept) @ lags) / (lags @ lags), 0.1)
     full = float(parameters.mass * parameters.gravity / 4 * parameters.thrust_to_weight)
-    per_thrust = (
-        2
-        * float(parameters.arm_length)
-        / np.sqrt(2)
-        * full
-        / np.asarray(parameters.inertia, float)[:2]
-    )
+    # Independent noise of four thrusts adds up in squares.
+    lever = np.linalg.norm(levers(parameters)[:, :2], axis=0)
+    per_thrust = lever * full / np.asarray(parameters.inertia, float)[:2]
     thrust = np.sqrt(disturbance) / period / per_thrust
     return {
         "position_walk": size(walked, _POSITION),

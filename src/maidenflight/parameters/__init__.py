@@ -1,5 +1,14 @@
 """Physical constants of a simulated quadrotor, with unit, symbol, bounds and source of each."""
 
+from maidenflight.parameters.frames import (
+    GEOMETRY,
+    arm_length,
+    h_frame,
+    levers,
+    plus_frame,
+    rotors,
+    x_frame,
+)
 from maidenflight.parameters.named import DRONES, NamedDrone, crazyflie, named, sources
 from maidenflight.parameters.quantities import (
     COMPONENTS,
@@ -29,10 +38,12 @@ __all__ = [
     "COMPONENTS",
     "DRONES",
     "FORMAT",
+    "GEOMETRY",
     "QUANTITIES",
     "NamedDrone",
     "Parameters",
     "Quantity",
+    "arm_length",
     "check",
     "component",
     "crazyflie",
@@ -40,14 +51,19 @@ __all__ = [
     "from_document",
     "from_toml",
     "full_scale_counts",
+    "h_frame",
+    "levers",
     "name_of",
     "named",
     "noiseless",
     "part_names",
     "plain",
+    "plus_frame",
     "read",
     "replace",
+    "rotors",
     "sources",
     "to_toml",
     "write",
+    "x_frame",
 ]

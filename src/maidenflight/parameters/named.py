@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 from maidenflight.errors import InputError
+from maidenflight.parameters.frames import PLACES, h_frame, x_frame
 from maidenflight.parameters.quantities import Parameters, replace
 from maidenflight.parameters.scaling import isometric, with_mass
 
@@ -36,7 +37,7 @@ def crazyflie() -> Parameters:
         actuator_noise_rate=32.5,
         mass=0.028,
         inertia=(1.33e-5, 1.33e-5, 2.64e-5),
-        arm_length=0.0396,
+        **x_frame(0.0396),
         drag=(0.0, 0.0, 0.0),
         flapping_moment=0.0,
         rotational_damping=0.0,
@@ -93,7 +94,7 @@ def crazyflie_2_0() -> Parameters:
         torque_offset=1.563383e-5,
         mass=0.027,
         inertia=(1.657171e-5, 1.6655602e-5, 2.9261652e-5),
-        arm_length=0.046,
+        **x_frame(0.046),
     )
 
 
@@ -121,8 +122,46 @@ def crazyflie_brushless() -> Parameters:
         torque_offset=0.0,
         mass=0.037,
         inertia=tuple(value * 37 / 43.38 for value in (25e-6, 28e-6, 49e-6)),
-        arm_length=0.05,
+        **x_frame(0.05),
         ground_effect=11.37 * (0.0275 / 4) ** 2,
+    )
+
+
+def x500() -> Parameters:
+    """The Holybro X500 v2 as PX4 simulates it; sources are in `DRONES`."""
+    body, rotor, place = 2.0, 0.016076923, 0.174
+    mass, thrust = body + 4 * rotor, 8.54858e-6 * 1000.0**2
+    along, about = 4 * rotor * place**2, 8 * rotor * place**2
+    return replace(
+        crazyflie(),
+        thrust_to_weight=4 * thrust / (mass * _GRAVITY),
+        motor_time_constant=0.0125,
+        spin_down_ratio=2.0,
+        latency=0.005,
+        torque_to_thrust=0.016,
+        torque_offset=0.0,
+        mass=mass,
+        inertia=(0.02166667 + along, 0.02166667 + along, 0.04 + about),
+        **h_frame(place, place),
+        ground_effect=11.37 * (0.127 / 4) ** 2,
+    )
+
+
+def racer_5_inch() -> Parameters:
+    """A racing quadrotor with propellers of five inches; all of it is guessed, see `DRONES`."""
+    mass, arm = 0.65, 0.11
+    flat = mass * arm**2
+    return replace(
+        crazyflie(),
+        thrust_to_weight=6.0,
+        motor_time_constant=0.03,
+        latency=0.005,
+        torque_to_thrust=0.012,
+        torque_offset=0.0,
+        mass=mass,
+        inertia=(0.25 * flat, 0.25 * flat, 0.45 * flat),
+        **x_frame(arm),
+        ground_effect=11.37 * (0.0635 / 4) ** 2,
     )
 
 
@@ -134,6 +173,7 @@ _FULL = "{} N a motor at 65535 counts, here of 60000, over weight"
 _FIRMWARE = f"Crazyflie firmware, THRUST_MAX: {_FULL.format(0.12)}"
 _BRUSHED = f"of a brushed Crazyflie 2.1: {_SEEN}"
 _BRUSHLESS = f"of a Crazyflie 2.1 Brushless: {_SEEN}"
+_GAZEBO = "PX4 gazebo models, x500"
 _SCALED = "no frame of its own: crazyflie_brushless scaled in all lengths to the mass"
 
 DRONES: dict[str, NamedDrone] = {
@@ -149,7 +189,7 @@ DRONES: dict[str, NamedDrone] = {
             "torque_offset": _FOERSTER,
             "mass": "Bitcraze, product pages of the Crazyflie 2.0 and 2.1",
             "inertia": f"{_FOERSTER}, diagonal",
-            "arm_length": _ARM,
+            **dict.fromkeys(PLACES, _ARM),
         },
     ),
     "crazyflie_2.1+": NamedDrone(
@@ -163,7 +203,7 @@ DRONES: dict[str, NamedDrone] = {
             "torque_offset": "Crazyflie firmware, whose torque is proportional to thrust",
             "mass": "Bitcraze, product page of the Crazyflie 2.1+; firmware, CF_MASS",
             "inertia": "none published; computed: that of crazyflie_2.0 times 29/27",
-            "arm_length": _ARM,
+            **dict.fromkeys(PLACES, _ARM),
         },
     ),
     "crazyflie_brushless": NamedDrone(
@@ -177,7 +217,7 @@ DRONES: dict[str, NamedDrone] = {
             "torque_offset": f"{_MODELS}, whose torque is proportional to thrust",
             "mass": "IMRCLab 2026, crazyflie-data-collection, with a micro-SD deck",
             "inertia": f"{_MODELS}: (25, 28, 49) 1e-6 of 43.38 g; computed: times 37/43.38",
-            "arm_length": f"{_MODELS}: 35.355 mm along x and y",
+            **dict.fromkeys(PLACES, f"{_MODELS}: 35.355 mm along x and y"),
             "ground_effect": f"computed: 11.37 (r/4)^2 with r = 27.5 mm of {_MODELS}",
         },
     ),
@@ -192,10 +232,41 @@ DRONES: dict[str, NamedDrone] = {
             "torque_offset": "Crazyflie firmware, whose torque is proportional to thrust",
             "mass": "as given",
             "inertia": f"{_SCALED}, with its power of 5/3",
-            "arm_length": f"{_SCALED}, with its cube root",
+            **dict.fromkeys(PLACES, f"{_SCALED}, with its cube root"),
             "ground_effect": f"{_SCALED}, with its power of 2/3",
         },
         frameless=True,
+    ),
+    "x500": NamedDrone(
+        "Holybro X500 v2 as PX4's Gazebo model has it",
+        x500,
+        {
+            "thrust_to_weight": f"{_GAZEBO}: motorConstant 8.54858e-6 at 1000 rad/s, over weight",
+            "motor_time_constant": f"{_GAZEBO}: timeConstantUp",
+            "spin_down_ratio": f"{_GAZEBO}: timeConstantDown of 25 ms over timeConstantUp",
+            "latency": "guess, 0 to 15 ms",
+            "torque_to_thrust": f"{_GAZEBO}: momentConstant",
+            "torque_offset": f"{_GAZEBO}, whose torque is proportional to thrust",
+            "mass": f"{_GAZEBO}: 2 kg and four rotors of 16.1 g",
+            "inertia": f"{_GAZEBO}: (21.667, 21.667, 40) 1e-3; computed: with the rotors' masses",
+            **dict.fromkeys(PLACES, f"{_GAZEBO}: rotors 174 mm along x and y"),
+            "ground_effect": "computed: 11.37 (r/4)^2 with propellers of 10 inches",
+        },
+    ),
+    "racer_5_inch": NamedDrone(
+        "Racing quadrotor, propellers of 5 inches; guessed, weigh and identify yours",
+        racer_5_inch,
+        {
+            "thrust_to_weight": "guess, 4 to 10",
+            "motor_time_constant": "guess, 15 to 60 ms",
+            "latency": "guess, 0 to 15 ms",
+            "torque_to_thrust": "guess, 0.008 to 0.025",
+            "torque_offset": "guess: torque proportional to thrust",
+            "mass": "guess, 0.45 to 0.8 kg",
+            "inertia": "guess: (0.25, 0.25, 0.45) of mass times arm squared, within a factor of 2",
+            **dict.fromkeys(PLACES, "guess: 220 mm between opposite motors, 200 to 250"),
+            "ground_effect": "computed: 11.37 (r/4)^2 with propellers of 5 inches",
+        },
     ),
 }
 """Named drones, for the command line's `--drone NAME` and `--start NAME`."""

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from maidenflight.errors import InputError
+from maidenflight.parameters import frames
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,8 @@ class Parameters:
     """The constants of one quadrotor, in SI units.
 
     Leaves are floats, or arrays with any leading batch axes; vectors have a last axis of 3, and
-    `rotor_thrust` of 4. `QUANTITIES` gives each field's unit, symbol, bounds, meaning and source.
+    those of rotors (`rotor_thrust`, `rotor_x`, `rotor_y`, `rotor_direction`) of 4. `QUANTITIES`
+    gives each field's unit, symbol, bounds, meaning and source.
     """
 
     thrust_to_weight: Any = _quantity(
@@ -188,13 +190,33 @@ class Parameters:
         f"{_PAPER}, table:drone-parameters",
         3,
     )
-    arm_length: Any = _quantity(
+    rotor_x: Any = _quantity(
         "body",
-        "L",
+        "x_i",
         "m",
-        (0.01, 1.0),
-        "distance from the centre to a rotor",
-        f"{_PAPER}, table:drone-parameters",
+        (-1.0, 1.0),
+        "place of each rotor forward of the centre of mass, in the order of the motors",
+        f"{_PAPER}, table:drone-parameters: 39.6 mm from the centre, in an X",
+        4,
+    )
+    rotor_y: Any = _quantity(
+        "body",
+        "y_i",
+        "m",
+        (-1.0, 1.0),
+        "place of each rotor left of the centre of mass",
+        f"{_PAPER}, table:drone-parameters: 39.6 mm from the centre, in an X",
+        4,
+    )
+    rotor_direction: Any = _quantity(
+        "body",
+        "d_i",
+        "-",
+        (-1.0, 1.0),
+        "sign of each rotor's reaction torque: 1 turns the body left, the rotor clockwise from "
+        "above; -1 the other way",
+        f"{_PAPER}, eq:torque",
+        4,
     )
     drag: Any = _quantity(
         "body",
@@ -461,7 +483,7 @@ def check(parameters: Parameters, where: str = "parameters") -> Parameters:
 
     Raises:
         InputError: a value is not a finite number, has the wrong number of components or is out of
-            range.
+            range, or the rotors cannot steer the drone.
     """
     for name, quantity in QUANTITIES.items():
         value = np.asarray(getattr(parameters, name))
@@ -479,7 +501,7 @@ def check(parameters: Parameters, where: str = "parameters") -> Parameters:
                 f"{where}: {name} = {plain(value)} {quantity.unit} is outside its physical range"
                 f" [{quantity.lower:g}, {quantity.upper:g}]. Check the unit; values are SI."
             )
-    return parameters
+    return frames.check(parameters, where)
 
 
 def plain(value: Any) -> Any:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from maidenflight.errors import InputError
+from maidenflight.parameters.frames import PLACES
 from maidenflight.parameters.quantities import Parameters, check, replace
 
 
@@ -61,8 +62,8 @@ def isometric(drone: Parameters, mass: float, name: str) -> Parameters:
             mass=np.float32(mass),
             inertia=np.asarray(drone.inertia) * np.float32(length**5),
             **{
-                field: np.float32(getattr(drone, field) * length)
-                for field in ("arm_length", "torque_to_thrust")
+                field: (np.asarray(getattr(drone, field)) * length).astype(np.float32)
+                for field in (*PLACES, "torque_to_thrust")
             },
             ground_effect=np.float32(drone.ground_effect * length**2),
         ),

@@ -11,11 +11,12 @@ import tomlkit
 from maidenflight import inputs, results
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
+from maidenflight.parameters.frames import GEOMETRY, LAYOUTS
 from maidenflight.parameters.named import DRONES, crazyflie, named
 from maidenflight.parameters.quantities import QUANTITIES, Parameters, check, plain
 from maidenflight.parameters.scaling import with_mass
 
-FORMAT = 4
+FORMAT = 5
 """Version of the TOML layout."""
 _LARGEST = float(np.finfo(np.float32).max)
 
@@ -80,6 +81,9 @@ def _parsed(text: str, where: str) -> dict[str, Any]:
 def from_document(document: Mapping[str, Any], where: str) -> Parameters:
     """Takes the parameters from what a drone's TOML file says.
 
+    In [body], `layout = "x"` or `"+"` with `arm_length` [m] stand for the places and directions of
+    the rotors.
+
     Args:
         document: the file's content.
         where: the file's name, for errors.
@@ -90,9 +94,10 @@ def from_document(document: Mapping[str, Any], where: str) -> Parameters:
     """
     layout = document.get("format")
     if type(layout) is not int or layout != FORMAT:
+        now = "; rotor_x, rotor_y and rotor_direction are what arm_length was"
         raise InputError(
             f"{where}: format = {str(layout)[:40]}, expected {FORMAT}. If it is a drone file of "
-            "another version, identify or write the drone again."
+            f"another version, identify or write the drone again{now if layout == 4 else ''}."
         )
     astray = next((name for name in document if name in QUANTITIES), None)
     if astray:
@@ -104,6 +109,8 @@ def from_document(document: Mapping[str, Any], where: str) -> Parameters:
         content = document.get(table, {})
         if not isinstance(content, dict):
             raise InputError(f"{where}: {table} is a value, expected a table [{table}].")
+        if table == "body":
+            content = _laid_out(content, where)
         for name, value in content.items():
             if name not in QUANTITIES or QUANTITIES[name].table != table:
                 raise InputError(f"{where}: unknown key {name!r} in [{table}]{_suggestion(name)}")
@@ -115,6 +122,29 @@ def from_document(document: Mapping[str, Any], where: str) -> Parameters:
             "drone crazyflie -o mine.toml."
         )
     return check(Parameters(**found), where)
+
+
+def _laid_out(body: Mapping[str, Any], where: str) -> Mapping[str, Any]:
+    """What the table [body] says, with a `layout` and its `arm_length` as places of the rotors."""
+    given = {name: body[name] for name in ("layout", "arm_length") if name in body}
+    if not given:
+        return body
+    twice = [name for name in GEOMETRY if name in body]
+    layout, arm = given.get("layout"), given.get("arm_length")
+    known = layout if isinstance(layout, str) and layout in LAYOUTS else None
+    if twice or known is None or not isinstance(arm, float | int) or isinstance(arm, bool):
+        raise InputError(
+            f"{where}: layout = {layout!r} and arm_length = {arm!r}"
+            f"{f' beside {twice[0]}' if twice else ''}. Give either both, layout as one of "
+            f"{', '.join(map(repr, LAYOUTS))} and arm_length [m] from the centre to a rotor, or "
+            f"{', '.join(GEOMETRY)} of the four rotors."
+        )
+    try:
+        frame = LAYOUTS[known](float(arm))
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
+    rest = {name: value for name, value in body.items() if name not in given}
+    return {**rest, **{name: list(values) for name, values in frame.items()}}
 
 
 def _suggestion(name: str) -> str:

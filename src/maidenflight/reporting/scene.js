@@ -114,7 +114,7 @@ class Scene {
     }
   }
 
-  /* An X of four arms with discs; bars on them stand for the motors' commands. */
+  /* Four arms with discs; bars on them stand for the motors' commands. */
   drone(now) {
     const [forward, left, up] = axes(now.attitude), near = this.project(now.position)[2];
     const pixels = (this.zoom * 0.46 * Math.min(this.width, this.height) * 4) / near; // per metre
@@ -122,7 +122,7 @@ class Scene {
       now.position.map((value, i) => value + reach * (x * forward[i] + y * left[i] + z * up[i]));
     this.line([...Array(13).keys()].map(i => [...place(Math.cos(i * 0.5236), Math.sin(i * 0.5236), 0).slice(0, 2), this.ground]), this.colours.line, 1);
     const hubs = this.rotors;
-    hubs.forEach(([x, y]) => this.line([now.position, place(x, y, 0)], this.colours[x > 0 ? "orange" : "ink"], 4));
+    hubs.forEach(([x, y]) => this.line([now.position, place(x, y, 0)], this.colours[x > 1e-3 ? "orange" : "ink"], 4));
     const order = hubs.map((hub, motor) => motor).sort((one, other) => this.project(place(...hubs[other], 0))[2] - this.project(place(...hubs[one], 0))[2]);
     for (const motor of order) {
       const [x, y] = hubs[motor];

@@ -6,10 +6,9 @@ from typing import Any
 import numpy as np
 
 from maidenflight.flights.log import Flight
-from maidenflight.parameters import crazyflie
+from maidenflight.parameters import arm_length, crazyflie, rotors
 from maidenflight.reporting import run as runs
 from maidenflight.reporting.run import Run
-from maidenflight.simulator import geometry
 
 RATES = ((60, 50.0), (10**9, 25.0))
 """Up to so many flights, rows a second of each [Hz]."""
@@ -42,8 +41,9 @@ def held(run: Run) -> dict[str, Any]:
             "period": round(flight.period * every, 6),
         }
         packed.append({**about, **_packed(rows), "reference": references.index(reference)})
-    arm = float((crazyflie() if run.drone is None else run.drone.parameters).arm_length)
-    shape = {"arm": round(arm, 5), "rotors": geometry.ROTORS[:, :2].round(7).tolist()}
+    drone = crazyflie() if run.drone is None else run.drone.parameters
+    arm = arm_length(drone)
+    shape = {"arm": round(arm, 5), "rotors": (rotors(drone)[:, :2] / arm).round(7).tolist()}
     return {**shape, "references": references, "flights": packed} if packed else {}
 
 

@@ -33,9 +33,9 @@ from jaxtyping import Array, ArrayLike, Float
 
 from maidenflight.errors import InputError
 from maidenflight.parameters import Parameters
+from maidenflight.parameters.frames import PLACES
 from maidenflight.simulator import dynamics
 from maidenflight.simulator.dynamics import State
-from maidenflight.simulator.geometry import ROTORS
 from maidenflight.simulator.virtual_drone import VirtualDrone, virtual_drone
 
 DAMPING = 0.04
@@ -107,7 +107,7 @@ class Bullet:
         """A step on the host.
 
         Args:
-            rows: 13 numbers of the body, 7 of the motors and 12 constants each.
+            rows: 13 numbers of the body, 7 of the motors and 22 constants each.
 
         Returns:
             The 13 numbers of each body after the step.
@@ -150,16 +150,16 @@ class _World:
         self.settings: tuple[Any, ...] = ()
 
     def set_up(
-        self, constants: Float[np.ndarray, "15"], linear_damping: float, angular_damping: float
+        self, constants: Float[np.ndarray, "22"], linear_damping: float, angular_damping: float
     ) -> None:
         """Makes the body this drone's; `constants` are those of `_constants`."""
         settings = (constants.tobytes(), linear_damping, angular_damping)
         if settings == self.settings:
             return
         given = constants.tolist()
-        mass, ix, iy, iz, arm, *drag, self.flapping, self.damping, gravity, step = given[:-3]
-        self.wind = given[-3:]
-        self.places = (arm * ROTORS).tolist()
+        mass, ix, iy, iz, *drag, self.flapping, self.damping, gravity, step = given[:11]
+        self.wind = given[11:14]
+        self.places = [[x, y, 0.0] for x, y in zip(given[14:18], given[18:22], strict=True)]
         self.drag = [mass * share for share in drag]
         self.bullet.setGravity(0.0, 0.0, -gravity, **self.client)
         self.bullet.setTimeStep(step, **self.client)
@@ -274,17 +274,17 @@ def _state(parts: Any, rotor_speed: Any) -> State:
     return State(position, velocity, quaternion, body_rates, rotor_speed)
 
 
-def _constants(parameters: Parameters) -> Float[Array, "15"]:
-    """Mass, inertia, arm length, drag, flapping, damping, gravity, time step and wind."""
+def _constants(parameters: Parameters) -> Float[Array, "22"]:
+    """Mass, inertia, drag, flapping, damping, gravity, time step, wind and rotors' places."""
     names = (
         "mass",
         "inertia",
-        "arm_length",
         "drag",
         "flapping_moment",
         "rotational_damping",
         "gravity",
         "time_step",
         "wind",
+        *PLACES,
     )
     return jnp.concatenate([jnp.ravel(getattr(parameters, name)) for name in names])

@@ -35,6 +35,7 @@ from maidenflight.simulator.firmware import (
     tick,
 )
 from maidenflight.simulator.interface import HIGHEST_RATE_DEG, ControlInterface, Four
+from maidenflight.simulator.mixing import Mixer, mixer_of
 from maidenflight.simulator.sensors import Measurement
 
 MOTOR_RATE = 100
@@ -57,10 +58,23 @@ class Controller(NamedTuple):
     """(memory, action, measurement, setpoint [m]) to (memory, thrust commands u from 0)."""
     command_rate: int
     """Thrust commands a second [Hz]."""
+    mixed: Callable[[Mixer], "Controller"] | None = None
+    """The same for a frame whose mixer is another than the firmware's; None: it mixes nothing."""
 
     def acting_at(self, rate: int) -> Self:
         """The same controller with so many actions a second [Hz]."""
         return self._replace(interface=replaced(self.interface, rate=rate))
+
+    def on(self, drone: Parameters) -> "Controller":
+        """The same controller with the mixer of a drone's frame, where it has one.
+
+        Args:
+            drone: a point, of NumPy's numbers.
+        """
+        mixer = mixer_of(drone) if self.mixed is not None else None
+        if self.mixed is None or mixer is None:
+            return self
+        return self.mixed(mixer)._replace(interface=self.interface)
 
 
 def driven(
@@ -69,6 +83,7 @@ def driven(
     command_rate: int | None = None,
     init: Callable[[], Any] = lambda: None,
     factors: Four = (1.0, 1.0, 1.0, 1.0),
+    mixed: Callable[[Mixer], Controller] | None = None,
 ) -> Controller:
     """A controller that scales actions as its interface says, and so as exported code does.
 
@@ -80,6 +95,7 @@ def driven(
             that does not divide 100.
         init: memory at switch-on.
         factors: from the interface's units to those that `drive` takes.
+        mixed: the same with a mixer, where `drive` mixes commands for the motors of an X.
     """
 
     def command(
@@ -91,7 +107,7 @@ def driven(
         return drive(memory, interface.command(action, factors), measurement, setpoint)
 
     own = interface.rate if MOTOR_RATE % interface.rate else MOTOR_RATE
-    return Controller(interface, init, command, command_rate or own)
+    return Controller(interface, init, command, command_rate or own, mixed)
 
 
 def time_step(controller: Controller, longest: float = 0.005) -> float:
@@ -200,7 +216,9 @@ def _pwm(interface: ControlInterface, firmware: Generation) -> Controller:
 
 
 @cache
-def _attitude_rate(interface: ControlInterface, firmware: Generation) -> Controller:
+def _attitude_rate(
+    interface: ControlInterface, firmware: Generation, mixer: Mixer | None = None
+) -> Controller:
     def drive(
         memory: RateMemory,
         asked: Float[Array, "4"],
@@ -211,16 +229,23 @@ def _attitude_rate(interface: ControlInterface, firmware: Generation) -> Control
             jnp.degrees(rotations.heading(measurement.quaternion)),
             jnp.degrees(measurement.body_rates),
         )
-        memory, motors = rate_tick(memory, asked[0], asked[1:], yaw, rates, firmware)
+        memory, motors = rate_tick(memory, asked[0], asked[1:], yaw, rates, firmware, mixer)
         return memory, _shares(motors, interface)
 
     return driven(
-        interface, drive, _pid_rate(interface), rates_switched_on, firmware_units(interface)
+        interface,
+        drive,
+        _pid_rate(interface),
+        rates_switched_on,
+        firmware_units(interface),
+        partial(_attitude_rate, interface, firmware),
     )
 
 
 @cache
-def _attitude(interface: ControlInterface, firmware: Generation) -> Controller:
+def _attitude(
+    interface: ControlInterface, firmware: Generation, mixer: Mixer | None = None
+) -> Controller:
     mode: Any = np.array([DISABLE] * 3 + [ABSOLUTE] * 3, np.int32)
 
     def drive(
@@ -230,7 +255,9 @@ def _attitude(interface: ControlInterface, firmware: Generation) -> Controller:
         setpoint: Float[Array, "3"],
     ) -> tuple[Memory, Float[Array, "4"]]:
         wanted = NOTHING._replace(mode=mode, attitude=asked[1:], thrust=asked[0])
-        memory, motors = tick(memory, wanted, sensed(measurement), firmware, position_due=False)
+        memory, motors = tick(
+            memory, wanted, sensed(measurement), firmware, position_due=False, mixer=mixer
+        )
         return memory, _shares(motors, interface)
 
     return driven(
@@ -239,6 +266,7 @@ def _attitude(interface: ControlInterface, firmware: Generation) -> Controller:
         _pid_rate(interface),
         partial(switched_on, fixed=True),
         firmware_units(interface),
+        partial(_attitude, interface, firmware),
     )
 
 
@@ -333,6 +361,7 @@ def turning_pid(
     heading: Callable[[Int[Array, ""]], Float[Array, ""]],
     firmware: str = "2021.10",
     full_scale_counts: float = COUNTS,
+    mixer: Mixer | None = None,
 ) -> Controller:
     """`position_pid` that also turns.
 
@@ -341,23 +370,28 @@ def turning_pid(
             traced arrays, so that flights with other headings are one compiled program.
         firmware: as of `position_pid`.
         full_scale_counts: as of `position_pid`.
+        mixer: of another frame than the firmware's X.
 
     Raises:
         InputError: there is no such firmware.
     """
     interface = replaced(EXCITATION, full_scale_counts=full_scale_counts)
-    return _cascade(checked(firmware), interface, heading)
+    return _cascade(checked(firmware), interface, heading, mixer)
 
 
 @cache
-def _position_pid(firmware: Generation, interface: ControlInterface) -> Controller:
-    return _cascade(firmware, interface, None)
+def _position_pid(
+    firmware: Generation, interface: ControlInterface, mixer: Mixer | None = None
+) -> Controller:
+    flying = _cascade(firmware, interface, None, mixer)
+    return flying._replace(mixed=partial(_position_pid, firmware, interface))
 
 
 def _cascade(
     firmware: Generation,
     interface: ControlInterface,
     heading: Callable[[Int[Array, ""]], Float[Array, ""]] | None,
+    mixer: Mixer | None,
 ) -> Controller:
     mode: Any = np.array([ABSOLUTE, ABSOLUTE, ABSOLUTE, DISABLE, DISABLE, ABSOLUTE], np.int32)
     every = ATTITUDE_RATE // POSITION_RATE
@@ -374,7 +408,7 @@ def _cascade(
             wanted = wanted._replace(attitude=jnp.zeros(3).at[2].set(yaw))
         due = memory.step % every == 0
         inner, motors = tick(
-            memory.firmware, wanted, sensed(measurement), firmware, position_due=due
+            memory.firmware, wanted, sensed(measurement), firmware, position_due=due, mixer=mixer
         )
         added = jnp.maximum(motors / interface.full_scale_counts + action, 0.0)
         return CascadeMemory(inner, memory.step + 1), added

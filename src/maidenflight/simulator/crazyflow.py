@@ -29,7 +29,7 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.errors import InputError
-from maidenflight.parameters import Parameters, crazyflie, noiseless, replace
+from maidenflight.parameters import Parameters, crazyflie, noiseless, replace, x_frame
 from maidenflight.simulator import crazyflow_process, dynamics
 from maidenflight.simulator.crazyflow_process import BEGIN, RATE, STEP, TOLD
 from maidenflight.simulator.reality import MOTORS, Truth
@@ -172,7 +172,7 @@ def _parameters(told: Mapping[str, Any], fastest: float) -> Parameters:
         rotor_momentum=float(np.ravel(told["prop_inertia"])[0]) * fastest * _RPM,
         mass=mass,
         inertia=tuple(np.diag(np.reshape(told["J"], (3, 3))).tolist()),
-        arm_length=float(np.ravel(told["L"])[0]) * math.sqrt(2),
+        **x_frame(float(np.ravel(told["L"])[0]) * math.sqrt(2)),
         drag=tuple((-np.diag(np.reshape(told["drag_matrix"], (3, 3))) / mass).tolist()),
         ground_effect=0.0,
         gravity=gravity,

@@ -1,7 +1,8 @@
 """The rigid body and its four motors: one derivative and three integrators.
 
-A `State` is one drone's. Rotors 1 to 4 are front right, back right, back left, front left; 1 and 3
-turn counter-clockwise. Inside this module a *command* is a rotor speed command sqrt(u), already
+A `State` is one drone's. Where its rotors are and which way they turn is told by its parameters; in
+the X of a Crazyflie they are front right, back right, back left, front left, and 1 and 3 turn
+counter-clockwise. Inside this module a *command* is a rotor speed command sqrt(u), already
 delayed, noisy and averaged over the step.
 
 Sums over axes are written out: a matrix product or a reduction over three numbers would keep XLA
@@ -60,14 +61,25 @@ def rotor_forces(rotor_speed: Float[Array, "4"], parameters: Parameters) -> Floa
 
 
 def torque(forces: Float[Array, "4"], parameters: Parameters) -> Axes:
-    """Torque eta [N m] of the rotors on the body about x, y and z, with M_i = k_M1 F_i + k_M2.
+    """Torque eta [N m] of the rotors on the body about x, y and z.
 
-    Source: Gronauer et al. 2022, eq:torque and eq:motor-torque.
+    It is the sum of y_i F_i, -x_i F_i and d_i M_i, with M_i = k_M1 F_i + k_M2.
+
+    Source: r x F for rotors at (x_i, y_i); Gronauer et al. 2022, eq:torque for an X and
+    eq:motor-torque.
     """
-    f1, f2, f3, f4 = forces
-    m1, m2, m3, m4 = parameters.torque_to_thrust * forces + parameters.torque_offset
-    lever = parameters.arm_length / jnp.sqrt(2.0)
-    return lever * (-f1 - f2 + f3 + f4), lever * (-f1 + f2 + f3 - f4), -m1 + m2 - m3 + m4
+    moments = parameters.torque_to_thrust * forces + parameters.torque_offset
+    return (
+        _over_rotors(forces, parameters.rotor_y),
+        -_over_rotors(forces, parameters.rotor_x),
+        _over_rotors(moments, parameters.rotor_direction),
+    )
+
+
+def _over_rotors(values: Float[Array, "4"], weights: Float[Array, "4"]) -> Float[Array, ""]:
+    """A weighted sum over the rotors."""
+    (v1, v2, v3, v4), (w1, w2, w3, w4) = values, weights
+    return w1 * v1 + w2 * v2 + w3 * v3 + w4 * v4
 
 
 def further_torque(state: State, spin_up: Float[Array, "4"], parameters: Parameters) -> Axes:
@@ -95,8 +107,7 @@ def further_torque(state: State, spin_up: Float[Array, "4"], parameters: Paramet
     )
     x, y, _ = rotations.axes(state.quaternion)
     forward, left = x[0] * vx + x[1] * vy + x[2] * vz, y[0] * vx + y[1] * vy + y[2] * vz
-    one, two, three, four = spin_up
-    reaction = parameters.rotor_momentum * (-one + two - three + four)
+    reaction = parameters.rotor_momentum * _over_rotors(spin_up, parameters.rotor_direction)
     flapping, damping = parameters.flapping_moment, parameters.rotational_damping
     return (
         flapping * left - damping * p + bias_x,

@@ -94,14 +94,14 @@ class Environment:
         Args:
             parameters: one drone; its `time_step` must divide the period between two commands.
             task: the paper's circle unless given.
-            controller: PWM unless given.
+            controller: PWM unless given; the firmware's PIDs mix for the drone's frame.
             settings: further fields. The thrust law is today's firmware's, unless given, where a
                 command of 1 is full PWM, and else none.
 
         Raises:
             InputError: the time step does not divide the period.
         """
-        task, controller = task or tasks.circle(), controller or control.pwm()
+        task, controller = task or tasks.circle(), (controller or control.pwm()).on(parameters)
         if controller.interface.full_scale_counts == MOST_COUNTS:
             settings = {"thrust_law": PLUS, **settings}
         step = float(np.asarray(parameters.time_step))

@@ -33,6 +33,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from maidenflight.errors import InputError
 from maidenflight.simulator.battery import MOST_COUNTS
+from maidenflight.simulator.mixing import Mixer
 
 Generation = Literal["2021.10", "2026.08"]
 
@@ -313,22 +314,32 @@ def attitude_loops(
 
 
 def mix(
-    thrust: Float[Array, ""], torque: Float[Array, "3"], firmware: Generation
+    thrust: Float[Array, ""],
+    torque: Float[Array, "3"],
+    firmware: Generation,
+    mixer: Mixer | None = None,
 ) -> Float[Array, "4"]:
     """Motor commands [counts] from thrust and roll, pitch, yaw [counts].
 
     In 2026.08 they end nowhere; `battery.motor_ratio` and `actuators.actuate` cap them.
 
+    Args:
+        thrust: of a motor.
+        torque: about the three axes.
+        firmware: generation; static.
+        mixer: of another frame than the firmware's X; static.
+
     Source: power_distribution_stock.c (2021.10), power_distribution_quadrotor.c (2026.08), X
     formation; stabilizer.c for the order.
     """
-    roll, pitch, yaw = cut(torque[0] / 2), cut(torque[1] / 2), torque[2]
-    right, left = thrust - roll, thrust + roll
-    motors = cut(
-        jnp.stack(
-            [right - pitch - yaw, right + pitch + yaw, left + pitch - yaw, left - pitch + yaw]
-        )
-    )
+    if mixer is None:
+        roll, pitch, yaw = cut(torque[0] / 2), cut(torque[1] / 2), torque[2]
+        right, left = thrust - roll, thrust + roll
+        each = [right - pitch - yaw, right + pitch + yaw, left + pitch - yaw, left - pitch + yaw]
+    else:
+        roll, pitch, yaw = torque
+        each = [lift * thrust + a * roll + b * pitch + c * yaw for lift, a, b, c in mixer]
+    motors = cut(jnp.stack(each))
     return jnp.clip(motors, 0.0, MOST_COUNTS if firmware == "2021.10" else None)
 
 
@@ -339,6 +350,7 @@ def tick(
     firmware: Generation,
     position_due: Bool[Array, ""] | bool,
     attitude_due: Bool[Array, ""] | bool = True,
+    mixer: Mixer | None = None,
 ) -> tuple[Memory, Float[Array, "4"]]:
     """One tick of the cascade.
 
@@ -352,6 +364,7 @@ def tick(
         firmware: generation; static.
         position_due: whether position and velocity PIDs run, as they do at 100 Hz.
         attitude_due: whether attitude and rate PIDs run, as they do at 500 Hz.
+        mixer: see `mix`.
 
     Returns:
         Memory, and the four motors' commands [counts], not yet compensated for the battery.
@@ -383,7 +396,7 @@ def tick(
         memory = _chosen(position_due, position_loops(memory, setpoint, state, firmware), memory)
     memory = _chosen(attitude_due, attitude_loops(memory, setpoint, state, firmware), memory)
     memory = _chosen(memory.thrust == 0.0, stopped(memory), memory)
-    return memory, mix(memory.thrust, memory.torque, firmware)
+    return memory, mix(memory.thrust, memory.torque, firmware, mixer)
 
 
 class RateMemory(NamedTuple):
@@ -410,6 +423,7 @@ def rate_tick(
     yaw: Float[Array, ""],
     body_rates: Float[Array, "3"],
     firmware: Generation,
+    mixer: Mixer | None = None,
 ) -> tuple[RateMemory, Float[Array, "4"]]:
     """`tick` for body rate set-points only, without the loops that do not matter then.
 
@@ -420,6 +434,7 @@ def rate_tick(
         yaw: measured [deg].
         body_rates: measured [deg/s].
         firmware: generation; static.
+        mixer: see `mix`.
 
     Returns:
         Memory, and the four motors' commands [counts].
@@ -440,7 +455,7 @@ def rate_tick(
     )
     off = thrust == 0.0
     memory = _chosen(off, stopped, RateMemory(turning, rate, heading, stopped.first))
-    return memory, mix(thrust, jnp.where(off, 0.0, cut(torque)), firmware)
+    return memory, mix(thrust, jnp.where(off, 0.0, cut(torque)), firmware, mixer)
 
 
 def _turn(vector: Float[Array, "3"], yaw: Float[Array, ""]) -> Float[Array, "3"]:

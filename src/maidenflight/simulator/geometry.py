@@ -1,9 +1,8 @@
-"""Geometry of the drone: where its four rotors are, in which order, and which way they turn.
+"""Geometry of a Crazyflie, for what knows no drone: logs that are checked or shown.
 
 The rotors stand in an X about the centre of mass and are numbered as the Crazyflie's motors: 1
 front right, 2 back right, 3 back left, 4 front left, in body axes with x forward, y left and z up.
-Whatever draws or integrates a drone takes them from here; `dynamics.torque` has the same geometry
-written out, and a test compares both.
+Where a drone is known, `parameters.rotors` and `parameters.levers` tell its own geometry.
 """
 
 import numpy as np

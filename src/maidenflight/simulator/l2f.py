@@ -23,9 +23,15 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.errors import InputError
-from maidenflight.parameters import Parameters, crazyflie, noiseless, replace
+from maidenflight.parameters import (
+    Parameters,
+    crazyflie,
+    h_frame,
+    noiseless,
+    replace,
+    rotors,
+)
 from maidenflight.simulator import dynamics
-from maidenflight.simulator.geometry import ROTORS, YAW
 from maidenflight.simulator.reality import MOTORS, Truth
 from maidenflight.simulator.sensors import Measurement
 
@@ -50,7 +56,7 @@ class Body:
     """Time constants of rotor speed up and down [s]."""
 
     def parameters(self) -> Parameters:
-        """The same drone in our model: exact where the arms are equally long, else their mean."""
+        """The same drone in our model."""
         full = sum(self.thrust)
         return replace(
             noiseless(crazyflie()),
@@ -64,7 +70,7 @@ class Body:
             torque_offset=0.0,
             mass=self.mass,
             inertia=self.inertia,
-            arm_length=math.sqrt(2 * self.arms[0] * self.arms[1]),
+            **h_frame(*self.arms),
             ground_effect=0.0,
             gravity=GRAVITY,
             time_step=0.001,
@@ -72,12 +78,14 @@ class Body:
 
     def described(self) -> dict[str, Any]:
         """What l2f's JSON says of it."""
-        places = np.sign(ROTORS) * [*self.arms, 0.0]
+        drone = self.parameters()
         inverse = np.diag(1.0 / np.array(self.inertia))
         return {
-            "rotor_positions": places.tolist(),
+            "rotor_positions": rotors(drone).tolist(),
             "rotor_thrust_directions": [[0.0, 0.0, 1.0]] * 4,
-            "rotor_torque_directions": [[0.0, 0.0, float(turn)] for turn in YAW],
+            "rotor_torque_directions": [
+                [0.0, 0.0, float(turn)] for turn in np.asarray(drone.rotor_direction)
+            ],
             "rotor_thrust_coefficients": [list(self.thrust)] * 4,
             "rotor_torque_constants": [self.torque_to_thrust] * 4,
             "rotor_time_constants_rising": [self.lag[0]] * 4,
@@ -86,7 +94,7 @@ class Body:
             "gravity": [0.0, 0.0, -GRAVITY],
             "J": np.diag(self.inertia).tolist(),
             "J_inv": inverse.tolist(),
-            "hovering_throttle_relative": math.sqrt(dynamics.hover_command(self.parameters())),
+            "hovering_throttle_relative": math.sqrt(dynamics.hover_command(drone)),
             "action_limit": {"min": 0.0, "max": 1.0},
         }
 

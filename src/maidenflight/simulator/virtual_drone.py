@@ -15,7 +15,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from maidenflight.errors import InputError
-from maidenflight.parameters import QUANTITIES, Parameters, crazyflie, replace
+from maidenflight.parameters import (
+    GEOMETRY,
+    QUANTITIES,
+    Parameters,
+    arm_length,
+    crazyflie,
+    replace,
+)
 from maidenflight.simulator import dynamics
 from maidenflight.simulator.battery import FIRMWARE_2021, Supply, ThrustLaw
 from maidenflight.simulator.control import Controller
@@ -157,7 +164,7 @@ _KEPT = (
     "rotational_damping",
     "torque_bias",
     "torque_offset",
-    "arm_length",
+    *GEOMETRY,
     "rotor_thrust",
     "wind",
     "ground_effect",
@@ -213,7 +220,7 @@ def _far_about(
 def _size(drone: Parameters) -> float:
     """Weight times arm, over that of the Crazyflie."""
     nominal = crazyflie()
-    return float(drone.mass * drone.arm_length / (nominal.mass * nominal.arm_length))
+    return float(drone.mass) * arm_length(drone) / (float(nominal.mass) * arm_length(nominal))
 
 
 def _drawn(generator: np.random.Generator) -> Parameters:

@@ -85,13 +85,13 @@ def _scale(name: str, value: float) -> tuple[float, str]:
 
 def kept(found: "Identification", start: str) -> None:
     """Prints what identified parameters rest on, and the noise found."""
-    from maidenflight.parameters import QUANTITIES
+    from maidenflight.parameters import COMPONENTS, GEOMETRY, QUANTITIES, arm_length
 
-    mass, arm = float(found.parameters.mass), float(found.parameters.arm_length)
-    if not {"mass", "arm_length"} & set(found.estimates):
+    mass, arm = float(found.parameters.mass), arm_length(found.parameters)
+    if not {"mass", *GEOMETRY} & {COMPONENTS[name][0] for name in found.estimates}:
         print(
-            f"kept from {start}: mass {mass * 1e3:.4g} g and arm length {arm * 1e3:.4g} mm, on "
-            "which inertias and torques depend;"
+            f"kept from {start}: mass {mass * 1e3:.4g} g and rotors {arm * 1e3:.4g} mm from the "
+            "centre, on which inertias and torques depend;"
         )
         print("if yours differ, give --mass, or your drone with --start.")
     if found.noise:

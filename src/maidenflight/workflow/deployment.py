@@ -6,13 +6,16 @@ from typing import Any
 
 import jax
 
-from maidenflight import results
+from maidenflight import parameters, results
 from maidenflight.deployment import EXPORTERS
+from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
+from maidenflight.parameters import Parameters
 from maidenflight.policy import untrained
 from maidenflight.simulator.interface import ControlInterface
 from maidenflight.simulator.look_ahead import NONE, LookAhead
-from maidenflight.workflow.policies import hover_of, read_as
+from maidenflight.simulator.mixing import mixer_of
+from maidenflight.workflow.policies import frame_of, hover_of, read_as
 
 
 def export(
@@ -38,15 +41,24 @@ def export(
 
     Raises:
         InputError: the file is no policy, or one of ours of another structure; or what is written
-            cannot hold it.
+            cannot hold it, or not fly the frame that it was trained for.
     """
     exporter = EXPORTERS[to]
     policy = read_as(path, structure)
     chosen = {} if propellers is None else {"propellers": propellers}
+    frame = frame_of(path)
+    if frame is not None:
+        drone = parameters.replace(parameters.crazyflie(), **frame)
+        _must_be_mixed(to, policy.interface, parameters.check(drone, str(path)))
     record = results.record(
         seed=seed if "seed" in exporter.takes else None,
         inputs=[path],
-        settings={"to": to, "control": policy.interface.name, **chosen},
+        settings={
+            "to": to,
+            "control": policy.interface.name,
+            **chosen,
+            **({} if frame is None else {"rotors": frame}),
+        },
     )
     given: dict[str, Any] = {
         "name": Path(path).stem,
@@ -58,11 +70,23 @@ def export(
     return exporter(policy, folder, **given)
 
 
+def _must_be_mixed(to: str, interface: ControlInterface, drone: Parameters) -> None:
+    """Refuses a policy whose commands the Crazyflie's firmware would mix for another frame."""
+    if to == "crazyflie" and interface.name != "pwm" and mixer_of(drone) is not None:
+        raise InputError(
+            f"policy: {interface.name} control of rotors at x = {drone.rotor_x.tolist()} m, y = "
+            f"{drone.rotor_y.tolist()} m with directions {drone.rotor_direction.tolist()}, but the "
+            "Crazyflie's firmware mixes for an X whose front right rotor turns counter-clockwise. "
+            "Train PWM control, which commands the motors themselves, or export to c or onnx."
+        )
+
+
 def check_export(
     to: str,
     interface: ControlInterface,
     hidden: tuple[int, ...],
     history: int,
+    drone: Parameters,
     look_ahead: LookAhead = NONE,
 ) -> None:
     """Checks before a training that its policies can be exported: exports an untrained one.
@@ -72,11 +96,13 @@ def check_export(
         interface: of the policies.
         hidden: sizes of their hidden layers.
         history: number of instants in their observation.
+        drone: that they are trained for.
         look_ahead: points of the reference ahead of time in it.
 
     Raises:
-        InputError: what is written could not hold them.
+        InputError: what is written could not hold them, or not fly the drone.
     """
+    _must_be_mixed(to, interface, drone)
     policy = untrained(jax.random.key(0), hidden, history, interface, look_ahead)
     with TemporaryDirectory() as folder:
         EXPORTERS[to](policy, folder, name="policy", seed=0)

@@ -9,6 +9,7 @@ from maidenflight.deployment.authors_json import read_policy
 from maidenflight.errors import InputError
 from maidenflight.foreign.policies import ForeignPolicy, foreign_policy
 from maidenflight.inputs import StrPath
+from maidenflight.parameters import GEOMETRY
 from maidenflight.policy import Policy
 from maidenflight.simulator import tasks
 
@@ -87,6 +88,22 @@ def hover_of(path: StrPath) -> float | None:
     """Share of full thrust at which the drone of a policy of ours hovers, as its file says."""
     share = _record(path).get("hover")
     return share if isinstance(share, float) and 0.0 < share <= 1.0 else None
+
+
+def frame_of(path: StrPath) -> dict[str, list[float]] | None:
+    """Places [m] and directions of the rotors that a policy of ours was trained for.
+
+    By field of `parameters.Parameters`; None where its file does not say.
+    """
+    said = _record(path).get("rotors")
+    if not isinstance(said, dict) or said.keys() != set(GEOMETRY):
+        return None
+    rows = [said[name] for name in GEOMETRY]
+    numbers = all(
+        isinstance(row, list) and len(row) == 4 and all(isinstance(one, float) for one in row)
+        for row in rows
+    )
+    return dict(zip(GEOMETRY, rows, strict=True)) if numbers else None
 
 
 def trained_with(path: StrPath) -> dict[str, Any]:

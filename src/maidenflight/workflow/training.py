@@ -148,7 +148,8 @@ def train_for(
     file = drone_to_fly(drone, accept_bounds)
     controller = control.CONTROLLERS[structure](full_scale_counts=file.full_scale_counts)
     if target is not None:
-        check_export(target, controller.interface, settings.hidden, history, look_ahead)
+        network = settings.hidden, history
+        check_export(target, controller.interface, *network, file.parameters, look_ahead)
     box = randomized(file, randomization, controller)
     rows: list[dict[str, Any]] = []
 
@@ -206,9 +207,12 @@ def train_for(
         seed=seed, inputs=inputs, settings=said if inputs else {"drone": str(drone), **said}
     )
     hover = round(float(dynamics.hover_command(file.parameters)), 6)
+    rotors = {
+        name: parameters.plain(getattr(file.parameters, name)) for name in parameters.GEOMETRY
+    }
     for number, trained in enumerate(policies, 1):
         path = run_folder.POLICY.path(folder, number)
-        policy.write(path, trained, {**made, "hover": hover, "number": number})
+        policy.write(path, trained, {**made, "hover": hover, "rotors": rotors, "number": number})
     run_folder.TRAINING.write(Path(folder, run_folder.TRAINING.name), polars.DataFrame(rows))
     _remove_older(Path(folder), count)
     return policies
