@@ -34,6 +34,7 @@ from fuzz_damage import ANY, PREFIX, REFUSED, SAME, TOLD, Damaged
 from fuzz_files import file_readers
 from fuzz_logs import flight_readers
 from fuzz_reader import Good, Reader
+from fuzz_recordings import recording_readers
 from fuzz_runs import run_readers
 from page import write
 
@@ -254,7 +255,8 @@ def _good(reader: Reader, place: str, number: int) -> Any:
 @cache
 def known_readers() -> dict[str, Reader]:
     """Readers by name."""
-    return {reader.name: reader for reader in (*flight_readers(), *file_readers(), *run_readers())}
+    makers = (flight_readers, recording_readers, file_readers, run_readers)
+    return {reader.name: reader for maker in makers for reader in maker()}
 
 
 @contextmanager

@@ -137,7 +137,9 @@ def logged(file: Path, battery_law: str | None = None) -> Logged | Table:
     if recording is not None:
         if battery_law:
             raise InputError(_no_law(name))
-        found, notes = recording.flights(file, name)
+        with np.errstate(over="ignore", invalid="ignore"):
+            # Rows with what is not finite are dropped by `checking`.
+            found, notes = recording.flights(file, name)
         return Logged(name, found, notes)
     table = _table(file, name)
     kind = next((kind for kind in FORMATS if kind.recognises(table)), None)

@@ -9,7 +9,7 @@ Source: MCAP format specification; rosbag2; REP 103.
 import re
 from array import array
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -128,6 +128,8 @@ def _opened(path: Path, name: str) -> Iterator[Bag]:
         store: Any = get_typestore(Stores.EMPTY)
         store.register({**get_typestore(Stores.LATEST).fielddefs, **types})
     except Exception as error:
+        with suppress(Exception):
+            storage.close()
         why = " ".join(str(error).split())[:120] or type(error).__name__
         raise InputError(
             f"{name}: not a readable ROS 2 recording ({why}). Copy it again; a recording that was "
