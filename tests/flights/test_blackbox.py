@@ -116,6 +116,7 @@ def test_scales_and_filters_are_those_of_the_header(tmp_path: Path) -> None:
     assert_allclose(found.body_rates, flight.body_rates, atol=np.radians(0.51 / 16.4))
     assert found.accelerometer_delay == pytest.approx(np.sqrt(2) / (20 * np.pi))
     assert found.gyro_delay == 0.0
+    assert not found.by_battery_law
     for axis in range(3):
         del fields[f"gyroUnfilt[{axis}]"]
     headers = {"acc_lpf_hz": "10", "gyro_lpf1_static_hz": "100"}

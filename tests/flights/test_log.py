@@ -257,3 +257,9 @@ def test_averaged_rows_keep_the_state_and_the_mean_rotor_speed_of_their_commands
     np.testing.assert_array_equal(slow.position, flight.position[: count * every : every])
     speeds = np.sqrt(flight.command[: count * every]).reshape(count, every, 4)
     np.testing.assert_allclose(np.sqrt(slow.command), speeds.mean(axis=1), rtol=1e-5)
+
+
+@pytest.mark.parametrize("by_law", [True, False])
+def test_a_log_says_whether_a_battery_law_made_its_commands(by_law):
+    flight = replace(calm(), by_battery_law=by_law)
+    assert log.from_csv(log.to_csv(flight), "one").by_battery_law is by_law

@@ -254,6 +254,7 @@ def test_filtered_topics_serve_where_there_are_no_others(tmp_path: Path) -> None
     assert_allclose(found.arrays["accelerometer"], flight.arrays["accelerometer"], atol=1e-5)
     # Of Butterworth filters at PX4's 30 and 40 Hz; none of what is not filtered.
     assert found.accelerometer_delay == pytest.approx(0.0075, abs=1e-4)
+    assert not found.by_battery_law
     assert found.gyro_delay == pytest.approx(0.0056, abs=1e-4)
     (plain,) = read(tmp_path, made.topics_of(flight, state=False))
     assert (plain.accelerometer_delay, plain.gyro_delay) == (0.0, 0.0)

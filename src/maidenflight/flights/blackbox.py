@@ -249,6 +249,7 @@ def _flight(
         battery=volts.astype(np.float32),
         setpoint=unknown,
         zero_order_hold=period < 1.25 * loop,
+        by_battery_law=False,
         accelerometer_delay=min(accelerometer_delay, LONGEST_DELAY),
         gyro_delay=min(gyro_delay, LONGEST_DELAY),
         accelerometer=(values["accSmooth"] / one_g * 9.81).astype(np.float32),

@@ -130,6 +130,7 @@ def flight(
         battery=np.where(volts > 0.5, volts, np.nan).astype(np.float32),
         setpoint=unknown.astype(np.float32),
         zero_order_hold=means,
+        by_battery_law=False,
         accelerometer_delay=signals.accelerometer_delay,
         gyro_delay=signals.gyro_delay,
         **{group: values.astype(np.float32) for group, values in found.items()},

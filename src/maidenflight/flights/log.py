@@ -95,6 +95,9 @@ class Flight:
     """Counts of a Crazyflie's firmware, before battery compensation, that u = 1 stands for."""
     assumed: bool = False
     """Whether `zero_order_hold` is a guess, because the log does not say."""
+    by_battery_law: bool = True
+    """Whether a firmware's battery law made thrust of its commands, where the voltage is known;
+    else they are the square of what an ESC was sent."""
     accelerometer_delay: float = ACCELEROMETER_DELAY
     """By which the low-pass filter of the accelerometer makes it late [s]."""
     gyro_delay: float = GYRO_DELAY
@@ -214,6 +217,7 @@ def to_csv(flight: Flight, record: Mapping[str, Any] | None = None) -> str:
             for key, usual in _DELAYS.items()
             if (value := getattr(flight, key)) != usual
         ),
+        *([] if flight.by_battery_law else ["# by_battery_law: no"]),
         f"# record: {json.dumps(dict(record or {}))}",
     ]
     return "\n".join(head) + "\n" + frame.write_csv(float_precision=7)
@@ -309,6 +313,7 @@ def timed(table: Table) -> tuple[Flight, Float[np.ndarray, "N"]]:
         simulated="" if simulated == "no" else simulated,
         full_scale_counts=_full_scale_counts(table),
         **{key: _delay(table, key) for key in _DELAYS},
+        by_battery_law=table.head.get("by_battery_law", "yes") != "no",
         battery=column["battery"].astype(np.float32),
         **arrays,
     )

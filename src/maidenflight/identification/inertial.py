@@ -147,7 +147,9 @@ def _force(problem: Problem, settings: Likelihood) -> Told | None:
     names, start = _asked(problem, FORCE, OF_ACCELEROMETER), problem.start
     if not names:
         return None
-    by_law = all(np.isfinite(flight.battery).any() for flight in problem.flights)
+    by_law = all(
+        flight.by_battery_law and np.isfinite(flight.battery).any() for flight in problem.flights
+    )
     priors = {
         "thrust_linear": (float(start.thrust_linear), SHAPE if by_law else SHAPE_OF_PWM),
         "drag_z": (float(component(start, "drag_z")), CLIMB_DRAG),
