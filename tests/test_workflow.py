@@ -138,9 +138,9 @@ def test_what_a_command_of_one_is_goes_from_the_drone_s_logs_to_the_exported_cod
     DroneFile(crazyflie(), source=source, search=search).write(tmp_path / "drone.toml")
 
     def untrained(
-        task: Any, controller: Controller, box: Any, keys: Any, settings: Any, note: Any, *_: Any
+        task: Any, controller: Controller, *_: Any, on_progress: Any, **__: Any
     ) -> tuple[Policy]:
-        note(Progress(1, 1, Evaluation(*jnp.zeros((3, 1)))))
+        on_progress(Progress(1, 1, Evaluation(*jnp.zeros((3, 1)))))
         return (policy.untrained(jax.random.key(0), (8, 8), interface=controller.interface),)
 
     monkeypatch.setattr("maidenflight.workflow.training.train", untrained)
@@ -168,9 +168,9 @@ def test_what_a_command_of_one_is_goes_from_the_drone_s_logs_to_the_exported_cod
 def test_a_look_ahead_is_trained_with_and_recorded(
     tmp_path: Path, monkeypatch: Any, ahead: LookAhead
 ) -> None:
-    def untrained(*given: Any) -> tuple[Policy]:
-        given[5](Progress(1, 1, Evaluation(*jnp.zeros((3, 1)))))
-        assert ahead in given
+    def untrained(*_: Any, on_progress: Any, look_ahead: LookAhead, **__: Any) -> tuple[Policy]:
+        on_progress(Progress(1, 1, Evaluation(*jnp.zeros((3, 1)))))
+        assert look_ahead == ahead
         return (policy.untrained(jax.random.key(0), (8,), look_ahead=ahead),)
 
     monkeypatch.setattr("maidenflight.workflow.training.train", untrained)
@@ -223,7 +223,7 @@ def test_an_app_for_the_firmwares_mixer_is_not_made_of_a_policy_for_another_fram
 
 
 def test_what_the_target_could_not_hold_is_not_trained(tmp_path: Path, monkeypatch: Any) -> None:
-    def trained(*_: Any) -> None:
+    def trained(*_: Any, **__: Any) -> None:
         raise AssertionError("training began")
 
     monkeypatch.setattr("maidenflight.workflow.training.train", trained)

@@ -176,9 +176,9 @@ def test_an_extension_is_recorded(tmp_path: Path, monkeypatch: Any) -> None:
     made = policy.untrained(jax.random.key(0), (3,))
     stub = training_that_gives(made)
 
-    def extended(*arguments: Any) -> tuple[Policy, ...]:
-        given = stub(*arguments)
-        checkpoint.save(arguments[6], (), "", (600, 700))
+    def extended(*arguments: Any, saved: Path, **further: Any) -> tuple[Policy, ...]:
+        given = stub(*arguments, saved=saved, **further)
+        checkpoint.save(saved, (), "", (600, 700))
         return given
 
     monkeypatch.setattr("maidenflight.workflow.training.train", stub)
@@ -288,8 +288,8 @@ def test_a_full_disk_is_said_in_a_line_and_training_goes_on_when_there_is_space(
 def training_that_gives(*policies: Policy) -> Any:
     """In place of `train`: one evaluation, a checkpoint, and these policies."""
 
-    def given(*arguments: Any) -> tuple[Policy, ...]:
-        *_, keys, _, on_progress, saved, _, _ = arguments
+    def given(*arguments: Any, on_progress: Any, saved: Path, **_: Any) -> tuple[Policy, ...]:
+        *_, keys, _ = arguments
         score = Evaluation(*(jnp.zeros(len(keys)) for _ in Evaluation._fields))
         on_progress(Progress(1, 1, score))
         checkpoint.save(saved, (), "", (1,))
@@ -333,8 +333,7 @@ def test_policies_of_an_earlier_training_of_more_go(tmp_path: Path, monkeypatch:
 def test_an_earlier_training_stays_until_the_first_checkpoint_of_the_one_in_its_place(
     tmp_path: Path, monkeypatch: Any
 ) -> None:
-    def interrupted(*arguments: Any) -> Any:
-        *_, anew = arguments
+    def interrupted(*_: Any, anew: bool, **__: Any) -> Any:
         assert anew
         raise KeyboardInterrupt
 

@@ -194,11 +194,11 @@ def train_for(
             box,
             keys,
             settings,
-            note,
-            saved,
-            history,
-            not resume,
-            look_ahead,
+            on_progress=note,
+            saved=saved,
+            history=history,
+            anew=not resume,
+            look_ahead=look_ahead,
         )
     stages = checkpoint.stages(saved)
     said["extended_from"] = list(stages[:-1]) or None
