@@ -6,15 +6,20 @@ import tracemalloc
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 import pytest
 from made_flights import driven
 from numpy.testing import assert_allclose
 
+import maidenflight as mf
 from maidenflight.errors import InputError
 from maidenflight.flights import compensation, ros_topics, rosbag
 from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import read_flights
+from maidenflight.identification.identify import identify
+from maidenflight.identification.likelihood import Likelihood
+from maidenflight.parameters import component, crazyflie, replace
 
 pytest.importorskip("rosbags")
 import made_bags as made  # needs rosbags itself
@@ -242,3 +247,19 @@ def test_without_rosbags_it_is_said_how_to_get_it(
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(InputError, match=r"\[rosbag\]"):
         rosbag.flights(path, "bag.mcap")
+
+
+@pytest.mark.slow
+def test_a_planted_drone_comes_back_through_mcap(tmp_path: Path) -> None:
+    drone = mf.virtual_drone(1)
+    flown = mf.record(drone, jax.random.key(1), flights=2, duration=12.0, excitation=0.05)
+    for number, flight in enumerate(flown):
+        made.bag(tmp_path / f"bag_{number}", made.px4_messages(flight, state=False))
+    flights = read_flights(tmp_path)
+    assert len(flights) == 2
+    start = replace(crazyflie(), mass=drone.parameters.mass)
+    found = identify(list(flights), Likelihood(trials=1), start=start).parameters
+    # The simulated gyro is low-pass filtered as a Crazyflie's; that of `sensor_combined` is not.
+    for name, error in {"thrust_to_weight": 0.04, "inertia_x": 0.12, "inertia_y": 0.12}.items():
+        value = float(component(drone.parameters, name))
+        assert float(component(found, name)) == pytest.approx(value, rel=error), name
