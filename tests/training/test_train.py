@@ -289,8 +289,7 @@ def training_that_gives(*policies: Policy) -> Any:
     """In place of `train`: one evaluation, a checkpoint, and these policies."""
 
     def given(*arguments: Any, on_progress: Any, saved: Path, **_: Any) -> tuple[Policy, ...]:
-        *_, keys, _ = arguments
-        score = Evaluation(*(jnp.zeros(len(keys)) for _ in Evaluation._fields))
+        score = Evaluation(*(jnp.zeros(len(arguments[3])) for _ in Evaluation._fields))
         on_progress(Progress(1, 1, score))
         checkpoint.save(saved, (), "", (1,))
         return policies
