@@ -175,11 +175,13 @@ def test_what_comes_after_failure_is_nothing_and_after_the_time_limit_the_critic
 @pytest.mark.slow
 def test_the_value_at_an_end_is_of_the_drone_before_another_takes_over() -> None:
     short = tasks.circle()._replace(duration=0.05)
-    simulated, settings = Environment.matching(BOX.centre, short), PPO(horizon=16)
+    # Every drone's episode is of five periods, as periods vary too.
+    box = relative_box(BOX.centre, 0.05)
+    simulated, settings = Environment.matching(box.centre, short), PPO(horizon=16)
     policy = untrained(jax.random.key(1))
-    drone = randomized_reset(simulated, BOX, jax.random.key(2))
+    drone = randomized_reset(simulated, box, jax.random.key(2))
     fly = jax.jit(partial(ppo._rollout, simulated, settings))
-    _, _, flown = fly(BOX, policy, jnp.float32(0.1), drone, jnp.zeros(()), jax.random.key(3))
+    _, _, flown = fly(box, policy, jnp.float32(0.1), drone, jnp.zeros(()), jax.random.key(3))
     over = np.asarray(flown.truncated)
     np.testing.assert_array_equal(np.flatnonzero(over), [4, 9, 14])
     assert not np.any(flown.terminated)
