@@ -3,8 +3,10 @@ run; the authors' data where it is."""
 
 import gc
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 # Compilation is most of what tests take: what one process compiled the others read, and so does the
 # next run.
@@ -16,6 +18,9 @@ os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
 import jax
 import pytest
 from hypothesis import settings
+
+from maidenflight.training.analytic_gradient import AnalyticGradient
+from maidenflight.training.train import METHODS, Method
 
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
@@ -41,13 +46,39 @@ def compiled_programs_within_limits() -> Iterator[None]:
         gc.collect()
 
 
+@contextmanager
+def unoptimized() -> Iterator[None]:
+    before = jax.config.read("jax_disable_most_optimizations")
+    jax.config.update("jax_disable_most_optimizations", True)
+    try:
+        yield
+    finally:
+        jax.config.update("jax_disable_most_optimizations", before)
+
+
 @pytest.fixture(scope="module")
 def quick_compilation() -> Iterator[None]:
     """XLA without its optimizations, for what is compiled and hardly run: half the time."""
-    before = jax.config.read("jax_disable_most_optimizations")
-    jax.config.update("jax_disable_most_optimizations", True)
-    yield
-    jax.config.update("jax_disable_most_optimizations", before)
+    with unoptimized():
+        yield
+
+
+@pytest.fixture(scope="module")
+def quick_training() -> Iterator[None]:
+    """Training alone without XLA's optimizations, where identification, which needs them, runs
+    too."""
+
+    def quick(run: Callable[..., Any]) -> Callable[..., Any]:
+        def without(*arguments: Any) -> Any:
+            with unoptimized():
+                return run(*arguments)
+
+        return without
+
+    begin, learn = METHODS[AnalyticGradient]
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setitem(METHODS, AnalyticGradient, Method(quick(begin), quick(learn)))
+        yield
 
 
 @pytest.fixture(scope="session")

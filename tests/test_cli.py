@@ -20,6 +20,8 @@ from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import DroneFile, Estimate, Search, Source
 from maidenflight.terminal import flight_output
 
+pytestmark = pytest.mark.usefixtures("quick_training")
+
 COMMANDS = (
     "demo",
     "drone",

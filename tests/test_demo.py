@@ -10,18 +10,20 @@ from maidenflight.training.analytic_gradient import AnalyticGradient
 QUICK = Plan(
     flights=2,
     duration=4.0,
-    identification=Likelihood(trials=1, evaluations=15),
+    identification=Likelihood(
+        trials=1, evaluations=15, physics_step=0.005, coarse_physics_step=0.005
+    ),
     policies=2,
     learner=AnalyticGradient(updates=2, evaluations=1, num_envs=4, horizon=4, episodes=4),
     flight_trials=2,
     longest=0.5,
 )
 HEARD: list[str] = []
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("quick_training")]
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Demo, Demo]:
+def runs(quick_training: None, tmp_path_factory: pytest.TempPathFactory) -> tuple[Demo, Demo]:
     listener = Listener(HEARD.append, lambda progress: None, lambda progress: None)
     one, two = (tmp_path_factory.mktemp(name) / "run" for name in ("one", "two"))
     return demo(one, 3, QUICK, listener), demo(two, 3, QUICK, listener)

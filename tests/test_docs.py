@@ -30,6 +30,7 @@ from maidenflight.simulator.tasks import Task
 from maidenflight.simulator.virtual_drone import VirtualDrone
 
 ROOT = Path(__file__).parent.parent
+pytestmark = pytest.mark.usefixtures("quick_training")
 QUICK = mf.AnalyticGradient(
     updates=2, evaluations=1, num_envs=4, horizon=4, episodes=4, hidden_learning_rate=0.0
 )
@@ -372,7 +373,10 @@ def test_the_commands_of_the_pilots_guide_are_ones_that_there_are() -> None:
 
 def quick_identification(identify: Any, flights: Any, settings: Any = None, **named: Any) -> Any:
     """`identify` of two parameters in one trial."""
-    less = dataclasses.replace(settings or mf.Likelihood(), evaluations=15, trials=1)
+    given = settings or mf.Likelihood()
+    less = dataclasses.replace(given, evaluations=15, trials=1)
+    if isinstance(less, mf.Likelihood):
+        less = dataclasses.replace(less, physics_step=0.005, coarse_physics_step=0.005)
     return identify(flights, less, **{**named, "over": ["thrust_to_weight", "latency"]})
 
 
