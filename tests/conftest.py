@@ -46,6 +46,26 @@ def compiled_programs_within_limits() -> Iterator[None]:
         gc.collect()
 
 
+LONGEST = (
+    "test_docs.py",
+    "test_cli.py",
+    "test_train.py",
+    "test_identify.py",
+    "test_likelihood.py",
+    "test_ppo.py",
+    "test_analytic_gradient.py",
+    "test_demo.py",
+    "test_paper.py",
+)
+"""Files that take longest, which go first, lest one worker runs the last of them alone."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Sorts tests by `LONGEST`; within a file they keep their order."""
+    places = {name: place for place, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: places.get(item.path.name, len(LONGEST)))
+
+
 @contextmanager
 def unoptimized() -> Iterator[None]:
     before = jax.config.read("jax_disable_most_optimizations")
