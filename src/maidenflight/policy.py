@@ -17,6 +17,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 
 from maidenflight import inputs, results, run_folder
 from maidenflight.errors import InputError
+from maidenflight.gru import MOST_MEMORY, Gru, fields_of, untrained_gru
 from maidenflight.inputs import StrPath
 from maidenflight.simulator import interface as interfaces
 from maidenflight.simulator import look_ahead as ahead_of
@@ -84,6 +85,9 @@ class Policy:
     """A multi-layer perceptron with ReLU between its layers, and all that is needed to fly it.
 
     Output: four actions, which `interface` clips to [-1, 1] and scales to commands.
+
+    With a `gru` it remembers: the unit sees the first layer's values, and the second layer sees
+    them and the memory. An observation then ends with the memory, and the output with the next.
     """
 
     weights: tuple[Float[Array, "outputs inputs"], ...]
@@ -98,26 +102,46 @@ class Policy:
     """H, observed instants in the input."""
     look_ahead: LookAhead = dataclasses.field(default=ahead_of.NONE, metadata={"static": True})
     """The K points of the reference ahead of time, behind the last instant of the input."""
+    gru: Gru | None = None
+    """Behind the first layer, of M numbers; none: the policy remembers nothing but its history."""
 
-    def __call__(self, observation: Float[Array, "20H+3K"]) -> Float[Array, "4"]:
-        """Action for an observation.
+    def __call__(self, observation: Float[Array, "20H+3K+M"]) -> Float[Array, "4+M"]:
+        """Action, and memory if there is any, for an observation.
 
         Not clipped, because the next observation holds it as it is.
         """
-        values = (observation - self.observation_mean) / self.observation_std
-        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
+        size = self.observation_mean.shape[-1]
+        values = (observation[:size] - self.observation_mean) / self.observation_std
+        memory = observation[size:]
+        for number, (weight, bias) in enumerate(
+            zip(self.weights[:-1], self.biases[:-1], strict=True)
+        ):
             values = jax.nn.relu(weight @ values + bias)
-        return self.weights[-1] @ values + self.biases[-1]
+            if self.gru is not None and number == 0:
+                memory = self.gru(values, memory)
+                values = jnp.concatenate([values, memory])
+        return jnp.concatenate([self.weights[-1] @ values + self.biases[-1], memory])
 
     @property
-    def network(self) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
-        """Weights and biases: what a gradient changes."""
-        return self.weights, self.biases
+    def memory(self) -> int:
+        """M, numbers that it remembers."""
+        return 0 if self.gru is None else self.gru.size
+
+    @property
+    def multiplications(self) -> int:
+        """Of one action."""
+        matrices = [] if self.gru is None else [self.gru.weights, self.gru.recurrent]
+        return sum(matrix.size for matrix in (*self.weights, *matrices))
+
+    @property
+    def network(self) -> tuple[tuple[Array, ...], tuple[Array, ...], Gru | None]:
+        """Weights, biases and recurrent unit: what a gradient changes."""
+        return self.weights, self.biases, self.gru
 
     def with_network(self, network: Any) -> "Policy":
-        """The same policy with other weights and biases."""
-        weights, biases = network
-        return dataclasses.replace(self, weights=weights, biases=biases)
+        """The same policy with another network."""
+        weights, biases, gru = network
+        return dataclasses.replace(self, weights=weights, biases=biases, gru=gru)
 
     def check(self, where: str = "policy") -> None:
         """Checks that shapes and numbers make sense.
@@ -148,6 +172,7 @@ def untrained(
     history: int = 2,
     interface: ControlInterface | None = None,
     look_ahead: LookAhead = ahead_of.NONE,
+    memory: int = 0,
 ) -> Policy:
     """A policy with Kaiming-uniform weights and zero biases.
 
@@ -162,13 +187,22 @@ def untrained(
         history: H, observed instants in the input.
         interface: what its actions command; PWM at 100 Hz unless given.
         look_ahead: points of the reference ahead of time in the input; none unless given.
+        memory: M, size of a gated recurrent unit behind the first layer; 0: none.
+
+    Raises:
+        InputError: a memory without a hidden layer.
 
     Source: Gronauer et al. 2022, sec. Zero-Shot Experiments (layer sizes and initial weights).
     """
     sizes = (OBSERVATION_SIZE * history + look_ahead.size, *hidden, ACTION_SIZE)
+    inputs_of = list(sizes[:-1])
+    if memory:
+        if not hidden:
+            raise InputError("memory without a hidden layer; give hidden layers, such as (50, 50).")
+        inputs_of[1] += memory
     weights = []
     for key_, fan_in, outputs in zip(
-        jax.random.split(key, len(sizes) - 1), sizes[:-1], sizes[1:], strict=True
+        jax.random.split(key, len(sizes) - 1), inputs_of, sizes[1:], strict=True
     ):
         bound = np.float32(np.sqrt(6.0 / fan_in) * (0.1 if outputs == ACTION_SIZE else 1.0))
         weights.append(jax.random.uniform(key_, (outputs, fan_in), minval=-bound, maxval=bound))
@@ -183,6 +217,7 @@ def untrained(
         interface or interfaces.pwm(),
         history,
         look_ahead,
+        untrained_gru(jax.random.fold_in(key, 1), hidden[0], memory) if memory else None,
     )
 
 
@@ -221,8 +256,9 @@ class Actor:
         self.reset()
 
     def reset(self) -> None:
-        """Begins another flight: forgets history and last action."""
+        """Begins another flight: forgets history, memory and last action."""
         self._history: Array | None = None
+        self._memory: Any = np.zeros(self.policy.memory, np.float32)
         self._action: Any = self._level
 
     def act(
@@ -252,7 +288,7 @@ class Actor:
         history = self._history
         if history is None:
             history = np.zeros((self.policy.history, OBSERVATION_SIZE), np.float32)
-        history, action, command = _act(
+        history, action, memory, command = _act(
             self.policy,
             history,
             self._history is None,
@@ -260,6 +296,7 @@ class Actor:
             np.asarray(setpoint, np.float32),
             points,
             self._action,
+            self._memory,
         )
         given = Act(np.asarray(command), np.asarray(action))
         known = np.isfinite(history).all() and np.isfinite(points).all()
@@ -268,7 +305,7 @@ class Actor:
                 f"measurement {seen}, setpoint {setpoint}, ahead {points.tolist()}: an action "
                 f"of {given.action}. Expected finite numbers: let another controller fly."
             )
-        self._history, self._action = history, given.action
+        self._history, self._action, self._memory = history, given.action, memory
         return given
 
 
@@ -281,12 +318,14 @@ def _act(
     setpoint: Float[Array, "3"],
     ahead: Float[Array, "K 3"],
     last_action: Float[Array, "4"],
-) -> tuple[Float[Array, "H 20"], Float[Array, "4"], Float[Array, "4"]]:
+    memory: Float[Array, "M"],
+) -> tuple[Float[Array, "H 20"], Float[Array, "4"], Float[Array, "M"], Float[Array, "4"]]:
     instant = observe(measurement, setpoint, last_action)
     filled = jnp.broadcast_to(instant, history.shape)
     history = jnp.where(first, filled, remember(history, instant))
-    action = policy(ahead_of.joined(history, ahead, measurement.position))
-    return history, action, policy.interface.command(action)
+    seen = jnp.concatenate([ahead_of.joined(history, ahead, measurement.position), memory])
+    action, memory = jnp.split(policy(seen), [ACTION_SIZE])
+    return history, action, memory, policy.interface.command(action)
 
 
 def _decimals(array: Any) -> Any:
@@ -317,8 +356,16 @@ def to_json(policy: Policy, record: Mapping[str, Any] | None = None) -> str:
             "observation_mean": _decimals(policy.observation_mean),
             "observation_std": _decimals(policy.observation_std),
             "layers": layers,
+            **_gru_told(policy.gru),
         }
     )
+
+
+def _gru_told(gru: Gru | None) -> dict[str, Any]:
+    """What a file holds of a recurrent unit; nothing where there is none."""
+    if gru is None:
+        return {}
+    return {"gru": {name: _decimals(array) for name, array in fields_of(gru).items()}}
 
 
 def _look_ahead_told(look_ahead: LookAhead) -> dict[str, Any]:
@@ -356,6 +403,11 @@ def from_json(text: str, where: str = "policy") -> Policy:
                 LookAhead.from_dict(content["look_ahead"])
                 if "look_ahead" in content
                 else ahead_of.NONE
+            ),
+            gru=(
+                Gru(**{name: _numbers(array) for name, array in content["gru"].items()})
+                if "gru" in content
+                else None
             ),
         )
     except InputError as error:
@@ -430,8 +482,23 @@ def _check_sizes(policy: Policy, where: str) -> None:
                 f"expected ({size} inputs)."
             )
         size = weight.shape[0]
+        if number == 1 and policy.gru is not None:
+            _check_gru(policy.gru, size, len(policy.weights), where)
+            size += policy.memory
     if size != ACTION_SIZE:
         raise InputError(f"{where}: {size} outputs, expected {ACTION_SIZE}.")
+
+
+def _check_gru(gru: Gru, inputs: int, layers: int, where: str) -> None:
+    if layers < 2:
+        raise InputError(f"{where}: a memory, but one layer; expected a hidden layer before it.")
+    shapes = gru.shapes_for(inputs) if np.ndim(gru.recurrent) == 2 else {}
+    wrong = {name: pair for name, pair in shapes.items() if pair[0] != pair[1]}
+    if wrong or not shapes or not 1 <= gru.size <= MOST_MEMORY:
+        raise InputError(
+            f"{where}: recurrent unit of {np.shape(gru.recurrent)} with shapes {wrong}; expected "
+            f"the second of each, and 1 to {MOST_MEMORY} numbers of memory."
+        )
 
 
 def write(path: StrPath, policy: Policy, record: Mapping[str, Any] | None = None) -> Path:

@@ -59,7 +59,7 @@ NOW = [
 class Flown:
     """A compiled policy and its state."""
 
-    def __init__(self, directory, history, level="-O3", compiler=None, ahead=0):
+    def __init__(self, directory, history, level="-O3", compiler=None, ahead=0, memory=0):
         """Compiles `policy.c` of a directory, warnings being errors."""
         target = directory / f"policy{level}.so"
         command = [
@@ -84,11 +84,13 @@ class Flown:
             _fields_ = [
                 ("history", ctypes.c_float * 20 * history),
                 *([("ahead", ctypes.c_float * (3 * ahead))] if ahead else []),
+                *([("memory", ctypes.c_float * memory)] if memory else []),
                 ("action", ctypes.c_float * 4),
                 ("begun", ctypes.c_bool),
             ]
 
         self.library, self.state, self.now = ctypes.CDLL(str(target)), State(), Now
+        self.outputs = 4 + memory
         self.library.mf_network.argtypes = [NUMBERS, NUMBERS]
         self.library.mf_policy_reset.argtypes = [ctypes.POINTER(State), NUMBERS]
         self.library.mf_policy_step.argtypes = [ctypes.POINTER(State), ctypes.POINTER(Now), NUMBERS]
@@ -98,7 +100,7 @@ class Flown:
         self.self_test = self.library.mf_policy_self_test
 
     def network(self, observations):
-        actions = np.empty((len(observations), 4), np.float32)
+        actions = np.empty((len(observations), self.outputs), np.float32)
         for observation, action in zip(observations, actions, strict=True):
             self.library.mf_network(observation, action)
         return actions
@@ -126,10 +128,10 @@ class Flown:
     action = property(lambda self: np.array(self.state.action))
 
 
-def restless(hidden=(50, 50), history=2, interface=None, look_ahead=NONE):
+def restless(hidden=(50, 50), history=2, interface=None, look_ahead=NONE, memory=0):
     """A policy with biases, whose actions are of order 1, sometimes beyond; weak in the last
     action, lest a flight run away."""
-    policy = untrained(jax.random.key(3), hidden, history, interface, look_ahead)
+    policy = untrained(jax.random.key(3), hidden, history, interface, look_ahead, memory)
     keys = jax.random.split(jax.random.key(4), len(policy.biases))
     biases = tuple(
         jax.random.normal(key, bias.shape) * 0.3
@@ -168,6 +170,7 @@ def flown(tmp_path):
         level,
         compiler,
         policy.look_ahead.points,
+        policy.memory,
     )
 
 
@@ -221,6 +224,38 @@ def test_a_policy_that_looks_ahead_sees_the_points_that_the_caller_gives(flown, 
         assert command.tolist() == [0.0] * 4
         np.testing.assert_array_equal(drone.action, kept)
         assert not drone.state.begun
+
+
+@pytest.mark.parametrize("compiler", COMPILERS)
+@pytest.mark.parametrize(("hidden", "memory", "points"), [((50, 50), 16, 0), ((13,), 5, 2)])
+def test_5000_steps_of_a_policy_that_remembers_are_pythons(flown, hidden, memory, points, compiler):
+    """With the memory carried over; after a number that is not finite it begins empty."""
+    policy = restless(hidden, look_ahead=LookAhead(points, 0.1), memory=memory)
+    drone, actor = flown(policy, compiler=compiler), Actor(policy, 0.5)
+    assert drone.self_test()
+    observations = golden_observations(policy, 1)
+    assert observations.shape == (GOLDEN_COUNT, 40 + 3 * points + memory)
+    expected = np.asarray(jax.vmap(policy)(jnp.asarray(observations)))
+    np.testing.assert_allclose(drone.network(observations), expected, rtol=1e-5, atol=1e-5)
+    drone.reset(np.asarray(policy.interface.level(jnp.float32(0.5))))
+    ahead = [np.ones((points, 3), np.float32)] if points else []
+    errors = []
+    for measurement, setpoint in zip(*walk(5000), strict=True):
+        finite, command = drone.step(measurement, setpoint, *ahead)
+        wanted, action = actor.act(measurement, setpoint, *ahead)
+        assert finite
+        errors.append(np.abs(np.concatenate([drone.action - action, command - wanted])).max())
+    assert np.max(errors) < 1e-4
+    assert np.mean(np.array(errors) < 1e-5) > 0.95
+    assert np.abs(drone.state.memory).max() > 0.1
+    (first, *_), setpoints = walk(1)
+    unknown = first._replace(position=np.full(3, np.nan, np.float32))
+    assert not drone.step(unknown, setpoints[0], *ahead)[0]
+    drone.reset(np.asarray(policy.interface.level(jnp.float32(0.5))))
+    actor.reset()
+    _, command = drone.step(first, setpoints[0], *ahead)
+    wanted, _ = actor.act(first, setpoints[0], *ahead)
+    np.testing.assert_allclose(command, wanted, rtol=0, atol=1e-5)
 
 
 @pytest.mark.slow

@@ -145,6 +145,29 @@ def test_a_policy_that_looks_ahead_has_a_wider_input_and_says_so():
     np.testing.assert_allclose(command, (np.clip(expected, -1, 1) + 1) / 2, atol=1e-5)
 
 
+def test_a_policy_that_remembers_is_given_its_memory_and_gives_the_next():
+    one = policy.untrained(jax.random.key(0), (8, 6), memory=5)
+    model = to_onnx(one)
+    onnx.checker.check_model(onnx.load_from_string(model), full_check=True)
+    told = {entry.key: entry.value for entry in onnx.load_from_string(model).metadata_props}
+    assert told["memory"] == "5"
+    session = onnxruntime.InferenceSession(model)
+    names = ["command", "action", "next_memory"]
+    assert [output.name for output in session.get_outputs()] == names
+    memory = np.zeros((3, 5), np.float32)
+    for observation in np.random.default_rng(1).normal(size=(30, 3, 40)).astype(np.float32):
+        expected = ACTIONS(one, jnp.asarray(np.concatenate([observation, memory], axis=1)))
+        given = {"observation": observation, "memory": memory}
+        command, action, memory = session.run(names, given)
+        together = np.concatenate([action, memory], axis=1)
+        np.testing.assert_allclose(together, expected, rtol=1e-5, atol=1e-5)
+        np.testing.assert_allclose(command, (np.clip(action, -1, 1) + 1) / 2, atol=1e-5)
+    assert np.abs(memory).max() > 0.1
+    memory[1, 2] = np.nan
+    for values in session.run(names, {"observation": observation, "memory": memory}):
+        assert np.isnan(values).all(axis=1).tolist() == [False, True, False]
+
+
 def test_the_same_policy_and_record_give_the_same_bytes():
     assert (
         to_onnx(made(), {"seed": 1}) == to_onnx(made(), {"seed": 1}) != to_onnx(made(), {"seed": 2})

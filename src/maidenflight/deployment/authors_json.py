@@ -127,6 +127,11 @@ def to_authors_json(policy: Policy) -> str:
             f"policy: history = {policy.history}, but the authors' policies see {HISTORY} "
             f"instants. Train with --history {HISTORY}."
         )
+    if policy.memory:
+        raise InputError(
+            f"policy: it remembers {policy.memory} numbers, which the authors' firmware cannot. "
+            "Train with memory 0, or export to another target."
+        )
     if policy.look_ahead.points:
         raise InputError(
             f"policy: it looks ahead at {policy.look_ahead.points} points of the reference, which "
@@ -144,7 +149,7 @@ def to_authors_json(policy: Policy) -> str:
             f"hold none below {EPSILON:g}, which their "
             "tools add to it. Train with a larger one."
         )
-    weights, biases = ([np.asarray(array) for array in arrays] for arrays in policy.network)
+    weights, biases = ([np.asarray(array) for array in arrays] for arrays in policy.network[:2])
     with np.errstate(over="ignore"):
         found = np.float32(_check_sum(weights, biases)[0])
     if not np.isfinite(found):

@@ -21,9 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maidenflight import __version__, results
+from maidenflight.deployment import look_ahead, memory
 from maidenflight.deployment.commands import check_hover, described, level_in_c
-from maidenflight.deployment.look_ahead import in_policy
 from maidenflight.errors import InputError
+from maidenflight.gru import Gru
 from maidenflight.inputs import StrPath
 from maidenflight.policy import Policy, to_json
 from maidenflight.simulator.environment import ACTION_SIZE, OBSERVATION_SIZE
@@ -81,9 +82,14 @@ def export_c(
     actions = _evaluated(policy, observations)
     tolerance = np.float32(TOLERANCE * max(1.0, float(np.abs(actions).max())))
     tables = _tables(policy, layers, observations, actions)
-    widest = max([policy.layer_sizes[0], *(len(biases) for _, biases in layers)])
+    widest = max(max(weights.shape[1], len(biases)) for weights, biases in layers)
+    gates = 0 if policy.gru is None else 8 * len(policy.gru.biases)
+    storage, shared = "", ""
+    if not reentrant:
+        storage, shared = "static ", " /* not on the stack: one task at a time */"
     content = {
-        **in_policy(policy.look_ahead),
+        **look_ahead.in_policy(policy.look_ahead),
+        **memory.in_policy(policy.gru, storage, shared),
         "version": __version__,
         "hash": digest(policy),
         "record": _comment(record),
@@ -96,14 +102,14 @@ def export_c(
         "rate": interface.rate,
         "history": policy.history,
         "layer_sizes": "-".join(str(size) for size in policy.layer_sizes),
-        "multiplications": sum(weight.size for weight in policy.weights),
+        "multiplications": policy.multiplications,
         "constants": sum(numbers.nbytes for numbers in tables.values()) + 16 * len(layers),
-        "state": 4 * (policy.layer_sizes[0] + ACTION_SIZE + 1),
-        "storage": "" if reentrant else "static ",
-        "shared": "" if reentrant else " /* not on the stack: one task at a time */",
+        "state": 4 * (policy.layer_sizes[0] + policy.memory + ACTION_SIZE + 1),
+        "storage": storage,
+        "shared": shared,
         "tasks": "several tasks may compute at a time" if reentrant else "one task at a time",
-        "variables": 0 if reentrant else 8 * widest,
-        "stack": 250 + (8 * widest if reentrant else 0),
+        "variables": 0 if reentrant else 8 * widest + gates,
+        "stack": 250 + 4 * policy.memory + (8 * widest + gates if reentrant else 0),
         "instant_size": OBSERVATION_SIZE,
         "action_size": ACTION_SIZE,
         "layer_count": len(layers),
@@ -113,13 +119,13 @@ def export_c(
         "checksum": checksum(
             [
                 *(tables[name] for name in _SCALES),
-                *(numbers for layer in layers for numbers in layer),
+                *(numbers for layer in [*layers, *_recurrent(policy.gru)] for numbers in layer),
             ]
         ),
         "tables": "\n\n".join(
             [
                 *(_array(name, numbers) for name, numbers in tables.items()),
-                _layer_table(policy, layers),
+                _layer_table(layers),
             ]
         ),
     }
@@ -130,7 +136,7 @@ def export_c(
 
 
 def golden_observations(policy: Policy, seed: int) -> Numbers:
-    """Random observations such as the policy meets in flight, (GOLDEN_COUNT, 20 H + 3 K).
+    """Random observations such as the policy meets in flight, (GOLDEN_COUNT, 20 H + 3 K + M).
 
     Each number lies within two deviations of its mean in the policy's own normaliser, the instants
     of one observation differ little, and quaternions have length 1.
@@ -155,7 +161,8 @@ def golden_observations(policy: Policy, seed: int) -> Numbers:
     if policy.look_ahead.points:
         place = random.uniform(-2.0, 2.0, (GOLDEN_COUNT, policy.look_ahead.size))
         flat = np.concatenate([flat, middle[size:] + spread[size:] * place], axis=1)
-    return flat.astype(np.float32)
+    remembered = random.uniform(-1.0, 1.0, (GOLDEN_COUNT, policy.memory))
+    return np.concatenate([flat, remembered], axis=1).astype(np.float32)
 
 
 def digest(policy: Policy) -> str:
@@ -176,7 +183,7 @@ def checksum(tables: Iterable[Numbers]) -> int:
 
 
 def _evaluated(policy: Policy, observations: Numbers) -> Numbers:
-    """The policy's actions for a batch of observations, summed in float64 and then rounded.
+    """The policy's outputs for a batch of observations, summed in float64 and then rounded.
 
     Raises:
         InputError: an action is too large for float32.
@@ -185,10 +192,15 @@ def _evaluated(policy: Policy, observations: Numbers) -> Numbers:
         np.asarray(numbers, np.float64)
         for numbers in (policy.observation_mean, policy.observation_std)
     )
-    values = (observations - mean) / deviation
+    observed, remembered = np.split(np.asarray(observations, np.float64), [len(mean)], axis=1)
+    values = (observed - mean) / deviation
     for number, (weight, bias) in enumerate(zip(policy.weights, policy.biases, strict=True)):
         values = np.maximum(values, 0.0) if number > 0 else values
+        if number == 1 and policy.gru is not None:
+            remembered = _remembered(policy.gru, values, remembered)
+            values = np.concatenate([values, remembered], axis=1)
         values = values @ np.asarray(weight, np.float64).T + np.asarray(bias, np.float64)
+    values = np.concatenate([values, remembered], axis=1)
     if not np.all(np.abs(values) < np.finfo(np.float32).max):
         raise InputError(
             f"policy: an action of size {np.abs(values).max():.1e} overflows float32. Training "
@@ -197,16 +209,39 @@ def _evaluated(policy: Policy, observations: Numbers) -> Numbers:
     return values.astype(np.float32)
 
 
+def _remembered(gru: Gru, values: NDArray[Any], memory: NDArray[Any]) -> NDArray[Any]:
+    """What a recurrent unit remembers next, of a batch, in float64."""
+
+    def gates(weights: Any, inputs: NDArray[Any], biases: Any) -> list[NDArray[Any]]:
+        sums = inputs @ np.asarray(weights, np.float64).T + np.asarray(biases, np.float64)
+        return np.split(sums, 3, axis=1)
+
+    given = gates(gru.weights, values, gru.biases)
+    known = gates(gru.recurrent, memory, gru.recurrent_biases)
+    reset, update = (0.5 + 0.5 * np.tanh((given[row] + known[row]) / 2.0) for row in (0, 1))
+    candidate = np.tanh(given[2] + reset * known[2])
+    return (1.0 - update) * candidate + update * memory
+
+
 def _padded(policy: Policy) -> Layers:
+    """Each layer's weights and biases, `_in_fours`."""
+    return [_in_fours(*layer) for layer in zip(policy.weights, policy.biases, strict=True)]
+
+
+def _recurrent(gru: Gru | None) -> Layers:
+    """Of a recurrent unit: what it makes of values, and what of its memory."""
+    if gru is None:
+        return []
+    return [_in_fours(gru.weights, gru.biases), _in_fours(gru.recurrent, gru.recurrent_biases)]
+
+
+def _in_fours(weight: Any, bias: Any) -> tuple[Numbers, Numbers]:
     """Weights as (rows / 4, inputs, 4) and biases, with rows of zeros up to a multiple of four."""
-    layers = []
-    for weight, bias in zip(policy.weights, policy.biases, strict=True):
-        rows = np.asarray(weight, np.float32)
-        missing = -len(rows) % _ROWS
-        rows = np.pad(rows, ((0, missing), (0, 0)))
-        together = np.ascontiguousarray(rows.reshape(-1, _ROWS, rows.shape[1]).transpose(0, 2, 1))
-        layers.append((together, np.pad(np.asarray(bias, np.float32), (0, missing))))
-    return layers
+    rows = np.asarray(weight, np.float32)
+    missing = -len(rows) % _ROWS
+    rows = np.pad(rows, ((0, missing), (0, 0)))
+    together = np.ascontiguousarray(rows.reshape(-1, _ROWS, rows.shape[1]).transpose(0, 2, 1))
+    return together, np.pad(np.asarray(bias, np.float32), (0, missing))
 
 
 def _tables(
@@ -220,6 +255,11 @@ def _tables(
     }
     for number, (weights, biases) in enumerate(layers, 1):
         tables |= {f"weights_{number}": weights.reshape(-1), f"biases_{number}": biases}
+    for number, (weights, biases) in enumerate(_recurrent(policy.gru), 1):
+        tables |= {
+            f"recurrent_weights_{number}": weights.reshape(-1),
+            f"recurrent_biases_{number}": biases,
+        }
     return tables | {"golden_observations": observations, "golden_actions": actions}
 
 
@@ -245,13 +285,11 @@ def _array(name: str, numbers: Numbers) -> str:
     return f"static const float {name}{sizes} = {{\n{lines}\n}};"
 
 
-def _layer_table(policy: Policy, layers: Layers) -> str:
+def _layer_table(layers: Layers) -> str:
     """The table in C that says which weights follow which."""
     lines = [
-        f"    {{weights_{number}, biases_{number}, {inputs}, {len(biases)}}},"
-        for number, (inputs, (_, biases)) in enumerate(
-            zip(policy.layer_sizes, layers, strict=False), 1
-        )
+        f"    {{weights_{number}, biases_{number}, {weights.shape[1]}, {len(biases)}}},"
+        for number, (weights, biases) in enumerate(layers, 1)
     ]
     return "\n".join(["static const layer layers[LAYER_COUNT] = {", *lines, "};"])
 

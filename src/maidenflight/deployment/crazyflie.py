@@ -84,10 +84,9 @@ def export_crazyflie(
             f"policy: rate = {interface.rate} Hz does not divide the {MAIN_LOOP} Hz of the "
             "firmware. Train at 100, 50 or 25 Hz."
         )
-    multiplications = sum(weight.size for weight in policy.weights)
-    if multiplications > MOST_MULTIPLICATIONS:
+    if policy.multiplications > MOST_MULTIPLICATIONS:
         raise InputError(
-            f"policy: {multiplications} multiplications; the drone has time for "
+            f"policy: {policy.multiplications} multiplications; the drone has time for "
             f"{MOST_MULTIPLICATIONS}. Train a smaller network: maidenflight train --hidden 50,50."
         )
     if propellers not in PROPELLERS:

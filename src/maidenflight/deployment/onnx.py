@@ -39,6 +39,9 @@ def to_onnx(
     unclipped a, which the next observation holds. Both are NaN in rows whose observation or action
     is not finite; ReLU and clipping would hide that.
 
+    A policy that remembers has a second input, `memory`, float32 (batch, M), zeros in a flight's
+    first step, and a third output, `next_memory`, which is the next step's.
+
     Args:
         policy: the policy.
         record: how the policy was made, for the metadata.
@@ -63,8 +66,8 @@ def to_onnx(
 
     graph = helper.make_graph(
         [
-            helper.make_node(operator, given.split(), [made], **how)
-            for operator, given, made, how in _steps(len(policy.weights))
+            helper.make_node(operator, given.split(), made.split(), **how)
+            for operator, given, made, how in _steps(len(policy.weights), policy.memory > 0)
         ],
         "policy",
         [
@@ -72,11 +75,17 @@ def to_onnx(
                 "observation",
                 policy.layer_sizes[0],
                 f"{policy.history} instants of 20 numbers: {INSTANT}{_ahead(policy.look_ahead)}",
-            )
+            ),
+            *([table("memory", policy.memory, "zeros in the first step")] if policy.gru else []),
         ],
         [
             table("command", ACTION_SIZE, command),
             table("action", ACTION_SIZE, "not clipped; the next observation holds it"),
+            *(
+                [table("next_memory", policy.memory, "the next step's memory")]
+                if policy.gru
+                else []
+            ),
         ],
         [numpy_helper.from_array(numbers, name) for name, numbers in _constants(policy).items()],
     )
@@ -99,6 +108,8 @@ def to_onnx(
     }
     if policy.look_ahead.points:
         metadata["look_ahead"] = json.dumps(policy.look_ahead.to_dict())
+    if policy.memory:
+        metadata["memory"] = str(policy.memory)
     metadata |= {} if hover is None else {"hover": f"{np.float32(hover)!s}"}
     helper.set_model_props(model, metadata)
     return model.SerializeToString(deterministic=True)
@@ -147,7 +158,27 @@ def _check(policy: Policy) -> None:
         raise InputError("policy: an action overflows float32. Training diverged: train again.")
 
 
-def _steps(layers: int) -> list[tuple[str, str, str, dict[str, Any]]]:
+_RECURRENT: list[tuple[str, str, str, dict[str, Any]]] = [
+    ("Gemm", "hidden_1 recurrent_weights recurrent_biases", "given", {"transB": 1}),
+    ("Gemm", "memory memory_weights memory_biases", "known", {"transB": 1}),
+    ("Split", "given thirds", "given_reset given_update given_candidate", {"axis": 1}),
+    ("Split", "known thirds", "known_reset known_update known_candidate", {"axis": 1}),
+    ("Add", "given_reset known_reset", "reset_sum", {}),
+    ("Sigmoid", "reset_sum", "reset", {}),
+    ("Add", "given_update known_update", "update_sum", {}),
+    ("Sigmoid", "update_sum", "update", {}),
+    ("Mul", "reset known_candidate", "known_share", {}),
+    ("Add", "given_candidate known_share", "candidate_sum", {}),
+    ("Tanh", "candidate_sum", "candidate", {}),
+    ("Sub", "memory candidate", "change", {}),
+    ("Mul", "update change", "kept", {}),
+    ("Add", "candidate kept", "remembered", {}),
+    ("Concat", "hidden_1 remembered", "hidden_and_memory", {"axis": 1}),
+]
+"""The gated recurrent unit of one step; ONNX's own operator is for whole sequences."""
+
+
+def _steps(layers: int, remembers: bool) -> list[tuple[str, str, str, dict[str, Any]]]:
     """The graph of a network: operator, what it is given, what it makes, its attributes."""
     steps: list[tuple[str, str, str, dict[str, Any]]] = [
         ("Sub", "observation mean", "centred", {}),
@@ -162,10 +193,14 @@ def _steps(layers: int) -> list[tuple[str, str, str, dict[str, Any]]]:
         if number < layers:
             steps.append(("Relu", values, f"hidden_{number}", {}))
             values = f"hidden_{number}"
+        if remembers and number == 1:
+            steps += _RECURRENT
+            values = "hidden_and_memory"
+    seen = "observation memory remembered" if remembers else "observation"
     return [
         *steps,
         # Zero, or NaN where a number is not finite.
-        ("Concat", f"observation {values}", "numbers", {"axis": 1}),
+        ("Concat", f"{seen} {values}", "numbers", {"axis": 1}),
         ("Mul", "numbers zero", "zeros", {}),
         ("ReduceSum", "zeros columns", "doubt", {}),
         ("Add", f"{values} doubt", "action", {}),
@@ -173,6 +208,7 @@ def _steps(layers: int) -> list[tuple[str, str, str, dict[str, Any]]]:
         ("Mul", "clipped span", "offset", {}),
         ("Add", "offset centre", "commanded", {}),
         ("Add", "commanded doubt", "command", {}),
+        *([("Add", "remembered doubt", "next_memory", {})] if remembers else []),
     ]
 
 
@@ -184,6 +220,13 @@ def _constants(policy: Policy) -> dict[str, np.ndarray]:
     }
     for number, (weight, bias) in enumerate(zip(policy.weights, policy.biases, strict=True), 1):
         numbers |= {f"weights_{number}": weight, f"biases_{number}": bias}
+    if policy.gru is not None:
+        numbers |= {
+            "recurrent_weights": policy.gru.weights,
+            "recurrent_biases": policy.gru.biases,
+            "memory_weights": policy.gru.recurrent,
+            "memory_biases": policy.gru.recurrent_biases,
+        }
     numbers |= {
         "zero": 0.0,
         "least": -1.0,
@@ -191,6 +234,7 @@ def _constants(policy: Policy) -> dict[str, np.ndarray]:
         "span": policy.interface.span,
         "centre": policy.interface.centre,
     }
+    whole = {"columns": [1], **({"thirds": [policy.memory] * 3} if policy.gru else {})}
     return {name: np.asarray(value, np.float32) for name, value in numbers.items()} | {
-        "columns": np.array([1], np.int64)
+        name: np.array(value, np.int64) for name, value in whole.items()
     }

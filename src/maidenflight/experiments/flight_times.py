@@ -148,7 +148,14 @@ def predict_flight_times(
     kinds: dict[tuple, list[int]] = {}
     for place, policy in enumerate(policies):
         kinds.setdefault(
-            (policy.interface, policy.history, policy.look_ahead, policy.layer_sizes), []
+            (
+                policy.interface,
+                policy.history,
+                policy.look_ahead,
+                policy.layer_sizes,
+                policy.memory,
+            ),
+            [],
         ).append(place)
     steps, reasons = (np.zeros((len(policies), trials), np.int32) for _ in _Flights._fields)
     done = 0
@@ -207,6 +214,7 @@ def _fly_kind(
         structure,
         estimator_memory=_MEMORY if late else 0,
         look_ahead=policies[0].look_ahead,
+        memory=policies[0].memory,
     )
     laid = NamedSharding(_mesh(), PartitionSpec(_POLICIES))
     size = laid.mesh.size * AT_ONCE.get(jax.default_backend(), AT_ONCE_ELSEWHERE)
@@ -280,6 +288,7 @@ def _identity(policy: Policy) -> int:
     kind = f"{policy.interface.name} {policy.interface.rate} {policy.history} {policy.layer_sizes}"
     ahead = policy.look_ahead
     kind += f" {ahead.points} {ahead.spacing}" if ahead.points else ""
+    kind += f" memory {policy.memory}" if policy.memory else ""
     known = hashlib.sha256(kind.encode())
     for leaf in tree.leaves(policy):
         known.update(np.asarray(leaf, "<f4").tobytes())
@@ -417,7 +426,9 @@ def _until_next_action(
         return after, jnp.where((reason == 0) & (row >= rows), tasks.TIME_LIMIT, reason)
 
     env_state, reasons = lax.scan(hold, env_state, row + jnp.arange(1, every + 1))
-    instant = environment.observe(env_state.measurement, env.task.reference(env_state.time), action)
+    instant = environment.observe(
+        env_state.measurement, env.task.reference(env_state.time), env_state.action
+    )
     return (env_state, jnp.concatenate([history[1:], instant[None]])), reasons
 
 

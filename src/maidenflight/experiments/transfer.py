@@ -210,7 +210,9 @@ def transfer(
 def controller_of(policies: Sequence[Policy], controller: Controller | None) -> Controller:
     """The controller that all policies are for."""
     kinds = {
-        str((policy.interface, policy.history, policy.look_ahead, policy.layer_sizes))
+        str(
+            (policy.interface, policy.history, policy.look_ahead, policy.layer_sizes, policy.memory)
+        )
         for policy in policies
     }
     if len(kinds) > 1:
@@ -230,7 +232,7 @@ def controller_of(policies: Sequence[Policy], controller: Controller | None) -> 
 
 def as_seen_by(policy: Policy, env: Environment) -> Environment:
     """The environment with the observations of a policy."""
-    return replace(env, history=policy.history, look_ahead=policy.look_ahead)
+    return replace(env, history=policy.history, look_ahead=policy.look_ahead, memory=policy.memory)
 
 
 class _Logged(NamedTuple):

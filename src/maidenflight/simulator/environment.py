@@ -65,6 +65,9 @@ class Environment:
     """Estimates that a late estimator remembers; 0: the estimator is not late."""
     look_ahead: LookAhead = look_ahead.NONE
     """Points of the reference ahead of time in an observation."""
+    memory: int = 0
+    """M, numbers that the policy remembers: an observation ends with them, and an action with what
+    it remembers next."""
 
     def __post_init__(self) -> None:
         if self.battery and self.thrust_law is None:
@@ -165,6 +168,8 @@ class EnvState(NamedTuple):
     """Observed instants, oldest first."""
     action: Float[Array, "4"]
     """a_{t-1}."""
+    memory: Float[Array, "M"]
+    """What the policy remembers."""
     time: Float[Array, ""]
     """The reference's clock [s]."""
     elapsed: Float[Array, ""]
@@ -221,12 +226,16 @@ def remember(history: Float[Array, "H 20"], instant: Float[Array, "20"]) -> Floa
     return jnp.concatenate([history[1:], instant[None]])
 
 
-def observation(environment: Environment, env_state: EnvState) -> Float[Array, "20H+3K"]:
-    """The policy's input: the last H instants, oldest first, and the K points of a look-ahead."""
-    if not environment.look_ahead.points:
-        return env_state.history.reshape(-1)
-    ahead = environment.look_ahead.of(environment.task.reference, env_state.time)
-    return look_ahead.joined(env_state.history, ahead, env_state.measurement.position)
+def observation(environment: Environment, env_state: EnvState) -> Float[Array, "20H+3K+M"]:
+    """The policy's input.
+
+    The last H instants, oldest first, the K points of a look-ahead, and what it remembers.
+    """
+    seen = env_state.history.reshape(-1)
+    if environment.look_ahead.points:
+        ahead = environment.look_ahead.of(environment.task.reference, env_state.time)
+        seen = look_ahead.joined(env_state.history, ahead, env_state.measurement.position)
+    return jnp.concatenate([seen, env_state.memory]) if environment.memory else seen
 
 
 def begin(
@@ -273,6 +282,7 @@ def begin(
         measurement=measurement,
         history=jnp.broadcast_to(instant, (environment.history, OBSERVATION_SIZE)),
         action=action,
+        memory=jnp.zeros(environment.memory),
         time=jnp.asarray(time, jnp.float32),
         elapsed=jnp.zeros(()),
     )
@@ -302,7 +312,7 @@ def draw(environment: Environment, key: Array) -> Noise:
 def step(
     environment: Environment,
     env_state: EnvState,
-    action: Float[Array, "4"],
+    action: Float[Array, "4+M"],
     parameters: Parameters,
     key: Array,
 ) -> tuple[EnvState, StepResult]:
@@ -311,7 +321,8 @@ def step(
     Args:
         environment: what is simulated.
         env_state: the drone before.
-        action: the policy's output; not clipped here, the controller does that.
+        action: the policy's output, its next memory included; not clipped here, the controller
+            does that.
         parameters: the drone; its `time_step` sets the control period.
         key: random key.
 
@@ -319,6 +330,7 @@ def step(
         The drone after, and what the step gave. A finished episode is not reset.
     """
     drawn = draw(environment, key)
+    action, memory = action[:ACTION_SIZE], action[ACTION_SIZE:]
     setpoint = environment.task.reference(env_state.time)
     period = environment.control_period(parameters)
     actions = jnp.round(env_state.elapsed / period) + 1.0
@@ -384,7 +396,10 @@ def step(
     )
     instant = observe(after.measurement, setpoint, action)
     history = remember(env_state.history, instant)
-    return after._replace(history=history, action=action, time=time, elapsed=elapsed), step_result
+    after = after._replace(
+        history=history, action=action, memory=memory, time=time, elapsed=elapsed
+    )
+    return after, step_result
 
 
 def _hold_command(

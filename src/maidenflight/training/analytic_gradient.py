@@ -89,6 +89,9 @@ class _Learner(NamedTuple):
     instances: EnvInstance
 
 
+_MATRIX = optax.contrib.MuonDimensionNumbers()
+
+
 def _optimiser(settings: AnalyticGradient) -> optax.GradientTransformation:
     def decaying(initial: float) -> optax.Schedule:
         return optax.cosine_decay_schedule(initial, settings.updates, alpha=0.02)
@@ -96,10 +99,9 @@ def _optimiser(settings: AnalyticGradient) -> optax.GradientTransformation:
     def muon_weights(network: Any) -> Any:
         # Not the last layer: its weights start small, and Muon's steps of equal size in all
         # directions drive the actions far out of their range.
-        (*hidden, _), biases = network
-        return (*[optax.contrib.MuonDimensionNumbers() for _ in hidden], None), (None,) * len(
-            biases
-        )
+        (*hidden, _), biases, gru = network
+        of_gru = tree.map(lambda leaf: _MATRIX if leaf.ndim == 2 else None, gru)
+        return (*[_MATRIX for _ in hidden], None), (None,) * len(biases), of_gru
 
     adam_rate = decaying(settings.learning_rate)
     if settings.hidden_learning_rate > 0:
@@ -127,7 +129,12 @@ def begin(env: Environment, settings: AnalyticGradient, box: Distribution, keys:
         )
         policy = _hovering(
             untrained(
-                policy_key, settings.hidden, env.history, env.controller.interface, env.look_ahead
+                policy_key,
+                settings.hidden,
+                env.history,
+                env.controller.interface,
+                env.look_ahead,
+                env.memory,
             ),
             instances.parameters,
         )
@@ -143,9 +150,9 @@ def _hovering(policy: Policy, drones: Parameters) -> Policy:
     task's bounds before a gradient tells anything.
     """
     share = lax.pmean(jnp.mean(jax.vmap(dynamics.hover_command)(drones)), DRONES)
-    weights, (*biases, last) = policy.network
+    weights, (*biases, last), gru = policy.network
     level = policy.interface.level(jnp.clip(share, 0.0, 1.0))
-    return policy.with_network((weights, (*biases, last + level)))
+    return policy.with_network((weights, (*biases, last + level), gru))
 
 
 def _segment(
@@ -157,8 +164,9 @@ def _segment(
     def one(
         env_state: EnvState, key: Array
     ) -> tuple[EnvState, tuple[Float[Array, ""], Bool[Array, ""], Float[Array, ""]]]:
-        action = policy(environment.observation(env, env_state))
-        after, step_result = environment.step(env, env_state, action, drone.parameters, key)
+        output = policy(environment.observation(env, env_state))
+        after, step_result = environment.step(env, env_state, output, drone.parameters, key)
+        action = after.action
         tilt = norm(rotations.body_z(after.state.quaternion)[:2])
         guards = settings.position_penalty * jax.nn.relu(
             step_result.position_error - settings.position_margin

@@ -158,7 +158,12 @@ def begin(env: Environment, settings: PPO, box: Distribution, keys: Array) -> _L
     def one(key: Array) -> _Learner:
         policy_key, critic_key, key = jax.random.split(key, 3)
         policy = untrained(
-            policy_key, settings.hidden, env.history, env.controller.interface, env.look_ahead
+            policy_key,
+            settings.hidden,
+            env.history,
+            env.controller.interface,
+            env.look_ahead,
+            env.memory,
         )
         instances = jax.vmap(partial(randomized_reset, env, box))(
             own(jax.random.split(key, settings.num_envs))
@@ -228,9 +233,12 @@ def _rollout(
         carry: tuple[EnvInstance, Array], now: tuple[Array, Array, Array]
     ) -> tuple[tuple[EnvInstance, Array], _Period]:
         (drone, discounted), (number, noise, key) = carry, now
-        action = policy(environment.observation(env, drone.env_state)) + deviation * noise
+        action, memory = jnp.split(
+            policy(environment.observation(env, drone.env_state)), [ACTION_SIZE]
+        )
+        action += deviation * noise
         env_state, step_result = environment.step(
-            env, drone.env_state, action, drone.parameters, key
+            env, drone.env_state, jnp.concatenate([action, memory]), drone.parameters, key
         )
         after, discounted = (
             EnvInstance(env_state, drone.parameters),
@@ -349,17 +357,18 @@ def _update(
         learner.instances, learner.discounted, own(jax.random.split(flight_key, settings.num_envs))
     )
     samples = flown, *_advantages_and_targets(settings, learner, flown)
-    flown, gains, targets = tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), samples)
+    # A memory's gradient goes through the periods of a rollout; else each stands for itself.
+    length = settings.horizon if env.memory else 1
+    sequences = tree.map(lambda leaf: leaf.reshape(-1, length, *leaf.shape[2:]), samples[:2])
+    flown, _, targets = tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), samples)
 
     def actor_cost(network: Any, some: tuple[_Period, Array]) -> Float[Array, ""]:
         policy = learner.policy.with_network(network)
 
-        def one(period: _Period, gain: Float[Array, ""]) -> Float[Array, ""]:
-            noise = (
-                period.action - policy(period.critic_observation[: policy.observation_mean.size])
-            ) / deviation
+        def one(periods: _Period, gains: Float[Array, "L"]) -> Float[Array, "L"]:
+            noises = (periods.action - _actions(policy, periods)) / deviation
             return surrogate(
-                jnp.exp(jnp.sum(period.noise**2 - noise**2) / 2.0), gain, settings.clip
+                jnp.exp(jnp.sum(periods.noise**2 - noises**2, axis=1) / 2.0), gains, settings.clip
             )
 
         return -jnp.mean(jax.vmap(one)(*some))
@@ -379,7 +388,7 @@ def _update(
         learner.policy.network,
         learner.optimisers[0],
         settings.learning_rate * remaining,
-        (flown, gains),
+        sequences,
         settings.actor_passes,
         settings.actor_minibatches,
         actor_key,
@@ -400,6 +409,19 @@ def _update(
     return _Learner(
         policy, critic, (actor_optimiser, critic_optimiser), moments, returns, instances, discounted
     )
+
+
+def _actions(policy: Policy, periods: _Period) -> Float[Array, "L 4"]:
+    """What a policy does in L consecutive periods; its memory is empty after a reset."""
+    size = policy.observation_mean.size
+
+    def one(memory: Float[Array, "M"], period: _Period) -> tuple[Array, Float[Array, "4"]]:
+        seen = jnp.concatenate([period.critic_observation[:size], memory])
+        action, memory = jnp.split(policy(seen), [ACTION_SIZE])
+        return jnp.where(period.terminated | period.truncated, 0.0, memory), action
+
+    first = periods.critic_observation[0, size : size + policy.memory]
+    return lax.scan(one, first, periods)[1]
 
 
 def _normalizing(policy: Policy, moments: Moments) -> Policy:

@@ -18,6 +18,7 @@ from jax import tree
 from jaxtyping import Array
 
 from maidenflight.errors import InputError
+from maidenflight.gru import MOST_MEMORY
 from maidenflight.policy import Policy
 from maidenflight.simulator.control import EXCITATION, Controller
 from maidenflight.simulator.environment import Environment
@@ -126,6 +127,7 @@ def train(
     history: int = 2,
     anew: bool = False,
     look_ahead: LookAhead = NONE,
+    memory: int = 0,
 ) -> tuple[Policy, ...]:
     """Trains one policy per key, all in one call.
 
@@ -144,6 +146,7 @@ def train(
         anew: do not resume; an earlier checkpoint stays until this training's first replaces it.
         look_ahead: points of the reference ahead of time in an observation, such as
             `LookAhead(5)`; none unless given. The first layer grows with them.
+        memory: M, numbers of a gated recurrent unit behind the first layer, such as 32; 0: none.
 
     Returns:
         For each key, in order, the policy at its best evaluation (`Evaluation.beats`). Time grows
@@ -190,7 +193,11 @@ def train(
             f"history = {history}; expected 1 or more instants. The paper's policies see 2."
         )
     begin, learn = METHODS[type(settings)]
-    env = Environment.matching(box.centre, task, controller, history=history, look_ahead=look_ahead)
+    if not 0 <= memory <= MOST_MEMORY:
+        raise InputError(f"memory = {memory}; expected 0 to {MOST_MEMORY} numbers.")
+    env = Environment.matching(
+        box.centre, task, controller, history=history, look_ahead=look_ahead, memory=memory
+    )
 
     def start(stages: tuple[int, ...]) -> _State:
         learners = begin(env, settings, box, keys)
@@ -330,6 +337,7 @@ def _fingerprint(env: Environment, settings: Settings, box: Distribution, keys: 
         ],
         "history": env.history,
         **({"look_ahead": env.look_ahead.to_dict()} if env.look_ahead.points else {}),
+        **({"memory": env.memory} if env.memory else {}),
     }
     reference = jax.vmap(task.reference)(jnp.linspace(0.0, task.duration, 50))
     return checkpoint.fingerprint(words, (reference, jax.random.key_data(keys), box))

@@ -88,6 +88,7 @@ def check_export(
     history: int,
     drone: Parameters,
     look_ahead: LookAhead = NONE,
+    memory: int = 0,
 ) -> None:
     """Checks before a training that its policies can be exported: exports an untrained one.
 
@@ -98,11 +99,12 @@ def check_export(
         history: number of instants in their observation.
         drone: that they are trained for.
         look_ahead: points of the reference ahead of time in it.
+        memory: numbers that they remember.
 
     Raises:
         InputError: what is written could not hold them, or not fly the drone.
     """
     _must_be_mixed(to, interface, drone)
-    policy = untrained(jax.random.key(0), hidden, history, interface, look_ahead)
+    policy = untrained(jax.random.key(0), hidden, history, interface, look_ahead, memory)
     with TemporaryDirectory() as folder:
         EXPORTERS[to](policy, folder, name="policy", seed=0)

@@ -20,6 +20,7 @@ from maidenflight.simulator.battery import COUNTS, PLUS
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.plant import RunningPlant
 from maidenflight.simulator.randomization import (
+    AnyDrone,
     Distribution,
     Ensemble,
     randomize,
@@ -39,6 +40,9 @@ TRIMS = "trim"
 WIDE = "wide"
 """Train over drones unlike the identified one too, with all the trims that its flights had."""
 
+ANY = "any"
+"""Train over small quadrotors of any make, for policies that find out in flight what they fly."""
+
 POSSIBLE = 256
 """Drones drawn from a box, of which each predicted flight flies one."""
 
@@ -51,7 +55,7 @@ def randomized(
     Args:
         drone: a drone file, its path, or a named drone.
         randomization: half width of the box about the drone as a share of each parameter, or
-            `POSTERIOR` or `WIDE`; see `train_for`.
+            `POSTERIOR`, `WIDE` or `ANY`; see `train_for`.
         controller: its period is what physics steps must divide.
     """
     file = drone if isinstance(drone, DroneFile) else drone_file.read(drone)
@@ -62,6 +66,8 @@ def randomized(
         trims = [file.estimates.get(name) for name in TRIM]
         deviations = [0.0 if trim is None else trim.between_segment_sd for trim in trims]
         return wide_box(centre, controller.interface.name, deviations)
+    if randomization == ANY:
+        return AnyDrone(centre)
     return relative_box(centre, float(randomization))
 
 

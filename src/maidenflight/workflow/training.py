@@ -41,6 +41,16 @@ separate initial states that can be saved from those that cannot takes more envi
 50 Hz, where most episodes depend on it, a larger network; it fits a Crazyflie with up to four
 instants."""
 
+REMEMBERING: dict[str, Any] = {
+    "num_envs": 256,
+    "learning_rate": 1e-3,
+    "hidden_learning_rate": 0.006,
+    "reset_fraction": 0.1,
+}
+"""What differs for policies with a memory. Resets are rarer, because memories begin empty; steps
+are smaller, because with those of the others training over unlike drones gets worse after some
+hundred updates."""
+
 FASTEST_BOX = 0.1
 """Half width of the box that tasks at the limit of a drone are trained over unless the user says:
 many drones of the wide box cannot fly them."""
@@ -57,6 +67,7 @@ def settings_for(
     method: str = "gradient",
     updates: int | None = None,
     hidden: tuple[int, ...] | None = None,
+    memory: int = 0,
 ) -> Settings:
     """Default settings for a control structure, a task and a method, all by name.
 
@@ -66,8 +77,11 @@ def settings_for(
         method: `"gradient"` or `"ppo"`.
         updates: replaces the number of updates if given.
         hidden: replaces the sizes of the policy's hidden layers if given.
+        memory: numbers that policies remember.
     """
     settings: Any = PPO() if method == "ppo" else _by_gradient(structure, task)
+    if memory and method == "gradient":
+        settings = dataclasses.replace(settings, **REMEMBERING)
     given = {"updates": updates, "hidden": hidden}
     chosen = {name: value for name, value in given.items() if value is not None}
     return dataclasses.replace(settings, **chosen)
@@ -108,6 +122,7 @@ def train_for(
     accept_bounds: bool = False,
     target: str | None = None,
     look_ahead: LookAhead = NONE,
+    memory: int = 0,
 ) -> tuple[Policy, ...]:
     """Trains policies for a drone.
 
@@ -121,7 +136,7 @@ def train_for(
         count: number of policies.
         settings: of the method.
         randomization: half width of a box about the drone; `POSTERIOR`: samples of its posterior;
-            or `WIDE`: a wide box about it.
+            `WIDE`: a wide box about it; or `ANY`: drones of any make with its sensors.
         on_progress: called after each evaluation.
         structure: name of a control structure in `control.CONTROLLERS`.
         task: name in `tasks.TASKS`.
@@ -134,6 +149,7 @@ def train_for(
         target: name in `deployment.EXPORTERS` of what the policies are to be exported to, which is
             checked before training.
         look_ahead: points of the reference ahead of time in an observation.
+        memory: M, numbers that a policy remembers; 0: none.
 
     Raises:
         InputError: the drone is refused; the policies could not be exported to the target; there
@@ -149,7 +165,7 @@ def train_for(
     controller = control.CONTROLLERS[structure](full_scale_counts=file.full_scale_counts)
     if target is not None:
         network = settings.hidden, history
-        check_export(target, controller.interface, *network, file.parameters, look_ahead)
+        check_export(target, controller.interface, *network, file.parameters, look_ahead, memory)
     box = randomized(file, randomization, controller)
     rows: list[dict[str, Any]] = []
 
@@ -174,6 +190,7 @@ def train_for(
         "policies": count,
         "history": history,
         "look_ahead": look_ahead.to_dict() if look_ahead.points else None,
+        "memory": memory or None,
         "yaw_penalty": yaw_penalty or None,
         **recorded(settings),
     }
@@ -199,6 +216,7 @@ def train_for(
             history=history,
             anew=not resume,
             look_ahead=look_ahead,
+            memory=memory,
         )
     stages = checkpoint.stages(saved)
     said["extended_from"] = list(stages[:-1]) or None
