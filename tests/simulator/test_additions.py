@@ -7,7 +7,7 @@ import pytest
 
 from maidenflight import parameters
 from maidenflight.errors import InputError
-from maidenflight.simulator.additions import SENSORS, Late, Sensing, split, with_additions
+from maidenflight.simulator.additions import SENSORS, Late, Sensing, Uneven, split, with_additions
 from maidenflight.simulator.reality import REALITIES, checked, reality
 from maidenflight.simulator.virtual_drone import VirtualDrone
 from numpy_drone import NumpyDrone
@@ -23,6 +23,7 @@ START = np.array([0.1, 0.2, 1.0])
         ("l2f:x500+sensors+2.5ms", ("l2f:x500", ["sensors", "2.5ms"])),
         ("near:1@crazyflie_2.1++10ms", ("near:1@crazyflie_2.1+", ["10ms"])),
         ("virtual:7+noise", ("virtual:7+noise", [])),
+        ("far:2+yaw-6000+weak10", ("far:2", ["yaw-6000", "weak10"])),
     ],
 )
 def test_additions_are_read_from_the_end(name: str, expected: tuple[str, list[str]]) -> None:
@@ -50,7 +51,16 @@ def test_a_name_that_ends_like_an_addition_is_a_drone(tmp_path: Path) -> None:
     assert reality("crazyflie_2.1++10ms").name == "crazyflie_2.1++10ms"
 
 
-@pytest.mark.parametrize("name", ["near:7+10ms+5ms", "near:7+sensors+sensors", "near:7+45ms"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "near:7+10ms+5ms",
+        "near:7+sensors+sensors",
+        "near:7+45ms",
+        "near:7+yaw600+yaw-6000",
+        "near:7+weak10+weak5",
+    ],
+)
 def test_what_cannot_be_added_is_refused(name: str) -> None:
     with pytest.raises(InputError, match="near-7"):
         reality(name)
@@ -76,6 +86,63 @@ def test_a_wrapped_latency_is_that_of_the_simulator(monkeypatch: pytest.MonkeyPa
         np.testing.assert_array_equal(one, other)
     late.reset(START, 0)
     np.testing.assert_array_equal(late.truth().command, np.full(4, late.hover))
+
+
+def test_a_trim_in_yaw_is_the_torque_of_motors_that_differ_by_it() -> None:
+    plain, added = reality("near:7"), reality("near:7+yaw6000")
+    assert isinstance(plain, VirtualDrone)
+    assert isinstance(added, VirtualDrone)
+    own = plain.parameters
+    each = 0.5 + 6000 / 65535 * np.asarray(own.rotor_direction)
+    full = own.thrust_to_weight * own.mass * own.gravity / 4
+    torque = np.sum(own.rotor_direction * own.torque_to_thrust * full * each)
+    np.testing.assert_allclose(
+        added.parameters.torque_bias - own.torque_bias, [0.0, 0.0, torque], rtol=1e-5
+    )
+
+
+def test_a_weak_motor_gives_less_thrust() -> None:
+    plain, added = reality("near:7"), reality("near:7+weak10")
+    assert isinstance(plain, VirtualDrone)
+    assert isinstance(added, VirtualDrone)
+    np.testing.assert_allclose(
+        added.parameters.rotor_thrust, plain.parameters.rotor_thrust * [0.9, 1, 1, 1], rtol=1e-6
+    )
+
+
+@pytest.mark.parametrize(
+    ("addition", "acting"),
+    [
+        ("weak10", [0.45, 0.5, 0.5, 0.5]),
+        ("yaw6553.5", None),
+        ("yaw-13107", [0.7, 0.3, 0.7, 0.3]),
+    ],
+)
+def test_motors_of_other_realities_differ_by_it(
+    addition: str, acting: list[float] | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(REALITIES, "numpy", lambda seed: NumpyDrone())
+    if acting is None:
+        with pytest.raises(InputError):
+            reality(f"numpy:0+{addition}")
+        return
+    uneven, twin = reality(f"numpy:0+{addition}"), NumpyDrone()
+    assert isinstance(uneven, Uneven)
+    uneven.reset(START, 0)
+    twin.reset(START, 0)
+    for _ in range(30):
+        uneven.step(np.full(4, 0.5))
+        twin.step(np.array(acting))
+    for one, other in zip(uneven.truth()[:3], twin.truth()[:3], strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(uneven.truth().command, np.full(4, 0.5))
+
+
+def test_a_reality_that_is_not_given_motor_commands_has_no_trim() -> None:
+    drone = NumpyDrone()
+    drone.takes = "attitude"
+    with pytest.raises(InputError):
+        with_additions(drone, ["yaw6000"])
 
 
 def test_sensors_read_with_the_noise_that_they_are_said_to_have() -> None:

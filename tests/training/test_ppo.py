@@ -209,6 +209,33 @@ def test_the_value_at_an_end_is_of_the_drone_before_another_takes_over() -> None
         discounted *= not over[number]
 
 
+@pytest.mark.slow
+def test_a_memory_is_carried_through_a_rollout_as_it_was_flown() -> None:
+    """What an update computes anew, from the first memory on and over resets, is what was done."""
+    short = tasks.circle()._replace(duration=0.05)
+    simulated = Environment.matching(BOX.centre, short, memory=3)
+    settings = PPO(horizon=16)
+    policy = untrained(jax.random.key(1), (8,), memory=3)
+    drone = randomized_reset(simulated, BOX, jax.random.key(2))
+    deviation = jnp.float32(0.1)
+    fly = jax.jit(partial(ppo._rollout, simulated, settings))
+    drone, discounted, _ = fly(BOX, policy, deviation, drone, jnp.zeros(()), jax.random.key(3))
+    assert np.abs(drone.env_state.memory).max() > 0.0
+    _, _, flown = fly(BOX, policy, deviation, drone, discounted, jax.random.key(4))
+    assert np.sum(flown.truncated) >= 2
+    done = np.asarray(flown.action - deviation * flown.noise)
+    np.testing.assert_allclose(ppo._actions(policy, flown), done, rtol=0, atol=1e-5)
+    empty = flown.critic_observation.at[0, 40:43].set(0.0)
+    without = flown._replace(critic_observation=empty)
+    assert np.abs(np.asarray(ppo._actions(policy, without)) - done)[:3].max() > 1e-5
+
+    def sum_of(gru: Any) -> Any:
+        return jnp.sum(ppo._actions(changed(policy, gru=gru), flown))
+
+    slope: Any = jax.grad(sum_of)(policy.gru)
+    assert np.abs(slope.recurrent).max() > 0.0
+
+
 @pytest.mark.parametrize(
     ("ratio", "advantage", "slope"),
     [

@@ -398,7 +398,7 @@ def test_a_return_that_is_no_number_ends_training_and_keeps_what_was_good(
 
 
 @pytest.mark.slow
-def test_a_policy_sees_as_many_instants_as_asked_and_another_number_is_another_training(
+def test_a_policy_sees_and_remembers_as_much_as_asked_and_else_it_is_another_training(
     tmp_path: Path,
 ) -> None:
     saved, settings = (
@@ -407,13 +407,21 @@ def test_a_policy_sees_as_many_instants_as_asked_and_another_number_is_another_t
     )
     asked = tasks.circle(), control.pwm(), BOX, KEYS[:1], settings
     ahead = LookAhead(2, 0.2)
-    (policy,) = train(*asked, saved=saved, history=3, look_ahead=ahead)
+    (policy,) = train(*asked, saved=saved, history=3, look_ahead=ahead, memory=4)
     assert (policy.history, policy.look_ahead, policy.layer_sizes) == (3, ahead, (66, 8, 4))
-    for other in (LookAhead(), LookAhead(2, 0.1)):
+    assert policy.memory == 4
+    policy.check()
+    for other in (
+        {"look_ahead": LookAhead(), "history": 3, "memory": 4},
+        {"look_ahead": LookAhead(2, 0.1), "history": 3, "memory": 4},
+        {"look_ahead": ahead, "history": 3, "memory": 5},
+        {"look_ahead": ahead, "history": 3},
+        {"look_ahead": ahead, "history": 2, "memory": 4},
+    ):
         with pytest.raises(InputError, match="a checkpoint of another training"):
-            train(*asked, saved=saved, history=3, look_ahead=other)
-    with pytest.raises(InputError, match="a checkpoint of another training"):
-        train(tasks.circle(), control.pwm(), BOX, KEYS[:1], settings, saved=saved, history=2)
+            train(*asked, saved=saved, **other)
+    with pytest.raises(InputError, match="memory = -1"):
+        train(tasks.circle(), control.pwm(), BOX, KEYS[:1], settings, memory=-1)
     with pytest.raises(InputError, match="history = 0; expected 1 or more"):
         train(tasks.circle(), control.pwm(), BOX, KEYS[:1], settings, history=0)
 

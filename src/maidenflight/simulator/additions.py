@@ -1,7 +1,8 @@
-"""What a reality's name adds to it: `+sensors` and `+10ms`, in any order, on any reality.
+"""What a reality's name adds to it: `+sensors`, `+10ms`, `+yaw6000` and `+weak10`, in any order.
 
 Virtual drones get other parameters. Other realities are wrapped: `Sensing` reads them through the
-noise and delay of a Crazyflie's sensors, `Late` holds back their commands.
+noise and delay of a Crazyflie's sensors, `Late` holds back their commands, and `Uneven` changes
+them as a trim in yaw or a weak motor does.
 """
 
 import dataclasses
@@ -18,6 +19,7 @@ from jaxtyping import Array, Float
 from maidenflight import parameters
 from maidenflight.errors import InputError
 from maidenflight.parameters import Parameters, crazyflie, noiseless, replace
+from maidenflight.simulator import interface as interfaces
 from maidenflight.simulator import sensors
 from maidenflight.simulator.dynamics import State
 from maidenflight.simulator.environment import Environment
@@ -39,7 +41,11 @@ SENSORS = MappingProxyType(
 )
 """What `+sensors` sets: the noise and delays of the middle one of the virtual drones."""
 
-_ADDITION = re.compile(r"(?P<before>.+)\+(?P<what>sensors|(?P<late>\d+(?:\.\d+)?)ms)")
+_ADDITION = re.compile(
+    r"(?P<before>.+)\+(?P<what>sensors|\d+(?:\.\d+)?ms|yaw-?\d{1,5}|weak\d{1,2})"
+)
+_COUNTS = 65535.0
+"""Of full PWM."""
 
 
 def split(name: str) -> tuple[str, list[str]]:
@@ -58,15 +64,20 @@ def with_additions(drone: Any, added: list[str]) -> Any:
         added: of `split`.
 
     Raises:
-        InputError: the same twice, or a latency that is no whole number of the reality's steps or
-            longer than a drone's may be.
+        InputError: the same twice; a latency that is no whole number of the reality's steps or
+            longer than a drone's may be; or a trim or weak motor of a reality that is not given
+            commands of its motors.
     """
-    kinds = ["latency" if one.endswith("ms") else one for one in added]
+    kinds = ["latency" if one.endswith("ms") else one.rstrip("-0123456789") for one in added]
     if len(set(kinds)) < len(kinds):
         raise InputError(f"{drone.name} + {' + '.join(added)}: expected each addition once.")
     for one in added:
         if one == "sensors":
             drone = _with_sensors(drone)
+        elif one.startswith("yaw"):
+            drone = _trimmed(drone, int(one.removeprefix("yaw")))
+        elif one.startswith("weak"):
+            drone = _weakened(drone, int(one.removeprefix("weak")))
         else:
             drone = _later(drone, float(one.removesuffix("ms")) / 1000)
     return drone
@@ -83,6 +94,26 @@ def _later(drone: Any, seconds: float) -> Any:
         late = replace(drone.parameters, latency=float(drone.parameters.latency) + seconds)
         return _with(drone, parameters.check(late, drone.name), f"+{_ms(seconds)}")
     return Late(drone, seconds)
+
+
+def _trimmed(drone: Any, counts: int) -> Any:
+    """With a torque about yaw as of motors that differ by so many counts of PWM."""
+    share = counts / _COUNTS
+    if not isinstance(drone, VirtualDrone):
+        return Uneven(drone, f"yaw{counts}", share * np.asarray(crazyflie().rotor_direction))
+    own = drone.parameters
+    torque = share * own.torque_to_thrust * own.thrust_to_weight * own.mass * own.gravity
+    bias = np.asarray(own.torque_bias + np.array([0.0, 0.0, torque]), np.float32)
+    return _with(drone, replace(own, torque_bias=bias), f"+yaw{counts}")
+
+
+def _weakened(drone: Any, percent: int) -> Any:
+    """With so much less thrust of its first motor."""
+    shares = np.array([1.0 - percent / 100, 1.0, 1.0, 1.0], np.float32)
+    if not isinstance(drone, VirtualDrone):
+        return Uneven(drone, f"weak{percent}", np.zeros(4), shares)
+    own = drone.parameters
+    return _with(drone, replace(own, rotor_thrust=own.rotor_thrust * shares), f"+weak{percent}")
 
 
 def _with(drone: VirtualDrone, changed: Parameters, addition: str) -> VirtualDrone:
@@ -153,6 +184,50 @@ class Late(_Around):
         self._given = np.array(command, np.float64)
         self._line.append(self._given)
         super().step(self._line.popleft())
+
+    def truth(self) -> Any:
+        """The true state, and the command given last."""
+        return super().truth()._replace(command=self._given)
+
+
+class Uneven(_Around):
+    """A reality whose motors differ; its truth and its log hold the commands that were given."""
+
+    def __init__(
+        self,
+        inner: Any,
+        addition: str,
+        more: Float[np.ndarray, "4"],
+        shares: Float[np.ndarray, "4"] | float = 1.0,
+    ) -> None:
+        """Wraps a reality of the protocol.
+
+        Args:
+            inner: a reality that takes commands of its motors, in the order of a Crazyflie's.
+            addition: what its name says.
+            more: thrust commands that are added to those given.
+            shares: of each motor's command that acts.
+
+        Raises:
+            InputError: it takes others.
+        """
+        super().__init__(inner, addition)
+        motors = interfaces.pwm().name
+        if inner.takes != motors:
+            raise InputError(
+                f"{self.name}: {inner.name} takes {inner.takes!r}; expected {motors!r}."
+            )
+        self._more, self._shares = more, shares
+
+    def reset(self, position: Float[np.ndarray, "3"], seed: int) -> None:
+        """Begins a flight."""
+        super().reset(position, seed)
+        self._given: Any = np.full(4, self.hover)
+
+    def step(self, command: Float[np.ndarray, "4"]) -> None:
+        """Gives what the motors make of a command."""
+        self._given = np.array(command, np.float64)
+        super().step(np.clip(self._shares * (self._given + self._more), 0.0, 1.0))
 
     def truth(self) -> Any:
         """The true state, and the command given last."""

@@ -3,7 +3,7 @@
  * observations: observations for the network.
  * histories:    some times the last action and STEPS measurements with their set-points.
  * verdict:      1 where the self test passes; else 0, and nothing else is written.
- * actions:      the network's actions, one for each observation.
+ * actions:      the network's actions and memories, one for each observation.
  * flown:        for each step the history, the action and the command.
  * costs:        ticks of a loop of 2 LOOPS instructions; calls timed; ticks of that many calls of mf_network, of mf_policy_step; bytes of
  *               a state; bytes of stack of mf_policy_step and of mf_policy_self_test. */
@@ -12,6 +12,9 @@
 
 #include "policy.h"
 
+#ifndef MF_MEMORY
+#define MF_MEMORY 0
+#endif
 #ifndef STEPS
 #error "STEPS: how many steps a history has"
 #endif
@@ -77,7 +80,7 @@ static uint32_t filled(uint32_t file, void *bytes, uint32_t count)
 }
 
 static float observations[BLOCK][MF_OBSERVATION_SIZE];
-static float actions[BLOCK][MF_ACTION_SIZE];
+static float actions[BLOCK][MF_ACTION_SIZE + MF_MEMORY];
 static mf_observation moments[BLOCK];
 static mf_policy_state state;
 

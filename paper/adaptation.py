@@ -1,0 +1,224 @@
+"""What policies find out in flight: jumps of payload and trim, and what their memory knows.
+
+Two studies, of policies that remember and of others beside them.
+
+- Jumps: on virtual drones the payload grows by 15 % of the mass, or the trim in yaw by 4,000
+  counts, in the middle of a flight. How many flights are back within 5 cm, for good, in 2 s?
+- Memory: drones of any make are flown, and a linear read-out (ridge regression) of the memory is
+  fitted to what each drone is. How well does it tell drones that it was not fitted to?
+
+    python paper/adaptation.py policies/policy_1.json others/policy_1.json -o adaptation
+"""
+
+import argparse
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import polars
+from jaxtyping import Array, Float
+
+from maidenflight import results
+from maidenflight.experiments.transfer import as_seen_by
+from maidenflight.flights import flying
+from maidenflight.parameters import Parameters, crazyflie, replace
+from maidenflight.policy import Policy, read
+from maidenflight.simulator import control, tasks
+from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.randomization import AnyDrone
+from maidenflight.simulator.rollout import randomized_reset, rollout
+from maidenflight.simulator.virtual_drone import VARIANTS, virtual_drone
+
+JUMP_S, FLIGHT_S = 5.0, 12.0
+"""When the drone changes, and the length of a flight [s]."""
+WITHIN_M, SOON_S = 0.05, 2.0
+PAYLOAD, TRIM_COUNTS = 0.15, 4000
+FLOWN, KNOWN_AT_S = 4096, (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
+"""Drones whose memories are read, half of them to fit the read-out; and when [s]."""
+RIDGE = 1e-2
+
+
+def loaded(drone: Parameters) -> Parameters:
+    """With more mass at its centre; thrust and torques stay."""
+    heavier = 1.0 + PAYLOAD
+    return replace(
+        drone,
+        mass=drone.mass * heavier,
+        thrust_to_weight=drone.thrust_to_weight / heavier,
+        drag=drone.drag / heavier,
+    )
+
+
+def trimmed(drone: Parameters) -> Parameters:
+    """With a torque in yaw, as of motors that differ by `TRIM_COUNTS`."""
+    thrust = drone.thrust_to_weight * drone.mass * drone.gravity
+    torque = TRIM_COUNTS / 65535 * drone.torque_to_thrust * thrust
+    return replace(drone, torque_bias=drone.torque_bias + torque * jnp.array([0.0, 0.0, 1.0]))
+
+
+JUMPS = {"payload": loaded, "yaw trim": trimmed}
+
+
+def errors_of(
+    policy: Policy, variant: str, jump: str, seeds: Sequence[int], flights: int
+) -> Float[np.ndarray, "F T"]:
+    """Distances from the set-point [m] of `flights` flights of each virtual drone."""
+    drones = [virtual_drone(seed, variant) for seed in seeds]
+    controller = control.controller_for(policy.interface)
+    env = as_seen_by(policy, drones[0].environment(tasks.circle(), controller))
+    stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *(one.parameters for one in drones))
+    keys = jax.random.split(jax.random.key(len(jump)), (len(seeds), flights))
+
+    def changed(drone: Parameters, elapsed: Float[Array, ""]) -> Parameters:
+        return jax.tree.map(
+            lambda new, old: jnp.where(elapsed < JUMP_S, old, new), JUMPS[jump](drone), drone
+        )
+
+    def one(drone: Parameters, key: Array) -> Float[Array, "T"]:
+        steps = round(FLIGHT_S * policy.interface.rate)
+        rows = flying.fly(env, lambda seen, _: policy(seen), drone, key, steps, during=changed)
+        return jnp.linalg.norm(rows.true_position - rows.true_setpoint, axis=1)
+
+    flown = jax.jit(jax.vmap(jax.vmap(one, (None, 0))))(stacked, keys)
+    return np.asarray(flown).reshape(len(seeds) * flights, -1)
+
+
+def recovery(errors: Float[np.ndarray, "F T"], rate: int) -> Float[np.ndarray, "F"]:
+    """Time after the jump from which a flight stays within `WITHIN_M` [s]; infinite if never."""
+    late = errors[:, round(JUMP_S * rate) :] > WITHIN_M
+    last = late.shape[1] - np.argmax(late[:, ::-1], axis=1)
+    return np.where(late[:, -1], np.inf, np.where(late.any(axis=1), last, 0) / rate)
+
+
+def jumps(policies: dict[str, Policy], seeds: Sequence[int], flights: int) -> polars.DataFrame:
+    """One row a policy, kind of drone and jump."""
+    rows: list[dict[str, Any]] = []
+    for name, policy in policies.items():
+        for variant in VARIANTS:
+            for jump in JUMPS:
+                errors = errors_of(policy, variant, jump, seeds, flights)
+                times = recovery(errors, policy.interface.rate)
+                before, after = np.split(errors, [round(JUMP_S * policy.interface.rate)], axis=1)
+                settled = after[:, -round(2.0 * policy.interface.rate) :]
+                rows.append(
+                    {
+                        "policy": name,
+                        "drones": variant,
+                        "jump": jump,
+                        "flights": len(times),
+                        "back in 2 s": float(np.mean(times < SOON_S)),
+                        "median [s]": float(np.median(times)),
+                        "farthest [m]": float(np.median(after.max(axis=1))),
+                        "error before [m]": float(before.mean()),
+                        "error after [m]": float(settled.mean()),
+                    }
+                )
+                print(rows[-1], flush=True)
+    return polars.DataFrame(rows)
+
+
+def _known(drones: Parameters) -> dict[str, np.ndarray]:
+    """What a read-out is asked for, one number a drone."""
+    thrust = np.asarray(drones.thrust_to_weight * drones.mass * drones.gravity)
+    bias = np.asarray(drones.torque_bias)
+    arm = np.hypot(drones.rotor_x, drones.rotor_y)[:, 0]
+    return {
+        "thrust-to-weight (log)": np.log(np.asarray(drones.thrust_to_weight)),
+        "motor lag (log)": np.log(np.asarray(drones.motor_time_constant)),
+        "latency": np.asarray(drones.latency),
+        "trim in roll": bias[:, 0] / thrust / arm,
+        "trim in yaw": bias[:, 2] / thrust / np.asarray(drones.torque_to_thrust),
+        "wind forward": np.asarray(drones.wind)[:, 0],
+        "weakest rotor": np.asarray(drones.rotor_thrust).min(axis=1),
+    }
+
+
+def explained(inputs: Float[np.ndarray, "N M"], wanted: Float[np.ndarray, "N"]) -> float:
+    """Share of the variance (R^2) that a ridge regression, fitted to one half, tells of the other.
+
+    Source: Hoerl and Kennard 1970.
+    """
+    half = len(wanted) // 2
+    scaled = (inputs - inputs[:half].mean(0)) / (inputs[:half].std(0) + 1e-9)
+    middle = wanted[:half].mean()
+    normal = scaled[:half].T @ scaled[:half] + RIDGE * half * np.eye(scaled.shape[1])
+    weights = np.linalg.solve(normal, scaled[:half].T @ (wanted[:half] - middle))
+    missed = wanted[half:] - middle - scaled[half:] @ weights
+    return float(1.0 - np.var(missed) / np.var(wanted[half:]))
+
+
+def watched(policy: Policy) -> tuple[Parameters, np.ndarray, np.ndarray]:
+    """Drones of any make on which a policy survives, and what it remembers and sees there.
+
+    Returns:
+        The drones, stacked; memories (N, times, M) and observed instants (N, times, 20 H) at
+        `KNOWN_AT_S`.
+    """
+    controller = control.controller_for(policy.interface)
+    centre = control.in_fitting_steps(crazyflie(), controller)
+    env = as_seen_by(policy, Environment.matching(centre, tasks.circle(), controller))
+    times = np.array([round(time * policy.interface.rate) for time in KNOWN_AT_S])
+    steps = int(times.max()) + 1
+
+    def one(key: Array) -> tuple[Parameters, Array, Array, Array]:
+        begin_key, key = jax.random.split(key)
+        first = randomized_reset(env, AnyDrone(centre), begin_key)
+        _, (states, result) = rollout(env, policy, first.env_state, first.parameters, key, steps)
+        history = states.history.reshape(steps, -1)
+        survives = ~jnp.any(result.terminated)
+        return first.parameters, states.memory[times], history[times], survives
+
+    keys = jax.random.split(jax.random.key(1), FLOWN)
+    *flown, survives = jax.tree.map(np.asarray, jax.jit(jax.vmap(one))(keys))
+    drones, memories, histories = jax.tree.map(lambda leaf: leaf[survives], flown)
+    return drones, memories, histories
+
+
+def read_out(policies: dict[str, Policy]) -> polars.DataFrame:
+    """One row a policy and quantity: how much of it memory and observation tell, by time."""
+    rows: list[dict[str, Any]] = []
+    for name, policy in policies.items():
+        drones, *sources = watched(policy)
+        for quantity, wanted in _known(drones).items():
+            for source, inputs in zip(("memory", "observation"), sources, strict=True):
+                if inputs.shape[-1]:
+                    by_time = {
+                        f"{time:g} s": explained(inputs[:, place], wanted)
+                        for place, time in enumerate(KNOWN_AT_S)
+                    }
+                    rows.append(
+                        {"policy": name, "quantity": quantity, "told by": source, **by_time}
+                    )
+    return polars.DataFrame(rows)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Runs both studies and writes their tables."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("policies", nargs="+", type=Path)
+    parser.add_argument("-o", "--output", type=Path, required=True)
+    parser.add_argument("--drones", type=int, default=10, help="virtual drones of each kind")
+    parser.add_argument("--flights", type=int, default=6, help="flights of each")
+    given = parser.parse_args(arguments)
+    policies = {"/".join(path.parts[-2:]): read(path) for path in given.policies}
+    seeds = range(1, given.drones + 1)
+    made = results.record(seed=0, inputs=given.policies, settings={"drones": given.drones})
+    for name, table in (
+        ("jumps", partial(jumps, policies, seeds, given.flights)),
+        ("read_out", partial(read_out, policies)),
+    ):
+        found = table()
+        with polars.Config(tbl_rows=-1, tbl_cols=-1, tbl_width_chars=200, float_precision=3):
+            print(found)
+        rows = found.write_csv(float_precision=4)
+        results.write_table(given.output / f"{name}.csv", f"maidenflight {name} 1", made, rows)
+
+
+if __name__ == "__main__":
+    main()
