@@ -10,7 +10,7 @@ import maidenflight
 ROOT = Path(maidenflight.__file__).parent
 ORDER = [
     "parameters",
-    "simulator",
+    "simulator gru",
     "flights foreign gym policy",
     "identification training",
     "experiments",

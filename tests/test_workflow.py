@@ -27,8 +27,11 @@ from maidenflight.policy import Policy
 from maidenflight.simulator import control, dynamics, tasks
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.randomization import AnyDrone
 from maidenflight.simulator.virtual_drone import virtual_drone
+from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.evaluation import Evaluation
+from maidenflight.training.ppo import PPO
 from maidenflight.training.train import Progress
 from maidenflight.workflow import logs
 from maidenflight.workflow.deployment import check_export
@@ -198,6 +201,28 @@ def test_the_usual_network_of_every_structure_can_be_exported_to_everything(
 def test_attitude_rate_fits_a_crazyflie_with_four_instants() -> None:
     hidden = workflow.settings_for("attitude_rate", "circle").hidden
     check_export("crazyflie", control.attitude_rate().interface, hidden, 4, crazyflie())
+
+
+def test_drones_of_any_make_are_trained_over_with_a_memory_and_its_own_settings() -> None:
+    drones = workflow.randomized("crazyflie", workflow.ANY, control.pwm())
+    assert isinstance(drones, AnyDrone)
+    assert float(drones.centre.mass) == pytest.approx(float(crazyflie().mass))
+    usual, own = (workflow.settings_for("pwm", "circle", memory=size) for size in (0, 16))
+    assert isinstance(usual, AnalyticGradient)
+    assert isinstance(own, AnalyticGradient)
+    assert own.hidden_learning_rate < usual.hidden_learning_rate
+    assert own.updates == usual.updates
+    assert workflow.settings_for("pwm", "circle", "ppo", memory=16) == PPO()
+
+
+def test_a_crazyflie_takes_a_policy_that_remembers_16_numbers_and_the_authors_file_none() -> None:
+    interface = control.pwm().interface
+    for target in ("crazyflie", "c", "onnx"):
+        check_export(target, interface, (50, 50), 2, crazyflie(), memory=16)
+    with pytest.raises(InputError, match="remembers 16 numbers"):
+        check_export("authors", interface, (50, 50), 2, crazyflie(), memory=16)
+    with pytest.raises(InputError, match="multiplications"):
+        check_export("crazyflie", interface, (50, 50), 2, crazyflie(), memory=64)
 
 
 @pytest.mark.parametrize("structure", control.CONTROLLERS)

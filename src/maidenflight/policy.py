@@ -134,8 +134,8 @@ class Policy:
         return sum(matrix.size for matrix in (*self.weights, *matrices))
 
     @property
-    def network(self) -> tuple[tuple[Array, ...], tuple[Array, ...], Gru | None]:
-        """Weights, biases and recurrent unit: what a gradient changes."""
+    def network(self) -> Any:
+        """Weights, biases and recurrent unit or none, a tree of arrays: what a gradient changes."""
         return self.weights, self.biases, self.gru
 
     def with_network(self, network: Any) -> "Policy":

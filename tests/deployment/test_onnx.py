@@ -155,7 +155,8 @@ def test_a_policy_that_remembers_is_given_its_memory_and_gives_the_next():
     names = ["command", "action", "next_memory"]
     assert [output.name for output in session.get_outputs()] == names
     memory = np.zeros((3, 5), np.float32)
-    for observation in np.random.default_rng(1).normal(size=(30, 3, 40)).astype(np.float32):
+    observations = np.random.default_rng(1).normal(size=(30, 3, 40)).astype(np.float32)
+    for observation in observations:
         expected = ACTIONS(one, jnp.asarray(np.concatenate([observation, memory], axis=1)))
         given = {"observation": observation, "memory": memory}
         command, action, memory = session.run(names, given)
@@ -164,7 +165,7 @@ def test_a_policy_that_remembers_is_given_its_memory_and_gives_the_next():
         np.testing.assert_allclose(command, (np.clip(action, -1, 1) + 1) / 2, atol=1e-5)
     assert np.abs(memory).max() > 0.1
     memory[1, 2] = np.nan
-    for values in session.run(names, {"observation": observation, "memory": memory}):
+    for values in session.run(names, {"observation": observations[0], "memory": memory}):
         assert np.isnan(values).all(axis=1).tolist() == [False, True, False]
 
 

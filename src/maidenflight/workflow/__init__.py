@@ -7,6 +7,7 @@ making, and returns them.
 from maidenflight.workflow.conversion import convert
 from maidenflight.workflow.deployment import export
 from maidenflight.workflow.drones import (
+    ANY,
     POSSIBLE,
     POSTERIOR,
     TRIMS,
@@ -42,6 +43,7 @@ from maidenflight.workflow.training import (
 )
 
 __all__ = [
+    "ANY",
     "POSSIBLE",
     "POSTERIOR",
     "SETTINGS",
