@@ -27,7 +27,7 @@ from maidenflight.policy import Policy
 from maidenflight.simulator import control, dynamics, tasks
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.look_ahead import LookAhead
-from maidenflight.simulator.randomization import AnyDrone
+from maidenflight.simulator.randomization import AnyDay, AnyDrone
 from maidenflight.simulator.virtual_drone import virtual_drone
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.evaluation import Evaluation
@@ -207,6 +207,7 @@ def test_drones_of_any_make_are_trained_over_with_a_memory_and_its_own_settings(
     drones = workflow.randomized("crazyflie", workflow.ANY, control.pwm())
     assert isinstance(drones, AnyDrone)
     assert float(drones.centre.mass) == pytest.approx(float(crazyflie().mass))
+    assert isinstance(workflow.randomized("crazyflie", workflow.ANY_DAY, control.pwm()), AnyDay)
     usual, own = (workflow.settings_for("pwm", "circle", memory=size) for size in (0, 16))
     assert isinstance(usual, AnalyticGradient)
     assert isinstance(own, AnalyticGradient)

@@ -11,6 +11,7 @@ from maidenflight.simulator.randomization import (
     ANY_RANGES,
     PAPER_FIELDS,
     WIDTHS,
+    AnyDay,
     AnyDrone,
     ensemble,
     randomize,
@@ -195,6 +196,30 @@ def test_drones_of_any_make_could_be_built_and_fill_their_ranges():
     assert np.abs(trim[:, :2] / arm[:, :1]).max() == pytest.approx(0.04, rel=0.02)
     assert np.abs(trim[:, 2] / drawn.torque_to_thrust).max() == pytest.approx(0.1, rel=0.02)
     assert "motor_time_constant ~ log U(0.015, 0.15) s" in str(AnyDrone(PAPER))
+
+
+def test_a_drone_of_any_day_has_trims_payload_and_latency_about_its_own():
+    box = wide_box(replace(PAPER, latency=0.04), "pwm")
+    drawn = many(AnyDay(box), KEYS)
+    for number in range(20):
+        parameters.check(jax.tree.map(lambda leaf, number=number: leaf[number], drawn))
+    np.testing.assert_array_equal(drawn.rotor_x, np.tile(PAPER.rotor_x, (len(KEYS), 1)))
+    low, high = (np.asarray(side.mass) for side in (box.lower, box.upper))
+    assert np.all((drawn.mass >= low) & (drawn.mass <= 1.2 * high))
+    assert np.asarray(drawn.mass).max() > 1.15 * high
+    assert np.asarray(drawn.latency).max() == np.float32(QUANTITIES["latency"].upper)
+    assert np.asarray(drawn.latency).min() < 0.04
+    # A payload changes neither thrust nor, in shares of it, the trims.
+    force = np.asarray(drawn.thrust_to_weight * drawn.mass)
+    lower, upper = (
+        np.asarray(each.thrust_to_weight) * PAPER.mass for each in (box.lower, box.upper)
+    )
+    assert force.min() >= 0.9 * lower
+    assert force.max() <= 1.1 * upper
+    trim = np.asarray(drawn.torque_bias)[:, 2] / (force * PAPER.gravity * drawn.torque_to_thrust)
+    assert np.abs(trim).max() == pytest.approx(0.1, rel=0.05)
+    assert 0.45 < np.mean(np.asarray(drawn.rotor_thrust).min(axis=1) < 1) < 0.55
+    assert "mass + U(0, 0.2) of it" in str(AnyDay(box))
 
 
 @pytest.mark.parametrize(("latency", "latest"), [(0.0, 0.015), (0.007, 0.022), (0.03, 0.048)])

@@ -108,10 +108,11 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--randomize",
-    callback=options.randomization("posterior", "wide", "any"),
+    callback=options.randomization("posterior", "wide", "any-day", "any"),
     help="wide: a wide box about the drone, with the constant torques of all its flights; "
-    "posterior: samples of the identified posterior; any: quadrotors of any make, 20 g to 2.5 kg, "
-    "best with --memory; or the half width of a box, 0.1 in the paper. Unless given: wide, and 0.1 "
+    "posterior: samples of the identified posterior; any-day: as wide, with trims, payload, a weak "
+    "rotor and latency that no log told; any: quadrotors of any make, 20 g to 2.5 kg; both best "
+    "with --memory; or the half width of a box, 0.1 in the paper. Unless given: wide, and 0.1 "
     "for fast_circle and fast_figure_eight.",
 )
 @click.option(

@@ -350,6 +350,60 @@ class AnyDrone:
         )
 
 
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class AnyDay:
+    """A drone as it may be on any day, for policies that find out in flight how it is today.
+
+    Drawn from a box about the identified drone; with the trims, the weak rotor, the latency (that
+    much more) and the wind of `AnyDrone`, which no log of yesterday tells, and up to 20 % more mass
+    at its centre.
+    """
+
+    box: UniformBox
+
+    @property
+    def centre(self) -> Parameters:
+        """The middle of the box."""
+        return self.box.centre
+
+    def draw(self, key: Array) -> Parameters:
+        """One drone."""
+        box_key, key = jax.random.split(key)
+        drone, numbers = self.box.draw(box_key), iter(jax.random.uniform(key, (12,)))
+
+        def within(name: str) -> Array:
+            low, high, _ = ANY_RANGES[name]
+            return low + (high - low) * next(numbers)
+
+        x, y = drone.rotor_x, drone.rotor_y
+        arm = jnp.mean(jnp.sqrt(x * x + y * y))
+        thrust = drone.thrust_to_weight * drone.mass * drone.gravity
+        tilts = [within("tilt_trim") * arm for _ in range(2)]
+        trims = jnp.stack([*tilts, within("yaw_trim") * drone.torque_to_thrust])
+        weak = jnp.where(next(numbers) < 0.5, within("weak_rotor"), 1.0)
+        rotor = jnp.floor(4.0 * next(numbers))
+        heavier = 1.0 + 0.2 * next(numbers)
+        latest = QUANTITIES["latency"].upper
+        return replace(
+            drone,
+            torque_bias=drone.torque_bias + thrust * trims,
+            rotor_thrust=drone.rotor_thrust * jnp.where(jnp.arange(4.0) == rotor, weak, 1.0),
+            mass=drone.mass * heavier,
+            thrust_to_weight=drone.thrust_to_weight / heavier,
+            latency=jnp.minimum(drone.latency + within("latency"), latest),
+            wind=drone.wind + jnp.stack([within("wind"), within("wind"), jnp.zeros(())]),
+        )
+
+    def __str__(self) -> str:
+        more = ("tilt_trim", "yaw_trim", "weak_rotor", "latency", "wind")
+        lines = [
+            f"{name} + U({ANY_RANGES[name][0]:g}, {ANY_RANGES[name][1]:g}) {ANY_RANGES[name][2]}"
+            for name in more
+        ]
+        return "\n".join([str(self.box), *lines, "mass + U(0, 0.2) of it"])
+
+
 def ensemble(drones: Sequence[Parameters]) -> Ensemble:
     """An ensemble of given drones.
 

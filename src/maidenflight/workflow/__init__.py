@@ -8,6 +8,7 @@ from maidenflight.workflow.conversion import convert
 from maidenflight.workflow.deployment import export
 from maidenflight.workflow.drones import (
     ANY,
+    ANY_DAY,
     POSSIBLE,
     POSTERIOR,
     TRIMS,
@@ -44,6 +45,7 @@ from maidenflight.workflow.training import (
 
 __all__ = [
     "ANY",
+    "ANY_DAY",
     "POSSIBLE",
     "POSTERIOR",
     "SETTINGS",

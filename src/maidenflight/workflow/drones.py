@@ -20,6 +20,7 @@ from maidenflight.simulator.battery import COUNTS, PLUS
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.plant import RunningPlant
 from maidenflight.simulator.randomization import (
+    AnyDay,
     AnyDrone,
     Distribution,
     Ensemble,
@@ -43,6 +44,9 @@ WIDE = "wide"
 ANY = "any"
 """Train over small quadrotors of any make, for policies that find out in flight what they fly."""
 
+ANY_DAY = "any-day"
+"""Train over the drone as it may be on any day: `WIDE`, with trims and more that no log told."""
+
 POSSIBLE = 256
 """Drones drawn from a box, of which each predicted flight flies one."""
 
@@ -55,17 +59,18 @@ def randomized(
     Args:
         drone: a drone file, its path, or a named drone.
         randomization: half width of the box about the drone as a share of each parameter, or
-            `POSTERIOR`, `WIDE` or `ANY`; see `train_for`.
+            `POSTERIOR`, `WIDE`, `ANY_DAY` or `ANY`; see `train_for`.
         controller: its period is what physics steps must divide.
     """
     file = drone if isinstance(drone, DroneFile) else drone_file.read(drone)
     centre = control.in_fitting_steps(file.parameters, controller)
     if randomization == POSTERIOR:
         return posterior_ensemble(centre, file.posterior, file.name)
-    if randomization == WIDE:
+    if randomization in (WIDE, ANY_DAY):
         trims = [file.estimates.get(name) for name in TRIM]
         deviations = [0.0 if trim is None else trim.between_segment_sd for trim in trims]
-        return wide_box(centre, controller.interface.name, deviations)
+        box = wide_box(centre, controller.interface.name, deviations)
+        return box if randomization == WIDE else AnyDay(box)
     if randomization == ANY:
         return AnyDrone(centre)
     return relative_box(centre, float(randomization))

@@ -136,7 +136,8 @@ def train_for(
         count: number of policies.
         settings: of the method.
         randomization: half width of a box about the drone; `POSTERIOR`: samples of its posterior;
-            `WIDE`: a wide box about it; or `ANY`: drones of any make with its sensors.
+            `WIDE`: a wide box about it; `ANY_DAY`: also trims, payloads and more that no log told;
+            or `ANY`: drones of any make with its sensors.
         on_progress: called after each evaluation.
         structure: name of a control structure in `control.CONTROLLERS`.
         task: name in `tasks.TASKS`.
