@@ -100,7 +100,9 @@ def _trimmed(drone: Any, counts: int) -> Any:
     """With a torque about yaw as of motors that differ by so many counts of PWM."""
     share = counts / _COUNTS
     if not isinstance(drone, VirtualDrone):
-        return Uneven(drone, f"yaw{counts}", share * np.asarray(crazyflie().rotor_direction))
+        return Uneven(
+            drone, f"yaw{counts}", share * np.array(crazyflie().rotor_direction, np.float64)
+        )
     own = drone.parameters
     torque = share * own.torque_to_thrust * own.thrust_to_weight * own.mass * own.gravity
     bias = np.asarray(own.torque_bias + np.array([0.0, 0.0, torque]), np.float32)
@@ -109,11 +111,12 @@ def _trimmed(drone: Any, counts: int) -> Any:
 
 def _weakened(drone: Any, percent: int) -> Any:
     """With so much less thrust of its first motor."""
-    shares = np.array([1.0 - percent / 100, 1.0, 1.0, 1.0], np.float32)
+    shares = np.array([1.0 - percent / 100, 1.0, 1.0, 1.0])
     if not isinstance(drone, VirtualDrone):
         return Uneven(drone, f"weak{percent}", np.zeros(4), shares)
     own = drone.parameters
-    return _with(drone, replace(own, rotor_thrust=own.rotor_thrust * shares), f"+weak{percent}")
+    thrusts = np.asarray(own.rotor_thrust * shares, np.float32)
+    return _with(drone, replace(own, rotor_thrust=thrusts), f"+weak{percent}")
 
 
 def _with(drone: VirtualDrone, changed: Parameters, addition: str) -> VirtualDrone:
