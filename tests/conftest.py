@@ -78,9 +78,12 @@ def unoptimized() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def quick_compilation() -> Iterator[None]:
-    """XLA without its optimizations, for what is compiled and hardly run: half the time."""
+    """XLA without its optimizations, for what is compiled and hardly run: half the time.
+
+    Its programs are dropped at the end: the next module's are to be as users compile them."""
     with unoptimized():
         yield
+    jax.clear_caches()
 
 
 @pytest.fixture(scope="module")

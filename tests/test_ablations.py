@@ -56,7 +56,7 @@ def test_actions_are_told_from_a_flights_log(ablations: Any) -> None:
     drone = VirtualDrone("itself", replace(crazyflie(), time_step=0.001))
     untrained = policy.untrained(jax.random.key(1), (8,))
     lively = untrained.with_network(
-        ((untrained.weights[0], 3.0 * untrained.weights[1]), untrained.biases)
+        ((untrained.weights[0], 3.0 * untrained.weights[1]), untrained.biases, None)
     )
     # Flights of a shape that the script's own have, too, so that they compile once.
     flights = transfer([lively, lively], [drone], 2, duration=0.3).flights[:2]

@@ -490,7 +490,7 @@ def in_float16(given, observations):
         np.float16
     )
     for number, (weight, bias) in enumerate(
-        zip(*(map(np.asarray, arrays) for arrays in given.network), strict=True)
+        zip(*(map(np.asarray, arrays) for arrays in given.network[:2]), strict=True)
     ):
         values = np.maximum(values, 0) if number else values
         total = np.zeros((len(values), len(bias)), np.float16)
