@@ -98,9 +98,9 @@ def quick_training() -> Iterator[None]:
 
         return without
 
-    begin, learn = METHODS[AnalyticGradient]
+    begin, learn, sharding = METHODS[AnalyticGradient]
     with pytest.MonkeyPatch.context() as patched:
-        patched.setitem(METHODS, AnalyticGradient, Method(quick(begin), quick(learn)))
+        patched.setitem(METHODS, AnalyticGradient, Method(quick(begin), quick(learn), sharding))
         yield
 
 

@@ -178,6 +178,12 @@ def test_help_starts_within_a_fifth_of_a_second_of_python_itself() -> None:
             (["train", "--drone", "crazyflie", "-o", "{tmp}/p", "--hidden", sizes], "50,50")
             for sizes in ("50x50", "0", "50,,50", "1025", "-5", "")
         ),
+        (["train", "--drone", "crazyflie", "--from", "{tmp}/odd.csv", "-o", "{tmp}/p"], "JSON"),
+        (["train", "--drone", "crazyflie", "--from", "{tmp}/no.json", "-o", "{tmp}/p"], "no.json"),
+        (
+            ["train", "--from", "{tmp}/odd.csv", "--memory", "3", "--drone", "crazyflie"],
+            "--memory",
+        ),
         (
             [
                 *("train", "--drone", "crazyflie", "-o", "{tmp}/p"),

@@ -23,7 +23,7 @@ from maidenflight.flights.reading import Flights, read_flights
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import DroneFile, Search, Source
 from maidenflight.parameters import GEOMETRY, crazyflie, plain, plus_frame, replace
-from maidenflight.policy import Policy
+from maidenflight.policy import Policy, untrained
 from maidenflight.simulator import control, dynamics, tasks
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.look_ahead import LookAhead
@@ -214,6 +214,12 @@ def test_drones_of_any_make_are_trained_over_with_a_memory_and_its_own_settings(
     assert own.hidden_learning_rate < usual.hidden_learning_rate
     assert own.updates == usual.updates
     assert workflow.settings_for("pwm", "circle", "ppo", memory=16) == PPO()
+    start = untrained(jax.random.key(0), (24, 12), memory=16)
+    tuned = workflow.settings_for("pwm", "circle", initial=start)
+    assert isinstance(tuned, AnalyticGradient)
+    assert (tuned.hidden, tuned.num_envs) == ((24, 12), own.num_envs)
+    assert tuned.learning_rate < own.learning_rate
+    assert tuned.updates < own.updates
 
 
 def test_a_crazyflie_takes_a_policy_that_remembers_16_numbers_and_the_authors_file_none() -> None:

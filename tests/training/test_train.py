@@ -93,6 +93,52 @@ def test_each_key_has_its_own_policy(trained: Any) -> None:
     assert not np.allclose(policies[0].weights[0], policies[1].weights[0])
 
 
+def test_training_from_a_policy_begins_with_its_score_and_ends_no_worse(
+    trained: Any, tmp_path: Path
+) -> None:
+    initial, heard = trained[0][0], []
+    others = changed(TINY, hidden=(50, 50))  # which a policy's own layers replace
+    saved = tmp_path / "training.npz"
+
+    def tuned(hear: Any, from_: Policy = initial) -> tuple[Policy, ...]:
+        return train(TASK, CONTROLLER, BOX, KEYS, others, hear, saved, history=5, initial=from_)
+
+    def interrupt(progress: Progress) -> None:
+        if progress.update == 2:
+            raise KeyboardInterrupt
+
+    policies = train(TASK, CONTROLLER, BOX, KEYS, others, heard.append, initial=initial)
+    assert [(one.update, one.steps > 0) for one in heard] == [
+        (number, number > 0) for number in range(5)
+    ]
+    env = Environment.matching(BOX.centre, TASK, CONTROLLER)
+    before, *after = module._scores(
+        env,
+        TINY.episodes,
+        jax.tree.map(lambda *leaves: jnp.stack(leaves), initial, *policies),
+        BOX,
+    ).episode_return
+    np.testing.assert_allclose(heard[0].score.episode_return, before, rtol=1e-4)
+    assert all(float(one) >= float(before) - 1e-4 for one in after)
+    assert {policy.layer_sizes for policy in policies} == {(40, 8, 4)}
+    with pytest.raises(KeyboardInterrupt):
+        tuned(interrupt)
+    assert_same(tuned(None), policies)
+    with pytest.raises(InputError, match="another training"):
+        tuned(None, trained[0][1])
+
+
+@pytest.mark.parametrize(
+    ("controller", "settings", "words"),
+    [(control.attitude(), TINY, "control structure"), (CONTROLLER, module.PPO(), "by gradients")],
+)
+def test_training_from_a_policy_is_of_its_control_structure_and_by_gradients(
+    controller: Any, settings: Any, words: str
+) -> None:
+    with pytest.raises(InputError, match=words):
+        train(TASK, controller, BOX, KEYS, settings, initial=untrained(KEYS[0]))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("heard_until", [0, 1, 2])
 def test_interrupted_training_goes_on_to_the_same_policies_and_tells_its_whole_story(
@@ -441,7 +487,8 @@ def test_a_policy_sees_and_remembers_as_much_as_asked_and_else_it_is_another_tra
 def test_the_last_score_of_a_stage_comes_at_its_end_whatever_divides_what(
     stages: tuple[int, ...], evaluations: int, ends: list[int]
 ) -> None:
-    assert module._ends(stages, evaluations) == ends
+    assert module._ends(stages, evaluations, from_zero=False) == ends
+    assert module._ends(stages, evaluations, from_zero=True) == [0, *ends]
 
 
 def test_what_cannot_be_trained_is_refused() -> None:

@@ -87,6 +87,15 @@ if TYPE_CHECKING:
     "attitude_rate by gradients.",
 )
 @click.option(
+    "--from",
+    "initial",
+    metavar="POLICY",
+    type=click.Path(path_type=Path),
+    help="Start from a policy's file instead of random weights, as to fit it to today's drone in "
+    "seconds: 200 updates unless given. Its control structure, layers, history, look-ahead and "
+    "memory stay.",
+)
+@click.option(
     "--for",
     "target",
     type=click.Choice(list(EXPORTERS)),
@@ -149,7 +158,9 @@ if TYPE_CHECKING:
 @options.seed
 @options.as_json
 @options.overwrite
+@click.pass_context
 def train(
+    context: click.Context,
     drone_: str,
     output: Path,
     control: str,
@@ -160,6 +171,7 @@ def train(
     spacing: float,
     memory: int,
     hidden: tuple[int, ...] | None,
+    initial: Path | None,
     target: str | None,
     method: str,
     updates: int | None,
@@ -181,12 +193,17 @@ def train(
     options.must_exist(drone_)
     options.must_be_new(output, overwrite, resume)
     cores.as_devices()
-    from maidenflight import workflow
+    from maidenflight import policy, workflow
     from maidenflight.simulator.look_ahead import LookAhead
 
     if resume and updates is None:
         updates = workflow.updates_so_far(output)
-    settings = workflow.settings_for(control, task, method, updates, hidden, memory)
+    start = None
+    if initial is not None:
+        _only_the_policys_own(context)
+        start = policy.read(initial)
+        control = start.interface.name
+    settings = workflow.settings_for(control, task, method, updates, hidden, memory, start)
     heard: list[Progress] = []
     first: Progress | None = None
     new = 0
@@ -228,6 +245,7 @@ def train(
             target,
             LookAhead(points, spacing),
             memory,
+            initial,
         )
     scores = _scores(heard, count)
     content = {
@@ -259,6 +277,24 @@ def train(
         print(f"written to {output}/")
 
     options.emit(as_json, content, text, ("transfer", output, "--drone", drone_))
+
+
+_OF_A_POLICY = ("control", "history", "points", "spacing", "memory", "hidden")
+"""Parameters of the command that a policy settles from which training starts."""
+
+
+def _only_the_policys_own(context: click.Context) -> None:
+    """Refuses options that the initial policy settles.
+
+    Raises:
+        click.UsageError: one is given.
+    """
+    for option in context.command.params:
+        source = context.get_parameter_source(option.name or "")
+        if option.name in _OF_A_POLICY and source is click.core.ParameterSource.COMMANDLINE:
+            raise click.UsageError(
+                f"{option.opts[0]}: the policy of --from has its own. Leave it out."
+            )
 
 
 _MIN_SURVIVAL = 0.1

@@ -210,16 +210,19 @@ def transfer(
 def controller_of(policies: Sequence[Policy], controller: Controller | None) -> Controller:
     """The controller that all policies are for."""
     kinds = {
-        str(
-            (policy.interface, policy.history, policy.look_ahead, policy.layer_sizes, policy.memory)
-        )
-        for policy in policies
+        "control structure": [policy.interface for policy in policies],
+        "history": [policy.history for policy in policies],
+        "look-ahead": [policy.look_ahead for policy in policies],
+        "layers": [policy.layer_sizes for policy in policies],
+        "memory": [policy.memory for policy in policies],
     }
-    if len(kinds) > 1:
-        raise InputError(
-            f"policies of different kinds ({'; '.join(sorted(kinds))}); transfer each kind by "
-            "itself."
-        )
+    for kind, values in kinds.items():
+        if len(set(values)) > 1:
+            found = sorted({getattr(value, "name", str(value)) for value in values})
+            raise InputError(
+                f"policies of different kinds: {kind} {' and '.join(found)}. Fly each kind by "
+                "itself."
+            )
     interface = policies[0].interface
     controller = controller or control.controller_for(interface)
     if interface != controller.interface:

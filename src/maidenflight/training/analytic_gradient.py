@@ -115,7 +115,7 @@ def _optimiser(settings: AnalyticGradient) -> optax.GradientTransformation:
     return optax.chain(optax.clip_by_global_norm(settings.gradient_norm), rule)
 
 
-_SHARDING = _Learner(REPLICATED, REPLICATED, SHARDED)  # type: ignore[arg-type]
+SHARDING = _Learner(REPLICATED, REPLICATED, SHARDED)  # type: ignore[arg-type]
 
 
 @partial(jax.jit, static_argnums=(0, 1))
@@ -140,7 +140,7 @@ def begin(env: Environment, settings: AnalyticGradient, box: Distribution, keys:
         )
         return _Learner(policy, _optimiser(settings).init(policy.network), instances)
 
-    return begun(one, _SHARDING, settings.num_envs, keys)
+    return begun(one, SHARDING, settings.num_envs, keys)
 
 
 def _hovering(policy: Policy, drones: Parameters) -> Policy:
@@ -279,7 +279,7 @@ def learn(
     """Stacked learners after updates `first` to `end` - 1."""
     return advanced(
         partial(_update, env, settings, box),
-        _SHARDING,
+        SHARDING,
         settings.num_envs,
         learners,
         keys,

@@ -4,12 +4,13 @@ Each simulates a share of a policy's environments, and gradients are averaged ov
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import TypeVar
 
 import jax
 import numpy as np
-from jax import lax
-from jax.sharding import Mesh, PartitionSpec
+from jax import lax, tree
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array
 
 Learner = TypeVar("Learner")
@@ -48,6 +49,28 @@ def begun(
     return jax.shard_map(
         jax.vmap(one), mesh=mesh(num_envs), in_specs=REPLICATED, out_specs=sharding, check_vma=False
     )(keys)
+
+
+def placed(learners: Learner, sharding: Learner, num_envs: int) -> Learner:
+    """Learners on the devices that `begun` puts them on, so that nothing is compiled for others.
+
+    Args:
+        learners: stacked, such as from a file.
+        sharding: of each part of a learner.
+        num_envs: of each learner.
+    """
+    devices = mesh(num_envs)
+
+    def put(spec: PartitionSpec, leaf: Array) -> Array:
+        # XLA replicates arrays without content, such as the memory of a policy that has none.
+        return jax.device_put(leaf, NamedSharding(devices, spec if leaf.size else REPLICATED))
+
+    return tree.map(
+        lambda spec, part: tree.map(partial(put, spec), part),
+        sharding,
+        learners,
+        is_leaf=lambda leaf: isinstance(leaf, PartitionSpec),
+    )
 
 
 def advanced(

@@ -133,7 +133,7 @@ class _Learner(NamedTuple):
     """Discounted sum of the rewards of each episode so far."""
 
 
-_SHARDING = _Learner(*[REPLICATED] * 5, *[SHARDED] * 2)  # type: ignore[arg-type]
+SHARDING = _Learner(*[REPLICATED] * 5, *[SHARDED] * 2)  # type: ignore[arg-type]
 
 
 class _Period(NamedTuple):
@@ -181,7 +181,7 @@ def begin(env: Environment, settings: PPO, box: Distribution, keys: Array) -> _L
         discounted = jnp.zeros(observations.shape[0])
         return _Learner(policy, critic, optimisers, moments, returns, instances, discounted)  # type: ignore[arg-type]
 
-    return begun(one, _SHARDING, settings.num_envs, keys)
+    return begun(one, SHARDING, settings.num_envs, keys)
 
 
 _CRITIC_PARAMETERS = (*PAPER_FIELDS, "latency")
@@ -445,7 +445,7 @@ def learn(
     """Stacked learners after updates `first` to `end` - 1."""
     return advanced(
         partial(_update, env, settings, box),
-        _SHARDING,
+        SHARDING,
         settings.num_envs,
         learners,
         keys,

@@ -6,7 +6,7 @@ interruption changes the result.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import Field, asdict
+from dataclasses import Field, asdict, replace
 from functools import partial
 from os import PathLike
 from typing import Any, ClassVar, NamedTuple, Protocol
@@ -27,6 +27,7 @@ from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.tasks import Task
 from maidenflight.training import analytic_gradient, checkpoint, ppo
 from maidenflight.training.analytic_gradient import AnalyticGradient
+from maidenflight.training.devices import placed
 from maidenflight.training.evaluation import Evaluation, evaluate
 from maidenflight.training.ppo import PPO
 
@@ -83,11 +84,15 @@ class Method(NamedTuple):
     learn: Callable[[Environment, Any, Distribution, Any, Array, int, int], Any]
     """(environment, settings, drones, learners, P keys, first, end) to the learners after updates
     `first` to `end` - 1."""
+    sharding: Any
+    """Of each part of a learner over the devices."""
 
 
 METHODS: dict[type, Method] = {
-    AnalyticGradient: Method(analytic_gradient.begin, analytic_gradient.learn),
-    PPO: Method(ppo.begin, ppo.learn),
+    AnalyticGradient: Method(
+        analytic_gradient.begin, analytic_gradient.learn, analytic_gradient.SHARDING
+    ),
+    PPO: Method(ppo.begin, ppo.learn, ppo.SHARDING),
 }
 """Methods by the class of their settings."""
 
@@ -128,6 +133,7 @@ def train(
     anew: bool = False,
     look_ahead: LookAhead = NONE,
     memory: int = 0,
+    initial: Policy | None = None,
 ) -> tuple[Policy, ...]:
     """Trains one policy per key, all in one call.
 
@@ -147,6 +153,8 @@ def train(
         look_ahead: points of the reference ahead of time in an observation, such as
             `LookAhead(5)`; none unless given. The first layer grows with them.
         memory: M, numbers of a gated recurrent unit behind the first layer, such as 32; 0: none.
+        initial: where training starts, instead of random weights. Layers, history, look-ahead and
+            memory are then its own, whatever the arguments say, and the first score is its own.
 
     Returns:
         For each key, in order, the policy at its best evaluation (`Evaluation.beats`). Time grows
@@ -155,8 +163,9 @@ def train(
     Raises:
         InputError: policies cannot be made for this control structure or history; the drones' time
             step does not divide its period; the checkpoint is of another training, of more updates,
-            or of fewer that have not ended, or cannot be written; or the scores of a policy are no
-            longer finite.
+            or of fewer that have not ended, or cannot be written; the initial policy commands
+            another control structure, or the method is not by gradients; or the scores of a policy
+            are no longer finite.
     """
     settings = AnalyticGradient() if settings is None else settings
     if type(settings) not in METHODS:
@@ -192,7 +201,12 @@ def train(
         raise InputError(
             f"history = {history}; expected 1 or more instants. The paper's policies see 2."
         )
-    begin, learn = METHODS[type(settings)]
+    begin, learn, sharding = METHODS[type(settings)]
+    if initial is not None:
+        _check_initial(initial, controller, settings)
+        settings = replace(settings, hidden=initial.layer_sizes[1:-1])
+        history, look_ahead, memory = initial.history, initial.look_ahead, initial.memory
+    from_zero = initial is not None
     if not 0 <= memory <= MOST_MEMORY:
         raise InputError(f"memory = {memory}; expected 0 to {MOST_MEMORY} numbers.")
     env = Environment.matching(
@@ -201,7 +215,9 @@ def train(
 
     def start(stages: tuple[int, ...]) -> _State:
         learners = begin(env, settings, box, keys)
-        count = len(_ends(stages or (settings.updates,), settings.evaluations))
+        if initial is not None:
+            learners = learners._replace(policy=_repeated(initial, len(keys)))
+        count = len(_ends(stages or (settings.updates,), settings.evaluations, from_zero))
         nothing = Evaluation(*(jnp.full((count, len(keys)), jnp.nan) for _ in Evaluation._fields))
         worst = Evaluation(*(jnp.full(len(keys), -jnp.inf) for _ in Evaluation._fields))
         return _State(learners, learners.policy, worst, nothing, jnp.zeros((), jnp.int32))
@@ -219,12 +235,13 @@ def train(
                 )
             )
 
-    fingerprint = _fingerprint(env, settings, box, keys)
+    fingerprint = _fingerprint(env, settings, box, keys, initial)
     state, stages = (
         (start(()), ()) if saved is None or anew else checkpoint.restored(saved, start, fingerprint)
     )
-    stages = _extended(stages, settings, int(state.scored), saved)
-    ends = _ends(stages, settings.evaluations)
+    state = state._replace(learners=placed(state.learners, sharding, settings.num_envs))
+    stages = _extended(stages, settings, int(state.scored), saved, from_zero)
+    ends = _ends(stages, settings.evaluations, from_zero)
     if to_come := len(ends) - len(state.scores.survival):
         more = jnp.full((to_come, len(keys)), jnp.nan)
         state = state._replace(
@@ -274,11 +291,37 @@ def _one_of(stacked: Policy, number: int) -> Policy:
     return tree.map(lambda leaf: leaf[number], stacked)
 
 
+def _repeated(policy: Policy, count: int) -> Policy:
+    return tree.map(lambda leaf: jnp.repeat(jnp.asarray(leaf)[None], count, axis=0), policy)
+
+
+def _check_initial(initial: Policy, controller: Controller, settings: Settings) -> None:
+    """Checks that training can start from a policy.
+
+    PPO's running moments would change what the policy does before its first step.
+
+    Raises:
+        InputError: see `train`.
+    """
+    if not isinstance(settings, AnalyticGradient):
+        raise InputError(
+            f"training from a policy with {type(settings).__name__}; only training by gradients "
+            "starts from one."
+        )
+    if initial.interface != controller.interface:
+        raise InputError(
+            f"the initial policy commands {initial.interface.name} at {initial.interface.rate} Hz "
+            f"and not {controller.interface.name} at {controller.interface.rate} Hz of the same "
+            "centre and span. Give the control structure that it was trained for."
+        )
+
+
 def _extended(
     stages: tuple[int, ...],
     settings: Settings,
     scored: int,
     saved: str | PathLike[str] | None,
+    from_zero: bool,
 ) -> tuple[int, ...]:
     """Stages of a training that goes on from a checkpoint to `settings.updates`.
 
@@ -287,12 +330,13 @@ def _extended(
         settings: of the method.
         scored: number of evaluations that the checkpoint holds.
         saved: the checkpoint.
+        from_zero: see `_ends`.
 
     Raises:
         InputError: it has more updates, or fewer and has not ended.
     """
     last, updates = (stages or (0,))[-1], settings.updates
-    ended = scored == len(_ends(stages, settings.evaluations))
+    ended = scored == len(_ends(stages, settings.evaluations, from_zero))
     if updates == last or (updates > last and ended):
         return stages if updates == last else (*stages, updates)
     remedy = (
@@ -305,14 +349,15 @@ def _extended(
     )
 
 
-def _ends(stages: Sequence[int], evaluations: int) -> list[int]:
+def _ends(stages: Sequence[int], evaluations: int, from_zero: bool) -> list[int]:
     """Updates after which policies are evaluated: evenly spaced in each stage, the last at its end.
 
     Args:
         stages: numbers of updates after which training ends, ascending.
         evaluations: in the first stage; as often per update in the others.
+        from_zero: whether the policy is evaluated before the first update, too.
     """
-    ends, first = [], 0
+    ends, first = [0] * (from_zero and bool(stages)), 0
     for end in stages:
         per_update = min(1.0, evaluations / stages[0])
         count = max(1, round((end - first) * per_update))
@@ -321,7 +366,9 @@ def _ends(stages: Sequence[int], evaluations: int) -> list[int]:
     return ends
 
 
-def _fingerprint(env: Environment, settings: Settings, box: Distribution, keys: Array) -> str:
+def _fingerprint(
+    env: Environment, settings: Settings, box: Distribution, keys: Array, initial: Policy | None
+) -> str:
     task, controller = env.task, env.controller
     words = {
         "method": type(settings).__name__,
@@ -340,7 +387,7 @@ def _fingerprint(env: Environment, settings: Settings, box: Distribution, keys: 
         **({"memory": env.memory} if env.memory else {}),
     }
     reference = jax.vmap(task.reference)(jnp.linspace(0.0, task.duration, 50))
-    return checkpoint.fingerprint(words, (reference, jax.random.key_data(keys), box))
+    return checkpoint.fingerprint(words, (reference, jax.random.key_data(keys), box, initial))
 
 
 @partial(jax.jit, static_argnums=(0, 1))

@@ -51,6 +51,10 @@ REMEMBERING: dict[str, Any] = {
 are smaller, because with those of the others training over unlike drones gets worse after some
 hundred updates."""
 
+FINE_TUNING: dict[str, Any] = {"updates": 200, "evaluations": 8}
+"""What differs where training starts from a policy, beside learning rates of a quarter: the policy
+flies already, and steps as large as from random weights would first undo what it knows."""
+
 FASTEST_BOX = 0.1
 """Half width of the box that tasks at the limit of a drone are trained over unless the user says:
 many drones of the wide box cannot fly them."""
@@ -68,6 +72,7 @@ def settings_for(
     updates: int | None = None,
     hidden: tuple[int, ...] | None = None,
     memory: int = 0,
+    initial: Policy | None = None,
 ) -> Settings:
     """Default settings for a control structure, a task and a method, all by name.
 
@@ -78,10 +83,19 @@ def settings_for(
         updates: replaces the number of updates if given.
         hidden: replaces the sizes of the policy's hidden layers if given.
         memory: numbers that policies remember.
+        initial: where training starts instead of random weights, if given; its layers and memory
+            replace those above.
     """
     settings: Any = PPO() if method == "ppo" else _by_gradient(structure, task)
+    if initial is not None:
+        hidden, memory = initial.layer_sizes[1:-1], initial.memory
     if memory and method == "gradient":
         settings = dataclasses.replace(settings, **REMEMBERING)
+    if initial is not None and method == "gradient":
+        rates = {
+            name: getattr(settings, name) / 4 for name in ("learning_rate", "hidden_learning_rate")
+        }
+        settings = dataclasses.replace(settings, **FINE_TUNING, **rates)
     given = {"updates": updates, "hidden": hidden}
     chosen = {name: value for name, value in given.items() if value is not None}
     return dataclasses.replace(settings, **chosen)
@@ -123,6 +137,7 @@ def train_for(
     target: str | None = None,
     look_ahead: LookAhead = NONE,
     memory: int = 0,
+    initial: StrPath | None = None,
 ) -> tuple[Policy, ...]:
     """Trains policies for a drone.
 
@@ -151,6 +166,8 @@ def train_for(
             checked before training.
         look_ahead: points of the reference ahead of time in an observation.
         memory: M, numbers that a policy remembers; 0: none.
+        initial: file of the policy that training starts from, instead of random weights; layers,
+            history, look-ahead and memory are then its own.
 
     Raises:
         InputError: the drone is refused; the policies could not be exported to the target; there
@@ -164,6 +181,9 @@ def train_for(
         raise InputError(f"{saved}: no training to resume. {_how_to_start(Path(folder))}")
     file = drone_to_fly(drone, accept_bounds)
     controller = control.CONTROLLERS[structure](full_scale_counts=file.full_scale_counts)
+    start = None if initial is None else policy.read(initial)
+    if start is not None:
+        history, look_ahead, memory = start.history, start.look_ahead, start.memory
     if target is not None:
         network = settings.hidden, history
         check_export(target, controller.interface, *network, file.parameters, look_ahead, memory)
@@ -193,6 +213,7 @@ def train_for(
         "look_ahead": look_ahead.to_dict() if look_ahead.points else None,
         "memory": memory or None,
         "yaw_penalty": yaw_penalty or None,
+        "initial": None if initial is None else Path(initial).name,
         **recorded(settings),
     }
     keys = jax.random.split(jax.random.key(seed), count)
@@ -218,12 +239,14 @@ def train_for(
             anew=not resume,
             look_ahead=look_ahead,
             memory=memory,
+            initial=start,
         )
     stages = checkpoint.stages(saved)
     said["extended_from"] = list(stages[:-1]) or None
-    inputs = [drone] if Path(drone).is_file() else []
+    from_file = Path(drone).is_file()
+    inputs = [*([drone] if from_file else []), *([] if initial is None else [initial])]
     made = results.record(
-        seed=seed, inputs=inputs, settings=said if inputs else {"drone": str(drone), **said}
+        seed=seed, inputs=inputs, settings=said if from_file else {"drone": str(drone), **said}
     )
     hover = round(float(dynamics.hover_command(file.parameters)), 6)
     rotors = {
