@@ -16,12 +16,13 @@ ORDER = [
     "experiments",
     "deployment reporting link",
     "workflow",
+    "studies",
     "demo",
     "terminal",
     "cli",
 ]
 RANK = {name: rank for rank, names in enumerate(ORDER) for name in names.split()}
-FREE = {"cores", "errors", "inputs", "results", "run_folder"}
+FREE = {"cache", "cores", "errors", "inputs", "results", "run_folder"}
 """May be imported by all, and import no stage."""
 APART = {"identification", "training", "deployment"}
 """Never import each other, whatever their rank."""

@@ -13,8 +13,7 @@ import polars
 import pytest
 
 from event_files import scalars
-from maidenflight import cli, parameters, policy, results
-from maidenflight.cli import cache
+from maidenflight import cache, cli, parameters, policy, results
 from maidenflight.flights import compensation, log, reading
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import DroneFile, Estimate, Search, Source
@@ -34,6 +33,7 @@ COMMANDS = (
     "train",
     "transfer",
     "envelope",
+    "sweep",
     "predict",
     "export",
     "report",

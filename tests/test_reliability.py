@@ -30,7 +30,8 @@ FREE = {
     "training/loggers.py": "event files, written by their own packages while training goes on",
     "reporting/live.py": "recordings, written by rerun while training goes on",
     "training/checkpoint.py": "an archive in memory",
-    "cli/cache.py": "the cache of compiled programs",
+    "cache.py": "the cache of compiled programs",
+    "studies/store.py": "a folder of a result, renamed when all of it is written",
     "simulator/crazyflow.py": "what its process prints, in a temporary folder",
 }
 """Modules that may open files for writing or remove them, and why."""

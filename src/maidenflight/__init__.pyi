@@ -37,6 +37,7 @@ from .simulator.tasks import take_off as take_off
 from .simulator.tasks import tracking as tracking
 from .simulator.virtual_drone import VirtualDrone as VirtualDrone
 from .simulator.virtual_drone import virtual_drone as virtual_drone
+from .studies.sweeping import sweep as sweep
 from .training.analytic_gradient import AnalyticGradient as AnalyticGradient
 from .training.evaluation import evaluate as evaluate
 from .training.ppo import PPO as PPO

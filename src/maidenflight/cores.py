@@ -9,15 +9,18 @@ def count() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def as_devices() -> None:
+def as_devices(number: int | None = None) -> None:
     """Makes JAX see each core as a device, over which drones are laid.
 
     XLA uses one core for arrays this small.
 
     To be called before JAX does anything. Where it runs already, as in a notebook, its devices stay
     what they are.
+
+    Args:
+        number: cores to use; all unless given.
     """
     import jax
 
     with suppress(RuntimeError):
-        jax.config.update("jax_num_cpu_devices", count())
+        jax.config.update("jax_num_cpu_devices", number or count())

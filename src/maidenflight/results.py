@@ -196,7 +196,12 @@ def write_table(path: StrPath, heading: str, record: Mapping[str, Any], rows: st
     Raises:
         WriteError: see `write`.
     """
-    return write(path, f"{heading}\n# record: {json.dumps(record)}\n{rows}")
+    return write(path, table_text(heading, record, rows))
+
+
+def table_text(heading: str, record: Mapping[str, Any], rows: str) -> str:
+    """The text of what `write_table` writes."""
+    return f"{heading}\n# record: {json.dumps(record)}\n{rows}"
 
 
 def read_record(path: StrPath) -> dict[str, Any] | None:

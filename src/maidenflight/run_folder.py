@@ -69,13 +69,19 @@ class Table:
             ValueError: a column is missing.
             WriteError: the file cannot be written.
         """
+        return results.write(path, self.to_text(rows, record))
+
+    def to_text(self, rows: "DataFrame", record: Mapping[str, Any] | None = None) -> str:
+        """What `write` writes.
+
+        Raises:
+            ValueError: a column is missing.
+        """
         missing = self.columns.keys() - set(rows.columns)
         if missing:
             raise ValueError(f"{self.name}: missing column {', '.join(sorted(missing))}")
         csv = rows.write_csv(float_precision=self.digits)
-        if not self.heading:
-            return results.write(path, csv)
-        return results.write_table(path, f"# {self.heading}", record or {}, csv)
+        return results.table_text(f"# {self.heading}", record or {}, csv) if self.heading else csv
 
     def read(self, path: Path) -> tuple["DataFrame", dict[str, Any]]:
         """The rows, and the record in the comments above them; empty where there is none.
@@ -213,6 +219,15 @@ WINDOWS = Table(
     digits=6,
 )
 """Some windows of flight, logged and predicted, a row a model and time."""
+
+STUDY = Table(
+    "study.csv",
+    {"task": str, "kind": str},
+    "maidenflight study 1: what each task of a study found, a row of each after the other; what is "
+    "swept as ENTRY.SETTING, SI units",
+    times=(),
+)
+"""What the tasks of a study found."""
 
 
 def read_flights(path: Path) -> tuple["DataFrame", dict[str, Any]]:

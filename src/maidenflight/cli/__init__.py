@@ -8,9 +8,8 @@ import sys
 
 import click
 
-from maidenflight import __version__
+from maidenflight import __version__, cache
 from maidenflight.cli import (
-    cache,
     demo,
     drone,
     envelope,
@@ -21,6 +20,7 @@ from maidenflight.cli import (
     plan,
     plant,
     record,
+    sweep,
     train,
     transfer,
     validate,
@@ -83,6 +83,7 @@ for _command in (
     transfer.transfer,
     transfer.predict,
     envelope.envelope,
+    sweep.sweep,
     export.export,
     export.report,
     export.view,

@@ -169,10 +169,14 @@ def _written(file: Path) -> tuple[int, int] | None:
 
 
 @contextmanager
-def resumable(checkpoint: Path) -> Iterator[None]:
+def resumable(checkpoint: Path, again: str = "--resume") -> Iterator[None]:
     """Says how to go on where work is interrupted that a checkpoint, a file or a folder, holds.
 
     Or that it holds nothing yet: a file may be that of an earlier run, which this one replaces.
+
+    Args:
+        checkpoint: as above.
+        again: option by which the command goes on; nothing for one that always does.
     """
     global _line
     earlier = None if "--resume" in sys.argv else _written(checkpoint)
@@ -180,17 +184,12 @@ def resumable(checkpoint: Path) -> Iterator[None]:
     def reached() -> bool:
         return checkpoint.exists() and (earlier is None or _written(checkpoint) != earlier)
 
-    again = shlex.join(
-        [
-            "maidenflight",
-            *(argument for argument in sys.argv[1:] if argument not in ("--resume", "--overwrite")),
-            "--resume",
-        ]
-    )
+    kept = [one for one in sys.argv[1:] if one not in ("--resume", "--overwrite")]
+    command = shlex.join(["maidenflight", *kept, *([again] if again else [])])
 
     def how() -> str:
         if reached():
-            return f"interrupted; {checkpoint} holds what was reached. Go on with: {again}"
+            return f"interrupted; {checkpoint} holds what was reached. Go on with: {command}"
         from_start = shlex.join(["maidenflight", *sys.argv[1:]])
         return f"interrupted before anything was reached. Start again with: {from_start}"
 
@@ -203,5 +202,5 @@ def resumable(checkpoint: Path) -> Iterator[None]:
             raise
         raise InputError(
             f"{error.wrong} {checkpoint} holds what was reached. {error.remedy} and go on with: "
-            f"{again}"
+            f"{command}"
         ) from error

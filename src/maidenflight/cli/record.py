@@ -7,8 +7,8 @@ from typing import Any
 
 import click
 
-from maidenflight import run_folder, terminal
-from maidenflight.cli import cache, options
+from maidenflight import cache, run_folder, terminal
+from maidenflight.cli import options
 from maidenflight.errors import InputError
 
 _TASKS = ("circle", "figure_eight", "hover")

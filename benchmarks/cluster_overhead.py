@@ -1,0 +1,55 @@
+"""How busy a study keeps its workers: tasks of one second that take no computing.
+
+    python benchmarks/cluster_overhead.py --on local
+    python benchmarks/cluster_overhead.py --on ray
+
+Busy is the time that tasks took over the time that workers were there, from the call to the table,
+start of processes included. Reported in docs/clusters.md.
+"""
+
+import argparse
+import os
+import tempfile
+import time
+from pathlib import Path
+
+import maidenflight as mf
+from maidenflight.studies.kinds import Kind, Row, Work, number, whole
+
+
+def _run(work: Work) -> list[Row]:
+    began = time.perf_counter()
+    time.sleep(work.settings["seconds"])
+    return [{"took": time.perf_counter() - began}]
+
+
+second = Kind(_run, {"number": whole(0, 10**6), "seconds": number(0, 60, 1.0)})
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("--on", default="local")
+    options.add_argument("--tasks", type=int, default=1000)
+    options.add_argument("--workers", type=int, default=2)
+    given = options.parse_args()
+    # Workers import this file by its name.
+    places = [str(Path(__file__).parent), *filter(None, [os.environ.get("PYTHONPATH")])]
+    os.environ["PYTHONPATH"] = os.pathsep.join(places)
+    entry = {
+        "name": "seconds",
+        "kind": "cluster_overhead:second",
+        "grid": {"number": {"first": 0, "count": given.tasks}},
+    }
+    with tempfile.TemporaryDirectory() as folder:
+        began = time.perf_counter()
+        table = mf.sweep([entry], folder, given.on, workers=given.workers)
+        took = time.perf_counter() - began
+    share = table["took"].sum() / (given.workers * took)
+    print(
+        f"{given.on}: {given.tasks} tasks of a second with {given.workers} workers took "
+        f"{took:.1f} s; busy {100 * share:.1f} %"
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,78 @@
+"""What brings tasks to workers, by one interface: `local`, `ray`, `slurm`, or your own."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol, runtime_checkable
+
+from maidenflight.errors import InputError
+from maidenflight.studies.worker import Ending, Order
+
+ENGINES = ("local", "ray", "slurm")
+
+
+@runtime_checkable
+class Engine(Protocol):
+    """Brings tasks to workers. One object is of one run of a study."""
+
+    def room(self) -> int:
+        """How many more tasks it takes now."""
+        ...
+
+    def submit(self, order: Order) -> None:
+        """Begins a task, by `worker.perform`."""
+        ...
+
+    def ended(self, timeout: float) -> Sequence[Ending]:
+        """Tasks that have ended since the last call.
+
+        Args:
+            timeout: longest wait for one [s].
+        """
+        ...
+
+    def close(self) -> None:
+        """Ends what is still under way, and gives back what it held."""
+        ...
+
+
+@dataclass(frozen=True)
+class Resources:
+    """What a run may use."""
+
+    workers: int | None = None
+    """Tasks at once at most; as many as there is room for unless given."""
+    cpus: int = 1
+    """Of a task."""
+    gpus: int = 0
+    """Of a task."""
+    slurm: Mapping[str, str] = field(default_factory=dict)
+    """Options of sbatch."""
+
+
+def engine(name: str, resources: Resources, logs: str) -> Engine:
+    """An engine by name: `local`, `ray`, `ray:ADDRESS`, `slurm` or `slurm:PARTITION`.
+
+    Args:
+        name: as above.
+        resources: what it may use.
+        logs: a folder for what jobs of SLURM print.
+
+    Raises:
+        InputError: there is no such engine, its package is not installed, or it cannot be reached.
+    """
+    kind, _, place = name.partition(":")
+    if kind == "local" and not place:
+        from maidenflight.studies.local import Local
+
+        return Local(resources)
+    if kind == "ray":
+        from maidenflight.studies.on_ray import OnRay
+
+        return OnRay(resources, place or None)
+    if kind == "slurm":
+        from maidenflight.studies.slurm import Slurm
+
+        return Slurm(resources, logs, place or None)
+    raise InputError(
+        f"{name!r} is no engine. Expected local, ray, ray:ADDRESS, slurm or slurm:PARTITION."
+    )

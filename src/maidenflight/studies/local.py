@@ -1,0 +1,103 @@
+"""The engine of one machine: processes of the standard library.
+
+Each place has a pool of one process, so that the loss of a process tells which task it had.
+"""
+
+import os
+import signal
+from collections.abc import Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ProcessPoolExecutor, wait
+from contextlib import suppress
+from glob import glob
+from multiprocessing import get_context
+
+from maidenflight import cores
+from maidenflight.errors import InputError
+from maidenflight.studies import worker
+from maidenflight.studies.engine import Resources
+from maidenflight.studies.worker import LOST, Ending, Order
+
+_STARTING = 5.0
+"""Longest wait for the number of a process that is just starting, to end it [s]."""
+
+
+def _gpus() -> list[str]:
+    """GPUs of this machine by number: those that the environment allows, else all."""
+    allowed = os.environ.get("CUDA_VISIBLE_DEVICES")
+    if allowed is not None:
+        return [one for one in allowed.split(",") if one]
+    devices = sorted(glob("/dev/nvidia[0-9]*"), key=lambda name: int(name[len("/dev/nvidia") :]))
+    return [name[len("/dev/nvidia") :] for name in devices]
+
+
+class _Place:
+    """A process for one task at a time."""
+
+    def __init__(self, gpus: str) -> None:
+        self.gpus = gpus
+        self._pool = ProcessPoolExecutor(
+            1, get_context("spawn"), initializer=worker.begin, initargs=(os.getpid(), gpus)
+        )
+        self._process = self._pool.submit(os.getpid)
+
+    def submit(self, order: Order) -> Future[Ending]:
+        return self._pool.submit(worker.perform, order)
+
+    def close(self) -> None:
+        """Ends the process, whatever it is doing."""
+        with suppress(BrokenExecutor, TimeoutError, OSError):
+            os.kill(self._process.result(_STARTING), getattr(signal, "SIGKILL", signal.SIGTERM))
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+class Local:
+    """Tasks in processes of this machine."""
+
+    def __init__(self, resources: Resources):
+        """Begins with as many processes as cores and GPUs allow, each started when needed.
+
+        Raises:
+            InputError: there are not as many GPUs.
+        """
+        self._most = resources.workers or max(1, cores.count() // resources.cpus)
+        self._gpus = [""] * self._most
+        if resources.gpus:
+            found, each = _gpus(), resources.gpus
+            if len(found) < each:
+                raise InputError(
+                    f"a task is to have {each} GPUs, but this machine shows {len(found)}. Leave "
+                    "out --gpus, or look whether its driver is installed."
+                )
+            self._most = min(self._most, len(found) // each)
+            self._gpus = [",".join(found[n * each : (n + 1) * each]) for n in range(self._most)]
+        self._idle: list[_Place] = []
+        self._busy: dict[Future[Ending], tuple[_Place, str]] = {}
+
+    def room(self) -> int:
+        """See `Engine`."""
+        return self._most - len(self._busy)
+
+    def submit(self, order: Order) -> None:
+        """See `Engine`."""
+        place = self._idle.pop() if self._idle else _Place(self._gpus.pop())
+        self._busy[place.submit(order)] = place, order.key
+
+    def ended(self, timeout: float) -> Sequence[Ending]:
+        """See `Engine`."""
+        endings = []
+        for future in wait(self._busy, timeout, FIRST_COMPLETED).done:
+            place, key = self._busy.pop(future)
+            try:
+                endings.append(future.result())
+                self._idle.append(place)
+            except BrokenExecutor:
+                place.close()
+                self._gpus.append(place.gpus)
+                endings.append(Ending(key, LOST, "its process was killed, as when memory is full"))
+        return endings
+
+    def close(self) -> None:
+        """See `Engine`."""
+        for place in [*self._idle, *(place for place, _ in self._busy.values())]:
+            place.close()
+        self._idle, self._busy = [], {}

@@ -1,0 +1,118 @@
+"""The engine of SLURM, through submitit: one job a task."""
+
+import os
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from importlib import import_module
+from typing import Any
+
+from maidenflight.errors import InputError, not_installed
+from maidenflight.studies import worker
+from maidenflight.studies.engine import Resources
+from maidenflight.studies.worker import FAILED, LOST, Ending, Order
+
+_MOST = 200
+"""Jobs in the queue at once unless told otherwise; many clusters allow a few hundred a user."""
+_MINUTES = 24 * 60
+"""Longest time of a task unless told otherwise [min]."""
+_POLLED = 0.2
+"""Time between two looks for the files of jobs [s]."""
+
+
+def in_job(order: Order) -> Ending:
+    """Does a task in a job; JAX sees no GPU where none was asked for."""
+    if not order.gpus:
+        os.environ["CUDA_VISIBLE_DEVICES"] = ""
+    return worker.perform(order)
+
+
+class Slurm:
+    """Tasks as jobs of SLURM, whose nodes have maidenflight installed and share the store."""
+
+    def __init__(
+        self, resources: Resources, logs: str, partition: str | None = None, cluster: str = "slurm"
+    ):
+        """Begins with no jobs.
+
+        Args:
+            resources: what tasks may use.
+            logs: folder that the nodes share, for scripts and output of jobs.
+            partition: of the cluster; its default unless given.
+            cluster: `slurm`, or `local` for jobs that are processes of this machine, to try it.
+
+        Raises:
+            InputError: submitit is not installed, there is no SLURM here, or an option is unknown.
+        """
+        try:
+            submitit: Any = import_module("submitit")
+        except ImportError as error:
+            raise not_installed("submitit", "slurm", "--on slurm") from error
+        self._submitit = submitit
+        try:
+            self._executor = submitit.AutoExecutor(folder=logs, cluster=cluster)
+        except RuntimeError as error:
+            raise InputError(
+                f"no SLURM here ({error}). Run the study on a login node, where sbatch is found."
+            ) from error
+        options: dict[str, Any] = {
+            "name": "maidenflight",
+            "timeout_min": _MINUTES,
+            "cpus_per_task": resources.cpus,
+        }
+        if resources.gpus:
+            options["gpus_per_node"] = resources.gpus
+        if cluster == "slurm":
+            own = dict(resources.slurm) | ({"partition": partition} if partition else {})
+            options["slurm_additional_parameters"] = own
+            # A job that is preempted is submitted again by the study, which also counts it.
+            options["slurm_use_srun"] = False
+        self._executor.update_parameters(**options)
+        self._most = resources.workers or _MOST
+        self._busy: dict[str, Any] = {}
+
+    def room(self) -> int:
+        """See `Engine`."""
+        return self._most - len(self._busy)
+
+    def submit(self, order: Order) -> None:
+        """See `Engine`.
+
+        Raises:
+            InputError: SLURM refuses the job.
+        """
+        try:
+            self._busy[order.key] = self._executor.submit(in_job, order)
+        except self._submitit.core.utils.FailedJobError as error:
+            said = " ".join(str(error).split())[-300:]
+            raise InputError(
+                f"SLURM refuses the job of {order.label} ({said}). Give other options: --slurm "
+                "NAME=VALUE, --cpus, --gpus."
+            ) from error
+
+    def ended(self, timeout: float) -> Sequence[Ending]:
+        """See `Engine`."""
+        until = time.monotonic() + timeout
+        while True:
+            endings = [
+                self._ending(key, job) for key, job in list(self._busy.items()) if job.done()
+            ]
+            if endings or time.monotonic() >= until:
+                return endings
+            time.sleep(_POLLED)
+
+    def _ending(self, key: str, job: Any) -> Ending:
+        del self._busy[key]
+        try:
+            return job.result()
+        except self._submitit.core.utils.UncompletedJobError as error:
+            return Ending(key, LOST, str(error).strip().split("\n")[0])
+        except Exception as error:  # what stopped the job before the task
+            return Ending(key, FAILED, f"{type(error).__name__}: {error}")
+
+    def close(self) -> None:
+        """See `Engine`."""
+        for job in self._busy.values():
+            with suppress(OSError):
+                job.cancel()
+        self._busy = {}

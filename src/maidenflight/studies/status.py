@@ -1,0 +1,84 @@
+"""How far a study is: what its driver writes, and what `--status` reads in another terminal."""
+
+import dataclasses
+import json
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from maidenflight import inputs
+from maidenflight.errors import InputError
+from maidenflight.studies.store import Store
+from maidenflight.studies.study import Study
+
+PROGRESS = "progress.json"
+"""Beside the results; the driver writes it while it runs."""
+NAMED = 50
+"""Running tasks that are named there at most."""
+SILENT_S = 60.0
+"""A driver that has written nothing for so long is gone [s]."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a run of a study is."""
+
+    tasks: int
+    """Of the study; equal ones, which are computed once, count once."""
+    found: int = 0
+    """Results that were there when it began."""
+    computed: int = 0
+    running: tuple[str, ...] = ()
+    """Tasks that are with the engine, which may still wait there; read again, the first `NAMED`."""
+    failed: tuple[str, ...] = ()
+    """Tasks that failed as often as they may."""
+    repeated: int = 0
+    """Tasks begun again, since they failed or were lost."""
+    seconds: float = 0.0
+    """Since the run began [s]."""
+    policies_per_hour: float | None = None
+    """That the run trained; None where it has trained none yet."""
+    seconds_left: float | None = None
+    """As if what is left takes as long as what was computed [s]; None before there is any."""
+    on: str = ""
+    """The engine."""
+    state: str = "running"
+    """`running`, `interrupted`, `ended`, or, where nobody writes it any more, `silent`."""
+
+    @property
+    def done(self) -> int:
+        """Tasks whose result is there."""
+        return self.found + self.computed
+
+
+def write(store: Store, now: Progress) -> None:
+    """Writes how far a run is, for `read`."""
+    content = dataclasses.asdict(now) | {"written": time.time()}
+    store.write(PROGRESS, f"{json.dumps(content, indent=1)}\n")
+
+
+def read(store: Store, study: Study) -> Progress:
+    """How far a study is, by its results and by what its driver wrote last.
+
+    Raises:
+        InputError: what the driver wrote is no such thing.
+    """
+    keys = {task.key for task in study.tasks}
+    there = len(keys & store.keys())
+    text = store.read(PROGRESS)
+    if text is None:
+        return Progress(len(keys), found=there, state="not begun")
+    try:
+        content: dict[str, Any] = inputs.from_json(text)
+        written = float(content.pop("written"))
+        said = Progress(**content)
+        said = dataclasses.replace(said, running=tuple(said.running), failed=tuple(said.failed))
+    except (ValueError, LookupError, TypeError) as error:
+        raise InputError(
+            f"{PROGRESS}: not what a study writes ({error}). Remove it from the study's results."
+        ) from error
+    if said.state == "running" and time.time() - written > SILENT_S:
+        said = dataclasses.replace(said, state="silent", running=())
+    return dataclasses.replace(
+        said, tasks=len(keys), found=max(0, there - said.computed), seconds=round(said.seconds, 1)
+    )

@@ -1,0 +1,287 @@
+"""Where the results of a study are: a folder each, named by its key, seen whole or not at all.
+
+A store is a folder, which machines share, or an address of fsspec such as s3://BUCKET/STUDY.
+"""
+
+import json
+import os
+import re
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Protocol
+
+from maidenflight import inputs, results
+from maidenflight.errors import InputError, WriteError, not_installed
+
+RESULT = "result.json"
+"""In the folder of a result: its rows and record."""
+_RESULTS = "results"
+_REMOTE = re.compile(r"[a-z][a-z0-9+.-]+://")
+
+
+class Store(Protocol):
+    """Results by key, and files beside them."""
+
+    @property
+    def address(self) -> str:
+        """By which `opened` opens it on another machine."""
+        ...
+
+    def keys(self) -> set[str]:
+        """Keys of all results that are there."""
+        ...
+
+    def has(self, key: str) -> bool:
+        """Whether a result is there."""
+        ...
+
+    def folder(self, key: str) -> Path:
+        """A result's files on this machine."""
+        ...
+
+    def result(self, key: str) -> dict[str, Any]:
+        """What `RESULT` of it holds."""
+        ...
+
+    def remove(self, key: str) -> None:
+        """Removes a result, if it is there."""
+        ...
+
+    def making(self, key: str) -> Any:
+        """A context with an empty folder, which becomes the result where nothing is raised."""
+        ...
+
+    def write(self, name: str, content: str) -> None:
+        """Writes a file of the study beside the results, whole or not at all."""
+        ...
+
+    def read(self, name: str) -> str | None:
+        """Its content; None where there is none."""
+        ...
+
+    def drop(self, name: str) -> None:
+        """Removes it, if it is there."""
+        ...
+
+    def tidy(self) -> None:
+        """Removes what killed tasks have left of results that are there now."""
+        ...
+
+
+class Folder:
+    """A store in a folder."""
+
+    def __init__(self, path: Path):
+        """Begins with the study's folder.
+
+        Raises:
+            InputError: it is a file.
+        """
+        if path.is_file():
+            raise InputError(f"{path}: is a file. Give a folder for the results with -o.")
+        self._path = path.resolve()
+        self._results = self._path / _RESULTS
+
+    @property
+    def address(self) -> str:
+        """See `Store`."""
+        return str(self._path)
+
+    def keys(self) -> set[str]:
+        """See `Store`."""
+        with suppress(FileNotFoundError):
+            return {name for name in os.listdir(self._results) if not name.startswith(".")}
+        return set()
+
+    def has(self, key: str) -> bool:
+        """See `Store`."""
+        return (self._results / key).is_dir()
+
+    def folder(self, key: str) -> Path:
+        """See `Store`."""
+        return self._results / key
+
+    def result(self, key: str) -> dict[str, Any]:
+        """See `Store`."""
+        return _result(self._results / key / RESULT)
+
+    def remove(self, key: str) -> None:
+        """See `Store`."""
+        # Out of the way first: what is half removed is no result.
+        going = self._results / f".{key}.going_on.part"
+        shutil.rmtree(going, ignore_errors=True)
+        with suppress(FileNotFoundError):
+            os.rename(self._results / key, going)
+        shutil.rmtree(going, ignore_errors=True)
+
+    @contextmanager
+    def making(self, key: str) -> Iterator[Path]:
+        """See `Store`."""
+        try:
+            self._results.mkdir(parents=True, exist_ok=True)
+            made = Path(tempfile.mkdtemp(prefix=f".{key}.", suffix=".part", dir=self._results))
+            made.chmod(0o755)
+        except OSError as error:
+            raise WriteError(self._results, error) from error
+        try:
+            yield made
+            _to_disk(made)
+            try:
+                os.rename(made, self._results / key)
+                _to_disk(self._results)
+            except OSError:
+                if not self.has(key):  # another has made the same meanwhile
+                    raise
+        finally:
+            shutil.rmtree(made, ignore_errors=True)
+
+    def write(self, name: str, content: str) -> None:
+        """See `Store`."""
+        results.write(self._path / name, content)
+
+    def read(self, name: str) -> str | None:
+        """See `Store`."""
+        with suppress(FileNotFoundError):
+            return inputs.text(self._path / name)
+        return None
+
+    def drop(self, name: str) -> None:
+        """See `Store`."""
+        (self._path / name).unlink(missing_ok=True)
+
+    def tidy(self) -> None:
+        """See `Store`."""
+        for left in self._results.glob(".*.part"):
+            if self.has(left.name.split(".")[1]):
+                shutil.rmtree(left, ignore_errors=True)
+
+
+class Address:
+    """A store at an address of fsspec.
+
+    An object store renames nothing: a result is there once its `RESULT` is, which is written last.
+    What tasks take is fetched to this machine's folder for temporary files, once.
+    """
+
+    def __init__(self, address: str):
+        """Begins with the study's address.
+
+        Raises:
+            InputError: fsspec, or its package for this kind of address, is not installed.
+        """
+        try:
+            fsspec: Any = import_module("fsspec")
+        except ImportError as error:
+            raise not_installed("fsspec", "remote", address) from error
+        try:
+            self._files, self._root = fsspec.core.url_to_fs(address)
+        except (ImportError, ValueError) as error:
+            raise InputError(
+                f"{address}: cannot be opened ({error}). Install fsspec's package for it, such as "
+                "s3fs for s3://, on every machine."
+            ) from error
+        self._address = address
+
+    @property
+    def address(self) -> str:
+        """See `Store`."""
+        return self._address
+
+    def _at(self, *names: str) -> str:
+        return "/".join((self._root, *names))
+
+    def keys(self) -> set[str]:
+        """See `Store`."""
+        self._files.invalidate_cache()
+        found = self._files.glob(self._at(_RESULTS, "*", RESULT))
+        return {str(path).split("/")[-2] for path in found}
+
+    def has(self, key: str) -> bool:
+        """See `Store`."""
+        self._files.invalidate_cache()
+        return bool(self._files.exists(self._at(_RESULTS, key, RESULT)))
+
+    def folder(self, key: str) -> Path:
+        """See `Store`."""
+        user = os.getuid() if hasattr(os, "getuid") else 0
+        fetched = Folder(Path(tempfile.gettempdir(), f"maidenflight-{user}-results"))
+        if not fetched.has(key):
+            with fetched.making(key) as place:
+                self._files.get(f"{self._at(_RESULTS, key)}/", f"{place}/", recursive=True)
+        return fetched.folder(key)
+
+    def result(self, key: str) -> dict[str, Any]:
+        """See `Store`."""
+        return json.loads(self._files.cat_file(self._at(_RESULTS, key, RESULT)))
+
+    def remove(self, key: str) -> None:
+        """See `Store`."""
+        with suppress(FileNotFoundError):
+            self._files.rm_file(self._at(_RESULTS, key, RESULT))
+            self._files.rm(self._at(_RESULTS, key), recursive=True)
+
+    @contextmanager
+    def making(self, key: str) -> Iterator[Path]:
+        """See `Store`."""
+        with tempfile.TemporaryDirectory(prefix="maidenflight-") as name:
+            made = Path(name)
+            yield made
+            files = sorted(path for path in made.rglob("*") if path.is_file())
+            for path in sorted(files, key=lambda path: path == made / RESULT):
+                place = self._at(_RESULTS, key, *path.relative_to(made).parts)
+                self._files.makedirs(place.rpartition("/")[0], exist_ok=True)
+                self._files.put_file(str(path), place)
+
+    def write(self, name: str, content: str) -> None:
+        """See `Store`."""
+        place = self._at(name)
+        self._files.makedirs(place.rpartition("/")[0], exist_ok=True)
+        self._files.pipe_file(place, content.encode())
+
+    def read(self, name: str) -> str | None:
+        """See `Store`."""
+        self._files.invalidate_cache()
+        with suppress(FileNotFoundError):
+            return self._files.cat_file(self._at(name)).decode()
+        return None
+
+    def drop(self, name: str) -> None:
+        """See `Store`."""
+        with suppress(FileNotFoundError):
+            self._files.rm_file(self._at(name))
+
+    def tidy(self) -> None:
+        """See `Store`."""
+
+
+def opened(place: inputs.StrPath) -> Store:
+    """The store of a folder, or of an address such as s3://BUCKET/STUDY.
+
+    Raises:
+        InputError: see `Address`.
+    """
+    name = os.fspath(place)
+    return Address(name.rstrip("/")) if _REMOTE.match(name) else Folder(Path(name))
+
+
+def _result(path: Path) -> dict[str, Any]:
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"{path}: not a whole result ({error}). Remove its folder, and run the study again."
+        ) from error
+
+
+def _to_disk(folder: Path) -> None:
+    """Makes sure that a power cut leaves what was written to a folder."""
+    with suppress(OSError):  # not every file system can
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)

@@ -1,0 +1,324 @@
+"""The table of a study: entries with grids, and the tasks that they stand for.
+
+A study is a TOML file, or a list of the same tables in Python:
+
+    [[task]]
+    name = "policy"                     # of your choice
+    kind = "train"                      # identify, train, transfer, predict, envelope
+    settings = { drone = "crazyflie", policies = 8, updates = 800 }
+    grid = { control = ["pwm", "attitude"], seed = { first = 0, count = 20 } }
+
+    [[task]]
+    name = "flown"
+    kind = "transfer"
+    settings = { realities = ["virtual:7"] }
+    inputs = { policies = "policy" }    # for each point of its grid
+
+A task takes its inputs' points of the grid: where two inputs have an entry behind them in common,
+their points agree.
+"""
+
+import hashlib
+import itertools
+import json
+import re
+from collections.abc import Mapping, Sequence
+from contextlib import chdir
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from maidenflight import __version__, inputs, results
+from maidenflight.errors import InputError
+from maidenflight.inputs import StrPath
+from maidenflight.studies import kinds
+from maidenflight.studies.kinds import REQUIRED, Kind
+
+MOST = 1_000_000
+"""Tasks of a study at most."""
+_ENTRIES = ("name", "kind", "settings", "grid", "inputs")
+
+
+@dataclass(frozen=True)
+class Task:
+    """One task: an entry of the study at a point of its grid."""
+
+    name: str
+    """Of the entry."""
+    kind: str
+    settings: Mapping[str, Any]
+    """All settings but those that other tasks make; paths are relative to the study's folder."""
+    point: Mapping[str, Any]
+    """What is swept, by `ENTRY.SETTING`, that of its inputs included."""
+    inputs: Mapping[str, str]
+    """Keys of the tasks that make settings."""
+    key: str
+    """Names the result: a hash of kind, settings, content of files, inputs and version."""
+
+    @property
+    def label(self) -> str:
+        """For people."""
+        swept = ", ".join(f"{name} {plain(value)}" for name, value in self.point.items())
+        return f"{self.name} ({swept})" if swept else self.name
+
+
+@dataclass(frozen=True)
+class Study:
+    """Tasks in the order of the table, inputs before those that take them."""
+
+    tasks: tuple[Task, ...]
+    home: Path
+    """The folder that paths are relative to."""
+    entries: tuple[Mapping[str, Any], ...]
+    """As they were given."""
+    cpus: int = 1
+    gpus: int = 0
+
+
+@dataclass(frozen=True)
+class _Entry:
+    name: str
+    label: str
+    """For errors."""
+    kind_name: str
+    kind: Kind
+    settings: dict[str, Any]
+    grid: dict[str, list[Any]]
+    inputs: dict[str, str]
+
+
+def plain(value: Any) -> Any:
+    """A setting as a table shows it."""
+    return ", ".join(map(str, value)) if isinstance(value, list) else value
+
+
+def read(path: StrPath, cpus: int = 1, gpus: int = 0) -> Study:
+    """Reads a study.
+
+    Args:
+        path: a TOML file.
+        cpus: cores of each task. They are part of what names a result: sums over more devices are
+            rounded differently.
+        gpus: GPUs of each task, likewise.
+
+    Raises:
+        InputError: it is missing or no TOML, or see `of`.
+    """
+    try:
+        content = inputs.from_toml(inputs.text(path))
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"{path}: not a study ({error}). Give a TOML file with tables [[task]]; see "
+            "docs/clusters.md."
+        ) from error
+    unknown = content.keys() - {"task"}
+    if unknown:
+        raise InputError(
+            f"{path}: {min(unknown)} is unknown. Expected tables [[task]]; see docs/clusters.md."
+        )
+    return of(content.get("task"), Path(path).resolve().parent, str(path), cpus, gpus)
+
+
+def of(
+    entries: Any, home: StrPath = ".", where: str = "the study", cpus: int = 1, gpus: int = 0
+) -> Study:
+    """A study of tables.
+
+    Args:
+        entries: a list of them, as `read` reads.
+        home: folder that paths in them are relative to.
+        where: what holds them, for errors.
+        cpus: see `read`.
+        gpus: see `read`.
+
+    Raises:
+        InputError: an entry is unknown, missing or out of range; a file is not there; an input
+            stands for no earlier entry, or for one of the wrong kind; or there are too many tasks.
+    """
+    if not isinstance(entries, list) or not entries:
+        raise InputError(f"{where}: no tasks. Expected tables [[task]]; see docs/clusters.md.")
+    home = Path(home).resolve()
+    known: dict[str, _Entry] = {}
+    made: dict[str, list[Task]] = {}
+    digests: dict[str, list[str]] = {}
+    for number, content in enumerate(entries, 1):
+        entry = _entry(content, f"{where}: task {number}", known)
+        known[entry.name] = entry
+        with chdir(home):
+            made[entry.name] = _expanded(entry, made, digests, (cpus, gpus))
+        if sum(map(len, made.values())) > MOST:
+            raise InputError(f"{where}: more than {MOST} tasks. Make several studies of it.")
+    return Study(tuple(itertools.chain(*made.values())), home, tuple(entries), cpus, gpus)
+
+
+def _entry(content: Any, where: str, known: Mapping[str, _Entry]) -> _Entry:
+    if not isinstance(content, dict):
+        raise InputError(f"{where}: is {str(content)[:40]!r}; expected a table [[task]].")
+    for name in content:
+        if name not in _ENTRIES:
+            raise InputError(f"{where}: {name} is unknown. Expected {', '.join(_ENTRIES)}.")
+    called = content.get("name")
+    if not isinstance(called, str) or not called or "." in called or called in known:
+        raise InputError(f"{where}: name = {called!r}; expected a text of its own without a dot.")
+    label = f"{where} ({called})"
+    kind_name = content.get("kind")
+    if not isinstance(kind_name, str):
+        raise InputError(f"{label}: kind = {kind_name!r}; expected {', '.join(kinds.KINDS)}.")
+    try:
+        kind = kinds.kind(kind_name)
+    except InputError as error:
+        raise InputError(f"{label}: {error}") from error
+    parts = {name: content.get(name, {}) for name in ("settings", "grid", "inputs")}
+    for name, part in parts.items():
+        if not isinstance(part, dict):
+            raise InputError(f"{label}: {name} = {str(part)[:40]!r}; expected a table.")
+    given = [*parts["settings"], *parts["grid"], *parts["inputs"]]
+    for name in given:
+        if name not in kind.settings:
+            raise InputError(
+                f"{label}: {name} is no setting of {kind_name}. Expected "
+                f"{', '.join(kind.settings)}."
+            )
+        if given.count(name) > 1:
+            raise InputError(f"{label}: {name} is given twice. Give it in one place.")
+    for name, setting in kind.settings.items():
+        if setting.default is REQUIRED and name not in given:
+            raise InputError(f"{label}: {name} is missing; expected {setting.expected}.")
+    for name, value in parts["settings"].items():
+        _must_fit(kind, name, value, label)
+    grid = {name: _values(kind, name, value, label) for name, value in parts["grid"].items()}
+    for name, source in parts["inputs"].items():
+        _must_be_made(kind, kind_name, name, source, known, label)
+    return _Entry(called, label, kind_name, kind, parts["settings"], grid, parts["inputs"])
+
+
+def _must_fit(kind: Kind, name: str, value: Any, label: str) -> None:
+    setting = kind.settings[name]
+    if not setting.fits(value):
+        raise InputError(f"{label}: {name} = {str(value)[:60]!r}; expected {setting.expected}.")
+
+
+def _values(kind: Kind, name: str, given: Any, label: str) -> list[Any]:
+    """The values of an axis: a list, or whole numbers from a first one on."""
+    if isinstance(given, dict) and given.keys() == {"first", "count"}:
+        first, count = given["first"], given["count"]
+        if type(first) is int and type(count) is int and 1 <= count <= MOST:
+            given = list(range(first, first + count))
+    if not isinstance(given, list) or not given:
+        raise InputError(
+            f"{label}: grid {name} = {str(given)[:60]}; expected a list of values, or "
+            "{ first = 0, count = 10 }."
+        )
+    for value in given:
+        _must_fit(kind, name, value, label)
+    if len({json.dumps(value) for value in given}) < len(given):
+        raise InputError(f"{label}: grid {name} has a value twice. Give each once.")
+    return given
+
+
+def _must_be_made(
+    kind: Kind, kind_name: str, name: str, source: Any, known: Mapping[str, _Entry], label: str
+) -> None:
+    if source not in known:
+        raise InputError(
+            f"{label}: input {name} = {source!r}; expected the name of an entry above it"
+            f"{': ' + ', '.join(known) if known else ''}."
+        )
+    if name not in kind.takes:
+        taken = ", ".join(kind.takes) or "no setting"
+        raise InputError(
+            f"{label}: no task makes {name} of {kind_name}; tasks make {taken}. Give it in "
+            "settings."
+        )
+    if known[source].kind_name != kind.takes[name]:
+        raise InputError(
+            f"{label}: input {name} is made by {source!r}, which is {known[source].kind_name}; "
+            f"expected a task that is {kind.takes[name]}."
+        )
+
+
+def _expanded(
+    entry: _Entry,
+    made: Mapping[str, Sequence[Task]],
+    digests: dict[str, list[str]],
+    devices: tuple[int, int],
+) -> list[Task]:
+    """The tasks of an entry: each point of its inputs, each point of its grid."""
+    joined: list[tuple[dict[str, Any], dict[str, str]]] = [({}, {})]
+    for name, source in entry.inputs.items():
+        joined = [
+            ({**point, **task.point}, {**keys, name: task.key})
+            for point, keys in joined
+            for task in made[source]
+            if all(point.get(axis, value) == value for axis, value in task.point.items())
+        ]
+    own = [
+        dict(zip(entry.grid, values, strict=True))
+        for values in itertools.product(*entry.grid.values())
+    ]
+    if len(joined) * len(own) > MOST:
+        raise InputError(f"{entry.label}: more than {MOST} tasks. Make several studies of it.")
+    defaults = {
+        name: setting.default
+        for name, setting in entry.kind.settings.items()
+        if name not in entry.inputs
+    }
+    chosen = []
+    for at in own:
+        settings = {**defaults, **entry.settings, **at}
+        chosen.append((at, settings, _content(entry, settings, digests)))
+    tasks = []
+    for point, keys in joined:
+        for at, settings, content in chosen:
+            swept = {**point, **{f"{entry.name}.{name}": value for name, value in at.items()}}
+            named = [entry.kind_name, entry.kind.version, __version__, content, keys, devices]
+            key = hashlib.sha256(json.dumps(named, sort_keys=True).encode()).hexdigest()[:20]
+            tasks.append(Task(entry.name, entry.kind_name, settings, swept, keys, key))
+    return tasks
+
+
+def _content(
+    entry: _Entry, settings: dict[str, Any], digests: dict[str, list[str]]
+) -> dict[str, Any]:
+    """The settings by which a result is named: with the content of files that they name.
+
+    Raises:
+        InputError: a file is not there, or the settings do not go together.
+    """
+    content = dict(settings)
+    for name, setting in entry.kind.settings.items():
+        value = settings.get(name)
+        if setting.files and value is not None:
+            values = value if isinstance(value, list) else [value]
+            content[name] = [
+                [one, _digests(one, f"{entry.label}: {name}", digests)] for one in values
+            ]
+    try:
+        entry.kind.check(settings)
+    except InputError as error:
+        raise InputError(f"{entry.label}: {error}") from error
+    return content
+
+
+def _digests(value: str, label: str, known: dict[str, list[str]]) -> list[str]:
+    """Digests of the files that a setting names, if it does: files, folders, and drones behind @.
+
+    Raises:
+        InputError: it names a file that is not there.
+    """
+    if value not in known:
+        parts = [Path(value)] if Path(value).exists() else map(Path, re.split("[@+]", value)[:2])
+        found = []
+        for part in parts:
+            if part.is_dir():
+                found += sorted(path for path in part.rglob("*") if path.is_file())
+            elif part.is_file():
+                # A policy by others is described by one file and held by another beside it.
+                found += [
+                    part,
+                    *sorted(part.parent.glob("*.onnx") if part.suffix == ".toml" else ()),
+                ]
+            elif part.suffix in (".toml", ".json", ".csv"):
+                raise InputError(f"{label} = {value!r}: no file {part} in the study's folder.")
+        known[value] = [f"{path.name} {results.digest(path)}" for path in found]
+    return known[value]

@@ -1,0 +1,95 @@
+"""One task, done where an engine brings it: in a process of its own machine or of another."""
+
+import json
+import os
+import signal
+import threading
+import time
+import traceback
+from contextlib import chdir
+from dataclasses import dataclass
+from typing import Any
+
+from maidenflight import __version__, cache, results
+from maidenflight.errors import InputError
+from maidenflight.studies import kinds, store
+
+DONE, FAILED, LOST = "done", "failed", "lost"
+"""How a task ends: its result is there, its function raised, or its process or node is gone."""
+
+
+@dataclass(frozen=True)
+class Order:
+    """A task as a worker gets it: plain values only."""
+
+    key: str
+    kind: str
+    label: str
+    settings: dict[str, Any]
+    inputs: dict[str, tuple[str, str]]
+    """Settings that other tasks made: their key, and the file of their folder."""
+    home: str
+    """The study's folder, which paths are relative to."""
+    store: str
+    """Address of the results."""
+    cpus: int = 1
+    gpus: int = 0
+
+
+@dataclass(frozen=True)
+class Ending:
+    """How a task ended."""
+
+    key: str
+    how: str
+    """`DONE`, `FAILED` or `LOST`."""
+    said: str = ""
+    """The traceback of one that failed, or what is known of one that was lost."""
+
+
+def perform(order: Order) -> Ending:
+    """Does a task, unless its result is there already; what it raises is an `Ending` too."""
+    try:
+        kept = store.opened(order.store)
+        if kept.has(order.key):
+            return Ending(order.key, DONE)
+        cache.keep_compiled()
+        kind = kinds.kind(order.kind)
+        taken = {
+            name: str(kept.folder(key) / product) for name, (key, product) in order.inputs.items()
+        }
+        with kept.making(order.key) as folder, chdir(order.home):
+            rows = kind.run(kinds.Work({**order.settings, **taken}, folder, order.cpus))
+            made = {
+                "version": __version__,
+                "kind": order.kind,
+                "settings": order.settings,
+                "inputs": {name: key for name, (key, _) in order.inputs.items()},
+                "cpus": order.cpus,
+                "gpus": order.gpus,
+            }
+            content = json.dumps({"record": made, "rows": list(rows)}, indent=1)
+            results.write(folder / store.RESULT, f"{content}\n")
+    except InputError as error:
+        return Ending(order.key, FAILED, f"{error}\n")
+    except (Exception, SystemExit):
+        return Ending(order.key, FAILED, traceback.format_exc())
+    return Ending(order.key, DONE)
+
+
+def begin(driver: int, gpus: str) -> None:
+    """Makes this process leave Ctrl-C to its driver, and end soon after that does.
+
+    Args:
+        driver: process that this is a child of.
+        gpus: those that JAX is to see here, with commas between them.
+    """
+    os.environ["CUDA_VISIBLE_DEVICES"] = gpus
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def watch() -> None:
+        while os.getppid() == driver:
+            time.sleep(0.5)
+        os._exit(1)
+
+    threading.Thread(target=watch, name="driver", daemon=True).start()

@@ -1,0 +1,100 @@
+"""The kinds of maidenflight, each done once: tasks are what the commands would make."""
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import jax
+import polars
+import pytest
+from test_sweeping import Here
+
+import maidenflight as mf
+from maidenflight import run_folder, workflow
+from maidenflight.identification.drone_file import DroneFile
+from maidenflight.studies import verbs
+from maidenflight.training.evaluation import Evaluation
+
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("quick_training")]
+
+
+@pytest.fixture(autouse=True)
+def less_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("maidenflight.simulator.trajectories.QUICKENING", 1.0)
+    monkeypatch.setattr("maidenflight.experiments.envelope.DURATION_S", 0.1)
+    quick = mf.AnalyticGradient(
+        updates=2, evaluations=1, num_envs=4, horizon=4, episodes=4, hidden_learning_rate=0.0
+    )
+    monkeypatch.setattr(workflow, "settings_for", lambda *_: quick)
+
+
+def test_a_study_of_every_kind_goes_from_logs_to_flights(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs" / "flight_1.csv").write_text("a log")
+
+    def identify(*given: Any, **settings: Any) -> tuple[None, SimpleNamespace]:
+        """Identification is tested elsewhere, and is long."""
+        DroneFile(mf.crazyflie()).write(given[2])
+        estimate = SimpleNamespace(value=0.03, interval=(0.02, 0.04))
+        assert settings["over"] == ["thrust_to_weight", "latency"]
+        return None, SimpleNamespace(estimates=dict.fromkeys(settings["over"], estimate))
+
+    monkeypatch.setattr(workflow, "identify_from", identify)
+    entries: list[dict[str, Any]] = [
+        {
+            "name": "drone",
+            "kind": "identify",
+            "settings": {
+                "logs": str(tmp_path / "logs"),
+                "over": ["thrust_to_weight", "latency"],
+                "trials": 1,
+                "evaluations": 15,
+            },
+        },
+        {
+            "name": "policy",
+            "kind": "train",
+            "settings": {"policies": 2},
+            "inputs": {"drone": "drone"},
+        },
+        {
+            "name": "flown",
+            "kind": "transfer",
+            "settings": {"trials": 1, "duration": 0.5},
+            "inputs": {"policies": "policy", "drone": "drone"},
+        },
+        {
+            "name": "times",
+            "kind": "predict",
+            "settings": {"trials": 2, "duration": 0.5},
+            "inputs": {"policies": "policy", "drone": "drone"},
+        },
+        {
+            "name": "hard",
+            "kind": "envelope",
+            "settings": {"along": ["circle"], "flights": 1},
+            "inputs": {"policies": "policy"},
+        },
+    ]
+    table = mf.sweep(entries, tmp_path / "out", Here(), retries=0)
+    counts = dict(table.group_by("task").len().iter_rows())
+    assert counts == {"drone": 2, "policy": 2, "flown": 2, "times": 2, "hard": 2}
+    folder = Path(next((tmp_path / "out" / "results").glob("*/policies")))
+    assert len(run_folder.POLICY.find(folder)) == 2
+    assert not (folder / run_folder.CHECKPOINT).exists()
+    rows = run_folder.STUDY.read(tmp_path / "out" / "study.csv")[0]
+    assert rows.height == 10
+    flown = table.filter(polars.col("task") == "flown")
+    assert set(flown["policy"]) == {"policy_1", "policy_2"}
+    assert flown["duration"].is_between(0.0, 0.5).all()
+
+
+def test_best_scores_are_those_of_the_policy_that_is_kept() -> None:
+    scores = [
+        Evaluation(*(jax.numpy.array([value, -value]) for _ in Evaluation._fields))
+        for value in (1.0, 3.0, 2.0)
+    ]
+    assert set(verbs._best(scores, 0).values()) == {3.0}
+    assert set(verbs._best(scores, 1).values()) == {-1.0}

@@ -1,0 +1,189 @@
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+import toy_kinds
+
+from maidenflight.cli import envelope as cli_envelope
+from maidenflight.cli import options
+from maidenflight.errors import InputError
+from maidenflight.parameters import DRONES
+from maidenflight.studies import kinds, study
+from maidenflight.studies.study import Task
+
+
+def tasks(entries: list[dict[str, Any]], home: Path, cpus: int = 1) -> tuple[Task, ...]:
+    return study.of(entries, home, cpus=cpus).tasks
+
+
+def test_a_grid_is_taken_point_by_point_and_inputs_bring_theirs(tmp_path: Path) -> None:
+    found = tasks(toy_kinds.study(count=3, more=2), tmp_path)
+    assert [task.name for task in found] == ["squared"] * 3 + ["added"] * 6
+    assert [dict(task.point) for task in found[3:5]] == [
+        {"squared.value": 1, "added.more": 0},
+        {"squared.value": 1, "added.more": 1},
+    ]
+    assert found[3].inputs == {"square": found[0].key}
+    assert found[-1].inputs == {"square": found[2].key}
+    assert len({task.key for task in found}) == 9
+
+
+def test_inputs_with_an_entry_in_common_agree_on_its_point(tmp_path: Path) -> None:
+    (tmp_path / "logs.csv").write_text("log")
+    found = tasks(
+        [
+            {
+                "name": "drone",
+                "kind": "identify",
+                "settings": {"logs": "logs.csv"},
+                "grid": {"seed": [0, 1]},
+            },
+            {
+                "name": "policy",
+                "kind": "train",
+                "grid": {"control": ["pwm", "attitude"]},
+                "inputs": {"drone": "drone"},
+            },
+            {
+                "name": "times",
+                "kind": "predict",
+                "inputs": {"drone": "drone", "policies": "policy"},
+            },
+        ],
+        tmp_path,
+    )
+    assert [task.name for task in found] == ["drone"] * 2 + ["policy"] * 4 + ["times"] * 4
+    for task in found[-4:]:
+        (made,) = [one for one in found if one.key == task.inputs["policies"]]
+        assert made.inputs["drone"] == task.inputs["drone"]
+        assert made.point == task.point
+
+
+def test_a_key_is_of_settings_files_inputs_and_devices_alone(tmp_path: Path) -> None:
+    first, second = tmp_path / "one", tmp_path / "two"
+    for home in (first, second):
+        home.mkdir()
+        (home / "logs.csv").write_text("log")
+    entry: dict[str, Any] = {"name": "a", "kind": "identify", "settings": {"logs": "logs.csv"}}
+    (one,) = tasks([entry], first)
+    (other,) = tasks([{**entry, "name": "b"}], second)
+    assert one.key == other.key
+    spelt = {**entry, "settings": {"logs": "logs.csv", "seed": 0}}
+    assert tasks([spelt], first)[0].key == one.key
+    assert tasks([{**entry, "settings": {"logs": "logs.csv", "seed": 1}}], first)[0].key != one.key
+    assert tasks([entry], first, cpus=2)[0].key != one.key
+    (second / "logs.csv").write_text("another log")
+    assert tasks([entry], second)[0].key != one.key
+
+
+def test_a_study_is_read_from_toml(tmp_path: Path) -> None:
+    path = tmp_path / "study.toml"
+    path.write_text(
+        '[[task]]\nname = "policy"\nkind = "train"\n'
+        'settings = { drone = "crazyflie", policies = 2 }\n'
+        "grid = { seed = { first = 3, count = 2 } }\n"
+    )
+    found = study.read(path)
+    assert [task.point for task in found.tasks] == [{"policy.seed": 3}, {"policy.seed": 4}]
+    assert found.tasks[0].settings["policies"] == 2
+    assert found.home == tmp_path
+    assert json.dumps(found.entries)
+
+
+GOOD: dict[str, Any] = {"name": "a", "kind": "train", "settings": {"drone": "crazyflie"}}
+
+
+@pytest.mark.parametrize(
+    ("entries", "told"),
+    [
+        ([], "no tasks"),
+        ([3], "expected a table"),
+        ([{**GOOD, "grids": {}}], "grids is unknown"),
+        ([{"kind": "train"}], "name = None"),
+        ([GOOD, GOOD], "name = 'a'"),
+        ([{**GOOD, "kind": "fly"}], "'fly' is no kind"),
+        ([{**GOOD, "kind": "toy_kinds:none"}], "cannot be imported"),
+        ([{**GOOD, "kind": "toy_kinds:another"}], "is a int"),
+        ([{**GOOD, "settings": 3}], "expected a table"),
+        ([{**GOOD, "settings": {}}], "drone is missing"),
+        ([{**GOOD, "settings": {"drone": "crazyflie", "sed": 1}}], "sed is no setting"),
+        ([{**GOOD, "settings": {"drone": "crazyflie", "policies": 0}}], "policies = '0'"),
+        ([{**GOOD, "settings": {"drone": "crazyflie", "policies": True}}], "policies = 'True'"),
+        ([{**GOOD, "settings": {"drone": "crazyflie", "randomize": "far"}}], "randomize"),
+        ([{**GOOD, "settings": {"drone": "crazyflee"}}], "crazyflee"),
+        ([{**GOOD, "settings": {"drone": "my.toml"}}], "no file my.toml"),
+        ([{**GOOD, "grid": {"drone": ["crazyflie"]}}], "drone is given twice"),
+        ([{**GOOD, "grid": {"seed": []}}], "grid seed"),
+        ([{**GOOD, "grid": {"seed": [1, 1]}}], "twice"),
+        ([{**GOOD, "grid": {"seed": {"first": 0}}}], "grid seed"),
+        ([{**GOOD, "grid": {"seed": [1, -1]}}], "seed = '-1'"),
+        (
+            [
+                {
+                    **GOOD,
+                    "grid": {"seed": {"first": 0, "count": 1001}, "policies": list(range(1, 1001))},
+                }
+            ],
+            "more than",
+        ),
+        ([GOOD, {"name": "b", "kind": "transfer", "inputs": {"policies": "c"}}], "above it"),
+        (
+            [GOOD, {"name": "b", "kind": "predict", "inputs": {"policies": "a", "drone": "a"}}],
+            "identify",
+        ),
+        (
+            [
+                GOOD,
+                {
+                    "name": "b",
+                    "kind": "train",
+                    "settings": {"drone": "crazyflie"},
+                    "inputs": {"seed": "a"},
+                },
+            ],
+            "no task makes seed",
+        ),
+        (
+            [
+                GOOD,
+                {
+                    "name": "b",
+                    "kind": "transfer",
+                    "inputs": {"policies": "a"},
+                    "settings": {"realities": ["nowhere"]},
+                },
+            ],
+            "nowhere",
+        ),
+    ],
+)
+def test_what_is_wrong_in_a_study_is_told_before_anything_runs(
+    entries: list[Any], told: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError) as error:
+        study.of(entries, tmp_path, "the.toml")
+    assert told in str(error.value)
+    assert str(error.value).startswith("the.toml")
+
+
+@pytest.mark.parametrize("content", ["[[task", "task = 3", 'title = "a"', ""])
+def test_a_file_that_is_no_study_is_refused(content: str, tmp_path: Path) -> None:
+    path = tmp_path / "study.toml"
+    path.write_text(content)
+    with pytest.raises(InputError):
+        study.read(path)
+    with pytest.raises(InputError):
+        study.read(tmp_path / "none.toml")
+
+
+def test_kinds_know_the_names_that_the_command_line_knows() -> None:
+    assert kinds.CONTROLS == options.CONTROLS
+    assert kinds.TASKS == options.TASKS
+    assert kinds.AXES == cli_envelope.AXES
+    assert "crazyflie" in DRONES
+    for kind in kinds.KINDS.values():
+        assert kind.takes.keys() <= kind.settings.keys()
+        assert set(kind.takes.values()) <= kinds.KINDS.keys()
+        for setting in kind.settings.values():
+            assert setting.default in (kinds.REQUIRED, None) or setting.fits(setting.default)

@@ -1,0 +1,59 @@
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+import tomlkit
+import toy_kinds
+
+from test_cli import run
+
+
+@pytest.fixture
+def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "study.toml"
+    path.write_text(tomlkit.dumps({"task": toy_kinds.study(count=2)}))
+    return path
+
+
+def test_a_study_is_computed_shown_and_computed_again_where_told(
+    study: Path, monkeypatch: Any, capsys: Any
+) -> None:
+    _, out, _ = run(monkeypatch, capsys, "sweep", study, "--status", "--json")
+    assert json.loads(out)["state"] == "not begun"
+    code, out, err = run(monkeypatch, capsys, "sweep", study, "--json", "--workers", 2)
+    said = json.loads(out)
+    assert (code, err) == (0, "")
+    assert (said["tasks"], said["found"], said["computed"]) == (6, 0, 6)
+    assert len(said["rows"]) == 6
+    written = Path("study/study.csv").read_bytes()
+    code, out, _ = run(monkeypatch, capsys, "sweep", study)
+    assert code == 0
+    assert "study/study.csv" in out
+    code, out, _ = run(monkeypatch, capsys, "sweep", study, "--overwrite", "--json")
+    assert json.loads(out)["computed"] == 6
+    assert Path("study/study.csv").read_bytes() == written
+    _, out, _ = run(monkeypatch, capsys, "sweep", study, "--status")
+    assert "ended" in out
+
+
+def test_failures_are_one_line_and_the_table_of_the_others_is_there(
+    study: Path, monkeypatch: Any, capsys: Any
+) -> None:
+    entries = [{"name": "bad", "kind": "toy_kinds:wrong"}, *toy_kinds.study(count=1)]
+    study.write_text(tomlkit.dumps({"task": entries}))
+    code, _, err = run(monkeypatch, capsys, "sweep", study, "--retries", 0)
+    assert code == 2
+    assert len(err.splitlines()) == 1
+    assert Path("study/study.csv").exists()
+
+
+@pytest.mark.parametrize(
+    "arguments", [("--on", "cloud"), ("--slurm", "account"), ("--cpus", "0"), ("-o", "study.toml")]
+)
+def test_wrong_options_are_refused(
+    arguments: tuple[str, ...], study: Path, monkeypatch: Any, capsys: Any
+) -> None:
+    code, _, err = run(monkeypatch, capsys, "sweep", study, *arguments)
+    assert (code, len(err.splitlines())) == (2, 1)
