@@ -167,6 +167,19 @@ def test_help_starts_within_a_fifth_of_a_second_of_python_itself() -> None:
             ["validate", "crazyflie", "{tmp}/empty", "-o", "{tmp}/v.csv", "--horizons", "soon"],
             "expected seconds",
         ),
+        (["identify", "{tmp}/empty", "{tmp}/odd.csv"], "closed_loop"),
+        (["identify", "{tmp}/empty", "--objective", "closed_loop"], "POLICIES"),
+        (
+            [
+                *("identify", "{tmp}/empty", "{tmp}/odd.csv", "--objective", "closed_loop"),
+                *("--over", "latency"),
+            ],
+            "--over",
+        ),
+        (
+            ["identify", "{tmp}/empty", "{tmp}/odd.csv", "--objective", "closed_loop"],
+            "not valid JSON",
+        ),
         (["train", "--drone", "{tmp}/no.toml", "-o", "{tmp}/p"], "no such drone"),
         (["train", "--drone", "{tmp}/bad.toml", "-o", "{tmp}/p"], "missing"),
         (

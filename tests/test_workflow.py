@@ -14,6 +14,8 @@ import pytest
 
 import maidenflight as mf
 from flights.made_flights import calm, driven
+from flying_policy import flying_policy
+from identification.test_behaviour import flown
 from maidenflight import policy, results, workflow
 from maidenflight.deployment import EXPORTERS
 from maidenflight.errors import InputError
@@ -21,7 +23,8 @@ from maidenflight.experiments import envelope
 from maidenflight.flights import log
 from maidenflight.flights.reading import Flights, read_flights
 from maidenflight.identification import drone_file
-from maidenflight.identification.drone_file import DroneFile, Search, Source
+from maidenflight.identification.closed_loop import Match
+from maidenflight.identification.drone_file import DroneFile, Estimate, Search, Source
 from maidenflight.parameters import GEOMETRY, crazyflie, plain, plus_frame, replace
 from maidenflight.policy import Policy, untrained
 from maidenflight.simulator import control, dynamics, tasks
@@ -330,3 +333,81 @@ def test_an_envelope_goes_on_where_it_was_interrupted(tmp_path: Path, monkeypatc
         asked(resume=True, flights=5)
     best = workflow.best_by_envelope(envelope.summary(table), [tmp_path / "policy_1.json"])
     assert best == tmp_path / "policy_1.json"
+
+
+def test_the_closed_loop_moves_what_it_found_in_the_drone_file_and_keeps_the_rest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    start = tmp_path / "drone.toml"
+    DroneFile(
+        replace(crazyflie(), position_walk=np.float32(0.05)),
+        {"latency": Estimate(0.018, (0.017, 0.019), (0.018,), 0.001)},
+        {"latency": np.linspace(0.017, 0.019, 50), "drag_x": np.linspace(0.1, 0.2, 50)},
+        Source(1, 4.0, True, "zero-order-hold", 60000.0),
+        Search("likelihood", -10.0, 4, 9),
+    ).write(start)
+    flying = flying_policy(crazyflie())
+    policy.write(
+        tmp_path / "policies" / "policy_1.json",
+        flying,
+        results.record(seed=0, inputs=[], settings={}),
+    )
+    log.write(tmp_path / "logs" / "flight_1.csv", flown(flying, 1, 60))
+    found = Match(
+        crazyflie(),
+        {"latency": (0.012, 0.001), "position_walk": (0.04, 0.002)},
+        *(1, 1, np.full(7, 0.1), np.full(7, 0.01), (2.0, 1.0), 15),
+    )
+    seen: dict[str, Any] = {}
+
+    def match(flights: Any, policies: Any, drones: Any, *rest: Any) -> Match:
+        seen.update(flights=flights, policies=policies, walk=float(np.mean(drones.position_walk)))
+        return found
+
+    monkeypatch.setattr("maidenflight.workflow.closed_loop.match", match)
+    arguments = (
+        *("identify", tmp_path / "logs", tmp_path / "policies", "--objective", "closed_loop"),
+        *("--start", start, "-o", tmp_path / "matched.toml"),
+    )
+    code, out, _ = run(monkeypatch, capsys, *arguments, "--json")
+    assert code == 0
+    content = json.loads(out)
+    assert content["parameters"]["latency"] == {"value": 0.012, "standard_error": 0.001}
+    assert seen["walk"] == pytest.approx(0.05)
+    assert {name: len(own) for name, own in seen["flights"].items()} == {"policy_1": 1}
+    file = drone_file.read(tmp_path / "matched.toml")
+    assert float(file.parameters.latency) == pytest.approx(0.012)
+    assert float(file.parameters.position_walk) == pytest.approx(0.04)
+    assert file.estimates["latency"].between_segment_sd == 0.001
+    assert file.estimates["latency"].interval == pytest.approx((0.01004, 0.01396))
+    assert np.mean(file.posterior["latency"]) == pytest.approx(0.012, rel=1e-3)
+    assert np.std(file.posterior["latency"]) == pytest.approx(0.001, rel=1e-3)
+    np.testing.assert_allclose(file.posterior["drag_x"], np.linspace(0.1, 0.2, 50), rtol=1e-5)
+    assert file.search == Search("closed_loop", 1.0, 1, 15)
+    assert len(results.recorded_inputs(file.record, "x")) == 3
+    code, out, _ = run(monkeypatch, capsys, *arguments, "--overwrite")
+    assert code == 0
+    assert "latency" in out
+    others = tmp_path / "policies" / "policy_1.json"
+    policy.write(
+        others, untrained(jax.random.key(0)), results.record(seed=0, inputs=[], settings={})
+    )
+    code, _, said = run(monkeypatch, capsys, *arguments, "--overwrite")
+    assert code == 2
+    assert "none of 1 policies" in said
+
+
+def test_a_log_of_the_day_tells_the_trims_and_nothing_else(tmp_path: Path) -> None:
+    file = DroneFile(
+        crazyflie(), {"torque_bias_z": Estimate(0.0, (-1e-4, 1e-4), (0.0,), 4e-5)}, name="mine"
+    )
+    noise = 0.01 * np.random.default_rng(0).standard_normal((300, 4))
+    flight = calm(300, command=np.float32(noise + np.array([0.5, 0.54, 0.5, 0.54])))
+    today = log.write(tmp_path / "today.csv", flight)
+    drones = workflow.possible_drones(file, workflow.TRIMS, 0, today)
+    assert np.mean(drones.torque_bias[:, 2]) < -1e-5
+    assert np.ptp(drones.latency) == 0.0
+    point = workflow.possible_drones(file, 0.0, 0, today)
+    assert float(point.torque_bias[2]) == pytest.approx(np.mean(drones.torque_bias[:, 2]), rel=0.02)
+    with pytest.raises(InputError, match="posterior"):
+        workflow.possible_drones(file, workflow.POSTERIOR, 0, today)

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from maidenflight import run_folder
+from maidenflight import cores, run_folder
 from maidenflight.cli import options
 from maidenflight.errors import InputError
 from maidenflight.terminal import drone_output, log_output, progress_output
+
+CLOSED_LOOP = "closed_loop"
 
 if TYPE_CHECKING:
     from maidenflight.flights.reading import Flights
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
     from maidenflight.identification.information import Expected
     from maidenflight.identification.likelihood import Likelihood
     from maidenflight.identification.replay import Replay
+    from maidenflight.workflow import Reading, Start
 
 
 def _bounds(
@@ -38,6 +41,7 @@ def _bounds(
 
 @click.command()
 @click.argument("logs", type=options.PATH)
+@click.argument("policies", nargs=-1, type=options.PATH)
 @options.output(
     "TOML file for the identified drone; evaluations (identification.csv) and a picture "
     "(identification.svg) go beside it, NAME_identification.csv and .svg beside NAME.toml.",
@@ -53,9 +57,10 @@ def _bounds(
     "--objective",
     default="likelihood",
     show_default=True,
-    type=click.Choice(["likelihood", "replay"]),
+    type=click.Choice(["likelihood", "replay", "closed_loop"]),
     help="likelihood: one row ahead, right for flights under feedback. replay: the paper's, many "
-    "rows open loop.",
+    "rows open loop. closed_loop: POLICIES that flew the logs behave in simulation as they did "
+    "there; from the drone of --start, identified by likelihood before.",
 )
 @click.option(
     "--start",
@@ -121,8 +126,11 @@ def _bounds(
 @options.seed
 @options.as_json
 @options.overwrite
+@click.pass_context
 def identify(
+    context: click.Context,
     logs: Path,
+    policies: tuple[Path, ...],
     output: Path,
     over: str | None,
     start: str,
@@ -139,10 +147,22 @@ def identify(
 ) -> None:
     """Identify a drone's parameters from LOGS.
 
-    LOGS is a flight log or a folder of them.
+    LOGS is a flight log or a folder of them. POLICIES, for --objective closed_loop, are files or
+    folders of the policies that flew them.
     """
     options.must_be_new(output, overwrite)
     from maidenflight import workflow
+
+    begin = workflow.Start(start, None if mass is None else mass / 1e3)
+    if settings["objective"] == CLOSED_LOOP:
+        _only_of_the_loop(context, policies)
+        read = workflow.Reading(most_seconds, commands, battery_law, ignore)
+        _match(logs, policies, seed, output, begin, read, as_json)
+        return
+    if policies:
+        raise click.UsageError(
+            f"{policies[0]}: policies are for --objective {CLOSED_LOOP}. Leave them out, or add it."
+        )
 
     options.must_be_new(run_folder.beside(output), overwrite)
     picture = run_folder.picture_beside(output)
@@ -159,7 +179,7 @@ def identify(
             seed,
             output,
             _settings(**settings),
-            start=workflow.Start(start, None if mass is None else mass / 1e3),
+            start=begin,
             over=names,
             bounds=bounds,
             reading=workflow.Reading(most_seconds, commands, battery_law, ignore, on_file),
@@ -184,6 +204,78 @@ def identify(
         ("validate", output, "OTHER_LOGS"),
         "flights that it was not identified from",
     )
+
+
+_OF_THE_LOOP = {
+    *("logs", "policies", "output", "objective", "start", "mass", "most_seconds", "commands"),
+    *("battery_law", "ignore", "seed", "as_json", "overwrite"),
+}
+"""Parameters of the command that mean anything for the closed loop."""
+
+
+def _only_of_the_loop(context: click.Context, policies: tuple[Path, ...]) -> None:
+    """Refuses options that mean nothing for the closed loop.
+
+    Raises:
+        click.UsageError: one is given, or no policies.
+    """
+    if not policies:
+        raise click.UsageError(f"--objective {CLOSED_LOOP}: give the POLICIES that flew the logs.")
+    for option in context.command.params:
+        source = context.get_parameter_source(option.name or "")
+        if option.name not in _OF_THE_LOOP and source is click.core.ParameterSource.COMMANDLINE:
+            raise click.UsageError(
+                f"{option.opts[0]} means nothing for --objective {CLOSED_LOOP}. Leave it out."
+            )
+
+
+def _match(
+    logs: Path,
+    policies: tuple[Path, ...],
+    seed: int,
+    output: Path,
+    start: "Start",
+    reading: "Reading",
+    as_json: bool,
+) -> None:
+    """Identifies in the closed loop, and says what was found."""
+    cores.as_devices()
+    from maidenflight import terminal, workflow
+    from maidenflight.identification.behaviour import BEHAVIOUR
+
+    with terminal.progress("identify", None) as move:
+        move(0, None, "compiling")
+        flights, found = workflow.match_loops(
+            logs,
+            policies,
+            seed,
+            output,
+            start=start,
+            reading=reading,
+            on_step=lambda done, of, cost: move(done, of, f"difference {cost:.3g}"),
+        )
+    content = {
+        "parameters": {
+            name: {"value": value, "standard_error": error}
+            for name, (value, error) in found.found.items()
+        },
+        "behaviour": {
+            name: {"before": round(float(before), 4), "after": round(float(after), 4)}
+            for name, before, after in zip(BEHAVIOUR, found.before, found.after, strict=True)
+        },
+        "objective": CLOSED_LOOP,
+        "policies": found.policies,
+        "compared": found.flights,
+        "evaluations": found.evaluations,
+        "flights": log_output.content(flights),
+        "output": str(output),
+    }
+
+    def text() -> None:
+        drone_output.matched(found, len(flights))
+        print(f"written to {output}")
+
+    options.emit(as_json, content, text, ("predict", "POLICIES", "--drone", output))
 
 
 def _say_untold(expected: "Mapping[str, Expected]") -> None:

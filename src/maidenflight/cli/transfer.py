@@ -233,6 +233,12 @@ def _transfer_matrix(
     help="2021.10 as the authors' drone ran it, or 2026.08, for which attitude-rate and attitude "
     "policies of ours are trained.",
 )
+@click.option(
+    "--today",
+    type=click.Path(path_type=Path),
+    metavar="LOGS",
+    help="A log or folder of flights of today, by any controller: the trims are theirs.",
+)
 @options.accept_bounds
 @options.seed
 @options.as_json
@@ -246,6 +252,7 @@ def predict(
     randomize: float | str | None,
     control: str | None,
     firmware: str,
+    today: Path | None,
     accept_bounds: bool,
     seed: int,
     as_json: bool,
@@ -278,6 +285,7 @@ def predict(
             firmware=firmware,
             accept_bounds=accept_bounds,
             on_policy=lambda done, of: move(done, of, "policies flown"),
+            today=today,
         )
 
     policies_shown = _flight_times_content(files, flown)

@@ -35,7 +35,8 @@ from maidenflight.inputs import Fields, StrPath
 from maidenflight.parameters import COMPONENTS, DRONES, Parameters
 from maidenflight.simulator.battery import COUNTS, MOST_COUNTS
 
-OBJECTIVES = ("likelihood", "replay")
+CLOSED_LOOP = "closed_loop"
+OBJECTIVES = ("likelihood", "replay", CLOSED_LOOP)
 """What an identification optimises."""
 COMMANDS = (ZERO_ORDER_HOLD, SUBSAMPLED, "mixed")
 """What the commands of an identification's logs stood for."""
@@ -115,9 +116,9 @@ class Search:
     """What was optimised, of `OBJECTIVES`."""
     value: float
     """Of the objective at the optimum: mean loss of a window of a replay, minus the mean log
-    likelihood of a row [nats]."""
+    likelihood of a row [nats], or the mean squared difference of behaviour in the closed loop."""
     windows: int
-    """Windows that the flights were cut into."""
+    """Windows that the flights were cut into; in the closed loop, flights."""
     evaluations: int
     """Evaluations of the objective."""
 

@@ -1,6 +1,6 @@
 """Drones to randomize over: posterior samples, or trims as they differed between flights."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -8,6 +8,8 @@ from scipy import stats
 from scipy.stats import qmc
 
 from maidenflight.errors import InputError
+from maidenflight.flights.log import Flight
+from maidenflight.flights.trims import SEGMENT_S, trim
 from maidenflight.identification.drone_file import Estimate
 from maidenflight.parameters import Parameters, check, component, replace
 from maidenflight.simulator.randomization import Ensemble, ensemble
@@ -15,6 +17,10 @@ from maidenflight.simulator.randomization import Ensemble, ensemble
 TRIM = ("torque_bias_x", "torque_bias_y", "torque_bias_z")
 """Constant torques: how the battery sits and the propellers are mounted, which people change
 between flights."""
+
+WITHIN_A_DAY = 0.5
+"""Standard deviation of constant torques between flights of a day, as a share of that between
+segments of all flights; chosen on two thirds of the policies of docs/studies/flight-times.md."""
 
 
 def posterior_ensemble(
@@ -43,6 +49,61 @@ def posterior_ensemble(
     return ensemble(drones)
 
 
+def trims_of_the_day(
+    drone: Parameters, estimates: Mapping[str, Estimate], flights: Sequence[Flight], where: str
+) -> tuple[Parameters, dict[str, Estimate]]:
+    """The drone with the constant torques that flights of the day show.
+
+    What the drone's file says of a torque and how it differs between segments of flight, and what
+    balances the mean commands of each flight, with its standard error, are normal: the result is
+    their product. Flights of a day differ by `WITHIN_A_DAY` of that difference.
+
+    Args:
+        drone: the identified drone.
+        estimates: see `DroneFile.estimates`.
+        flights: of the day, by any policy or controller.
+        where: the drone's file, for errors.
+
+    Returns:
+        The drone, and its estimates: the torques' between-segment SD is what the day's flights
+        leave open of the next one.
+
+    Raises:
+        InputError: no constant torque was identified, or no flight is long enough to tell one.
+    """
+    names = [name for name in TRIM if name in estimates]
+    if not names:
+        raise InputError(_UNTOLD.format(where=where))
+    rows = [trim(flight, drone) for flight in flights]
+    known = [row for row in rows if np.isfinite([*row.torque_bias, *row.torque_bias_error]).all()]
+    if not known:
+        raise InputError(
+            f"none of {len(rows)} flights of the day tells a constant torque. Give one of "
+            f"{2 * SEGMENT_S:g} s or more with the motors' commands."
+        )
+    told = dict(estimates)
+    for name in names:
+        axis, old = TRIM.index(name), estimates[name]
+        within = max(WITHIN_A_DAY * old.between_segment_sd, 1e-9)
+        found = np.array([row.torque_bias[axis] for row in known])
+        weights = 1.0 / (np.array([row.torque_bias_error[axis] for row in known]) ** 2 + within**2)
+        before = max(old.between_segment_sd, 1e-9) ** -2
+        total = before + weights.sum()
+        value = float((before * old.value + weights @ found) / total)
+        deviation = float(np.sqrt(1.0 / total + within**2))
+        ends = value - 1.96 * deviation, value + 1.96 * deviation
+        told[name] = Estimate(value, ends, (value,), deviation)
+    values = {name: np.float32(told[name].value) for name in names}
+    return check(replace(drone, **values), where), told
+
+
+_UNTOLD = (
+    "{where}: none of torque_bias_x, torque_bias_y, torque_bias_z was identified, so it is not "
+    "known how trims differ from flight to flight. Identify it from flights by likelihood, or "
+    "choose another randomization."
+)
+
+
 def trim_ensemble(
     drone: Parameters, estimates: Mapping[str, Estimate], where: str, count: int = 256
 ) -> Ensemble:
@@ -59,11 +120,7 @@ def trim_ensemble(
     """
     names = [name for name in TRIM if name in estimates]
     if not names:
-        raise InputError(
-            f"{where}: none of {', '.join(TRIM)} was identified, so it is not known how trims "
-            "differ from flight to flight. Identify it from flights by likelihood, or choose "
-            "another randomization."
-        )
+        raise InputError(_UNTOLD.format(where=where))
     deviations = np.array([estimates[name].between_segment_sd for name in names])
     # A low-discrepancy sequence represents the distribution better than as many random points.
     sobol = qmc.Sobol(len(names), rng=np.random.default_rng(0)).random(count)

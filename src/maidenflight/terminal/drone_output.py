@@ -1,5 +1,6 @@
 """Output of identified drones: parameters, how they were found, and how well they predict."""
 
+import math
 from collections.abc import Mapping
 from textwrap import fill
 from typing import TYPE_CHECKING
@@ -9,6 +10,7 @@ from maidenflight.terminal import table
 if TYPE_CHECKING:
     from polars import DataFrame
 
+    from maidenflight.identification.closed_loop import Match
     from maidenflight.identification.estimates import Identification
 
 _IN_MS = ("motor_time_constant", "latency")
@@ -55,6 +57,28 @@ def estimates(found: "Identification", truth: dict[str, str] | None = None) -> N
     print("between segments: standard deviation; the next flight may be as far off")
     if replayed:
         print("between trials: standard deviation, of the optimiser only")
+
+
+def matched(found: "Match", flights: int) -> None:
+    """Prints what a comparison of closed loops found, of so many flights."""
+    from maidenflight.identification.behaviour import BEHAVIOUR
+
+    rows = []
+    for name, (value, error) in found.found.items():
+        scale, unit = _scale(name, value)
+        low, high = max(value - 1.96 * error, 0.0), value + 1.96 * error
+        interval = f"{low * scale:.4g} .. {high * scale:.4g}"
+        rows.append([name, f"{value * scale:.4g}", interval, unit])
+    table("Parameters of the closed loop", ["parameter", "value", "95 % interval", "unit"], rows)
+    table(
+        "Standard deviations, simulated over logged, median of the policies",
+        ["of", "before", "after"],
+        [
+            [name, f"{math.exp(before):.2f}", f"{math.exp(after):.2f}"]
+            for name, before, after in zip(BEHAVIOUR, found.before, found.after, strict=True)
+        ],
+    )
+    print(f"{found.flights} of {flights} flights, of {found.policies} policies, were compared")
 
 
 def untold(found: "Identification") -> None:

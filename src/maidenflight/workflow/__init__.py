@@ -4,6 +4,7 @@ Each function reads what it is given, does one stage, writes its results with a 
 making, and returns them.
 """
 
+from maidenflight.workflow.closed_loop import match_loops
 from maidenflight.workflow.conversion import convert
 from maidenflight.workflow.deployment import export
 from maidenflight.workflow.drones import (
@@ -63,6 +64,7 @@ __all__ = [
     "flights_to_view",
     "identify_from",
     "limit_cycles",
+    "match_loops",
     "own_and_foreign",
     "plan_for",
     "plant",

@@ -9,10 +9,16 @@ import jax
 import numpy as np
 
 from maidenflight.errors import InputError
+from maidenflight.flights.reading import read_flights
 from maidenflight.identification import drone_file
 from maidenflight.identification.bounds import must_lie_within_bounds
 from maidenflight.identification.drone_file import DroneFile
-from maidenflight.identification.ensembles import TRIM, posterior_ensemble, trim_ensemble
+from maidenflight.identification.ensembles import (
+    TRIM,
+    posterior_ensemble,
+    trim_ensemble,
+    trims_of_the_day,
+)
 from maidenflight.inputs import StrPath
 from maidenflight.parameters import Parameters, full_scale_counts
 from maidenflight.simulator import additions, control
@@ -62,7 +68,7 @@ def randomized(
             `POSTERIOR`, `WIDE`, `ANY_DAY` or `ANY`; see `train_for`.
         controller: its period is what physics steps must divide.
     """
-    file = drone if isinstance(drone, DroneFile) else drone_file.read(drone)
+    file = _file(drone)
     centre = control.in_fitting_steps(file.parameters, controller)
     if randomization == POSTERIOR:
         return posterior_ensemble(centre, file.posterior, file.name)
@@ -130,14 +136,37 @@ def plant(drone: str, seed: int, compensated: bool = True) -> Callable[[], Runni
     return partial(RunningPlant, replace(found, thrust_law=law), seed, counts)
 
 
-def usual_randomization(drone: StrPath) -> float | str:
+def usual_randomization(drone: StrPath | DroneFile) -> float | str:
     """What predictions are randomized over unless the user says."""
-    return TRIMS if set(TRIM) & set(drone_file.read(drone).estimates) else 0.0
+    return TRIMS if set(TRIM) & set(_file(drone).estimates) else 0.0
 
 
-def possible_drones(drone: StrPath, randomization: float | str, seed: int) -> Parameters:
-    """The drones that `predict_with` flies: a point, or drones stacked along a first axis."""
-    file = drone_file.read(drone)
+def possible_drones(
+    drone: StrPath | DroneFile, randomization: float | str, seed: int, today: StrPath | None = None
+) -> Parameters:
+    """The drones that `predict_with` flies: a point, or drones stacked along a first axis.
+
+    Args:
+        drone: a drone file, its path, or a named drone.
+        randomization: see `predict_with`.
+        seed: random seed.
+        today: logs of the day, which tell the constant torques.
+
+    Raises:
+        InputError: see `trims_of_the_day` and `trim_ensemble`; or a randomization that the day's
+            logs do not narrow.
+    """
+    file = _file(drone)
+    if today is not None:
+        if randomization not in (0.0, TRIMS):
+            raise InputError(
+                f"randomization {randomization} with logs of the day, which tell the trims only; "
+                f"leave it out, or give {TRIMS} or 0."
+            )
+        told = trims_of_the_day(
+            file.parameters, file.estimates, read_flights(today).flights, file.name
+        )
+        file = replace(file, parameters=told[0], estimates=told[1])
     if not randomization:
         return file.parameters
     if randomization == TRIMS:
@@ -147,3 +176,7 @@ def possible_drones(drone: StrPath, randomization: float | str, seed: int) -> Pa
         return distribution.drones
     keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), 1), POSSIBLE)
     return jax.tree.map(np.asarray, jax.vmap(lambda key: randomize(distribution, key))(keys))
+
+
+def _file(drone: StrPath | DroneFile) -> DroneFile:
+    return drone if isinstance(drone, DroneFile) else drone_file.read(drone)

@@ -164,6 +164,7 @@ def predict_with(
     firmware: str = FIRMWARE,
     accept_bounds: bool = False,
     on_policy: Callable[[int, int], None] | None = None,
+    today: StrPath | None = None,
 ) -> tuple[list[Path], polars.DataFrame]:
     """Predicts how long policies, ours and the authors', would fly on the real drone.
 
@@ -185,6 +186,8 @@ def predict_with(
             ours are trained.
         accept_bounds: see `drone_to_fly`.
         on_policy: called with (policies flown, policies).
+        today: a log or a folder of flights of the day, by any controller, which tell the constant
+            torques of today.
 
     Returns:
         The policy files, and what `predict_flight_times` gives, policies in the order of the files.
@@ -195,7 +198,7 @@ def predict_with(
     """
     drone_to_fly(drone, accept_bounds)
     randomization = usual_randomization(drone) if randomization is None else randomization
-    drones = possible_drones(drone, randomization, seed)
+    drones = possible_drones(drone, randomization, seed, today)
     files = policy_files(given)
     policies = [read_as(path, structure) for path in files]
     flown = predict_flight_times(
@@ -218,7 +221,7 @@ def predict_with(
         "randomization": randomization,
         "control": structure,
     }
-    settings |= {"firmware": firmware}
+    settings |= {"firmware": firmware, "today": None if today is None else Path(today).name}
     made = results.record(seed=seed, inputs=inputs, settings=settings)
     run_folder.PREDICTION.write(output, flown, made)
     return files, flown

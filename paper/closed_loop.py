@@ -1,0 +1,179 @@
+"""Flight times of the authors' policies by drones from the likelihood and from the closed loop.
+
+Identifies the drone from the authors' flights by likelihood, then its closed loop from the flights
+and policies of two thirds of the PWM policies, and predicts the flight times of all 72: blind, and
+with one flight of the policy whose number is next as a log of the day. The others, a third of each
+control structure, took no part in any choice.
+
+    python paper/closed_loop.py --authors ../shared/data/authors -o closed_loop
+
+Source of flights and policies: Gronauer et al. 2022, github SvenGronauer/phoenix-drone-simulation.
+"""
+
+import argparse
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import jax
+import polars
+from predict_flights import one_against_others, published
+
+from maidenflight import cores, policy, results, workflow
+from maidenflight.errors import InputError
+from maidenflight.experiments.agreement import agreement
+from maidenflight.experiments.flight_times import predict_flight_times, summary
+from maidenflight.identification.ensembles import TRIM
+from maidenflight.parameters import Parameters
+from maidenflight.policy import Policy
+from maidenflight.workflow import Reading, Start
+
+STRUCTURES = ("pwm", "attitude_rate", "attitude", "all")
+SEEDS = 2
+
+
+def held_out(names: Sequence[str]) -> set[str]:
+    """Every third policy of each control structure, by number."""
+    found: set[str] = set()
+    for structure in STRUCTURES[:-1]:
+        own = [name for name in names if name.startswith(f"{structure}/")]
+        found |= set(sorted(own, key=lambda name: int(name.split("/")[1]))[2::3])
+    return found
+
+
+def flights_of(authors: Path, name: str) -> Path:
+    """Folder of the flights of a policy."""
+    structure, number = name.split("/")
+    return authors / "flights" / structure / f"policy_{int(number):03d}"
+
+
+def identified(authors: Path, folder: Path, policies: Mapping[str, Policy]) -> dict[str, Path]:
+    """Drone files by how they were found, made unless they are there."""
+    flights = authors / "flights"
+    dynamics, trims = folder / "dynamics.toml", folder / "likelihood.toml"
+    if not dynamics.exists():
+        held = Reading(commands="zero-order-hold")
+        workflow.identify_from(flights / "pwm", 0, dynamics, reading=held)
+    if not trims.exists():
+        workflow.identify_from(flights, 0, trims, start=Start(str(dynamics)), over=list(TRIM))
+    matched, chosen = folder / "closed_loop.toml", folder / "policies"
+    if not matched.exists():
+        for name in sorted(set(policies) - held_out(list(policies))):
+            structure, number = name.split("/")
+            if structure == "pwm":
+                made = results.record(seed=0, inputs=[], settings={"published": name})
+                policy.write(chosen / f"pwm_{int(number):03d}.json", policies[name], made)
+        workflow.match_loops(flights / "pwm", [chosen], 0, matched, start=Start(str(trims)))
+    return {"likelihood": trims, "closed loop": matched}
+
+
+def todays_log(authors: Path, names: Sequence[str], name: str) -> Path | None:
+    """One flight of the policy of the same structure whose number is nearest, of those that tell.
+
+    Of a flight of less than 1.5 s a trim is not known well enough.
+    """
+    structure, number = name.split("/")
+    others = [one for one in names if one.startswith(f"{structure}/") and one != name]
+    for other in sorted(others, key=lambda one: abs(int(one.split("/")[1]) - int(number))):
+        for file in sorted(flights_of(authors, other).glob("*.csv*")):
+            try:
+                flights = workflow.Reading().flights(file, 0)
+            except InputError:
+                continue
+            if sum(flight.duration for flight in flights) >= 1.5:
+                return file
+    return None
+
+
+def predicted(
+    policies: Mapping[str, Policy], drones: Parameters | Mapping[str, Parameters], trials: int
+) -> polars.DataFrame:
+    """Mean and band of the flight times of each policy, of all seeds together."""
+    parts = []
+    for seed in range(SEEDS):
+        key = jax.random.key(seed)
+        each = (
+            [({name: policies[name]}, drones[name]) for name in policies]
+            if isinstance(drones, Mapping)
+            else [(dict(policies), drones)]
+        )
+        for some, drone in each:
+            parts.append(
+                predict_flight_times(
+                    list(some.values()), drone, key, trials=trials, names=list(some)
+                ).with_columns(polars.col("trial") + seed * trials)
+            )
+    return summary(polars.concat(parts).sort("policy", "trial"))
+
+
+def agreements(
+    label: str, told: polars.DataFrame, flights: polars.DataFrame
+) -> list[dict[str, object]]:
+    """Rows of the table: by control structure, of all policies and of those held out."""
+    real = flights.group_by("name").agg(polars.col("flight_time_s").mean().alias("measured"))
+    joined = told.join(real, left_on="policy", right_on="name")
+    out = held_out(joined["policy"].to_list())
+    within = flights.join(told, left_on="name", right_on="policy").with_columns(
+        polars.col("flight_time_s").is_between("quantile_10", "quantile_90").alias("within")
+    )
+    rows: list[dict[str, object]] = []
+    for structure in STRUCTURES:
+        for which in ("all", "held out"):
+            named = [
+                name
+                for name in joined["policy"]
+                if structure in ("all", name.split("/")[0]) and (which == "all" or name in out)
+            ]
+            own = joined.filter(polars.col("policy").is_in(named))
+            found = agreement(own["mean"].to_numpy(), own["measured"].to_numpy())
+            real_ones = within.filter(polars.col("name").is_in(named))
+            floor = one_against_others(flights.filter(polars.col("name").is_in(named)))
+            rows.append(
+                {
+                    "drone": label,
+                    "control": structure,
+                    "policies": f"{len(named)} {which}",
+                    "predicted [s]": own["mean"].mean(),
+                    "measured [s]": own["measured"].mean(),
+                    "Spearman": found.spearman,
+                    "error [s]": found.mean_absolute_error,
+                    "within 10 to 90 %": real_ones["within"].mean(),
+                    "one real flight: Spearman": floor.spearman,
+                    "one real flight: error [s]": floor.mean_absolute_error,
+                }
+            )
+    return rows
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Identifies, predicts and prints."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("--authors", type=Path, required=True)
+    parser.add_argument("-o", "--output", type=Path, required=True)
+    parser.add_argument("--trials", type=int, default=32, help="flights of each policy and seed")
+    given = parser.parse_args(arguments)
+    policies, flights = published(given.authors)
+    files = identified(given.authors, given.output, policies)
+    rows: list[dict[str, object]] = []
+    for label, file in files.items():
+        drones = workflow.possible_drones(file, workflow.TRIMS, 0)
+        rows += agreements(label, predicted(policies, drones, given.trials), flights)
+    logs = {name: todays_log(given.authors, list(policies), name) for name in policies}
+    own = {
+        name: workflow.possible_drones(files["closed loop"], workflow.TRIMS, 0, today=log)
+        for name, log in logs.items()
+    }
+    told = predicted(policies, own, given.trials)
+    rows += agreements("closed loop, log of the day", told, flights)
+    table = polars.DataFrame(rows)
+    with polars.Config(tbl_rows=-1, tbl_cols=-1, tbl_width_chars=220, float_precision=2):
+        print(table)
+    made = results.record(seed=0, inputs=list(files.values()), settings={"trials": given.trials})
+    text = table.write_csv(float_precision=4)
+    results.write_table(given.output / "closed_loop.csv", "maidenflight closed loop 1", made, text)
+
+
+if __name__ == "__main__":
+    cores.as_devices()
+    main()

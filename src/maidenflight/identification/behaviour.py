@@ -1,0 +1,195 @@
+"""How a policy's loop behaves in a log, and which policy flew a log."""
+
+from collections.abc import Mapping, Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax, tree
+from jaxtyping import Array, Float
+from scipy.spatial.transform import Rotation
+
+from maidenflight.errors import InputError
+from maidenflight.flights.log import Flight
+from maidenflight.parameters import Parameters, levers
+from maidenflight.policy import Policy
+from maidenflight.simulator import control, environment
+from maidenflight.simulator.environment import OBSERVATION_SIZE
+from maidenflight.simulator.sensors import Measurement
+
+BEHAVIOUR = (
+    "body rates",
+    "change of body rates",
+    "torques",
+    "change of torques",
+    "tilt",
+    "change of velocity",
+    "change of position",
+)
+"""Of roll and pitch or of x and y: what is compared, logarithms of standard deviations."""
+BEGIN_S, END_S, LONGEST_S, SHORTEST_S = 0.2, 0.2, 6.0, 0.4
+"""Of a flight, what is left out at its begin and end, and how much at most and at least counts
+between: before, the PID hands over; at the end it falls [s]."""
+SAME = 0.02
+"""Median difference of commands below which a policy is the one that flew."""
+_ROWS_TOLD = 100
+"""Rows of a flight by which its policy is found."""
+
+
+def flown_by(
+    flights: Sequence[Flight], policies: Mapping[str, Policy]
+) -> dict[str, tuple[Flight, ...]]:
+    """The flights of each policy: those whose logged commands it gives for the logged estimates.
+
+    Args:
+        flights: logs of any policies or controllers, at the policies' rate.
+        policies: policies for motor commands, of one kind, by name.
+
+    Returns:
+        By name, the policies that flew any of them.
+
+    Raises:
+        InputError: policies that do not command the motors, or look ahead.
+    """
+    for name, policy in policies.items():
+        if policy.interface.name != control.pwm().interface.name or policy.look_ahead.points:
+            raise InputError(
+                f"{name}: a policy for {policy.interface.name}"
+                f"{' that looks ahead' if policy.look_ahead.points else ''}; only flights of pwm "
+                "policies without look-ahead tell by their commands which policy flew."
+            )
+    found: dict[str, list[Flight]] = {}
+    names = list(policies)
+    together = stacked(list(policies.values()))
+    for whole in flights:
+        flight = whole.part(whole.lead, len(whole))
+        rate = round(1.0 / flight.period)
+        if rate != policies[names[0]].interface.rate or len(flight) < _ROWS_TOLD // 4:
+            continue
+        rows = flight.part(0, min(len(flight), _ROWS_TOLD))
+        seen = Measurement(
+            position=jnp.asarray(_filled(rows.position)),
+            velocity=jnp.asarray(_filled(rows.velocity)),
+            quaternion=jnp.asarray(_filled(_quaternions(rows.attitude))),
+            body_rates=jnp.asarray(_filled(rows.body_rates)),
+        )
+        told = np.asarray(_commands(together, seen, _filled(rows.setpoint), _filled(rows.command)))
+        first = policies[names[0]].history + 3
+        differences = np.abs(told[:, first : len(rows)] - np.clip(rows.command[first:], 0.0, 1.0))
+        off = np.median(differences, axis=(1, 2))
+        if off.min() < SAME:
+            found.setdefault(names[int(off.argmin())], []).append(flight)
+    return {name: tuple(found[name]) for name in names if name in found}
+
+
+def _filled(values: Float[np.ndarray, "N D"]) -> Float[np.ndarray, "rows D"]:
+    """As many rows as every flight has here, the last one repeated."""
+    more = _ROWS_TOLD - len(values)
+    return np.concatenate([values, np.repeat(values[-1:], more, axis=0)]).astype(np.float32)
+
+
+def _quaternions(attitude: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, "N 4"]:
+    return Rotation.from_euler("ZYX", attitude[:, ::-1]).as_quat()
+
+
+@jax.jit
+def _commands(
+    policies: Policy,
+    seen: Measurement,
+    setpoint: Float[Array, "rows 3"],
+    logged: Float[Array, "rows 4"],
+) -> Float[Array, "policies rows 4"]:
+    """What each policy commands, fed with logged estimates and its own last actions."""
+
+    def one(policy: Policy) -> Array:
+        def step(carry: tuple[Array, Array, Array], row: tuple) -> tuple[tuple, Array]:
+            history, action, memory = carry
+            measured, target = row
+            instant = environment.observe(measured, target, action)
+            history = jnp.concatenate([history[1:], instant[None]])
+            action, memory = jnp.split(policy(jnp.concatenate([history.ravel(), memory])), [4])
+            return (history, action, memory), policy.interface.command(action)
+
+        level = policy.interface.level(jnp.mean(jnp.clip(logged[0], 0.0, 1.0)))
+        begin = environment.observe(Measurement(*(part[0] for part in seen)), setpoint[0], level)
+        history = jnp.broadcast_to(begin, (policy.history, OBSERVATION_SIZE))
+        start = history, level, jnp.zeros(policy.memory)
+        return lax.scan(step, start, (seen, setpoint))[1]
+
+    return jax.vmap(one)(policies)
+
+
+def stacked(policies: Sequence[Policy]) -> Policy:
+    """Policies of one kind as one, with a leading axis.
+
+    Raises:
+        InputError: they are of different kinds.
+    """
+    if len({tree.structure(policy) for policy in policies}) > 1 or (
+        len({policy.layer_sizes for policy in policies}) > 1
+    ):
+        raise InputError(
+            "policies of different layers, histories or memories; compare each kind by itself."
+        )
+    return tree.map(lambda *leaves: np.stack(leaves), *policies)
+
+
+def behaviour(
+    position: Float[np.ndarray, "N 3"],
+    velocity: Float[np.ndarray, "N 3"],
+    attitude: Float[np.ndarray, "N 3"],
+    body_rates: Float[np.ndarray, "N 3"],
+    command: Float[np.ndarray, "N 4"],
+    drone: Parameters,
+    period: float,
+) -> Float[np.ndarray, "7"] | None:
+    """`BEHAVIOUR` of a flight; None where it is too short.
+
+    Args:
+        position: estimates [m].
+        velocity: estimates [m/s].
+        attitude: estimated roll, pitch and yaw [rad].
+        body_rates: of the gyro [rad/s].
+        command: u of each motor.
+        drone: its frame.
+        period: time between two rows [s].
+    """
+    first, last = round(BEGIN_S / period), len(position) - round(END_S / period)
+    last = min(last, first + round(LONGEST_S / period))
+    if last - first < round(SHORTEST_S / period):
+        return None
+    torque = np.clip(command[first:last], 0.0, 1.0) @ np.asarray(levers(drone))[:, :2]
+    rates = body_rates[first:last, :2]
+    each = (
+        rates,
+        np.diff(rates, axis=0),
+        torque,
+        np.diff(torque, axis=0),
+        attitude[first:last, :2],
+        np.diff(velocity[first:last, :2], axis=0),
+        np.diff(position[first:last, :2], axis=0),
+    )
+    return np.log(np.array([values.std() for values in each]) + 1e-9)
+
+
+def mean_behaviour(flights: Sequence[Flight], drone: Parameters) -> Float[np.ndarray, "7"] | None:
+    """Mean `behaviour` of a policy's flights; None where all are too short.
+
+    Args:
+        flights: its logs.
+        drone: its frame.
+    """
+    rows = [
+        behaviour(
+            flight.position,
+            flight.velocity,
+            flight.attitude,
+            flight.body_rates,
+            flight.command,
+            drone,
+            flight.period,
+        )
+        for flight in flights
+    ]
+    known = [row for row in rows if row is not None]
+    return np.mean(known, axis=0) if known else None

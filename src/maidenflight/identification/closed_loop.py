@@ -1,0 +1,277 @@
+"""Parameters with which simulated policies behave in the loop as the real ones did.
+
+The likelihood judges a drone by the next 10 ms. A policy closes a loop around it, in which small
+errors of lag, latency and noise decide whether an oscillation dies out or grows. Where the policies
+of the logged flights are known, they are flown in simulation, and how they behave is compared:
+standard deviations of rates, torques, tilt and estimates. Flight times are no part of it.
+Parameters are those whose simulated flights behave most alike (indirect inference, Gourieroux,
+Monfort and Renault 1993), with what was identified before as the prior's mean. The random numbers
+of all simulations are the same, so that the comparison is a smooth function of the parameters.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from jax import tree
+from jaxtyping import Array, Float
+
+from maidenflight.errors import InputError
+from maidenflight.flights import flying
+from maidenflight.flights.log import Flight
+from maidenflight.identification.behaviour import (
+    BEGIN_S,
+    BEHAVIOUR,
+    END_S,
+    LONGEST_S,
+    SHORTEST_S,
+    behaviour,
+    mean_behaviour,
+    stacked,
+)
+from maidenflight.parameters import Parameters, replace
+from maidenflight.policy import Policy
+from maidenflight.simulator import control, tasks
+from maidenflight.simulator.control import Controller
+from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.interface import ControlInterface
+
+PRIOR: Mapping[str, tuple[str, float]] = {
+    "latency": ("added", 0.004),
+    "motor_time_constant": ("factor", 0.2),
+    "position_walk": ("factor", 0.4),
+    "velocity_walk": ("factor", 0.4),
+    "gyro_noise": ("factor", 0.4),
+    "actuator_noise": ("factor", 0.4),
+}
+"""What is found, and the standard deviation of its prior: of an addition [s], or of the logarithm
+of a factor. It allows for errors of the model, which the likelihood's narrow intervals do not."""
+SMALLEST_SCALE = 0.05
+"""Of what policies differ by in a standard deviation, as a logarithm."""
+LARGE = 1.5
+"""Differences, in their scales, beyond which one weighs less (Huber 1964)."""
+MAX_TILT = np.radians(30.0)
+"""Tilt at which a simulated flight ends, as the drone's guard ends a real one [rad]."""
+
+
+@dataclass(frozen=True)
+class ClosedLoop:
+    """Settings of `match`."""
+
+    flights: int = 8
+    """Simulated flights of each policy."""
+    steps: int = 8
+    """Most Gauss-Newton steps."""
+
+
+class Match(NamedTuple):
+    """What `match` found."""
+
+    drones: Parameters
+    """As they were given, with what was found in place."""
+    found: Mapping[str, tuple[float, float]]
+    """Value and standard error of each parameter of `PRIOR` that the drone has; the error is from
+    how policies differ."""
+    policies: int
+    """Policies that were compared."""
+    flights: int
+    """Their logged flights."""
+    before: Float[np.ndarray, "7"]
+    """Median over policies of log(simulated / logged), of each of `BEHAVIOUR`, at the start."""
+    after: Float[np.ndarray, "7"]
+    """The same at the end."""
+    cost: tuple[float, float]
+    """Mean squared difference in its scale, start and end; large ones weigh less."""
+    evaluations: int
+    """Simulations of all policies."""
+
+
+def match(
+    flown: Mapping[str, Sequence[Flight]],
+    policies: Mapping[str, Policy],
+    drones: Parameters,
+    key: Array,
+    settings: ClosedLoop | None = None,
+    controller_for: Callable[[ControlInterface], Controller] = control.controller_for,
+    on_step: Callable[[int, int, float], None] | None = None,
+) -> Match:
+    """Finds the parameters of `PRIOR` with which policies behave as they did.
+
+    Costs settings.steps x (1 + parameters) simulations of all policies, compiled once.
+
+    Args:
+        flown: the flights of each policy, as of `flown_by`.
+        policies: of one kind, by name.
+        drones: the identified drone, a point or stacked along a first axis, such as its trims, of
+            which each simulated flight draws one.
+        key: random key.
+        settings: how much is simulated.
+        controller_for: the controller of a policy's interface.
+        on_step: called with (steps done, steps, cost).
+
+    Raises:
+        InputError: no policy flew long enough, or the policies are of different kinds.
+    """
+    settings = settings or ClosedLoop()
+    many = drones if np.ndim(drones.mass) else tree.map(lambda leaf: np.asarray(leaf)[None], drones)
+    nominal = tree.map(lambda leaf: np.asarray(leaf)[0], many)
+    means = {name: mean_behaviour(flights, nominal) for name, flights in flown.items()}
+    logged = {name: mean for name, mean in means.items() if mean is not None}
+    if not logged:
+        raise InputError(
+            f"no policy flew for {BEGIN_S + SHORTEST_S + END_S:g} s in these logs, of which "
+            f"{len(flown)} of {len(policies)} policies have any. Give logs with the policies that "
+            "flew them."
+        )
+    simulate = _simulation([policies[name] for name in logged], many, key, settings, controller_for)
+    wanted = np.stack(list(logged.values()))
+    names = [name for name in PRIOR if float(np.mean(getattr(many, name))) > 0.0]
+    begun = [float(np.mean(getattr(many, name))) for name in names]
+
+    def drone_at(steps: np.ndarray) -> Parameters:
+        changed = {
+            name: np.full_like(getattr(many, name), _moved(old, step, name))
+            for name, old, step in zip(names, begun, steps, strict=True)
+        }
+        return replace(many, **changed)
+
+    def difference(steps: np.ndarray) -> np.ndarray:
+        """Of policies whose simulated flights are all too short nothing is told."""
+        return np.nan_to_num(simulate(drone_at(steps)) - wanted)
+
+    steps = np.zeros(len(names))
+    first = now = difference(steps)
+    spread = 1.4826 * np.median(np.abs(first - np.median(first, axis=0)), axis=0)
+    scales = np.maximum(spread, SMALLEST_SCALE)
+    evaluations, damping, width = 1, 1.0, 0.25
+    hessian, scores = np.eye(len(names)), np.zeros((len(logged), len(names)))
+    for number in range(settings.steps):
+        slopes = np.stack(
+            [
+                (difference(steps + width * axis) - now) / width / scales
+                for axis in np.eye(len(names))
+            ]
+        )
+        weights = 1.0 / np.maximum(1.0, np.abs(now / scales) / LARGE)
+        scores = np.einsum("ipb,pb->pi", slopes, weights * now / scales)
+        hessian = np.einsum("ipb,jpb,pb->ij", slopes, slopes, weights) + np.eye(len(names))
+        move = -np.linalg.solve(hessian, scores.sum(axis=0) + steps)
+        evaluations += len(names)
+        while damping > 0.1:
+            trial = steps + damping * move * min(1.0, 0.75 / np.abs(move).max())
+            there = difference(trial)
+            evaluations += 1
+            if _cost(there / scales, trial) < _cost(now / scales, steps):
+                steps, now = trial, there
+                break
+            damping /= 2.0
+        if on_step is not None:
+            on_step(number + 1, settings.steps, _cost(now / scales, steps) / now.size)
+        if damping <= 0.1 or np.abs(move).max() < 0.05:
+            break
+    # Policies are the independent units: a sandwich over them (White 1982).
+    inverse = np.linalg.inv(hessian)
+    errors = np.sqrt(np.diag(inverse @ (scores.T @ scores + np.eye(len(names))) @ inverse))
+    found = {}
+    for name, old, step, error in zip(names, begun, steps, errors, strict=True):
+        kind, scale = PRIOR[name]
+        value = _moved(old, step, name)
+        found[name] = value, float(error * scale * (1.0 if kind == "added" else value))
+    values = {
+        name: np.full_like(getattr(drones, name), value) for name, (value, _) in found.items()
+    }
+    zero = np.zeros(len(names))
+    return Match(
+        replace(drones, **values),
+        found,
+        len(logged),
+        sum(len(flown[name]) for name in logged),
+        np.median(first, axis=0),
+        np.median(now, axis=0),
+        (_cost(first / scales, zero) / now.size, _cost(now / scales, steps) / now.size),
+        evaluations,
+    )
+
+
+def _moved(old: float, step: float, name: str) -> float:
+    """A parameter so many standard deviations of its prior from its old value."""
+    kind, scale = PRIOR[name]
+    return float(max(old + step * scale, 0.0) if kind == "added" else old * np.exp(step * scale))
+
+
+def _cost(differences: np.ndarray, steps: np.ndarray) -> float:
+    """Twice Huber's loss, and the prior's."""
+    size = np.abs(differences)
+    loss = np.where(size < LARGE, size**2, 2.0 * LARGE * size - LARGE**2)
+    return float(loss.sum() + steps @ steps)
+
+
+def _simulation(
+    policies: Sequence[Policy],
+    drones: Parameters,
+    key: Array,
+    settings: ClosedLoop,
+    controller_for: Callable[[ControlInterface], Controller],
+) -> Callable[[Parameters], Float[np.ndarray, "policies 7"]]:
+    """A function from drones to the mean behaviour of each policy's flights there.
+
+    Which of the drones a flight draws does not change from call to call. NaN where all flights of
+    a policy are too short.
+    """
+    together = stacked(policies)
+    controller = controller_for(policies[0].interface)
+    period = 1.0 / policies[0].interface.rate
+    rows = round((BEGIN_S + LONGEST_S + END_S) / period)
+    nominal = control.in_fitting_steps(tree.map(lambda leaf: leaf[0], drones), controller)
+    oldest = float(np.max(drones.estimator_delay))
+    env = Environment.matching(
+        nominal,
+        tasks.circle(),
+        controller,
+        history=policies[0].history,
+        memory=policies[0].memory,
+        estimator_memory=2 + int(np.ceil(oldest * Environment.estimate_rate)) if oldest else 0,
+    )
+    draw_key, flight_key = jax.random.split(key)
+    shape = (len(policies), settings.flights)
+    drawn = np.asarray(jax.random.randint(draw_key, shape, 0, len(drones.mass)))
+    keys = jax.random.split(flight_key, shape)
+
+    @jax.jit
+    @partial(jax.vmap, in_axes=(0, 0, 0))
+    @partial(jax.vmap, in_axes=(None, 0, 0))
+    def fly(policy: Policy, drone: Parameters, key: Array) -> flying.Rows:
+        return flying.fly(env, lambda seen, _: policy(seen), drone, key, rows)
+
+    def simulate(drones: Parameters) -> np.ndarray:
+        steps = np.broadcast_to(np.float32(nominal.time_step), np.shape(drones.mass))
+        fitting = tree.map(np.asarray, replace(drones, time_step=steps))
+        flown = tree.map(
+            np.asarray, fly(together, tree.map(lambda leaf: leaf[drawn], fitting), keys)
+        )
+        out = np.full((len(policies), len(BEHAVIOUR)), np.nan)
+        for policy in range(len(policies)):
+            seen = [
+                _until_it_falls(flown, policy, flight, nominal, period)
+                for flight in range(settings.flights)
+            ]
+            known = [one for one in seen if one is not None]
+            if known:
+                out[policy] = np.mean(known, axis=0)
+        return out
+
+    return simulate
+
+
+def _until_it_falls(
+    flown: flying.Rows, policy: int, flight: int, drone: Parameters, period: float
+) -> np.ndarray | None:
+    """Behaviour of one simulated flight until it tilts too far."""
+    names = ("position", "velocity", "attitude", "body_rates", "ratio")
+    rows = [getattr(flown, name)[policy, flight] for name in names]
+    fallen = np.abs(rows[2][:, :2]).max(axis=1) > MAX_TILT
+    end = int(np.argmax(fallen)) if fallen.any() else len(fallen)
+    return behaviour(*(row[:end] for row in rows), drone, period)  # type: ignore[arg-type]

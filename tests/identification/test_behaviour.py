@@ -1,0 +1,113 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from flights.made_flights import calm
+from flying_policy import flying_policy
+from maidenflight.errors import InputError
+from maidenflight.flights.log import Flight
+from maidenflight.identification.behaviour import (
+    BEHAVIOUR,
+    behaviour,
+    flown_by,
+    mean_behaviour,
+)
+from maidenflight.parameters import crazyflie
+from maidenflight.policy import Actor, Policy, untrained
+from maidenflight.simulator import control, rotations
+from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.sensors import Measurement
+
+POLICIES = {
+    "soft": flying_policy(crazyflie(), 0.7),
+    "stiff": flying_policy(crazyflie(), 1.6),
+}
+
+
+def flown(policy: Policy, seed: int, rows: int = 30) -> Flight:
+    """A log of estimates and of what an `Actor` does with them, one instant at a time."""
+    flight = calm(rows, seed)
+    actor = Actor(policy, 0.6)
+    commands = []
+    for row in range(rows):
+        seen = Measurement(
+            jnp.asarray(flight.position[row]),
+            jnp.asarray(flight.velocity[row]),
+            rotations.from_attitude(jnp.asarray(flight.attitude[row])),
+            jnp.asarray(flight.body_rates[row]),
+        )
+        commands.append(actor.act(seen, flight.setpoint[row]).command)
+    return calm(rows, seed, command=np.stack(commands).astype(np.float32), name=f"flight {seed}")
+
+
+def test_a_log_tells_which_policy_flew_it() -> None:
+    flights = [
+        flown(POLICIES["soft"], 1),
+        flown(POLICIES["stiff"], 2),
+        calm(30, 4),
+        calm(30, 5, period=0.02),
+        calm(10, 6),
+    ]
+    found = flown_by(flights, POLICIES)
+    names = {name: [flight.name for flight in own] for name, own in found.items()}
+    assert names == {"soft": ["flight 1"], "stiff": ["flight 2"]}
+    # A last action is all that history holds of what the log does not.
+    random = untrained(jax.random.key(1), (16,), history=3, memory=4)
+    random = random.with_network(
+        ((random.weights[0], 5.0 * random.weights[1]), random.biases, random.gru)
+    )
+    other = untrained(jax.random.key(2), (16,), history=3, memory=4)
+    assert list(flown_by([flown(random, 1)], {"other": other, "own": random})) == ["own"]
+
+
+@pytest.mark.parametrize(
+    ("policies", "words"),
+    [
+        ({"a": untrained(jax.random.key(0), interface=control.attitude().interface)}, "pwm"),
+        ({"a": untrained(jax.random.key(0), look_ahead=LookAhead(2))}, "look"),
+        (
+            {"a": untrained(jax.random.key(0), (8,)), "b": untrained(jax.random.key(0), (9,))},
+            "different",
+        ),
+    ],
+)
+def test_only_policies_of_one_kind_that_command_motors_are_compared(
+    policies: dict[str, Policy], words: str
+) -> None:
+    with pytest.raises(InputError, match=words):
+        flown_by([calm(60)], policies)
+
+
+def test_behaviour_is_the_standard_deviations_of_what_a_loop_does() -> None:
+    rows, period = 400, 0.01
+    time = period * np.arange(rows)[:, None]
+    swing = np.sin(2 * np.pi * 2.0 * time)  # whole swings between what is left out
+    command = 0.5 + 0.1 * swing * np.array([[-1.0, -1.0, 1.0, 1.0]])
+    still = np.zeros((rows, 3))
+    found = behaviour(
+        still, 3.0 * swing * np.ones(3), 0.2 * swing * np.ones(3), swing * np.ones(3), command,
+        crazyflie(), period,
+    )  # fmt: skip
+    assert found is not None
+    told = dict(zip(BEHAVIOUR, np.exp(found), strict=True))
+    assert told["body rates"] == pytest.approx(np.sqrt(0.5), rel=0.02)
+    assert told["tilt"] == pytest.approx(0.2 * np.sqrt(0.5), rel=0.02)
+    assert told["change of velocity"] == pytest.approx(
+        3.0 * 2 * np.pi * 2.0 * period * np.sqrt(0.5), rel=0.02
+    )
+    # Roll alone, of four rotors 28 mm from the axis; two axes share the standard deviation.
+    assert told["torques"] == pytest.approx(0.4 * 0.028 * np.sqrt(0.25), rel=0.02)
+    assert told["change of position"] < 1e-6
+
+
+def test_short_flights_tell_nothing_and_the_longest_part_counts() -> None:
+    drone = crazyflie()
+    assert mean_behaviour([calm(70), calm(30)], drone) is None
+    long, longer = calm(700), calm(1500)
+    np.testing.assert_array_equal(
+        mean_behaviour([long, calm(30)], drone), mean_behaviour([long], drone)
+    )
+    np.testing.assert_allclose(
+        mean_behaviour([longer], drone), mean_behaviour([longer.part(0, 640)], drone), rtol=1e-5
+    )

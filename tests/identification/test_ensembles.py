@@ -1,0 +1,59 @@
+import numpy as np
+import pytest
+
+from flights.made_flights import calm
+from maidenflight.errors import InputError
+from maidenflight.flights.trims import trim
+from maidenflight.identification.drone_file import Estimate
+from maidenflight.identification.ensembles import WITHIN_A_DAY, trims_of_the_day
+from maidenflight.parameters import component, crazyflie
+
+TURNED = np.float32([0.50, 0.54, 0.50, 0.54])
+"""Commands that turn a drone about z, which a constant torque must balance."""
+
+
+def held(rows: int = 300, seed: int = 0):
+    """A flight near hover by a held command, with a little noise."""
+    noise = 0.01 * np.random.default_rng(seed).standard_normal((rows, 4))
+    return calm(rows, seed, command=(TURNED + noise).astype(np.float32))
+
+
+def estimates(deviation: float) -> dict[str, Estimate]:
+    return {"torque_bias_z": Estimate(0.0, (-1e-4, 1e-4), (0.0,), deviation)}
+
+
+def test_the_trim_of_the_day_lies_between_the_file_and_the_flight_as_they_are_sure() -> None:
+    drone = crazyflie()
+    measured = trim(held(), drone).torque_bias[2]
+    assert measured < -3e-5
+    found = {
+        deviation: trims_of_the_day(drone, estimates(deviation), [held()], "x")
+        for deviation in (1e-7, 4e-5, 1e-2)
+    }
+    values = [float(component(drone, "torque_bias_z")) for drone, _ in found.values()]
+    assert values[0] == pytest.approx(0.0, abs=1e-6)
+    assert measured < values[1] < 0.5 * measured
+    # Where nothing was known a flight tells all but what differs within a day.
+    assert values[2] == pytest.approx(measured / (1.0 + WITHIN_A_DAY**2), rel=0.02)
+    for drone, told in found.values():
+        estimate = told["torque_bias_z"]
+        assert estimate.value == pytest.approx(float(component(drone, "torque_bias_z")), abs=1e-9)
+        assert estimate.interval[0] < estimate.value < estimate.interval[1]
+    assert found[4e-5][1]["torque_bias_z"].between_segment_sd < 4e-5
+
+
+def test_more_flights_of_the_day_tell_more() -> None:
+    flights = [held(seed=seed) for seed in range(4)]
+    one, four = (
+        trims_of_the_day(crazyflie(), estimates(4e-5), some, "x")[1]["torque_bias_z"]
+        for some in (flights[:1], flights)
+    )
+    assert four.between_segment_sd < one.between_segment_sd
+    assert abs(four.value) > abs(one.value)
+
+
+def test_what_tells_no_trim_is_refused() -> None:
+    with pytest.raises(InputError, match="torque_bias"):
+        trims_of_the_day(crazyflie(), {}, [held()], "mine.toml")
+    with pytest.raises(InputError, match="1 flights"):
+        trims_of_the_day(crazyflie(), estimates(4e-5), [held(30)], "mine.toml")
