@@ -271,11 +271,19 @@ def test_the_help_of_training_tells_how_many_updates_are_usual() -> None:
 def test_the_help_of_training_tells_the_usual_randomization() -> None:
     (option,) = [one for one in cli.commands.commands["train"].params if one.name == "randomize"]
     assert isinstance(option, click.Option)
-    usual = {task: workflow.usual_training_box(task) for task in tasks.TASKS}
     told = (option.help or "").split("Unless given: ")[1]
-    narrow = " and ".join(task for task, box in usual.items() if box != workflow.WIDE)
-    assert told == f"{workflow.WIDE}, and 0.1 for {narrow}."
-    assert set(usual.values()) == {workflow.WIDE, 0.1}
+    usual = {
+        structure: {task: workflow.usual_training_box(task, structure) for task in tasks.TASKS}
+        for structure in workflow.SETTINGS
+    }
+    narrow = [task for task, box in usual["pwm"].items() if box != workflow.WIDE]
+    slow = {structure: boxes["circle"] for structure, boxes in usual.items()}
+    assert told == (
+        f"{slow['pwm']}, {slow['attitude_rate']} for attitude_rate, and 0.1 for "
+        f"{' and '.join(narrow)}."
+    )
+    assert slow["attitude"] == slow["pwm"] == workflow.WIDE
+    assert all(boxes[task] == 0.1 for boxes in usual.values() for task in narrow)
 
 
 def test_the_help_of_training_tells_the_usual_hidden_layers() -> None:

@@ -8,7 +8,7 @@ from maidenflight.identification.drone_file import Estimate
 from maidenflight.identification.ensembles import WITHIN_A_DAY, trims_of_the_day
 from maidenflight.parameters import component, crazyflie
 
-TURNED = np.float32([0.50, 0.54, 0.50, 0.54])
+TURNED = np.array([0.50, 0.54, 0.50, 0.54])
 """Commands that turn a drone about z, which a constant torque must balance."""
 
 

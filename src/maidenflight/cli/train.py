@@ -120,9 +120,9 @@ if TYPE_CHECKING:
     callback=options.randomization("posterior", "wide", "any-day", "any"),
     help="wide: a wide box about the drone, with the constant torques of all its flights; "
     "posterior: samples of the identified posterior; any-day: as wide, with trims, payload, a weak "
-    "rotor and latency that no log told; any: quadrotors of any make, 20 g to 2.5 kg; both best "
-    "with --memory; or the half width of a box, 0.1 in the paper. Unless given: wide, and 0.1 "
-    "for fast_circle and fast_figure_eight.",
+    "rotor and latency that no log told; any: quadrotors of any make, 20 g to 2.5 kg; both "
+    "suit --memory; or the half width of a box, 0.1 in the paper. Unless given: wide, any-day for "
+    "attitude_rate, and 0.1 for fast_circle and fast_figure_eight.",
 )
 @click.option(
     "--yaw-penalty",
@@ -233,7 +233,7 @@ def train(
             output,
             count,
             settings,
-            workflow.usual_training_box(task) if randomize is None else randomize,
+            workflow.usual_training_box(task, control) if randomize is None else randomize,
             hear,
             control,
             task,

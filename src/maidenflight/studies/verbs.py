@@ -60,7 +60,7 @@ def train(work: Work) -> list[Row]:
         folder,
         count,
         settings,
-        workflow.usual_training_box(task) if randomize is None else randomize,
+        workflow.usual_training_box(task, control) if randomize is None else randomize,
         heard.append,
         control,
         task,

@@ -24,7 +24,7 @@ from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.ppo import PPO
 from maidenflight.training.train import Progress, Settings, recorded, train
 from maidenflight.workflow.deployment import check_export
-from maidenflight.workflow.drones import WIDE, drone_to_fly, randomized
+from maidenflight.workflow.drones import ANY_DAY, WIDE, drone_to_fly, randomized
 
 WATCHED_DURATION_S = 10.0
 """Longest flight that is shown of a policy in training [s]."""
@@ -60,9 +60,15 @@ FASTEST_BOX = 0.1
 many drones of the wide box cannot fly them."""
 
 
-def usual_training_box(task: str) -> float | str:
-    """What policies for a task, by its name, are trained over unless the user says."""
-    return FASTEST_BOX if task in tasks.FASTEST else WIDE
+def usual_training_box(task: str, structure: str) -> float | str:
+    """What policies for a task and a control structure, by name, are trained over unless told.
+
+    An attitude-rate policy turns slowly in flight, and falls after some seconds if it has not
+    learned to fly turned: trims in yaw teach it (docs/studies/adaptation.md).
+    """
+    if task in tasks.FASTEST:
+        return FASTEST_BOX
+    return ANY_DAY if structure == "attitude_rate" else WIDE
 
 
 def settings_for(
