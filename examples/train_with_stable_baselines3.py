@@ -1,12 +1,12 @@
 """PPO of Stable-Baselines3 learns to fly the circle, in minutes on two cores.
 
-    pip install '.[gym]' stable-baselines3 torch==2.13.0
+    pip install '.[gym,sb3]'
     python examples/train_with_stable_baselines3.py --steps 2500000
 
 PyTorch's default wheel for Linux holds gigabytes of CUDA; with `--index-url
 https://download.pytorch.org/whl/cpu` it does not. A line of the learning curve is printed ten
 times and written to circle.csv; the best policy is kept in circle.zip, with the scaling of its
-observations in circle_scaling.pkl.
+observations in vecnormalize.pkl; `maidenflight transfer circle.zip` flies it.
 """
 
 import argparse
@@ -105,7 +105,7 @@ class Curve(BaseCallback):
         if (survival, -error) > self.best:
             self.best = (survival, -error)
             self.model.save("circle")
-            learning.save("circle_scaling.pkl")
+            learning.save("vecnormalize.pkl")
 
     def _on_step(self) -> bool:
         return True

@@ -59,7 +59,7 @@ def envelope(
     A flight is flown while its mean distance from the set-point is at most 10 cm and no guard
     trips; the envelope is what 95 % of flights reach. Speed grows within a flight, on a reference
     that gets faster; each grade of another condition is a flight of 20 s of what the policies were
-    trained for. raptor and networks in ONNX fly as in transfer. All of it is simulated.
+    trained for. raptor and policies by others fly as in transfer. All of it is simulated.
     """
     options.must_be_new(output, overwrite, resume)
     from maidenflight import workflow

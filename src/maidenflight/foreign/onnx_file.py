@@ -1,222 +1,41 @@
-"""`OnnxPolicy`, a network in ONNX and a TOML file that says what its numbers are.
+"""Networks in ONNX, for `described.DescribedPolicy`. Needs onnxruntime (extra `onnx`)."""
 
-```toml
-network = "policy.onnx"  # beside the TOML file
-rate = 100               # actions a second [Hz]
-inputs = ["position_error", "rotation_matrix", "velocity_error", "body_rates", "last_action"]
-range = [-1, 1]          # of the four outputs, from motors off to full
-commands = "rotor_speed" # or "thrust", its square
-motors = [1, 2, 3, 4]    # the motor of each output: front right, back right, back left, front left
-```
-
-`history` (1 unless given) joins so many instants, the oldest first; `mean` and `std` scale one
-instant; `look_ahead = {points = 5, spacing = 0.1}` puts so many points of the reference to come, so
-many seconds apart and relative to the position, behind the newest instant; `output` names the
-output that commands the motors and that the next instant holds as `last_action`, not clipped, the
-first one unless given. Needs onnxruntime (extra `onnx`).
-"""
-
-from collections import deque
-from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
-from maidenflight import inputs
 from maidenflight.errors import InputError, not_installed
-from maidenflight.foreign.policies import Fly, reference_velocity
-from maidenflight.inputs import StrPath
-from maidenflight.simulator.look_ahead import NONE, LookAhead, points_at
-from maidenflight.simulator.sensors import Measurement
-from maidenflight.simulator.tasks import Task
+
+if TYPE_CHECKING:
+    from maidenflight.foreign.described import Network
 
 
-class Instant(NamedTuple):
-    """What is known when an action is due."""
+def network(path: Path, output: str | None, where: str) -> "Network":
+    """The network of a file.
 
-    position: Float[np.ndarray, "3"]
-    velocity: Float[np.ndarray, "3"]
-    quaternion: Float[np.ndarray, "4"]
-    body_rates: Float[np.ndarray, "3"]
-    setpoint: Float[np.ndarray, "3"]
-    setpoint_velocity: Float[np.ndarray, "3"]
-    last_action: Float[np.ndarray, "4"]
-
-    @property
-    def turned(self) -> Rotation:
-        """Body to world."""
-        return Rotation.from_quat(self.quaternion)
-
-
-INPUTS: Mapping[str, Callable[[Instant], Any]] = {
-    "position": lambda now: now.position,
-    "position_error": lambda now: now.position - now.setpoint,
-    "setpoint_offset": lambda now: now.setpoint - now.position,
-    "velocity": lambda now: now.velocity,
-    "velocity_error": lambda now: now.velocity - now.setpoint_velocity,
-    "setpoint_velocity": lambda now: now.setpoint_velocity,
-    "body_velocity": lambda now: now.turned.inv().apply(now.velocity),
-    "rotation_matrix": lambda now: now.turned.as_matrix().ravel(),
-    "quaternion_xyzw": lambda now: now.quaternion,
-    "quaternion_wxyz": lambda now: np.roll(now.quaternion, 1),
-    "roll_pitch_yaw": lambda now: now.turned.as_euler("ZYX")[::-1],
-    "body_rates": lambda now: now.body_rates,
-    "last_action": lambda now: now.last_action,
-}
-"""What an input may be, SI units, world z up, body x forward and y left; `rotation_matrix` row by
-row."""
-_KEYS = {
-    "network",
-    "rate",
-    "inputs",
-    "range",
-    "commands",
-    "motors",
-    "history",
-    "mean",
-    "std",
-    "output",
-    "look_ahead",
-}
-
-
-class OnnxPolicy:
-    """A network in ONNX; follows the `ForeignPolicy` protocol.
+    Args:
+        path: the ONNX file.
+        output: name of the output that commands the motors; the first one unless given.
+        where: the file that named the output.
 
     Raises:
-        InputError: onnxruntime is not installed, or the files do not fit each other.
+        InputError: onnxruntime is not installed, the file is no network, or it lacks the output.
     """
+    session = _session(path)
+    names = [one.name for one in session.get_outputs()]
+    wanted, given = output or names[0], session.get_inputs()[0].name
+    if wanted not in names:
+        raise InputError(f"{where}: output = {wanted!r}; the network has {', '.join(names)}.")
 
-    def __init__(self, path: StrPath) -> None:
-        """Reads it.
-
-        Args:
-            path: the TOML file.
-        """
-        self.name, self._where = Path(path).stem, str(path)
-        told = _read(path)
-        self.rate = self.command_rate = told["rate"]
-        self._parts = [INPUTS[name] for name in told["inputs"]]
-        self._history, self._lowest, self._highest = told["history"], *told["range"]
-        self._power = 2 if told["commands"] == "rotor_speed" else 1
-        self._motors = np.array(told["motors"]) - 1
-        self._mean, self._std = told["mean"], told["std"]
-        self._look_ahead = told["look_ahead"]
-        self._session = _session(Path(path).parent / told["network"])
-        names = [one.name for one in self._session.get_outputs()]
-        self._output = told["output"] or names[0]
-        if self._output not in names:
-            raise InputError(
-                f"{path}: output = {self._output!r}; the network has {', '.join(names)}."
-            )
-        self._input = self._session.get_inputs()[0].name
-
-    def begin(self, hover: float, task: Task) -> Fly:
-        """Begins a flight; its last action is that of hover."""
-        velocity_at, calls = reference_velocity(task), 0
-        span = self._highest - self._lowest
-        last = np.full(4, self._lowest + span * hover ** (1 / self._power))
-        past: deque[np.ndarray] = deque(maxlen=self._history)
-
-        def fly(
-            measurement: Measurement, setpoint: Float[np.ndarray, "3"]
-        ) -> Float[np.ndarray, "4"]:
-            nonlocal last, calls
-            seen = [np.asarray(part, np.float64) for part in measurement]
-            now = Instant._make([*seen, setpoint, velocity_at(calls / self.rate), last])
-            instant = (np.concatenate([part(now) for part in self._parts]) - self._mean) / self._std
-            past.extend([instant] * (1 if past else self._history))
-            ahead = []
-            if self._look_ahead.points:
-                points = points_at(self._look_ahead, task.reference, calls / self.rate)
-                ahead = [np.ravel(np.asarray(points) - now.position)]
-            last = self._run(np.concatenate([*past, *ahead]))
-            calls += 1
-            command = np.empty(4)
-            command[self._motors] = (last - self._lowest) / span
-            return np.clip(command, 0.0, 1.0) ** self._power
-
-        return fly
-
-    def _run(self, numbers: np.ndarray) -> np.ndarray:
-        """The four outputs."""
-        given = {self._input: numbers[None].astype(np.float32)}
+    def run(numbers: np.ndarray) -> np.ndarray:
         try:
-            (made,) = self._session.run([self._output], given)
+            (made,) = session.run([wanted], {given: numbers[None].astype(np.float32)})
         except Exception as error:  # onnxruntime's errors share no class but this
-            raise InputError(
-                f"{self._where}: the network takes no {len(numbers)} inputs "
-                f"({str(error).splitlines()[0]:.120}). Check inputs, history and look_ahead."
-            ) from error
-        output = np.ravel(made).astype(np.float64)
-        if output.shape != (4,) or not np.isfinite(output).all():
-            raise InputError(f"{self._where}: outputs {output}; expected four finite numbers.")
-        return output
+            raise ValueError(str(error)) from error
+        return made
 
-
-def _read(path: StrPath) -> dict[str, Any]:
-    """What a file says, checked.
-
-    Raises:
-        InputError: it cannot be read, or a value makes no sense.
-    """
-    try:
-        told = inputs.from_toml(inputs.text(path))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read as a policy's TOML file ({error}).") from error
-    lacking = {"network", "rate", "inputs", "range", "commands"} - told.keys()
-    if lacking or told.keys() - _KEYS:
-        raise InputError(
-            f"{path}: {', '.join(sorted(lacking)) or 'nothing'} is lacking and "
-            f"{', '.join(sorted(told.keys() - _KEYS)) or 'nothing'} is unknown; expected network, "
-            "rate, inputs, range, commands, and perhaps motors, history, mean, std, output, "
-            "look_ahead."
-        )
-    usual: Any = {"motors": [1, 2, 3, 4], "history": 1, "output": None, "look_ahead": None}
-    told: dict[str, Any] = {**usual, **told}
-    for name in ("inputs", "range", "motors", "mean", "std"):
-        if name in told and not (isinstance(told[name], list) and told[name]):
-            raise InputError(f"{path}: {name} = {told[name]!r}; expected a list.")
-    unknown = [name for name in told["inputs"] if name not in INPUTS]
-    size = 0 if unknown else len(np.concatenate([INPUTS[one](_EXAMPLE) for one in told["inputs"]]))
-    told = {"mean": [0.0] * size, "std": [1.0] * size} | told
-    wrong = {
-        f"inputs {unknown}, of {', '.join(INPUTS)}": bool(unknown),
-        "rate, a divisor of 500": not _whole(told["rate"]) or 500 % told["rate"] != 0,
-        "history, a whole number from 1": not _whole(told["history"]),
-        "range, two growing numbers": not _growing(told["range"]),
-        "commands, thrust or rotor_speed": told["commands"] not in ("thrust", "rotor_speed"),
-        "motors, 1 to 4 in any order": sorted(map(str, told["motors"])) != list("1234"),
-        f"mean and std, {size} numbers": {len(told["mean"]), len(told["std"])} != {size},
-        "mean, numbers": not all(map(inputs.is_number, told["mean"])),
-        "std, positive numbers": not all(inputs.is_number(one) and one > 0 for one in told["std"]),
-    }
-    if said := [what for what, is_wrong in wrong.items() if is_wrong]:
-        raise InputError(f"{path}: expected {'; '.join(said)}.")
-    ahead = NONE
-    if told["look_ahead"] is not None:
-        try:
-            ahead = LookAhead.from_dict(told["look_ahead"])
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from error
-    arrays = {name: np.array(told[name]) for name in ("mean", "std")}
-    return told | arrays | {"look_ahead": ahead}
-
-
-_EXAMPLE = Instant._make(
-    [*np.zeros((2, 3)), np.array([0.0, 0.0, 0.0, 1.0]), *np.zeros((3, 3)), np.zeros(4)]
-)
-
-
-def _whole(value: Any) -> bool:
-    return type(value) is int and value > 0
-
-
-def _growing(value: Any) -> bool:
-    return len(value) == 2 and all(map(inputs.is_number, value)) and value[0] < value[1]
+    return run
 
 
 def _session(path: Path) -> Any:

@@ -13,6 +13,7 @@ from maidenflight.errors import InputError
 from maidenflight.gym import arguments, flying
 from maidenflight.gym.drawing import Scene, View
 from maidenflight.simulator.environment import ACTION_SIZE, OBSERVATION_SIZE
+from maidenflight.simulator.interface import NOTE, ControlInterface
 from maidenflight.simulator.look_ahead import SPACING, LookAhead
 from maidenflight.simulator.tasks import TIME_LIMIT
 
@@ -28,10 +29,20 @@ _LARGEST = np.finfo(np.float32).max
 Step = tuple[np.ndarray, float, bool, bool, dict[str, Any]]
 
 
-def spaces(history: int, look_ahead: LookAhead) -> tuple[Box, Box]:
-    """Observations, which have no bounds but those of float32, and actions."""
+def spaces(interface: ControlInterface, history: int, look_ahead: LookAhead) -> tuple[Box, Box]:
+    """Observations, which have no bounds but those of float32, and actions.
+
+    What an observation is stands in the first of them, which learners keep beside their policies.
+    """
     size = OBSERVATION_SIZE * history + look_ahead.size
-    return Box(-_LARGEST, _LARGEST, (size,), np.float32), Box(-1.0, 1.0, (ACTION_SIZE,), np.float32)
+    seen = Box(-_LARGEST, _LARGEST, (size,), np.float32)
+    vars(seen)[NOTE] = {
+        "control": interface.name,
+        "rate": interface.rate,
+        "history": history,
+        "look_ahead": look_ahead.to_dict() if look_ahead.points else None,
+    }
+    return seen, Box(-1.0, 1.0, (ACTION_SIZE,), np.float32)
 
 
 class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
@@ -82,7 +93,9 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             task, control, parameters, firmware, history, reward, options, ahead
         )
         self.metadata = {**self.metadata, "render_fps": self._env.controller.interface.rate}
-        self.observation_space, self.action_space = spaces(history, ahead)
+        self.observation_space, self.action_space = spaces(
+            self._env.controller.interface, history, ahead
+        )
         self._program = flying.program(self._env)
         self._key: np.ndarray | None = None
         self._number = 0

@@ -64,7 +64,9 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         )
         self.metadata = {**self.metadata, "render_fps": self._env.controller.interface.rate}
         self.num_envs = num_envs
-        self.single_observation_space, self.single_action_space = spaces(history, ahead)
+        self.single_observation_space, self.single_action_space = spaces(
+            self._env.controller.interface, history, ahead
+        )
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._program = flying.program(self._env)

@@ -35,6 +35,10 @@ UNITS: dict[str, tuple[str, str, str, str]] = {
 CONTROLS = tuple(UNITS)
 """Names of the paper's control structures (Gronauer et al. 2022, sec. Control Structures)."""
 
+NOTE = "maidenflight"
+"""Attribute of the space of observations of a Gymnasium environment of ours, which learners keep
+beside their policies: control, rate, history and look-ahead."""
+
 _LARGEST = 1e6
 """Of `centre` and `span`, in their units."""
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")

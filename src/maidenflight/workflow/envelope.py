@@ -62,7 +62,7 @@ def envelope_of(
         "task": task,
         "within": envelope.WITHIN_M,
     }
-    described = [path for path in given if Path(path).suffix == ".toml"]
+    described = [path for path in given if Path(path).suffix in (".toml", ".zip")]
     made = results.plain(results.record(seed=seed, inputs=[*files, *described], settings=settings))
     path = Path(folder, run_folder.ENVELOPE.name)
     parts = _found(path, made) if resume else {}

@@ -65,7 +65,7 @@ def transfer_to(
         "trials": trials,
         "duration": duration,
     }
-    described = [path for path in given if Path(path).suffix == ".toml"]
+    described = [path for path in given if Path(path).suffix in (".toml", ".zip")]
     made = results.record(seed=seed, inputs=[*files, *described], settings=settings)
     written = [
         log.write(Path(folder) / f"{flight.name}.csv", flight, made) for flight in flown.flights

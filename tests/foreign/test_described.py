@@ -11,7 +11,7 @@ import pytest
 from maidenflight.deployment.onnx import export_onnx
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import transfer
-from maidenflight.foreign.onnx_file import INPUTS, OnnxPolicy
+from maidenflight.foreign.described import INPUTS, DescribedPolicy, described
 from maidenflight.foreign.policies import ForeignPolicy, foreign_policy
 from maidenflight.policy import untrained
 from maidenflight.simulator import tasks
@@ -33,7 +33,7 @@ def file(tmp_path: Path) -> Path:
 
 def test_our_policy_flies_as_itself(file: Path) -> None:
     theirs = foreign_policy(file)
-    assert isinstance(theirs, OnnxPolicy)
+    assert isinstance(theirs, DescribedPolicy)
     assert isinstance(theirs, ForeignPolicy)
     assert theirs.name == "ours"
     ours, flown = (
@@ -51,7 +51,7 @@ def test_our_policy_that_looks_ahead_flies_as_itself(file: Path) -> None:
     export_onnx(ahead, file.parent)
     file.write_text(OURS + "look_ahead = {points = 2, spacing = 0.4}\n")
     ours, flown = (
-        transfer(one, NumpyDrone(), 1, duration=0.2).flights[0] for one in (ahead, OnnxPolicy(file))
+        transfer(one, NumpyDrone(), 1, duration=0.2).flights[0] for one in (ahead, described(file))
     )
     np.testing.assert_allclose(flown.command, ours.command, atol=1e-5)
     np.testing.assert_allclose(flown.position, ours.position, atol=1e-5)
@@ -60,7 +60,7 @@ def test_our_policy_that_looks_ahead_flies_as_itself(file: Path) -> None:
 def test_rotor_speed_is_squared_motors_are_reordered_and_numbers_are_scaled(file: Path) -> None:
     said = OURS.replace('"thrust"', '"rotor_speed"')
     file.write_text(said + "motors = [4, 3, 2, 1]\n")
-    policy = OnnxPolicy(file)
+    policy = described(file)
     fly = policy.begin(0.5, tasks.hover())
     seen = NumpyDrone()
     seen.reset(np.array([0.0, 0.0, 1.0]), 0)
@@ -93,11 +93,11 @@ def test_rotor_speed_is_squared_motors_are_reordered_and_numbers_are_scaled(file
 def test_what_makes_no_sense_is_refused(file: Path, before: str, after: str, named: str) -> None:
     file.write_text(OURS.replace(before, after))
     with pytest.raises(InputError, match=named):
-        transfer(OnnxPolicy(file), NumpyDrone(), 1, duration=0.1)
+        transfer(described(file), NumpyDrone(), 1, duration=0.1)
 
 
 def test_inputs_have_their_sizes() -> None:
-    from maidenflight.foreign.onnx_file import _EXAMPLE
+    from maidenflight.foreign.described import _EXAMPLE
 
     sizes = {name: len(part(_EXAMPLE)) for name, part in INPUTS.items()}
     nine = {"rotation_matrix": 9, "quaternion_xyzw": 4, "quaternion_wxyz": 4, "last_action": 4}
