@@ -80,8 +80,9 @@ def transfer(
 
     POLICIES are files or folders, or with --matrix those of a matrix. They are ours, or the
     authors' in files whose names begin with a control structure; all of one call are of one kind.
-    Beside them fly raptor, raptor:500hz, networks in ONNX or of Stable-Baselines3 that a TOML file
-    describes, and .zip files of the latter that maidenflight.gym trained.
+    Beside them fly raptor, raptor:500hz, pid and mellinger of the firmware, networks in ONNX or of
+    Stable-Baselines3 that a TOML file describes, and .zip files of the latter that
+    maidenflight.gym trained.
     """
     if settings is not None:
         if (

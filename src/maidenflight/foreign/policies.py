@@ -54,17 +54,21 @@ def foreign_policy(name: str | Path) -> ForeignPolicy | None:
     """A policy of others by the words of a command line, or nothing if it is none.
 
     Args:
-        name: `raptor`, `raptor:500hz`, a TOML file that describes a network in ONNX or of
-            Stable-Baselines3, or a file of the latter (`.zip`) that our environments trained.
+        name: `raptor`, `raptor:500hz`, a key of `firmware.CONTROLLERS`, a TOML file that describes
+            a network in ONNX or of Stable-Baselines3, or a file of the latter (`.zip`) that our
+            environments trained.
 
     Raises:
         InputError: its package is not installed, or the file makes no sense.
     """
     from maidenflight.foreign.described import described, of_own_environment
+    from maidenflight.foreign.firmware import CONTROLLERS, FirmwareController
     from maidenflight.foreign.raptor import RATES, Raptor
 
     if str(name) in RATES and not Path(name).exists():
         return Raptor(str(name))
+    if str(name) in CONTROLLERS and not Path(name).exists():
+        return FirmwareController(str(name))
     if Path(name).suffix == ".toml":
         return described(name)
     if Path(name).suffix == ".zip":
