@@ -166,3 +166,13 @@ def test_a_drone_that_the_pid_cannot_hold_is_refused_and_not_flown(ratio):
     with pytest.raises(InputError, match="numpy"):
         recording.record(by_protocol, jax.random.key(0), 1, 2.0)
     assert not by_protocol.resets
+
+
+def test_mellinger_flies_the_circle_too_and_another_controller_is_refused():
+    key = jax.random.key(1)
+    (flight,) = recording.record(DRONE, key, 1, SECONDS, 0.0, controller="mellinger")
+    error = np.linalg.norm(flight.position - flight.setpoint, axis=1)
+    assert error[500:].max() < 0.08
+    assert error[1500:].mean() < 0.05
+    with pytest.raises(InputError, match="controller"):
+        recording.record(DRONE, key, 1, SECONDS, 0.0, controller="lee")

@@ -92,6 +92,13 @@ def _duration(
     "paper's flights, or today's, which lets thrust commands exceed 1.",
 )
 @click.option(
+    "--controller",
+    default="pid",
+    show_default=True,
+    type=click.Choice(["pid", "mellinger"]),
+    help="Controller of the firmware that flies a virtual drone.",
+)
+@click.option(
     "--steps",
     default=0.1,
     show_default=True,
@@ -127,6 +134,7 @@ def record(
     excitation: float,
     rate: int,
     firmware: str,
+    controller: str,
     steps: float,
     task: str,
     height: float,
@@ -139,10 +147,10 @@ def record(
 ) -> None:
     """Record flights, of a virtual drone or a real Crazyflie.
 
-    They are flown by the firmware's position PID: on a virtual drone (simulated), or with --uri on
-    a real one, whose log comes by radio at 100 Hz. A real drone takes off, follows the reference
-    and lands. Ctrl-C lands it, a second Ctrl-C stops its motors. Every row is on disk as soon as it
-    has come; logs are added to the folder and never replaced.
+    They are flown by the firmware's position PID or by --controller: on a virtual drone
+    (simulated), or with --uri on a real one, whose log comes by radio at 100 Hz. A real drone takes
+    off, follows the reference and lands. Ctrl-C lands it, a second Ctrl-C stops its motors. Every
+    row is on disk as soon as it has come; logs are added to the folder and never replaced.
     """
     given = {
         name
@@ -150,7 +158,15 @@ def record(
         if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
     }
     virtual, real = (
-        {"reality", "excitation", "rate", "firmware", "accept_bounds", "overwrite"},
+        {
+            "reality",
+            "excitation",
+            "rate",
+            "firmware",
+            "controller",
+            "accept_bounds",
+            "overwrite",
+        },
         {"steps", "task", "height"},
     )
     if wrong := sorted(given & (virtual if uri else real)):
@@ -159,7 +175,15 @@ def record(
             f"{'virtual drones' if uri else 'a real drone (--uri)'}. Leave it out."
         )
     if plan_file is not None:
-        told = given & {"duration", "excitation", "steps", "task", "height", "recover"}
+        told = given & {
+            "duration",
+            "controller",
+            "excitation",
+            "steps",
+            "task",
+            "height",
+            "recover",
+        }
         if told:
             raise click.UsageError(
                 f"--{min(told)}: the plan says what is flown. Leave it or --plan out."
@@ -198,7 +222,7 @@ def record(
         truth, flown = output / run_folder.REALITY, workflow.reality(reality, accept_bounds)
         if planned is None:
             written = workflow.record(
-                flown, seed, output, truth, count, duration, excitation, rate, firmware
+                flown, seed, output, truth, count, duration, excitation, rate, firmware, controller
             )
         else:
             duration = planned.seconds

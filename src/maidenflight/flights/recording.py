@@ -14,15 +14,21 @@ from maidenflight.flights import flying
 from maidenflight.flights.flying import Pilot, Rows
 from maidenflight.flights.log import Flight, thinned
 from maidenflight.parameters import Parameters
-from maidenflight.simulator import control, dynamics, sensors, tasks
+from maidenflight.simulator import control, dynamics, mellinger, sensors, tasks
 from maidenflight.simulator.battery import COUNTS, MOST_COUNTS, Supply, law_for
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.firmware import LEAST_THRUST_COUNTS, POSITION_RATE
 from maidenflight.simulator.reality import MOTORS, POSITION, AnyReality, Reality, checked
 from maidenflight.simulator.tasks import Task
+from maidenflight.simulator.trajectories import Trajectory
 from maidenflight.simulator.virtual_drone import VirtualDrone
 
+CONTROLLERS: dict[str, Callable[[Trajectory, str, float], Controller]] = {
+    "pid": lambda _, firmware, counts: control.position_pid(firmware, counts),
+    "mellinger": mellinger.mellinger,
+}
+"""What flies: (reference, firmware, counts of full scale) to controllers of the firmware."""
 RATE = control.EXCITATION.rate
 """Rows a second of a recorded flight, as of a Crazyflie's micro-SD card [Hz]: the PID's rate."""
 DITHER_PERIODS = 23
@@ -78,8 +84,9 @@ def record(
     task: Task | None = None,
     rate: int = RATE,
     firmware: str = "2021.10",
+    controller: str = "pid",
 ) -> Sequence[Flight]:
-    """Lets the firmware's position PID fly a task in a reality and logs it.
+    """Lets a controller of the firmware fly a task in a reality and logs it.
 
     Virtual drones have an accelerometer where rows are close enough for one. A reality that takes
     positions flies its own controller instead, at 100 Hz.
@@ -94,15 +101,18 @@ def record(
         rate: rows a second [Hz], a divisor of 500. Below 500 the log is subsampled.
         firmware: `"2021.10"`, as the paper's flights had, or `"2026.08"`: its PID, its battery
             compensation, and u = 1 is full PWM in its logs.
+        controller: a key of `CONTROLLERS`.
 
     Raises:
-        InputError: another rate, a reality that takes neither motor commands nor positions, or one
-            that takes positions and an excitation above 0.
+        InputError: another controller or rate, a reality that takes neither motor commands nor
+            positions, or one that takes positions and an excitation above 0.
     """
     must_divide(rate)
     task, steps = task or tasks.circle(), round(duration * RATE)
     counts = MOST_COUNTS if firmware == "2026.08" else COUNTS
-    pid = control.position_pid(firmware, counts)
+    if controller not in CONTROLLERS:
+        raise InputError(f"controller = {controller!r}; expected one of {', '.join(CONTROLLERS)}.")
+    pid = CONTROLLERS[controller](task.reference, firmware, counts)
     keys = jax.random.split(key, flights)
     if isinstance(reality := checked(reality), VirtualDrone):
         must_be_held(reality.name, float(dynamics.hover_command(reality.parameters)), counts)

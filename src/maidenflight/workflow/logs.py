@@ -38,6 +38,7 @@ def record(
     excitation: float,
     rate: int = recording.RATE,
     firmware: str = "2021.10",
+    controller: str = "pid",
 ) -> list[Path]:
     """Records flights in a reality: one CSV a flight in `folder`.
 
@@ -51,6 +52,7 @@ def record(
         "excitation": excitation,
         "rate": rate,
         "firmware": firmware,
+        **({} if controller == "pid" else {"controller": controller}),
     }
     made = results.record(seed=seed, inputs=[], settings=settings)
     flown = recording.record(
@@ -61,6 +63,7 @@ def record(
         excitation,
         rate=rate,
         firmware=firmware,
+        controller=controller,
     )
     own = getattr(drone, "parameters", None)
     if isinstance(own, Parameters):
