@@ -6,9 +6,11 @@ desired force and counts for the torques, and its two constants of the drone, a 
 132,000 counts a newton, stay what they are whatever drone flies.
 
 Source: Mellinger and Kumar 2011, "Minimum snap trajectory generation and control for quadrotors",
-sec. III; Crazyflie firmware 2021.10, src/modules/src/controller_mellinger.c (structure and gains;
-described, not copied). As in the firmware the error of rotation has no factor 1/2, and the rates of
-roll and pitch have a derivative, which the paper does not have.
+sec. III; Crazyflie firmware 2021.10, src/modules/src/controller_mellinger.c. As in the firmware the
+error of rotation has no factor 1/2, and the rates of roll and pitch have a derivative, which the
+paper does not have. Unlike the PIDs it was not compared with the firmware's own traces. Its gains
+are those that crazyflow 0.4.0 lists too, except 0.4 for 0.5 N s/m of the vertical velocity, which
+changes the fastest circle within 10 cm by 1 %.
 """
 
 from dataclasses import replace
