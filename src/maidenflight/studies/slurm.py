@@ -1,6 +1,7 @@
 """The engine of SLURM, through submitit: one job a task."""
 
 import os
+import subprocess
 import time
 from collections.abc import Sequence
 from contextlib import suppress
@@ -18,6 +19,13 @@ _MINUTES = 24 * 60
 """Longest time of a task unless told otherwise [min]."""
 _POLLED = 0.2
 """Time between two looks for the files of jobs [s]."""
+_LISTED_S = 10.0
+"""Time between two looks at the queue [s]."""
+_UNDER_WAY = {
+    *("PENDING", "CONFIGURING", "RUNNING", "SUSPENDED", "STOPPED", "RESIZING"),
+    *("REQUEUED", "REQUEUE_HOLD", "REQUEUE_FED", "SIGNALING", "STAGE_OUT", "COMPLETING"),
+}
+"""States of jobs that may still write a result."""
 
 
 def in_job(order: Order) -> Ending:
@@ -70,6 +78,9 @@ class Slurm:
         self._executor.update_parameters(**options)
         self._most = resources.workers or _MOST
         self._busy: dict[str, Any] = {}
+        self._gone: set[str] = set()
+        self._listed = time.monotonic()
+        self._queued = cluster == "slurm"
 
     def room(self) -> int:
         """See `Engine`."""
@@ -94,15 +105,46 @@ class Slurm:
         """See `Engine`."""
         until = time.monotonic() + timeout
         while True:
+            lost = self._lost()
             endings = [
-                self._ending(key, job) for key, job in list(self._busy.items()) if job.done()
+                self._ending(key, job)
+                for key, job in list(self._busy.items())
+                if key in lost or self._over(job)
             ]
             if endings or time.monotonic() >= until:
                 return endings
             time.sleep(_POLLED)
 
+    def _over(self, job: Any) -> bool:
+        """Whether a job has written its result; submitit's own way asks a database, if any."""
+        return job.paths.result_pickle.exists() if self._queued else job.done()
+
+    def _lost(self) -> set[str]:
+        """Keys of jobs that left the queue without a result, as when they are killed.
+
+        A job counts once two looks at the queue do not find it: a file may be seen late.
+        """
+        if not self._queued or not self._busy or time.monotonic() - self._listed < _LISTED_S:
+            return set()
+        self._listed = time.monotonic()
+        try:
+            asked = ["squeue", "--noheader", "--me", "--states=all", "--format=%A %T"]
+            listed = subprocess.run(asked, capture_output=True, text=True, check=True, timeout=60)
+        except (OSError, subprocess.SubprocessError):  # no answer says nothing of jobs
+            return set()
+        there = {
+            words[0]
+            for words in map(str.split, listed.stdout.splitlines())
+            if len(words) == 2 and words[1] in _UNDER_WAY
+        }
+        gone = {key for key, job in self._busy.items() if job.job_id not in there}
+        lost, self._gone = gone & self._gone, gone
+        return lost
+
     def _ending(self, key: str, job: Any) -> Ending:
         del self._busy[key]
+        if not self._over(job):
+            return Ending(key, LOST, f"job {job.job_id} left the queue without a result")
         try:
             return job.result()
         except self._submitit.core.utils.UncompletedJobError as error:

@@ -1,0 +1,177 @@
+"""Ray with three raylets, and jobs of submitit: the table of this process, whoever is killed."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import tomlkit
+import toy_kinds
+from test_sweeping import Here
+
+import maidenflight as mf
+from maidenflight.errors import InputError
+from maidenflight.studies.engine import Resources
+from maidenflight.studies.slurm import Slurm
+
+pytestmark = pytest.mark.slow
+HERE = Path(__file__).parent
+
+
+def environment() -> dict[str, str]:
+    """Where workers find the kinds of these tests and, not installed, maidenflight."""
+    places = [str(HERE), str(Path(mf.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, places))}
+
+
+@pytest.fixture(scope="module")
+def raylets() -> Iterator[tuple[str, subprocess.Popen[str]]]:
+    """The address of a cluster, and its process."""
+    pytest.importorskip("ray")
+    cluster = subprocess.Popen(
+        [sys.executable, str(HERE / "raylets.py")],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        env=environment(),
+    )
+    assert cluster.stdin is not None
+    assert cluster.stdout is not None
+    address = cluster.stdout.readline().strip()
+    assert ":" in address
+    yield address, cluster
+    cluster.stdin.close()
+    cluster.stdout.close()
+    cluster.wait(30)
+
+
+def kill_one(cluster: subprocess.Popen[str]) -> None:
+    """Kills a raylet and adds another."""
+    assert cluster.stdin is not None
+    assert cluster.stdout is not None
+    cluster.stdin.write("kill\n")
+    cluster.stdin.flush()
+    assert cluster.stdout.readline() == "killed\n"
+
+
+def begun(folder: Path, on: str) -> subprocess.Popen[bytes]:
+    """The command, in a process group of its own."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "maidenflight", "sweep", "study.toml", "-o", "out", "--on", on],
+        cwd=folder,
+        env=environment(),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    )
+
+
+def results(folder: Path) -> int:
+    place = folder / "out" / "results"
+    return sum(not path.name.startswith(".") for path in place.iterdir()) if place.exists() else 0
+
+
+def wait_for(count: int, folder: Path, driver: subprocess.Popen[bytes]) -> None:
+    until = time.monotonic() + 60
+    while results(folder) < count:
+        assert driver.poll() is None, (driver.communicate()[1] or b"").decode()
+        assert time.monotonic() < until
+        time.sleep(0.05)
+
+
+def prepared(folder: Path, **settings: Any) -> bytes:
+    """Writes a study, and gives the table that is expected of it."""
+    (folder / "study.toml").write_text(tomlkit.dumps({"task": toy_kinds.study(**settings)}))
+    mf.sweep(folder / "study.toml", folder / "expected", Here())
+    (folder / "ran").unlink(missing_ok=True)
+    return (folder / "expected" / "study.csv").read_bytes()
+
+
+def test_nodes_and_drivers_that_are_killed_cost_what_was_under_way(
+    raylets: tuple[str, subprocess.Popen[str]], tmp_path: Path
+) -> None:
+    address, cluster = raylets
+    expected = prepared(tmp_path, count=10, more=1, seconds=0.8, ran=str(tmp_path / "ran"))
+    moments, kills = random.Random(0), 0
+    driver = begun(tmp_path, f"ray:{address}")
+    wait_for(2, tmp_path, driver)
+    time.sleep(moments.random())
+    kill_one(cluster)
+    kills += 1
+    wait_for(5, tmp_path, driver)
+    time.sleep(moments.random())
+    there = results(tmp_path)
+    os.killpg(driver.pid, signal.SIGKILL)
+    driver.communicate()
+    driver = begun(tmp_path, f"ray:{address}")
+    wait_for(there + 1, tmp_path, driver)
+    time.sleep(moments.random())
+    kill_one(cluster)
+    kills += 1
+    assert driver.wait(90) == 0, (driver.communicate()[1] or b"").decode()
+    driver.communicate()
+    assert (tmp_path / "out" / "study.csv").read_bytes() == expected
+    places = (tmp_path / name / "results" for name in ("out", "expected"))
+    assert len({frozenset(os.listdir(place)) for place in places}) == 1
+    ran = Counter((tmp_path / "ran").read_text().splitlines())
+    # A raylet has one task under way, and the driver one a raylet: as many may be done twice.
+    assert sum(count - 1 for task, count in ran.items() if task.startswith("begun")) <= kills + 3
+    assert all(ran[f"ended {value}"] >= 1 for value in range(1, 11))
+
+
+def test_a_driver_and_a_process_of_this_machine_are_killed(tmp_path: Path) -> None:
+    expected = prepared(tmp_path, count=5, more=1, seconds=0.5, ran=str(tmp_path / "ran"))
+    driver = begun(tmp_path, "local")
+    wait_for(2, tmp_path, driver)
+    os.kill(driver.pid, signal.SIGKILL)
+    driver.communicate()
+    time.sleep(1.2)  # its processes end by themselves
+    there = results(tmp_path)
+    time.sleep(1.0)
+    assert results(tmp_path) == there
+    driver = begun(tmp_path, "local")
+    assert driver.wait(60) == 0
+    driver.communicate()
+    assert (tmp_path / "out" / "study.csv").read_bytes() == expected
+
+
+def test_ctrl_c_says_how_to_go_on(tmp_path: Path) -> None:
+    expected = prepared(tmp_path, count=4, more=1, seconds=0.5)
+    driver = begun(tmp_path, "local")
+    wait_for(1, tmp_path, driver)
+    os.killpg(driver.pid, signal.SIGINT)
+    _, said = driver.communicate(timeout=20)
+    assert driver.returncode == 130
+    assert (
+        said.decode().splitlines()[-1].endswith("maidenflight sweep study.toml -o out --on local")
+    )
+    driver = begun(tmp_path, "local")
+    assert driver.wait(60) == 0
+    driver.communicate()
+    assert (tmp_path / "out" / "study.csv").read_bytes() == expected
+
+
+def test_jobs_of_submitit_give_the_same_bytes_and_one_that_is_killed_is_begun_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("submitit")
+    monkeypatch.setenv("PYTHONPATH", environment()["PYTHONPATH"])
+    entries: list[dict[str, Any]] = [
+        {"name": "dying", "kind": "toy_kinds:killed", "settings": {"ran": str(tmp_path / "ran")}},
+        {"name": "bad", "kind": "toy_kinds:wrong"},
+    ]
+    jobs = Slurm(Resources(workers=3), str(tmp_path / "jobs"), cluster="local")
+    with pytest.raises(InputError, match="1 of 2 tasks failed"):
+        mf.sweep(entries, tmp_path / "out", jobs, retries=0)
+    expected = prepared(tmp_path, count=2, more=1)
+    jobs = Slurm(Resources(workers=3), str(tmp_path / "jobs"), cluster="local")
+    mf.sweep(tmp_path / "study.toml", tmp_path / "same", jobs)
+    assert (tmp_path / "same" / "study.csv").read_bytes() == expected
