@@ -4,8 +4,8 @@
     python benchmarks/slurm_two_nodes.py [--study STUDY.toml]
 
 Starts munged, slurmctld and two slurmd in a folder for temporary files, as root, runs the study,
-compares the bytes of the tables, and ends all of them, whatever happens. Without a study it takes one
-of short tasks. One of its jobs is cancelled while it runs, as by a node that fails.
+compares the bytes of the tables, and ends all of them, whatever happens. Without a study it takes
+one of short tasks. One of its jobs is cancelled while it runs, as by a node that fails.
 """
 
 import argparse

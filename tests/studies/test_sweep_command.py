@@ -38,6 +38,17 @@ def test_a_study_is_computed_shown_and_computed_again_where_told(
     assert "ended" in out
 
 
+def test_the_report_shows_the_table_of_a_study_by_its_entries(
+    study: Path, monkeypatch: Any, capsys: Any
+) -> None:
+    run(monkeypatch, capsys, "sweep", study, "--workers", 1)
+    code, _, err = run(monkeypatch, capsys, "report", "study", "-o", "report.html")
+    assert (code, err) == (0, "")
+    page = Path("report.html").read_text()
+    for words in ("<h3>squared</h3>", "<h3>added</h3>", "squared.value", "0.3333", "even"):
+        assert words in page
+
+
 def test_failures_are_one_line_and_the_table_of_the_others_is_there(
     study: Path, monkeypatch: Any, capsys: Any
 ) -> None:

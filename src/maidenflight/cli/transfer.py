@@ -14,6 +14,8 @@ from maidenflight.terminal import flight_output
 if TYPE_CHECKING:
     from polars import DataFrame
 
+    from maidenflight.studies.status import Progress
+
 
 @click.command()
 @click.argument("policies", nargs=-1, type=options.PATH)
@@ -51,6 +53,11 @@ if TYPE_CHECKING:
     "paper/zero_shot.toml, which says all the rest.",
 )
 @click.option(
+    "--on",
+    help="Where the policies of a matrix are trained, as of sweep: local, ray, ray:ADDRESS, slurm "
+    "or slurm:PARTITION; a cell after the other in this process unless given.",
+)
+@click.option(
     "--resume",
     is_flag=True,
     help="Go on with a matrix that was interrupted in the folder, with the same result.",
@@ -70,6 +77,7 @@ def transfer(
     trials: int | None,
     duration: float | None,
     settings: Path | None,
+    on: str | None,
     resume: bool,
     seed: int | None,
     accept_bounds: bool,
@@ -93,11 +101,11 @@ def transfer(
             raise click.UsageError(
                 f"{settings} says which policies fly, where and how. Give --matrix alone, with -o."
             )
-        _transfer_matrix(settings, output, resume, overwrite, as_json, accept_bounds)
+        _transfer_matrix(settings, output, on, resume, overwrite, as_json, accept_bounds)
         return
-    if not policies or resume:
+    if not policies or resume or on:
         raise click.UsageError(
-            "Only a matrix is resumed."
+            "Only a matrix is resumed, or trained on other machines."
             if policies
             else "Give policies (files or folders), or --matrix."
         )
@@ -145,6 +153,7 @@ def transfer(
 def _transfer_matrix(
     settings: Path,
     output: Path,
+    on: str | None,
     resume: bool,
     overwrite: bool,
     as_json: bool,
@@ -158,13 +167,24 @@ def _transfer_matrix(
     asked = matrix.read(settings)
     with (
         terminal.progress("transfer", len(asked.cells)) as move,
-        resumable(output / run_folder.POLICIES),
+        resumable(output / run_folder.POLICIES if on is None else output),
     ):
+        if on is not None:
+            from maidenflight.studies import cells as trained
+
+            def hear(now: "Progress") -> None:
+                move(now.done, now.tasks, f"training cells, {len(now.running)} at once")
+
+            if overwrite and not resume:
+                trained.forget(output)
+            trained.train_cells(
+                settings, asked, output, on, accept_bounds=accept_bounds, on_progress=hear
+            )
         flights = workflow.transfer_matrix(
             asked,
             output,
             move,
-            restart=overwrite and not resume,
+            restart=overwrite and not resume and on is None,
             accept_bounds=accept_bounds,
         )
     cells = matrix.by_cell(flights, asked.duration)

@@ -88,6 +88,7 @@ def title(run: Run) -> str:
         "Policies in training": run.training is not None or run.policies > 0,
         "Predicted flight times": run.prediction is not None,
         "How well a drone is predicted": run.validation is not None,
+        "Results of a study": run.study is not None,
     }
     return next((words for words, there in known.items() if there), "Report of a run")
 
@@ -97,6 +98,9 @@ def lead(run: Run) -> str:
     trained = (
         [f"{text.plural(run.policies, 'policy')} trained in simulation"] if run.policies else []
     )
+    if run.study is not None:
+        entries = text.plural(run.study["task"].n_unique(), "entry")
+        trained = [*trained, f"a study of {entries} and {text.plural(run.study.height, 'row')}"]
     flown = [*_predicted(run), *_tested(run)]
     apart = _flown(run) == {True} and bool(_drawn_from(run) - {True}) and bool(flown)
     sentences = [

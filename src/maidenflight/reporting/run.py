@@ -75,6 +75,8 @@ class Run:
     """Logs of the test flights, in the table's order."""
     prediction: polars.DataFrame | None = None
     """One row a predicted flight; see `predict_flight_times`."""
+    study: polars.DataFrame | None = None
+    """What the tasks of a study found, a row of each after the other."""
     records: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """How each file was made, by the file's name."""
     seconds: Mapping[str, float] = field(default_factory=dict)
@@ -110,6 +112,7 @@ class Run:
             self.training,
             self.table,
             self.prediction,
+            self.study,
         )
         return any(part is not None for part in tables) or bool(self.recorded or self.policies)
 
@@ -172,6 +175,7 @@ def read(*given: Path) -> Run:
         table=table,
         flights=flights,
         prediction=_table(found.prediction, run_folder.PREDICTION, records)[0],
+        study=_table(found.study, run_folder.STUDY, records)[0],
         records=records,
         seconds={} if found.stages is None else run_folder.read_stages(found.stages),
         refused=tuple(refused),

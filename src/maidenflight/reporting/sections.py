@@ -19,6 +19,7 @@ from maidenflight.reporting import (
     parameter_tables,
     prediction_figures,
     records,
+    study_tables,
     text,
     training_figures,
     trim_figure,
@@ -204,6 +205,11 @@ def _times(title: str, rows: polars.DataFrame) -> Figure | None:
     )
     labels = {colour: names[kind] for kind, colour in colours.items()} if known else {}
     return flight_figures.flight_times(shown, title, labels)
+
+
+def study(run: Run) -> Markup:
+    """What the tasks of a study found."""
+    return Markup("\n").join(study_tables.entries(run))
 
 
 def recorded(run: Run) -> Markup:

@@ -26,6 +26,7 @@ _TABLES: tuple[tuple[str, Table, frozenset[str]], ...] = (
     ("prediction", run_folder.PREDICTION, frozenset({"policy", "trial", "duration"})),
     ("training", run_folder.TRAINING, frozenset({"steps", "policy", "episode_return"})),
     ("evaluations", run_folder.EVALUATIONS, frozenset({"objective"})),
+    ("study", run_folder.STUDY, frozenset({"task", "kind"})),
 )
 """What a table is of a report, its kind, and columns by which it is known."""
 _NAMES = {
@@ -51,6 +52,7 @@ WORDS = {
     "table": "test flights",
     "prediction": "predicted flights",
     "stages": "stages",
+    "study": "results of a study",
     "logs": "flight logs",
     "tested": "flight logs",
 }
@@ -76,6 +78,8 @@ class Sources:
     """Logs of the test flights."""
     prediction: Path | None = None
     stages: Path | None = None
+    study: Path | None = None
+    """What the tasks of a study found."""
     logs: tuple[Path, ...] = ()
     """Recorded flights, in any format that `identify` reads."""
     others: Mapping[str, list[str]] = field(default_factory=dict)
@@ -183,7 +187,7 @@ def _of_folder(folder: Path) -> Sources:
     logs = [path for path in _within(home, held, folder, "logs") if path not in own]
     single: dict[str, Any] = {
         name: _one(held.get(name, []), *(known for known, part in _NAMES.items() if part == name))
-        for name in ("drone", "validation", "prediction", "stages")
+        for name in ("drone", "validation", "prediction", "stages", "study")
     }
     truth = _one(held.get("truth", []) or _held(home).get("truth", []), run_folder.REALITY)
     found = _beside(

@@ -136,6 +136,20 @@ def transfer_matrix(
     return flights
 
 
+def matrix_cell(
+    asked: Matrix, cell: Cell, folder: StrPath, accept_bounds: bool = False
+) -> Sequence[Policy]:
+    """Trains the policies of one cell of a matrix, as `transfer_matrix` does.
+
+    Writes them to the folder.
+
+    Raises:
+        InputError: the drone is unknown, or see `drone_to_fly`.
+    """
+    drone = drone_to_fly(asked.drone, accept_bounds)
+    return _policies_of(asked, cell, drone, Path(folder), restart=False)
+
+
 def _policies_of(
     asked: Matrix, cell: Cell, drone: DroneFile, folder: Path, restart: bool
 ) -> Sequence[Policy]:
