@@ -1,17 +1,24 @@
-"""What identification buys: envelopes of policies that know the drone, and of those that do not.
+"""What identification buys: how hard a flight may be for policies that know the drone, and others.
 
 Each virtual drone is recorded (four flights of 30 s by its PID), identified from these logs, and
-flown by policies for fast circles that were trained for the identified drone, and by policies for
-the unidentified Crazyflie, each with several kinds of randomization. The firmware's position PID
-flies the same. What is there already is not made again.
+flown by
 
-    python paper/rivals.py -o rivals --drones 1 2 3
+- policies that were trained for the identified drone, with several kinds of randomization,
+- policies that were trained for the unidentified Crazyflie, and one kind, with a memory, for drones
+  of any make,
+- the authors' best published PWM policies (`--authors`) and RAPTOR (`--raptor`),
+- the firmware's position PID and its Mellinger controller.
+
+What is there already is not made again, so an interrupted run goes on.
+
+    python paper/rivals.py -o rivals --drones 1 2 --authors ../shared/data/authors --raptor
 """
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -19,13 +26,18 @@ import numpy as np
 import polars
 
 from maidenflight import results, workflow
-from maidenflight.experiments import envelope
+from maidenflight.deployment.authors_json import EPSILON
+from maidenflight.experiments import envelope, transfer
 from maidenflight.flights import flying
 from maidenflight.flights.flying import Rows
+from maidenflight.flights.log import thinned
+from maidenflight.foreign.policies import ForeignPolicy, foreign_policy
 from maidenflight.parameters import Parameters
-from maidenflight.policy import read
-from maidenflight.simulator import control, tasks, trajectories
+from maidenflight.policy import Policy, read
+from maidenflight.simulator import control, mellinger, tasks, trajectories
+from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.trajectories import Trajectory
 from maidenflight.simulator.virtual_drone import VirtualDrone, virtual_drone
 
 TASK = "fast_circle"
@@ -33,18 +45,55 @@ RANDOMIZATIONS: dict[str, float | str] = {"10 %": 0.10, "wide": workflow.WIDE}
 OF_IDENTIFIED: dict[str, float | str] = {**RANDOMIZATIONS, "posterior": workflow.POSTERIOR}
 UNKNOWN = "crazyflie"
 """The drone of policies without identification."""
-PID_RATE = 500
+MEMORY = 16
+"""Numbers that the adaptive policies remember."""
+PUBLISHED = (33, 34, 36, 38)
+"""The authors' PWM policies of the two settings of which all real flights lasted 20 s, as far as
+they are there: trained with a motor lag of 100 and a latency of 20 ms (33, 34), or 120 and 10."""
+OTHERS = ("the authors' best", "raptor", "raptor:500hz")
+"""Policies of others. All but the circle is spared them: the authors' know one circle only."""
+RATE = 500
+"""Commands of a controller a second [Hz]."""
+SECONDS = 20.0
+"""Of a circle that comes to 1.7 m/s by then, whose error and calm are measured."""
+_RESAMPLINGS = 2000
+
+Makes = Callable[[Trajectory], Controller]
+"""A controller for a reference."""
+CONTROLLERS: dict[str, Makes] = {
+    "firmware PID": lambda _: control.position_pid(),
+    "Mellinger, positions alone": lambda _: mellinger.mellinger(),
+    "Mellinger, full state": mellinger.mellinger,
+}
+"""Controllers of the firmware, as they are."""
 
 
-def trained(folder: Path, drone: str | Path, kind: float | str, policies: int) -> list[Path]:
-    """Policy files of one training, made unless they are there."""
+class Given(NamedTuple):
+    """What is flown beside our own."""
+
+    authors: Path | None
+    raptor: bool
+
+
+def trained(
+    folder: Path, drone: str | Path, kind: float | str, policies: int, memory: int = 0
+) -> list[Policy]:
+    """Policies of one training, made unless they are there."""
     files = [folder / f"policy_{number}.json" for number in range(1, policies + 1)]
     if not all(file.exists() for file in files):
-        settings = workflow.settings_for("pwm", TASK)
+        settings = workflow.settings_for("pwm", TASK, memory=memory)
         workflow.train_for(
-            drone, 0, folder, policies, settings, kind, task=TASK, accept_bounds=True
+            drone,
+            0,
+            folder,
+            policies,
+            settings,
+            kind,
+            task=TASK,
+            accept_bounds=True,
+            memory=memory,
         )
-    return files
+    return [read(file) for file in files]
 
 
 def identified(folder: Path, drone: VirtualDrone, seed: int) -> Path:
@@ -57,96 +106,222 @@ def identified(folder: Path, drone: VirtualDrone, seed: int) -> Path:
     return file
 
 
-def pid_speed(drone: VirtualDrone, flights: int) -> list[float]:
-    """The speed on the circle that each flight of the firmware's position PID reaches [m/s]."""
-    pace = envelope.AXES["circle"]
-    assert isinstance(pace, envelope.Pace)
-    task = tasks.tracking(pace.of(pace.fastest), trajectories.QUICKENING)
-    env = drone.environment(task, control.position_pid())
-    keys = jax.random.split(jax.random.key(0), flights)
-    rows = jax.tree.map(np.asarray, _fly_pid(env, drone.parameters, keys))
-    steps = round(trajectories.QUICKENING * PID_RATE)
+def published(folder: Path) -> list[Policy]:
+    """The authors' policies of `PUBLISHED`."""
+    archive = np.load(folder / "policies.npz")
     found = []
-    for number in range(flights):
-        one = jax.tree.map(lambda values, number=number: values[number], rows)
-        found.append(pace.fastest * envelope.rows_flown(one, PID_RATE) / steps)
+    for number in PUBLISHED:
+        (place,) = np.flatnonzero((archive["control"] == "pwm") & (archive["policy"] == number))
+
+        def layers(kind: str, place: Any = place) -> tuple[jax.Array, ...]:
+            return tuple(
+                jnp.asarray(archive[f"{kind}{layer}"][place], jnp.float32) for layer in range(3)
+            )
+
+        mean, deviation = archive["observation_mean"][place], archive["observation_std"][place]
+        found.append(
+            Policy(
+                weights=layers("W"),
+                biases=layers("b"),
+                observation_mean=jnp.asarray(mean, jnp.float32),
+                observation_std=jnp.asarray(deviation + EPSILON, jnp.float32),
+            )
+        )
     return found
 
 
-@partial(jax.jit, static_argnums=0)
-def _fly_pid(env: Environment, drone: Parameters, keys: jax.Array) -> Rows:
-    steps = round(trajectories.QUICKENING * PID_RATE)
+def rivals_of(
+    folder: Path, drone: VirtualDrone, seed: int, policies: int, given: Given
+) -> dict[str, Sequence[Policy | ForeignPolicy]]:
+    """All policies that fly a drone, by their training."""
+    made = partial(trained, policies=policies)
+    known = identified(folder / drone.name, drone, seed)
+    found: dict[str, Sequence[Policy | ForeignPolicy]] = {
+        f"unidentified, {name}": made(folder / UNKNOWN / name, UNKNOWN, kind)
+        for name, kind in RANDOMIZATIONS.items()
+    }
+    found["unidentified, any, memory"] = made(
+        folder / UNKNOWN / "any, memory", UNKNOWN, workflow.ANY, memory=MEMORY
+    )
+    found |= {
+        f"identified, {name}": made(folder / drone.name / name, known, kind)
+        for name, kind in OF_IDENTIFIED.items()
+    }
+    if given.authors is not None:
+        found[OTHERS[0]] = published(given.authors)
+    if given.raptor:
+        for name in OTHERS[1:]:
+            raptor = foreign_policy(name)
+            assert raptor is not None
+            found[name] = [raptor]
+    return found
+
+
+def controlled(
+    makes: Makes, drone: VirtualDrone, axis: str, flights: int, name: str
+) -> polars.DataFrame:
+    """A controller's flights along an axis of speed, in rows as `envelope.envelope` gives."""
+    pace = envelope.AXES[axis]
+    assert isinstance(pace, envelope.Pace)
+    task = tasks.tracking(pace.of(pace.fastest), trajectories.QUICKENING)
+    env = drone.environment(task, makes(task.reference))
+    keys = jax.random.split(jax.random.key(0), flights)
+    rows = jax.tree.map(
+        np.asarray, _fly(env, drone.parameters, keys, None, trajectories.QUICKENING)
+    )
+    steps = round(trajectories.QUICKENING * RATE)
+    lasted = [
+        envelope.rows_flown(Rows(*(column[number] for column in rows)), RATE)
+        for number in range(flights)
+    ]
+    reached = [round(pace.fastest * count / steps, 6) if count else np.nan for count in lasted]
+    return polars.DataFrame(
+        {
+            "policy": f"{name}: 1",
+            "reality": drone.name,
+            "axis": axis,
+            "flight": list(range(1, flights + 1)),
+            "reached": reached,
+            "unit": pace.unit,
+            "hardest": pace.fastest,
+            "limit": round(envelope.limit(axis, drone), 6),
+        }
+    )
+
+
+@partial(jax.jit, static_argnums=(0, 4))
+def _fly(
+    env: Environment, drone: Parameters, keys: jax.Array, policy: Policy | None, seconds: float
+) -> Rows:
+    steps = round(seconds * env.controller.interface.rate)
 
     def one(key: jax.Array) -> Rows:
-        return flying.fly(env, lambda *_: jnp.zeros(4), drone, key, steps)
+        act = lambda seen, _: jnp.zeros(4) if policy is None else policy(seen)  # noqa: E731
+        return flying.fly(env, act, drone, key, steps)
 
     return jax.vmap(one)(keys)
 
 
-def table(
-    folder: Path, seeds: Sequence[int], axes: Sequence[str], policies: int, flights: int
+def precision(
+    rivals: dict[str, Sequence[Policy | ForeignPolicy]], drone: VirtualDrone, flights: int
 ) -> polars.DataFrame:
-    """A row a flight, as `envelope.envelope` gives; policies are called by their training."""
-    parts = []
-    for seed in seeds:
-        file = folder / f"virtual-{seed}" / "envelopes.csv"
-        if not file.exists():
-            found = of_drone(folder, seed, axes, policies, flights)
-            results.write(file, found.write_csv())
-        parts.append(polars.read_csv(file))
-    return polars.concat(parts)
+    """How close and how calmly a drone flies the first `SECONDS` of a circle that gets faster.
 
-
-def of_drone(
-    folder: Path, seed: int, axes: Sequence[str], policies: int, flights: int
-) -> polars.DataFrame:
-    """The same of one drone."""
-    drone, parts = virtual_drone(seed), []
-    known = identified(folder / drone.name, drone, seed)
-    files = {
-        f"unidentified, {name}": trained(folder / UNKNOWN / name, UNKNOWN, kind, policies)
-        for name, kind in RANDOMIZATIONS.items()
-    } | {
-        f"identified, {name}": trained(folder / drone.name / name, known, kind, policies)
-        for name, kind in OF_IDENTIFIED.items()
-    }
-    names = [f"{name}: {number}" for name in files for number in range(1, policies + 1)]
-    flown = [read(file) for several in files.values() for file in several]
-    for axis in axes:
-        print(f"{drone.name} along {axis}", flush=True)
-        found = envelope.envelope(
-            flown, drone, axis, flights=flights, task=tasks.TASKS[TASK](), names=names
-        )
-        parts.append(found)
-        if axis == "circle":
-            speeds = pid_speed(drone, flights)
-            pid = found[:flights].with_columns(
-                polars.lit("firmware PID: 1").alias("policy"),
-                polars.Series("reached", speeds),
+    A row a flight: training, policy, reality, flight, mean distance `error` [m] and
+    `command_change`, the mean |du| between commands 10 ms apart [-]. No guard ends a flight.
+    """
+    task, rows = tasks.TASKS[TASK](), []
+    keys = jax.random.split(jax.random.key(1), flights)
+    makers = {name: makes(task.reference) for name, makes in CONTROLLERS.items()}
+    several = [
+        (name, policy) for name, own in rivals.items() if name not in OTHERS for policy in own
+    ]
+    for place, (name, policy) in enumerate([*several, *((name, None) for name in makers)]):
+        assert policy is None or isinstance(policy, Policy)
+        controller = makers[name] if policy is None else control.controller_for(policy.interface)
+        env = drone.environment(task, controller)
+        env = env if policy is None else transfer.as_seen_by(policy, env)
+        flown = jax.tree.map(np.asarray, _fly(env, drone.parameters, keys, policy, SECONDS))
+        for number in range(flights):
+            one = Rows(*(column[number] for column in flown))
+            log = flying.to_flight(
+                one,
+                name,
+                zero_order_hold=True,
+                supply=env.supply,
+                simulated=drone.name,
+                period=1 / controller.interface.rate,
             )
-            parts.append(pid)
+            slow = thinned(log, controller.interface.rate // 100)
+            away = np.linalg.norm(one.true_position - one.true_setpoint, axis=1)
+            rows.append(
+                {
+                    "training": name,
+                    "policy": place,
+                    "reality": drone.name,
+                    "flight": number + 1,
+                    "error": round(float(away.mean()), 6),
+                    "command_change": transfer.activity(slow)["command_change"],
+                }
+            )
+    return polars.DataFrame(rows)
+
+
+def table(
+    folder: Path,
+    seeds: Sequence[int],
+    axes: Sequence[str],
+    policies: int,
+    flights: int,
+    given: Given,
+) -> polars.DataFrame:
+    """A row a flight, as `envelope.envelope` gives; policies are called by their training.
+
+    Controllers fly axes of speed, RAPTOR and the authors' policies the circle alone.
+    """
+    parts = []
+    drones = [virtual_drone(seed) for seed in seeds]
+    for axis in axes:
+        for drone, seed in zip(drones, seeds, strict=True):
+            flown = rivals_of(folder, drone, seed, policies, given)
+            makers = CONTROLLERS if isinstance(envelope.AXES[axis], envelope.Pace) else {}
+            for name in [*flown, *makers]:
+                if name in OTHERS and axis != "circle":
+                    continue
+                file = folder / drone.name / axis / f"{name}.csv"
+                if not file.exists():
+                    print(f"{drone.name} along {axis}: {name}", flush=True)
+                    found = (
+                        envelope.envelope(
+                            flown[name],
+                            drone,
+                            axis,
+                            flights=flights,
+                            task=tasks.TASKS[TASK](),
+                            names=[f"{name}: {place + 1}" for place in range(len(flown[name]))],
+                        )
+                        if name in flown
+                        else controlled(makers[name], drone, axis, flights, name)
+                    )
+                    results.write(file, found.write_csv())
+                parts.append(polars.read_csv(file, schema_overrides=_NUMBERS))
     return polars.concat(parts)
+
+
+_NUMBERS: Any = dict.fromkeys(("reached", "hardest", "limit"), polars.Float64)
 
 
 def by_training(found: polars.DataFrame) -> polars.DataFrame:
     """Mean envelope over policies of a training and over drones, and the worst of them.
 
-    A policy that flies nothing counts as 0.
+    A policy that flies nothing counts as 0. `low` and `high` are a 95 % interval of the mean: a
+    bootstrap over policies and drones, of whose few it tells little more than their range.
+
+    Source: Efron and Tibshirani 1993, An introduction to the bootstrap, sec. 13.3.
     """
-    training = polars.col("policy").str.split(":").list.first().alias("training")
-    value = polars.col("envelope").fill_nan(0.0)
-    return (
-        envelope.summary(found)
-        .with_columns(training)
-        .group_by("axis", "training", maintain_order=True)
-        .agg(
-            polars.len().alias("policies x drones"),
-            value.mean().alias("mean"),
-            value.min().alias("worst"),
-            (value / polars.col("limit")).mean().alias("of physics"),
-            polars.col("unit").first(),
-        )
+    training = polars.col("policy").str.split(": ").list.first().alias("training")
+    each = envelope.summary(found).with_columns(
+        training, value=polars.col("envelope").fill_nan(0.0)
     )
+    rows = []
+    for (axis, name), part in each.group_by("axis", "training", maintain_order=True):
+        values = part["value"].to_numpy()
+        drawn = np.random.default_rng(0).choice(values, (_RESAMPLINGS, len(values))).mean(axis=1)
+        low, high = np.quantile(drawn, [0.025, 0.975])
+        rows.append(
+            {
+                "axis": axis,
+                "training": name,
+                "policies x drones": len(values),
+                "mean": values.mean(),
+                "low": low,
+                "high": high,
+                "worst": values.min(),
+                "of physics": (values / part["limit"].to_numpy()).mean(),
+                "unit": part["unit"][0],
+            }
+        )
+    return polars.DataFrame(rows)
 
 
 def main() -> None:
@@ -156,15 +331,40 @@ def main() -> None:
     parser.add_argument("--along", nargs="*", default=tuple(envelope.AXES), help="axes")
     parser.add_argument("--policies", type=int, default=2, help="of each training")
     parser.add_argument("--flights", type=int, default=20, help="of each policy and axis")
+    parser.add_argument("--authors", type=Path, help="folder of the authors' policies.npz")
+    parser.add_argument("--raptor", action="store_true", help="needs foundation-policy")
     parser.add_argument("-o", "--output", type=Path, default=Path("rivals"))
     given = parser.parse_args()
-    found = table(given.output, given.drones, given.along, given.policies, given.flights)
+    beside = Given(given.authors, given.raptor)
+    found = table(
+        given.output,
+        given.drones,
+        given.along,
+        given.policies,
+        given.flights,
+        beside,
+    )
     results.write(given.output / "rivals.csv", found.write_csv())
+    of_drones = [
+        precision(
+            rivals_of(given.output, drone, seed, given.policies, beside), drone, given.flights
+        )
+        for seed, drone in ((seed, virtual_drone(seed)) for seed in given.drones)
+    ]
+    close = polars.concat(of_drones)
+    results.write(given.output / "precision.csv", close.write_csv())
     with polars.Config(
-        tbl_rows=100, tbl_cols=20, tbl_hide_dataframe_shape=True, fmt_str_lengths=40
+        tbl_rows=200, tbl_cols=20, tbl_hide_dataframe_shape=True, fmt_str_lengths=40
     ):
         print(envelope.summary(found))
         print(by_training(found))
+        print(
+            close.group_by("training", maintain_order=True).agg(
+                polars.len().alias("flights"),
+                polars.col("error", "command_change").mean(),
+                polars.col("error").max().alias("largest error"),
+            )
+        )
 
 
 if __name__ == "__main__":
