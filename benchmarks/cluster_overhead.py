@@ -3,8 +3,8 @@
     python benchmarks/cluster_overhead.py --on local
     python benchmarks/cluster_overhead.py --on ray
 
-Busy is the time that tasks took over the time that workers were there, from the call to the table,
-start of processes included. Reported in docs/clusters.md.
+There are as many workers as cores. Busy is the time that tasks took over the time that workers were
+there, from the call to the table, start of processes included. Reported in docs/clusters.md.
 """
 
 import argparse
@@ -14,6 +14,7 @@ import time
 from pathlib import Path
 
 import maidenflight as mf
+from maidenflight import cores
 from maidenflight.studies.kinds import Kind, Row, Work, number, whole
 
 
@@ -30,7 +31,6 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--on", default="local")
     options.add_argument("--tasks", type=int, default=1000)
-    options.add_argument("--workers", type=int, default=2)
     given = options.parse_args()
     # Workers import this file by its name.
     places = [str(Path(__file__).parent), *filter(None, [os.environ.get("PYTHONPATH")])]
@@ -42,11 +42,12 @@ def main() -> None:
     }
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
-        table = mf.sweep([entry], folder, given.on, workers=given.workers)
+        table = mf.sweep([entry], folder, given.on)
         took = time.perf_counter() - began
-    share = table["took"].sum() / (given.workers * took)
+    workers = cores.count()
+    share = table["took"].sum() / (workers * took)
     print(
-        f"{given.on}: {given.tasks} tasks of a second with {given.workers} workers took "
+        f"{given.on}: {given.tasks} tasks of a second with {workers} workers took "
         f"{took:.1f} s; busy {100 * share:.1f} %"
     )
 

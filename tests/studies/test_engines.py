@@ -17,7 +17,6 @@ import toy_kinds
 from test_sweeping import Here
 
 import maidenflight as mf
-from maidenflight.errors import InputError
 from maidenflight.studies.engine import Resources
 from maidenflight.studies.slurm import Slurm
 
@@ -99,7 +98,7 @@ def test_nodes_and_drivers_that_are_killed_cost_what_was_under_way(
     raylets: tuple[str, subprocess.Popen[str]], tmp_path: Path
 ) -> None:
     address, cluster = raylets
-    expected = prepared(tmp_path, count=10, more=1, seconds=0.8, ran=str(tmp_path / "ran"))
+    expected = prepared(tmp_path, count=8, more=1, seconds=0.7, ran=str(tmp_path / "ran"))
     moments, kills = random.Random(0), 0
     driver = begun(tmp_path, f"ray:{address}")
     wait_for(2, tmp_path, driver)
@@ -124,35 +123,26 @@ def test_nodes_and_drivers_that_are_killed_cost_what_was_under_way(
     ran = Counter((tmp_path / "ran").read_text().splitlines())
     # A raylet has one task under way, and the driver one a raylet: as many may be done twice.
     assert sum(count - 1 for task, count in ran.items() if task.startswith("begun")) <= kills + 3
-    assert all(ran[f"ended {value}"] >= 1 for value in range(1, 11))
+    assert all(ran[f"ended {value}"] >= 1 for value in range(1, 9))
 
 
-def test_a_driver_and_a_process_of_this_machine_are_killed(tmp_path: Path) -> None:
-    expected = prepared(tmp_path, count=5, more=1, seconds=0.5, ran=str(tmp_path / "ran"))
+def test_a_driver_of_this_machine_that_is_killed_or_interrupted_goes_on(tmp_path: Path) -> None:
+    expected = prepared(tmp_path, count=4, more=1, seconds=0.4)
     driver = begun(tmp_path, "local")
-    wait_for(2, tmp_path, driver)
+    wait_for(1, tmp_path, driver)
     os.kill(driver.pid, signal.SIGKILL)
     driver.communicate()
     time.sleep(1.2)  # its processes end by themselves
     there = results(tmp_path)
-    time.sleep(1.0)
+    time.sleep(0.6)
     assert results(tmp_path) == there
     driver = begun(tmp_path, "local")
-    assert driver.wait(60) == 0
-    driver.communicate()
-    assert (tmp_path / "out" / "study.csv").read_bytes() == expected
-
-
-def test_ctrl_c_says_how_to_go_on(tmp_path: Path) -> None:
-    expected = prepared(tmp_path, count=4, more=1, seconds=0.5)
-    driver = begun(tmp_path, "local")
-    wait_for(1, tmp_path, driver)
+    wait_for(there + 1, tmp_path, driver)
     os.killpg(driver.pid, signal.SIGINT)
     _, said = driver.communicate(timeout=20)
     assert driver.returncode == 130
-    assert (
-        said.decode().splitlines()[-1].endswith("maidenflight sweep study.toml -o out --on local")
-    )
+    again = "maidenflight sweep study.toml -o out --on local"
+    assert said.decode().splitlines()[-1].endswith(again)
     driver = begun(tmp_path, "local")
     assert driver.wait(60) == 0
     driver.communicate()
@@ -164,14 +154,14 @@ def test_jobs_of_submitit_give_the_same_bytes_and_one_that_is_killed_is_begun_ag
 ) -> None:
     pytest.importorskip("submitit")
     monkeypatch.setenv("PYTHONPATH", environment()["PYTHONPATH"])
+    ran = {"ran": str(tmp_path / "ran")}
     entries: list[dict[str, Any]] = [
-        {"name": "dying", "kind": "toy_kinds:killed", "settings": {"ran": str(tmp_path / "ran")}},
-        {"name": "bad", "kind": "toy_kinds:wrong"},
+        {"name": "dying", "kind": "toy_kinds:killed", "settings": ran},
+        *toy_kinds.study(count=2, more=1),
     ]
     jobs = Slurm(Resources(workers=3), str(tmp_path / "jobs"), cluster="local")
-    with pytest.raises(InputError, match="1 of 2 tasks failed"):
-        mf.sweep(entries, tmp_path / "out", jobs, retries=0)
-    expected = prepared(tmp_path, count=2, more=1)
-    jobs = Slurm(Resources(workers=3), str(tmp_path / "jobs"), cluster="local")
-    mf.sweep(tmp_path / "study.toml", tmp_path / "same", jobs)
-    assert (tmp_path / "same" / "study.csv").read_bytes() == expected
+    mf.sweep(entries, tmp_path / "out", jobs, retries=0)
+    assert (tmp_path / "ran").read_text() == "killed\nkilled\n"
+    mf.sweep(entries, tmp_path / "expected", Here(), retries=0)
+    places = (tmp_path / name / "study.csv" for name in ("out", "expected"))
+    assert len({place.read_bytes() for place in places}) == 1

@@ -314,10 +314,8 @@ def _digests(value: str, label: str, known: dict[str, list[str]]) -> list[str]:
                 found += sorted(path for path in part.rglob("*") if path.is_file())
             elif part.is_file():
                 # A policy by others is described by one file and held by another beside it.
-                found += [
-                    part,
-                    *sorted(part.parent.glob("*.onnx") if part.suffix == ".toml" else ()),
-                ]
+                beside = part.parent.iterdir() if part.suffix == ".toml" else ()
+                found += [part, *sorted(one for one in beside if one.suffix in (".onnx", ".zip"))]
             elif part.suffix in (".toml", ".json", ".csv"):
                 raise InputError(f"{label} = {value!r}: no file {part} in the study's folder.")
         known[value] = [f"{path.name} {results.digest(path)}" for path in found]
