@@ -45,7 +45,7 @@ def main() -> None:
         table = mf.sweep([entry], folder, given.on)
         took = time.perf_counter() - began
     workers = cores.count()
-    share = table["took"].sum() / (workers * took)
+    share = float(table["took"].sum()) / (workers * took)
     print(
         f"{given.on}: {given.tasks} tasks of a second with {workers} workers took "
         f"{took:.1f} s; busy {100 * share:.1f} %"

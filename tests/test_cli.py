@@ -117,7 +117,7 @@ def test_help_names_every_battery_law_and_every_signal_that_can_be_ignored(
 def test_help_imports_nothing_heavy() -> None:
     heavy = (
         "jax cflib onnx onnxruntime numpy scipy sklearn polars rerun rich optax tomlkit "
-        "gymnasium pybullet tensorboardX wandb"
+        "gymnasium pybullet tensorboardX wandb ray submitit fsspec"
     ).split()
     program = (
         "import sys; sys.argv = ['maidenflight', 'identify', '--help']\n"
