@@ -27,6 +27,8 @@ from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy
 from maidenflight.workflow import Reading, Start
 
+DAILY = (*TRIM, "thrust_to_weight")
+"""What may differ from day to day."""
 STRUCTURES = ("pwm", "attitude_rate", "attitude", "all")
 SEEDS = 2
 
@@ -54,7 +56,7 @@ def identified(authors: Path, folder: Path, policies: Mapping[str, Policy]) -> d
         held = Reading(commands="zero-order-hold")
         workflow.identify_from(flights / "pwm", 0, dynamics, reading=held)
     if not trims.exists():
-        workflow.identify_from(flights, 0, trims, start=Start(str(dynamics)), over=list(TRIM))
+        workflow.identify_from(flights, 0, trims, start=Start(str(dynamics)), over=list(DAILY))
     matched, chosen = folder / "closed_loop.toml", folder / "policies"
     if not matched.exists():
         for name in sorted(set(policies) - held_out(list(policies))):

@@ -5,7 +5,7 @@ from flights.made_flights import calm
 from maidenflight.errors import InputError
 from maidenflight.flights.trims import trim
 from maidenflight.identification.drone_file import Estimate
-from maidenflight.identification.ensembles import WITHIN_A_DAY, trims_of_the_day
+from maidenflight.identification.ensembles import WITHIN_A_DAY, drone_of_the_day
 from maidenflight.parameters import component, crazyflie
 
 TURNED = np.array([0.50, 0.54, 0.50, 0.54])
@@ -27,7 +27,7 @@ def test_the_trim_of_the_day_lies_between_the_file_and_the_flight_as_they_are_su
     measured = trim(held(), drone).torque_bias[2]
     assert measured < -3e-5
     found = {
-        deviation: trims_of_the_day(drone, estimates(deviation), [held()], "x")
+        deviation: drone_of_the_day(drone, estimates(deviation), [held()], "x")
         for deviation in (1e-7, 4e-5, 1e-2)
     }
     values = [float(component(drone, "torque_bias_z")) for drone, _ in found.values()]
@@ -42,10 +42,21 @@ def test_the_trim_of_the_day_lies_between_the_file_and_the_flight_as_they_are_su
     assert found[4e-5][1]["torque_bias_z"].between_segment_sd < 4e-5
 
 
+def test_the_thrust_of_the_day_is_told_too_where_it_was_identified() -> None:
+    drone = crazyflie()
+    told = estimates(4e-5) | {"thrust_to_weight": Estimate(1.725, (1.7, 1.75), (1.725,), 0.2)}
+    found, told = drone_of_the_day(drone, told, [held()], "x")
+    measured = trim(held(), drone).thrust_to_weight
+    assert float(found.thrust_to_weight) == pytest.approx(told["thrust_to_weight"].value)
+    assert min(measured, 1.725) < float(found.thrust_to_weight) < max(measured, 1.725)
+    only_torques = drone_of_the_day(drone, estimates(4e-5), [held()], "x")[0]
+    assert float(only_torques.thrust_to_weight) == pytest.approx(1.725)
+
+
 def test_more_flights_of_the_day_tell_more() -> None:
     flights = [held(seed=seed) for seed in range(4)]
     one, four = (
-        trims_of_the_day(crazyflie(), estimates(4e-5), some, "x")[1]["torque_bias_z"]
+        drone_of_the_day(crazyflie(), estimates(4e-5), some, "x")[1]["torque_bias_z"]
         for some in (flights[:1], flights)
     )
     assert four.between_segment_sd < one.between_segment_sd
@@ -54,6 +65,6 @@ def test_more_flights_of_the_day_tell_more() -> None:
 
 def test_what_tells_no_trim_is_refused() -> None:
     with pytest.raises(InputError, match="torque_bias"):
-        trims_of_the_day(crazyflie(), {}, [held()], "mine.toml")
+        drone_of_the_day(crazyflie(), {}, [held()], "mine.toml")
     with pytest.raises(InputError, match="1 flights"):
-        trims_of_the_day(crazyflie(), estimates(4e-5), [held(30)], "mine.toml")
+        drone_of_the_day(crazyflie(), estimates(4e-5), [held(30)], "mine.toml")

@@ -259,7 +259,7 @@ def _transfer_matrix(
     "--today",
     type=click.Path(path_type=Path),
     metavar="LOGS",
-    help="A log or folder of flights of today, by any controller: the trims are theirs.",
+    help="A log or folder of flights of today, by any controller: trims and thrust are theirs.",
 )
 @options.accept_bounds
 @options.seed

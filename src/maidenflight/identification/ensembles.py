@@ -19,8 +19,8 @@ TRIM = ("torque_bias_x", "torque_bias_y", "torque_bias_z")
 between flights."""
 
 WITHIN_A_DAY = 0.5
-"""Standard deviation of constant torques between flights of a day, as a share of that between
-segments of all flights; chosen on two thirds of the policies of docs/studies/flight-times.md."""
+"""Standard deviation of a trim between flights of a day, as a share of that between segments of all
+flights; chosen on two thirds of the policies of docs/studies/flight-times.md."""
 
 
 def posterior_ensemble(
@@ -49,12 +49,12 @@ def posterior_ensemble(
     return ensemble(drones)
 
 
-def trims_of_the_day(
+def drone_of_the_day(
     drone: Parameters, estimates: Mapping[str, Estimate], flights: Sequence[Flight], where: str
 ) -> tuple[Parameters, dict[str, Estimate]]:
-    """The drone with the constant torques that flights of the day show.
+    """The drone with the constant torques and the thrust that flights of the day show.
 
-    What the drone's file says of a torque and how it differs between segments of flight, and what
+    What the drone's file says of each and how it differs between segments of flight, and what
     balances the mean commands of each flight, with its standard error, are normal: the result is
     their product. Flights of a day differ by `WITHIN_A_DAY` of that difference.
 
@@ -65,35 +65,40 @@ def trims_of_the_day(
         where: the drone's file, for errors.
 
     Returns:
-        The drone, and its estimates: the torques' between-segment SD is what the day's flights
-        leave open of the next one.
+        The drone, and its estimates: the between-segment SD of what the day tells is what its
+        flights leave open of the next one.
 
     Raises:
         InputError: no constant torque was identified, or no flight is long enough to tell one.
     """
-    names = [name for name in TRIM if name in estimates]
-    if not names:
+    if not set(TRIM) & set(estimates):
         raise InputError(_UNTOLD.format(where=where))
     rows = [trim(flight, drone) for flight in flights]
-    known = [row for row in rows if np.isfinite([*row.torque_bias, *row.torque_bias_error]).all()]
+    known = [
+        (np.array([row.thrust_to_weight, *row.torque_bias]), np.array(errors))
+        for row in rows
+        if np.isfinite(errors := [row.thrust_to_weight_error, *row.torque_bias_error]).all()
+    ]
     if not known:
         raise InputError(
             f"none of {len(rows)} flights of the day tells a constant torque. Give one of "
             f"{2 * SEGMENT_S:g} s or more with the motors' commands."
         )
-    told = dict(estimates)
-    for name in names:
-        axis, old = TRIM.index(name), estimates[name]
-        within = max(WITHIN_A_DAY * old.between_segment_sd, 1e-9)
-        found = np.array([row.torque_bias[axis] for row in known])
-        weights = 1.0 / (np.array([row.torque_bias_error[axis] for row in known]) ** 2 + within**2)
-        before = max(old.between_segment_sd, 1e-9) ** -2
+    told, values = dict(estimates), {}
+    for place, name in enumerate(("thrust_to_weight", *TRIM)):
+        old = estimates.get(name)
+        if old is None or not old.between_segment_sd > 0.0:
+            continue
+        within = WITHIN_A_DAY * old.between_segment_sd
+        found = np.array([value[place] for value, _ in known])
+        weights = 1.0 / (np.array([error[place] for _, error in known]) ** 2 + within**2)
+        before = old.between_segment_sd**-2
         total = before + weights.sum()
         value = float((before * old.value + weights @ found) / total)
         deviation = float(np.sqrt(1.0 / total + within**2))
         ends = value - 1.96 * deviation, value + 1.96 * deviation
         told[name] = Estimate(value, ends, (value,), deviation)
-    values = {name: np.float32(told[name].value) for name in names}
+        values[name] = np.float32(value)
     return check(replace(drone, **values), where), told
 
 

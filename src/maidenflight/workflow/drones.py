@@ -15,9 +15,9 @@ from maidenflight.identification.bounds import must_lie_within_bounds
 from maidenflight.identification.drone_file import DroneFile
 from maidenflight.identification.ensembles import (
     TRIM,
+    drone_of_the_day,
     posterior_ensemble,
     trim_ensemble,
-    trims_of_the_day,
 )
 from maidenflight.inputs import StrPath
 from maidenflight.parameters import Parameters, full_scale_counts
@@ -150,20 +150,20 @@ def possible_drones(
         drone: a drone file, its path, or a named drone.
         randomization: see `predict_with`.
         seed: random seed.
-        today: logs of the day, which tell the constant torques.
+        today: logs of the day, which tell the constant torques and the thrust.
 
     Raises:
-        InputError: see `trims_of_the_day` and `trim_ensemble`; or a randomization that the day's
+        InputError: see `drone_of_the_day` and `trim_ensemble`; or a randomization that the day's
             logs do not narrow.
     """
     file = _file(drone)
     if today is not None:
         if randomization not in (0.0, TRIMS):
             raise InputError(
-                f"randomization {randomization} with logs of the day, which tell the trims only; "
+                f"randomization {randomization} with logs of the day, which tell trims and thrust; "
                 f"leave it out, or give {TRIMS} or 0."
             )
-        told = trims_of_the_day(
+        told = drone_of_the_day(
             file.parameters, file.estimates, read_flights(today).flights, file.name
         )
         file = replace(file, parameters=told[0], estimates=told[1])

@@ -200,8 +200,8 @@ def predict_with(
             ours are trained.
         accept_bounds: see `drone_to_fly`.
         on_policy: called with (policies flown, policies).
-        today: a log or a folder of flights of the day, by any controller, which tell the constant
-            torques of today.
+        today: a log or a folder of flights of the day, by any controller, which tell trims and
+            thrust of today.
 
     Returns:
         The policy files, and what `predict_flight_times` gives, policies in the order of the files.
