@@ -53,6 +53,11 @@ SMALLEST_SCALE = 0.05
 """Of what policies differ by in a standard deviation, as a logarithm."""
 LARGE = 1.5
 """Differences, in their scales, beyond which one weighs less (Huber 1964)."""
+WIDTH, FARTHEST, NEAR = 0.25, 0.75, 0.05
+"""Of a difference quotient, of a Gauss-Newton step at most, and of the step that ends the search
+[standard deviations of the prior]."""
+LEAST_DAMPING = 0.1
+"""Share of a step below which none is taken."""
 MAX_TILT = np.radians(30.0)
 """Tilt at which a simulated flight ends, as the drone's guard ends a real one [rad]."""
 
@@ -139,61 +144,90 @@ def match(
         return replace(many, **changed)
 
     def difference(steps: np.ndarray) -> np.ndarray:
-        """Of policies whose simulated flights are all too short nothing is told."""
+        # Policies whose simulated flights are all too short tell nothing.
         return np.nan_to_num(simulate(drone_at(steps)) - wanted)
 
-    steps = np.zeros(len(names))
-    first = now = difference(steps)
-    spread = 1.4826 * np.median(np.abs(first - np.median(first, axis=0)), axis=0)
-    scales = np.maximum(spread, SMALLEST_SCALE)
-    evaluations, damping, width = 1, 1.0, 0.25
-    hessian, scores = np.eye(len(names)), np.zeros((len(logged), len(names)))
-    for number in range(settings.steps):
-        slopes = np.stack(
-            [
-                (difference(steps + width * axis) - now) / width / scales
-                for axis in np.eye(len(names))
-            ]
-        )
-        weights = 1.0 / np.maximum(1.0, np.abs(now / scales) / LARGE)
-        scores = np.einsum("ipb,pb->pi", slopes, weights * now / scales)
-        hessian = np.einsum("ipb,jpb,pb->ij", slopes, slopes, weights) + np.eye(len(names))
-        move = -np.linalg.solve(hessian, scores.sum(axis=0) + steps)
-        evaluations += len(names)
-        while damping > 0.1:
-            trial = steps + damping * move * min(1.0, 0.75 / np.abs(move).max())
-            there = difference(trial)
-            evaluations += 1
-            if _cost(there / scales, trial) < _cost(now / scales, steps):
-                steps, now = trial, there
-                break
-            damping /= 2.0
-        if on_step is not None:
-            on_step(number + 1, settings.steps, _cost(now / scales, steps) / now.size)
-        if damping <= 0.1 or np.abs(move).max() < 0.05:
-            break
-    # Policies are the independent units: a sandwich over them (White 1982).
-    inverse = np.linalg.inv(hessian)
-    errors = np.sqrt(np.diag(inverse @ (scores.T @ scores + np.eye(len(names))) @ inverse))
+    fit = _fitted(difference, len(names), settings.steps, on_step)
     found = {}
-    for name, old, step, error in zip(names, begun, steps, errors, strict=True):
+    for name, old, step, error in zip(names, begun, fit.steps, fit.errors, strict=True):
         kind, scale = PRIOR[name]
         value = _moved(old, step, name)
         found[name] = value, float(error * scale * (1.0 if kind == "added" else value))
     values = {
         name: np.full_like(getattr(drones, name), value) for name, (value, _) in found.items()
     }
-    zero = np.zeros(len(names))
     return Match(
         replace(drones, **values),
         found,
         len(logged),
         sum(len(flown[name]) for name in logged),
-        np.median(first, axis=0),
-        np.median(now, axis=0),
-        (_cost(first / scales, zero) / now.size, _cost(now / scales, steps) / now.size),
-        evaluations,
+        np.median(fit.first, axis=0),
+        np.median(fit.last, axis=0),
+        fit.cost,
+        fit.evaluations,
     )
+
+
+class _Fit(NamedTuple):
+    steps: Float[np.ndarray, "n"]
+    """From the start, in standard deviations of the prior."""
+    errors: Float[np.ndarray, "n"]
+    """Their standard errors."""
+    first: Float[np.ndarray, "policies 7"]
+    """Differences at the start."""
+    last: Float[np.ndarray, "policies 7"]
+    cost: tuple[float, float]
+    """A difference's mean, start and end."""
+    evaluations: int
+
+
+def _fitted(
+    difference: Callable[[np.ndarray], np.ndarray],
+    count: int,
+    most: int,
+    on_step: Callable[[int, int, float], None] | None,
+) -> _Fit:
+    """Steps that make differences small, by damped Gauss-Newton with a standard normal prior.
+
+    Args:
+        difference: of each policy's behaviour, (policies, 7), for `count` steps.
+        count: of parameters.
+        most: Gauss-Newton steps.
+        on_step: see `match`.
+    """
+    steps = np.zeros(count)
+    first = now = difference(steps)
+    spread = 1.4826 * np.median(np.abs(first - np.median(first, axis=0)), axis=0)
+    scales = np.maximum(spread, SMALLEST_SCALE)
+    began = cost = _cost(first / scales, steps)
+    evaluations, damping = 1, 1.0
+    hessian, scores = np.eye(count), np.zeros((len(first), count))
+    for number in range(most):
+        slopes = np.stack(
+            [(difference(steps + WIDTH * axis) - now) / WIDTH / scales for axis in np.eye(count)]
+        )
+        weights = 1.0 / np.maximum(1.0, np.abs(now / scales) / LARGE)
+        scores = np.einsum("ipb,pb->pi", slopes, weights * now / scales)
+        hessian = np.einsum("ipb,jpb,pb->ij", slopes, slopes, weights) + np.eye(count)
+        move = -np.linalg.solve(hessian, scores.sum(axis=0) + steps)
+        move *= min(1.0, FARTHEST / np.abs(move).max())
+        evaluations += count
+        while damping > LEAST_DAMPING:
+            trial = steps + damping * move
+            there = difference(trial)
+            evaluations += 1
+            if (lower := _cost(there / scales, trial)) < cost:
+                steps, now, cost = trial, there, lower
+                break
+            damping /= 2.0
+        if on_step is not None:
+            on_step(number + 1, most, cost / now.size)
+        if damping <= LEAST_DAMPING or np.abs(move).max() < NEAR:
+            break
+    # Policies are the independent units: a sandwich over them (White 1982).
+    inverse = np.linalg.inv(hessian)
+    errors = np.sqrt(np.diag(inverse @ (scores.T @ scores + np.eye(count)) @ inverse))
+    return _Fit(steps, errors, first, now, (began / now.size, cost / now.size), evaluations)
 
 
 def _moved(old: float, step: float, name: str) -> float:
