@@ -1,10 +1,14 @@
-"""A policy that flies without training: a linear controller written as a network."""
+"""A policy that flies without training, a linear controller written as a network, and its logs."""
 
+import jax.numpy as jnp
 import numpy as np
 
+from flights.made_flights import calm
+from maidenflight.flights.log import Flight
 from maidenflight.parameters import Parameters, levers
-from maidenflight.policy import Policy
-from maidenflight.simulator import dynamics
+from maidenflight.policy import Actor, Policy
+from maidenflight.simulator import dynamics, rotations
+from maidenflight.simulator.sensors import Measurement
 
 SIZE = 20
 """Of an instant: position, quaternion, velocity, body rates, set-point - position, last action."""
@@ -47,3 +51,19 @@ def flying_policy(drone: Parameters, gain: float = 1.0) -> Policy:
         np.zeros(2 * SIZE, np.float32),  # type: ignore[arg-type]
         np.ones(2 * SIZE, np.float32),  # type: ignore[arg-type]
     )
+
+
+def flown(policy: Policy, seed: int, rows: int = 30) -> Flight:
+    """A log of estimates and of what an `Actor` does with them, one instant at a time."""
+    flight = calm(rows, seed)
+    actor = Actor(policy, 0.6)
+    commands = []
+    for row in range(rows):
+        seen = Measurement(
+            jnp.asarray(flight.position[row]),
+            jnp.asarray(flight.velocity[row]),
+            rotations.from_attitude(jnp.asarray(flight.attitude[row])),
+            jnp.asarray(flight.body_rates[row]),
+        )
+        commands.append(actor.act(seen, flight.setpoint[row]).command)
+    return calm(rows, seed, command=np.stack(commands).astype(np.float32), name=f"flight {seed}")

@@ -14,8 +14,7 @@ import pytest
 
 import maidenflight as mf
 from flights.made_flights import calm, driven
-from flying_policy import flying_policy
-from identification.test_behaviour import flown
+from flying_policy import flown, flying_policy
 from maidenflight import policy, results, workflow
 from maidenflight.deployment import EXPORTERS
 from maidenflight.errors import InputError

@@ -1,12 +1,10 @@
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from flights.made_flights import calm
-from flying_policy import flying_policy
+from flying_policy import flown, flying_policy
 from maidenflight.errors import InputError
-from maidenflight.flights.log import Flight
 from maidenflight.identification.behaviour import (
     BEHAVIOUR,
     behaviour,
@@ -14,31 +12,14 @@ from maidenflight.identification.behaviour import (
     mean_behaviour,
 )
 from maidenflight.parameters import crazyflie
-from maidenflight.policy import Actor, Policy, untrained
-from maidenflight.simulator import control, rotations
+from maidenflight.policy import Policy, untrained
+from maidenflight.simulator import control
 from maidenflight.simulator.look_ahead import LookAhead
-from maidenflight.simulator.sensors import Measurement
 
 POLICIES = {
     "soft": flying_policy(crazyflie(), 0.7),
     "stiff": flying_policy(crazyflie(), 1.6),
 }
-
-
-def flown(policy: Policy, seed: int, rows: int = 30) -> Flight:
-    """A log of estimates and of what an `Actor` does with them, one instant at a time."""
-    flight = calm(rows, seed)
-    actor = Actor(policy, 0.6)
-    commands = []
-    for row in range(rows):
-        seen = Measurement(
-            jnp.asarray(flight.position[row]),
-            jnp.asarray(flight.velocity[row]),
-            rotations.from_attitude(jnp.asarray(flight.attitude[row])),
-            jnp.asarray(flight.body_rates[row]),
-        )
-        commands.append(actor.act(seen, flight.setpoint[row]).command)
-    return calm(rows, seed, command=np.stack(commands).astype(np.float32), name=f"flight {seed}")
 
 
 def test_a_log_tells_which_policy_flew_it() -> None:
