@@ -16,7 +16,7 @@ from pathlib import Path
 
 import jax
 import polars
-from predict_flights import one_against_others, published
+from predict_flights import one_against_others, published, within_band
 
 from maidenflight import cores, policy, results, workflow
 from maidenflight.errors import InputError
@@ -114,9 +114,6 @@ def agreements(
     real = flights.group_by("name").agg(polars.col("flight_time_s").mean().alias("measured"))
     joined = told.join(real, left_on="policy", right_on="name")
     out = held_out(joined["policy"].to_list())
-    within = flights.join(told, left_on="name", right_on="policy").with_columns(
-        polars.col("flight_time_s").is_between("quantile_10", "quantile_90").alias("within")
-    )
     rows: list[dict[str, object]] = []
     for structure in STRUCTURES:
         for which in ("all", "held out"):
@@ -127,8 +124,8 @@ def agreements(
             ]
             own = joined.filter(polars.col("policy").is_in(named))
             found = agreement(own["mean"].to_numpy(), own["measured"].to_numpy())
-            real_ones = within.filter(polars.col("name").is_in(named))
-            floor = one_against_others(flights.filter(polars.col("name").is_in(named)))
+            real_ones = flights.filter(polars.col("name").is_in(named))
+            floor = one_against_others(real_ones)
             rows.append(
                 {
                     "drone": label,
@@ -138,7 +135,7 @@ def agreements(
                     "measured [s]": own["measured"].mean(),
                     "Spearman": found.spearman,
                     "error [s]": found.mean_absolute_error,
-                    "within 10 to 90 %": real_ones["within"].mean(),
+                    "within 10 to 90 %": within_band(own, real_ones),
                     "one real flight: Spearman": floor.spearman,
                     "one real flight: error [s]": floor.mean_absolute_error,
                 }

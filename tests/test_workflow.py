@@ -410,3 +410,13 @@ def test_a_log_of_the_day_tells_the_trims_and_nothing_else(tmp_path: Path) -> No
     assert float(point.torque_bias[2]) == pytest.approx(np.mean(drones.torque_bias[:, 2]), rel=0.02)
     with pytest.raises(InputError, match="posterior"):
         workflow.possible_drones(file, workflow.POSTERIOR, 0, today)
+
+
+def test_best_scores_are_those_of_the_policy_that_is_kept() -> None:
+    heard = [
+        Progress(1, 1, Evaluation(*(jnp.array([value, -value]) for _ in Evaluation._fields)))
+        for value in (1.0, 3.0, 2.0)
+    ]
+    first, second = workflow.best_scores(heard, 2)
+    assert set(first.values()) == {3.0}
+    assert set(second.values()) == {-1.0}

@@ -4,7 +4,6 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import jax
 import polars
 import pytest
 from test_sweeping import Here
@@ -12,8 +11,6 @@ from test_sweeping import Here
 import maidenflight as mf
 from maidenflight import run_folder, workflow
 from maidenflight.identification.drone_file import DroneFile
-from maidenflight.studies import verbs
-from maidenflight.training.evaluation import Evaluation
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("quick_training")]
 
@@ -89,12 +86,3 @@ def test_a_study_of_every_kind_goes_from_logs_to_flights(
     flown = table.filter(polars.col("task") == "flown")
     assert set(flown["policy"]) == {"policy_1", "policy_2"}
     assert flown["duration"].is_between(0.0, 0.5).all()
-
-
-def test_best_scores_are_those_of_the_policy_that_is_kept() -> None:
-    scores = [
-        Evaluation(*(jax.numpy.array([value, -value]) for _ in Evaluation._fields))
-        for value in (1.0, 3.0, 2.0)
-    ]
-    assert set(verbs._best(scores, 0).values()) == {3.0}
-    assert set(verbs._best(scores, 1).values()) == {-1.0}

@@ -221,11 +221,10 @@ def _only_of_the_loop(context: click.Context, policies: tuple[Path, ...]) -> Non
     """
     if not policies:
         raise click.UsageError(f"--objective {CLOSED_LOOP}: give the POLICIES that flew the logs.")
-    for option in context.command.params:
-        source = context.get_parameter_source(option.name or "")
-        if option.name not in _OF_THE_LOOP and source is click.core.ParameterSource.COMMANDLINE:
+    for name, option in options.given(context).items():
+        if name not in _OF_THE_LOOP:
             raise click.UsageError(
-                f"{option.opts[0]} means nothing for --objective {CLOSED_LOOP}. Leave it out."
+                f"{option} means nothing for --objective {CLOSED_LOOP}. Leave it out."
             )
 
 

@@ -23,6 +23,16 @@ REALITIES = (
 PATH = click.Path(path_type=Path)
 
 
+def given(context: click.Context) -> dict[str, str]:
+    """Parameters that the command line gives, by name: how they are written there."""
+    return {
+        option.name: option.opts[0]
+        for option in context.command.params
+        if option.name is not None
+        and context.get_parameter_source(option.name) is click.core.ParameterSource.COMMANDLINE
+    }
+
+
 class Range(click.FloatRange):
     """A range of numbers; nan, which is neither below nor above anything, is none of them."""
 

@@ -152,11 +152,7 @@ def record(
     off, follows the reference and lands. Ctrl-C lands it, a second Ctrl-C stops its motors. Every
     row is on disk as soon as it has come; logs are added to the folder and never replaced.
     """
-    given = {
-        name
-        for name in context.params
-        if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
-    }
+    given = options.given(context).keys()
     virtual, real = (
         {
             "reality",

@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +16,6 @@ from maidenflight.terminal import flight_output
 from maidenflight.training.loggers import LOGGERS
 
 if TYPE_CHECKING:
-    from maidenflight.training.evaluation import Evaluation
     from maidenflight.training.train import Progress
 
 
@@ -247,7 +245,7 @@ def train(
             memory,
             initial,
         )
-    scores = _scores(heard, count)
+    scores = workflow.best_scores(heard, count)
     content = {
         "policies": [str(run_folder.POLICY.path(output, number)) for number in range(1, count + 1)],
         "scores": scores,
@@ -289,31 +287,13 @@ def _only_the_policys_own(context: click.Context) -> None:
     Raises:
         click.UsageError: one is given.
     """
-    for option in context.command.params:
-        source = context.get_parameter_source(option.name or "")
-        if option.name in _OF_A_POLICY and source is click.core.ParameterSource.COMMANDLINE:
-            raise click.UsageError(
-                f"{option.opts[0]}: the policy of --from has its own. Leave it out."
-            )
+    for name, option in options.given(context).items():
+        if name in _OF_A_POLICY:
+            raise click.UsageError(f"{option}: the policy of --from has its own. Leave it out.")
 
 
 _MIN_SURVIVAL = 0.1
 """Survival below which a policy is reported as not flying."""
-
-
-def _scores(heard: list["Progress"], count: int) -> list[dict[str, float]]:
-    """Each policy's best scores, which are those of the policy that training keeps."""
-
-    def best(number: int) -> "Evaluation":
-        return reduce(
-            lambda old, new: new if bool(new.beats(old)[number]) else old,
-            (progress.score for progress in heard),
-        )
-
-    return [
-        {name: round(float(value[number]), 6) for name, value in score._asdict().items()}
-        for number, score in enumerate(map(best, range(count)))
-    ]
 
 
 @contextmanager

@@ -1,7 +1,6 @@
 """The kinds of task of maidenflight: each calls a verb of `workflow`, and returns what it found."""
 
 from collections.abc import Mapping
-from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,6 @@ from maidenflight.experiments.flight_times import summary as times_summary
 from maidenflight.identification.likelihood import Likelihood
 from maidenflight.simulator.reality import AnyReality
 from maidenflight.studies.kinds import Row, Work
-from maidenflight.training.evaluation import Evaluation
 from maidenflight.training.train import Progress
 
 
@@ -72,15 +70,9 @@ def train(work: Work) -> list[Row]:
     # The study is resumed by tasks, and the state of a training is larger than its policies.
     (folder / run_folder.CHECKPOINT).unlink(missing_ok=True)
     return [
-        {"policy": f"policy_{number + 1}", **_best([one.score for one in heard], number)}
-        for number in range(count)
+        {"policy": f"policy_{number}", **scores}
+        for number, scores in enumerate(workflow.best_scores(heard, count), 1)
     ]
-
-
-def _best(scores: list[Evaluation], number: int) -> dict[str, float]:
-    """The scores that are those of the policy that training keeps."""
-    best = reduce(lambda old, new: new if bool(new.beats(old)[number]) else old, scores)
-    return {name: round(float(value[number]), 6) for name, value in best._asdict().items()}
 
 
 def transfer(work: Work) -> list[Row]:

@@ -38,6 +38,7 @@ from maidenflight.workflow.policies import own_and_foreign, policy_files, task_t
 from maidenflight.workflow.training import (
     SETTINGS,
     WATCHED_DURATION_S,
+    best_scores,
     settings_for,
     train_for,
     updates_so_far,
@@ -58,6 +59,7 @@ __all__ = [
     "Start",
     "best_by_envelope",
     "best_policy",
+    "best_scores",
     "convert",
     "drone_to_fly",
     "envelope_of",

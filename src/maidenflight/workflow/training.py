@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from maidenflight.simulator.look_ahead import NONE, LookAhead
 from maidenflight.simulator.virtual_drone import VirtualDrone
 from maidenflight.training import checkpoint, loggers
 from maidenflight.training.analytic_gradient import AnalyticGradient
+from maidenflight.training.evaluation import Evaluation
 from maidenflight.training.ppo import PPO
 from maidenflight.training.train import Progress, Settings, recorded, train
 from maidenflight.workflow.deployment import check_export
@@ -264,6 +266,26 @@ def train_for(
     run_folder.TRAINING.write(Path(folder, run_folder.TRAINING.name), polars.DataFrame(rows))
     _remove_older(Path(folder), count)
     return policies
+
+
+def best_scores(heard: Sequence[Progress], count: int) -> list[dict[str, float]]:
+    """Each policy's best scores, which are those of the policy that training keeps.
+
+    Args:
+        heard: all that a training of `count` policies told of its progress.
+        count: number of policies.
+    """
+
+    def best(number: int) -> Evaluation:
+        return reduce(
+            lambda old, new: new if bool(new.beats(old)[number]) else old,
+            (progress.score for progress in heard),
+        )
+
+    return [
+        {name: round(float(value[number]), 6) for name, value in score._asdict().items()}
+        for number, score in enumerate(map(best, range(count)))
+    ]
 
 
 def _remove_older(folder: Path, count: int) -> None:
