@@ -79,9 +79,10 @@ def results(folder: Path) -> int:
 
 
 def wait_for(count: int, folder: Path, driver: subprocess.Popen[bytes]) -> None:
+    """Until there are so many results, or all: on a busy machine, looks are far apart."""
     until = time.monotonic() + 60
-    while results(folder) < count:
-        assert driver.poll() is None, (driver.communicate()[1] or b"").decode()
+    while results(folder) < count and (ended := driver.poll()) != 0:
+        assert ended is None, (driver.communicate()[1] or b"").decode()
         assert time.monotonic() < until
         time.sleep(0.05)
 
@@ -127,7 +128,7 @@ def test_nodes_and_drivers_that_are_killed_cost_what_was_under_way(
 
 
 def test_a_driver_of_this_machine_that_is_killed_or_interrupted_goes_on(tmp_path: Path) -> None:
-    expected = prepared(tmp_path, count=4, more=1, seconds=0.4)
+    expected = prepared(tmp_path, count=10, more=1, seconds=0.4)
     driver = begun(tmp_path, "local")
     wait_for(1, tmp_path, driver)
     os.kill(driver.pid, signal.SIGKILL)
