@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 from maidenflight.flights.log import ACCELEROMETER_DELAY, Flight
 from maidenflight.flights.reading import read_flights
 from maidenflight.identification.flight_signals import rotor_speeds
-from maidenflight.identification.motor_response import motor_response
+from maidenflight.identification.motor_response import BETWEEN, motor_response
 from maidenflight.parameters import crazyflie
 
 USD = Path(__file__).parents[3] / "shared" / "data" / "usd"
@@ -88,6 +88,13 @@ def test_flights_of_different_lags_widen_the_interval() -> None:
     assert other is not None
     assert other.spread > one.spread + 0.01
     assert np.std(other.lag) > 2 * np.std(one.lag)
+
+
+def test_one_flight_does_not_show_what_flights_differ_by() -> None:
+    found = motor_response([made(1, rotor_speed=True)], np.random.default_rng(0), DRONE)
+    assert found is not None
+    assert found.spread == 0
+    assert np.std(np.log(found.lag + found.latency)) > 0.9 * BETWEEN
 
 
 def test_without_sensors_beside_the_estimate_nothing_is_seen() -> None:

@@ -16,7 +16,7 @@ Steps are of about 10 ms whatever the log's rate, commands are used at the full 
 
 Flights differ more than each one's noise says. Their estimates are joined as random effects, and
 half of what accelerometer and gyro, each by itself and in full, disagree by is added to the
-interval.
+interval, which allows for `BETWEEN` at least.
 
 Measured on logs of a brushed Crazyflie with known rotor speeds, where the likelihood of one row
 ahead found half the lag; docs/identification.md has the figures.
@@ -59,6 +59,9 @@ HOVER = 0.05
 CONTRADICTION = 8.0
 """Log-likelihood gain of a free thrust per command beyond which hovering does not hold it
 [nats]."""
+BETWEEN = 0.1
+"""Least standard deviation between flights of one drone that the interval allows for, as a share:
+one flight, or some that agree by chance, do not show what they differ by."""
 WEIGHTS = {"rotor speed": 0.1, "accelerometer": 1.0, "gyro x": 0.03, "gyro y": 0.03}
 """Power to which each signal's likelihood is taken."""
 _SEGMENT = 256
@@ -132,7 +135,8 @@ def motor_response(
     mean, error, spread = _random_effects(list(per_flight.values()))
     looks = tuple(_look(signal, found) for signal in WEIGHTS if _has(signal, found))
     apart = _disagreement(looks)
-    total = np.exp(mean + generator.normal(size=DRAWS) * np.hypot(np.hypot(error, spread), apart))
+    reach = np.linalg.norm([error, max(spread, BETWEEN), apart])
+    total = np.exp(mean + generator.normal(size=DRAWS) * reach)
     pooled = np.sum(list(losses.values()), axis=0) / np.sqrt(len(losses))
     latency = np.minimum(_latencies(pooled, generator), total - LAGS[0] / 2)
     notes = [
