@@ -133,6 +133,14 @@ def test_another_battery_law_than_the_drone_s_is_said(tmp_path: Path) -> None:
         assert len(logs._other_law(file, reading)) == notes
 
 
+def no_training(
+    task: Any, controller: Controller, *_: Any, on_progress: Any, **__: Any
+) -> tuple[Policy]:
+    """In the place of training: a policy that knows nothing."""
+    on_progress(Progress(1, 1, Evaluation(*jnp.zeros((3, 1)))))
+    return (policy.untrained(jax.random.key(0), (8, 8), interface=controller.interface),)
+
+
 def test_what_a_command_of_one_is_goes_from_the_drone_s_logs_to_the_exported_code(
     tmp_path: Path, monkeypatch: Any
 ) -> None:
@@ -142,13 +150,7 @@ def test_what_a_command_of_one_is_goes_from_the_drone_s_logs_to_the_exported_cod
     search = Search("likelihood", -15.0, 80, 3)
     DroneFile(crazyflie(), source=source, search=search).write(tmp_path / "drone.toml")
 
-    def untrained(
-        task: Any, controller: Controller, *_: Any, on_progress: Any, **__: Any
-    ) -> tuple[Policy]:
-        on_progress(Progress(1, 1, Evaluation(*jnp.zeros((3, 1)))))
-        return (policy.untrained(jax.random.key(0), (8, 8), interface=controller.interface),)
-
-    monkeypatch.setattr("maidenflight.workflow.training.train", untrained)
+    monkeypatch.setattr("maidenflight.workflow.training.train", no_training)
     (made,) = workflow.train_for(
         tmp_path / "drone.toml", 0, tmp_path, 1, workflow.SETTINGS["pwm"], 0.1
     )
@@ -198,6 +200,51 @@ def test_the_usual_network_of_every_structure_can_be_exported_to_everything(
             check_export(
                 to, control.CONTROLLERS[structure]().interface, settings.hidden, 2, crazyflie()
             )
+
+
+def test_attitude_control_is_trained_about_hovering_unless_the_papers_scales_are_asked_for() -> (
+    None
+):
+    """A drone that hovers below 7/12 of full thrust cannot descend with the paper's."""
+    drone = DroneFile(replace(crazyflie(), thrust_to_weight=2.5))
+    hovers = float(dynamics.hover_command(drone.parameters))
+    made = workflow.controller_to_train("attitude", drone).interface
+    least, most = (made.centre[0] + sign * made.span[0] for sign in (-1, 1))
+    assert least < hovers - 0.2
+    assert most > hovers + 0.2
+    alike = DroneFile(replace(crazyflie(), thrust_to_weight=2.51))
+    assert workflow.controller_to_train("attitude", alike).interface == made
+    papers = workflow.controller_to_train("attitude", drone, paper_scales=True).interface
+    assert papers == control.attitude().interface
+    start = untrained(jax.random.key(0), interface=papers)
+    assert workflow.controller_to_train("attitude", drone, start).interface == papers
+    for structure in control.CONTROLLERS:  # which training then refuses
+        other = control.CONTROLLERS[structure](full_scale_counts=65535).interface
+        start = untrained(jax.random.key(0), interface=other)
+        assert workflow.controller_to_train(structure, drone, start).interface != other
+    assert (
+        workflow.controller_to_train("pwm", drone).interface
+        == control.pwm(full_scale_counts=drone.full_scale_counts).interface
+    )
+
+
+@pytest.mark.parametrize(
+    ("target", "paper_scales", "papers"),
+    [("authors", False, True), ("c", False, False), (None, True, True)],
+)
+def test_policies_for_the_authors_format_have_the_papers_scales(
+    tmp_path: Path, monkeypatch: Any, target: str | None, paper_scales: bool, papers: bool
+) -> None:
+    monkeypatch.setattr("maidenflight.workflow.training.train", no_training)
+    (made,) = workflow.train_for(
+        *("crazyflie", 0, tmp_path, 1, workflow.SETTINGS["attitude"], 0.1),
+        structure="attitude",
+        target=target,
+        paper_scales=paper_scales,
+    )
+    assert (made.interface == control.attitude().interface) == papers
+    said = policy.record(tmp_path / "policy_1.json")["settings"]
+    assert said.get("paper_scales") == (papers or None)
 
 
 def test_attitude_rate_fits_a_crazyflie_with_four_instants() -> None:

@@ -43,6 +43,29 @@ def test_the_papers_scales(make, low, high):
     np.testing.assert_allclose(make().command(jnp.full(4, 1.0)), high, atol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("hover", "low", "high"),
+    [(0.5, 0.25, 0.75), (0.1, 0.0, 0.35), (0.9, 0.65, 1.0), (1.0, 0.75, 1)],
+)
+def test_thrust_about_hovering_reaches_to_both_sides_and_never_below_none_or_above_all(
+    hover, low, high
+):
+    one = interface.attitude(hover=hover)
+    for action, share in ((-1.0, low), (1.0, high)):
+        assert float(one.command(jnp.full(4, action))[0]) == pytest.approx(share, abs=1e-6)
+    assert ControlInterface.from_dict(one.to_dict()) == one
+    assert (one.centre[1:], one.span[1:]) == (
+        interface.attitude().centre[1:],
+        interface.attitude().span[1:],
+    )
+
+
+@pytest.mark.parametrize("wrong", [0.0, -0.1, 1.1, float("nan"), True, "half"])
+def test_a_share_that_no_drone_hovers_at_is_refused(wrong):
+    with pytest.raises(InputError, match="hover"):
+        interface.attitude(hover=wrong)
+
+
 def test_equal_interfaces_are_equal_whatever_their_numbers_were_written_as():
     lists = WINCH.to_dict() | {"centre": [0.4, 0, 1, -2], "units": list(WINCH.units)}
     assert ControlInterface.from_dict(lists) == WINCH

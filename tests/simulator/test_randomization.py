@@ -160,7 +160,7 @@ def test_a_wide_box_holds_the_drone_with_all_its_trims_and_what_published_drones
         factors = np.asarray(getattr(drawn, name)) / getattr(drone, name)
         assert factors.min() == pytest.approx(low, abs=0.01), name
         assert factors.max() == pytest.approx(high, abs=0.01), name
-    for name in ("latency",) if structure == "attitude" else ("flapping_moment", "gyro_noise"):
+    for name in ("flapping_moment", "gyro_noise"):
         np.testing.assert_array_equal(
             getattr(drawn, name), np.full(len(KEYS), getattr(drone, name))
         )

@@ -97,7 +97,14 @@ if TYPE_CHECKING:
     "--for",
     "target",
     type=click.Choice(list(EXPORTERS)),
-    help="Check before training that the policies can be exported to this.",
+    help="Check before training that the policies can be exported to this; authors implies "
+    "--paper-scales.",
+)
+@click.option(
+    "--paper-scales",
+    is_flag=True,
+    help="In attitude control, scale thrust as the paper does, from 7/12 to 11/12 of full thrust, "
+    "instead of about hovering.",
 )
 @click.option(
     "--method",
@@ -171,6 +178,7 @@ def train(
     hidden: tuple[int, ...] | None,
     initial: Path | None,
     target: str | None,
+    paper_scales: bool,
     method: str,
     updates: int | None,
     randomize: float | str | None,
@@ -207,7 +215,7 @@ def train(
     new = 0
     began = time.perf_counter()
     with (
-        _watched(view, drone_, control, task) as watch,
+        _watched(view, drone_, task) as watch,
         terminal.progress("train", settings.updates) as move,
         resumable(output / run_folder.CHECKPOINT),
     ):
@@ -244,6 +252,7 @@ def train(
             LookAhead(points, spacing),
             memory,
             initial,
+            paper_scales,
         )
     scores = workflow.best_scores(heard, count)
     content = {
@@ -277,7 +286,7 @@ def train(
     options.emit(as_json, content, text, ("transfer", output, "--drone", drone_))
 
 
-_OF_A_POLICY = ("control", "history", "points", "spacing", "memory", "hidden")
+_OF_A_POLICY = ("control", "history", "points", "spacing", "memory", "hidden", "paper_scales")
 """Parameters of the command that a policy settles from which training starts."""
 
 
@@ -297,9 +306,7 @@ _MIN_SURVIVAL = 0.1
 
 
 @contextmanager
-def _watched(
-    view: str | None, drone_: str, control: str, task: str
-) -> Iterator[Callable[["Progress"], None]]:
+def _watched(view: str | None, drone_: str, task: str) -> Iterator[Callable[["Progress"], None]]:
     """A function that shows each evaluation in rerun; without --view it does nothing."""
     if view is None:
         yield lambda progress: None
@@ -308,6 +315,6 @@ def _watched(
     from maidenflight.reporting import live
 
     with live.training(
-        workflow.watched_flight(drone_, control, task), Path(view) if view else None
+        workflow.watched_flight(drone_, task), Path(view) if view else None
     ) as watch:
         yield watch

@@ -179,18 +179,22 @@ def attitude_rate(
 
 
 def attitude(
-    firmware: str = "2026.08", action_rate: int = 25, full_scale_counts: float = COUNTS
+    firmware: str = "2026.08",
+    action_rate: int = 25,
+    full_scale_counts: float = COUNTS,
+    hover: float | None = None,
 ) -> Controller:
     """The policy asks for collective thrust and attitude at 25 Hz; PIDs follow at 500 Hz.
 
     The thrust is 3/4 + a_0 / 6 of full thrust; roll, pitch and yaw are 10 deg times a_1, a_2, a_3,
     with a clipped to [-1, 1]. The least thrust lifts a drone whose thrust-to-weight ratio is above
-    1.71: it cannot descend.
+    1.71, which cannot descend, unless the range is set about the share that it hovers at.
 
     Args:
         firmware: `"2021.10"` or `"2026.08"`.
         action_rate: actions a second [Hz]; the authors trained at 100 and flew at 25.
         full_scale_counts: see `ControlInterface`.
+        hover: see `interface.attitude`.
 
     Raises:
         InputError: there is no such firmware, the action rate does not divide 500 Hz, or another
@@ -198,7 +202,7 @@ def attitude(
 
     Source: Gronauer et al. 2022, sec. Control Structures; scales from the authors' code.
     """
-    return controller_for(interfaces.attitude(action_rate, full_scale_counts), firmware)
+    return controller_for(interfaces.attitude(action_rate, full_scale_counts, hover), firmware)
 
 
 CONTROLLERS: dict[str, Callable[..., Controller]] = {

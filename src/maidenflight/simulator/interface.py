@@ -26,6 +26,9 @@ HIGHEST_RATE_DEG = 60.0
 Discussion)."""
 LARGEST_ANGLE_DEG = 10.0
 """Roll, pitch and yaw [deg] that attitude control can ask for. Source: the authors' code."""
+THRUST_REACH = 0.25
+"""Share of full thrust by which attitude control reaches to both sides of hovering, where it does
+not have the paper's range."""
 UNITS: dict[str, tuple[str, str, str, str]] = {
     "pwm": (THRUST, THRUST, THRUST, THRUST),
     "attitude_rate": (THRUST, "rad/s", "rad/s", "rad/s"),
@@ -203,16 +206,39 @@ def attitude_rate(
     )
 
 
-def attitude(action_rate: int = 25, full_scale_counts: float = COUNTS) -> ControlInterface:
-    """Collective thrust from 7/12 to 11/12 and roll, pitch, yaw of up to 10 deg.
+def attitude(
+    action_rate: int = 25, full_scale_counts: float = COUNTS, hover: float | None = None
+) -> ControlInterface:
+    """Collective thrust about hovering, or from 7/12 to 11/12, and angles of up to 10 deg.
+
+    The paper's range of thrust lifts a drone whose thrust-to-weight ratio is above 1.71: it cannot
+    descend.
+
+    Args:
+        action_rate: actions a second [Hz].
+        full_scale_counts: see `ControlInterface`.
+        hover: share of full thrust that the drone hovers at; thrust then reaches `THRUST_REACH` to
+            both sides of it, within 0 and 1. None: the paper's range.
+
+    Raises:
+        InputError: the share is not between 0 and 1.
 
     Source: Gronauer et al. 2022, sec. Control Structures; scales from the authors' code.
     """
+    if hover is not None and not (_is_number(hover) and 0.0 < hover <= 1.0):
+        raise InputError(
+            f"hover = {hover}; expected the share of full thrust that the drone hovers at, above 0 "
+            "and at most 1."
+        )
     angle = math.radians(LARGEST_ANGLE_DEG)
+    centre, span = 0.75, 1.0 / 6.0
+    if hover is not None:
+        least, most = max(hover - THRUST_REACH, 0.0), min(hover + THRUST_REACH, 1.0)
+        centre, span = (most + least) / 2.0, (most - least) / 2.0
     return ControlInterface(
         "attitude",
-        (0.75, 0.0, 0.0, 0.0),
-        (1.0 / 6.0, angle, angle, angle),
+        (centre, 0.0, 0.0, 0.0),
+        (span, angle, angle, angle),
         UNITS["attitude"],
         action_rate,
         full_scale_counts,

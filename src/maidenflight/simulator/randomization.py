@@ -222,8 +222,7 @@ WIDTHS: dict[str, dict[str, tuple[float, float]]] = {
         "torque_to_thrust": (0.9, 2.8),
     },
     "attitude_rate": _LIKE,
-    # Not drones that the least thrust of `control.attitude` lifts, which cannot descend.
-    "attitude": {**_LIKE, "motor_time_constant": (0.8, 1.4), "thrust_to_weight": (0.92, 1.2)},
+    "attitude": {**_LIKE, "latency": (0.8, 1.6)},
 }
 """Least and greatest factors of `wide_box`, by control structure: published Crazyflies have
 thrust-to-weight ratios of up to 1.97 and lags of up to 136 ms, in both directions. No drone has a

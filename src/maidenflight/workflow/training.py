@@ -14,10 +14,11 @@ from maidenflight import parameters, policy, results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import transfer
 from maidenflight.flights.log import Flight
-from maidenflight.identification import drone_file
+from maidenflight.identification.drone_file import DroneFile
 from maidenflight.inputs import StrPath
 from maidenflight.policy import Policy
 from maidenflight.simulator import control, dynamics, tasks
+from maidenflight.simulator.control import Controller
 from maidenflight.simulator.look_ahead import NONE, LookAhead
 from maidenflight.simulator.virtual_drone import VirtualDrone
 from maidenflight.training import checkpoint, loggers
@@ -118,6 +119,39 @@ def _by_gradient(structure: str, task: str) -> AnalyticGradient:
     return settings
 
 
+HOVER_STEP = 0.05
+"""Shares at which drones hover are rounded to this for the range of thrust in attitude control, so
+that drones alike have one range and one compiled program."""
+
+
+def controller_to_train(
+    structure: str, file: DroneFile, initial: Policy | None = None, paper_scales: bool = False
+) -> Controller:
+    """The control structure that policies are trained for.
+
+    The paper's range of thrust in attitude control lifts drones whose thrust-to-weight ratio is
+    above 1.71, so unless asked for it is set about the share at which the drone hovers.
+
+    Args:
+        structure: name in `control.CONTROLLERS`.
+        file: the drone to train for.
+        initial: where training starts, if given; the range of thrust is then its own.
+        paper_scales: scale all actions as the paper does.
+    """
+    counts = file.full_scale_counts
+    papers = control.CONTROLLERS[structure](full_scale_counts=counts)
+    if structure != "attitude" or paper_scales:
+        return papers
+    if initial is not None and initial.interface.name == structure:
+        theirs = initial.interface
+        return control.controller_for(
+            dataclasses.replace(papers.interface, centre=theirs.centre, span=theirs.span)
+        )
+    share = float(dynamics.hover_command(file.parameters))
+    hover = min(max(round(share / HOVER_STEP), 1) * HOVER_STEP, 1.0)
+    return control.attitude(full_scale_counts=counts, hover=round(hover, 6))
+
+
 def updates_so_far(folder: StrPath) -> int | None:
     """Number of updates of the training in a folder, whether it has ended or not, if there is one.
 
@@ -146,6 +180,7 @@ def train_for(
     look_ahead: LookAhead = NONE,
     memory: int = 0,
     initial: StrPath | None = None,
+    paper_scales: bool = False,
 ) -> tuple[Policy, ...]:
     """Trains policies for a drone.
 
@@ -176,6 +211,8 @@ def train_for(
         memory: M, numbers that a policy remembers; 0: none.
         initial: file of the policy that training starts from, instead of random weights; layers,
             history, look-ahead and memory are then its own.
+        paper_scales: see `controller_to_train`; so it is for the target `"authors"`, whose format
+            holds no other scales.
 
     Raises:
         InputError: the drone is refused; the policies could not be exported to the target; there
@@ -188,8 +225,9 @@ def train_for(
     if resume and not saved.exists():
         raise InputError(f"{saved}: no training to resume. {_how_to_start(Path(folder))}")
     file = drone_to_fly(drone, accept_bounds)
-    controller = control.CONTROLLERS[structure](full_scale_counts=file.full_scale_counts)
     start = None if initial is None else policy.read(initial)
+    paper_scales = paper_scales or target == "authors"
+    controller = controller_to_train(structure, file, start, paper_scales)
     if start is not None:
         history, look_ahead, memory = start.history, start.look_ahead, start.memory
     if target is not None:
@@ -222,6 +260,7 @@ def train_for(
         "memory": memory or None,
         "yaw_penalty": yaw_penalty or None,
         "initial": None if initial is None else Path(initial).name,
+        "paper_scales": paper_scales or None,
         **recorded(settings),
     }
     keys = jax.random.split(jax.random.key(seed), count)
@@ -316,20 +355,22 @@ def _how_to_start(folder: Path) -> str:
     )
 
 
-def watched_flight(drone: StrPath, structure: str, task: str) -> Callable[[Policy], Flight]:
+def watched_flight(drone: StrPath, task: str) -> Callable[[Policy], Flight]:
     """A function that flies a policy once, on the drone at the centre of training.
 
     Args:
         drone: TOML file or name.
-        structure: name of a control structure in `control.CONTROLLERS`.
         task: name in `tasks.TASKS`.
     """
-    counts = drone_file.read(drone).full_scale_counts
-    controller = control.CONTROLLERS[structure](full_scale_counts=counts)
-    flown = tasks.TASKS[task]()
-    reality = VirtualDrone(
-        parameters.name_of(drone), control.in_fitting_steps(parameters.read(drone), controller)
-    )
-    return lambda one: transfer(
-        [one], [reality], 1, task=flown, controller=controller, duration=WATCHED_DURATION_S
-    ).flights[0]
+    centre, flown = parameters.read(drone), tasks.TASKS[task]()
+
+    def fly(one: Policy) -> Flight:
+        controller = control.controller_for(one.interface)
+        reality = VirtualDrone(
+            parameters.name_of(drone), control.in_fitting_steps(centre, controller)
+        )
+        return transfer(
+            [one], [reality], 1, task=flown, controller=controller, duration=WATCHED_DURATION_S
+        ).flights[0]
+
+    return fly
