@@ -3,10 +3,8 @@ run; the authors' data where it is."""
 
 import gc
 import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 # Compilation is most of what tests take: what one process compiled the others read, and so does the
 # next run.
@@ -19,9 +17,9 @@ import jax
 import pytest
 from hypothesis import settings
 
-from maidenflight.training.analytic_gradient import AnalyticGradient
-from maidenflight.training.train import METHODS, Method
-
+# Whichever test comes first: a command line would make each core a device, and programs for one
+# device are others than for two.
+jax.devices()
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 
@@ -48,8 +46,8 @@ def compiled_programs_within_limits() -> Iterator[None]:
 
 LONGEST = (
     "test_docs.py",
-    "test_cli.py",
     "test_train.py",
+    "test_cli.py",
     "test_identify.py",
     "test_likelihood.py",
     "test_ppo.py",
@@ -57,51 +55,14 @@ LONGEST = (
     "test_demo.py",
     "test_paper.py",
 )
-"""Files that take longest, which go first, lest one worker runs the last of them alone."""
+"""Files that take longest, which go first, lest one worker runs the last of them alone. Those of
+the documentation and the command line compile the same, so they do not begin together."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Sorts tests by `LONGEST`; within a file they keep their order."""
     places = {name: place for place, name in enumerate(LONGEST)}
     items.sort(key=lambda item: places.get(item.path.name, len(LONGEST)))
-
-
-@contextmanager
-def unoptimized() -> Iterator[None]:
-    before = jax.config.read("jax_disable_most_optimizations")
-    jax.config.update("jax_disable_most_optimizations", True)
-    try:
-        yield
-    finally:
-        jax.config.update("jax_disable_most_optimizations", before)
-
-
-@pytest.fixture(scope="module")
-def quick_compilation() -> Iterator[None]:
-    """XLA without its optimizations, for what is compiled and hardly run: half the time.
-
-    Its programs are dropped at the end: the next module's are to be as users compile them."""
-    with unoptimized():
-        yield
-    jax.clear_caches()
-
-
-@pytest.fixture(scope="module")
-def quick_training() -> Iterator[None]:
-    """Training alone without XLA's optimizations, where identification, which needs them, runs
-    too."""
-
-    def quick(run: Callable[..., Any]) -> Callable[..., Any]:
-        def without(*arguments: Any) -> Any:
-            with unoptimized():
-                return run(*arguments)
-
-        return without
-
-    begin, learn, sharding = METHODS[AnalyticGradient]
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setitem(METHODS, AnalyticGradient, Method(quick(begin), quick(learn), sharding))
-        yield
 
 
 @pytest.fixture(scope="session")

@@ -13,13 +13,18 @@ import polars
 import pytest
 
 from event_files import scalars
-from maidenflight import cache, cli, parameters, policy, results
+from maidenflight import cache, cli, parameters, policy, results, workflow
 from maidenflight.flights import compensation, log, reading
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import DroneFile, Estimate, Search, Source
 from maidenflight.terminal import flight_output
+from quick import QUICK
 
-pytestmark = pytest.mark.usefixtures("quick_training")
+
+@pytest.fixture(autouse=True)
+def little_training(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(workflow.SETTINGS, "pwm", QUICK)
+
 
 COMMANDS = (
     "demo",
@@ -343,10 +348,10 @@ def test_an_export_names_the_report_that_shows_its_policy(
 
 
 LITTLE = {
-    "identify": ["--trials", "1", "--over", "thrust_to_weight,latency"],
+    "identify": ["--trials", "1", "--evaluations", "15", "--over", "thrust_to_weight,latency"],
     "validate": [],
-    "train": ["--policies", "1", "--updates", "2"],
-    "transfer": ["--trials", "1", "--duration", "1"],
+    "train": ["--updates", "2"],
+    "transfer": ["--trials", "1", "--duration", "0.5"],
     "export": [],
     "report": [],
 }
@@ -400,8 +405,9 @@ def test_the_line_from_logs_to_report_in_json(
     assert (tmp_path / "identification.csv").exists()
     assert identified["picture"] == str(tmp_path / "identification.svg")
 
-    trained = said("train", "--drone", drone, "-o", policies, "--policies", 2, "--updates", 2)
-    assert [Path(path).name for path in trained["policies"]] == ["policy_1.json", "policy_2.json"]
+    trained = said("train", "--drone", drone, "-o", policies, "--updates", 2)
+    names = [f"policy_{number}.json" for number in (1, 2, 3)]
+    assert [Path(path).name for path in trained["policies"]] == names
     assert policy.read(trained["policies"][0]).layer_sizes == (40, 50, 50, 4)
 
     flown = said(
@@ -412,11 +418,11 @@ def test_the_line_from_logs_to_report_in_json(
         "-o",
         tmp_path / "transfer",
         "--trials",
-        2,
+        1,
         "--duration",
         0.5,
     )
-    assert len(flown["flights"]) == 4
+    assert len(flown["flights"]) == 3
     assert {"duration", "end_reason", "position_error"} <= set(flown["flights"][0])
 
     exported = said("export", trained["policies"][0], "-o", tmp_path / "firmware")
@@ -542,7 +548,6 @@ def test_flight_times_of_ours_and_the_authors_policies_are_predicted(
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("quick_compilation")
 def test_policies_are_trained_over_what_flights_leave_possible(
     tmp_path: Path, monkeypatch: Any, capsys: Any
 ) -> None:
@@ -591,6 +596,8 @@ def test_policies_are_trained_over_what_flights_leave_possible(
         "thrust_to_weight,inertia_x",
         "--trials",
         1,
+        "--evaluations",
+        15,
         "--json",
     )
     assert code == 0, err
@@ -606,8 +613,6 @@ def test_policies_are_trained_over_what_flights_leave_possible(
         drone,
         "-o",
         policies,
-        "--policies",
-        1,
         "--updates",
         2,
         "--randomize",
@@ -628,7 +633,6 @@ def test_policies_are_trained_over_what_flights_leave_possible(
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("quick_compilation")
 def test_training_that_is_interrupted_says_how_to_go_on_and_does(
     tmp_path: Path, monkeypatch: Any, capsys: Any
 ) -> None:
@@ -829,6 +833,15 @@ def test_compiled_programs_are_kept_by_processor_and_the_oldest_go(
     cache.keep_compiled()
     assert Path(os.environ["JAX_COMPILATION_CACHE_DIR"]).parent == folder.parent
     assert os.environ["JAX_COMPILATION_CACHE_DIR"] != str(folder)
+
+
+def test_ones_own_flags_of_the_compiler_stay_as_they_are(monkeypatch: Any) -> None:
+    monkeypatch.setenv("XLA_FLAGS", "--xla_force_host_platform_device_count=2")
+    cache.compile_quickly()
+    assert os.environ["XLA_FLAGS"] == "--xla_force_host_platform_device_count=2"
+    monkeypatch.delenv("XLA_FLAGS")
+    cache.compile_quickly()
+    assert os.environ["XLA_FLAGS"] == "--xla_backend_optimization_level=1"
 
 
 def test_where_programs_cannot_be_kept_or_are_kept_elsewhere_nothing_happens(

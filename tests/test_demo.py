@@ -2,10 +2,10 @@ import json
 
 import pytest
 
+import quick
 from maidenflight.demo import Demo, Listener, Plan, demo
 from maidenflight.identification.likelihood import Likelihood
 from maidenflight.terminal import demo_output
-from maidenflight.training.analytic_gradient import AnalyticGradient
 
 QUICK = Plan(
     flights=2,
@@ -13,17 +13,17 @@ QUICK = Plan(
     identification=Likelihood(
         trials=1, evaluations=15, physics_step=0.005, coarse_physics_step=0.005
     ),
-    policies=2,
-    learner=AnalyticGradient(updates=2, evaluations=1, num_envs=4, horizon=4, episodes=4),
+    policies=3,
+    learner=quick.QUICK,
     flight_trials=2,
     longest=0.5,
 )
 HEARD: list[str] = []
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("quick_training")]
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def runs(quick_training: None, tmp_path_factory: pytest.TempPathFactory) -> tuple[Demo, Demo]:
+def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Demo, Demo]:
     listener = Listener(HEARD.append, lambda progress: None, lambda progress: None)
     one, two = (tmp_path_factory.mktemp(name) / "run" for name in ("one", "two"))
     return demo(one, 3, QUICK, listener), demo(two, 3, QUICK, listener)
@@ -47,13 +47,13 @@ def test_every_stage_runs_in_order_and_leaves_its_results(runs: tuple[Demo, Demo
             "report.html",
         ),
         *(f"recorded/flight_0{number}.csv" for number in (1, 2)),
-        *(f"policies/policy_{number}.json" for number in (1, 2)),
+        *(f"policies/policy_{number}.json" for number in (1, 2, 3)),
         *("policies/training.csv", "policies/training.npz"),
-        *(f"transfer/flight_0{number}.csv" for number in (1, 2, 3, 4)),
+        *(f"transfer/flight_0{number}.csv" for number in range(1, 7)),
         "transfer/flights.csv",
         *("firmware/policy.h", "firmware/policy.c"),
     }
-    assert result.transfer.table.height == 4
+    assert result.transfer.table.height == 6
     assert json.loads((result.folder / "demo.json").read_text())["seed"] == 3
 
 

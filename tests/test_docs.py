@@ -18,7 +18,7 @@ import pytest
 from jaxtyping import Array
 
 import maidenflight as mf
-from maidenflight import cli, deployment, parameters, policy
+from maidenflight import cli, deployment, parameters, policy, workflow
 from maidenflight.flights import log
 from maidenflight.identification.drone_file import DroneFile
 from maidenflight.policy import Policy
@@ -28,17 +28,14 @@ from maidenflight.simulator.control import Controller
 from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.tasks import Task
 from maidenflight.simulator.virtual_drone import VirtualDrone
+from quick import QUICK
 
 ROOT = Path(__file__).parent.parent
-pytestmark = pytest.mark.usefixtures("quick_training")
-QUICK = mf.AnalyticGradient(
-    updates=2, evaluations=1, num_envs=4, horizon=4, episodes=4, hidden_learning_rate=0.0
-)
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 LESS_WORK = {
     "record": ["--flights", "2", "--duration", "4"],
     "identify": ["--trials", "1", "--evaluations", "15", "--over", "thrust_to_weight,latency"],
-    "train": ["--policies", "2", "--updates", "2"],
+    "train": ["--updates", "2"],
     "transfer": ["--trials", "1", "--duration", "0.5"],
     "predict": ["--trials", "2", "--duration", "0.5"],
 }
@@ -50,8 +47,9 @@ def blocks(page: str, language: str) -> list[str]:
 
 @pytest.fixture(autouse=True)
 def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An empty folder to work in."""
+    """An empty folder to work in, and little training."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(workflow.SETTINGS, "pwm", QUICK)
 
 
 @pytest.mark.slow

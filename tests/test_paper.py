@@ -18,8 +18,6 @@ from maidenflight.simulator import battery
 
 PAPER = Path(__file__).parents[1] / "paper"
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 
 def script(name: str) -> Any:
     """A script of that folder as a module; as where it is run, its neighbours can be imported."""

@@ -21,8 +21,6 @@ from maidenflight.simulator import control, dynamics
 from maidenflight.simulator.randomization import randomize
 from test_paper import script
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 
 @pytest.fixture(scope="module")
 def study() -> Any:

@@ -2,10 +2,12 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
+import jax
 import polars
 
 from maidenflight import run_folder, workflow
@@ -16,9 +18,15 @@ from maidenflight.identification.likelihood import Likelihood
 from maidenflight.identification.progress import Progress as IdentificationProgress
 from maidenflight.parameters import Parameters
 from maidenflight.reporting.page import report
+from maidenflight.simulator import control, tasks
 from maidenflight.simulator.virtual_drone import virtual_drone
 from maidenflight.training.analytic_gradient import AnalyticGradient
-from maidenflight.training.train import Progress
+from maidenflight.training.train import Progress, train
+
+RANDOMIZATION = 0.10
+"""Half width of the box that policies are trained over, as the paper's."""
+DRONE = "crazyflie"
+"""Named drone that training is compiled with."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +43,7 @@ class Plan:
     """Settings of identification."""
     policies: int = 3
     """Policies trained."""
-    learner: AnalyticGradient = AnalyticGradient(updates=1000, evaluations=10)
+    learner: AnalyticGradient = AnalyticGradient(updates=600, evaluations=6)
     """Settings of training."""
     flight_trials: int = 3
     """Zero-shot flights of each policy."""
@@ -75,6 +83,7 @@ def demo(folder: Path, seed: int, plan: Plan, listener: Listener) -> Demo:
     """
     seconds: dict[str, float] = {}
     drone = virtual_drone(seed)
+    Thread(target=_compile_training, args=(plan,), daemon=True).start()
 
     def run(name: str, stage: Callable[[], Any]) -> Any:
         listener.stage(name)
@@ -110,7 +119,7 @@ def demo(folder: Path, seed: int, plan: Plan, listener: Listener) -> Demo:
             policies,
             plan.policies,
             plan.learner,
-            0.10,
+            RANDOMIZATION,
             listener.training,
             accept_bounds=True,
         ),
@@ -131,6 +140,21 @@ def demo(folder: Path, seed: int, plan: Plan, listener: Listener) -> Demo:
     run_folder.write_stages(folder, seed, seconds)
     page = run("report", lambda: report(folder, folder / run_folder.REPORT))
     return Demo(drone.parameters, found, flown, seconds, folder, page, best)
+
+
+def _compile_training(plan: Plan) -> None:
+    """Compiles training while flights are recorded and identified, by one update of it.
+
+    The compiled program is that of any drone: its parameters are arguments.
+    """
+    controller = control.pwm()
+    train(
+        tasks.circle(),
+        controller,
+        workflow.randomized(DRONE, RANDOMIZATION, controller),
+        jax.random.split(jax.random.key(0), plan.policies),
+        replace(plan.learner, updates=1, evaluations=1),
+    )
 
 
 def reached(table: polars.DataFrame) -> int:

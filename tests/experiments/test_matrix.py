@@ -33,8 +33,6 @@ hidden = [8]
 hidden_learning_rate = 0
 """
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 
 def put(folder: Path, text: str) -> Path:
     return results.write(folder / "matrix.toml", text)

@@ -11,18 +11,16 @@ from test_sweeping import Here
 import maidenflight as mf
 from maidenflight import run_folder, workflow
 from maidenflight.identification.drone_file import DroneFile
+from quick import QUICK
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("quick_training")]
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(autouse=True)
 def less_work(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("maidenflight.simulator.trajectories.QUICKENING", 1.0)
     monkeypatch.setattr("maidenflight.experiments.envelope.DURATION_S", 0.1)
-    quick = mf.AnalyticGradient(
-        updates=2, evaluations=1, num_envs=4, horizon=4, episodes=4, hidden_learning_rate=0.0
-    )
-    monkeypatch.setattr(workflow, "settings_for", lambda *_: quick)
+    monkeypatch.setattr(workflow, "settings_for", lambda *_: QUICK)
 
 
 def test_a_study_of_every_kind_goes_from_logs_to_flights(
@@ -53,7 +51,7 @@ def test_a_study_of_every_kind_goes_from_logs_to_flights(
         {
             "name": "policy",
             "kind": "train",
-            "settings": {"policies": 2},
+            "settings": {"policies": 3},
             "inputs": {"drone": "drone"},
         },
         {
@@ -77,12 +75,12 @@ def test_a_study_of_every_kind_goes_from_logs_to_flights(
     ]
     table = mf.sweep(entries, tmp_path / "out", Here(), retries=0)
     counts = dict(table.group_by("task").len().iter_rows())
-    assert counts == {"drone": 2, "policy": 2, "flown": 2, "times": 2, "hard": 2}
+    assert counts == {"drone": 2, "policy": 3, "flown": 3, "times": 3, "hard": 3}
     folder = Path(next((tmp_path / "out" / "results").glob("*/policies")))
-    assert len(run_folder.POLICY.find(folder)) == 2
+    assert len(run_folder.POLICY.find(folder)) == 3
     assert not (folder / run_folder.CHECKPOINT).exists()
     rows = run_folder.STUDY.read(tmp_path / "out" / "study.csv")[0]
-    assert rows.height == 10
+    assert rows.height == 14
     flown = table.filter(polars.col("task") == "flown")
-    assert set(flown["policy"]) == {"policy_1", "policy_2"}
+    assert set(flown["policy"]) == {"policy_1", "policy_2", "policy_3"}
     assert flown["duration"].is_between(0.0, 0.5).all()

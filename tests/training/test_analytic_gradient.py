@@ -14,8 +14,6 @@ from maidenflight.simulator.rollout import EnvInstance
 from maidenflight.training import analytic_gradient
 from maidenflight.training.analytic_gradient import AnalyticGradient
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("structure", "rate"), [("pwm", 100), ("attitude_rate", 50)])

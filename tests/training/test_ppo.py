@@ -21,7 +21,6 @@ from maidenflight.training.evaluation import evaluate
 from maidenflight.training.ppo import PPO, surrogate
 from maidenflight.training.train import Progress, recorded, train
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
 BOX = relative_box(replace(crazyflie(), motor_time_constant=0.04, latency=0.0), 0.10)
 SIMULATED = Environment.matching(BOX.centre, tasks.circle()._replace(duration=0.6))
 SMALL = PPO(

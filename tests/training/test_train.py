@@ -28,10 +28,9 @@ from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.evaluation import Evaluation, evaluate
 from maidenflight.training.train import Progress, train
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
 BOX = relative_box(replace(crazyflie(), motor_time_constant=0.08, latency=0.012), 0.10)
 TINY = AnalyticGradient(updates=4, num_envs=4, horizon=4, hidden=(8,), evaluations=4, episodes=4)
-SMALL = AnalyticGradient(updates=400, num_envs=16, horizon=64, evaluations=4, episodes=32)
+SMALL = AnalyticGradient(updates=200, num_envs=16, horizon=64, evaluations=4, episodes=32)
 TASK, CONTROLLER = tasks.circle(), control.pwm()
 """The same objects in every test, so that training is compiled once a file."""
 KEYS = jax.random.split(jax.random.key(5), 2)
@@ -68,8 +67,8 @@ def test_training_makes_policies_fly_that_did_not(flying: Any) -> None:
     after = [evaluate(env, policy, BOX, jax.random.key(9), 32) for policy in policies]
     assert float(before.survival) == 0.0
     assert all(float(score.survival) > 0.5 for score in after)
-    assert [progress.update for progress in heard] == [100, 200, 300, 400]
-    assert heard[-1].steps == 400 * 16 * 64 * 2
+    assert [progress.update for progress in heard] == [50, 100, 150, 200]
+    assert heard[-1].steps == 200 * 16 * 64 * 2
 
 
 @pytest.mark.slow
@@ -217,6 +216,16 @@ def test_training_that_has_ended_is_extended_and_an_extension_is_resumed(
     assert checkpoint.stages(whole) == (4, 6)
     with pytest.raises(InputError, match=r"updates was 6 and is 4\. Give 6, or more"):
         learn(whole)
+
+
+def test_another_number_of_updates_or_another_weight_compiles_nothing_anew(trained: Any) -> None:
+    def programs() -> int:
+        compiled: list[Any] = [analytic_gradient.begin, analytic_gradient.learn]
+        return sum(function._cache_size() for function in compiled)
+
+    before = programs()
+    learn(settings=changed(TINY, updates=2, evaluations=1, learning_rate=1e-3, tilt_penalty=0.5))
+    assert programs() == before
 
 
 def test_an_extension_is_recorded(tmp_path: Path, monkeypatch: Any) -> None:

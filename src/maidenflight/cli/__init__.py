@@ -38,6 +38,7 @@ def main(patience: float | None = None) -> None:
     """
     try:
         with interruption.insisting(patience):
+            cache.compile_quickly()
             cache.keep_compiled()
             commands(prog_name="maidenflight", standalone_mode=False)
     except InputError as error:

@@ -53,6 +53,7 @@ def perform(order: Order) -> Ending:
         kept = store.opened(order.store)
         if kept.has(order.key):
             return Ending(order.key, DONE)
+        cache.compile_quickly()
         cache.keep_compiled()
         kind = kinds.kind(order.kind)
         taken = {

@@ -8,7 +8,7 @@ Short horizons keep the gradients of a chaotic system small (Xu et al. 2022, SHA
 critic).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -27,28 +27,35 @@ from maidenflight.simulator.rollout import EnvInstance, randomized_reset
 from maidenflight.simulator.tasks import norm, squared
 from maidenflight.training.devices import DRONES, REPLICATED, SHARDED, advanced, begun, own
 
+STATIC = {"static": True}
+"""Marks a setting that is part of the compiled program: a size, or what decides which is built."""
 LOST_DISTANCE_M = 1.0
 """Distance from the set-point [m] beyond which an environment is frozen until its reset."""
 
 
+@jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class AnalyticGradient:
-    """Settings of training by analytic gradients; hashable, all static."""
+    """Settings of training by analytic gradients.
+
+    A pytree of numbers that are traced, so that another number of updates or another weight uses
+    the compiled program again; only sizes and the choice of Muon are part of it.
+    """
 
     updates: int = 1500
     """Gradient steps."""
-    num_envs: int = 64
+    num_envs: int = field(default=64, metadata=STATIC)
     """Environments simulated in parallel, each with a drone of its own."""
-    horizon: int = 64
+    horizon: int = field(default=64, metadata=STATIC)
     """Control periods per update, through which the gradient is propagated."""
     learning_rate: float = 3e-3
     """Adam's initial learning rate; it decays to 2 % of that along a cosine."""
-    hidden_learning_rate: float = 0.02
+    hidden_learning_rate: float = field(default=0.02, metadata=STATIC)
     """Muon's initial learning rate, with the same decay, for the weights of the hidden layers
     (Jordan et al. 2024); 0: Adam for them too."""
     gradient_norm: float = 1.0
     """Gradients are clipped to this global norm."""
-    hidden: tuple[int, ...] = (50, 50)
+    hidden: tuple[int, ...] = field(default=(50, 50), metadata=STATIC)
     """Sizes of the hidden layers (Gronauer et al. 2022, sec. Zero-Shot Experiments)."""
     position_margin: float = 0.15
     """Distance from the set-point [m] beyond which `position_penalty` acts; the task's terminal
@@ -93,8 +100,13 @@ _MATRIX = optax.contrib.MuonDimensionNumbers()
 
 
 def _optimiser(settings: AnalyticGradient) -> optax.GradientTransformation:
+    # `optax.cosine_decay_schedule` takes no traced number of steps.
     def decaying(initial: float) -> optax.Schedule:
-        return optax.cosine_decay_schedule(initial, settings.updates, alpha=0.02)
+        def rate(count: Any) -> Any:
+            turn = jnp.pi * jnp.minimum(count, settings.updates) / settings.updates
+            return initial * (0.02 + 0.98 * 0.5 * (1.0 + jnp.cos(turn)))
+
+        return rate
 
     def muon_weights(network: Any) -> Any:
         # Not the last layer: its weights start small, and Muon's steps of equal size in all
@@ -118,7 +130,7 @@ def _optimiser(settings: AnalyticGradient) -> optax.GradientTransformation:
 SHARDING = _Learner(REPLICATED, REPLICATED, SHARDED)  # type: ignore[arg-type]
 
 
-@partial(jax.jit, static_argnums=(0, 1))
+@partial(jax.jit, static_argnums=0)
 def begin(env: Environment, settings: AnalyticGradient, box: Distribution, keys: Array) -> _Learner:
     """Untrained learners, one per key, stacked."""
 
@@ -266,7 +278,7 @@ def _where(condition: Bool[Array, "n"], new: Any, old: Any) -> Any:
     )
 
 
-@partial(jax.jit, static_argnums=(0, 1))
+@partial(jax.jit, static_argnums=0)
 def learn(
     env: Environment,
     settings: AnalyticGradient,

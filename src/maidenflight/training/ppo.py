@@ -6,7 +6,7 @@ the critic's value stands for the return after it.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, NamedTuple, Self
 
@@ -22,6 +22,7 @@ from maidenflight.simulator import environment
 from maidenflight.simulator.environment import ACTION_SIZE, Environment
 from maidenflight.simulator.randomization import PAPER_FIELDS, Distribution
 from maidenflight.simulator.rollout import EnvInstance, randomized_reset
+from maidenflight.training.analytic_gradient import STATIC
 from maidenflight.training.critic import (
     Critic,
     Moments,
@@ -38,37 +39,39 @@ PERIODS_PER_RESET = 8
 prepared states."""
 
 
+@jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class PPO:
-    """Settings of training by proximal policy optimisation; hashable, all static.
+    """Settings of training by proximal policy optimisation.
 
-    The defaults are ours, `paper` has the paper's.
+    The defaults are ours, `paper` has the paper's. A pytree: sizes and numbers of passes are part
+    of the compiled program, all else is traced.
     """
 
     updates: int = 600
     """Epochs: a rollout, followed by the optimiser's passes over it."""
-    num_envs: int = 512
+    num_envs: int = field(default=512, metadata=STATIC)
     """Environments simulated in parallel, each with a drone of its own."""
-    horizon: int = 32
+    horizon: int = field(default=32, metadata=STATIC)
     """Control periods per environment and update; episodes continue in the next update."""
-    hidden: tuple[int, ...] = (50, 50)
+    hidden: tuple[int, ...] = field(default=(50, 50), metadata=STATIC)
     """Sizes of the actor's hidden layers, ReLU."""
-    critic_hidden: tuple[int, ...] = (64, 64)
+    critic_hidden: tuple[int, ...] = field(default=(64, 64), metadata=STATIC)
     """Sizes of the critic's hidden layers, tanh."""
-    critic_sees_truth: bool = True
+    critic_sees_truth: bool = field(default=True, metadata=STATIC)
     """Whether the critic, which does not fly, also sees the true state and the drone's
     constants."""
     learning_rate: float = 2e-3
     """Adam's initial learning rate of the actor; it decays linearly to 0."""
     critic_learning_rate: float = 1e-3
     """Adam's learning rate of the critic."""
-    actor_passes: int = 4
+    actor_passes: int = field(default=4, metadata=STATIC)
     """The actor's passes over a rollout."""
-    actor_minibatches: int = 8
+    actor_minibatches: int = field(default=8, metadata=STATIC)
     """The actor's gradient steps per pass."""
-    critic_passes: int = 4
+    critic_passes: int = field(default=4, metadata=STATIC)
     """The critic's passes over a rollout."""
-    critic_minibatches: int = 8
+    critic_minibatches: int = field(default=8, metadata=STATIC)
     """The critic's gradient steps per pass."""
     clip: float = 0.2
     """Clip range of the probability ratio."""
@@ -76,7 +79,7 @@ class PPO:
     """gamma, discount factor per control period [-]."""
     gae_lambda: float = 0.95
     """lambda of generalised advantage estimation [-]: 0 relies on the critic, 1 on rewards."""
-    normalize_advantages: bool = True
+    normalize_advantages: bool = field(default=True, metadata=STATIC)
     """Whether an update's advantages are normalised to mean 0 and standard deviation 1."""
     reward_clip: float = 3.0
     """Rewards, divided by the running standard deviation of discounted returns, are clipped to +-
@@ -151,7 +154,7 @@ class _Period(NamedTuple):
     truncated: Bool[Array, ""]
 
 
-@partial(jax.jit, static_argnums=(0, 1))
+@partial(jax.jit, static_argnums=0)
 def begin(env: Environment, settings: PPO, box: Distribution, keys: Array) -> _Learner:
     """Untrained learners, one per key, stacked."""
 
@@ -432,7 +435,7 @@ def _normalizing(policy: Policy, moments: Moments) -> Policy:
     )
 
 
-@partial(jax.jit, static_argnums=(0, 1))
+@partial(jax.jit, static_argnums=0)
 def learn(
     env: Environment,
     settings: PPO,

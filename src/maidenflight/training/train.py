@@ -33,7 +33,7 @@ from maidenflight.training.ppo import PPO
 
 
 class Settings(Protocol):
-    """Settings that every method has; frozen dataclasses, hashable."""
+    """Settings that every method has; frozen dataclasses and pytrees."""
 
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
