@@ -23,9 +23,7 @@ demo: $(VENV)/.installed
 	$(BIN)/maidenflight demo
 	@echo 'To go on: . $(BIN)/activate && maidenflight --help'
 
-# Tests compile much and compute little: fewer of the compiler's optimizations save a sixth of its time. (With none of them,
-# identification takes four times as long.)
-PYTEST := XLA_FLAGS=--xla_backend_optimization_level=1 $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
+PYTEST := $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
 test: $(VENV)/.installed-dev
 	$(PYTEST) -m 'not slow'

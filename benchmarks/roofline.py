@@ -21,10 +21,10 @@ from typing import Any, NamedTuple
 
 import jax
 
-from maidenflight import cores
+from maidenflight import compiler, cores
 
 if __name__ == "__main__":
-    cores.as_devices()
+    compiler.prepare_jax()
 
 import click
 import jax.numpy as jnp

@@ -30,7 +30,7 @@ from jaxtyping import Bool, Float
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from maidenflight import cores, parameters, policy, results, terminal, workflow
+from maidenflight import compiler, parameters, policy, results, terminal, workflow
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import MAX_DURATION_S, transfer
 from maidenflight.flights.log import Flight
@@ -826,5 +826,5 @@ _FLIGHTS = (
 )
 
 if __name__ == "__main__":
-    cores.as_devices()
+    compiler.prepare_jax()
     main()

@@ -18,7 +18,7 @@ import jax
 import polars
 from predict_flights import one_against_others, published, within_band
 
-from maidenflight import cores, policy, results, workflow
+from maidenflight import compiler, policy, results, workflow
 from maidenflight.errors import InputError
 from maidenflight.experiments.agreement import agreement
 from maidenflight.experiments.flight_times import predict_flight_times, summary
@@ -174,5 +174,5 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    cores.as_devices()
+    compiler.prepare_jax()
     main()

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 import polars
 
-from maidenflight import cores, results, terminal, workflow
+from maidenflight import compiler, results, terminal, workflow
 from maidenflight.errors import InputError
 from maidenflight.experiments import matrix
 from maidenflight.experiments.transfer import MAX_DURATION_S
@@ -193,5 +193,5 @@ def run(settings: Path, small: bool, authors: Path | None, output: Path) -> None
 
 
 if __name__ == "__main__":
-    cores.as_devices()
+    compiler.prepare_jax()
     main()

@@ -17,7 +17,7 @@ import jax
 import numpy as np
 import polars
 
-from maidenflight import cores, results, workflow
+from maidenflight import compiler, results, workflow
 from maidenflight.deployment.authors_json import EPSILON, interface_of
 from maidenflight.errors import InputError
 from maidenflight.experiments.agreement import Agreement, agreement
@@ -246,5 +246,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    cores.as_devices()
+    compiler.prepare_jax()
     main()

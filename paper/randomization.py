@@ -36,7 +36,7 @@ import polars
 from jaxtyping import Float
 from scipy import stats
 
-from maidenflight import cores, policy, results, terminal, workflow
+from maidenflight import compiler, policy, results, terminal, workflow
 from maidenflight.errors import InputError
 from maidenflight.experiments.as_flown import controller_as_flown
 from maidenflight.experiments.flight_times import predict_flight_times
@@ -594,5 +594,5 @@ _FLIGHTS = (
 )
 
 if __name__ == "__main__":
-    cores.as_devices()
+    compiler.prepare_jax()
     main()

@@ -22,7 +22,7 @@ import polars
 from jaxtyping import Float
 from predict_flights import COLOURS, one_against_others, published
 
-from maidenflight import cores, parameters
+from maidenflight import compiler, parameters
 from maidenflight.errors import InputError
 from maidenflight.experiments.agreement import agreement
 from maidenflight.experiments.flight_times import predict_flight_times, summary
@@ -247,5 +247,5 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    cores.as_devices()
+    compiler.prepare_jax()
     main()

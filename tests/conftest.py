@@ -17,8 +17,11 @@ import jax
 import pytest
 from hypothesis import settings
 
+from maidenflight import compiler
+
 # Whichever test comes first: a command line would make each core a device, and programs for one
 # device are others than for two.
+compiler.set_flags()
 jax.devices()
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")

@@ -835,15 +835,6 @@ def test_compiled_programs_are_kept_by_processor_and_the_oldest_go(
     assert os.environ["JAX_COMPILATION_CACHE_DIR"] != str(folder)
 
 
-def test_ones_own_flags_of_the_compiler_stay_as_they_are(monkeypatch: Any) -> None:
-    monkeypatch.setenv("XLA_FLAGS", "--xla_force_host_platform_device_count=2")
-    cache.compile_quickly()
-    assert os.environ["XLA_FLAGS"] == "--xla_force_host_platform_device_count=2"
-    monkeypatch.delenv("XLA_FLAGS")
-    cache.compile_quickly()
-    assert os.environ["XLA_FLAGS"] == "--xla_backend_optimization_level=1"
-
-
 def test_where_programs_cannot_be_kept_or_are_kept_elsewhere_nothing_happens(
     tmp_path: Path, monkeypatch: Any
 ) -> None:

@@ -1,6 +1,7 @@
 __version__: str
 __all__: list[str]
 
+from .compiler import prepare_jax as prepare_jax
 from .deployment.c import export_c as export_c
 from .deployment.onnx import export_onnx as export_onnx
 from .experiments.flight_times import predict_flight_times as predict_flight_times

@@ -18,14 +18,6 @@ def folder() -> Path:
     return platformdirs.user_cache_path("maidenflight", appauthor=False)
 
 
-def compile_quickly() -> None:
-    """Has XLA compile with fewer of its optimizations, which save no time here when programs run.
-
-    Compiling takes a sixth less. The user's own `XLA_FLAGS` stay as they are.
-    """
-    os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=1")
-
-
 def keep_compiled() -> None:
     """Keeps compiled programs in the user's cache folder, by processor.
 

@@ -8,7 +8,7 @@ import sys
 
 import click
 
-from maidenflight import __version__, cache
+from maidenflight import __version__, cache, compiler
 from maidenflight.cli import (
     demo,
     drone,
@@ -38,7 +38,7 @@ def main(patience: float | None = None) -> None:
     """
     try:
         with interruption.insisting(patience):
-            cache.compile_quickly()
+            compiler.set_flags()
             cache.keep_compiled()
             commands(prog_name="maidenflight", standalone_mode=False)
     except InputError as error:

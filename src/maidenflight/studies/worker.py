@@ -10,7 +10,7 @@ from contextlib import chdir
 from dataclasses import dataclass
 from typing import Any
 
-from maidenflight import __version__, cache, results
+from maidenflight import __version__, cache, compiler, results
 from maidenflight.errors import InputError
 from maidenflight.studies import kinds, store
 
@@ -53,7 +53,7 @@ def perform(order: Order) -> Ending:
         kept = store.opened(order.store)
         if kept.has(order.key):
             return Ending(order.key, DONE)
-        cache.compile_quickly()
+        compiler.set_flags()
         cache.keep_compiled()
         kind = kinds.kind(order.kind)
         taken = {

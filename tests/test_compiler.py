@@ -1,0 +1,99 @@
+"""XLA's flags, and that programs compiled by them compute what others do."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import maidenflight as mf
+from maidenflight import compiler
+
+PROGRAM = """
+import sys
+import jax, jax.numpy as jnp, numpy as np
+import maidenflight as mf
+from maidenflight.policy import untrained
+from maidenflight.simulator import control, environment
+from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.rollout import rollout
+
+drone = mf.parameters.read("crazyflie")
+controller = control.attitude_rate()
+fitting = control.in_fitting_steps(drone, controller)
+env = Environment.matching(fitting, mf.circle(), controller)
+policy = untrained(jax.random.key(1), (8, 8), interface=controller.interface)
+
+
+def cost(fitting):
+    def fly(key):
+        begun = environment.reset(env, fitting, key)
+        return rollout(env, policy, begun, fitting, key, 8)
+
+    states = jax.vmap(fly)(jax.random.split(jax.random.key(0), 32))[1][0].state
+    return jnp.mean(states.position**2) + jnp.mean(states.body_rates**2), states
+
+
+(value, states), slope = jax.jit(jax.value_and_grad(cost, has_aux=True))(
+    jax.tree.map(jnp.asarray, fitting)
+)
+slopes = {f"slope {name}": getattr(slope, name) for name in ("latency", "inertia")}
+np.savez(sys.argv[1], **states._asdict(), **slopes)
+"""
+
+
+def computed(path: Path, flags: str) -> Any:
+    made = subprocess.run(
+        [sys.executable, "-c", PROGRAM, str(path)],
+        env={**os.environ, "XLA_FLAGS": flags, "JAX_COMPILATION_CACHE_DIR": ""},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert made.returncode == 0, made.stderr
+    return np.load(path)
+
+
+@pytest.mark.slow
+def test_the_flags_change_rounding_alone(tmp_path: Path) -> None:
+    ours = computed(tmp_path / "ours.npz", " ".join(compiler.FLAGS))
+    others = computed(tmp_path / "others.npz", "")
+    assert set(ours) == set(others)
+    for name in ours:
+        assert np.all(np.isfinite(ours[name])), name
+        scale = np.max(np.abs(others[name])) + 1e-6
+        np.testing.assert_allclose(ours[name], others[name], atol=2e-3 * scale, err_msg=name)
+
+
+def test_ones_own_flags_of_the_compiler_stay_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XLA_FLAGS", "--xla_force_host_platform_device_count=2")
+    compiler.set_flags()
+    assert os.environ["XLA_FLAGS"] == "--xla_force_host_platform_device_count=2"
+    monkeypatch.delenv("XLA_FLAGS")
+    compiler.set_flags()
+    assert os.environ["XLA_FLAGS"] == " ".join(compiler.FLAGS)
+
+
+def test_jax_is_prepared_in_a_process_of_its_own(tmp_path: Path) -> None:
+    asked = "import maidenflight as mf; mf.prepare_jax(3); import jax; print(jax.device_count())"
+    places = {"XDG_CACHE_HOME": str(tmp_path), "XLA_FLAGS": "", "JAX_COMPILATION_CACHE_DIR": ""}
+    said = subprocess.run(
+        [sys.executable, "-c", asked],
+        env={**os.environ, **places},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert said.stdout.strip() == "3"
+
+
+def test_where_jax_runs_already_its_devices_stay(monkeypatch: pytest.MonkeyPatch) -> None:
+    import jax
+
+    monkeypatch.setenv("XLA_FLAGS", "")
+    before = jax.device_count()
+    mf.prepare_jax(before + 1)
+    assert jax.device_count() == before
