@@ -23,11 +23,12 @@ import polars
 from jaxtyping import Array, Float
 
 from maidenflight import results
+from maidenflight.experiments.recovery import SOON_S, recovery
 from maidenflight.experiments.transfer import as_seen_by
 from maidenflight.flights import flying
 from maidenflight.parameters import Parameters, crazyflie, replace
 from maidenflight.policy import Policy, read
-from maidenflight.simulator import control, tasks
+from maidenflight.simulator import additions, control, tasks
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import AnyDrone
 from maidenflight.simulator.rollout import randomized_reset, rollout
@@ -35,22 +36,10 @@ from maidenflight.simulator.virtual_drone import VARIANTS, virtual_drone
 
 JUMP_S, FLIGHT_S = 5.0, 12.0
 """When the drone changes, and the length of a flight [s]."""
-WITHIN_M, SOON_S = 0.05, 2.0
 PAYLOAD, TRIM_COUNTS = 0.15, 4000
 FLOWN, KNOWN_AT_S = 4096, (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 """Drones whose memories are read, half of them to fit the read-out; and when [s]."""
 RIDGE = 1e-2
-
-
-def loaded(drone: Parameters) -> Parameters:
-    """With more mass at its centre; thrust and torques stay."""
-    heavier = 1.0 + PAYLOAD
-    return replace(
-        drone,
-        mass=drone.mass * heavier,
-        thrust_to_weight=drone.thrust_to_weight / heavier,
-        drag=drone.drag / heavier,
-    )
 
 
 def trimmed(drone: Parameters) -> Parameters:
@@ -60,7 +49,7 @@ def trimmed(drone: Parameters) -> Parameters:
     return replace(drone, torque_bias=drone.torque_bias + torque * jnp.array([0.0, 0.0, 1.0]))
 
 
-JUMPS = {"payload": loaded, "yaw trim": trimmed}
+JUMPS = {"payload": partial(additions.loaded, share=PAYLOAD), "yaw trim": trimmed}
 
 
 def errors_of(
@@ -87,13 +76,6 @@ def errors_of(
     return np.asarray(flown).reshape(len(seeds) * flights, -1)
 
 
-def recovery(errors: Float[np.ndarray, "F T"], rate: int) -> Float[np.ndarray, "F"]:
-    """Time after the jump from which a flight stays within `WITHIN_M` [s]; infinite if never."""
-    late = errors[:, round(JUMP_S * rate) :] > WITHIN_M
-    last = late.shape[1] - np.argmax(late[:, ::-1], axis=1)
-    return np.where(late[:, -1], np.inf, np.where(late.any(axis=1), last, 0) / rate)
-
-
 def jumps(policies: dict[str, Policy], seeds: Sequence[int], flights: int) -> polars.DataFrame:
     """One row a policy, kind of drone and jump."""
     rows: list[dict[str, Any]] = []
@@ -101,7 +83,7 @@ def jumps(policies: dict[str, Policy], seeds: Sequence[int], flights: int) -> po
         for variant in VARIANTS:
             for jump in JUMPS:
                 errors = errors_of(policy, variant, jump, seeds, flights)
-                times = recovery(errors, policy.interface.rate)
+                times = recovery(errors, policy.interface.rate, JUMP_S)
                 before, after = np.split(errors, [round(JUMP_S * policy.interface.rate)], axis=1)
                 settled = after[:, -round(2.0 * policy.interface.rate) :]
                 rows.append(

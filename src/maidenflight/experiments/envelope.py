@@ -24,7 +24,7 @@ from maidenflight.flights.flying import Rows
 from maidenflight.foreign.policies import ForeignPolicy
 from maidenflight.parameters import QUANTITIES, Parameters, replace
 from maidenflight.policy import Policy
-from maidenflight.simulator import control, tasks, trajectories
+from maidenflight.simulator import additions, control, tasks, trajectories
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.reality import AnyReality, Truth
@@ -84,14 +84,7 @@ def _in_wind(drone: Parameters, grade: float, number: int) -> Parameters:
 
 
 def _loaded(drone: Parameters, grade: float, _: int) -> Parameters:
-    """With a payload at the centre of mass: thrust stays the same, and so do the torques."""
-    heavier = np.float32(1.0 + grade)
-    return replace(
-        drone,
-        mass=drone.mass * heavier,
-        thrust_to_weight=drone.thrust_to_weight / heavier,
-        drag=drone.drag / heavier,
-    )
+    return additions.loaded(drone, grade)
 
 
 def _drained(drone: Parameters, grade: float, _: int) -> Parameters:

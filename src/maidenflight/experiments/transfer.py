@@ -30,7 +30,7 @@ from maidenflight.simulator.reality import MOTORS, AnyReality, Reality, Truth, c
 from maidenflight.simulator.sensors import Measurement
 from maidenflight.simulator.stepped import Stepped
 from maidenflight.simulator.tasks import MAX_POSITION_ERROR_M, Task
-from maidenflight.simulator.virtual_drone import VirtualDrone
+from maidenflight.simulator.virtual_drone import Later, VirtualDrone
 
 MAX_DURATION_S = 20.0
 """Time after which a flight is stopped [s]."""
@@ -292,22 +292,39 @@ def _fly_together(
     steps: int,
 ) -> Iterator[Rows]:
     """Flights of policies on a virtual drone, all at once."""
-    env = as_seen_by(policies[0], reality.environment(task, controller))
+    env = as_seen_by(policies[0], reality.environment(task, controller, changing=True))
     stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *policies)
     drones = jax.tree.map(
         lambda leaf: np.broadcast_to(leaf, (len(policies), *np.shape(leaf))), reality.parameters
     )
-    flown = jax.tree.map(np.asarray, _fly(env, stacked, drones, keys, steps))
+    flown = jax.tree.map(np.asarray, _fly(env, stacked, drones, keys, steps, reality.later))
     for place in range(len(policies)):
         yield jax.tree.map(lambda values, place=place: values[place], flown)
 
 
 @partial(jax.jit, static_argnums=(0, 4))
-def _fly(env: Environment, policies: Policy, drones: Parameters, keys: Array, steps: int) -> Rows:
+def _fly(
+    env: Environment,
+    policies: Policy,
+    drones: Parameters,
+    keys: Array,
+    steps: int,
+    later: Later | None,
+) -> Rows:
+    during = None if later is None else partial(_changing, later)
+
     def one(policy: Policy, drone: Parameters, key: Array) -> Rows:
-        return flying.fly(env, lambda observation, number: policy(observation), drone, key, steps)
+        act = lambda observation, _: policy(observation)  # noqa: E731
+        return flying.fly(env, act, drone, key, steps, during=during)
 
     return jax.vmap(one)(policies, drones, keys)
+
+
+def _changing(later: Later, drone: Parameters, elapsed: Float[Array, ""]) -> Parameters:
+    """A drone as it is at a time; it changes in the first control period that begins then."""
+    # The time is a sum of periods in float32.
+    before = elapsed + drone.time_step / 2 < later.at
+    return jax.tree.map(lambda new, old: jnp.where(before, old, new), later.parameters, drone)
 
 
 def _ended(truth: Truth, setpoint: Float[np.ndarray, "3"]) -> bool:

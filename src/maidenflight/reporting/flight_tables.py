@@ -3,7 +3,7 @@
 import polars
 from markupsafe import Markup
 
-from maidenflight.experiments import flight_times, matrix
+from maidenflight.experiments import flight_times, matrix, recovery
 from maidenflight.flights.trims import trim
 from maidenflight.identification.prediction import PERSISTENCE
 from maidenflight.parameters import crazyflie
@@ -137,6 +137,24 @@ def cells(run: Run) -> Markup | str:
             ]
         )
     return tables.sortable("cells", heads, rows, found)
+
+
+def recoveries(found: polars.DataFrame) -> Markup:
+    """A row a reality and policy of flights whose drone changes.
+
+    Args:
+        found: a row a flight, as `recovery.of_flights` gives them.
+    """
+    table, rows = recovery.summary(found), []
+    for row in table.iter_rows(named=True):
+        names = ("reality", "policy", "flights", "lasting", "soon")
+        cells = [tables.plain(row[name]) for name in names]
+        rows.append([*cells, tables.number(row["recovery"], 2)])
+    within = f"{100 * recovery.WITHIN_M:g} cm"
+    heads = [("reality", "Drone"), ("policy", "Policy"), ("flights", "Flights")]
+    heads += [("lasting", "To the end"), ("soon", f"Back within {within} in {recovery.SOON_S:g} s")]
+    heads += [("recovery", "Median time to be back [s]")]
+    return tables.sortable("recoveries", heads, rows, table)
 
 
 def predictions(run: Run) -> Markup | str:

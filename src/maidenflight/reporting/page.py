@@ -32,6 +32,7 @@ _SECTIONS: tuple[tuple[str, str, Callable[[Run], Markup]], ...] = (
     ("training", "Training", sections.training),
     ("predicted", "Predicted flight times", sections.predicted),
     ("flights", "Test flights", sections.flights),
+    ("change", "Change in flight", sections.change),
     ("study", "Study", sections.study),
     ("recorded", "Recorded flights", sections.recorded),
     ("reproduce", "Reproduce", sections.reproduce),

@@ -6,8 +6,10 @@ A section is empty where nothing is known of it.
 import polars
 from markupsafe import Markup
 
+from maidenflight.experiments import recovery
 from maidenflight.flights.windows import SEGMENT_SECONDS
 from maidenflight.reporting import (
+    change_figure,
     corner_figure,
     delay_figures,
     flight_figures,
@@ -179,6 +181,21 @@ def flights(run: Run) -> Markup:
         boxed=_boxed(rows, "policy", "reality"),
         cells=flight_tables.cells(run),
         table=flight_tables.flights(run),
+    )
+
+
+def change(run: Run) -> Markup:
+    """Test flights whose drone changes on the way."""
+    if run.table is None or not run.flights:
+        return Markup()
+    found = recovery.of_flights(run.table, run.flights)
+    if found.is_empty():
+        return Markup()
+    return render(
+        "change.html",
+        changes=change_figure.changes(found, run.flights),
+        within=f"{100 * recovery.WITHIN_M:g}",
+        table=flight_tables.recoveries(found),
     )
 
 

@@ -92,7 +92,11 @@ def plant_of(drone: VirtualDrone, full_scale_counts: float) -> tuple[Plant, Para
         drone: which.
         full_scale_counts: counts that its thrust command of 1 stands for. A drone without a thrust
             law takes PWM as thrust command.
+
+    Raises:
+        InputError: the drone changes in the course of a flight.
     """
+    drone.must_not_change()
     plant = Plant(drone.integrator, drone.supply(full_scale_counts))
     return plant, replace(drone.parameters, time_step=np.float32(STEP))
 

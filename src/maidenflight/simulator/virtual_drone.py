@@ -11,6 +11,7 @@ authors' flights show. All are integrated by RK4 at 1 kHz.
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,6 +32,15 @@ from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.tasks import Task
 
 
+class Later(NamedTuple):
+    """What a virtual drone becomes in the course of a flight."""
+
+    parameters: Parameters
+    """From then on; like those before in `latency`, `time_step` and what else is static."""
+    at: float
+    """When [s] after the flight's start."""
+
+
 @dataclass(frozen=True)
 class VirtualDrone:
     """A simulated drone that differs from the training model."""
@@ -43,13 +53,42 @@ class VirtualDrone:
     thrust_law: ThrustLaw | None = FIRMWARE_2021
     """By which its firmware compensates for a battery that sags, behind 8-bit PWM; None: it has
     neither."""
+    later: Later | None = None
+    """What it becomes in the course of a flight; it stays as it is unless given."""
+
+    def must_not_change(self) -> None:
+        """Refuses a drone that changes in the course of a flight, where that is not simulated.
+
+        Raises:
+            InputError: it does.
+        """
+        if self.later is not None:
+            raise InputError(
+                f"{self.name} changes {self.later.at:g} s after the flight's start; only transfers "
+                "of our own policies simulate that. Expected a reality that stays as it is: leave "
+                f"out @{self.later.at:g}, so that the change holds from the start."
+            )
 
     def supply(self, full_scale_counts: float) -> Supply:
         """What becomes of thrust commands, of which 1 stands for so many counts."""
         return Supply(self.thrust_law, full_scale_counts, battery=self.thrust_law is not None)
 
-    def environment(self, task: Task, controller: Controller) -> Environment:
-        """The environment in which this drone flies a task under a control structure."""
+    def environment(
+        self, task: Task, controller: Controller, *, changing: bool = False
+    ) -> Environment:
+        """The environment in which this drone flies a task under a control structure.
+
+        Args:
+            task: what is flown.
+            controller: what carries out the commands.
+            changing: whether the caller makes the drone become what `later` says.
+
+        Raises:
+            InputError: the drone changes in the course of a flight, and the caller does not make
+                it; or its time step does not divide the controller's period.
+        """
+        if not changing:
+            self.must_not_change()
         memory = 2 + math.ceil(
             max(0.010, float(self.parameters.estimator_delay)) * Environment.estimate_rate - 1e-6
         )
