@@ -5,13 +5,16 @@ import numpy as np
 import pytest
 
 from maidenflight.errors import InputError
+from maidenflight.experiments import transfer as transfers
 from maidenflight.experiments.transfer import activity, end_of_flight, transfer
 from maidenflight.flights.flying import Rows, to_flight
+from maidenflight.foreign.policies import foreign_policy
 from maidenflight.parameters import crazyflie
 from maidenflight.policy import untrained
 from maidenflight.simulator.battery import Supply
 from maidenflight.simulator.control import attitude_rate
 from maidenflight.simulator.look_ahead import NONE, LookAhead
+from maidenflight.simulator.reality import reality as named
 from maidenflight.simulator.virtual_drone import virtual_drone
 from numpy_drone import TWIN, NumpyDrone
 
@@ -88,6 +91,32 @@ def test_every_policy_flies_every_reality_and_the_logs_match_the_table() -> None
         assert flight.simulated == reality
         assert np.isfinite(flight.position).all()
     assert not np.array_equal(flown.flights[0].position[0], flown.flights[1].position[0])
+
+
+def test_a_flight_is_the_same_until_its_drone_changes() -> None:
+    names = ("virtual:1", "virtual:1+yaw20000@0.2", "virtual:1+payload15@0.1+weak10@0.1")
+    flown, programs = [], []
+    for name in names:
+        given = transfer(POLICIES, named(name), 2, jax.random.key(0), duration=0.6)
+        flown.append(given.flights)
+        programs.append(transfers._fly._cache_size())
+    assert programs[2] == programs[1], "jumps share a program"
+    for plain, *others in zip(*flown, strict=True):
+        for other, name, rows in zip(others, names[1:], (20, 10), strict=True):
+            assert other.simulated == name.replace(":", "-")
+            # A row is measured before its period, in which the change acts first.
+            before, length = rows + 1, min(len(plain), len(other))
+            for group in ("position", "body_rates", "command"):
+                here, there = (getattr(one, group) for one in (plain, other))
+                np.testing.assert_allclose(there[:before], here[:before], rtol=0, atol=1e-5)
+            turned = np.abs(other.body_rates[before:length] - plain.body_rates[before:length])
+            assert turned.max() > 1e-3
+            assert turned[0].max() > 1e-4, "the first row that it can be seen in"
+
+
+def test_a_change_in_flight_is_refused_for_policies_that_fly_alone() -> None:
+    with pytest.raises(InputError, match=r"virtual-1\+yaw4000@5"):
+        transfer([*POLICIES, foreign_policy("pid")], named("virtual:1+yaw4000@5"), duration=0.1)
 
 
 @pytest.mark.slow

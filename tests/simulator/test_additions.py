@@ -7,8 +7,19 @@ import pytest
 
 from maidenflight import parameters
 from maidenflight.errors import InputError
-from maidenflight.simulator.additions import SENSORS, Late, Sensing, Uneven, split, with_additions
+from maidenflight.simulator import control, tasks
+from maidenflight.simulator.additions import (
+    SENSORS,
+    Late,
+    Sensing,
+    Uneven,
+    jump_of,
+    split,
+    with_additions,
+)
+from maidenflight.simulator.plant import plant_of
 from maidenflight.simulator.reality import REALITIES, checked, reality
+from maidenflight.simulator.stepped import Stepped
 from maidenflight.simulator.virtual_drone import VirtualDrone
 from numpy_drone import NumpyDrone
 
@@ -24,6 +35,9 @@ START = np.array([0.1, 0.2, 1.0])
         ("near:1@crazyflie_2.1++10ms", ("near:1@crazyflie_2.1+", ["10ms"])),
         ("virtual:7+noise", ("virtual:7+noise", [])),
         ("far:2+yaw-6000+weak10", ("far:2", ["yaw-6000", "weak10"])),
+        ("virtual:3+payload15+yaw4000@5", ("virtual:3", ["payload15", "yaw4000@5"])),
+        ("near:1@own.toml+weak10@2.5+10ms", ("near:1@own.toml", ["weak10@2.5", "10ms"])),
+        ("virtual:3+yaw4000@own.toml", ("virtual:3+yaw4000@own.toml", [])),
     ],
 )
 def test_additions_are_read_from_the_end(name: str, expected: tuple[str, list[str]]) -> None:
@@ -59,6 +73,12 @@ def test_a_name_that_ends_like_an_addition_is_a_drone(tmp_path: Path) -> None:
         "near:7+45ms",
         "near:7+yaw600+yaw-6000",
         "near:7+weak10+weak5",
+        "near:7+weak10+weak5@1",
+        "near:7+payload90",
+        "near:7+payload90@5",
+        "near:7+sensors@5",
+        "near:7+10ms@5",
+        "near:7+yaw600@1+payload15@2",
     ],
 )
 def test_what_cannot_be_added_is_refused(name: str) -> None:
@@ -108,6 +128,52 @@ def test_a_weak_motor_gives_less_thrust() -> None:
     np.testing.assert_allclose(
         added.parameters.rotor_thrust, plain.parameters.rotor_thrust * [0.9, 1, 1, 1], rtol=1e-6
     )
+
+
+def test_a_payload_leaves_thrust_torques_and_air_drag_in_newtons() -> None:
+    plain, added = reality("virtual:7").parameters, reality("virtual:7+payload15").parameters
+    assert added.mass == pytest.approx(1.15 * plain.mass)
+    thrusts = [one.thrust_to_weight * one.mass * one.gravity for one in (plain, added)]
+    assert thrusts[1] == pytest.approx(thrusts[0], rel=1e-6)
+    np.testing.assert_allclose(added.drag * added.mass, plain.drag * plain.mass, rtol=1e-6)
+    np.testing.assert_array_equal(added.inertia, plain.inertia)
+
+
+def test_what_appears_in_flight_is_what_would_hold_from_the_start() -> None:
+    plain, jumps = reality("near:7+10ms"), reality("near:7+yaw4000@2.50+10ms+payload15@2.5")
+    assert isinstance(plain, VirtualDrone)
+    assert isinstance(jumps, VirtualDrone)
+    assert jumps.name == "near-7+yaw4000@2.5+10ms+payload15@2.5"
+    assert jump_of(jumps.name) == 2.5
+    assert jump_of(plain.name) is None
+    assert plain.later is None
+    assert jumps.later is not None
+    assert jumps.later.at == 2.5
+    after = reality("near:7+yaw4000+payload15+10ms").parameters
+    for name in parameters.QUANTITIES:
+        was, becomes = getattr(jumps.parameters, name), getattr(jumps.later.parameters, name)
+        np.testing.assert_array_equal(was, getattr(plain.parameters, name))
+        np.testing.assert_array_equal(becomes, getattr(after, name))
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda drone: drone.environment(tasks.circle(), control.pwm()),
+        Stepped,
+        lambda drone: plant_of(drone, 65535.0),
+    ],
+    ids=["environment", "stepped", "plant"],
+)
+def test_where_a_change_in_flight_is_not_simulated_it_is_refused(use) -> None:
+    with pytest.raises(InputError, match="near-7"):
+        use(reality("near:7+weak10@5"))
+
+
+@pytest.mark.parametrize("addition", ["payload15", "yaw4000@5"])
+def test_another_reality_has_no_payload_and_does_not_change_in_flight(addition: str) -> None:
+    with pytest.raises(InputError, match="numpy"):
+        with_additions(NumpyDrone(), [addition])
 
 
 @pytest.mark.parametrize(

@@ -129,7 +129,7 @@ def reality(name: str) -> AnyReality:
             drone that it has; `MODULE:FACTORY`, a class or function without arguments that makes a
             reality, in a Python module that can be imported or lies in the working folder; or a
             drone's TOML file or name, simulated at 1 kHz like virtual drones. Behind any of them
-            `+sensors` and `+10ms` add noise and latency (`additions`).
+            `+sensors` and `+10ms` add noise and latency; see `additions` for these and others.
 
     Raises:
         InputError: none of these, or what simulates it is not installed.
