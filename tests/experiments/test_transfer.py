@@ -1,4 +1,5 @@
 import dataclasses
+from typing import Any
 
 import jax
 import numpy as np
@@ -95,11 +96,12 @@ def test_every_policy_flies_every_reality_and_the_logs_match_the_table() -> None
 
 def test_a_flight_is_the_same_until_its_drone_changes() -> None:
     names = ("virtual:1", "virtual:1+yaw20000@0.2", "virtual:1+payload15@0.1+weak10@0.1")
+    program: Any = transfers._fly
     flown, programs = [], []
     for name in names:
         given = transfer(POLICIES, named(name), 2, jax.random.key(0), duration=0.6)
         flown.append(given.flights)
-        programs.append(transfers._fly._cache_size())
+        programs.append(program._cache_size())
     assert programs[2] == programs[1], "jumps share a program"
     for plain, *others in zip(*flown, strict=True):
         for other, name, rows in zip(others, names[1:], (20, 10), strict=True):
@@ -115,8 +117,10 @@ def test_a_flight_is_the_same_until_its_drone_changes() -> None:
 
 
 def test_a_change_in_flight_is_refused_for_policies_that_fly_alone() -> None:
+    pid = foreign_policy("pid")
+    assert pid is not None
     with pytest.raises(InputError, match=r"virtual-1\+yaw4000@5"):
-        transfer([*POLICIES, foreign_policy("pid")], named("virtual:1+yaw4000@5"), duration=0.1)
+        transfer([*POLICIES, pid], named("virtual:1+yaw4000@5"), duration=0.1)
 
 
 @pytest.mark.slow

@@ -131,7 +131,8 @@ def test_a_weak_motor_gives_less_thrust() -> None:
 
 
 def test_a_payload_leaves_thrust_torques_and_air_drag_in_newtons() -> None:
-    plain, added = reality("virtual:7").parameters, reality("virtual:7+payload15").parameters
+    drones = reality("virtual:7"), reality("virtual:7+payload15")
+    plain, added = (one.parameters for one in drones if isinstance(one, VirtualDrone))
     assert added.mass == pytest.approx(1.15 * plain.mass)
     thrusts = [one.thrust_to_weight * one.mass * one.gravity for one in (plain, added)]
     assert thrusts[1] == pytest.approx(thrusts[0], rel=1e-6)
@@ -149,11 +150,12 @@ def test_what_appears_in_flight_is_what_would_hold_from_the_start() -> None:
     assert plain.later is None
     assert jumps.later is not None
     assert jumps.later.at == 2.5
-    after = reality("near:7+yaw4000+payload15+10ms").parameters
+    constant = reality("near:7+yaw4000+payload15+10ms")
+    assert isinstance(constant, VirtualDrone)
     for name in parameters.QUANTITIES:
         was, becomes = getattr(jumps.parameters, name), getattr(jumps.later.parameters, name)
         np.testing.assert_array_equal(was, getattr(plain.parameters, name))
-        np.testing.assert_array_equal(becomes, getattr(after, name))
+        np.testing.assert_array_equal(becomes, getattr(constant.parameters, name))
 
 
 @pytest.mark.parametrize(

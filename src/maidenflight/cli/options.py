@@ -18,8 +18,8 @@ REALITIES = (
     "near:SEED, virtual:SEED or far:SEED, with growing mismatch to the training model; "
     "near:SEED@DRONE and so on, about a drone of your own; "
     "pybullet:SEED (virtual:SEED in PyBullet); l2f:DRONE or crazyflow:DRONE, in those simulators; "
-    "MODULE:FACTORY of your own; or a drone's TOML file; +sensors, +10ms, "
-    "+yaw6000, +weak10 and +payload15 behind them, the last three as +yaw6000@5 from 5 s on"
+    "MODULE:FACTORY of your own; or a drone's TOML file; +sensors, +10ms, +yaw6000, +weak10 and "
+    "+payload15 behind any of them"
 )
 PATH = click.Path(path_type=Path)
 

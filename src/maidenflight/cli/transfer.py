@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     "--reality",
     "realities",
     multiple=True,
-    help=f"Where: {options.REALITIES}; may be repeated (virtual:7 unless given, about --drone).",
+    help=f"Where: {options.REALITIES}, or from 5 s on as +yaw6000@5, +weak10@5, +payload15@5; may "
+    "be repeated (virtual:7 unless given, about --drone).",
 )
 @click.option(
     "--drone",

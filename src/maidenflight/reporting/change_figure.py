@@ -36,15 +36,20 @@ def changes(recoveries: polars.DataFrame, flights: Sequence[Flight]) -> Figure:
     legend += [Entry(f"{100 * WITHIN_M:g} cm", "soft", "dashed")]
     if not all(part["lasts"].all() for part in parts):
         legend.append(Entry("flight ended by a guard", "soft", "cross"))
-    panels = [_panel(part, flights, step, colours) for part in parts]
+    last = max(*(one.duration for one in shown), *recoveries["at"])
+    panels = [_panel(part, flights, step, last, colours) for part in parts]
     return Figure("Distance from the set-point", panels, legend, least=360, chooses=True)
 
 
 def _panel(
-    part: polars.DataFrame, flights: Sequence[Flight], step: float, colours: dict[str, str]
+    part: polars.DataFrame,
+    flights: Sequence[Flight],
+    step: float,
+    last: float,
+    colours: dict[str, str],
 ) -> Spec:
-    at, last = part["at"][0], max(flights[place].duration for place in part["place"])
-    rows: list[Spec] = [{"kind": "jump", "x": at}, {"kind": "within", "y": 100 * WITHIN_M}]
+    rows: list[Spec] = [{"kind": "jump", "x": part["at"][0]}]
+    rows.append({"kind": "within", "y": 100 * WITHIN_M})
     for row in part.iter_rows(named=True):
         flight = flights[row["place"]]
         every = max(1, round(step / flight.period))
