@@ -467,3 +467,9 @@ def test_best_scores_are_those_of_the_policy_that_is_kept() -> None:
     first, second = workflow.best_scores(heard, 2)
     assert set(first.values()) == {3.0}
     assert set(second.values()) == {-1.0}
+
+
+def test_a_plant_is_refused_at_once_where_the_drone_changes_in_flight() -> None:
+    assert callable(workflow.plant("virtual:1+yaw600", 0))
+    with pytest.raises(InputError, match="virtual-1"):
+        workflow.plant("virtual:1+yaw600@1", 0)

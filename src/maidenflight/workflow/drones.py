@@ -104,11 +104,16 @@ def reality(name: str, accept_bounds: bool = False) -> AnyReality:
     Raises:
         InputError: no such reality, or `drone_to_fly` refuses the drone.
     """
-    plain = name if is_drone(name) else additions.split(name)[0]
-    drone = plain.partition("@")[2] or plain
+    drone = _centre(name)
     if Path(drone).is_file():
         drone_to_fly(drone, accept_bounds)
     return known_reality(name)
+
+
+def _centre(name: str) -> str:
+    """The drone that a reality's name is about: `drone.toml` of `virtual:7@drone.toml+10ms`."""
+    plain = name if is_drone(name) else additions.split(name)[0]
+    return plain.partition("@")[2] or plain
 
 
 def plant(drone: str, seed: int, compensated: bool = True) -> Callable[[], RunningPlant]:
@@ -121,7 +126,8 @@ def plant(drone: str, seed: int, compensated: bool = True) -> Callable[[], Runni
             of the 2.1+ propellers; else PWM is the thrust command.
 
     Raises:
-        InputError: no such drone, or a reality that is no virtual drone.
+        InputError: no such drone, or a reality that is no virtual drone or changes in the course of
+            a flight.
     """
     found = reality(drone, accept_bounds=True)
     if not isinstance(found, VirtualDrone):
@@ -129,8 +135,9 @@ def plant(drone: str, seed: int, compensated: bool = True) -> Callable[[], Runni
             f"{drone}: {found.name} has physics of its own. Give a drone's TOML file, or "
             "virtual:SEED."
         )
+    found.must_not_change()
     law = PLUS if compensated and found.thrust_law is not None else None
-    own = drone.partition("@")[2] or drone
+    own = _centre(drone)
     file = own if Path(own).is_file() else "crazyflie"
     counts = full_scale_counts(file) or COUNTS
     return partial(RunningPlant, replace(found, thrust_law=law), seed, counts)
