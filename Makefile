@@ -13,7 +13,7 @@ export UV_BUILD_CONSTRAINT := requirements.lock
 define install
 @echo "installing the locked packages into $(VENV) ..."
 @$(BIN)/python -m pip install --quiet uv
-@VIRTUAL_ENV=$(VENV) $(BIN)/uv pip install --quiet --editable '.$(1)' || { echo "uv cannot; pip does, in about a minute ..." \
+@VIRTUAL_ENV=$(VENV) $(BIN)/uv pip install --quiet $(2) --editable '.$(1)' || { echo "uv cannot; pip does, in about a minute ..." \
   && $(BIN)/python -m pip install --quiet --editable '.$(1)'; }
 endef
 
@@ -50,11 +50,12 @@ $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/.installed: requirements.lock pyproject.toml | $(VENV)/bin/python
-	$(call install)
+	$(call install,,)
 	touch $@
 
 $(VENV)/.installed-dev: requirements.lock pyproject.toml | $(VENV)/bin/python
-	$(call install,[dev])
+	# Tests start many processes, and not every machine lets Python keep what it compiles.
+	$(call install,[dev],--compile-bytecode)
 	touch $@ $(VENV)/.installed
 
 # Newest versions that fit pyproject.toml, for every supported Python.

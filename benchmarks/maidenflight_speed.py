@@ -23,7 +23,7 @@ from maidenflight import compiler
 
 CORES = len(os.sched_getaffinity(0))
 if __name__ == "__main__":
-    compiler.set_flags()
+    compiler.set_flags(compiler.FUSED)
     if len(sys.argv) == 1:
         jax.config.update("jax_num_cpu_devices", CORES)
 

@@ -21,7 +21,7 @@ from maidenflight import compiler
 
 # Whichever test comes first: a command line would make each core a device, and programs for one
 # device are others than for two.
-compiler.set_flags()
+compiler.set_flags(compiler.QUICK)
 jax.devices()
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
@@ -66,6 +66,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Sorts tests by `LONGEST`; within a file they keep their order."""
     places = {name: place for place, name in enumerate(LONGEST)}
     items.sort(key=lambda item: places.get(item.path.name, len(LONGEST)))
+
+
+@pytest.fixture(autouse=True)
+def flags_of_the_compiler_stay(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Commands that run in this process set them for later ones."""
+    monkeypatch.setenv("XLA_FLAGS", os.environ["XLA_FLAGS"])
 
 
 @pytest.fixture(scope="session")

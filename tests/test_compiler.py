@@ -22,7 +22,7 @@ from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.rollout import rollout
 
 drone = mf.parameters.read("crazyflie")
-controller = control.attitude_rate()
+controller = control.pwm()
 fitting = control.in_fitting_steps(drone, controller)
 env = Environment.matching(fitting, mf.circle(), controller)
 policy = untrained(jax.random.key(1), (8, 8), interface=controller.interface)
@@ -58,9 +58,9 @@ def computed(path: Path, flags: str) -> Any:
 
 
 @pytest.mark.slow
-def test_the_flags_change_rounding_alone(tmp_path: Path) -> None:
-    ours = computed(tmp_path / "ours.npz", " ".join(compiler.FLAGS))
-    others = computed(tmp_path / "others.npz", "")
+def test_fused_loops_change_rounding_alone(tmp_path: Path) -> None:
+    ours = computed(tmp_path / "ours.npz", compiler.FUSED)
+    others = computed(tmp_path / "others.npz", compiler.QUICK)
     assert set(ours) == set(others)
     for name in ours:
         assert np.all(np.isfinite(ours[name])), name
@@ -68,18 +68,23 @@ def test_the_flags_change_rounding_alone(tmp_path: Path) -> None:
         np.testing.assert_allclose(ours[name], others[name], atol=2e-3 * scale, err_msg=name)
 
 
-def test_ones_own_flags_of_the_compiler_stay_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XLA_FLAGS", "--xla_force_host_platform_device_count=2")
-    compiler.set_flags()
-    assert os.environ["XLA_FLAGS"] == "--xla_force_host_platform_device_count=2"
+def test_the_latest_flags_count_but_ones_own_stay(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("XLA_FLAGS")
-    compiler.set_flags()
-    assert os.environ["XLA_FLAGS"] == " ".join(compiler.FLAGS)
+    for flags in (compiler.QUICK, compiler.FUSED, compiler.QUICK):
+        compiler.set_flags(flags)
+        assert os.environ["XLA_FLAGS"] == flags
+    for own in ("--xla_force_host_platform_device_count=2", ""):
+        monkeypatch.setenv("XLA_FLAGS", own)
+        compiler.set_flags(compiler.FUSED)
+        assert os.environ["XLA_FLAGS"] == own
 
 
 def test_jax_is_prepared_in_a_process_of_its_own(tmp_path: Path) -> None:
-    asked = "import maidenflight as mf; mf.prepare_jax(3); import jax; print(jax.device_count())"
-    places = {"XDG_CACHE_HOME": str(tmp_path), "XLA_FLAGS": "", "JAX_COMPILATION_CACHE_DIR": ""}
+    asked = (
+        "import os, maidenflight as mf; mf.prepare_jax(3, fused=True); import jax; "
+        "print(jax.device_count(), os.environ['XLA_FLAGS'])"
+    )
+    places = {"XDG_CACHE_HOME": str(tmp_path), "XLA_FLAGS": compiler.QUICK}
     said = subprocess.run(
         [sys.executable, "-c", asked],
         env={**os.environ, **places},
@@ -87,7 +92,7 @@ def test_jax_is_prepared_in_a_process_of_its_own(tmp_path: Path) -> None:
         text=True,
         check=True,
     )
-    assert said.stdout.strip() == "3"
+    assert said.stdout.split() == ["3", compiler.FUSED]
 
 
 def test_where_jax_runs_already_its_devices_stay(monkeypatch: pytest.MonkeyPatch) -> None:

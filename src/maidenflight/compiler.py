@@ -4,35 +4,39 @@ import os
 
 from maidenflight import cache, cores
 
-FLAGS = (
-    "--xla_backend_extra_options=xla_cpu_use_multi_output_fusion,xla_cpu_disable_tiled_emitter",
-)
-"""What XLA has and does not do by itself, on CPUs.
+QUICK = "--xla_backend_optimization_level=1"
+"""Compiles a sixth sooner; programs run a tenth to a third slower. For commands that compile much
+and compute little."""
+FUSED = "--xla_backend_extra_options=xla_cpu_use_multi_output_fusion,xla_cpu_disable_tiled_emitter"
+"""Trains and simulates many drones up to twice as fast on CPUs, and compiles sooner.
 
-With the first, one loop over the drones computes all that follows from the same numbers, instead of
-a loop for each result that computes them anew; the second has the older emitter write these loops.
-Programs run up to twice as fast, and fewer loops compile sooner (docs/studies/roofline.md).
+One loop over the drones computes all that follows from the same numbers, instead of a loop for each
+result that computes them anew; the second has the older emitter write these loops. XLA does neither
+by itself, for a reason: a loop whose body holds several steps of physics, as identification has,
+computes the first again for each use of the next, and takes for ever (docs/studies/roofline.md).
 """
 
 
-def set_flags() -> None:
-    """Has XLA compile by `FLAGS`, unless the user's own `XLA_FLAGS` are set.
+def set_flags(flags: str) -> None:
+    """Has XLA compile by `QUICK` or `FUSED`, unless the user's own `XLA_FLAGS` are set.
 
-    To be called before JAX compiles anything.
+    To be called before JAX compiles anything; a later call takes the place of an earlier one.
     """
-    os.environ.setdefault("XLA_FLAGS", " ".join(FLAGS))
+    if os.environ.get("XLA_FLAGS") in (None, QUICK, FUSED):
+        os.environ["XLA_FLAGS"] = flags
 
 
-def prepare_jax(number: int | None = None) -> None:
-    """Has JAX run as fast as for the command line, which calls this itself.
+def prepare_jax(number: int | None = None, *, fused: bool = False) -> None:
+    """Has JAX run here as the command line does: on all cores, and compiled programs are kept.
 
-    Three things: XLA's flags, all cores as devices, and compiled programs kept in the user's cache
-    folder. To be called before JAX does anything; where it runs already, as in a notebook that has
-    used it, what is set stays. Other programs of JAX in this process are compiled so too.
+    To be called before JAX does anything; where it runs already, as in a notebook that has used it,
+    its devices and flags stay. Other programs of JAX in this process are compiled alike.
 
     Args:
         number: cores to use; all unless given.
+        fused: compile by `FUSED`, in a process that trains or simulates and does not identify.
     """
-    set_flags()
+    if fused:
+        set_flags(FUSED)
     cache.keep_compiled()
     cores.as_devices(number)

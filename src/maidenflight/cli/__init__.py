@@ -38,7 +38,7 @@ def main(patience: float | None = None) -> None:
     """
     try:
         with interruption.insisting(patience):
-            compiler.set_flags()
+            compiler.set_flags(compiler.QUICK)
             cache.keep_compiled()
             commands(prog_name="maidenflight", standalone_mode=False)
     except InputError as error:

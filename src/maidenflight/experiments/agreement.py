@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy import stats
 
 from maidenflight.errors import InputError
 
@@ -52,7 +52,7 @@ def agreement(predicted: Float[np.ndarray, "P"], measured: Float[np.ndarray, "P"
 
     return Agreement(
         policies=len(predicted),
-        spearman=correlation(stats.rankdata(predicted), stats.rankdata(measured)),
+        spearman=correlation(scipy.stats.rankdata(predicted), scipy.stats.rankdata(measured)),
         pearson=correlation(predicted, measured),
         mean_absolute_error=float(np.mean(np.abs(predicted - measured))),
     )

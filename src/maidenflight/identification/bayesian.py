@@ -9,8 +9,8 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.stats import norm, qmc
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import ConstantKernel, Kernel, Matern, WhiteKernel
@@ -50,7 +50,7 @@ def minimise(
         warnings.simplefilter(
             "ignore", UserWarning
         )  # ten is no power of two; balance does not matter here
-        points = qmc.Sobol(dimensions, rng=generator).random(first)
+        points = scipy.stats.qmc.Sobol(dimensions, rng=generator).random(first)
     values = []
     for point in points:
         values.append(objective(point))
@@ -117,12 +117,12 @@ def lower_confidence_bound(mean: np.ndarray, deviation: np.ndarray, best: float)
 def expected_improvement(mean: np.ndarray, deviation: np.ndarray, best: float) -> np.ndarray:
     """Expected improvement over the best value."""
     z = (best - mean) / deviation
-    return (best - mean) * norm.cdf(z) + deviation * norm.pdf(z)
+    return (best - mean) * scipy.stats.norm.cdf(z) + deviation * scipy.stats.norm.pdf(z)
 
 
 def probability_of_improvement(mean: np.ndarray, deviation: np.ndarray, best: float) -> np.ndarray:
     """Probability of improving on the best value by 1 % of the values' standard deviation."""
-    return norm.cdf((best - 0.01 - mean) / deviation)
+    return scipy.stats.norm.cdf((best - 0.01 - mean) / deviation)
 
 
 ACQUISITIONS = (lower_confidence_bound, expected_improvement, probability_of_improvement)

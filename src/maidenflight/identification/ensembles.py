@@ -3,9 +3,8 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy import stats
-from scipy.stats import qmc
 
 from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
@@ -128,9 +127,9 @@ def trim_ensemble(
         raise InputError(_UNTOLD.format(where=where))
     deviations = np.array([estimates[name].between_segment_sd for name in names])
     # A low-discrepancy sequence represents the distribution better than as many random points.
-    sobol = qmc.Sobol(len(names), rng=np.random.default_rng(0)).random(count)
+    sobol = scipy.stats.qmc.Sobol(len(names), rng=np.random.default_rng(0)).random(count)
     drones = []
-    for row in deviations * stats.norm.ppf(sobol.clip(1e-6, 1 - 1e-6)):
+    for row in deviations * scipy.stats.norm.ppf(sobol.clip(1e-6, 1 - 1e-6)):
         changes = zip(names, row, strict=True)
         values = {name: np.float32(component(drone, name) + change) for name, change in changes}
         drones.append(check(replace(drone, **values), where))

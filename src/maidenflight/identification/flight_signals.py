@@ -6,8 +6,8 @@ Delays of the sensors' low-pass filters are undone, so that signals and commands
 from dataclasses import replace
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from maidenflight.flights.log import Flight
@@ -79,7 +79,7 @@ def lagged(
     """
     late = delayed(command, latency / period)
     kept = np.exp(-period / lag)
-    after = lfilter([1 - kept], [1.0, -kept], late, axis=0, zi=kept * late[:1])[0]
+    after = scipy.signal.lfilter([1 - kept], [1.0, -kept], late, axis=0, zi=kept * late[:1])[0]
     return np.concatenate([late[:1], after])
 
 

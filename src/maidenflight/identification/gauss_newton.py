@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.optimize import lsq_linear
 
 from maidenflight.identification.box import Box
 
@@ -144,7 +144,7 @@ def step(
     matrix = matrix + np.diag(1e-6 * np.diag(equations.majorant) + 1e-9)
     values, vectors = np.linalg.eigh(matrix)
     root = np.sqrt(np.maximum(values, 1e-9 * values.max()))
-    shift = lsq_linear(
+    shift = scipy.optimize.lsq_linear(
         root[:, None] * vectors.T,
         -(vectors.T @ equations.gradient) / root,
         bounds=(low - point - 1e-12, high - point + 1e-12),

@@ -14,9 +14,9 @@ for the user, ch. 7 and 13.4 (prediction errors, closed loop).
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import scipy
 from jaxtyping import Float
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.signal import lfilter
 
 from maidenflight.identification.gauss_newton import NormalEquations
 from maidenflight.identification.inertial_signals import Rotors, Signals
@@ -241,7 +241,10 @@ def _whitened(
     """What of errors, or of their slopes, is new, in units of its standard deviation."""
     return np.stack(
         [
-            lfilter(np.concatenate([[1.0], -weights]), 1.0, errors[:, :, place], axis=0) / deviation
+            scipy.signal.lfilter(
+                np.concatenate([[1.0], -weights]), 1.0, errors[:, :, place], axis=0
+            )
+            / deviation
             for place, (weights, deviation) in enumerate(
                 zip(noise.coefficients, noise.deviation, strict=True)
             )

@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import jax
 import numpy as np
+import scipy
 from jax import lax
 from jaxtyping import Array, Bool, Float
-from scipy.signal import lfilter
 
 from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
@@ -199,7 +199,7 @@ def _segments(
 def _integral(force: Float[np.ndarray, "M"], step: float) -> Float[np.ndarray, "M"]:
     """Velocity along z [m/s] by the specific force alone, slowly forgotten."""
     kept = 1 - step / CLIMB_MEMORY
-    return np.asarray(lfilter([0.0, step], [1.0, -kept], force - force.mean()))
+    return np.asarray(scipy.signal.lfilter([0.0, step], [1.0, -kept], force - force.mean()))
 
 
 @partial(jax.jit, static_argnums=2)

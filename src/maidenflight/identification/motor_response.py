@@ -31,8 +31,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.signal import csd
 
 from maidenflight.flights.log import Flight
 from maidenflight.identification.flight_signals import (
@@ -332,7 +332,7 @@ def _spectrum(
     pairs: Sequence[tuple[np.ndarray, np.ndarray]], step: float
 ) -> tuple[Float[np.ndarray, "F"], np.ndarray]:
     """Cross-spectrum of pairs of signals, longer ones counting more."""
-    found = [csd(one, other, 1 / step, nperseg=_SEGMENT) for one, other in pairs]
+    found = [scipy.signal.csd(one, other, 1 / step, nperseg=_SEGMENT) for one, other in pairs]
     sizes = np.array([len(one) for one, _ in pairs], float)
     return found[0][0], np.einsum("i,if->f", sizes, np.stack([part for _, part in found]))
 

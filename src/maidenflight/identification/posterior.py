@@ -9,8 +9,8 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.stats import qmc
 
 DESIGN = 64
 """Points at which the losses around an optimum are evaluated, at least."""
@@ -82,8 +82,10 @@ def bootstrap(
     optima = separate = np.empty((0, dimensions))
     for _ in range(3):
         low, high = np.maximum(best - radius, limits[0]), np.minimum(best + radius, limits[1])
-        design = qmc.scale(
-            qmc.Sobol(dimensions, rng=generator).random(design_points(dimensions)), low, high
+        design = scipy.stats.qmc.scale(
+            scipy.stats.qmc.Sobol(dimensions, rng=generator).random(design_points(dimensions)),
+            low,
+            high,
         )
         per_segment = []
         for point in design:

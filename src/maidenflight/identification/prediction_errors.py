@@ -11,9 +11,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.linalg import solve_toeplitz
-from scipy.signal import lfilter
 
 MEMORY = 0.25
 """Time that the noise model of a sensor's signal looks back [s]."""
@@ -83,8 +82,10 @@ def _round(
     noise = [y - x @ found for y, x in zip(signals, regressors, strict=True)]
     weights = _autoregression([part[order:] for part in noise], order)
     whitening = np.concatenate([[1.0], -weights])
-    x = np.concatenate([lfilter(whitening, 1.0, part, axis=0)[order:] for part in regressors])
-    y = np.concatenate([lfilter(whitening, 1.0, part)[order:] for part in signals])
+    x = np.concatenate(
+        [scipy.signal.lfilter(whitening, 1.0, part, axis=0)[order:] for part in regressors]
+    )
+    y = np.concatenate([scipy.signal.lfilter(whitening, 1.0, part)[order:] for part in signals])
     matrix, vector = x.T @ x, x.T @ y
     if prior:
         weight = float(np.mean((y - x @ found) ** 2)) / prior.deviation**2
@@ -105,4 +106,4 @@ def _autoregression(noise: Sequence[Float[np.ndarray, "N"]], order: int) -> Floa
         spectrum = np.fft.rfft(part - part.mean(), size)
         covariance += np.fft.irfft(np.abs(spectrum) ** 2, size)[: order + 1]
     covariance[0] = covariance[0] * (1 + 1e-9) + 1e-20 * rows
-    return solve_toeplitz(covariance[:order], covariance[1:])
+    return scipy.linalg.solve_toeplitz(covariance[:order], covariance[1:])

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from maidenflight.errors import InputError
 from maidenflight.flights.log import averaged
 from maidenflight.flights.windows import LEAD_IN, windows
-from maidenflight.identification import bayesian, gradient, posterior
+from maidenflight.identification import gradient, posterior
 from maidenflight.identification.box import PAPER_BOUNDS, Box, search_box
 from maidenflight.identification.estimates import (
     Identification,
@@ -145,6 +145,8 @@ def _searched(problem: Problem, settings: Replay, box: Box, objective: Objective
                 loss, equations, objective.size, kinks, most, problem.generator, evaluated
             )
         else:
+            from maidenflight.identification import bayesian  # scikit-learn, only where asked for
+
             run = bayesian.minimise(loss, len(box.names), most, problem.generator, evaluated)
         runs.append(run)
     return runs

@@ -7,15 +7,15 @@ sensors. Sensors are as a Crazyflie's drivers deliver them, behind their low-pas
 Source: rates and filters of the firmware 2026.08, sensors_bmi088_bmp3xx.c and estimator_kalman.c.
 """
 
-from functools import partial
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
-from scipy.signal import butter
 
 from maidenflight.parameters import Parameters, replace
 from maidenflight.simulator import (
@@ -40,8 +40,6 @@ RANGE_NOISE = 0.003
 """Standard deviation of the distance to the ground [m]; ours."""
 FLOW_NOISE = 0.1
 """Standard deviation of the optical flow [rad/s]; ours."""
-_COEFFICIENTS: Any = butter(2, sensors.ACCELEROMETER_CUTOFF, fs=1 / STEP)
-(_B0, _B1, _B2), (_, _A1, _A2) = ((float(one) for one in part) for part in _COEFFICIENTS)
 _NORMALS = 4 + 3 + 3 + 3 + sensors.NORMALS + 3
 
 
@@ -235,13 +233,23 @@ def _filtered(
     memory: Float[Array, "2 3"], value: Float[Array, "3"]
 ) -> tuple[Float[Array, "2 3"], Float[Array, "3"]]:
     """A Butterworth filter of second order, in transposed direct form II."""
-    out = _B0 * value + memory[0]
-    return jnp.stack([_B1 * value - _A1 * out + memory[1], _B2 * value - _A2 * out]), out
+    (b0, b1, b2), (a1, a2) = _coefficients()
+    out = b0 * value + memory[0]
+    return jnp.stack([b1 * value - a1 * out + memory[1], b2 * value - a2 * out]), out
 
 
 def _at_rest(value: Float[Array, "3"]) -> Float[Array, "2 3"]:
     """The filter's memory after a constant value."""
-    return jnp.stack([(1.0 - _B0) * value, (_B2 - _A2) * value])
+    (b0, _, b2), (_, a2) = _coefficients()
+    return jnp.stack([(1.0 - b0) * value, (b2 - a2) * value])
+
+
+@cache
+def _coefficients() -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Of the accelerometer's filter: b0, b1, b2, and a1, a2 over a0 = 1."""
+    found: Any = scipy.signal.butter(2, sensors.ACCELEROMETER_CUTOFF, fs=1 / STEP)
+    b, a = ([float(one) for one in part] for part in found)
+    return tuple(b), tuple(a[1:])
 
 
 DRAWN = 1000

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+import scipy
 from jaxtyping import Array, Float
-from scipy.signal import butter, sosfilt, sosfilt_zi
 from scipy.spatial.transform import Rotation
 
 from maidenflight.parameters import Parameters
@@ -183,9 +183,9 @@ def accelerometer(
     force = turned.inv().apply(change + np.array([0.0, 0.0, gravity]))
     noise = ACCELEROMETER_NOISE * np.sqrt(1.0 / (500.0 * period))
     read = force + noise * generator.standard_normal(force.shape)
-    filters = butter(2, ACCELEROMETER_CUTOFF, fs=1.0 / period, output="sos")
-    rest = sosfilt_zi(filters)[:, :, None] * force[:1]
-    return sosfilt(filters, read, axis=0, zi=rest)[0]
+    filters = scipy.signal.butter(2, ACCELEROMETER_CUTOFF, fs=1.0 / period, output="sos")
+    rest = scipy.signal.sosfilt_zi(filters)[:, :, None] * force[:1]
+    return scipy.signal.sosfilt(filters, read, axis=0, zi=rest)[0]
 
 
 def remember(past: Float[Array, "memory 10"], state: State) -> Float[Array, "memory 10"]:

@@ -53,7 +53,7 @@ def perform(order: Order) -> Ending:
         kept = store.opened(order.store)
         if kept.has(order.key):
             return Ending(order.key, DONE)
-        compiler.set_flags()
+        compiler.set_flags(compiler.QUICK)
         cache.keep_compiled()
         kind = kinds.kind(order.kind)
         taken = {

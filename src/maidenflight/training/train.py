@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import Field, asdict, replace
 from functools import partial
 from os import PathLike
+from threading import Thread
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import jax
@@ -249,9 +250,14 @@ def train(
         )
     for number in range(int(state.scored)):
         report(state, number)
+    # Compiling takes most of a short training, and one core a program.
+    scoring = _scores.lower(env, settings.episodes, state.learners.policy, box)
+    beside = Thread(target=scoring.compile, daemon=True)
+    beside.start()
     for number in range(int(state.scored), len(ends)):
         first = ends[number - 1] if number else 0
         learners = learn(env, settings, box, state.learners, keys, first, ends[number])
+        beside.join()
         scores = _scores(env, settings.episodes, learners.policy, box)
         if not np.all(np.isfinite(scores.episode_return)):
             kept = (
