@@ -19,13 +19,9 @@ from typing import Any
 import jax
 from serving import Prepared, rate, serve
 
-from maidenflight import compiler
-
 CORES = len(os.sched_getaffinity(0))
-if __name__ == "__main__":
-    compiler.set_flags(compiler.FUSED)
-    if len(sys.argv) == 1:
-        jax.config.update("jax_num_cpu_devices", CORES)
+if __name__ == "__main__" and len(sys.argv) == 1:
+    jax.config.update("jax_num_cpu_devices", CORES)
 
 import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402

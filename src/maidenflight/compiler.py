@@ -8,12 +8,13 @@ QUICK = "--xla_backend_optimization_level=1"
 """Compiles a sixth sooner; programs run a tenth to a third slower. For commands that compile much
 and compute little."""
 FUSED = "--xla_backend_extra_options=xla_cpu_use_multi_output_fusion,xla_cpu_disable_tiled_emitter"
-"""Trains and simulates many drones up to twice as fast on CPUs, and compiles sooner.
+"""Trains up to twice as fast on CPUs, and compiles sooner.
 
 One loop over the drones computes all that follows from the same numbers, instead of a loop for each
 result that computes them anew; the second has the older emitter write these loops. XLA does neither
-by itself, for a reason: a loop whose body holds several steps of physics, as identification has,
-computes the first again for each use of the next, and takes for ever (docs/studies/roofline.md).
+by itself, and it is not for everything: the rate PID simulated without derivatives takes half as
+long again, and a loop whose body holds several steps of physics, as identification has, computes the
+first again for each use of the next and takes for ever (docs/studies/roofline.md).
 """
 
 
@@ -34,7 +35,7 @@ def prepare_jax(number: int | None = None, *, fused: bool = False) -> None:
 
     Args:
         number: cores to use; all unless given.
-        fused: compile by `FUSED`, in a process that trains or simulates and does not identify.
+        fused: compile by `FUSED`, in a process that trains and does not identify.
     """
     if fused:
         set_flags(FUSED)
