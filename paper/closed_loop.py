@@ -28,7 +28,12 @@ from maidenflight.policy import Policy
 from maidenflight.workflow import Reading, Start
 
 DAILY = (*TRIM, "thrust_to_weight")
-"""What may differ from day to day."""
+"""What a log of the day is asked for.
+
+Blind, only trims differ. With the thrust of all flights, whose means differ by structure, the bands
+hold 64 and 69 % of the other two structures' real flights and not 75 (of the policies that choices
+were made on).
+"""
 STRUCTURES = ("pwm", "attitude_rate", "attitude", "all")
 SEEDS = 2
 
@@ -51,21 +56,26 @@ def flights_of(authors: Path, name: str) -> Path:
 def identified(authors: Path, folder: Path, policies: Mapping[str, Policy]) -> dict[str, Path]:
     """Drone files by how they were found, made unless they are there."""
     flights = authors / "flights"
-    dynamics, trims = folder / "dynamics.toml", folder / "likelihood.toml"
+    dynamics, chosen = folder / "dynamics.toml", folder / "policies"
     if not dynamics.exists():
         held = Reading(commands="zero-order-hold")
         workflow.identify_from(flights / "pwm", 0, dynamics, reading=held)
-    if not trims.exists():
-        workflow.identify_from(flights, 0, trims, start=Start(str(dynamics)), over=list(DAILY))
-    matched, chosen = folder / "closed_loop.toml", folder / "policies"
-    if not matched.exists():
-        for name in sorted(set(policies) - held_out(list(policies))):
-            structure, number = name.split("/")
-            if structure == "pwm":
-                made = results.record(seed=0, inputs=[], settings={"published": name})
-                policy.write(chosen / f"pwm_{int(number):03d}.json", policies[name], made)
-        workflow.match_loops(flights / "pwm", [chosen], 0, matched, start=Start(str(trims)))
-    return {"likelihood": trims, "closed loop": matched}
+    for name in sorted(set(policies) - held_out(list(policies))):
+        structure, number = name.split("/")
+        if structure == "pwm":
+            made = results.record(seed=0, inputs=[], settings={"published": name})
+            policy.write(chosen / f"pwm_{int(number):03d}.json", policies[name], made)
+    found: dict[str, Path] = {}
+    for label, over in (("closed loop", TRIM), ("closed loop, log of the day", DAILY)):
+        varied = folder / f"likelihood_{len(over)}.toml"
+        matched = folder / f"closed_loop_{len(over)}.toml"
+        if not varied.exists():
+            workflow.identify_from(flights, 0, varied, start=Start(str(dynamics)), over=list(over))
+        if not matched.exists():
+            workflow.match_loops(flights / "pwm", [chosen], 0, matched, start=Start(str(varied)))
+        found |= {"likelihood": varied} if over is TRIM else {}
+        found[label] = matched
+    return found
 
 
 def todays_log(authors: Path, names: Sequence[str], name: str) -> Path | None:
@@ -155,16 +165,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     policies, flights = published(given.authors)
     files = identified(given.authors, given.output, policies)
     rows: list[dict[str, object]] = []
-    for label, file in files.items():
+    today = "closed loop, log of the day"
+    for label in ("likelihood", "closed loop"):
+        file = files[label]
         drones = workflow.possible_drones(file, workflow.TRIMS, 0)
         rows += agreements(label, predicted(policies, drones, given.trials), flights)
     logs = {name: todays_log(given.authors, list(policies), name) for name in policies}
     own = {
-        name: workflow.possible_drones(files["closed loop"], workflow.TRIMS, 0, today=log)
+        name: workflow.possible_drones(files[today], workflow.TRIMS, 0, today=log)
         for name, log in logs.items()
     }
-    told = predicted(policies, own, given.trials)
-    rows += agreements("closed loop, log of the day", told, flights)
+    rows += agreements(today, predicted(policies, own, given.trials), flights)
     table = polars.DataFrame(rows)
     with polars.Config(tbl_rows=-1, tbl_cols=-1, tbl_width_chars=220, float_precision=2):
         print(table)
