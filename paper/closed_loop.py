@@ -34,6 +34,7 @@ Blind, only trims differ. With the thrust of all flights, whose means differ by 
 hold 64 and 69 % of the other two structures' real flights and not 75 (of the policies that choices
 were made on).
 """
+TODAY = "closed loop, log of the day"
 STRUCTURES = ("pwm", "attitude_rate", "attitude", "all")
 SEEDS = 2
 
@@ -66,7 +67,7 @@ def identified(authors: Path, folder: Path, policies: Mapping[str, Policy]) -> d
             made = results.record(seed=0, inputs=[], settings={"published": name})
             policy.write(chosen / f"pwm_{int(number):03d}.json", policies[name], made)
     found: dict[str, Path] = {}
-    for label, over in (("closed loop", TRIM), ("closed loop, log of the day", DAILY)):
+    for label, over in (("closed loop", TRIM), (TODAY, DAILY)):
         varied = folder / f"likelihood_{len(over)}.toml"
         matched = folder / f"closed_loop_{len(over)}.toml"
         if not varied.exists():
@@ -165,17 +166,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     policies, flights = published(given.authors)
     files = identified(given.authors, given.output, policies)
     rows: list[dict[str, object]] = []
-    today = "closed loop, log of the day"
     for label in ("likelihood", "closed loop"):
         file = files[label]
         drones = workflow.possible_drones(file, workflow.TRIMS, 0)
         rows += agreements(label, predicted(policies, drones, given.trials), flights)
     logs = {name: todays_log(given.authors, list(policies), name) for name in policies}
     own = {
-        name: workflow.possible_drones(files[today], workflow.TRIMS, 0, today=log)
+        name: workflow.possible_drones(files[TODAY], workflow.TRIMS, 0, today=log)
         for name, log in logs.items()
     }
-    rows += agreements(today, predicted(policies, own, given.trials), flights)
+    rows += agreements(TODAY, predicted(policies, own, given.trials), flights)
     table = polars.DataFrame(rows)
     with polars.Config(tbl_rows=-1, tbl_cols=-1, tbl_width_chars=220, float_precision=2):
         print(table)

@@ -314,8 +314,7 @@ def _fly(
     during = None if later is None else partial(_changing, later)
 
     def one(policy: Policy, drone: Parameters, key: Array) -> Rows:
-        act = lambda observation, _: policy(observation)  # noqa: E731
-        return flying.fly(env, act, drone, key, steps, during=during)
+        return flying.fly(env, lambda seen, _: policy(seen), drone, key, steps, during=during)
 
     return jax.vmap(one)(policies, drones, keys)
 

@@ -250,14 +250,13 @@ def train(
         )
     for number in range(int(state.scored)):
         report(state, number)
-    # Compiling takes most of a short training, and one core a program.
-    scoring = _scores.lower(env, settings.episodes, state.learners.policy, box)
-    beside = Thread(target=scoring.compile, daemon=True)
-    beside.start()
-    for number in range(int(state.scored), len(ends)):
+    to_score = range(int(state.scored), len(ends))
+    beside = _compiling_scores(env, settings, state.learners.policy, box) if to_score else None
+    for number in to_score:
         first = ends[number - 1] if number else 0
         learners = learn(env, settings, box, state.learners, keys, first, ends[number])
-        beside.join()
+        if beside is not None:
+            beside.join()
         scores = _scores(env, settings.episodes, learners.policy, box)
         if not np.all(np.isfinite(scores.episode_return)):
             kept = (
@@ -394,6 +393,17 @@ def _fingerprint(
     }
     reference = jax.vmap(task.reference)(jnp.linspace(0.0, task.duration, 50))
     return checkpoint.fingerprint(words, (reference, jax.random.key_data(keys), box, initial))
+
+
+def _compiling_scores(
+    env: Environment, settings: Settings, policies: Policy, box: Distribution
+) -> Thread:
+    """Compiles `_scores` on another core: compiling takes most of a short training."""
+    thread = Thread(
+        target=_scores.lower(env, settings.episodes, policies, box).compile, daemon=True
+    )
+    thread.start()
+    return thread
 
 
 @partial(jax.jit, static_argnums=(0, 1))
