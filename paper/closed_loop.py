@@ -7,6 +7,11 @@ control structure, took no part in any choice.
 
     python paper/closed_loop.py --authors ../shared/data/authors -o closed_loop
 
+With logs of other Crazyflies it also says how well both drones predict these: by the likelihood of
+a row, and by the rotor speeds where they were measured.
+
+    ... --elsewhere ../shared/data/nanobench --elsewhere ../shared/data/usd/brushed
+
 Source of flights and policies: Gronauer et al. 2022, github SvenGronauer/phoenix-drone-simulation.
 """
 
@@ -15,16 +20,26 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
+import numpy as np
 import polars
+from jax import lax, tree
+from jaxtyping import Float
 from predict_flights import one_against_others, published, within_band
 
 from maidenflight import compiler, policy, results, workflow
 from maidenflight.errors import InputError
 from maidenflight.experiments.agreement import agreement
 from maidenflight.experiments.flight_times import predict_flight_times, summary
+from maidenflight.flights.log import Flight
+from maidenflight.flights.reading import read_flights
+from maidenflight.flights.windows import windows
+from maidenflight.identification import one_step
 from maidenflight.identification.ensembles import TRIM
-from maidenflight.parameters import Parameters
+from maidenflight.identification.flight_signals import stride
+from maidenflight.parameters import Parameters, replace
 from maidenflight.policy import Policy
+from maidenflight.simulator import actuators, dynamics, latency
 from maidenflight.workflow import Reading, Start
 
 DAILY = (*TRIM, "thrust_to_weight")
@@ -37,6 +52,8 @@ were made on).
 TODAY = "closed loop, log of the day"
 STRUCTURES = ("pwm", "attitude_rate", "attitude", "all")
 SEEDS = 2
+STEP_S = 0.002
+"""Of the simulation by which flights elsewhere are predicted, about [s]."""
 
 
 def held_out(names: Sequence[str]) -> set[str]:
@@ -154,6 +171,67 @@ def agreements(
     return rows
 
 
+def elsewhere(folder: Path, drones: Mapping[str, Parameters]) -> list[dict[str, object]]:
+    """How well drones predict the flights of another one of the same make.
+
+    Each with the thrust that carries that drone: its weight is its own.
+
+    Args:
+        folder: its logs.
+        drones: by name.
+    """
+    flights = list(read_flights(folder).flights)
+    every, period = stride(flights[0]), flights[0].period
+    parts = windows(flights, one_step.LENGTH, one_step.LENGTH, stride=every)
+    target = one_step.OneStep(parts, period, max(1, round(period / STEP_S)), every)
+    rows: list[dict[str, object]] = []
+    for name, drone in drones.items():
+        for _ in range(3):
+            drone = replace(drone, thrust_to_weight=np.float32(target.carrying(drone)))
+        told = [shown for flight in flights if (shown := speed_told(flight, drone)) is not None]
+        rows.append(
+            {
+                "flights": folder.name,
+                "drone": name,
+                "k_F": round(float(drone.thrust_to_weight), 3),
+                "nats a row": round(-target(drone), 3),
+                "measured rotor speed, explained": np.round(told, 3).tolist(),
+            }
+        )
+    return rows
+
+
+def speed_told(flight: Flight, drone: Parameters) -> float | None:
+    """Share of the measured rotor speed's variance that the drone's motors explain.
+
+    Given the flight's commands, without what changes slower than in a second. None where no speed
+    was measured.
+    """
+    if flight.rotor_speed is None or not np.isfinite(flight.rotor_speed).all():
+        return None
+    motors = tree.map(jnp.asarray, replace(drone, time_step=np.float32(flight.period)))
+    line = actuators.rotor_speed_command(jnp.asarray(flight.mean_command, jnp.float32))[::-1]
+
+    def spin(speed: jax.Array, newest: jax.Array) -> tuple[jax.Array, jax.Array]:
+        for delayed in latency.delayed(line, motors, 1, newest):
+            speed = speed + motors.time_step * dynamics.spin_up(speed, delayed, motors)
+        return speed, speed
+
+    _, simulated = lax.scan(spin, line[-1], jnp.arange(len(line))[::-1])
+    told, measured = _fast(np.asarray(simulated), flight), _fast(flight.rotor_speed, flight)
+    left = measured - np.sum(told * measured) / np.sum(told**2) * told
+    return float(1.0 - np.sum(left**2) / np.sum(measured**2))
+
+
+def _fast(values: Float[np.ndarray, "N 4"], flight: Flight) -> Float[np.ndarray, "M 4"]:
+    """Values less their mean over a second about each row, without the first and last second."""
+    second = round(1.0 / flight.period)
+    sums = np.cumsum(np.concatenate([np.zeros((1, 4)), values]), axis=0)
+    means = (sums[second:] - sums[:-second]) / second
+    inner = slice(second // 2, second // 2 + len(means))
+    return values[inner] - means
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Identifies, predicts and prints."""
     parser = argparse.ArgumentParser(
@@ -162,6 +240,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--authors", type=Path, required=True)
     parser.add_argument("-o", "--output", type=Path, required=True)
     parser.add_argument("--trials", type=int, default=32, help="flights of each policy and seed")
+    parser.add_argument(
+        "--elsewhere", type=Path, action="append", default=[], help="logs of another Crazyflie"
+    )
     given = parser.parse_args(arguments)
     policies, flights = published(given.authors)
     files = identified(given.authors, given.output, policies)
@@ -177,8 +258,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
     }
     rows += agreements(TODAY, predicted(policies, own, given.trials), flights)
     table = polars.DataFrame(rows)
+    points = {
+        label: tree.map(
+            lambda leaf: np.asarray(leaf).mean(axis=0).astype(np.float32),
+            workflow.possible_drones(files[label], workflow.TRIMS, 0),
+        )
+        for label in ("likelihood", "closed loop")
+    }
+    others = [row for folder in given.elsewhere for row in elsewhere(folder, points)]
     with polars.Config(tbl_rows=-1, tbl_cols=-1, tbl_width_chars=220, float_precision=2):
         print(table)
+        for row in others:
+            print(", ".join(f"{name}: {value}" for name, value in row.items()))
     made = results.record(seed=0, inputs=list(files.values()), settings={"trials": given.trials})
     text = table.write_csv(float_precision=4)
     results.write_table(given.output / "closed_loop.csv", "maidenflight closed loop 1", made, text)
