@@ -14,7 +14,7 @@ from maidenflight.errors import InputError
 from maidenflight.identification import drone_file, information
 from maidenflight.identification.box import physical_bounds
 from maidenflight.identification.ensembles import posterior_ensemble
-from maidenflight.identification.information import HOVERING, Expected
+from maidenflight.identification.information import HOVERING, OTHER_DAY, Expected
 from maidenflight.identification.likelihood import Likelihood
 from maidenflight.parameters import component, crazyflie, replace, x_frame
 
@@ -132,6 +132,14 @@ def test_what_calm_flights_do_not_tell_keeps_its_start_and_a_plausible_range(fou
     assert low <= draws.min() < draws.max() <= high
     assert np.ptp(draws) > 0.9 * (high - low)
     assert UNTOLD in str(found)
+
+
+def test_thrust_allows_for_the_air_of_another_day(found):
+    least = 1.96 * OTHER_DAY * found.estimates[HOVERING].value
+    for interval in (found.estimates[HOVERING].interval, found.expected[HOVERING].interval):
+        assert np.ptp(interval) / 2 > 0.8 * least
+    # It is no error of these flights, so nothing else follows it.
+    assert abs(np.corrcoef(found.posterior[HOVERING], found.posterior["drag_x"])[0, 1]) < 0.3
 
 
 def test_training_over_the_posterior_is_over_the_plausible_range(found, tmp_path):

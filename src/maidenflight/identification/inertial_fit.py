@@ -28,7 +28,13 @@ from maidenflight.identification.gauss_newton import (
 )
 from maidenflight.identification.inertial_errors import InertialErrors
 from maidenflight.identification.inertial_signals import signals
-from maidenflight.identification.information import DELAYS, NEXT_FLIGHT, Ranges
+from maidenflight.identification.information import (
+    DELAYS,
+    HOVERING,
+    NEXT_FLIGHT,
+    OTHER_DAY,
+    Ranges,
+)
 from maidenflight.identification.likelihood import Likelihood
 from maidenflight.identification.problem import Problem
 from maidenflight.identification.progress import FITTING, INTERVALS
@@ -257,6 +263,10 @@ def _posterior(
         shifts = np.stack(list(known.values()), axis=1) - values
         crossed = slope[:, None] * curvatures[:, :size, size:].sum(axis=0)
         moves -= shifts @ (inverse @ crossed).T
+    if HOVERING in names:
+        place = names.index(HOVERING)
+        other_day = OTHER_DAY * float(fit.drone.thrust_to_weight) / slope[place]
+        moves[:, place] += generator.normal(0.0, other_day, posterior.RESAMPLES)
     errors = np.std(moves, axis=0) * slope
     # A latency or drag of zero is no search bound but where nature ends.
     bounded = (unit > 1 - _AT_BOUND) | ((unit < _AT_BOUND) & (np.array(box.lower) != 0.0))

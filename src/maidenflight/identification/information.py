@@ -29,6 +29,10 @@ DELAYS = (LAG, "latency")
 """The parameters that delay what commands do."""
 NEXT_FLIGHT = 6
 """Segments of the flight that intervals are to hold: 30 s."""
+OTHER_DAY = 0.015
+"""Standard deviation of thrust from day to day, a share: that of the air's density over 4.5 K or 15
+hPa, without battery and propellers. Three sets of flights of one Crazyflie differ by 3 % in what
+hovering takes (docs/studies/identification.md)."""
 TOLD = 0.5
 """Share of its variance beforehand below which a parameter's variance must lie for flights to tell
 it: they then say more than is known without them."""
@@ -130,7 +134,8 @@ def expected(
     for name, deviation in zip(names, deviations, strict=True):
         low, high = priors[name]
         here = float(np.clip(component(start, name), low, high))
-        reach = 1.96 * float(deviation)
+        other_day = OTHER_DAY * here if name == HOVERING else 0.0
+        reach = 1.96 * float(np.hypot(deviation, other_day))
         found[name] = Expected(
             (low, high),
             (max(low, here - reach), min(high, here + reach)),

@@ -7,7 +7,13 @@ from jaxtyping import Float
 
 from maidenflight.identification.box import Box
 from maidenflight.identification.fitting import Fit
-from maidenflight.identification.information import HOVERING, LAG, NEXT_FLIGHT, Ranges
+from maidenflight.identification.information import (
+    HOVERING,
+    LAG,
+    NEXT_FLIGHT,
+    OTHER_DAY,
+    Ranges,
+)
 from maidenflight.identification.one_step import OneStep
 from maidenflight.identification.posterior import (
     RESAMPLES,
@@ -33,7 +39,7 @@ def samples(
 
     Laplace's approximation with the sandwich covariance, given the parameters that are seen; these
     have samples of their own, which the others follow. Of the spread so much is added that the
-    interval holds what another flight of `NEXT_FLIGHT` segments will show.
+    interval holds what another flight of `NEXT_FLIGHT` segments will show, on another day.
 
     Args:
         target: the likelihood.
@@ -94,7 +100,9 @@ def samples(
         moves[:, ~known] += free
     draws = optimum + moves @ along.T
     if by_moment:
-        draws[:, names.index(HOVERING)] += noise[:, 0]
+        place = names.index(HOVERING)
+        other_day = OTHER_DAY * float(fit.drone.thrust_to_weight) / slope[place]
+        draws[:, place] += noise[:, 0] + generator.normal(0.0, other_day, count)
     return np.clip(draws, 0.0, 1.0), box, spread[:fitted]
 
 
