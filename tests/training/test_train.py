@@ -454,6 +454,19 @@ def test_a_return_that_is_no_number_ends_training_and_keeps_what_was_good(
 
 
 @pytest.mark.slow
+def test_a_policy_of_raptors_form_learns_and_is_trained_further() -> None:
+    settings = changed(SMALL, updates=60, evaluations=3, form="raptor")
+    heard: list[Progress] = []
+    (first,) = train(TASK, CONTROLLER, BOX, KEYS[:1], settings, heard.append)
+    assert (first.form, first.layer_sizes, first.memory) == ("raptor", (22, 16, 4), 16)
+    first.check()
+    assert heard[-1].score.episode_return[0] > heard[0].score.episode_return[0] + 50.0
+    fewer = changed(settings, updates=1, evaluations=1, form="instants")
+    (further,) = train(TASK, CONTROLLER, BOX, KEYS[:1], fewer, initial=first)
+    assert further.form == "raptor"
+
+
+@pytest.mark.slow
 def test_a_policy_sees_and_remembers_as_much_as_asked_and_else_it_is_another_training(
     tmp_path: Path,
 ) -> None:
