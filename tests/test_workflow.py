@@ -270,7 +270,7 @@ def test_drones_of_any_make_are_trained_over_with_a_memory_and_its_own_settings(
     assert (tuned.hidden, tuned.num_envs) == ((24, 12), own.num_envs)
     assert tuned.learning_rate < own.learning_rate
     raptor = workflow.settings_for("pwm", "circle", form="raptor")
-    assert raptor == dataclasses.replace(own, hidden=(16,), form="raptor")
+    assert raptor == dataclasses.replace(own, hidden=(16,), form="raptor", learning_rate=2e-3)
     with pytest.raises(InputError, match="gradients"):
         workflow.settings_for("pwm", "circle", "ppo", form="raptor")
     assert tuned.updates < own.updates

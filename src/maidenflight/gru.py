@@ -61,29 +61,21 @@ class Gru:
         return {name: (np.shape(getattr(self, name)), shape) for name, shape in expected.items()}
 
 
-KEPT_BIAS = 2.0
-"""Of the update gate of a number that is mostly kept, 88 % a period."""
-PASSED_BIAS = -3.0
-"""Of one that mostly passes on what came in, 95 %."""
-
-
-def untrained_gru(key: Array, inputs: int, size: int, alone: bool = False) -> Gru:
+def untrained_gru(key: Array, inputs: int, size: int) -> Gru:
     """A unit that keeps most of its memory from one period to the next.
 
-    Weights are uniform within 1 / sqrt(M), as PyTorch's; the update gate's bias is `KEPT_BIAS`.
+    Weights are uniform within 1 / sqrt(M), as PyTorch's; the update gate's bias is 2.
 
     Args:
         key: random key.
         inputs: I.
         size: M.
-        alone: whether nothing goes past the unit; its numbers then range from those that pass on
-            what came in to those that are kept.
     """
     bound = np.float32(1.0 / np.sqrt(size))
     first, second = jax.random.split(key)
     rows = _GATES * size
     biases = np.zeros(rows, np.float32)
-    biases[size : 2 * size] = np.linspace(PASSED_BIAS, KEPT_BIAS, size) if alone else KEPT_BIAS
+    biases[size : 2 * size] = 2.0
     return Gru(
         jax.random.uniform(first, (rows, inputs), minval=-bound, maxval=bound),
         jax.random.uniform(second, (rows, size), minval=-bound, maxval=bound),

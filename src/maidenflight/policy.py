@@ -189,7 +189,7 @@ def untrained(
     memory: int = 0,
     form: str = INSTANTS,
 ) -> Policy:
-    """A policy with Kaiming-uniform weights and zero biases.
+    """A policy with Kaiming-uniform weights and zero biases; those of RAPTOR's first layer are 1.
 
     Its last layer is small, so that it starts near a constant.
 
@@ -233,8 +233,10 @@ def untrained(
     mean = [np.tile(np.array(_MEAN, np.float32), history), np.zeros(look_ahead.size, np.float32)]
     deviation = [np.tile(np.array(_DEVIATION, np.float32), history), look_ahead.deviations]
     if raptor:
+        # Nothing goes past the 16 values, so none of them begins at 0.
+        biases = (biases[0] + 1.0, *biases[1:])
         mean, deviation = [raptor_form.MEAN], [raptor_form.DEVIATION]
-    gru = untrained_gru(jax.random.fold_in(key, 1), hidden[0], memory, raptor) if memory else None
+    gru = untrained_gru(jax.random.fold_in(key, 1), hidden[0], memory) if memory else None
     return Policy(
         tuple(weights),
         biases,

@@ -54,6 +54,9 @@ REMEMBERING: dict[str, Any] = {
 are smaller, because with those of the others training over unlike drones gets worse after some
 hundred updates."""
 
+RAPTORS_FORM: dict[str, Any] = {**REMEMBERING, "learning_rate": 2e-3}
+"""What differs in RAPTOR's form. Its few values bear no larger steps of their weights."""
+
 FINE_TUNING: dict[str, Any] = {"updates": 200, "evaluations": 8}
 """What differs where training starts from a policy, beside learning rates of a quarter: the policy
 flies already, and steps as large as from random weights would first undo what it knows."""
@@ -104,11 +107,11 @@ def settings_for(
     if initial is not None:
         hidden, memory, form = initial.layer_sizes[1:-1], initial.memory, initial.form
     if form == raptor_form.RAPTOR:
-        hidden, memory = raptor_form.HIDDEN, raptor_form.MEMORY
         if method == "ppo":
             raise InputError("policies of RAPTOR's form are trained by gradients, not by PPO.")
-        settings = dataclasses.replace(settings, form=form)
-    if memory and method == "gradient":
+        hidden = raptor_form.HIDDEN
+        settings = dataclasses.replace(settings, form=form, **RAPTORS_FORM)
+    elif memory and method == "gradient":
         settings = dataclasses.replace(settings, **REMEMBERING)
     if initial is not None and method == "gradient":
         rates = {
