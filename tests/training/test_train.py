@@ -457,12 +457,12 @@ def test_a_return_that_is_no_number_ends_training_and_keeps_what_was_good(
 
 @pytest.mark.slow
 def test_a_policy_of_raptors_form_learns_and_is_trained_further() -> None:
-    settings = changed(SMALL, updates=60, evaluations=3, form="raptor")
+    settings = changed(SMALL, form="raptor")
     heard: list[Progress] = []
     (first,) = train(TASK, CONTROLLER, BOX, KEYS[:1], settings, heard.append)
     assert (first.form, first.layer_sizes, first.memory) == ("raptor", (22, 16, 4), 16)
     first.check()
-    assert heard[-1].score.episode_return[0] > heard[0].score.episode_return[0]
+    assert heard[-1].score.episode_return[0] > heard[0].score.episode_return[0] + 50.0
     flown = transfer(first, virtual_drone(7), 1, duration=0.5)
     assert np.isfinite(flown.table["position_error"][0])
     fewer = changed(settings, updates=1, evaluations=1, form="instants")
