@@ -170,6 +170,8 @@ def unsound_matrix(read: matrix.Matrix) -> str:
 def _sensible(value: Any) -> bool:
     if isinstance(value, tuple):
         return all(type(entry) is int and 1 <= entry < 2**31 for entry in value)
+    if isinstance(value, str):
+        return value == policies.INSTANTS
     return np.isfinite(value) and 0 <= value < 2**31
 
 

@@ -202,6 +202,10 @@ def test_help_starts_within_a_fifth_of_a_second_of_python_itself() -> None:
             ["train", "--from", "{tmp}/odd.csv", "--memory", "3", "--drone", "crazyflie"],
             "--memory",
         ),
+        *(
+            (["train", "--form", "raptor", option, value, "--drone", "crazyflie"], option)
+            for option, value in (("--memory", "3"), ("--hidden", "16"), ("--method", "ppo"))
+        ),
         (
             [
                 *("train", "--drone", "crazyflie", "-o", "{tmp}/p"),

@@ -21,9 +21,11 @@ from maidenflight.gru import MOST_MEMORY, Gru, fields_of, untrained_gru
 from maidenflight.inputs import StrPath
 from maidenflight.simulator import interface as interfaces
 from maidenflight.simulator import look_ahead as ahead_of
+from maidenflight.simulator import raptor_form
 from maidenflight.simulator.environment import ACTION_SIZE, OBSERVATION_SIZE, observe, remember
 from maidenflight.simulator.interface import ControlInterface
 from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.raptor_form import RAPTOR
 from maidenflight.simulator.sensors import Measurement
 
 FORMAT = "maidenflight policy 2"
@@ -32,6 +34,9 @@ INSTANT = (
     "action 4; oldest first"
 )
 """What a file says of the order of an observation."""
+INSTANTS = "instants"
+"""Form of a policy whose network sees observations as they are, and gives actions."""
+FORMS = (INSTANTS, RAPTOR)
 
 _MEAN = (
     0.25,
@@ -88,11 +93,15 @@ class Policy:
 
     With a `gru` it remembers: the unit sees the first layer's values, and the second layer sees
     them and the memory. An observation then ends with the memory, and the output with the next.
+
+    In RAPTOR's form the network sees 22 numbers, the second layer sees the memory alone, and
+    outputs are rotor speeds; observations and actions are those of other policies (`raptor_form`).
     """
 
     weights: tuple[Float[Array, "outputs inputs"], ...]
     biases: tuple[Float[Array, "outputs"], ...]
     observation_mean: Float[Array, "20H+3K"]
+    """Of what the network sees: 22 numbers in RAPTOR's form."""
     observation_std: Float[Array, "20H+3K"]
     interface: ControlInterface = dataclasses.field(
         default=interfaces.pwm(), metadata={"static": True}
@@ -104,23 +113,28 @@ class Policy:
     """The K points of the reference ahead of time, behind the last instant of the input."""
     gru: Gru | None = None
     """Behind the first layer, of M numbers; none: the policy remembers nothing but its history."""
+    form: str = dataclasses.field(default=INSTANTS, metadata={"static": True})
+    """One of `FORMS`."""
 
     def __call__(self, observation: Float[Array, "20H+3K+M"]) -> Float[Array, "4+M"]:
         """Action, and memory if there is any, for an observation.
 
         Not clipped, because the next observation holds it as it is.
         """
-        size = self.observation_mean.shape[-1]
-        values = (observation[:size] - self.observation_mean) / self.observation_std
-        memory = observation[size:]
+        raptor = self.form == RAPTOR
+        size = OBSERVATION_SIZE * self.history + self.look_ahead.size
+        seen, memory = observation[:size], observation[size:]
+        seen = raptor_form.observed(seen) if raptor else seen
+        values = (seen - self.observation_mean) / self.observation_std
         for number, (weight, bias) in enumerate(
             zip(self.weights[:-1], self.biases[:-1], strict=True)
         ):
             values = jax.nn.relu(weight @ values + bias)
             if self.gru is not None and number == 0:
                 memory = self.gru(values, memory)
-                values = jnp.concatenate([values, memory])
-        return jnp.concatenate([self.weights[-1] @ values + self.biases[-1], memory])
+                values = memory if raptor else jnp.concatenate([values, memory])
+        output = self.weights[-1] @ values + self.biases[-1]
+        return jnp.concatenate([raptor_form.action_of(output) if raptor else output, memory])
 
     @property
     def memory(self) -> int:
@@ -173,8 +187,9 @@ def untrained(
     interface: ControlInterface | None = None,
     look_ahead: LookAhead = ahead_of.NONE,
     memory: int = 0,
+    form: str = INSTANTS,
 ) -> Policy:
-    """A policy with Kaiming-uniform weights and zero biases.
+    """A policy with Kaiming-uniform weights and zero biases; those of RAPTOR's first layer are 1.
 
     Its last layer is small, so that it starts near a constant.
 
@@ -188,18 +203,26 @@ def untrained(
         interface: what its actions command; PWM at 100 Hz unless given.
         look_ahead: points of the reference ahead of time in the input; none unless given.
         memory: M, size of a gated recurrent unit behind the first layer; 0: none.
+        form: one of `FORMS`. With RAPTOR's, hidden layers, history, look-ahead and memory are those
+            of `raptor_form`, whatever the arguments say.
 
     Raises:
-        InputError: a memory without a hidden layer.
+        InputError: a memory without a hidden layer; no such form, or its policies command another
+            interface.
 
     Source: Gronauer et al. 2022, sec. Zero-Shot Experiments (layer sizes and initial weights).
     """
-    sizes = (OBSERVATION_SIZE * history + look_ahead.size, *hidden, ACTION_SIZE)
+    _check_form(form, "policy")
+    interface, raptor = interface or interfaces.pwm(), form == RAPTOR
+    if raptor:
+        hidden, (history, look_ahead, memory) = raptor_form.HIDDEN, raptor_form.SEEN
+        raptor_form.check(interface, history, look_ahead, hidden, memory)
+    sizes = (_seen(form, history, look_ahead), *hidden, ACTION_SIZE)
     inputs_of = list(sizes[:-1])
     if memory:
         if not hidden:
             raise InputError("memory without a hidden layer; give hidden layers, such as (50, 50).")
-        inputs_of[1] += memory
+        inputs_of[1] = memory if raptor else inputs_of[1] + memory
     weights = []
     for key_, fan_in, outputs in zip(
         jax.random.split(key, len(sizes) - 1), inputs_of, sizes[1:], strict=True
@@ -209,15 +232,21 @@ def untrained(
     biases = tuple(jnp.zeros(outputs) for outputs in sizes[1:])
     mean = [np.tile(np.array(_MEAN, np.float32), history), np.zeros(look_ahead.size, np.float32)]
     deviation = [np.tile(np.array(_DEVIATION, np.float32), history), look_ahead.deviations]
+    if raptor:
+        # Nothing goes past the 16 values, so none of them begins at 0.
+        biases = (biases[0] + 1.0, *biases[1:])
+        mean, deviation = [raptor_form.MEAN], [raptor_form.DEVIATION]
+    gru = untrained_gru(jax.random.fold_in(key, 1), hidden[0], memory) if memory else None
     return Policy(
         tuple(weights),
         biases,
         jnp.array(np.concatenate(mean)),
         jnp.array(np.concatenate(deviation)),
-        interface or interfaces.pwm(),
+        interface,
         history,
         look_ahead,
-        untrained_gru(jax.random.fold_in(key, 1), hidden[0], memory) if memory else None,
+        gru,
+        form,
     )
 
 
@@ -350,6 +379,7 @@ def to_json(policy: Policy, record: Mapping[str, Any] | None = None) -> str:
             "interface": policy.interface.to_dict(),
             "history": policy.history,
             **_look_ahead_told(policy.look_ahead),
+            **({} if policy.form == INSTANTS else {"form": policy.form}),
             "instant": INSTANT,
             "activation": "relu",
             "record": dict(record or {}),
@@ -409,6 +439,7 @@ def from_json(text: str, where: str = "policy") -> Policy:
                 if "gru" in content
                 else None
             ),
+            form=content.get("form", INSTANTS),
         )
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
@@ -469,11 +500,13 @@ def _check_sizes(policy: Policy, where: str) -> None:
             f"{where}: {len(policy.weights)} layers of weights and {len(policy.biases)} of biases; "
             "expected as many, and one or more."
         )
-    size = OBSERVATION_SIZE * history + policy.look_ahead.size
+    _check_form(policy.form, where)
+    raptor = policy.form == RAPTOR
+    size = _seen(policy.form, history, policy.look_ahead)
     if policy.observation_mean.shape != (size,) or policy.observation_std.shape != (size,):
         raise InputError(
             f"{where}: the normaliser has {policy.observation_mean.shape} values, expected {size} "
-            "(20 x history, and 3 x points of the look-ahead)."
+            f"({'RAPTOR' if raptor else '20 x history, and 3 x points of the look-ahead'})."
         )
     for number, (weight, bias) in enumerate(zip(policy.weights, policy.biases, strict=True), 1):
         if weight.ndim != 2 or weight.shape[1] != size or bias.shape != weight.shape[:1]:
@@ -484,9 +517,24 @@ def _check_sizes(policy: Policy, where: str) -> None:
         size = weight.shape[0]
         if number == 1 and policy.gru is not None:
             _check_gru(policy.gru, size, len(policy.weights), where)
-            size += policy.memory
+            size = policy.memory if raptor else size + policy.memory
     if size != ACTION_SIZE:
         raise InputError(f"{where}: {size} outputs, expected {ACTION_SIZE}.")
+    if raptor:
+        hidden = policy.layer_sizes[1:-1]
+        raptor_form.check(
+            policy.interface, history, policy.look_ahead, hidden, policy.memory, where
+        )
+
+
+def _check_form(form: Any, where: str) -> None:
+    if form not in FORMS:
+        raise InputError(f"{where}: form = {form!r}, expected one of {', '.join(FORMS)}.")
+
+
+def _seen(form: str, history: int, look_ahead: LookAhead) -> int:
+    """Numbers that a network sees."""
+    return raptor_form.INPUTS if form == RAPTOR else OBSERVATION_SIZE * history + look_ahead.size
 
 
 def _check_gru(gru: Gru, inputs: int, layers: int, where: str) -> None:

@@ -16,12 +16,14 @@ import pytest
 from maidenflight import cli, policy, results, workflow
 from maidenflight.cli import interruption, options
 from maidenflight.errors import InputError
+from maidenflight.experiments.transfer import transfer
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import Policy, untrained
 from maidenflight.simulator import control, tasks
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.look_ahead import LookAhead
 from maidenflight.simulator.randomization import relative_box
+from maidenflight.simulator.virtual_drone import virtual_drone
 from maidenflight.training import analytic_gradient, checkpoint
 from maidenflight.training import train as module
 from maidenflight.training.analytic_gradient import AnalyticGradient
@@ -451,6 +453,21 @@ def test_a_return_that_is_no_number_ends_training_and_keeps_what_was_good(
     ):
         learn(saved, lambda _: kept.append(saved.read_bytes()))
     assert [saved.read_bytes()] == kept
+
+
+@pytest.mark.slow
+def test_a_policy_of_raptors_form_learns_and_is_trained_further() -> None:
+    settings = changed(SMALL, form="raptor")
+    heard: list[Progress] = []
+    (first,) = train(TASK, CONTROLLER, BOX, KEYS[:1], settings, heard.append)
+    assert (first.form, first.layer_sizes, first.memory) == ("raptor", (22, 16, 4), 16)
+    first.check()
+    assert heard[-1].score.episode_return[0] > heard[0].score.episode_return[0] + 50.0
+    flown = transfer(first, virtual_drone(7), 1, duration=0.5)
+    assert np.isfinite(flown.table["position_error"][0])
+    fewer = changed(settings, updates=1, evaluations=1, form="instants")
+    (further,) = train(TASK, CONTROLLER, BOX, KEYS[:1], fewer, initial=first)
+    assert further.form == "raptor"
 
 
 @pytest.mark.slow

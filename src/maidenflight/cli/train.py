@@ -78,6 +78,15 @@ if TYPE_CHECKING:
     "32; with it, it adapts to trims, lag and payload that no log told.",
 )
 @click.option(
+    "--form",
+    default="instants",
+    show_default=True,
+    type=click.Choice(["instants", "raptor"]),
+    help="Form of the policies. raptor: shape, observation and actions of RAPTOR's network, for "
+    "export --to raptor; it has its own control structure, history, look-ahead, memory, layers and "
+    "method.",
+)
+@click.option(
     "--hidden",
     callback=options.layers,
     metavar="SIZES",
@@ -90,8 +99,8 @@ if TYPE_CHECKING:
     metavar="POLICY",
     type=click.Path(path_type=Path),
     help="Start from a policy's file instead of random weights, as to fit it to today's drone in "
-    "seconds: 200 updates unless given. Its control structure, layers, history, look-ahead and "
-    "memory stay.",
+    "seconds: 200 updates unless given. Its control structure, form, layers, history, look-ahead "
+    "and memory stay.",
 )
 @click.option(
     "--for",
@@ -175,6 +184,7 @@ def train(
     points: int,
     spacing: float,
     memory: int,
+    form: str,
     hidden: tuple[int, ...] | None,
     initial: Path | None,
     target: str | None,
@@ -207,10 +217,12 @@ def train(
         updates = workflow.updates_so_far(output)
     start = None
     if initial is not None:
-        _only_the_policys_own(context)
+        _refuse(context, _OF_A_POLICY, "the policy of --from")
         start = policy.read(initial)
         control = start.interface.name
-    settings = workflow.settings_for(control, task, method, updates, hidden, memory, start)
+    if form != policy.INSTANTS:
+        _refuse(context, _OF_RAPTOR, "--form raptor")
+    settings = workflow.settings_for(control, task, method, updates, hidden, memory, start, form)
     heard: list[Progress] = []
     first: Progress | None = None
     new = 0
@@ -287,19 +299,21 @@ def train(
     options.emit(as_json, content, text, ("transfer", output, "--drone", drone_))
 
 
-_OF_A_POLICY = ("control", "history", "points", "spacing", "memory", "hidden", "paper_scales")
-"""Parameters of the command that a policy settles from which training starts."""
+_OF_RAPTOR = ("control", "history", "points", "spacing", "memory", "hidden", "method")
+"""Parameters of the command that RAPTOR's form settles."""
+_OF_A_POLICY = (*_OF_RAPTOR[:-1], "paper_scales", "form")
+"""Those that a policy settles from which training starts."""
 
 
-def _only_the_policys_own(context: click.Context) -> None:
-    """Refuses options that the initial policy settles.
+def _refuse(context: click.Context, settled: tuple[str, ...], settler: str) -> None:
+    """Refuses options that something else settles.
 
     Raises:
         click.UsageError: one is given.
     """
     for name, option in options.given(context).items():
-        if name in _OF_A_POLICY:
-            raise click.UsageError(f"{option}: the policy of --from has its own. Leave it out.")
+        if name in settled:
+            raise click.UsageError(f"{option}: {settler} has its own. Leave it out.")
 
 
 _MIN_SURVIVAL = 0.1

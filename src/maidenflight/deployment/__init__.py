@@ -73,5 +73,11 @@ EXPORTERS: dict[str, Exporter] = {
         "an app that builds beside an unmodified Crazyflie firmware",
         ("hover", "seed", "record", "propellers"),
     ),
+    "raptor": Exporter(
+        f"{_HERE}.raptor:export_raptor",
+        "raptor_policy",
+        "policy.h5, which programs for RAPTOR read, of a policy trained with --form raptor",
+        ("name", "seed", "record"),
+    ),
 }
 """By the word that the command line takes."""

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from maidenflight import inputs, results
+from maidenflight.deployment.commands import check_form
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
 from maidenflight.policy import FORMAT, Policy, from_json, numbers, text_of
@@ -117,10 +118,11 @@ def to_authors_json(policy: Policy) -> str:
 
     Raises:
         InputError: the policy makes no sense, or is one that the authors' tools would take for
-            another: by its interface, its history or its deviations; or it has more layers than
-            their firmware takes.
+            another: by its interface, its form, its history or its deviations; or it has more
+            layers than their firmware takes.
     """
     policy.check()
+    check_form(policy)
     _check_interface(policy.interface)
     if policy.history != HISTORY:
         raise InputError(

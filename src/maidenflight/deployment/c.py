@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from maidenflight import __version__, results
 from maidenflight.deployment import look_ahead, memory
-from maidenflight.deployment.commands import check_hover, described, level_in_c
+from maidenflight.deployment.commands import check_form, check_hover, described, level_in_c
 from maidenflight.errors import InputError
 from maidenflight.gru import Gru
 from maidenflight.inputs import StrPath
@@ -72,9 +72,11 @@ def export_c(
         The files written: the header and the source.
 
     Raises:
-        InputError: the policy or the share makes no sense, or the directory cannot be written.
+        InputError: the policy or the share makes no sense, the policy is of RAPTOR's form, or the
+            directory cannot be written.
     """
     policy.check()
+    check_form(policy)
     check_hover(hover)
     interface = policy.interface
     layers = _padded(policy)
@@ -192,15 +194,15 @@ def _evaluated(policy: Policy, observations: Numbers) -> Numbers:
         np.asarray(numbers, np.float64)
         for numbers in (policy.observation_mean, policy.observation_std)
     )
-    observed, remembered = np.split(np.asarray(observations, np.float64), [len(mean)], axis=1)
+    observed, memory = np.split(np.asarray(observations, np.float64), [len(mean)], axis=1)
     values = (observed - mean) / deviation
     for number, (weight, bias) in enumerate(zip(policy.weights, policy.biases, strict=True)):
         values = np.maximum(values, 0.0) if number > 0 else values
         if number == 1 and policy.gru is not None:
-            remembered = _remembered(policy.gru, values, remembered)
-            values = np.concatenate([values, remembered], axis=1)
+            memory = remembered(policy.gru, values, memory)
+            values = np.concatenate([values, memory], axis=1)
         values = values @ np.asarray(weight, np.float64).T + np.asarray(bias, np.float64)
-    values = np.concatenate([values, remembered], axis=1)
+    values = np.concatenate([values, memory], axis=1)
     if not np.all(np.abs(values) < np.finfo(np.float32).max):
         raise InputError(
             f"policy: an action of size {np.abs(values).max():.1e} overflows float32. Training "
@@ -209,8 +211,14 @@ def _evaluated(policy: Policy, observations: Numbers) -> Numbers:
     return values.astype(np.float32)
 
 
-def _remembered(gru: Gru, values: NDArray[Any], memory: NDArray[Any]) -> NDArray[Any]:
-    """What a recurrent unit remembers next, of a batch, in float64."""
+def remembered(gru: Gru, values: NDArray[Any], memory: NDArray[Any]) -> NDArray[Any]:
+    """What a recurrent unit remembers next, of a batch, in float64.
+
+    Args:
+        gru: the unit.
+        values: its inputs, (B, I).
+        memory: before, (B, M).
+    """
 
     def gates(weights: Any, inputs: NDArray[Any], biases: Any) -> list[NDArray[Any]]:
         sums = inputs @ np.asarray(weights, np.float64).T + np.asarray(biases, np.float64)

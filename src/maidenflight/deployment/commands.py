@@ -3,6 +3,7 @@
 import numpy as np
 
 from maidenflight.errors import InputError
+from maidenflight.policy import INSTANTS, Policy
 from maidenflight.simulator.interface import THRUST, ControlInterface
 
 _FOLLOWED = (
@@ -49,6 +50,19 @@ def check_hover(share: float | None) -> None:
     """
     if share is not None and not 0.0 < share <= 1.0:
         raise InputError(f"hover = {share}; expected a share above 0 and at most 1.")
+
+
+def check_form(policy: Policy) -> None:
+    """Checks that a network sees observations as they are, and gives actions.
+
+    Raises:
+        InputError: it does not.
+    """
+    if policy.form != INSTANTS:
+        raise InputError(
+            f"policy: of the form {policy.form}, which is exported --to {policy.form} only. Train "
+            "without --form to export to another target."
+        )
 
 
 def level_in_c(interface: ControlInterface) -> str:

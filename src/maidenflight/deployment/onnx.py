@@ -14,7 +14,7 @@ import numpy as np
 
 from maidenflight import __version__, results
 from maidenflight.deployment.c import digest, golden_observations
-from maidenflight.deployment.commands import check_hover, described
+from maidenflight.deployment.commands import check_form, check_hover, described
 from maidenflight.errors import InputError, not_installed
 from maidenflight.inputs import StrPath
 from maidenflight.policy import INSTANT, Policy
@@ -49,7 +49,8 @@ def to_onnx(
             metadata; not there unless given.
 
     Raises:
-        InputError: the `onnx` package is not installed, or the policy or the share makes no sense.
+        InputError: the `onnx` package is not installed, the policy or the share makes no sense, or
+            the policy is of RAPTOR's form.
     """
     try:
         from onnx import TensorProto, helper, numpy_helper
@@ -152,6 +153,7 @@ def _ahead(look_ahead: LookAhead) -> str:
 
 def _check(policy: Policy) -> None:
     policy.check()
+    check_form(policy)
     if not np.isfinite(
         jax.jit(jax.vmap(policy))(jnp.asarray(golden_observations(policy, 0)))
     ).all():

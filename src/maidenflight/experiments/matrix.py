@@ -226,7 +226,11 @@ def _settings(path: StrPath, kind: str, content: Mapping[str, Any]) -> tuple[Ana
             f"{path}: [control.{kind}] rate = {rate!r}; expected a whole number from 1 to 1000."
         )
     _controller(kind, rate)
-    defaults = {entry.name: entry.default for entry in dataclasses.fields(AnalyticGradient)}
+    defaults = {
+        entry.name: entry.default
+        for entry in dataclasses.fields(AnalyticGradient)
+        if entry.name != "form"  # which is not the paper's
+    }
     own = {name: value for name, value in content.items() if name != "rate"}
     for name, value in own.items():
         if name not in defaults:

@@ -24,6 +24,7 @@ from scipy.spatial.transform import Rotation
 
 from maidenflight.errors import not_installed
 from maidenflight.foreign.policies import Fly, reference_velocity
+from maidenflight.simulator.raptor_form import MAX_POSITION_ERROR_M, MAX_VELOCITY_ERROR_M_S
 from maidenflight.simulator.sensors import Measurement
 from maidenflight.simulator.tasks import Task
 
@@ -31,8 +32,6 @@ RATES = {"raptor": 100, "raptor:500hz": 500}
 """Commands a second [Hz] by name."""
 MEMORY_RATE = 100
 """Steps of its memory a second [Hz]."""
-MAX_POSITION_ERROR_M = 0.5
-MAX_VELOCITY_ERROR_M_S = 1.0
 
 
 class Raptor:

@@ -19,8 +19,8 @@ from jax import lax, tree
 from jaxtyping import Array, Bool, Float
 
 from maidenflight.parameters import Parameters
-from maidenflight.policy import Policy, untrained
-from maidenflight.simulator import dynamics, environment, rotations
+from maidenflight.policy import INSTANTS, Policy, untrained
+from maidenflight.simulator import dynamics, environment, raptor_form, rotations
 from maidenflight.simulator.environment import Environment, EnvState
 from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.rollout import EnvInstance, randomized_reset
@@ -57,6 +57,9 @@ class AnalyticGradient:
     """Gradients are clipped to this global norm."""
     hidden: tuple[int, ...] = field(default=(50, 50), metadata=STATIC)
     """Sizes of the hidden layers (Gronauer et al. 2022, sec. Zero-Shot Experiments)."""
+    form: str = field(default=INSTANTS, metadata=STATIC)
+    """One of `policy.FORMS`; with RAPTOR's, hidden layers, history, look-ahead and memory are those
+    of `raptor_form`."""
     position_margin: float = 0.15
     """Distance from the set-point [m] beyond which `position_penalty` acts; the task's terminal
     penalty is a step and has no gradient."""
@@ -147,6 +150,7 @@ def begin(env: Environment, settings: AnalyticGradient, box: Distribution, keys:
                 env.controller.interface,
                 env.look_ahead,
                 env.memory,
+                settings.form,
             ),
             instances.parameters,
         )
@@ -164,6 +168,8 @@ def _hovering(policy: Policy, drones: Parameters) -> Policy:
     share = lax.pmean(jnp.mean(jax.vmap(dynamics.hover_command)(drones)), DRONES)
     weights, (*biases, last), gru = policy.network
     level = policy.interface.level(jnp.clip(share, 0.0, 1.0))
+    if policy.form == raptor_form.RAPTOR:
+        level = raptor_form.output_of(level)
     return policy.with_network((weights, (*biases, last + level), gru))
 
 

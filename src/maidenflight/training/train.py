@@ -21,6 +21,7 @@ from jaxtyping import Array
 from maidenflight.errors import InputError
 from maidenflight.gru import MOST_MEMORY
 from maidenflight.policy import Policy
+from maidenflight.simulator import raptor_form
 from maidenflight.simulator.control import EXCITATION, Controller
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.look_ahead import NONE, LookAhead
@@ -143,7 +144,8 @@ def train(
         controller: control structure that the policy commands.
         box: distribution of drones to train over.
         keys: random keys, one per policy.
-        settings: of the method, which is chosen by their class; default `AnalyticGradient()`.
+        settings: of the method, which is chosen by their class; default `AnalyticGradient()`. With
+            RAPTOR's form in them, hidden layers, history, look-ahead and memory are that form's.
         on_progress: called after each evaluation; first with those of the checkpoint.
         saved: checkpoint, written after each evaluation. If it exists, training resumes from it and
             ends with the same policies as without the interruption. If it is of a training that
@@ -205,8 +207,11 @@ def train(
     begin, learn, sharding = METHODS[type(settings)]
     if initial is not None:
         _check_initial(initial, controller, settings)
-        settings = replace(settings, hidden=initial.layer_sizes[1:-1])
+        settings = replace(settings, hidden=initial.layer_sizes[1:-1], form=initial.form)
         history, look_ahead, memory = initial.history, initial.look_ahead, initial.memory
+    elif isinstance(settings, AnalyticGradient) and settings.form == raptor_form.RAPTOR:
+        settings = replace(settings, hidden=raptor_form.HIDDEN)
+        history, look_ahead, memory = raptor_form.SEEN
     from_zero = initial is not None
     if not 0 <= memory <= MOST_MEMORY:
         raise InputError(f"memory = {memory}; expected 0 to {MOST_MEMORY} numbers.")

@@ -11,7 +11,7 @@ from maidenflight.deployment import EXPORTERS
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
 from maidenflight.parameters import Parameters
-from maidenflight.policy import untrained
+from maidenflight.policy import INSTANTS, untrained
 from maidenflight.simulator.interface import ControlInterface
 from maidenflight.simulator.look_ahead import NONE, LookAhead
 from maidenflight.simulator.mixing import mixer_of
@@ -89,6 +89,7 @@ def check_export(
     drone: Parameters,
     look_ahead: LookAhead = NONE,
     memory: int = 0,
+    form: str = INSTANTS,
 ) -> None:
     """Checks before a training that its policies can be exported: exports an untrained one.
 
@@ -100,11 +101,12 @@ def check_export(
         drone: that they are trained for.
         look_ahead: points of the reference ahead of time in it.
         memory: numbers that they remember.
+        form: theirs, one of `policy.FORMS`.
 
     Raises:
         InputError: what is written could not hold them, or not fly the drone.
     """
     _must_be_mixed(to, interface, drone)
-    policy = untrained(jax.random.key(0), hidden, history, interface, look_ahead, memory)
+    policy = untrained(jax.random.key(0), hidden, history, interface, look_ahead, memory, form)
     with TemporaryDirectory() as folder:
         EXPORTERS[to](policy, folder, name="policy", seed=0)

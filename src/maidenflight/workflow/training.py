@@ -17,7 +17,7 @@ from maidenflight.flights.log import Flight
 from maidenflight.identification.drone_file import DroneFile
 from maidenflight.inputs import StrPath
 from maidenflight.policy import Policy
-from maidenflight.simulator import control, dynamics, tasks
+from maidenflight.simulator import control, dynamics, raptor_form, tasks
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.look_ahead import NONE, LookAhead
 from maidenflight.simulator.virtual_drone import VirtualDrone
@@ -54,6 +54,9 @@ REMEMBERING: dict[str, Any] = {
 are smaller, because with those of the others training over unlike drones gets worse after some
 hundred updates."""
 
+RAPTORS_FORM: dict[str, Any] = {**REMEMBERING, "learning_rate": 2e-3}
+"""What differs in RAPTOR's form. Its few values bear no larger steps of their weights."""
+
 FINE_TUNING: dict[str, Any] = {"updates": 200, "evaluations": 8}
 """What differs where training starts from a policy, beside learning rates of a quarter: the policy
 flies already, and steps as large as from random weights would first undo what it knows."""
@@ -82,6 +85,7 @@ def settings_for(
     hidden: tuple[int, ...] | None = None,
     memory: int = 0,
     initial: Policy | None = None,
+    form: str = policy.INSTANTS,
 ) -> Settings:
     """Default settings for a control structure, a task and a method, all by name.
 
@@ -94,11 +98,20 @@ def settings_for(
         memory: numbers that policies remember.
         initial: where training starts instead of random weights, if given; its layers and memory
             replace those above.
+        form: of the policies, one of `policy.FORMS`; so do those of RAPTOR's.
+
+    Raises:
+        InputError: policies of RAPTOR's form by PPO.
     """
     settings: Any = PPO() if method == "ppo" else _by_gradient(structure, task)
     if initial is not None:
-        hidden, memory = initial.layer_sizes[1:-1], initial.memory
-    if memory and method == "gradient":
+        hidden, memory, form = initial.layer_sizes[1:-1], initial.memory, initial.form
+    if form == raptor_form.RAPTOR:
+        if method == "ppo":
+            raise InputError("policies of RAPTOR's form are trained by gradients, not by PPO.")
+        hidden = raptor_form.HIDDEN
+        settings = dataclasses.replace(settings, form=form, **RAPTORS_FORM)
+    elif memory and method == "gradient":
         settings = dataclasses.replace(settings, **REMEMBERING)
     if initial is not None and method == "gradient":
         rates = {
@@ -192,7 +205,8 @@ def train_for(
         seed: random seed.
         folder: where to write. `run_folder.CHECKPOINT` in it is the state at the last evaluation.
         count: number of policies.
-        settings: of the method.
+        settings: of the method. With RAPTOR's form in them, history, look-ahead and memory are that
+            form's.
         randomization: half width of a box about the drone; `POSTERIOR`: samples of its posterior;
             `WIDE`: a wide box about it; `ANY_DAY`: also trims, payloads and more that no log told;
             or `ANY`: drones of any make with its sensors.
@@ -230,9 +244,12 @@ def train_for(
     controller = controller_to_train(structure, file, start, paper_scales)
     if start is not None:
         history, look_ahead, memory = start.history, start.look_ahead, start.memory
+    form = settings.form if isinstance(settings, AnalyticGradient) else policy.INSTANTS
+    if form == raptor_form.RAPTOR:
+        history, look_ahead, memory = raptor_form.SEEN
     if target is not None:
-        network = settings.hidden, history
-        check_export(target, controller.interface, *network, file.parameters, look_ahead, memory)
+        network = settings.hidden, history, file.parameters, look_ahead, memory, form
+        check_export(target, controller.interface, *network)
     box = randomized(file, randomization, controller)
     rows: list[dict[str, Any]] = []
 

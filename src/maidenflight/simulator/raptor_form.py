@@ -1,0 +1,109 @@
+"""RAPTOR's form: what policies see and command that programs for RAPTOR fly, in terms of ours.
+
+Such a network has RAPTOR's shape: 22 inputs, 16 values with ReLU, a gated recurrent unit of 16
+numbers and, from these alone, four outputs. It sees the position less the set-point (world, clipped
+to 0.5 m), the rotation matrix row by row, the velocity less the set-point's (world, clipped to 1
+m/s), body rates and its last output. Outputs are rotor speeds a in [-1, 1]: ((a + 1) / 2)^2 of full
+thrust.
+
+Whatever flies policies gives such a policy an observation of ours, one instant and one point ahead,
+from which the velocity of the set-point follows, and takes an action of PWM control.
+
+Source: Eschmann et al. 2025, RAPTOR; foundation-policy 1.0.2, README and PX4's mc_raptor.
+"""
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from maidenflight.errors import InputError
+from maidenflight.simulator import interface, rotations
+from maidenflight.simulator.interface import ControlInterface
+from maidenflight.simulator.look_ahead import LookAhead
+
+RAPTOR = "raptor"
+"""Name of the form."""
+HISTORY = 1
+LOOK_AHEAD = LookAhead(1, 0.01)
+"""The set-point one period later."""
+HIDDEN = (16,)
+MEMORY = 16
+SEEN = HISTORY, LOOK_AHEAD, MEMORY
+"""What shapes an observation."""
+INPUTS = 22
+"""Numbers that the network sees."""
+MAX_POSITION_ERROR_M = 0.5
+MAX_VELOCITY_ERROR_M_S = 1.0
+MEAN = np.array([0.0] * 3 + list(np.eye(3).ravel()) + [0.0] * 6 + [0.5] * 4, np.float32)
+"""By which a new policy centres the 22 numbers."""
+DEVIATION = np.array([0.1] * 3 + [0.2] * 8 + [0.05] + [0.3] * 3 + [1.0] * 3 + [0.3] * 4, np.float32)
+"""By which it scales them."""
+_LEAST_SHARE = 1e-12
+"""Of full thrust, below which the root has no slope; between it and 0 no action of float32 lies."""
+
+
+def observed(observation: Float[Array, "23"]) -> Float[Array, "22"]:
+    """What the network sees of an observation of ours: one instant and a point ahead."""
+    _, quaternion, velocity, body_rates, error, action, ahead = jnp.split(
+        observation, [3, 7, 10, 13, 16, 20]
+    )
+    moving = (ahead - error) / LOOK_AHEAD.spacing
+    return jnp.concatenate(
+        [
+            jnp.clip(-error, -MAX_POSITION_ERROR_M, MAX_POSITION_ERROR_M),
+            rotations.to_matrix(quaternion).reshape(-1),
+            jnp.clip(velocity - moving, -MAX_VELOCITY_ERROR_M_S, MAX_VELOCITY_ERROR_M_S),
+            body_rates,
+            output_of(action),
+        ]
+    )
+
+
+def action_of(output: Float[Array, "4"]) -> Float[Array, "4"]:
+    """The action of PWM control that commands an output's rotor speeds.
+
+    What is beyond [-1, 1] stays beyond by as much, and is clipped as any action is.
+    """
+    speed = jnp.clip(output, -1.0, 1.0)
+    return 2.0 * ((speed + 1.0) / 2.0) ** 2 - 1.0 + (output - speed)
+
+
+def output_of(action: Float[ArrayLike, "4"]) -> Float[Array, "4"]:
+    """The output within [-1, 1] that commands what an action does."""
+    share = (jnp.clip(jnp.asarray(action), -1.0, 1.0) + 1.0) / 2.0
+    # The root's slope at 0 is infinite.
+    return 2.0 * jnp.sqrt(jnp.maximum(share, _LEAST_SHARE)) - 1.0
+
+
+def check(
+    commanded: ControlInterface,
+    history: int,
+    look_ahead: LookAhead,
+    hidden: tuple[int, ...],
+    memory: int,
+    where: str = "policy",
+) -> None:
+    """Checks that a policy is as this form has it.
+
+    Args:
+        commanded: what it commands.
+        history: instants in its observation.
+        look_ahead: points ahead in it.
+        hidden: sizes of its hidden layers.
+        memory: numbers that it remembers.
+        where: what errors name, such as the file.
+
+    Raises:
+        InputError: it is not.
+    """
+    usual = interface.pwm(full_scale_counts=commanded.full_scale_counts)
+    if commanded != usual or (
+        (history, look_ahead, tuple(hidden), memory) != (HISTORY, LOOK_AHEAD, HIDDEN, MEMORY)
+    ):
+        raise InputError(
+            f"{where}: {commanded.name} at {commanded.rate} Hz, history {history}, "
+            f"{look_ahead.points} points {look_ahead.spacing:g} s ahead, hidden layers "
+            f"{tuple(hidden)}, memory {memory}; a policy of the form {RAPTOR} has pwm at "
+            f"{usual.rate} Hz, history {HISTORY}, {LOOK_AHEAD.points} point "
+            f"{LOOK_AHEAD.spacing:g} s ahead, hidden layers {HIDDEN}, memory {MEMORY}."
+        )
