@@ -482,3 +482,10 @@ def test_a_plant_is_refused_at_once_where_the_drone_changes_in_flight() -> None:
     assert callable(workflow.plant("virtual:1+yaw600", 0))
     with pytest.raises(InputError, match="virtual-1"):
         workflow.plant("virtual:1+yaw600@1", 0)
+
+
+def test_a_policy_of_raptors_form_is_exported_for_its_programs(tmp_path: Path) -> None:
+    for form, options in (("raptor", ("--to", "raptor")), ("instants", ())):
+        path = tmp_path / f"{form}.json"
+        policy.write(path, policy.untrained(jax.random.key(0), form=form))
+        assert workflow.export_options(path) == options

@@ -102,4 +102,5 @@ def envelope(
         "simulated": True,
         "output": str(output),
     }
-    options.emit(as_json, content, text, ("export", best) if best else ())
+    follows = ("export", best, *workflow.export_options(best)) if best else ()
+    options.emit(as_json, content, text, follows)

@@ -148,7 +148,8 @@ def transfer(
             )
         print(f"written to {output}/, a row a flight in flights.csv")
 
-    options.emit(as_json, content, text, ("export", best) if best else ())
+    follows = ("export", best, *workflow.export_options(best)) if best else ()
+    options.emit(as_json, content, text, follows)
 
 
 def _transfer_matrix(
@@ -332,7 +333,8 @@ def predict(
         "simulated": True,
         "output": str(output),
     }
-    options.emit(as_json, content, text, ("export", best[0]))
+    follows = ("export", best[0], *workflow.export_options(best[0], control))
+    options.emit(as_json, content, text, follows)
 
 
 def _flight_times_content(files: list[Path], flown: "DataFrame") -> list[dict[str, Any]]:

@@ -6,7 +6,7 @@ making, and returns them.
 
 from maidenflight.workflow.closed_loop import match_loops
 from maidenflight.workflow.conversion import convert
-from maidenflight.workflow.deployment import export
+from maidenflight.workflow.deployment import export, export_options
 from maidenflight.workflow.drones import (
     ANY,
     ANY_DAY,
@@ -66,6 +66,7 @@ __all__ = [
     "drone_to_fly",
     "envelope_of",
     "export",
+    "export_options",
     "flights_to_view",
     "identify_from",
     "limit_cycles",

@@ -15,6 +15,7 @@ from maidenflight.policy import INSTANTS, untrained
 from maidenflight.simulator.interface import ControlInterface
 from maidenflight.simulator.look_ahead import NONE, LookAhead
 from maidenflight.simulator.mixing import mixer_of
+from maidenflight.simulator.raptor_form import RAPTOR
 from maidenflight.workflow.policies import frame_of, hover_of, read_as
 
 
@@ -68,6 +69,19 @@ def export(
         **chosen,
     }
     return exporter(policy, folder, **given)
+
+
+def export_options(path: StrPath, structure: str | None = None) -> tuple[str, ...]:
+    """Options of the command `export` that a policy needs for its form.
+
+    Args:
+        path: policy file, ours or the authors'.
+        structure: see `export`.
+
+    Raises:
+        InputError: the file is no policy.
+    """
+    return ("--to", RAPTOR) if read_as(path, structure).form == RAPTOR else ()
 
 
 def _must_be_mixed(to: str, interface: ControlInterface, drone: Parameters) -> None:
