@@ -88,9 +88,13 @@ def test_a_plan_is_whole_chunks_within_the_time_and_tells_more_than_a_hover(prop
     assert all(block.seconds % CHUNK == 0 for block in made.blocks)
     assert made.by_setpoints
     assert set(made.expected) == {"latency", "inertia_x", "inertia_y", "drag_x"}
-    for name in ("inertia_x", "inertia_y", "drag_x"):
-        one = made.expected[name]
-        assert 0.0 < one.plan < one.hover <= one.plausible * (1 + 1e-6)
+    for one in made.expected.values():
+        assert 0.0 < min(one.plan, one.hover) <= max(one.plan, one.hover)
+        assert max(one.plan, one.hover) <= one.plausible * (1 + 1e-6)
+    # All together, which is what a plan maximises; a single parameter may be told a little worse.
+    shares = [one.plan / one.hover for one in made.expected.values()]
+    assert np.prod(shares) < 0.3
+    assert max(shares) < 1.3
     assert found.excess <= 2 * optimal_design.CLOSE
     assert HOVER not in found.left_out
 
