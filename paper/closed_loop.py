@@ -26,6 +26,7 @@ import polars
 from jax import lax, tree
 from jaxtyping import Float
 from predict_flights import one_against_others, published, within_band
+from scipy.ndimage import uniform_filter1d
 
 from maidenflight import compiler, policy, results, workflow
 from maidenflight.errors import InputError
@@ -186,8 +187,7 @@ def elsewhere(folder: Path, drones: Mapping[str, Parameters]) -> list[dict[str, 
     target = one_step.OneStep(parts, period, max(1, round(period / STEP_S)), every)
     rows: list[dict[str, object]] = []
     for name, drone in drones.items():
-        for _ in range(3):
-            drone = replace(drone, thrust_to_weight=np.float32(target.carrying(drone)))
+        drone = replace(drone, thrust_to_weight=np.float32(target.hovering(drone)[0]))
         told = [shown for flight in flights if (shown := speed_told(flight, drone)) is not None]
         rows.append(
             {
@@ -226,10 +226,7 @@ def speed_told(flight: Flight, drone: Parameters) -> float | None:
 def _fast(values: Float[np.ndarray, "N 4"], flight: Flight) -> Float[np.ndarray, "M 4"]:
     """Values less their mean over a second about each row, without the first and last second."""
     second = round(1.0 / flight.period)
-    sums = np.cumsum(np.concatenate([np.zeros((1, 4)), values]), axis=0)
-    means = (sums[second:] - sums[:-second]) / second
-    inner = slice(second // 2, second // 2 + len(means))
-    return values[inner] - means
+    return (values - uniform_filter1d(values, second, axis=0))[second:-second]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -247,9 +244,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     policies, flights = published(given.authors)
     files = identified(given.authors, given.output, policies)
     rows: list[dict[str, object]] = []
-    for label in ("likelihood", "closed loop"):
-        file = files[label]
-        drones = workflow.possible_drones(file, workflow.TRIMS, 0)
+    blind = {
+        label: workflow.possible_drones(files[label], workflow.TRIMS, 0)
+        for label in ("likelihood", "closed loop")
+    }
+    for label, drones in blind.items():
         rows += agreements(label, predicted(policies, drones, given.trials), flights)
     logs = {name: todays_log(given.authors, list(policies), name) for name in policies}
     own = {
@@ -259,11 +258,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     rows += agreements(TODAY, predicted(policies, own, given.trials), flights)
     table = polars.DataFrame(rows)
     points = {
-        label: tree.map(
-            lambda leaf: np.asarray(leaf).mean(axis=0).astype(np.float32),
-            workflow.possible_drones(files[label], workflow.TRIMS, 0),
-        )
-        for label in ("likelihood", "closed loop")
+        label: tree.map(lambda leaf: np.asarray(leaf).mean(axis=0).astype(np.float32), drones)
+        for label, drones in blind.items()
     }
     others = [row for folder in given.elsewhere for row in elsewhere(folder, points)]
     with polars.Config(tbl_rows=-1, tbl_cols=-1, tbl_width_chars=220, float_precision=2):

@@ -17,11 +17,11 @@ import jax
 import pytest
 from hypothesis import settings
 
+from maidenflight import compiler
+
 # Tests compile much and compute little (`compiler.QUICKEST`). The order is another than there, so
 # that commands take the flags for the user's own and keep them: all tests share what is compiled.
-os.environ.setdefault(
-    "XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=1"
-)
+os.environ.setdefault("XLA_FLAGS", " ".join(reversed(compiler.QUICKEST.split())))
 # Whichever test comes first: a command line would make each core a device, and programs for one
 # device are others than for two.
 jax.devices()

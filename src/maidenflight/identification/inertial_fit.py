@@ -32,8 +32,8 @@ from maidenflight.identification.information import (
     DELAYS,
     HOVERING,
     NEXT_FLIGHT,
-    OTHER_DAY,
     Ranges,
+    other_days,
 )
 from maidenflight.identification.likelihood import Likelihood
 from maidenflight.identification.problem import Problem
@@ -265,8 +265,7 @@ def _posterior(
         moves -= shifts @ (inverse @ crossed).T
     if HOVERING in names:
         place = names.index(HOVERING)
-        other_day = OTHER_DAY * float(fit.drone.thrust_to_weight) / slope[place]
-        moves[:, place] += generator.normal(0.0, other_day, posterior.RESAMPLES)
+        moves[:, place] += other_days(fit.drone, posterior.RESAMPLES, generator) / slope[place]
     errors = np.std(moves, axis=0) * slope
     # A latency or drag of zero is no search bound but where nature ends.
     bounded = (unit > 1 - _AT_BOUND) | ((unit < _AT_BOUND) & (np.array(box.lower) != 0.0))

@@ -97,6 +97,19 @@ def is_told(deviation: float, prior: tuple[float, float]) -> bool:
     return bool(deviation**2 < TOLD * (prior[1] - prior[0]) ** 2 / UNIFORM)
 
 
+def other_days(
+    drone: Parameters, count: int, generator: np.random.Generator
+) -> Float[np.ndarray, "N"]:
+    """By how much the thrust-to-weight ratio differs on other days.
+
+    Args:
+        drone: on the day of the flights.
+        count: of samples.
+        generator: random numbers.
+    """
+    return generator.normal(0.0, OTHER_DAY * float(drone.thrust_to_weight), count)
+
+
 def expected(
     objective: OneStep,
     start: Parameters,

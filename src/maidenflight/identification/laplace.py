@@ -11,8 +11,8 @@ from maidenflight.identification.information import (
     HOVERING,
     LAG,
     NEXT_FLIGHT,
-    OTHER_DAY,
     Ranges,
+    other_days,
 )
 from maidenflight.identification.one_step import OneStep
 from maidenflight.identification.posterior import (
@@ -101,8 +101,7 @@ def samples(
     draws = optimum + moves @ along.T
     if by_moment:
         place = names.index(HOVERING)
-        other_day = OTHER_DAY * float(fit.drone.thrust_to_weight) / slope[place]
-        draws[:, place] += noise[:, 0] + generator.normal(0.0, other_day, count)
+        draws[:, place] += noise[:, 0] + other_days(fit.drone, count, generator) / slope[place]
     return np.clip(draws, 0.0, 1.0), box, spread[:fitted]
 
 
