@@ -28,6 +28,9 @@ from maidenflight.flights.reading import read_flights
 from maidenflight.flights.tables import Table
 from maidenflight.identification.estimates import Identification
 from maidenflight.identification.identify import identify
+from maidenflight.identification.inertial import FORCE, FORCE_GROUPS
+from maidenflight.identification.inertial_errors import InertialErrors
+from maidenflight.identification.inertial_signals import ACCELEROMETER, signals
 from maidenflight.parameters import Parameters, crazyflie
 from maidenflight.parameters import replace as with_values
 from maidenflight.simulator.geometry import TORQUES
@@ -61,6 +64,8 @@ MODEL = (
     "torque_to_thrust",
 )
 """The source's model: no coasting, no drag against climbing."""
+BOTH = (*FORCE, *FORCE_GROUPS["slowing_down"], "thrust_offset")
+"""Coasting and drag, and thrust of a rotor that stands: which of them do the flights want?"""
 
 
 def tables(folder: Path) -> dict[str, Table]:
@@ -196,7 +201,13 @@ def main() -> None:
         "whole logs": identify(whole, start=start),
         "the slices": identify(sliced(logs), start=start),
         "whole logs, the source's model": identify(whole, start=start, over=MODEL),
+        "whole logs, thrust at standstill too": identify(whole, start=start, over=BOTH),
     }
+    measured = InertialErrors(signals(whole, ACCELEROMETER))
+    used = measured.signals.used
+    print("errors of the accelerometer, all steps of 10 ms in the air [m/s2]:")
+    for name, one in found.items():
+        print(f"  {name}: {measured.errors(one.parameters)[used].std():.2f}")
     values = {name: ends(one) for name, one in found.items()}
     quantities = list(dict.fromkeys(name for one in values.values() for name in one))
     compared = polars.DataFrame(

@@ -231,6 +231,12 @@ def test_parameters_can_be_named(excited: list[Flight]) -> None:
     assert found.gains == ()
 
 
+def test_a_lag_can_be_named_without_a_latency(excited: list[Flight]) -> None:
+    found = identify(excited, ONCE, over=["motor_time_constant"])
+    assert list(found.estimates) == ["motor_time_constant"]
+    assert found.parameters.latency == crazyflie().latency
+
+
 @pytest.mark.parametrize(
     "over", [["drag_x"], ["inertia_z", "torque_to_thrust"], ["flapping_moment", "inertia_x"]]
 )

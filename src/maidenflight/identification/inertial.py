@@ -194,7 +194,7 @@ def _lag_is_told(found: Told, plausible: Ranges) -> bool:
     """Whether lag and latency together are told, and neither lies at a search bound."""
     if np.isinf([found.error.get(name, 0.0) for name in DELAYS]).any():
         return False
-    samples = np.sum([found.draws.get(name, np.zeros(1)) for name in DELAYS], axis=0)
+    samples = sum(found.draws[name] for name in DELAYS if name in found.draws)
     return is_told(
         float(np.std(samples)), plausible.get(DELAYS[0], plausible.get(DELAYS[1], (0, 0)))
     )
