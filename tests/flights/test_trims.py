@@ -31,7 +31,7 @@ def test_a_drone_that_hovers_tells_its_thrust_and_its_torques(bias, ratio):
     still = np.zeros((200, 3), np.float32)
     flight = calm(200, command=np.float32(np.tile(command, (200, 1))))
     flight = dataclasses.replace(flight, velocity=still, attitude=still, body_rates=still)
-    found = trim(flight, crazyflie())
+    found = trim([flight], crazyflie())
     assert found.thrust_to_weight == pytest.approx(ratio, rel=1e-4)
     np.testing.assert_allclose(found.torque_bias, bias, atol=1e-7, rtol=1e-3)
     np.testing.assert_allclose(found.command, command, rtol=1e-5)
@@ -40,11 +40,21 @@ def test_a_drone_that_hovers_tells_its_thrust_and_its_torques(bias, ratio):
 
 def test_what_a_log_lacks_is_not_known_and_short_flights_have_no_error():
     flight = calm(60, attitude=np.full((60, 3), np.nan, np.float32))
-    found = trim(flight, crazyflie())
+    found = trim([flight], crazyflie())
     assert np.isnan([found.thrust_to_weight, found.thrust_to_weight_error]).all()
     assert np.isfinite(found.torque_bias).all()
     assert np.isnan(found.torque_bias_error).all()
-    off = trim(calm(80, command=np.zeros((80, 4), np.float32)), crazyflie())
+    off = trim([calm(80, command=np.zeros((80, 4), np.float32))], crazyflie())
     assert np.isnan(off.thrust_to_weight)
-    assert np.isnan(trim(calm(30), crazyflie()).torque_bias).all()
-    assert (trim(calm(400), crazyflie()).torque_bias_error > 0).all()
+    assert np.isnan(trim([calm(30)], crazyflie()).torque_bias).all()
+    assert (trim([calm(400)], crazyflie()).torque_bias_error > 0).all()
+
+
+def test_a_flight_in_pieces_tells_what_it_tells_whole():
+    flight = calm(400)
+    whole = trim([flight], crazyflie())
+    pieces = trim([flight.part(0, 200), flight.part(200, 400), calm(30)], crazyflie())
+    error = whole.torque_bias_error
+    assert (np.abs(pieces.torque_bias - whole.torque_bias) < 0.2 * error).all()
+    np.testing.assert_allclose(pieces.torque_bias_error, error, rtol=1e-5)
+    assert pieces.thrust_to_weight == pytest.approx(whole.thrust_to_weight, rel=1e-3)

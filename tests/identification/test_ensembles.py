@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -24,7 +26,7 @@ def estimates(deviation: float) -> dict[str, Estimate]:
 
 def test_the_trim_of_the_day_lies_between_the_file_and_the_flight_as_they_are_sure() -> None:
     drone = crazyflie()
-    measured = trim(held(), drone).torque_bias[2]
+    measured = trim([held()], drone).torque_bias[2]
     assert measured < -3e-5
     found = {
         deviation: drone_of_the_day(drone, estimates(deviation), [held()], "x")
@@ -46,7 +48,7 @@ def test_the_thrust_of_the_day_is_told_too_where_it_was_identified() -> None:
     drone = crazyflie()
     told = estimates(4e-5) | {"thrust_to_weight": Estimate(1.725, (1.7, 1.75), (1.725,), 0.2)}
     found, told = drone_of_the_day(drone, told, [held()], "x")
-    measured = trim(held(), drone).thrust_to_weight
+    measured = trim([held()], drone).thrust_to_weight
     assert float(found.thrust_to_weight) == pytest.approx(told["thrust_to_weight"].value)
     assert min(measured, 1.725) < float(found.thrust_to_weight) < max(measured, 1.725)
     only_torques = drone_of_the_day(drone, estimates(4e-5), [held()], "x")[0]
@@ -54,13 +56,18 @@ def test_the_thrust_of_the_day_is_told_too_where_it_was_identified() -> None:
 
 
 def test_more_flights_of_the_day_tell_more() -> None:
-    flights = [held(seed=seed) for seed in range(4)]
-    one, four = (
+    flights = [dataclasses.replace(held(seed=seed), name=f"flight {seed}") for seed in range(4)]
+    pieces = [dataclasses.replace(flight, name="flight") for flight in flights]
+    one, four, joined = (
         drone_of_the_day(crazyflie(), estimates(4e-5), some, "x")[1]["torque_bias_z"]
-        for some in (flights[:1], flights)
+        for some in (flights[:1], flights, pieces)
     )
     assert four.between_segment_sd < one.between_segment_sd
     assert abs(four.value) > abs(one.value)
+    # Pieces of one flight are no more than a longer flight.
+    known = [estimate.between_segment_sd for estimate in (one, joined, four)]
+    assert known[0] - known[1] < 0.5 * (known[0] - known[2])
+    assert abs(joined.value) < abs(four.value)
 
 
 def test_what_tells_no_trim_is_refused() -> None:

@@ -5,6 +5,7 @@ torque of its rotors cancels whatever constant torque acts on it. Neither motor 
 matters to a mean. `identify` finds the same numbers with everything else, and how sure they are.
 """
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -35,38 +36,38 @@ class Trim(NamedTuple):
     """Mean voltage [V]."""
 
 
-def trim(flight: Flight, drone: Parameters) -> Trim:
+def trim(pieces: Sequence[Flight], drone: Parameters) -> Trim:
     """Thrust and constant torques that balance the means of a flight.
 
     With F_i = m g / 4 k_F u_i, the mean of sum(F_i) R_zz is m (g + dv_z / T), and the mean of all
     torques on the body that of I domega/dt + omega x (I omega).
 
     Args:
-        flight: the flight.
+        pieces: the flight, whole or in pieces, such as checking leaves of a log with gaps; those
+            shorter than `SEGMENT_S` tell nothing, and others as much as they are long.
         drone: its mass, inertia, rotors and ratio of torque to thrust; its k_F for the torques
             where that of the flight is not known.
 
     Source: Gronauer et al. 2022, eq:motor-force, eq:linear-acceleration, eq:torque and
     eq:angular-acceleration.
     """
-    rows = flight.part(flight.lead, len(flight))
-    parts = max(1, round(rows.duration / SEGMENT_S))
-    long = rows.duration >= SEGMENT_S
-    whole = _balance(rows, drone) if long else np.full(4, np.nan)
-    edges = np.linspace(0, len(rows), parts + 1).astype(int)
-    each = np.array(
-        [_balance(rows.part(first, last), drone) for first, last in pairwise(edges)]
-        if parts > 1
-        else np.full((1, 4), np.nan)
-    )
-    error = np.array([_standard_error(column[np.isfinite(column)]) for column in each.T])
+    rows = [piece.part(piece.lead, len(piece)) for piece in pieces]
+    long = [piece for piece in rows if piece.duration >= SEGMENT_S]
+    whole, each, lengths = [np.full(4, np.nan)], [], [1.0]
+    if long:
+        whole, lengths = [_balance(piece, drone) for piece in long], [len(one) for one in long]
+    for piece in long:
+        edges = np.linspace(0, len(piece), round(piece.duration / SEGMENT_S) + 1).astype(int)
+        each += [_balance(piece.part(first, last), drone) for first, last in pairwise(edges)]
+    values = np.array([_weighted(column, lengths) for column in np.array(whole).T])
+    error = np.array([_standard_error(column) for column in np.reshape(each, (-1, 4)).T])
     return Trim(
-        float(whole[0]),
-        whole[1:],
+        float(values[0]),
+        values[1:],
         float(error[0]),
         error[1:],
-        _mean(rows.command),
-        float(_mean(rows.battery[:, None])[0]),
+        _mean(np.concatenate([piece.command for piece in rows])),
+        float(_mean(np.concatenate([piece.battery for piece in rows])[:, None])[0]),
     )
 
 
@@ -88,7 +89,14 @@ def _balance(rows: Flight, drone: Parameters) -> Float[np.ndarray, "4"]:
     return np.array([ratio, *(spun + _mean(np.cross(rates, inertia * rates)) - given)])
 
 
+def _weighted(values: Float[np.ndarray, "n"], weights: Sequence[float]) -> float:
+    """Mean of the values that are finite; NaN where none is."""
+    good = np.isfinite(values)
+    return float(np.average(values[good], weights=np.array(weights)[good])) if any(good) else np.nan
+
+
 def _standard_error(means: Float[np.ndarray, "n"]) -> float:
+    means = means[np.isfinite(means)]
     return float(np.std(means, ddof=1) / np.sqrt(len(means))) if len(means) > 1 else float("nan")
 
 

@@ -60,7 +60,7 @@ def drone_of_the_day(
     Args:
         drone: the identified drone.
         estimates: see `DroneFile.estimates`.
-        flights: of the day, by any policy or controller.
+        flights: of the day, by any policy or controller; those of one name are pieces of one.
         where: the drone's file, for errors.
 
     Returns:
@@ -72,7 +72,11 @@ def drone_of_the_day(
     """
     if not set(TRIM) & set(estimates):
         raise InputError(_UNTOLD.format(where=where))
-    rows = [trim(flight, drone) for flight in flights]
+    # Pieces of one flight have its trim: they are no flights of their own.
+    logs: dict[str, list[Flight]] = {}
+    for flight in flights:
+        logs.setdefault(flight.name, []).append(flight)
+    rows = [trim(pieces, drone) for pieces in logs.values()]
     known = [
         (np.array([row.thrust_to_weight, *row.torque_bias]), np.array(errors))
         for row in rows

@@ -63,7 +63,7 @@ def trims(run: Run) -> polars.DataFrame:
     drone = crazyflie() if run.drone is None else run.drone.parameters
     rows = []
     for number, flight in enumerate(run.recorded, 1):
-        found = trim(flight, drone)
+        found = trim([flight], drone)
         row = {"number": number, "flight": flight.name}
         row |= {"drone": flight.simulated or "a real drone"}
         row |= {"duration": flight.duration, "rows": len(flight)}
