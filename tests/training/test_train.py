@@ -499,25 +499,6 @@ def test_a_policy_sees_and_remembers_as_much_as_asked_and_else_it_is_another_tra
         train(tasks.circle(), control.pwm(), BOX, KEYS[:1], settings, history=0)
 
 
-@pytest.mark.parametrize(
-    ("stages", "evaluations", "ends"),
-    [
-        ((400,), 4, [100, 200, 300, 400]),
-        ((5,), 3, [2, 3, 5]),
-        ((2,), 15, [1, 2]),
-        ((7,), 1, [7]),
-        ((600, 700), 15, [*range(40, 601, 40), 650, 700]),
-        ((4, 5, 9), 2, [2, 4, 5, 7, 9]),
-        ((2, 4), 15, [1, 2, 3, 4]),
-    ],
-)
-def test_the_last_score_of_a_stage_comes_at_its_end_whatever_divides_what(
-    stages: tuple[int, ...], evaluations: int, ends: list[int]
-) -> None:
-    assert module._ends(stages, evaluations, from_zero=False) == ends
-    assert module._ends(stages, evaluations, from_zero=True) == [0, *ends]
-
-
 def test_what_cannot_be_trained_is_refused() -> None:
     with pytest.raises(InputError, match="position_pid cannot be trained for"):
         train(tasks.circle(), control.position_pid(), BOX, KEYS, TINY)
