@@ -17,8 +17,7 @@ import numpy as np
 from fuzz_damage import ANY, REFUSED, SAME, Damaged, Kind
 from fuzz_reader import Good, Reader, table_damaged, tree_damaged
 
-import maidenflight.policy as policies
-from maidenflight import parameters, results, workflow
+from maidenflight import parameters, policy_file, results, workflow
 from maidenflight.deployment.authors_json import read_policy, to_authors_json
 from maidenflight.experiments import matrix
 from maidenflight.flights import log
@@ -26,6 +25,7 @@ from maidenflight.identification.drone_file import DroneFile, Estimate, Search, 
 from maidenflight.link import rows
 from maidenflight.link.blocks import MOTORS, STATE
 from maidenflight.parameters import QUANTITIES, Parameters
+from maidenflight.policy import INSTANTS, Policy, untrained
 from maidenflight.simulator.interface import INTERFACES, ControlInterface
 from maidenflight.simulator.trajectories import read_waypoints
 from maidenflight.training import checkpoint
@@ -82,12 +82,12 @@ def unsound_drone(read: Parameters) -> str:
     return ""
 
 
-def small_policy(control: str = "pwm", history: int = 1) -> policies.Policy:
+def small_policy(control: str = "pwm", history: int = 1) -> Policy:
     """A policy with few numbers."""
-    return policies.untrained(jax.random.key(0), (3,), history, INTERFACES[control]())
+    return untrained(jax.random.key(0), (3,), history, INTERFACES[control]())
 
 
-def policy_told(read: policies.Policy) -> list[np.ndarray]:
+def policy_told(read: Policy) -> list[np.ndarray]:
     words = np.array([str(read.interface), str(read.history), str(read.look_ahead)])
     return [
         words,
@@ -98,7 +98,7 @@ def policy_told(read: policies.Policy) -> list[np.ndarray]:
     ]
 
 
-def unsound_policy(read: policies.Policy) -> str:
+def unsound_policy(read: Policy) -> str:
     arrays = policy_told(read)[1:]
     sizes = (20 * read.history + read.look_ahead.size, *(len(bias) for bias in read.biases))
     faults = {
@@ -171,7 +171,7 @@ def _sensible(value: Any) -> bool:
     if isinstance(value, tuple):
         return all(type(entry) is int and 1 <= entry < 2**31 for entry in value)
     if isinstance(value, str):
-        return value == policies.INSTANTS
+        return value == INSTANTS
     return np.isfinite(value) and 0 <= value < 2**31
 
 
@@ -180,7 +180,7 @@ def file_readers() -> list[Reader]:
     plain = drone(record=RECORD)
     needs = drone_needs
     whole = Kind(REFUSED)
-    ours = policies.to_json(small_policy(), RECORD).encode()
+    ours = policy_file.to_json(small_policy(), RECORD).encode()
     authors_file = to_authors_json(small_policy("attitude", 2)).encode()
     return [
         Reader(
@@ -215,7 +215,7 @@ def file_readers() -> list[Reader]:
                     tree_damaged(json.loads, lambda path: path[0] != "record", "json", whole),
                 ),
             ),
-            lambda _, path: (read_policy(path), policies.record(path))[0],
+            lambda _, path: (read_policy(path), policy_file.record(path))[0],
             policy_told,
             unsound_policy,
         ),

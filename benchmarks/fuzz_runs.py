@@ -17,8 +17,7 @@ from fuzz_files import (
 )
 from fuzz_reader import Good, Reader, made, table_damaged, tree_damaged
 
-import maidenflight.policy as policies
-from maidenflight import run_folder
+from maidenflight import policy_file, run_folder
 from maidenflight.flights import log
 from maidenflight.identification.drone_file import OBJECTIVES
 from maidenflight.reporting import page
@@ -86,7 +85,7 @@ def whole_run() -> dict[str, bytes]:
         f"{json.dumps(RECORD)}\n{tests.errors().write_csv()}".encode(),
         "validation_windows.csv": "# windows\n# record: "
         f"{json.dumps(RECORD)}\n{tests.windows().write_csv()}".encode(),
-        "policies/policy_1.json": policies.to_json(small_policy(), RECORD).encode(),
+        "policies/policy_1.json": policy_file.to_json(small_policy(), RECORD).encode(),
         "policies/training.csv": b"steps,policy,episode_return,survival,position_error\n"
         b"1000,1,-9.0,0.5,0.1\n2000,1,-5.0,1.0,0.02\n",
         "demo.json": b'{"seed": 7, "stages": {"record": 1.5, "train": 3.0}}',

@@ -30,7 +30,7 @@ from jaxtyping import Bool, Float
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from maidenflight import compiler, parameters, policy, results, terminal, workflow
+from maidenflight import compiler, parameters, policy_file, results, terminal, workflow
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import MAX_DURATION_S, transfer
 from maidenflight.flights.log import Flight
@@ -228,7 +228,7 @@ def trained(
             settings,
         )
 
-    return policy.kept(folder / variant.folder, seeds, made, learn)
+    return policy_file.kept(folder / variant.folder, seeds, made, learn)
 
 
 def _same(found: Any, made: Mapping[str, Any], path: Path) -> None:

@@ -27,7 +27,8 @@ from maidenflight.experiments.recovery import SOON_S, recovery
 from maidenflight.experiments.transfer import as_seen_by
 from maidenflight.flights import flying
 from maidenflight.parameters import Parameters, crazyflie, replace
-from maidenflight.policy import Policy, read
+from maidenflight.policy import Policy
+from maidenflight.policy_file import read
 from maidenflight.simulator import additions, control, tasks
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import AnyDrone

@@ -28,7 +28,7 @@ from jaxtyping import Float
 from predict_flights import one_against_others, published, within_band
 from scipy.ndimage import uniform_filter1d
 
-from maidenflight import compiler, policy, results, workflow
+from maidenflight import compiler, policy_file, results, workflow
 from maidenflight.errors import InputError
 from maidenflight.experiments.agreement import agreement
 from maidenflight.experiments.flight_times import predict_flight_times, summary
@@ -83,7 +83,7 @@ def identified(authors: Path, folder: Path, policies: Mapping[str, Policy]) -> d
         structure, number = name.split("/")
         if structure == "pwm":
             made = results.record(seed=0, inputs=[], settings={"published": name})
-            policy.write(chosen / f"pwm_{int(number):03d}.json", policies[name], made)
+            policy_file.write(chosen / f"pwm_{int(number):03d}.json", policies[name], made)
     found: dict[str, Path] = {}
     for label, over in (("closed loop", TRIM), (TODAY, DAILY)):
         varied = folder / f"likelihood_{len(over)}.toml"

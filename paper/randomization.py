@@ -36,7 +36,7 @@ import polars
 from jaxtyping import Float
 from scipy import stats
 
-from maidenflight import compiler, policy, results, terminal, workflow
+from maidenflight import compiler, policy_file, results, terminal, workflow
 from maidenflight.errors import InputError
 from maidenflight.experiments.as_flown import controller_as_flown
 from maidenflight.experiments.flight_times import predict_flight_times
@@ -134,7 +134,7 @@ def trained(
     # What a cell's policies are depends neither on the other cells nor on what an interrupted run
     # left.
     keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), CELLS.index(cell)), seeds)
-    return policy.kept(
+    return policy_file.kept(
         folder / cell.name,
         seeds,
         made,

@@ -33,7 +33,8 @@ from maidenflight.flights.flying import Rows
 from maidenflight.flights.log import thinned
 from maidenflight.foreign.policies import ForeignPolicy, foreign_policy
 from maidenflight.parameters import Parameters
-from maidenflight.policy import Policy, read
+from maidenflight.policy import Policy
+from maidenflight.policy_file import read
 from maidenflight.simulator import control, mellinger, tasks, trajectories
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment

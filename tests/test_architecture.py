@@ -12,6 +12,7 @@ ORDER = [
     "parameters",
     "simulator gru",
     "flights foreign gym policy",
+    "policy_file",
     "identification training",
     "experiments",
     "deployment reporting link",

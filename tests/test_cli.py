@@ -13,7 +13,7 @@ import polars
 import pytest
 
 from event_files import scalars
-from maidenflight import cache, cli, parameters, policy, results, workflow
+from maidenflight import cache, cli, parameters, policy, policy_file, results, workflow
 from maidenflight.flights import compensation, log, reading
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import DroneFile, Estimate, Search, Source
@@ -342,7 +342,7 @@ def test_an_export_names_the_report_that_shows_its_policy(
     tmp_path: Path, monkeypatch: Any, capsys: Any
 ) -> None:
     file = tmp_path / "my runs" / "policies" / "policy_1.json"
-    policy.write(file, policy.untrained(jax.random.key(0), (4,)))
+    policy_file.write(file, policy.untrained(jax.random.key(0), (4,)))
     code, out, _ = run(monkeypatch, capsys, "export", file, "-o", tmp_path / "firmware")
     assert code == 0
     assert next_of(out) == ["report", str(tmp_path / "my runs")]
@@ -412,7 +412,7 @@ def test_the_line_from_logs_to_report_in_json(
     trained = said("train", "--drone", drone, "-o", policies, "--updates", 2)
     names = [f"policy_{number}.json" for number in (1, 2, 3)]
     assert [Path(path).name for path in trained["policies"]] == names
-    assert policy.read(trained["policies"][0]).layer_sizes == (40, 50, 50, 4)
+    assert policy_file.read(trained["policies"][0]).layer_sizes == (40, 50, 50, 4)
 
     flown = said(
         "transfer",
@@ -448,7 +448,9 @@ def test_flight_times_of_ours_and_the_authors_policies_are_predicted(
         tmp_path / "p.csv",
     )
     for number in range(3):
-        policy.write(ours / f"policy_{number}.json", policy.untrained(jax.random.key(number), (8,)))
+        policy_file.write(
+            ours / f"policy_{number}.json", policy.untrained(jax.random.key(number), (8,))
+        )
     still = {"type": "standard", "weights": [[0.0] * 40] * 4, "biases": [0.0] * 4}
     theirs.write_text(
         json.dumps(

@@ -18,7 +18,7 @@ import pytest
 from jaxtyping import Array
 
 import maidenflight as mf
-from maidenflight import cli, deployment, parameters, policy, workflow
+from maidenflight import cli, deployment, parameters, policy, policy_file, workflow
 from maidenflight.flights import log
 from maidenflight.identification.drone_file import DroneFile
 from maidenflight.policy import Policy
@@ -182,7 +182,7 @@ def test_the_python_of_the_transfer_page_runs(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for path in ("policies/policy_1.json", "attitude_rate_066.json"):
-        policy.write(path, policy.untrained(jax.random.key(0)))
+        policy_file.write(path, policy.untrained(jax.random.key(0)))
     parameters.write("drone.toml", parameters.crazyflie(), {})
     monkeypatch.setattr(
         mf,
@@ -203,7 +203,7 @@ def test_the_python_and_the_commands_of_the_envelopes_page_run(
 ) -> None:
     monkeypatch.setattr("maidenflight.simulator.trajectories.QUICKENING", 1.0)
     monkeypatch.setattr("maidenflight.experiments.envelope.DURATION_S", 0.1)
-    policy.write(tmp_path / "policies" / "policy_1.json", policy.untrained(jax.random.key(0)))
+    policy_file.write(tmp_path / "policies" / "policy_1.json", policy.untrained(jax.random.key(0)))
     (snippet,) = blocks("docs/envelope.md", "python")
     names: dict[str, Any] = {}
     exec(compile(snippet, "docs/envelope.md", "exec"), names)
@@ -255,7 +255,7 @@ def test_the_python_and_the_commands_of_the_realities_page_run(
     names: dict[str, Any] = {"policies": policies}
     exec(compile(snippet, "docs/realities.md", "exec"), names)
     assert set(names["flown"].table["reality"]) == {"virtual-7", "worn-7"}
-    policy.write("policies/policy_1.json", policies[0])
+    policy_file.write("policies/policy_1.json", policies[0])
     commands = [
         line
         for line in blocks("docs/realities.md", "sh")[0].splitlines()
@@ -300,7 +300,7 @@ def test_a_reality_of_ones_own_as_the_page_on_extending_shows_it(
     assert set(names["flown"].table["reality"]) == {"virtual-7", "mine"}
     assert mf.reality("mine:0").name == "mine"
     Path("my_simulator.py").write_text(made)
-    policy.write("policies/policy_1.json", policy.untrained(jax.random.key(0)))
+    policy_file.write("policies/policy_1.json", policy.untrained(jax.random.key(0)))
     (command,) = [
         shlex.split(line)
         for line in blocks("docs/extending.md", "sh")[-1].splitlines()
@@ -554,7 +554,7 @@ def test_a_control_structure_is_added_in_three_places(monkeypatch: pytest.Monkey
     ]
     names: dict[str, Any] = {}
     exec(compile(snippet, "docs/extending.md", "exec"), names)
-    read = policy.read("policies/torques.json")
+    read = policy_file.read("policies/torques.json")
     assert read.interface == names["TORQUES"]
     assert control.controller_for(read.interface).interface == names["TORQUES"]
     assert '#define MF_CONTROL "torques"' in Path("firmware/policy.h").read_text()
@@ -612,7 +612,7 @@ def test_the_commands_of_the_first_hour_with_the_paper_run(
     ):
         log.write(f"authors_flights/pwm/flight_{number}.csv", flight)
     for name in ("pwm_024", "attitude_rate_066", "attitude_021"):
-        policy.write(f"{name}.json", policy.untrained(jax.random.key(0)))
+        policy_file.write(f"{name}.json", policy.untrained(jax.random.key(0)))
     for line in "".join(blocks(page, "sh")).splitlines():
         words = shlex.split(line)
         monkeypatch.setattr(sys, "argv", words + LESS_WORK.get(words[1], []))

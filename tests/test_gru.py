@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from maidenflight.errors import InputError
 from maidenflight.gru import Gru, untrained_gru
-from maidenflight.policy import Actor, from_json, to_json, untrained
+from maidenflight.policy import Actor, untrained
+from maidenflight.policy_file import from_json, to_json
 from maidenflight.simulator.sensors import Measurement
 
 KEY = jax.random.key(0)

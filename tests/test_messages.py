@@ -12,7 +12,7 @@ import numpy as np
 import polars
 import pytest
 
-from maidenflight import cli, parameters, policy, terminal, workflow
+from maidenflight import cli, parameters, policy, policy_file, terminal, workflow
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.identification.drone_file import Estimate, GroupGain
@@ -36,7 +36,9 @@ def trained(tmp_path: Path) -> Path:
         ("mute/policy_3", None),
     ):
         made = {"settings": {"task": task}} if task else {}
-        policy.write(tmp_path / f"{place}.json", policy.untrained(jax.random.key(0), (3,)), made)
+        policy_file.write(
+            tmp_path / f"{place}.json", policy.untrained(jax.random.key(0), (3,)), made
+        )
     return tmp_path
 
 

@@ -19,7 +19,7 @@ import jax
 import pytest
 
 import maidenflight
-from maidenflight import parameters, policy, results, workflow
+from maidenflight import parameters, policy, policy_file, results, workflow
 from maidenflight.errors import InputError
 from test_cli import run
 
@@ -54,7 +54,7 @@ def test_files_are_written_in_one_place() -> None:
 def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a policy and what a report can be made of."""
     folder = tmp_path_factory.mktemp("small")
-    policy.write(
+    policy_file.write(
         folder / "policies" / "policy_1.json",
         policy.untrained(jax.random.key(0), (3,)),
         {"seed": 1},

@@ -16,7 +16,7 @@ import pytest
 import maidenflight as mf
 from flights.made_flights import calm, driven
 from flying_policy import flown, flying_policy
-from maidenflight import policy, results, workflow
+from maidenflight import policy, policy_file, results, workflow
 from maidenflight.deployment import EXPORTERS
 from maidenflight.errors import InputError
 from maidenflight.experiments import envelope
@@ -184,9 +184,9 @@ def test_a_look_ahead_is_trained_with_and_recorded(
     monkeypatch.setattr("maidenflight.workflow.training.train", untrained)
     workflow.train_for("crazyflie", 0, tmp_path, 1, workflow.SETTINGS["pwm"], 0.1, look_ahead=ahead)
     file = tmp_path / "policy_1.json"
-    assert policy.read(file).look_ahead == ahead
+    assert policy_file.read(file).look_ahead == ahead
     told = {"look_ahead": {"points": 2, "spacing": 0.2}} if ahead.points else {}
-    settings = policy.record(file)["settings"]
+    settings = policy_file.record(file)["settings"]
     assert {name: settings[name] for name in settings if "ahead" in name} == told
 
 
@@ -244,7 +244,7 @@ def test_policies_for_the_authors_format_have_the_papers_scales(
         paper_scales=paper_scales,
     )
     assert (made.interface == control.attitude().interface) == papers
-    said = policy.record(tmp_path / "policy_1.json")["settings"]
+    said = policy_file.record(tmp_path / "policy_1.json")["settings"]
     assert said.get("paper_scales") == (papers or None)
 
 
@@ -295,7 +295,7 @@ def test_an_app_for_the_firmwares_mixer_is_not_made_of_a_policy_for_another_fram
     path, made = tmp_path / "policy.json", policy.untrained(jax.random.key(0), (8,), 2, interface)
     for drone in (own, other):
         rotors = {name: plain(getattr(drone, name)) for name in GEOMETRY}
-        policy.write(path, made, {"rotors": rotors})
+        policy_file.write(path, made, {"rotors": rotors})
         if drone is own or structure == "pwm":
             assert workflow.export(path, tmp_path / f"app{drone is own}", 0, "crazyflie")
             check_export("crazyflie", interface, (8,), 2, drone)
@@ -329,7 +329,7 @@ def test_what_the_target_could_not_hold_is_not_trained(tmp_path: Path, monkeypat
 
 
 def test_an_app_is_exported_for_the_drone_s_propellers(tmp_path: Path) -> None:
-    policy.write(tmp_path / "policy_1.json", policy.untrained(jax.random.key(0)), {})
+    policy_file.write(tmp_path / "policy_1.json", policy.untrained(jax.random.key(0)), {})
     workflow.export(
         tmp_path / "policy_1.json", tmp_path / "app", 0, "crazyflie", propellers="legacy"
     )
@@ -347,7 +347,7 @@ def test_what_is_exported_says_how_it_was_made(to: str, tmp_path: Path) -> None:
     if to == "raptor":
         pytest.importorskip("h5py")
         made = policy.untrained(jax.random.key(0), form=to)
-    policy.write(tmp_path / "policy_1.json", made)
+    policy_file.write(tmp_path / "policy_1.json", made)
     written = workflow.export(tmp_path / "policy_1.json", tmp_path / "out", 0, to)
     texts = [b" ".join(path.read_bytes().replace(b"\n *", b" ").split()) for path in written]
     recorded = [text for text in texts if b"policy_1.json sha256" in text]
@@ -367,7 +367,7 @@ def test_an_envelope_goes_on_where_it_was_interrupted(tmp_path: Path, monkeypatc
         return polars.DataFrame(rows)
 
     monkeypatch.setattr("maidenflight.workflow.envelope.envelope.envelope", one)
-    policy.write(tmp_path / "policy_1.json", policy.untrained(jax.random.key(0)))
+    policy_file.write(tmp_path / "policy_1.json", policy.untrained(jax.random.key(0)))
     places = [virtual_drone(7), virtual_drone(8)]
 
     def asked(resume: bool, flights: int = 20) -> polars.DataFrame:
@@ -402,7 +402,7 @@ def test_the_closed_loop_moves_what_it_found_in_the_drone_file_and_keeps_the_res
         Search("likelihood", -10.0, 4, 9),
     ).write(start)
     flying = flying_policy(crazyflie())
-    policy.write(
+    policy_file.write(
         tmp_path / "policies" / "policy_1.json",
         flying,
         results.record(seed=0, inputs=[], settings={}),
@@ -444,7 +444,7 @@ def test_the_closed_loop_moves_what_it_found_in_the_drone_file_and_keeps_the_res
     assert code == 0
     assert "latency" in out
     others = tmp_path / "policies" / "policy_1.json"
-    policy.write(
+    policy_file.write(
         others, untrained(jax.random.key(0)), results.record(seed=0, inputs=[], settings={})
     )
     code, _, said = run(monkeypatch, capsys, *arguments, "--overwrite")
@@ -487,5 +487,5 @@ def test_a_plant_is_refused_at_once_where_the_drone_changes_in_flight() -> None:
 def test_a_policy_of_raptors_form_is_exported_for_its_programs(tmp_path: Path) -> None:
     for form, options in (("raptor", ("--to", "raptor")), ("instants", ())):
         path = tmp_path / f"{form}.json"
-        policy.write(path, policy.untrained(jax.random.key(0), form=form))
+        policy_file.write(path, policy.untrained(jax.random.key(0), form=form))
         assert workflow.export_options(path) == options

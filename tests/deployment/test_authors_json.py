@@ -12,7 +12,7 @@ import pytest
 from test_c import COMPILERS, Flown
 
 from damaged_json import damaged
-from maidenflight import policy
+from maidenflight import policy, policy_file
 from maidenflight.deployment.authors_json import (
     EPSILON,
     RATES,
@@ -237,7 +237,7 @@ def test_a_name_a_folder_or_the_caller_says_what_an_authors_policy_commands(
 
 
 def test_our_policies_are_told_from_the_authors_by_content(tmp_path):
-    path = policy.write(tmp_path / "pwm.json", policy.untrained(jax.random.key(0), (8,)))
+    path = policy_file.write(tmp_path / "pwm.json", policy.untrained(jax.random.key(0), (8,)))
     assert read_policy(path, "attitude").interface.name == "pwm"
     for text, message in (
         (json.dumps(MADE), "model.json: one of the authors' policies, which do not say"),

@@ -22,7 +22,8 @@ from maidenflight.deployment.c import (
 )
 from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie
-from maidenflight.policy import Actor, to_json, untrained
+from maidenflight.policy import Actor, untrained
+from maidenflight.policy_file import to_json
 from maidenflight.simulator import environment
 from maidenflight.simulator.interface import INTERFACES
 from maidenflight.simulator.look_ahead import NONE, LookAhead

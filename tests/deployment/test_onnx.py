@@ -18,12 +18,13 @@ import pytest
 from test_c import STRICT
 
 from damaged_json import damaged
-from maidenflight import __version__, cli, policy, results, workflow
+from maidenflight import __version__, cli, policy, policy_file, results, workflow
 from maidenflight.deployment.authors_json import interface_of
 from maidenflight.deployment.c import export_c
 from maidenflight.deployment.onnx import IR, OPSET, export_onnx, to_onnx
 from maidenflight.errors import InputError
-from maidenflight.policy import to_json, untrained
+from maidenflight.policy import untrained
+from maidenflight.policy_file import to_json
 from maidenflight.simulator.interface import ControlInterface
 from maidenflight.simulator.look_ahead import LookAhead
 
@@ -274,7 +275,7 @@ def said(monkeypatch, capsys, *arguments):
 
 def test_the_command_exports_both_kinds_of_policies_to_everything(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    policy.write("mine.json", untrained(jax.random.key(0), (8,)))
+    policy_file.write("mine.json", untrained(jax.random.key(0), (8,)))
     Path("theirs.json").write_text(json.dumps(THEIRS))
     for arguments, files in (
         (["mine.json"], ["firmware/policy.h", "firmware/policy.c"]),
@@ -303,14 +304,16 @@ def test_the_command_exports_both_kinds_of_policies_to_everything(tmp_path, monk
 
 
 def test_c_is_what_is_exported_unless_told_and_as_before(tmp_path):
-    path = policy.write(tmp_path / "policy_1.json", untrained(jax.random.key(0), (8,)))
+    path = policy_file.write(tmp_path / "policy_1.json", untrained(jax.random.key(0), (8,)))
     given = workflow.export(path, tmp_path / "given", 7)
     expected = export_c(
-        policy.read(path),
+        policy_file.read(path),
         tmp_path / "expected",
         seed=7,
         record=results.record(
-            seed=7, inputs=[path], settings={"to": "c", "control": policy.read(path).interface.name}
+            seed=7,
+            inputs=[path],
+            settings={"to": "c", "control": policy_file.read(path).interface.name},
         ),
     )
     assert [file.read_bytes() for file in given] == [file.read_bytes() for file in expected]
@@ -338,7 +341,7 @@ def blocks(language):
 
 def test_the_commands_and_the_code_of_the_page_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    policy.write("policies/policy_1.json", untrained(jax.random.key(0)), {"hover": 0.58})
+    policy_file.write("policies/policy_1.json", untrained(jax.random.key(0)), {"hover": 0.58})
     Path("attitude_rate_066.json").write_text(json.dumps(THEIRS))
     commands = [line for line in blocks("sh")[0].splitlines() if line.startswith("maidenflight ")]
     assert len(commands) >= 4

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from maidenflight import __version__, cli, policy
+from maidenflight import __version__, cli, policy_file
 from maidenflight.deployment import EXPORTERS
 from maidenflight.deployment.raptor import export_raptor, to_raptor
 from maidenflight.errors import InputError
@@ -145,7 +145,7 @@ def test_the_file_is_laid_out_as_raptors_own(tmp_path: Path) -> None:
         how = json.loads(file.attrs["maidenflight"])
         assert how == {
             "version": __version__,
-            "sha256": hashlib.sha256(policy.to_json(one).encode()).hexdigest(),
+            "sha256": hashlib.sha256(policy_file.to_json(one).encode()).hexdigest(),
             "record": {"seed": 3},
         }
 
@@ -174,21 +174,21 @@ def test_the_same_policy_seed_and_record_give_the_same_bytes() -> None:
 
 def test_a_file_of_the_form_reads_back_bit_by_bit_and_others_do_not_name_it(tmp_path: Path) -> None:
     one = made()
-    back = policy.read(policy.write(tmp_path / "policy.json", one))
+    back = policy_file.read(policy_file.write(tmp_path / "policy.json", one))
     assert jax.tree.structure(back) == jax.tree.structure(one)
     for old, new in zip(jax.tree.leaves(one), jax.tree.leaves(back), strict=True):
         np.testing.assert_array_equal(old, new)
-    assert "form" not in json.loads(policy.to_json(untrained(jax.random.key(0), (8,))))
+    assert "form" not in json.loads(policy_file.to_json(untrained(jax.random.key(0), (8,))))
 
 
 def test_a_damaged_form_is_refused() -> None:
-    content = json.loads(policy.to_json(made()))
+    content = json.loads(policy_file.to_json(made()))
     for wrong in ({"form": "instants"}, {"form": []}, {"form": "x"}, {"history": 2}):
         with pytest.raises(InputError, match="here: "):
-            policy.from_json(json.dumps({**content, **wrong}), "here")
+            policy_file.from_json(json.dumps({**content, **wrong}), "here")
     del content["gru"]
     with pytest.raises(InputError, match=r"here: .* memory 0; "):
-        policy.from_json(json.dumps(content), "here")
+        policy_file.from_json(json.dumps(content), "here")
 
 
 @pytest.mark.parametrize("to", [name for name in EXPORTERS if name != "raptor"])
@@ -224,7 +224,7 @@ def test_without_the_package_one_error_says_how_to_install_it(
 
 def test_the_command_exports_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    policy.write("policy_1.json", made(), {"hover": 0.5})
+    policy_file.write("policy_1.json", made(), {"hover": 0.5})
     cli.commands(["export", "policy_1.json", "--to", "raptor"], standalone_mode=False)
     with h5py.File("raptor_policy/policy.h5") as file:
         record = json.loads(file.attrs["maidenflight"])["record"]
@@ -236,7 +236,7 @@ def test_the_command_and_the_code_of_the_page_run(
 ) -> None:
     pytest.importorskip("foundation_policy", reason="not installed (extra [raptor])")
     monkeypatch.chdir(tmp_path)
-    policy.write("mine/policy_1.json", made())
+    policy_file.write("mine/policy_1.json", made())
     page = (Path(__file__).parents[2] / "docs" / "export.md").read_text()
     (section,) = re.findall(r"^## RAPTOR's checkpoint\n(.*?)^## ", page, re.M | re.S)
     (command,), (snippet,) = (

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from maidenflight import cli, policy
+from maidenflight import cli, policy, policy_file
 from maidenflight.errors import InputError
 from maidenflight.identification.bounds import (
     at_bounds,
@@ -136,7 +136,7 @@ def test_a_drone_at_a_bound_is_refused_by_parameter_and_bound():
 
 @pytest.fixture
 def folder(tmp_path):
-    policy.write(tmp_path / "p" / "policy_1.json", policy.untrained(jax.random.key(0), (3,)))
+    policy_file.write(tmp_path / "p" / "policy_1.json", policy.untrained(jax.random.key(0), (3,)))
     identified(2.5).write(tmp_path / "narrow.toml")
     settings = (
         f'drone = "{tmp_path / "narrow.toml"}"\nrealities = ["near:7"]\nlatency = [0.0]\n'

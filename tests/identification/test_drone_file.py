@@ -8,7 +8,7 @@ import jax
 import numpy as np
 import pytest
 
-from maidenflight import cli, parameters, policy, workflow
+from maidenflight import cli, parameters, policy, policy_file, workflow
 from maidenflight.errors import InputError
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import (
@@ -197,7 +197,7 @@ def test_a_policy_is_neither_trained_nor_predicted_for_a_damaged_file(damaged, t
 @pytest.fixture(scope="module")
 def policies(tmp_path_factory):
     folder = tmp_path_factory.mktemp("policies")
-    policy.write(folder / "policy_1.json", policy.untrained(jax.random.key(0), (3,)))
+    policy_file.write(folder / "policy_1.json", policy.untrained(jax.random.key(0), (3,)))
     return folder
 
 

@@ -10,7 +10,7 @@ from test_page import RECORD, circling, errors, windows
 from test_page import run as _run
 
 from flights.made_flights import authors_columns, authors_text
-from maidenflight import policy, results, run_folder
+from maidenflight import policy, policy_file, results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.flights import log
 from maidenflight.reporting import run as runs
@@ -32,7 +32,7 @@ def mine(run: Path, tmp_path: Path) -> Path:
     shutil.copy(run / "drone.toml", folder / "my_drone.toml")
     shutil.copy(run / "reality.toml", folder / "truth of it.toml")
     shutil.copy(run / "identification.csv", folder / "my_drone_identification.csv")
-    policy.write(folder / "my policies" / "a.json", policy.untrained(jax.random.key(0), (4,)))
+    policy_file.write(folder / "my policies" / "a.json", policy.untrained(jax.random.key(0), (4,)))
     shutil.copy(run / "policies" / "training.csv", folder / "my policies" / "scores.csv")
     written(folder / "predicted.csv", run_folder.VALIDATION, errors())
     written(folder / "predicted_windows.csv", run_folder.WINDOWS, windows())

@@ -178,3 +178,22 @@ def test_a_fingerprint_tells_words_and_numbers_apart() -> None:
     assert checkpoint.fingerprint(said, FULL) == checkpoint.fingerprint(
         dict(said), State(*map(np.asarray, FULL))
     )
+
+
+@pytest.mark.parametrize(
+    ("stages", "evaluations", "ends"),
+    [
+        ((400,), 4, [100, 200, 300, 400]),
+        ((5,), 3, [2, 3, 5]),
+        ((2,), 15, [1, 2]),
+        ((7,), 1, [7]),
+        ((600, 700), 15, [*range(40, 601, 40), 650, 700]),
+        ((4, 5, 9), 2, [2, 4, 5, 7, 9]),
+        ((2, 4), 15, [1, 2, 3, 4]),
+    ],
+)
+def test_the_last_score_of_a_stage_comes_at_its_end_whatever_divides_what(
+    stages: tuple[int, ...], evaluations: int, ends: list[int]
+) -> None:
+    assert checkpoint.ends(stages, evaluations, from_zero=False) == ends
+    assert checkpoint.ends(stages, evaluations, from_zero=True) == [0, *ends]

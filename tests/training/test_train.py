@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from maidenflight import cli, policy, results, workflow
+from maidenflight import cli, policy, policy_file, results, workflow
 from maidenflight.cli import interruption, options
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import transfer
@@ -241,10 +241,10 @@ def test_an_extension_is_recorded(tmp_path: Path, monkeypatch: Any) -> None:
 
     monkeypatch.setattr("maidenflight.workflow.training.train", stub)
     workflow.train_for("crazyflie", 0, tmp_path, 1, changed(TINY, updates=600), 0.1)
-    assert "extended_from" not in policy.record(tmp_path / "policy_1.json")["settings"]
+    assert "extended_from" not in policy_file.record(tmp_path / "policy_1.json")["settings"]
     monkeypatch.setattr("maidenflight.workflow.training.train", extended)
     workflow.train_for("crazyflie", 0, tmp_path, 1, changed(TINY, updates=700), 0.1, resume=True)
-    settings = policy.record(tmp_path / "policy_1.json")["settings"]
+    settings = policy_file.record(tmp_path / "policy_1.json")["settings"]
     assert (settings["updates"], settings["extended_from"]) == (700, [600])
     assert workflow.updates_so_far(tmp_path) == 700
     assert workflow.updates_so_far(tmp_path / "none") is None
@@ -374,8 +374,8 @@ def test_what_a_killed_run_left_is_cleared_and_does_not_stand_in_the_way(
 def test_policies_of_an_earlier_training_of_more_go(tmp_path: Path, monkeypatch: Any) -> None:
     older = policy.untrained(jax.random.key(0), (3,))
     for number in (1, 2, 3):
-        policy.write(tmp_path / f"policy_{number}.json", older, {"number": number})
-    policy.write(tmp_path / "policy_4.json", older, {"note": "put here by somebody"})
+        policy_file.write(tmp_path / f"policy_{number}.json", older, {"number": number})
+    policy_file.write(tmp_path / "policy_4.json", older, {"note": "put here by somebody"})
     (tmp_path / "policy_5.json").write_text("not a policy")
     monkeypatch.setattr("maidenflight.workflow.training.train", training_that_gives(older))
     workflow.train_for("crazyflie", 7, tmp_path, 1, TINY, 0.1)
@@ -384,7 +384,7 @@ def test_policies_of_an_earlier_training_of_more_go(tmp_path: Path, monkeypatch:
         "policy_4.json",
         "policy_5.json",
     ]
-    assert policy.record(tmp_path / "policy_1.json")["seed"] == 7
+    assert policy_file.record(tmp_path / "policy_1.json")["seed"] == 7
 
 
 def test_an_earlier_training_stays_until_the_first_checkpoint_of_the_one_in_its_place(
@@ -497,25 +497,6 @@ def test_a_policy_sees_and_remembers_as_much_as_asked_and_else_it_is_another_tra
         train(tasks.circle(), control.pwm(), BOX, KEYS[:1], settings, memory=-1)
     with pytest.raises(InputError, match="history = 0; expected 1 or more"):
         train(tasks.circle(), control.pwm(), BOX, KEYS[:1], settings, history=0)
-
-
-@pytest.mark.parametrize(
-    ("stages", "evaluations", "ends"),
-    [
-        ((400,), 4, [100, 200, 300, 400]),
-        ((5,), 3, [2, 3, 5]),
-        ((2,), 15, [1, 2]),
-        ((7,), 1, [7]),
-        ((600, 700), 15, [*range(40, 601, 40), 650, 700]),
-        ((4, 5, 9), 2, [2, 4, 5, 7, 9]),
-        ((2, 4), 15, [1, 2, 3, 4]),
-    ],
-)
-def test_the_last_score_of_a_stage_comes_at_its_end_whatever_divides_what(
-    stages: tuple[int, ...], evaluations: int, ends: list[int]
-) -> None:
-    assert module._ends(stages, evaluations, from_zero=False) == ends
-    assert module._ends(stages, evaluations, from_zero=True) == [0, *ends]
 
 
 def test_what_cannot_be_trained_is_refused() -> None:

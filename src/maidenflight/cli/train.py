@@ -210,7 +210,7 @@ def train(
     options.must_be_new(output, overwrite, resume)
     compiler.set_flags(compiler.FUSED)
     cores.as_devices()
-    from maidenflight import policy, workflow
+    from maidenflight import policy, policy_file, workflow
     from maidenflight.simulator.look_ahead import LookAhead
 
     if resume and updates is None:
@@ -218,7 +218,7 @@ def train(
     start = None
     if initial is not None:
         _refuse(context, _OF_A_POLICY, "the policy of --from")
-        start = policy.read(initial)
+        start = policy_file.read(initial)
         control = start.interface.name
     if form != policy.INSTANTS:
         _refuse(context, _OF_RAPTOR, "--form raptor")

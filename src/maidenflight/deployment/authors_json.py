@@ -20,7 +20,8 @@ from maidenflight import inputs, results
 from maidenflight.deployment.commands import check_form
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
-from maidenflight.policy import FORMAT, Policy, from_json, numbers, text_of
+from maidenflight.policy import Policy
+from maidenflight.policy_file import FORMAT, from_json, numbers, text_of
 from maidenflight.simulator.environment import OBSERVATION_SIZE
 from maidenflight.simulator.interface import CONTROLS, INTERFACES, ControlInterface
 

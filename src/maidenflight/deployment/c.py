@@ -26,7 +26,8 @@ from maidenflight.deployment.commands import check_form, check_hover, described,
 from maidenflight.errors import InputError
 from maidenflight.gru import Gru
 from maidenflight.inputs import StrPath
-from maidenflight.policy import Policy, to_json
+from maidenflight.policy import Policy
+from maidenflight.policy_file import to_json
 from maidenflight.simulator.environment import ACTION_SIZE, OBSERVATION_SIZE
 
 GOLDEN_COUNT = 4

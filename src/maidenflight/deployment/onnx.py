@@ -17,7 +17,8 @@ from maidenflight.deployment.c import digest, golden_observations
 from maidenflight.deployment.commands import check_form, check_hover, described
 from maidenflight.errors import InputError, not_installed
 from maidenflight.inputs import StrPath
-from maidenflight.policy import INSTANT, Policy
+from maidenflight.policy import Policy
+from maidenflight.policy_file import INSTANT
 from maidenflight.simulator.environment import ACTION_SIZE
 from maidenflight.simulator.look_ahead import LookAhead
 
@@ -33,7 +34,7 @@ def to_onnx(
 ) -> bytes:
     """The bytes of an ONNX model. The same arguments give the same bytes.
 
-    Input: `observation`, float32 (batch, 20 H + 3 K), SI units, laid out as `policy.INSTANT`,
+    Input: `observation`, float32 (batch, 20 H + 3 K), SI units, laid out as `policy_file.INSTANT`,
     oldest instant first, then the K points of a look-ahead. Outputs: `command`, float32 (batch, 4),
     centre + span clip(a, -1, 1) of the policy's interface; and `action`, float32 (batch, 4), the
     unclipped a, which the next observation holds. Both are NaN in rows whose observation or action

@@ -162,7 +162,7 @@ def transfer(
     for one in policies:
         if not isinstance(one, Policy | ForeignPolicy):
             raise InputError(
-                f"{str(one)[:60]!r} is no Policy; expected what policy.read(FILE) gives."
+                f"{str(one)[:60]!r} is no Policy; expected what policy_file.read(FILE) gives."
             )
     places = [checked(one) for one in several]
     if not policies or not places or trials < 1:

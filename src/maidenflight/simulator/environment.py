@@ -206,7 +206,7 @@ class Noise(NamedTuple):
 def observe(
     measurement: Measurement, setpoint: Float[Array, "3"], action: Float[Array, "4"]
 ) -> Float[Array, "20"]:
-    """One instant of an observation, in the order of `policy.INSTANT`.
+    """One instant of an observation, in the order of `policy_file.INSTANT`.
 
     Source: Gronauer et al. 2022, sec. Simulation Environment; the order and the sign of the error
     are those of the authors' code and firmware (the paper writes e = r - t).

@@ -1,6 +1,6 @@
 """Checkpoints of training: arrays in NumPy's format, with a fingerprint of what is trained.
 
-Reading one never runs code from it.
+Each belongs to an evaluation of a stage of training. Reading one never runs code from it.
 """
 
 import hashlib
@@ -179,3 +179,55 @@ def restored(
         f"{path}: a checkpoint of another training{_difference(found.fingerprint, expected)}. "
         "Give the settings, seed and drone that it was started with, or another folder."
     )
+
+
+def extended(
+    path: str | PathLike[str] | None,
+    stages: tuple[int, ...],
+    updates: int,
+    evaluations: int,
+    scored: int,
+    from_zero: bool,
+) -> tuple[int, ...]:
+    """Stages of a training that goes on from a checkpoint to a number of updates.
+
+    Args:
+        path: the checkpoint.
+        stages: of the checkpoint; none where there is none.
+        updates: after which training is to end.
+        evaluations: see `ends`.
+        scored: number of evaluations that the checkpoint holds.
+        from_zero: see `ends`.
+
+    Raises:
+        InputError: it has more updates, or fewer and has not ended.
+    """
+    last = (stages or (0,))[-1]
+    ended = scored == len(ends(stages, evaluations, from_zero))
+    if updates == last or (updates > last and ended):
+        return stages if updates == last else (*stages, updates)
+    remedy = (
+        f"Give {last}, or more to train further"
+        if ended
+        else f"Finish it with updates = {last}; then it can be extended"
+    )
+    raise InputError(
+        f"{path}: a checkpoint of another training: updates was {last} and is {updates}. {remedy}."
+    )
+
+
+def ends(stages: Sequence[int], evaluations: int, from_zero: bool) -> list[int]:
+    """Updates after which policies are evaluated: evenly spaced in each stage, the last at its end.
+
+    Args:
+        stages: numbers of updates after which training ends, ascending.
+        evaluations: in the first stage; as often per update in the others.
+        from_zero: whether the policy is evaluated before the first update, too.
+    """
+    found, first = [0] * (from_zero and bool(stages)), 0
+    for end in stages:
+        per_update = min(1.0, evaluations / stages[0])
+        count = max(1, round((end - first) * per_update))
+        found += [first + round((end - first) * number / count) for number in range(1, count + 1)]
+        first = end
+    return found

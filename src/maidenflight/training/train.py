@@ -5,7 +5,7 @@ numbers of an update depend on its number alone, so that neither the number of e
 interruption changes the result.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import Field, asdict, replace
 from functools import partial
 from os import PathLike
@@ -223,7 +223,7 @@ def train(
         learners = begin(env, settings, box, keys)
         if initial is not None:
             learners = learners._replace(policy=_repeated(initial, len(keys)))
-        count = len(_ends(stages or (settings.updates,), settings.evaluations, from_zero))
+        count = len(checkpoint.ends(stages or (settings.updates,), settings.evaluations, from_zero))
         nothing = Evaluation(*(jnp.full((count, len(keys)), jnp.nan) for _ in Evaluation._fields))
         worst = Evaluation(*(jnp.full(len(keys), -jnp.inf) for _ in Evaluation._fields))
         return _State(learners, learners.policy, worst, nothing, jnp.zeros((), jnp.int32))
@@ -246,8 +246,10 @@ def train(
         (start(()), ()) if saved is None or anew else checkpoint.restored(saved, start, fingerprint)
     )
     state = state._replace(learners=placed(state.learners, sharding, settings.num_envs))
-    stages = _extended(stages, settings, int(state.scored), saved, from_zero)
-    ends = _ends(stages, settings.evaluations, from_zero)
+    stages = checkpoint.extended(
+        saved, stages, settings.updates, settings.evaluations, int(state.scored), from_zero
+    )
+    ends = checkpoint.ends(stages, settings.evaluations, from_zero)
     if to_come := len(ends) - len(state.scores.survival):
         more = jnp.full((to_come, len(keys)), jnp.nan)
         state = state._replace(
@@ -324,56 +326,6 @@ def _check_initial(initial: Policy, controller: Controller, settings: Settings) 
             f"and not {controller.interface.name} at {controller.interface.rate} Hz of the same "
             "centre and span. Give the control structure that it was trained for."
         )
-
-
-def _extended(
-    stages: tuple[int, ...],
-    settings: Settings,
-    scored: int,
-    saved: str | PathLike[str] | None,
-    from_zero: bool,
-) -> tuple[int, ...]:
-    """Stages of a training that goes on from a checkpoint to `settings.updates`.
-
-    Args:
-        stages: of the checkpoint; none where there is none.
-        settings: of the method.
-        scored: number of evaluations that the checkpoint holds.
-        saved: the checkpoint.
-        from_zero: see `_ends`.
-
-    Raises:
-        InputError: it has more updates, or fewer and has not ended.
-    """
-    last, updates = (stages or (0,))[-1], settings.updates
-    ended = scored == len(_ends(stages, settings.evaluations, from_zero))
-    if updates == last or (updates > last and ended):
-        return stages if updates == last else (*stages, updates)
-    remedy = (
-        f"Give {last}, or more to train further"
-        if ended
-        else f"Finish it with updates = {last}; then it can be extended"
-    )
-    raise InputError(
-        f"{saved}: a checkpoint of another training: updates was {last} and is {updates}. {remedy}."
-    )
-
-
-def _ends(stages: Sequence[int], evaluations: int, from_zero: bool) -> list[int]:
-    """Updates after which policies are evaluated: evenly spaced in each stage, the last at its end.
-
-    Args:
-        stages: numbers of updates after which training ends, ascending.
-        evaluations: in the first stage; as often per update in the others.
-        from_zero: whether the policy is evaluated before the first update, too.
-    """
-    ends, first = [0] * (from_zero and bool(stages)), 0
-    for end in stages:
-        per_update = min(1.0, evaluations / stages[0])
-        count = max(1, round((end - first) * per_update))
-        ends += [first + round((end - first) * number / count) for number in range(1, count + 1)]
-        first = end
-    return ends
 
 
 def _fingerprint(

@@ -8,7 +8,7 @@ from pathlib import Path
 import jax
 import polars
 
-from maidenflight import policy, results, run_folder
+from maidenflight import policy_file, results, run_folder
 from maidenflight.deployment.authors_json import read_policy
 from maidenflight.experiments import matrix
 from maidenflight.experiments.as_flown import FIRMWARE, controller_as_flown
@@ -156,7 +156,7 @@ def _policies_of(
     """Those that the folder holds, or new ones that it holds then."""
     inputs = [asked.drone] if Path(asked.drone).is_file() else []
     made = results.record(seed=asked.seed, inputs=inputs, settings=asked.said(cell))
-    return policy.kept(
+    return policy_file.kept(
         folder,
         asked.policies,
         made,

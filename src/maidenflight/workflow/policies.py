@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from maidenflight import inputs, policy
+from maidenflight import inputs, policy_file
 from maidenflight.deployment.authors_json import read_policy
 from maidenflight.errors import InputError
 from maidenflight.foreign.policies import ForeignPolicy, foreign_policy
@@ -117,7 +117,7 @@ def trained_with(path: StrPath) -> dict[str, Any]:
 
 def _record(path: StrPath) -> dict[str, Any]:
     try:
-        record = inputs.from_json(policy.text_of(path))["record"]
+        record = inputs.from_json(policy_file.text_of(path))["record"]
     except (ValueError, LookupError, TypeError):
         return {}
     return record if isinstance(record, dict) else {}

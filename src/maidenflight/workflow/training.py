@@ -10,7 +10,7 @@ from typing import Any
 import jax
 import polars
 
-from maidenflight import parameters, policy, results, run_folder
+from maidenflight import parameters, policy, policy_file, results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import transfer
 from maidenflight.flights.log import Flight
@@ -239,7 +239,7 @@ def train_for(
     if resume and not saved.exists():
         raise InputError(f"{saved}: no training to resume. {_how_to_start(Path(folder))}")
     file = drone_to_fly(drone, accept_bounds)
-    start = None if initial is None else policy.read(initial)
+    start = None if initial is None else policy_file.read(initial)
     paper_scales = paper_scales or target == "authors"
     controller = controller_to_train(structure, file, start, paper_scales)
     if start is not None:
@@ -318,7 +318,9 @@ def train_for(
     }
     for number, trained in enumerate(policies, 1):
         path = run_folder.POLICY.path(folder, number)
-        policy.write(path, trained, {**made, "hover": hover, "rotors": rotors, "number": number})
+        policy_file.write(
+            path, trained, {**made, "hover": hover, "rotors": rotors, "number": number}
+        )
     run_folder.TRAINING.write(Path(folder, run_folder.TRAINING.name), polars.DataFrame(rows))
     _remove_older(Path(folder), count)
     return policies
@@ -352,7 +354,7 @@ def _remove_older(folder: Path, count: int) -> None:
             if (
                 number.isdecimal()
                 and int(number) > count
-                and policy.record(path).get("number") == int(number)
+                and policy_file.record(path).get("number") == int(number)
             ):
                 path.unlink()
 

@@ -1,0 +1,18 @@
+"""A policy whose file shows every digit that is lost."""
+
+import jax
+
+from maidenflight.policy import untrained
+from maidenflight.simulator.look_ahead import NONE
+
+
+def noisy(key, hidden, history, look_ahead=NONE):
+    """A policy in which no number is round."""
+    made = untrained(key, hidden, history, look_ahead=look_ahead)
+    leaves, structure = jax.tree.flatten(made)
+    keys = jax.random.split(key, len(leaves))
+    leaves = [
+        leaf + jax.random.uniform(k, leaf.shape, minval=1e-7, maxval=1e-3)
+        for leaf, k in zip(leaves, keys, strict=True)
+    ]
+    return jax.tree.unflatten(structure, leaves)
