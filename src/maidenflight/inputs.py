@@ -62,6 +62,22 @@ def text(path: StrPath) -> str:
     return content(path).decode("utf-8").replace("\r\n", "\n")
 
 
+def readable(path: StrPath, kind: str = "text") -> str:
+    """Text of a file that a user gives.
+
+    Args:
+        path: the file.
+        kind: what it should be, for the error.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    try:
+        return text(path)
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read as {kind} ({error}).") from error
+
+
 def comments(path: StrPath) -> list[str]:
     """The lines that a file in UTF-8 begins with, each with a "#" before it; the rest is not read.
 

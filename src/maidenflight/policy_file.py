@@ -228,7 +228,4 @@ def text_of(path: StrPath) -> str:
     Raises:
         InputError: it cannot be read.
     """
-    try:
-        return inputs.text(path)
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as a policy ({error}).") from error
+    return inputs.readable(path, "a policy")

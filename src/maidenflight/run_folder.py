@@ -91,7 +91,7 @@ class Table:
         """
         import polars
 
-        content = text(path)
+        content = inputs.readable(path)
         lines = (line for line in content.split("\n") if line.strip() and line[0] != "#")
         names = next(lines, "").split(",")
         problem = "a column is there twice" if len(set(names)) < len(names) else ""
@@ -288,18 +288,6 @@ def windows_beside(validation: StrPath) -> Path:
     return path.with_name(f"{path.stem}_windows.csv")
 
 
-def text(path: Path) -> str:
-    """A file's text.
-
-    Raises:
-        InputError: it cannot be read.
-    """
-    try:
-        return inputs.text(path)
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as text ({error}).") from error
-
-
 def json_object(path: Path) -> dict[str, Any]:
     """The object in a JSON file; empty where there is no such file.
 
@@ -308,7 +296,7 @@ def json_object(path: Path) -> dict[str, Any]:
     """
     if not os.path.lexists(path):
         return {}
-    written = text(path)
+    written = inputs.readable(path)
     try:
         content = inputs.from_json(written)
     except ValueError as error:

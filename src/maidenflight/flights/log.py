@@ -1,7 +1,7 @@
 """`Flight`, what a drone measured and commanded row by row, and our own file format for it."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -152,6 +152,18 @@ class Flight:
     def speed_command(self) -> Float[np.ndarray, "N 4"]:
         """Rotor speed nu that commands ask for until the next row: sqrt(u), in float64."""
         return np.sqrt(np.maximum(self.mean_command.astype(float), 0.0))
+
+
+def by_log(flights: Iterable[Flight]) -> dict[str, list[Flight]]:
+    """The pieces of each log by its name, in the order of the flights.
+
+    Args:
+        flights: checked pieces of flights; those of one name are of one log.
+    """
+    logs: dict[str, list[Flight]] = {}
+    for flight in flights:
+        logs.setdefault(flight.name, []).append(flight)
+    return logs
 
 
 def thinned(flight: Flight, every: int) -> Flight:

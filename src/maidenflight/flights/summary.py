@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from maidenflight.flights.log import SUBSAMPLED, ZERO_ORDER_HOLD, Flight
+from maidenflight.flights.log import SUBSAMPLED, ZERO_ORDER_HOLD, Flight, by_log
 from maidenflight.simulator.geometry import TORQUES
 
 CALM = 0.02
@@ -57,10 +57,7 @@ def summaries(flights: Iterable[Flight]) -> tuple[Summary, ...]:
     Args:
         flights: checked pieces of flights; those of one name are of one log.
     """
-    logs: dict[str, list[Flight]] = {}
-    for flight in flights:
-        logs.setdefault(flight.name, []).append(flight)
-    return tuple(_summary(name, pieces) for name, pieces in logs.items())
+    return tuple(_summary(name, pieces) for name, pieces in by_log(flights).items())
 
 
 def _summary(name: str, pieces: list[Flight]) -> Summary:

@@ -53,13 +53,12 @@ def trim(pieces: Sequence[Flight], drone: Parameters) -> Trim:
     """
     rows = [piece.part(piece.lead, len(piece)) for piece in pieces]
     long = [piece for piece in rows if piece.duration >= SEGMENT_S]
-    whole, each, lengths = [np.full(4, np.nan)], [], [1.0]
-    if long:
-        whole, lengths = [_balance(piece, drone) for piece in long], [len(one) for one in long]
+    lengths, each = [len(piece) for piece in long], []
+    whole = np.reshape([_balance(piece, drone) for piece in long], (-1, 4))
     for piece in long:
         edges = np.linspace(0, len(piece), round(piece.duration / SEGMENT_S) + 1).astype(int)
         each += [_balance(piece.part(first, last), drone) for first, last in pairwise(edges)]
-    values = np.array([_weighted(column, lengths) for column in np.array(whole).T])
+    values = np.array([_weighted(column, lengths) for column in whole.T])
     error = np.array([_standard_error(column) for column in np.reshape(each, (-1, 4)).T])
     return Trim(
         float(values[0]),

@@ -7,7 +7,7 @@ import scipy
 from jaxtyping import Float
 
 from maidenflight.errors import InputError
-from maidenflight.flights.log import Flight
+from maidenflight.flights.log import Flight, by_log
 from maidenflight.flights.trims import SEGMENT_S, trim
 from maidenflight.identification.drone_file import Estimate
 from maidenflight.parameters import Parameters, check, component, replace
@@ -74,10 +74,7 @@ def drone_of_the_day(
     if not set(TRIM) & set(estimates):
         raise InputError(_UNTOLD.format(where=where))
     # Pieces of one flight have its trim: they are no flights of their own.
-    logs: dict[str, list[Flight]] = {}
-    for flight in flights:
-        logs.setdefault(flight.name, []).append(flight)
-    rows = [trim(pieces, drone) for pieces in logs.values()]
+    rows = [trim(pieces, drone) for pieces in by_log(flights).values()]
     known = [
         (np.array([row.thrust_to_weight, *row.torque_bias]), np.array(errors))
         for row in rows

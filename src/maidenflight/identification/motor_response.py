@@ -34,7 +34,7 @@ import numpy as np
 import scipy
 from jaxtyping import Float
 
-from maidenflight.flights.log import Flight
+from maidenflight.flights.log import Flight, by_log
 from maidenflight.identification.flight_signals import (
     body_velocity,
     force_along_z,
@@ -119,7 +119,7 @@ def motor_response(
         drone: where its rotors are.
         on_flight: called with (flights looked at, flights).
     """
-    groups, found = _by_name(flights), {}
+    groups, found = by_log(flights), {}
     for number, (name, parts) in enumerate(groups.items(), 1):
         if seen := _seen(parts, _torques(drone)):
             found[name] = seen
@@ -149,13 +149,6 @@ def motor_response(
     return MotorResponse(
         lag, np.maximum(latency, 0.0), float(np.exp(mean) * spread), looks, tuple(notes), per_flight
     )
-
-
-def _by_name(flights: Sequence[Flight]) -> dict[str, list[Flight]]:
-    groups: dict[str, list[Flight]] = {}
-    for flight in flights:
-        groups.setdefault(flight.name, []).append(flight)
-    return groups
 
 
 def _has(signal: str, found: dict[str, dict[str, _Seen]]) -> bool:

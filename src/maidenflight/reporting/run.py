@@ -297,7 +297,7 @@ def _numbered(path: Path) -> bool:
 
 
 def _own(path: Path, records: dict[str, Mapping[str, Any]]) -> Flight:
-    text = run_folder.text(path)
+    text = inputs.readable(path)
     if not text.startswith(log.MARK):
         raise InputError(
             f"{path}: not a flight log of maidenflight; its first line should begin with "
