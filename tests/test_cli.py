@@ -204,7 +204,7 @@ def test_help_starts_within_a_fifth_of_a_second_of_python_itself() -> None:
         ),
         *(
             (["train", "--form", "raptor", option, value, "--drone", "crazyflie"], option)
-            for option, value in (("--memory", "3"), ("--hidden", "16"), ("--method", "ppo"))
+            for option, value in (("--memory", "3"), ("--hidden", "16"))
         ),
         (
             [

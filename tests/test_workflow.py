@@ -258,7 +258,9 @@ def test_drones_of_any_make_are_trained_over_with_a_memory_and_its_own_settings(
     assert isinstance(drones, AnyDrone)
     assert float(drones.centre.mass) == pytest.approx(float(crazyflie().mass))
     assert isinstance(workflow.randomized("crazyflie", workflow.ANY_DAY, control.pwm()), AnyDay)
-    usual, own = (workflow.settings_for("pwm", "circle", memory=size) for size in (0, 16))
+    usual, own = (
+        workflow.settings_for("pwm", "circle", "gradient", memory=size) for size in (0, 16)
+    )
     assert isinstance(usual, AnalyticGradient)
     assert isinstance(own, AnalyticGradient)
     assert own.hidden_learning_rate < usual.hidden_learning_rate
@@ -269,7 +271,7 @@ def test_drones_of_any_make_are_trained_over_with_a_memory_and_its_own_settings(
     assert isinstance(tuned, AnalyticGradient)
     assert (tuned.hidden, tuned.num_envs) == ((24, 12), own.num_envs)
     assert tuned.learning_rate < own.learning_rate
-    raptor = workflow.settings_for("pwm", "circle", form="raptor")
+    raptor = workflow.settings_for("pwm", "circle", "gradient", form="raptor")
     assert raptor == dataclasses.replace(own, hidden=(16,), form="raptor", learning_rate=2e-3)
     with pytest.raises(InputError, match="gradients"):
         workflow.settings_for("pwm", "circle", "ppo", form="raptor")

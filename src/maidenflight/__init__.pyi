@@ -40,6 +40,7 @@ from .simulator.virtual_drone import VirtualDrone as VirtualDrone
 from .simulator.virtual_drone import virtual_drone as virtual_drone
 from .studies.sweeping import sweep as sweep
 from .training.analytic_gradient import AnalyticGradient as AnalyticGradient
+from .training.distillation import Distillation as Distillation
 from .training.evaluation import evaluate as evaluate
 from .training.ppo import PPO as PPO
 from .training.train import train as train

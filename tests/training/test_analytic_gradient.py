@@ -65,7 +65,7 @@ def test_an_untrained_policy_hovers_its_drones(thrust_to_weight: float) -> None:
 def test_without_a_rate_for_hidden_layers_adam_steps_everywhere_and_its_steps_shrink() -> None:
     settings = AnalyticGradient(updates=50, learning_rate=0.01, hidden_learning_rate=0.0)
     network = untrained(jax.random.key(0), (8, 8), 2).network
-    rule = analytic_gradient._optimiser(settings)
+    rule = analytic_gradient.optimiser_of(settings)
     with jax.numpy_dtype_promotion("standard"):
         state, steps, update = rule.init(network), [], jax.jit(rule.update)
         slope = jax.tree.map(jnp.ones_like, network)
@@ -94,7 +94,7 @@ def test_gradient_through_the_simulator_is_the_slope_of_the_cost() -> None:
     def cost(scale: jax.Array) -> jax.Array:
         moved = jax.tree.map(lambda leaf, step: leaf + scale * step, policy.network, direction)
         changed = policy.with_network(moved)
-        return analytic_gradient._segment(
+        return analytic_gradient.segment(
             simulated, settings, changed, EnvInstance(env_state, drone), jax.random.key(3)
         )[0]
 
@@ -117,7 +117,7 @@ def test_a_lost_drone_is_held_and_gives_no_gradient() -> None:
     policy = untrained(jax.random.key(1))
 
     def segment(network: Any) -> Any:
-        return analytic_gradient._segment(
+        return analytic_gradient.segment(
             simulated,
             AnalyticGradient(horizon=12),
             policy.with_network(network),
@@ -145,7 +145,7 @@ def test_a_failure_costs_most_and_what_is_lost_anyway_pulls_no_more() -> None:
         def cost(away: jax.Array, settings: AnalyticGradient) -> jax.Array:
             position = env_state.state.position + away * jnp.array([1.0, 0.0, 0.0])
             moved = env_state._replace(state=env_state.state._replace(position=position))
-            return analytic_gradient._segment(
+            return analytic_gradient.segment(
                 simulated, settings, policy, EnvInstance(moved, drone), jax.random.key(3)
             )[0]
 

@@ -256,7 +256,7 @@ def test_the_rates_of_further_updates_are_those_of_a_training_of_so_many() -> No
     gradient = jax.tree.map(jnp.ones_like, network)
 
     def change(updates: int, done: int) -> float:
-        rule = analytic_gradient._optimiser(
+        rule = analytic_gradient.optimiser_of(
             changed(TINY, updates=updates, hidden_learning_rate=0.0)
         )
         state: Any = jax.tree.map(

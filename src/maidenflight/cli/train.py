@@ -83,8 +83,8 @@ if TYPE_CHECKING:
     show_default=True,
     type=click.Choice(["instants", "raptor"]),
     help="Form of the policies. raptor: shape, observation and actions of RAPTOR's network, for "
-    "export --to raptor; it has its own control structure, history, look-ahead, memory, layers and "
-    "method.",
+    "export --to raptor; it has its own control structure, history, look-ahead, memory and "
+    "layers.",
 )
 @click.option(
     "--hidden",
@@ -117,17 +117,16 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--method",
-    default="gradient",
-    show_default=True,
-    type=click.Choice(["gradient", "ppo"]),
-    help="Training method.",
+    type=click.Choice(["gradient", "distillation", "ppo"]),
+    help="Training method. Unless given: for policies with a --memory distillation, from a teacher "
+    "that is told what it flies, and gradient for others.",
 )
 @click.option(
     "--updates",
     type=click.IntRange(1, 10**6),
     help="Gradient steps, or epochs of PPO. Unless given: 1500 for pwm and attitude_rate, 1200 "
     "for attitude; of these twice as many"
-    " for hover, three times for figure_eight; 600 for PPO.",
+    " for hover, three times for figure_eight; by distillation three times as many; 600 for PPO.",
 )
 @click.option(
     "--randomize",
@@ -189,7 +188,7 @@ def train(
     initial: Path | None,
     target: str | None,
     paper_scales: bool,
-    method: str,
+    method: str | None,
     updates: int | None,
     randomize: float | str | None,
     yaw_penalty: float,
@@ -203,8 +202,8 @@ def train(
 ) -> None:
     """Train policies for a drone.
 
-    By gradients through the simulator, or by PPO. Interrupted training loses at most the updates
-    since the last evaluation: give the same command with --resume.
+    By gradients through the simulator, by distillation, or by PPO. Interrupted training loses at
+    most the updates since the last evaluation: give the same command with --resume.
     """
     options.must_exist(drone_)
     options.must_be_new(output, overwrite, resume)
@@ -212,6 +211,7 @@ def train(
     cores.as_devices()
     from maidenflight import policy, policy_file, workflow
     from maidenflight.simulator.look_ahead import LookAhead
+    from maidenflight.training.distillation import Distillation, phase
 
     if resume and updates is None:
         updates = workflow.updates_so_far(output)
@@ -223,6 +223,7 @@ def train(
     if form != policy.INSTANTS:
         _refuse(context, _OF_RAPTOR, "--form raptor")
     settings = workflow.settings_for(control, task, method, updates, hidden, memory, start, form)
+    distilled = isinstance(settings, Distillation)
     heard: list[Progress] = []
     first: Progress | None = None
     new = 0
@@ -242,7 +243,8 @@ def train(
             if first is None and new == 1 + resume:  # of a checkpoint's the last one has policies
                 first, began = progress, time.perf_counter()
             heard.append(progress)
-            flight_output.scored(move, progress, settings.updates, rate)
+            doing = phase(progress.update, settings.updates) if distilled else ""
+            flight_output.scored(move, progress, settings.updates, rate, doing)
             watch(progress)
 
         move(0, settings.updates, "compiling, until the first score")
@@ -299,9 +301,9 @@ def train(
     options.emit(as_json, content, text, ("transfer", output, "--drone", drone_))
 
 
-_OF_RAPTOR = ("control", "history", "points", "spacing", "memory", "hidden", "method")
+_OF_RAPTOR = ("control", "history", "points", "spacing", "memory", "hidden")
 """Parameters of the command that RAPTOR's form settles."""
-_OF_A_POLICY = (*_OF_RAPTOR[:-1], "paper_scales", "form")
+_OF_A_POLICY = (*_OF_RAPTOR, "paper_scales", "form")
 """Those that a policy settles from which training starts."""
 
 

@@ -187,7 +187,7 @@ KINDS: dict[str, Kind] = {
             "history": whole(1, 50, 2),
             "memory": whole(0, 256, 0),
             "hidden": optional(_LAYERS),
-            "method": choice(("gradient", "ppo"), "gradient"),
+            "method": optional(choice(("gradient", "distillation", "ppo"))),
             "updates": optional(whole(1, 10**6)),
             "randomize": _width_or("posterior", "wide", "any-day", "any"),
             "yaw_penalty": number(0.0, 10.0, 0.0),

@@ -19,9 +19,18 @@ def scored(
     progress: "Progress",
     updates: int,
     rate: float | None = None,
+    doing: str = "",
 ) -> None:
-    """Shows the scores of policies in training, in a progress bar or as a line of a file."""
-    line = scores(progress, rate)
+    """Shows the scores of policies in training, in a progress bar or as a line of a file.
+
+    Args:
+        move: moves the bar.
+        progress: of the training.
+        updates: in all.
+        rate: steps simulated a second.
+        doing: what the training does, if it has phases.
+    """
+    line = f"{doing}{': ' * bool(doing)}{scores(progress, rate)}"
     move(progress.update, updates, line)
     without_bar(f"update {progress.update} of {updates}: {line}")
 

@@ -8,6 +8,7 @@ Short horizons keep the gradients of a chaotic system small (Xu et al. 2022, SHA
 critic).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
@@ -23,7 +24,7 @@ from maidenflight.policy import INSTANTS, Policy, untrained
 from maidenflight.simulator import dynamics, environment, raptor_form, rotations
 from maidenflight.simulator.environment import Environment, EnvState
 from maidenflight.simulator.randomization import Distribution
-from maidenflight.simulator.rollout import EnvInstance, randomized_reset
+from maidenflight.simulator.rollout import EnvInstance, PolicyFunction, randomized_reset
 from maidenflight.simulator.tasks import norm, squared
 from maidenflight.training.devices import DRONES, REPLICATED, SHARDED, advanced, begun, own
 
@@ -93,16 +94,25 @@ class AnalyticGradient:
     """Episodes per evaluation."""
 
 
-class _Learner(NamedTuple):
-    policy: Policy
+class Learner(NamedTuple):
+    """What an update changes."""
+
+    policy: Any
+    """A `Policy`, or what has a `network` and `with_network` as it has."""
     optimiser: optax.OptState
     instances: EnvInstance
+
+
+Segment = Callable[[Any, EnvInstance, Array], tuple[Float[Array, ""], tuple[EnvState, Array]]]
+"""(policy, drone, key) to the mean cost of a horizon, the last state, and whether it is lost."""
 
 
 _MATRIX = optax.contrib.MuonDimensionNumbers()
 
 
-def _optimiser(settings: AnalyticGradient) -> optax.GradientTransformation:
+def optimiser_of(settings: AnalyticGradient) -> optax.GradientTransformation:
+    """Muon for the weights of hidden layers and Adam for the rest, with rates along a cosine."""
+
     # `optax.cosine_decay_schedule` takes no traced number of steps.
     def decaying(initial: float) -> optax.Schedule:
         def rate(count: Any) -> Any:
@@ -130,36 +140,39 @@ def _optimiser(settings: AnalyticGradient) -> optax.GradientTransformation:
     return optax.chain(optax.clip_by_global_norm(settings.gradient_norm), rule)
 
 
-SHARDING = _Learner(REPLICATED, REPLICATED, SHARDED)  # type: ignore[arg-type]
+SHARDING = Learner(REPLICATED, REPLICATED, SHARDED)  # type: ignore[arg-type]
 
 
 @partial(jax.jit, static_argnums=0)
-def begin(env: Environment, settings: AnalyticGradient, box: Distribution, keys: Array) -> _Learner:
+def begin(env: Environment, settings: AnalyticGradient, box: Distribution, keys: Array) -> Learner:
     """Untrained learners, one per key, stacked."""
-
-    def one(key: Array) -> _Learner:
-        policy_key, key = jax.random.split(key)
-        instances = jax.vmap(partial(randomized_reset, env, box))(
-            own(jax.random.split(key, settings.num_envs))
-        )
-        policy = _hovering(
-            untrained(
-                policy_key,
-                settings.hidden,
-                env.history,
-                env.controller.interface,
-                env.look_ahead,
-                env.memory,
-                settings.form,
-            ),
-            instances.parameters,
-        )
-        return _Learner(policy, _optimiser(settings).init(policy.network), instances)
-
-    return begun(one, SHARDING, settings.num_envs, keys)
+    return begun(partial(untaught, env, settings, box), SHARDING, settings.num_envs, keys)
 
 
-def _hovering(policy: Policy, drones: Parameters) -> Policy:
+def untaught(
+    env: Environment, settings: AnalyticGradient, box: Distribution, key: Array
+) -> Learner:
+    """One untrained learner, with this device's share of the environments."""
+    policy_key, key = jax.random.split(key)
+    instances = jax.vmap(partial(randomized_reset, env, box))(
+        own(jax.random.split(key, settings.num_envs))
+    )
+    policy = hovering(
+        untrained(
+            policy_key,
+            settings.hidden,
+            env.history,
+            env.controller.interface,
+            env.look_ahead,
+            env.memory,
+            settings.form,
+        ),
+        instances.parameters,
+    )
+    return Learner(policy, optimiser_of(settings).init(policy.network), instances)
+
+
+def hovering(policy: Policy, drones: Parameters) -> Policy:
     """A policy with last biases that hover the mean of some drones.
 
     Strong drones hover far from the middle of the range of commands, at which they would leave the
@@ -173,8 +186,12 @@ def _hovering(policy: Policy, drones: Parameters) -> Policy:
     return policy.with_network((weights, (*biases, last + level), gru))
 
 
-def _segment(
-    env: Environment, settings: AnalyticGradient, policy: Policy, drone: EnvInstance, key: Array
+def segment(
+    env: Environment,
+    settings: AnalyticGradient,
+    policy: PolicyFunction,
+    drone: EnvInstance,
+    key: Array,
 ) -> tuple[Float[Array, ""], tuple[EnvState, Bool[Array, ""]]]:
     """Mean cost of one environment over a horizon, its final state, and whether it was lost."""
     task = env.task
@@ -223,17 +240,25 @@ def _segment(
     return jnp.mean(costs) + settings.failure_penalty * failed, (env_state, jnp.any(lost))
 
 
-def _update(
+def update(
     env: Environment,
     settings: AnalyticGradient,
     box: Distribution,
-    learner: _Learner,
+    flying: Segment,
+    learner: Learner,
     key: Array,
-    _: Array,
-) -> _Learner:
+) -> Learner:
     """One gradient step of one policy.
 
     Each device simulates its environments; gradients are averaged over devices.
+
+    Args:
+        env: what is simulated.
+        settings: of the training.
+        box: drones of new episodes.
+        flying: cost of one environment, such as `segment`.
+        learner: before the step.
+        key: random key.
     """
     flight_key, reset_key, done_key = jax.random.split(key, 3)
     flight_keys = own(jax.random.split(flight_key, settings.num_envs))
@@ -242,9 +267,7 @@ def _update(
         network: tuple[Any, Any],
     ) -> tuple[Float[Array, ""], tuple[EnvState, Bool[Array, "n"]]]:
         policy = learner.policy.with_network(network)
-        costs, flown = jax.vmap(partial(_segment, env, settings, policy))(
-            learner.instances, flight_keys
-        )
+        costs, flown = jax.vmap(partial(flying, policy))(learner.instances, flight_keys)
         return jnp.mean(costs), flown
 
     gradient, (env_states, lost) = jax.grad(cost, has_aux=True)(learner.policy.network)
@@ -254,7 +277,7 @@ def _update(
     gradient = tree.map(lambda g: jnp.where(usable, g, 0.0), gradient)
     # optax mixes integers and floats.
     with jax.numpy_dtype_promotion("standard"):
-        changes, optimiser = _optimiser(settings).update(
+        changes, optimiser = optimiser_of(settings).update(
             gradient, learner.optimiser, learner.policy.network
         )
     policy = learner.policy.with_network(optax.apply_updates(learner.policy.network, changes))  # type: ignore[arg-type]
@@ -270,7 +293,7 @@ def _update(
     resets = jax.vmap(partial(randomized_reset, env, box))(
         own(jax.random.split(reset_key, settings.num_envs))
     )
-    return _Learner(
+    return Learner(
         policy,
         optimiser,
         _where(done, resets, EnvInstance(env_states, learner.instances.parameters)),
@@ -289,14 +312,15 @@ def learn(
     env: Environment,
     settings: AnalyticGradient,
     box: Distribution,
-    learners: _Learner,
+    learners: Learner,
     keys: Array,
     first: Array | int,
     end: Array | int,
-) -> _Learner:
+) -> Learner:
     """Stacked learners after updates `first` to `end` - 1."""
+    flying = partial(segment, env, settings)
     return advanced(
-        partial(_update, env, settings, box),
+        lambda learner, key, _: update(env, settings, box, flying, learner, key),
         SHARDING,
         settings.num_envs,
         learners,

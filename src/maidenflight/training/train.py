@@ -27,9 +27,10 @@ from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.look_ahead import NONE, LookAhead
 from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.tasks import Task
-from maidenflight.training import analytic_gradient, checkpoint, ppo
+from maidenflight.training import analytic_gradient, checkpoint, distillation, ppo
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.devices import placed
+from maidenflight.training.distillation import Distillation
 from maidenflight.training.evaluation import Evaluation, evaluate
 from maidenflight.training.ppo import PPO
 
@@ -94,6 +95,7 @@ METHODS: dict[type, Method] = {
     AnalyticGradient: Method(
         analytic_gradient.begin, analytic_gradient.learn, analytic_gradient.SHARDING
     ),
+    Distillation: Method(distillation.begin, distillation.learn, distillation.SHARDING),
     PPO: Method(ppo.begin, ppo.learn, ppo.SHARDING),
 }
 """Methods by the class of their settings."""
@@ -315,7 +317,7 @@ def _check_initial(initial: Policy, controller: Controller, settings: Settings) 
     Raises:
         InputError: see `train`.
     """
-    if not isinstance(settings, AnalyticGradient):
+    if type(settings) is not AnalyticGradient:
         raise InputError(
             f"training from a policy with {type(settings).__name__}; only training by gradients "
             "starts from one."

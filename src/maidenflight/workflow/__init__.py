@@ -36,16 +36,14 @@ from maidenflight.workflow.logs import Reading, Start, identify_from, record, va
 from maidenflight.workflow.planning import plan_for, record_planned
 from maidenflight.workflow.policies import own_and_foreign, policy_files, task_to_fly
 from maidenflight.workflow.training import (
-    SETTINGS,
     WATCHED_DURATION_S,
     best_scores,
     controller_to_train,
-    settings_for,
     train_for,
     updates_so_far,
-    usual_training_box,
     watched_flight,
 )
+from maidenflight.workflow.training_settings import SETTINGS, settings_for, usual_training_box
 
 __all__ = [
     "ANY",

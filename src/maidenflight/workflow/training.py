@@ -24,113 +24,12 @@ from maidenflight.simulator.virtual_drone import VirtualDrone
 from maidenflight.training import checkpoint, loggers
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.evaluation import Evaluation
-from maidenflight.training.ppo import PPO
 from maidenflight.training.train import Progress, Settings, recorded, train
 from maidenflight.workflow.deployment import check_export
-from maidenflight.workflow.drones import ANY_DAY, WIDE, drone_to_fly, randomized
+from maidenflight.workflow.drones import drone_to_fly, randomized
 
 WATCHED_DURATION_S = 10.0
 """Longest flight that is shown of a policy in training [s]."""
-
-SETTINGS: dict[str, AnalyticGradient] = {
-    "pwm": AnalyticGradient(),
-    "attitude_rate": AnalyticGradient(
-        num_envs=256, horizon=32, hidden=(75, 75), failure_penalty=10.0, reset_fraction=0.5
-    ),
-    "attitude": AnalyticGradient(updates=1200, num_envs=128, horizon=32),
-}
-"""Default settings by control structure. At a lower rate the same time ahead is fewer periods. To
-separate initial states that can be saved from those that cannot takes more environments, and at
-50 Hz, where most episodes depend on it, a larger network; it fits a Crazyflie with up to four
-instants."""
-
-REMEMBERING: dict[str, Any] = {
-    "num_envs": 256,
-    "learning_rate": 1e-3,
-    "hidden_learning_rate": 0.006,
-    "reset_fraction": 0.1,
-}
-"""What differs for policies with a memory. Resets are rarer, because memories begin empty; steps
-are smaller, because with those of the others training over unlike drones gets worse after some
-hundred updates."""
-
-RAPTORS_FORM: dict[str, Any] = {**REMEMBERING, "learning_rate": 2e-3}
-"""What differs in RAPTOR's form. Its few values bear no larger steps of their weights."""
-
-FINE_TUNING: dict[str, Any] = {"updates": 200, "evaluations": 8}
-"""What differs where training starts from a policy, beside learning rates of a quarter: the policy
-flies already, and steps as large as from random weights would first undo what it knows."""
-
-FASTEST_BOX = 0.1
-"""Half width of the box that tasks at the limit of a drone are trained over unless the user says:
-many drones of the wide box cannot fly them."""
-
-
-def usual_training_box(task: str, structure: str) -> float | str:
-    """What policies for a task and a control structure, by name, are trained over unless told.
-
-    An attitude-rate policy turns slowly in flight, and falls after some seconds if it has not
-    learned to fly turned: trims in yaw teach it (docs/studies/adaptation.md).
-    """
-    if task in tasks.FASTEST:
-        return FASTEST_BOX
-    return ANY_DAY if structure == "attitude_rate" else WIDE
-
-
-def settings_for(
-    structure: str,
-    task: str,
-    method: str = "gradient",
-    updates: int | None = None,
-    hidden: tuple[int, ...] | None = None,
-    memory: int = 0,
-    initial: Policy | None = None,
-    form: str = policy.INSTANTS,
-) -> Settings:
-    """Default settings for a control structure, a task and a method, all by name.
-
-    Args:
-        structure: name of a control structure in `control.CONTROLLERS`.
-        task: name in `tasks.TASKS`.
-        method: `"gradient"` or `"ppo"`.
-        updates: replaces the number of updates if given.
-        hidden: replaces the sizes of the policy's hidden layers if given.
-        memory: numbers that policies remember.
-        initial: where training starts instead of random weights, if given; its layers and memory
-            replace those above.
-        form: of the policies, one of `policy.FORMS`; so do those of RAPTOR's.
-
-    Raises:
-        InputError: policies of RAPTOR's form by PPO.
-    """
-    settings: Any = PPO() if method == "ppo" else _by_gradient(structure, task)
-    if initial is not None:
-        hidden, memory, form = initial.layer_sizes[1:-1], initial.memory, initial.form
-    if form == raptor_form.RAPTOR:
-        if method == "ppo":
-            raise InputError("policies of RAPTOR's form are trained by gradients, not by PPO.")
-        hidden = raptor_form.HIDDEN
-        settings = dataclasses.replace(settings, form=form, **RAPTORS_FORM)
-    elif memory and method == "gradient":
-        settings = dataclasses.replace(settings, **REMEMBERING)
-    if initial is not None and method == "gradient":
-        rates = {
-            name: getattr(settings, name) / 4 for name in ("learning_rate", "hidden_learning_rate")
-        }
-        settings = dataclasses.replace(settings, **FINE_TUNING, **rates)
-    given = {"updates": updates, "hidden": hidden}
-    chosen = {name: value for name, value in given.items() if value is not None}
-    return dataclasses.replace(settings, **chosen)
-
-
-def _by_gradient(structure: str, task: str) -> AnalyticGradient:
-    settings = SETTINGS[structure]
-    if task == "hover":  # which fails beyond 5.2 rad/s
-        return dataclasses.replace(settings, updates=2 * settings.updates, body_rate_margin=4.0)
-    if task in ("figure_eight", "fast_figure_eight"):  # far larger than the circle, and faster
-        return dataclasses.replace(settings, updates=3 * settings.updates)
-    return settings
-
 
 HOVER_STEP = 0.05
 """Shares at which drones hover are rounded to this for the range of thrust in attitude control, so

@@ -1,0 +1,138 @@
+"""What policies are trained with and over unless told, by control structure and task."""
+
+import dataclasses
+from typing import Any
+
+from maidenflight import policy
+from maidenflight.errors import InputError
+from maidenflight.policy import Policy
+from maidenflight.simulator import raptor_form, tasks
+from maidenflight.training import distillation
+from maidenflight.training.analytic_gradient import AnalyticGradient
+from maidenflight.training.distillation import Distillation
+from maidenflight.training.ppo import PPO
+from maidenflight.training.train import Settings
+from maidenflight.workflow.drones import ANY_DAY, WIDE
+
+SETTINGS: dict[str, AnalyticGradient] = {
+    "pwm": AnalyticGradient(),
+    "attitude_rate": AnalyticGradient(
+        num_envs=256, horizon=32, hidden=(75, 75), failure_penalty=10.0, reset_fraction=0.5
+    ),
+    "attitude": AnalyticGradient(updates=1200, num_envs=128, horizon=32),
+}
+"""Default settings by control structure. At a lower rate the same time ahead is fewer periods. To
+separate initial states that can be saved from those that cannot takes more environments, and at
+50 Hz, where most episodes depend on it, a larger network; it fits a Crazyflie with up to four
+instants."""
+
+REMEMBERING: dict[str, Any] = {
+    "num_envs": 256,
+    "learning_rate": 1e-3,
+    "hidden_learning_rate": 0.006,
+    "reset_fraction": 0.1,
+}
+"""What differs for policies with a memory. Resets are rarer, because memories begin empty; steps
+are smaller, because with those of the others training over unlike drones gets worse after some
+hundred updates."""
+
+RAPTORS_FORM: dict[str, Any] = {**REMEMBERING, "learning_rate": 2e-3}
+"""What differs in RAPTOR's form. Its few values bear no larger steps of their weights."""
+
+FINE_TUNING: dict[str, Any] = {"updates": 200, "evaluations": 8}
+"""What differs where training starts from a policy, beside learning rates of a quarter: the policy
+flies already, and steps as large as from random weights would first undo what it knows."""
+
+FASTEST_BOX = 0.1
+"""Half width of the box that tasks at the limit of a drone are trained over unless the user says:
+many drones of the wide box cannot fly them."""
+
+
+def usual_training_box(task: str, structure: str) -> float | str:
+    """What policies for a task and a control structure, by name, are trained over unless told.
+
+    An attitude-rate policy turns slowly in flight, and falls after some seconds if it has not
+    learned to fly turned: trims in yaw teach it (docs/studies/adaptation.md).
+    """
+    if task in tasks.FASTEST:
+        return FASTEST_BOX
+    return ANY_DAY if structure == "attitude_rate" else WIDE
+
+
+def settings_for(
+    structure: str,
+    task: str,
+    method: str | None = None,
+    updates: int | None = None,
+    hidden: tuple[int, ...] | None = None,
+    memory: int = 0,
+    initial: Policy | None = None,
+    form: str = policy.INSTANTS,
+) -> Settings:
+    """Default settings for a control structure, a task and a method, all by name.
+
+    Args:
+        structure: name of a control structure in `control.CONTROLLERS`.
+        task: name in `tasks.TASKS`.
+        method: `"gradient"`, `"distillation"` or `"ppo"`; unless given, distillation for policies
+            with a memory that begin with random weights, and gradients for others.
+        updates: replaces the number of updates if given.
+        hidden: replaces the sizes of the policy's hidden layers if given.
+        memory: numbers that policies remember.
+        initial: where training starts instead of random weights, if given; its layers and memory
+            replace those above.
+        form: of the policies, one of `policy.FORMS`; so do those of RAPTOR's.
+
+    Raises:
+        InputError: policies of RAPTOR's form by PPO; or distillation of policies without a memory,
+            or from a policy.
+    """
+    if initial is not None:
+        hidden, memory, form = initial.layer_sizes[1:-1], initial.memory, initial.form
+    raptor = form == raptor_form.RAPTOR
+    if raptor:
+        hidden, (_, _, memory) = raptor_form.HIDDEN, raptor_form.SEEN
+    if method is None:
+        method = "distillation" if memory and initial is None else "gradient"
+    if raptor and method == "ppo":
+        raise InputError(
+            "policies of RAPTOR's form are trained by gradients or distillation, not by PPO."
+        )
+    settings: Any = PPO() if method == "ppo" else _by_gradient(structure, task)
+    if method == "distillation":
+        settings = _by_distillation(settings, memory, initial)
+    elif method == "gradient" and memory:
+        settings = dataclasses.replace(settings, **(RAPTORS_FORM if raptor else REMEMBERING))
+    if raptor:
+        settings = dataclasses.replace(settings, form=form)
+    if initial is not None and method == "gradient":
+        rates = {
+            name: getattr(settings, name) / 4 for name in ("learning_rate", "hidden_learning_rate")
+        }
+        settings = dataclasses.replace(settings, **FINE_TUNING, **rates)
+    given = {"updates": updates, "hidden": hidden}
+    chosen = {name: value for name, value in given.items() if value is not None}
+    return dataclasses.replace(settings, **chosen)
+
+
+def _by_distillation(like: AnalyticGradient, memory: int, initial: Policy | None) -> Distillation:
+    if not memory or initial is not None:
+        raise InputError(
+            "distillation trains policies with a memory, from random weights: give a memory, such "
+            "as 16, and no policy to start from; or train by gradients."
+        )
+    return Distillation(
+        updates=len(distillation.PHASES) * like.updates,
+        horizon=like.horizon,
+        failure_penalty=like.failure_penalty,
+        body_rate_margin=like.body_rate_margin,
+    )
+
+
+def _by_gradient(structure: str, task: str) -> AnalyticGradient:
+    settings = SETTINGS[structure]
+    if task == "hover":  # which fails beyond 5.2 rad/s
+        return dataclasses.replace(settings, updates=2 * settings.updates, body_rate_margin=4.0)
+    if task in ("figure_eight", "fast_figure_eight"):  # far larger than the circle, and faster
+        return dataclasses.replace(settings, updates=3 * settings.updates)
+    return settings
