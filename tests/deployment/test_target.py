@@ -23,6 +23,8 @@ from maidenflight.policy import Policy
 from maidenflight.simulator import environment
 from maidenflight.simulator.control import CONTROLLERS
 from maidenflight.simulator.sensors import Measurement
+from maidenflight.training.analytic_gradient import AnalyticGradient
+from maidenflight.training.distillation import Distillation
 
 HERE = Path(__file__).parent / "target"
 TOOLS = (
@@ -69,9 +71,9 @@ TICKS_PER_INSTRUCTION = 0.168
 MHz."""
 MEMORY = 16
 """Numbers that the policy with a memory remembers."""
-INSTRUCTIONS = {0: 16_000, MEMORY: 30_000}
+INSTRUCTIONS = {0: 16_000, MEMORY: 20_000}
 """Bar of a whole step, the network and what stands around it, by the size of the memory."""
-FLASH, RAM = {0: 24_000, MEMORY: 42_000}, {0: 2_000, MEMORY: 2_800}
+FLASH, RAM = {0: 24_000, MEMORY: 28_000}, {0: 2_000, MEMORY: 2_800}
 """Bars of the object [bytes], weights included, and of its variables, its state and its stack."""
 
 pytestmark = [
@@ -172,11 +174,12 @@ def flown_in_python(
 
 @pytest.fixture(scope="module", params=[*CONTROLLERS, "memory"])
 def flown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Board:
-    """A policy of 40-50-50-4, flown on the board and in Python."""
+    """A policy of the usual layers, flown on the board and in Python."""
     folder, random = tmp_path_factory.mktemp(request.param), np.random.default_rng(1)
     memory = MEMORY if request.param == "memory" else 0
     structure = "pwm" if memory else request.param
-    policy = restless(interface=CONTROLLERS[structure]().interface, memory=memory)
+    hidden = Distillation().hidden if memory else AnalyticGradient().hidden
+    policy = restless(hidden, interface=CONTROLLERS[structure]().interface, memory=memory)
     built(policy, folder)
     spread = random.normal(size=(OBSERVATIONS, len(policy.observation_mean)))
     instants = np.asarray(policy.observation_mean) + np.asarray(policy.observation_std) * spread

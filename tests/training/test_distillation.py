@@ -103,7 +103,8 @@ def test_settings_by_name_are_of_each_third_those_of_gradients() -> None:
     assert settings_for("pwm", "circle", "distillation", 300, memory=16).updates == 300
     # Without a word of it, what has a memory is distilled, unless it begins with a policy.
     assert settings_for("pwm", "circle", memory=16) == settings
-    assert isinstance(settings_for("pwm", "circle", form="raptor"), Distillation)
+    assert type(settings_for("pwm", "circle", form="raptor")) is AnalyticGradient
+    assert isinstance(settings_for("pwm", "circle", "distillation", form="raptor"), Distillation)
     begun = settings_for("pwm", "circle", initial=untrained(jax.random.key(0), memory=4))
     assert type(begun) is type(settings_for("pwm", "circle")) is AnalyticGradient
 

@@ -119,7 +119,7 @@ if TYPE_CHECKING:
     "--method",
     type=click.Choice(["gradient", "distillation", "ppo"]),
     help="Training method. Unless given: for policies with a --memory distillation, from a teacher "
-    "that is told what it flies, and gradient for others.",
+    "that is told what it flies, and gradient for others and for RAPTOR's form.",
 )
 @click.option(
     "--updates",

@@ -5,7 +5,7 @@ Each simulates a share of a policy's environments, and gradients are averaged ov
 
 from collections.abc import Callable
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import jax
 import numpy as np
@@ -55,15 +55,18 @@ def placed(learners: Learner, sharding: Learner, num_envs: int) -> Learner:
     """Learners on the devices that `begun` puts them on, so that nothing is compiled for others.
 
     Args:
-        learners: stacked, such as from a file.
+        learners: stacked, such as from a file; or their shapes alone.
         sharding: of each part of a learner.
         num_envs: of each learner.
     """
     devices = mesh(num_envs)
 
-    def put(spec: PartitionSpec, leaf: Array) -> Array:
+    def put(spec: PartitionSpec, leaf: Any) -> Any:
         # XLA replicates arrays without content, such as the memory of a policy that has none.
-        return jax.device_put(leaf, NamedSharding(devices, spec if leaf.size else REPLICATED))
+        there = NamedSharding(devices, spec if leaf.size else REPLICATED)
+        if isinstance(leaf, jax.ShapeDtypeStruct):
+            return jax.ShapeDtypeStruct(leaf.shape, leaf.dtype, sharding=there)
+        return jax.device_put(leaf, there)
 
     return tree.map(
         lambda spec, part: tree.map(partial(put, spec), part),

@@ -6,6 +6,7 @@ interruption changes the result.
 """
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import Field, asdict, replace
 from functools import partial
 from os import PathLike
@@ -16,6 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import tree
+from jax.stages import Wrapped
 from jaxtyping import Array
 
 from maidenflight.errors import InputError
@@ -80,11 +82,14 @@ def recorded(settings: Settings) -> dict[str, Any]:
 
 
 class Method(NamedTuple):
-    """A training method for P policies at a time; stacked means with a leading axis of P."""
+    """A training method for P policies at a time, as two jitted functions.
 
-    begin: Callable[[Environment, Any, Distribution, Array], Any]
+    Stacked means with a leading axis of P.
+    """
+
+    begin: Wrapped
     """(environment, settings, drones, P keys) to P stacked learners, each with a field `policy`."""
-    learn: Callable[[Environment, Any, Distribution, Any, Array, int, int], Any]
+    learn: Wrapped
     """(environment, settings, drones, learners, P keys, first, end) to the learners after updates
     `first` to `end` - 1."""
     sharding: Any
@@ -206,7 +211,7 @@ def train(
         raise InputError(
             f"history = {history}; expected 1 or more instants. The paper's policies see 2."
         )
-    begin, learn, sharding = METHODS[type(settings)]
+    _, learn, sharding = METHODS[type(settings)]
     if initial is not None:
         _check_initial(initial, controller, settings)
         settings = replace(settings, hidden=initial.layer_sizes[1:-1], form=initial.form)
@@ -222,7 +227,7 @@ def train(
     )
 
     def start(stages: tuple[int, ...]) -> _State:
-        learners = begin(env, settings, box, keys)
+        learners = _begun(METHODS[type(settings)], env, settings, box, keys)
         if initial is not None:
             learners = learners._replace(policy=_repeated(initial, len(keys)))
         count = len(checkpoint.ends(stages or (settings.updates,), settings.evaluations, from_zero))
@@ -354,13 +359,27 @@ def _fingerprint(
     return checkpoint.fingerprint(words, (reference, jax.random.key_data(keys), box, initial))
 
 
+def _begun(
+    method: Method, env: Environment, settings: Settings, box: Distribution, keys: Array
+) -> Any:
+    """Learners; while XLA compiles what makes them, learning is traced, which takes as long."""
+    shapes = jax.eval_shape(partial(method.begin, env), settings, box, keys)
+    shapes = placed(shapes, method.sharding, settings.num_envs)
+    with ThreadPoolExecutor(1) as beside:
+        begun = beside.submit(method.begin, env, settings, box, keys)
+        method.learn.trace(env, settings, box, shapes, keys, 0, 1)
+        return begun.result()
+
+
 def _compiling_scores(
     env: Environment, settings: Settings, policies: Policy, box: Distribution
 ) -> Thread:
     """Compiles `_scores` on another core: compiling takes most of a short training."""
-    thread = Thread(
-        target=_scores.lower(env, settings.episodes, policies, box).compile, daemon=True
-    )
+
+    def compiled() -> None:
+        _scores.lower(env, settings.episodes, policies, box).compile()
+
+    thread = Thread(target=compiled, daemon=True)
     thread.start()
     return thread
 

@@ -75,7 +75,8 @@ def settings_for(
         structure: name of a control structure in `control.CONTROLLERS`.
         task: name in `tasks.TASKS`.
         method: `"gradient"`, `"distillation"` or `"ppo"`; unless given, distillation for policies
-            with a memory that begin with random weights, and gradients for others.
+            with a memory that begin with random weights, and gradients for others and for those of
+            RAPTOR's form, whose few values learn little from a teacher.
         updates: replaces the number of updates if given.
         hidden: replaces the sizes of the policy's hidden layers if given.
         memory: numbers that policies remember.
@@ -93,7 +94,8 @@ def settings_for(
     if raptor:
         hidden, (_, _, memory) = raptor_form.HIDDEN, raptor_form.SEEN
     if method is None:
-        method = "distillation" if memory and initial is None else "gradient"
+        distilled = memory and initial is None and not raptor
+        method = "distillation" if distilled else "gradient"
     if raptor and method == "ppo":
         raise InputError(
             "policies of RAPTOR's form are trained by gradients or distillation, not by PPO."
