@@ -28,9 +28,9 @@ from maidenflight.identification.drone_file import DroneFile, Estimate, Search, 
 from maidenflight.parameters import GEOMETRY, crazyflie, plain, plus_frame, replace
 from maidenflight.policy import Policy, untrained
 from maidenflight.simulator import control, dynamics, tasks
+from maidenflight.simulator.any_drone import AnyDay, AnyDrone
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.look_ahead import LookAhead
-from maidenflight.simulator.randomization import AnyDay, AnyDrone
 from maidenflight.simulator.virtual_drone import virtual_drone
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.evaluation import Evaluation
