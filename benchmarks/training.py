@@ -34,7 +34,7 @@ from page import write
 
 from maidenflight.parameters import crazyflie, noiseless, replace
 from maidenflight.policy import Policy
-from maidenflight.simulator import control, environment, tasks
+from maidenflight.simulator import control, environment, failures, tasks
 from maidenflight.simulator.environment import Environment, EnvState
 from maidenflight.simulator.randomization import RelativeBox, relative_box
 from maidenflight.simulator.rollout import randomized_reset
@@ -208,7 +208,7 @@ def survivable(env: Environment, drones: RelativeBox, policy: Policy) -> float:
         return jax.lax.scan(improve, start, None, length=IMPROVEMENTS)[0][2]
 
     worst = jax.jit(jax.vmap(one))(keys)
-    return float(jnp.mean(worst < tasks.MAX_POSITION_ERROR_M))
+    return float(jnp.mean(worst < failures.MAX_POSITION_ERROR_M))
 
 
 def scored(env: Environment, drones: RelativeBox, policies: tuple[Policy, ...]) -> list[Any]:

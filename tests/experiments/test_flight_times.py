@@ -19,7 +19,15 @@ from maidenflight.experiments.agreement import agreement
 from maidenflight.experiments.flight_times import PUBLISHED_START, predict_flight_times, summary
 from maidenflight.parameters import Parameters, crazyflie, noiseless, replace
 from maidenflight.policy import Policy, untrained
-from maidenflight.simulator import control, dynamics, environment, interface, rotations, tasks
+from maidenflight.simulator import (
+    control,
+    dynamics,
+    environment,
+    failures,
+    interface,
+    rotations,
+    tasks,
+)
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.look_ahead import NONE, LookAhead
 from maidenflight.simulator.sensors import Measurement
@@ -136,7 +144,7 @@ def test_the_guard_is_the_papers_on_what_the_sensors_tell(
     found = flight_times.guard(
         begun._replace(measurement=seen), jnp.array([0.0, 0.0, 1.0]), jnp.float32(2.5)
     )
-    assert tasks.END_REASONS[int(found)] == reason
+    assert failures.END_REASONS[int(found)] == reason
 
 
 def test_yaw_rate_is_the_rate_pids_own_set_point() -> None:

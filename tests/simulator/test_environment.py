@@ -14,7 +14,15 @@ from jaxtyping import Array, Float
 import numpy_reference
 from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, noiseless, replace, x_frame
-from maidenflight.simulator import control, dynamics, environment, interface, latency, tasks
+from maidenflight.simulator import (
+    control,
+    dynamics,
+    environment,
+    failures,
+    interface,
+    latency,
+    tasks,
+)
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import relative_box
@@ -488,20 +496,20 @@ def test_an_episode_tells_its_error_and_why_it_ends():
         np.linalg.norm(step_result.setpoint - lost.state.position),
         rtol=1e-5,
     )
-    assert tasks.END_REASONS[int(step_result.end_reason)] == "position error"
+    assert failures.END_REASONS[int(step_result.end_reason)] == "position error"
     on_it = begin(
         WORLD, dynamics.at_hover(jnp.array([0.0, 0.0, 1.0]), QUIET), jnp.float32(0), QUIET, KEY
     )
     flying = step(WORLD, on_it, on_it.action, QUIET, KEY)[1]
     assert int(flying.end_reason) == 0
     over = step(WORLD, on_it._replace(elapsed=jnp.float32(4.99)), on_it.action, QUIET, KEY)[1]
-    assert tasks.END_REASONS[int(over.end_reason)] == "time limit"
+    assert failures.END_REASONS[int(over.end_reason)] == "time limit"
 
 
 def test_an_action_that_is_not_a_number_ends_the_episode():
     _, step_result = step(WORLD, start(WORLD, QUIET, KEY), jnp.full(4, jnp.nan), QUIET, KEY)
     assert bool(step_result.terminated)
-    assert tasks.END_REASONS[int(step_result.end_reason)] == "not finite"
+    assert failures.END_REASONS[int(step_result.end_reason)] == "not finite"
 
 
 @pytest.mark.slow

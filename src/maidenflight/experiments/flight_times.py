@@ -36,11 +36,19 @@ from maidenflight.experiments.as_flown import GUARD_RATE, controller_as_flown
 from maidenflight.experiments.transfer import MAX_BODY_RATE_RAD_S, MAX_DURATION_S, MAX_TILT_RAD
 from maidenflight.parameters import Parameters, replace
 from maidenflight.policy import Policy
-from maidenflight.simulator import control, dynamics, environment, rotations, tasks
+from maidenflight.simulator import (
+    control,
+    dynamics,
+    environment,
+    failures,
+    rotations,
+    tasks,
+    vectors,
+)
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment, EnvState
+from maidenflight.simulator.failures import END_REASONS
 from maidenflight.simulator.interface import ControlInterface
-from maidenflight.simulator.tasks import END_REASONS
 
 MAX_POSITION_ERROR_M = 2.5
 """Distance from the set-point [m] at which a flight ends: no guard of the drone, but the room; one
@@ -367,7 +375,7 @@ def _fly(
 
         begun = jax.vmap(jax.vmap(take_over, in_axes=(None, 0, 0)))(policies, drones, keys)
         flights = _Flights(
-            jnp.zeros(wanted.shape, jnp.int32), jnp.where(wanted, 0, tasks.TIME_LIMIT)
+            jnp.zeros(wanted.shape, jnp.int32), jnp.where(wanted, 0, failures.TIME_LIMIT)
         )
         return lax.while_loop(
             lambda now: jnp.any(now[-1].reason == 0),
@@ -423,7 +431,7 @@ def _until_next_action(
             env, env_state, action, drone, jax.random.fold_in(key, row)
         )
         reason = guard(after, step_result.setpoint, farthest)
-        return after, jnp.where((reason == 0) & (row >= rows), tasks.TIME_LIMIT, reason)
+        return after, jnp.where((reason == 0) & (row >= rows), failures.TIME_LIMIT, reason)
 
     env_state, reasons = lax.scan(hold, env_state, row + jnp.arange(1, every + 1))
     instant = environment.observe(
@@ -448,8 +456,8 @@ def guard(
     """
     seen = env_state.measurement
     tilt, rates = jnp.abs(rotations.to_attitude(seen.quaternion)[:2]), jnp.abs(seen.body_rates[:2])
-    distance = tasks.norm(setpoint - seen.position)
-    return tasks.reason(
+    distance = vectors.norm(setpoint - seen.position)
+    return failures.reason(
         not_finite=~jnp.isfinite(distance + tilt[0] + tilt[1] + rates[0] + rates[1]),
         body_rate=jnp.maximum(rates[0], rates[1]) > np.float32(MAX_BODY_RATE_RAD_S),
         tilt=jnp.maximum(tilt[0], tilt[1]) > np.float32(MAX_TILT_RAD),

@@ -18,9 +18,9 @@ from jaxtyping import Array, Bool, Float, UInt32
 from maidenflight.parameters import crazyflie
 from maidenflight.simulator import environment, rotations
 from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.failures import END_REASONS
 from maidenflight.simulator.randomization import Distribution, relative_box
 from maidenflight.simulator.rollout import EnvInstance, randomized_reset
-from maidenflight.simulator.tasks import END_REASONS
 
 GROUP = 128
 """Most float32 numbers of an array of 512 bytes."""

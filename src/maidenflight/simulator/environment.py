@@ -19,11 +19,13 @@ from maidenflight.simulator import (
     actuators,
     control,
     dynamics,
+    failures,
     latency,
     look_ahead,
     noise,
     sensors,
     tasks,
+    vectors,
 )
 from maidenflight.simulator.actuators import Actuators
 from maidenflight.simulator.battery import MOST_COUNTS, PLUS, Supply, ThrustLaw
@@ -189,7 +191,7 @@ class StepResult(NamedTuple):
     position_error: Float[Array, ""]
     """Distance from the set-point at the end of the step [m]."""
     end_reason: Int[Array, ""]
-    """Which of `tasks.END_REASONS` ends the episode; 0: it goes on."""
+    """Which of `failures.END_REASONS` ends the episode; 0: it goes on."""
 
 
 class Noise(NamedTuple):
@@ -382,8 +384,8 @@ def step(
     time, elapsed = env_state.time + period, env_state.elapsed + period
     setpoint = environment.task.reference(time)
     failure = environment.task.failure(after.state, setpoint)
-    finite = jnp.isfinite(tasks.norm(after.state.position)) & jnp.isfinite(tasks.norm(action))
-    failure = jnp.where(finite, failure, tasks.NOT_FINITE)
+    finite = jnp.isfinite(vectors.norm(after.state.position)) & jnp.isfinite(vectors.norm(action))
+    failure = jnp.where(finite, failure, failures.NOT_FINITE)
     terminated = failure > 0
     truncated = ~terminated & (elapsed > environment.task.duration - period / 2)
     step_result = StepResult(
@@ -391,8 +393,8 @@ def step(
         terminated=terminated,
         truncated=truncated,
         setpoint=setpoint,
-        position_error=tasks.norm(setpoint - after.state.position),
-        end_reason=jnp.where(truncated, tasks.TIME_LIMIT, failure),
+        position_error=vectors.norm(setpoint - after.state.position),
+        end_reason=jnp.where(truncated, failures.TIME_LIMIT, failure),
     )
     instant = observe(after.measurement, setpoint, action)
     history = remember(env_state.history, instant)

@@ -25,7 +25,7 @@ from maidenflight.simulator import dynamics, environment, raptor_form, rotations
 from maidenflight.simulator.environment import Environment, EnvState
 from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.rollout import EnvInstance, PolicyFunction, randomized_reset
-from maidenflight.simulator.tasks import norm, squared
+from maidenflight.simulator.vectors import norm, squared
 from maidenflight.training.devices import DRONES, REPLICATED, SHARDED, advanced, begun, own
 
 STATIC = {"static": True}

@@ -27,7 +27,7 @@ from maidenflight.simulator import environment
 from maidenflight.simulator.environment import ACTION_SIZE, Environment, EnvState
 from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.rollout import EnvInstance
-from maidenflight.simulator.tasks import squared
+from maidenflight.simulator.vectors import squared
 from maidenflight.training import analytic_gradient
 from maidenflight.training.analytic_gradient import (
     LOST_DISTANCE_M,
