@@ -26,6 +26,7 @@ from maidenflight.simulator import (
     failures,
     interface,
     rotations,
+    stepping,
     tasks,
 )
 from maidenflight.simulator.environment import Environment
@@ -175,7 +176,7 @@ def test_policies_see_the_history_and_hold_the_actions_of_their_own_rate(
     @jax.jit
     def fly(policy: Policy) -> jax.Array:
         def one(env_state: environment.EnvState, _: None) -> tuple[environment.EnvState, jax.Array]:
-            after = environment.step(
+            after = stepping.step(
                 env, env_state, policy(environment.observation(env, env_state)), drone, KEY
             )[0]
             return after, jnp.max(jnp.abs(rotations.to_attitude(after.measurement.quaternion)[:2]))

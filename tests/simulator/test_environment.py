@@ -21,6 +21,7 @@ from maidenflight.simulator import (
     failures,
     interface,
     latency,
+    stepping,
     tasks,
 )
 from maidenflight.simulator.control import Controller
@@ -41,7 +42,7 @@ TRACES = []
 """One entry for each compilation of `fly`."""
 
 start = jax.jit(environment.reset, static_argnums=0)
-step = jax.jit(environment.step, static_argnums=0)
+step = jax.jit(stepping.step, static_argnums=0)
 
 
 @jax.jit
@@ -156,7 +157,7 @@ def driven(integrator, state, commands, parameters):
     def hold(carry, command):
         state, line = carry
         line = latency.push(line, jnp.sqrt(command))
-        state = environment.drive(integrator, state, line, 2, parameters)
+        state = stepping.drive(integrator, state, line, 2, parameters)
         return (state, line), state
 
     line = jnp.broadcast_to(jnp.sqrt(dynamics.hover_command(parameters)), (latency.slots(0.01), 4))
@@ -170,7 +171,7 @@ def stepped(integrator, state, commands, parameters):
     env_state = environment.begin(env, state, jnp.float32(0), parameters, KEY)
 
     def hold(env_state, command):
-        env_state, _ = environment.step(env, env_state, 2 * command - 1, parameters, KEY)
+        env_state, _ = stepping.step(env, env_state, 2 * command - 1, parameters, KEY)
         return env_state, env_state.state
 
     return lax.scan(hold, env_state, commands)[1]
@@ -530,7 +531,7 @@ def test_the_gradient_of_a_flight_with_respect_to_the_drone_is_its_slope(name, s
         drone = replace(FINE, **{name: value})
 
         def fly(env_state, action):
-            return environment.step(env, env_state, action, drone, KEY)[0], None
+            return stepping.step(env, env_state, action, drone, KEY)[0], None
 
         return lax.scan(fly, first, actions)[0].state.position @ jnp.array([0.3, 0.5, 1.0])
 
@@ -551,10 +552,10 @@ def test_the_ground_lifts_a_drone_that_hovers_just_above_it():
         state = dynamics.at_hover(jnp.array([0.0, 0.0, height]), QUIET)
         line = jnp.broadcast_to(jnp.sqrt(dynamics.hover_command(QUIET)), (latency.slots(0.01), 4))
         heights[height] = (
-            float(environment.drive(dynamics.rk4, state, line, 20, QUIET, task.floor).position[2])
+            float(stepping.drive(dynamics.rk4, state, line, 20, QUIET, task.floor).position[2])
             - height
         )
-        assert environment.drive(dynamics.rk4, state, line, 20, QUIET).position[2] == pytest.approx(
+        assert stepping.drive(dynamics.rk4, state, line, 20, QUIET).position[2] == pytest.approx(
             height, abs=1e-4
         )
     assert heights[0.04] > 0.005

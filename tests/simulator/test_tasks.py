@@ -10,14 +10,7 @@ from hypothesis import given
 
 from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, replace
-from maidenflight.simulator import (
-    dynamics,
-    failures,
-    rewards,
-    rotations,
-    tasks,
-    trajectories,
-)
+from maidenflight.simulator import dynamics, failures, rewards, rotations, tasks, trajectories
 
 PAPER = crazyflie()
 CIRCLE = tasks.circle()

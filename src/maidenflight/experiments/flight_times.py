@@ -42,6 +42,7 @@ from maidenflight.simulator import (
     environment,
     failures,
     rotations,
+    stepping,
     tasks,
     vectors,
 )
@@ -427,7 +428,7 @@ def _until_next_action(
     action = policy(seen)
 
     def hold(env_state: EnvState, row: Array) -> tuple[EnvState, Array]:
-        after, step_result = environment.step(
+        after, step_result = stepping.step(
             env, env_state, action, drone, jax.random.fold_in(key, row)
         )
         reason = guard(after, step_result.setpoint, farthest)

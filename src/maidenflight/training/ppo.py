@@ -18,7 +18,7 @@ from jaxtyping import Array, Bool, Float
 
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy, untrained
-from maidenflight.simulator import environment
+from maidenflight.simulator import environment, stepping
 from maidenflight.simulator.environment import ACTION_SIZE, Environment
 from maidenflight.simulator.randomization import PAPER_FIELDS, Distribution
 from maidenflight.simulator.rollout import EnvInstance, randomized_reset
@@ -240,7 +240,7 @@ def _rollout(
             policy(environment.observation(env, drone.env_state)), [ACTION_SIZE]
         )
         action += deviation * noise
-        env_state, step_result = environment.step(
+        env_state, step_result = stepping.step(
             env, drone.env_state, jnp.concatenate([action, memory]), drone.parameters, key
         )
         after, discounted = (
