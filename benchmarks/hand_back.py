@@ -21,7 +21,7 @@ from maidenflight.parameters.scaling import with_mass
 from maidenflight.simulator import control, dynamics, environment, rotations, tasks
 from maidenflight.simulator.battery import COUNTS
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.firmware import ATTITUDE_RATE
+from maidenflight.simulator.pid import ATTITUDE_RATE
 from maidenflight.simulator.position_pid import position_pid
 from maidenflight.simulator.rollout import rollout
 

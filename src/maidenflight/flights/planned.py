@@ -20,9 +20,9 @@ from maidenflight.parameters import Parameters
 from maidenflight.simulator import dynamics, tasks
 from maidenflight.simulator.battery import COUNTS, MOST_COUNTS, Supply, law_for
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.firmware import POSITION_RATE
-from maidenflight.simulator.firmware import checked as generation
 from maidenflight.simulator.mixing import Mixer, mixer_of
+from maidenflight.simulator.pid import POSITION_RATE
+from maidenflight.simulator.pid import checked as generation
 from maidenflight.simulator.position_pid import position_pid, turning_pid
 from maidenflight.simulator.reality import MOTORS, POSITION, AnyReality, Reality, checked
 from maidenflight.simulator.virtual_drone import VirtualDrone

@@ -18,7 +18,8 @@ from maidenflight.simulator import dynamics, mellinger, sensors, tasks
 from maidenflight.simulator.battery import COUNTS, MOST_COUNTS, Supply, law_for
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.firmware import LEAST_THRUST_COUNTS, POSITION_RATE
+from maidenflight.simulator.firmware import LEAST_THRUST_COUNTS
+from maidenflight.simulator.pid import POSITION_RATE
 from maidenflight.simulator.position_pid import EXCITATION, position_pid
 from maidenflight.simulator.reality import MOTORS, POSITION, AnyReality, Reality, checked
 from maidenflight.simulator.tasks import Task

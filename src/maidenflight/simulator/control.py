@@ -20,14 +20,11 @@ from maidenflight.simulator import rotations
 from maidenflight.simulator.battery import COUNTS
 from maidenflight.simulator.firmware import (
     ABSOLUTE,
-    ATTITUDE_RATE,
     DISABLE,
-    Generation,
     Memory,
     RateMemory,
     Setpoint,
     StateEstimate,
-    checked,
     rate_tick,
     rates_switched_on,
     switched_on,
@@ -35,6 +32,7 @@ from maidenflight.simulator.firmware import (
 )
 from maidenflight.simulator.interface import HIGHEST_RATE_DEG, ControlInterface, Four
 from maidenflight.simulator.mixing import Mixer, mixer_of
+from maidenflight.simulator.pid import ATTITUDE_RATE, Generation, checked
 from maidenflight.simulator.sensors import Measurement
 
 MOTOR_RATE = 100

@@ -25,8 +25,9 @@ from jaxtyping import Array, Float, Int
 from maidenflight.simulator import rotations
 from maidenflight.simulator.battery import COUNTS
 from maidenflight.simulator.control import Controller
-from maidenflight.simulator.firmware import ATTITUDE_RATE, Generation, checked, cut, mix
+from maidenflight.simulator.firmware import cut, mix
 from maidenflight.simulator.mixing import Mixer
+from maidenflight.simulator.pid import ATTITUDE_RATE, Generation, checked
 from maidenflight.simulator.position_pid import EXCITATION
 from maidenflight.simulator.sensors import Measurement
 from maidenflight.simulator.trajectories import Trajectory

@@ -11,19 +11,10 @@ from jaxtyping import Array, Float, Int
 
 from maidenflight.simulator.battery import COUNTS
 from maidenflight.simulator.control import NOTHING, Controller, sensed
-from maidenflight.simulator.firmware import (
-    ABSOLUTE,
-    ATTITUDE_RATE,
-    DISABLE,
-    POSITION_RATE,
-    Generation,
-    Memory,
-    checked,
-    switched_on,
-    tick,
-)
+from maidenflight.simulator.firmware import ABSOLUTE, DISABLE, Memory, switched_on, tick
 from maidenflight.simulator.interface import ControlInterface
 from maidenflight.simulator.mixing import Mixer
+from maidenflight.simulator.pid import ATTITUDE_RATE, POSITION_RATE, Generation, checked
 from maidenflight.simulator.sensors import Measurement
 
 
