@@ -34,7 +34,7 @@ from maidenflight.simulator.look_ahead import LookAhead
 from maidenflight.simulator.virtual_drone import virtual_drone
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.evaluation import Evaluation
-from maidenflight.training.ppo import PPO
+from maidenflight.training.ppo_settings import PPO
 from maidenflight.training.train import Progress
 from maidenflight.workflow import logs
 from maidenflight.workflow.deployment import check_export

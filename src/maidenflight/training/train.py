@@ -33,7 +33,7 @@ from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.devices import placed
 from maidenflight.training.distillation import Distillation
 from maidenflight.training.evaluation import Evaluation, evaluate
-from maidenflight.training.ppo import PPO
+from maidenflight.training.ppo_settings import PPO
 
 
 class Settings(Protocol):
