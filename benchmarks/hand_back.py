@@ -21,6 +21,8 @@ from maidenflight.parameters.scaling import with_mass
 from maidenflight.simulator import control, dynamics, environment, rotations, tasks
 from maidenflight.simulator.battery import COUNTS
 from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.pid import ATTITUDE_RATE
+from maidenflight.simulator.position_pid import position_pid
 from maidenflight.simulator.rollout import rollout
 
 DRONE, MASSES_G, TILTS_DEG = "crazyflie_2.1+", (27.0, 29.0, 31.0, 33.0, 35.0), (0.0, 33.0)
@@ -35,12 +37,12 @@ def sinking(drone: Parameters, tilt: float) -> float:
         drone: what flies.
         tilt: pitch at the hand-back [deg].
     """
-    structure = control.position_pid("2026.08")
+    structure = position_pid("2026.08")
     drone = control.in_fitting_steps(noiseless(drone), structure)
     env = Environment.matching(drone, tasks.hover(HEIGHT), structure)
     attitude = rotations.from_attitude(jnp.radians(jnp.array([0.0, tilt, 0.0])))
     state = dynamics.at_hover(jnp.array([0.0, 0.0, HEIGHT]), drone)._replace(quaternion=attitude)
-    key, still, steps = jax.random.key(0), jnp.zeros(4), round(SECONDS * control.ATTITUDE_RATE)
+    key, still, steps = jax.random.key(0), jnp.zeros(4), round(SECONDS * ATTITUDE_RATE)
     begun = environment.begin(env, state, jnp.zeros(()), drone, key)
     fly = jax.jit(lambda begun: rollout(env, lambda _: still, begun, drone, key, steps))
     _, (before, _) = fly(begun)

@@ -28,7 +28,7 @@ import numpy as np  # noqa: E402
 from jax.sharding import Mesh, NamedSharding, PartitionSpec  # noqa: E402
 
 from maidenflight.parameters import Parameters, crazyflie, replace  # noqa: E402
-from maidenflight.simulator import control, dynamics, environment, latency  # noqa: E402
+from maidenflight.simulator import control, dynamics, environment, latency, stepping  # noqa: E402
 from maidenflight.simulator.actuators import rotor_speed_command  # noqa: E402
 from maidenflight.simulator.environment import Environment  # noqa: E402
 from maidenflight.simulator.randomization import relative_box  # noqa: E402
@@ -63,7 +63,7 @@ def motor_level(shared: Parameters, own: Any, commands: int, steps: int = 2) -> 
     def hold(flown: Any, _: None) -> tuple[Any, None]:
         state, line = flown
         line = latency.push(line, own["command"])
-        return (environment.drive(dynamics.euler, state, line, steps, shared), line), None
+        return (stepping.drive(dynamics.euler, state, line, steps, shared), line), None
 
     flown, _ = jax.lax.scan(hold, own["flown"], None, length=commands)
     return own | {"flown": flown}
@@ -86,7 +86,7 @@ def rate_pid(shared: Parameters, own: Any, commands: int) -> Any:
             place = COMMANDS - 1 - number
             line = latency.put(line, rotor_speed_command(command), place)
             return (
-                (environment.drive(dynamics.euler, state, line, 1, shared, newest=place), line),
+                (stepping.drive(dynamics.euler, state, line, 1, shared, newest=place), line),
                 memory,
             ), None
 
@@ -225,7 +225,7 @@ def first() -> None:
     """The first step of a fresh process."""
     world, parameters, key = Environment(), crazyflie(), jax.random.key(0)
     env_state = jax.jit(environment.reset, static_argnums=0)(world, parameters, key)
-    _, step_result = jax.jit(environment.step, static_argnums=0)(
+    _, step_result = jax.jit(stepping.step, static_argnums=0)(
         world, env_state, np.zeros(4, np.float32), parameters, key
     )
     print(float(step_result.reward))

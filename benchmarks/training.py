@@ -34,7 +34,7 @@ from page import write
 
 from maidenflight.parameters import crazyflie, noiseless, replace
 from maidenflight.policy import Policy
-from maidenflight.simulator import control, environment, tasks
+from maidenflight.simulator import control, environment, failures, stepping, tasks
 from maidenflight.simulator.environment import Environment, EnvState
 from maidenflight.simulator.randomization import RelativeBox, relative_box
 from maidenflight.simulator.rollout import randomized_reset
@@ -173,16 +173,14 @@ def survivable(env: Environment, drones: RelativeBox, policy: Policy) -> float:
 
         def by_policy(env_state: EnvState, key: jax.Array) -> tuple[EnvState, jax.Array]:
             action = policy(environment.observation(env, env_state))
-            return environment.step(env, env_state, action, drone, key)[0], jnp.clip(
-                action, -1.0, 1.0
-            )
+            return stepping.step(env, env_state, action, drone, key)[0], jnp.clip(action, -1.0, 1.0)
 
         def farthest(actions: jax.Array) -> tuple[jax.Array, jax.Array]:
             def fly(
                 env_state: EnvState, now: tuple[jax.Array, jax.Array]
             ) -> tuple[EnvState, jax.Array]:
                 action, key = now
-                after, step_result = environment.step(env, env_state, action, drone, key)
+                after, step_result = stepping.step(env, env_state, action, drone, key)
                 return after, step_result.position_error
 
             errors = jax.lax.scan(fly, first, (jnp.clip(actions, -1.0, 1.0), noise))[1]
@@ -208,7 +206,7 @@ def survivable(env: Environment, drones: RelativeBox, policy: Policy) -> float:
         return jax.lax.scan(improve, start, None, length=IMPROVEMENTS)[0][2]
 
     worst = jax.jit(jax.vmap(one))(keys)
-    return float(jnp.mean(worst < tasks.MAX_POSITION_ERROR_M))
+    return float(jnp.mean(worst < failures.MAX_POSITION_ERROR_M))
 
 
 def scored(env: Environment, drones: RelativeBox, policies: tuple[Policy, ...]) -> list[Any]:

@@ -44,7 +44,7 @@ from maidenflight.simulator import control, dynamics, tasks
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.interface import HIGHEST_RATE_DEG
 from maidenflight.simulator.randomization import Ensemble, relative_box
-from maidenflight.simulator.tasks import ACTION_PENALTY, ACTION_RATE_PENALTY
+from maidenflight.simulator.rewards import ACTION_PENALTY, ACTION_RATE_PENALTY
 from maidenflight.simulator.virtual_drone import VirtualDrone
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.train import recorded, train

@@ -30,8 +30,8 @@ from maidenflight.parameters import Parameters, crazyflie, replace
 from maidenflight.policy import Policy
 from maidenflight.policy_file import read
 from maidenflight.simulator import additions, control, tasks
+from maidenflight.simulator.any_drone import AnyDrone
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.randomization import AnyDrone
 from maidenflight.simulator.rollout import randomized_reset, rollout
 from maidenflight.simulator.virtual_drone import VARIANTS, virtual_drone
 

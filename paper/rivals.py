@@ -38,6 +38,7 @@ from maidenflight.policy_file import read
 from maidenflight.simulator import control, mellinger, tasks, trajectories
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.position_pid import position_pid
 from maidenflight.simulator.trajectories import Trajectory
 from maidenflight.simulator.virtual_drone import VirtualDrone, virtual_drone
 
@@ -62,7 +63,7 @@ _RESAMPLINGS = 2000
 Makes = Callable[[Trajectory], Controller]
 """A controller for a reference."""
 CONTROLLERS: dict[str, Makes] = {
-    "firmware PID": lambda _: control.position_pid(),
+    "firmware PID": lambda _: position_pid(),
     "Mellinger, positions alone": lambda _: mellinger.mellinger(),
     "Mellinger, full state": mellinger.mellinger,
 }

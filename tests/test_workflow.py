@@ -28,13 +28,13 @@ from maidenflight.identification.drone_file import DroneFile, Estimate, Search, 
 from maidenflight.parameters import GEOMETRY, crazyflie, plain, plus_frame, replace
 from maidenflight.policy import Policy, untrained
 from maidenflight.simulator import control, dynamics, tasks
+from maidenflight.simulator.any_drone import AnyDay, AnyDrone
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.look_ahead import LookAhead
-from maidenflight.simulator.randomization import AnyDay, AnyDrone
 from maidenflight.simulator.virtual_drone import virtual_drone
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.evaluation import Evaluation
-from maidenflight.training.ppo import PPO
+from maidenflight.training.ppo_settings import PPO
 from maidenflight.training.train import Progress
 from maidenflight.workflow import logs
 from maidenflight.workflow.deployment import check_export

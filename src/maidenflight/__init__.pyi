@@ -23,7 +23,6 @@ from .simulator.control import attitude_rate as attitude_rate
 from .simulator.control import pwm as pwm
 from .simulator.environment import Environment as Environment
 from .simulator.environment import reset as reset
-from .simulator.environment import step as step
 from .simulator.look_ahead import LookAhead as LookAhead
 from .simulator.randomization import randomize as randomize
 from .simulator.randomization import relative_box as relative_box
@@ -31,6 +30,7 @@ from .simulator.randomization import wide_box as wide_box
 from .simulator.reality import Reality as Reality
 from .simulator.reality import reality as reality
 from .simulator.rollout import rollout as rollout
+from .simulator.stepping import step as step
 from .simulator.tasks import circle as circle
 from .simulator.tasks import figure_eight as figure_eight
 from .simulator.tasks import hover as hover
@@ -42,5 +42,5 @@ from .studies.sweeping import sweep as sweep
 from .training.analytic_gradient import AnalyticGradient as AnalyticGradient
 from .training.distillation import Distillation as Distillation
 from .training.evaluation import evaluate as evaluate
-from .training.ppo import PPO as PPO
+from .training.ppo_settings import PPO as PPO
 from .training.train import train as train

@@ -43,6 +43,7 @@ from maidenflight.simulator import (
 from maidenflight.simulator.control import CONTROLLERS
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.position_pid import position_pid
 from maidenflight.simulator.rollout import rollout
 from maidenflight.simulator.sensors import Measurement
 
@@ -384,7 +385,7 @@ def test_the_pid_flies_until_the_policy_is_enabled(load: Load) -> None:
 @pytest.fixture(scope="module")
 def flight() -> tuple[Measurement, np.ndarray]:
     """Estimates of 2 s of the simulated PID on the circle, 100 a second, and the set-points."""
-    structure = control.position_pid("2026.08")
+    structure = position_pid("2026.08")
     # With the slow motors of the paper that PID does not hold the drone.
     quick = replace(crazyflie(), motor_time_constant=np.float32(0.03), latency=np.float32(0.0))
     drone = control.in_fitting_steps(quick, structure)

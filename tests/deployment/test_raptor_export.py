@@ -22,7 +22,7 @@ from maidenflight.errors import InputError
 from maidenflight.foreign.raptor import observed
 from maidenflight.parameters import crazyflie
 from maidenflight.policy import Actor, Policy, untrained
-from maidenflight.simulator import control, dynamics, environment, raptor_form, tasks
+from maidenflight.simulator import control, dynamics, environment, raptor_form, stepping, tasks
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.sensors import Measurement
 from maidenflight.workflow.deployment import check_export
@@ -88,7 +88,7 @@ def test_a_reader_commands_what_we_command_in_flight(
     env = Environment.matching(
         drone, task, control.pwm(), history=1, look_ahead=one.look_ahead, memory=one.memory
     )
-    step = jax.jit(lambda state, output, key: environment.step(env, state, output, drone, key)[0])
+    step = jax.jit(lambda state, output, key: stepping.step(env, state, output, drone, key)[0])
     state = environment.reset(env, drone, jax.random.key(1))
     actor, last = Actor(one, hover), np.full(4, 2.0 * np.sqrt(hover) - 1.0)
     beyond = 0

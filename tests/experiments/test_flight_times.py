@@ -14,12 +14,22 @@ import pytest
 from scipy import stats
 
 from maidenflight.errors import InputError
-from maidenflight.experiments import as_flown, flight_times
+from maidenflight.experiments import as_flown, guarded_flights
 from maidenflight.experiments.agreement import agreement
-from maidenflight.experiments.flight_times import PUBLISHED_START, predict_flight_times, summary
+from maidenflight.experiments.flight_times import predict_flight_times, summary
+from maidenflight.experiments.guarded_flights import PUBLISHED_START
 from maidenflight.parameters import Parameters, crazyflie, noiseless, replace
 from maidenflight.policy import Policy, untrained
-from maidenflight.simulator import control, dynamics, environment, interface, rotations, tasks
+from maidenflight.simulator import (
+    control,
+    dynamics,
+    environment,
+    failures,
+    interface,
+    rotations,
+    stepping,
+    tasks,
+)
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.look_ahead import NONE, LookAhead
 from maidenflight.simulator.sensors import Measurement
@@ -133,10 +143,10 @@ def test_the_guard_is_the_papers_on_what_the_sensors_tell(
     begun = environment.begin(
         env, dynamics.at_hover(place, crazyflie()), jnp.zeros(()), crazyflie(), KEY
     )
-    found = flight_times.guard(
+    found = guarded_flights.guard(
         begun._replace(measurement=seen), jnp.array([0.0, 0.0, 1.0]), jnp.float32(2.5)
     )
-    assert tasks.END_REASONS[int(found)] == reason
+    assert failures.END_REASONS[int(found)] == reason
 
 
 def test_yaw_rate_is_the_rate_pids_own_set_point() -> None:
@@ -162,12 +172,12 @@ def test_policies_see_the_history_and_hold_the_actions_of_their_own_rate(
     policies = [restless("attitude", number, look_ahead) for number in range(4)]
     drone = replace(noiseless(crazyflie()), time_step=control.time_step(structure))
     env = Environment.matching(drone, tasks.circle(), structure, look_ahead=look_ahead)
-    state = flight_times._first_state(env, drone, STILL, KEY)
+    state = guarded_flights._first_state(env, drone, STILL, KEY)
 
     @jax.jit
     def fly(policy: Policy) -> jax.Array:
         def one(env_state: environment.EnvState, _: None) -> tuple[environment.EnvState, jax.Array]:
-            after = environment.step(
+            after = stepping.step(
                 env, env_state, policy(environment.observation(env, env_state)), drone, KEY
             )[0]
             return after, jnp.max(jnp.abs(rotations.to_attitude(after.measurement.quaternion)[:2]))

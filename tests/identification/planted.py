@@ -14,7 +14,7 @@ import numpy as np
 
 from maidenflight.flights.log import Flight
 from maidenflight.parameters import crazyflie, noiseless, replace
-from maidenflight.simulator import dynamics, environment, rotations, tasks
+from maidenflight.simulator import dynamics, environment, rotations, stepping, tasks
 from maidenflight.simulator.environment import Environment
 
 WORLD = Environment(task=tasks.circle())
@@ -75,7 +75,7 @@ def _fly(world, parameters, additions, keys):
         command = (
             dynamics.hover_command(parameters) + addition + stabilised(env_state.state, parameters)
         )
-        after, _ = environment.step(world, env_state, 2.0 * command - 1.0, parameters, key)
+        after, _ = stepping.step(world, env_state, 2.0 * command - 1.0, parameters, key)
         return after, (env_state.state, after.actuators.ratio)
 
     return jax.lax.scan(one, first, (additions, keys))[1]

@@ -15,6 +15,7 @@ from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, noiseless, replace
 from maidenflight.simulator import control, dynamics, environment, rotations, tasks
 from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.position_pid import position_pid
 from maidenflight.simulator.rollout import rollout
 from maidenflight.simulator.sensors import Measurement
 
@@ -39,7 +40,7 @@ def fly_pid(radius, parameters, seconds):
     task = unit._replace(
         reference=lambda time: radius * unit.reference(time) + jnp.array([0.0, 0.0, 1.0])
     )
-    env = Environment(task=task, controller=control.position_pid(), steps_per_command=1)
+    env = Environment(task=task, controller=position_pid(), steps_per_command=1)
     start = dynamics.at_hover(jnp.array([0.0, 0.0, 1.0]), parameters)
     env_state = environment.begin(env, start, jnp.float32(0.0), parameters, jax.random.key(0))
     _, (flown, _) = rollout(
@@ -112,7 +113,7 @@ def test_the_position_pid_flies_the_circle_as_small_and_as_late_as_the_firmware(
 
 @pytest.mark.parametrize("firmware", FIRMWARES)
 def test_an_action_is_added_to_the_position_pids_commands(firmware):
-    controller = control.position_pid(firmware)
+    controller = position_pid(firmware)
     plain, excited = (
         first_command(controller, action) for action in (np.zeros(4), [0.1, -0.1, 0.05, 0.0])
     )
@@ -218,13 +219,13 @@ def test_a_new_rate_kicks_in_2021_and_not_in_2026():
     assert spread["2026.08"] == pytest.approx(15000 + 500 * 60 / 500, abs=4)
 
 
-@pytest.mark.parametrize("factory", [control.attitude_rate, control.attitude, control.position_pid])
+@pytest.mark.parametrize("factory", [control.attitude_rate, control.attitude, position_pid])
 def test_an_unknown_firmware_is_refused(factory):
     with pytest.raises(InputError, match=r"2021\.10, 2026\.08"):
         factory("2024.01")
 
 
-@pytest.mark.parametrize("factory", [control.attitude_rate, control.attitude, control.position_pid])
+@pytest.mark.parametrize("factory", [control.attitude_rate, control.attitude, position_pid])
 def test_the_same_controller_is_the_same_object_so_that_nothing_is_compiled_twice(factory):
     assert factory("2021.10") is factory(firmware="2021.10")
     assert factory("2021.10") is not factory("2026.08")

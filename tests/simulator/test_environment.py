@@ -14,7 +14,16 @@ from jaxtyping import Array, Float
 import numpy_reference
 from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, noiseless, replace, x_frame
-from maidenflight.simulator import control, dynamics, environment, interface, latency, tasks
+from maidenflight.simulator import (
+    control,
+    dynamics,
+    environment,
+    failures,
+    interface,
+    latency,
+    stepping,
+    tasks,
+)
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import relative_box
@@ -33,7 +42,7 @@ TRACES = []
 """One entry for each compilation of `fly`."""
 
 start = jax.jit(environment.reset, static_argnums=0)
-step = jax.jit(environment.step, static_argnums=0)
+step = jax.jit(stepping.step, static_argnums=0)
 
 
 @jax.jit
@@ -148,7 +157,7 @@ def driven(integrator, state, commands, parameters):
     def hold(carry, command):
         state, line = carry
         line = latency.push(line, jnp.sqrt(command))
-        state = environment.drive(integrator, state, line, 2, parameters)
+        state = stepping.drive(integrator, state, line, 2, parameters)
         return (state, line), state
 
     line = jnp.broadcast_to(jnp.sqrt(dynamics.hover_command(parameters)), (latency.slots(0.01), 4))
@@ -162,7 +171,7 @@ def stepped(integrator, state, commands, parameters):
     env_state = environment.begin(env, state, jnp.float32(0), parameters, KEY)
 
     def hold(env_state, command):
-        env_state, _ = environment.step(env, env_state, 2 * command - 1, parameters, KEY)
+        env_state, _ = stepping.step(env, env_state, 2 * command - 1, parameters, KEY)
         return env_state, env_state.state
 
     return lax.scan(hold, env_state, commands)[1]
@@ -488,20 +497,20 @@ def test_an_episode_tells_its_error_and_why_it_ends():
         np.linalg.norm(step_result.setpoint - lost.state.position),
         rtol=1e-5,
     )
-    assert tasks.END_REASONS[int(step_result.end_reason)] == "position error"
+    assert failures.END_REASONS[int(step_result.end_reason)] == "position error"
     on_it = begin(
         WORLD, dynamics.at_hover(jnp.array([0.0, 0.0, 1.0]), QUIET), jnp.float32(0), QUIET, KEY
     )
     flying = step(WORLD, on_it, on_it.action, QUIET, KEY)[1]
     assert int(flying.end_reason) == 0
     over = step(WORLD, on_it._replace(elapsed=jnp.float32(4.99)), on_it.action, QUIET, KEY)[1]
-    assert tasks.END_REASONS[int(over.end_reason)] == "time limit"
+    assert failures.END_REASONS[int(over.end_reason)] == "time limit"
 
 
 def test_an_action_that_is_not_a_number_ends_the_episode():
     _, step_result = step(WORLD, start(WORLD, QUIET, KEY), jnp.full(4, jnp.nan), QUIET, KEY)
     assert bool(step_result.terminated)
-    assert tasks.END_REASONS[int(step_result.end_reason)] == "not finite"
+    assert failures.END_REASONS[int(step_result.end_reason)] == "not finite"
 
 
 @pytest.mark.slow
@@ -522,7 +531,7 @@ def test_the_gradient_of_a_flight_with_respect_to_the_drone_is_its_slope(name, s
         drone = replace(FINE, **{name: value})
 
         def fly(env_state, action):
-            return environment.step(env, env_state, action, drone, KEY)[0], None
+            return stepping.step(env, env_state, action, drone, KEY)[0], None
 
         return lax.scan(fly, first, actions)[0].state.position @ jnp.array([0.3, 0.5, 1.0])
 
@@ -543,10 +552,10 @@ def test_the_ground_lifts_a_drone_that_hovers_just_above_it():
         state = dynamics.at_hover(jnp.array([0.0, 0.0, height]), QUIET)
         line = jnp.broadcast_to(jnp.sqrt(dynamics.hover_command(QUIET)), (latency.slots(0.01), 4))
         heights[height] = (
-            float(environment.drive(dynamics.rk4, state, line, 20, QUIET, task.floor).position[2])
+            float(stepping.drive(dynamics.rk4, state, line, 20, QUIET, task.floor).position[2])
             - height
         )
-        assert environment.drive(dynamics.rk4, state, line, 20, QUIET).position[2] == pytest.approx(
+        assert stepping.drive(dynamics.rk4, state, line, 20, QUIET).position[2] == pytest.approx(
             height, abs=1e-4
         )
     assert heights[0.04] > 0.005

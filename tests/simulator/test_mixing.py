@@ -13,6 +13,7 @@ from maidenflight.parameters import crazyflie, h_frame, noiseless, plus_frame, r
 from maidenflight.parameters.frames import effectiveness
 from maidenflight.simulator import control, dynamics, environment, firmware, mixing, tasks
 from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.position_pid import position_pid
 from maidenflight.simulator.rollout import rollout
 
 UNEQUAL = {
@@ -81,9 +82,9 @@ def test_controllers_are_the_same_object_for_the_same_frame_and_keep_their_rate(
         assert (make().on(plus) == make()) == (kind == "pwm")
     slower = control.attitude_rate().acting_at(25).on(plus)
     assert slower.interface.rate == 25
-    assert control.position_pid().on(plus) == control.position_pid().on(plus)
-    env = Environment.matching(replace(plus, time_step=0.002), controller=control.position_pid())
-    assert env.controller == control.position_pid().on(plus)
+    assert position_pid().on(plus) == position_pid().on(plus)
+    env = Environment.matching(replace(plus, time_step=0.002), controller=position_pid())
+    assert env.controller == position_pid().on(plus)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -100,7 +101,7 @@ def flown(env, drone):
 @pytest.mark.parametrize("name", FRAMES)
 def test_the_position_pid_hovers_every_frame(name):
     drone = replace(noiseless(on(FRAMES[name])), latency=0.005, time_step=0.002)
-    env = Environment.matching(drone, tasks.hover(), control.position_pid())
+    env = Environment.matching(drone, tasks.hover(), position_pid())
     state = jax.tree.map(np.asarray, flown(env, drone))
     target = np.asarray(tasks.hover().reference(jnp.float32(0.0)))
     end = slice(-500, None)

@@ -10,6 +10,7 @@ from maidenflight.errors import InputError
 from maidenflight.parameters import QUANTITIES, check, crazyflie, replace
 from maidenflight.simulator import control, dynamics, environment, tasks
 from maidenflight.simulator.battery import FIRMWARE_2021, PLUS
+from maidenflight.simulator.position_pid import position_pid
 from maidenflight.simulator.rollout import rollout
 from maidenflight.simulator.virtual_drone import FAR_RANGES, RANGES, VARIANTS, virtual_drone
 
@@ -126,7 +127,7 @@ def test_a_virtual_drone_has_effects_that_the_papers_model_lacks():
         assert np.all(getattr(drone.parameters, name) > getattr(crazyflie(), name)), name
 
 
-@pytest.mark.parametrize("controller", [control.pwm(), control.position_pid()])
+@pytest.mark.parametrize("controller", [control.pwm(), position_pid()])
 def test_commands_and_actions_hold_for_their_periods(controller):
     drone = virtual_drone(0)
     env = drone.environment(tasks.circle(), controller)
@@ -141,7 +142,7 @@ def test_commands_and_actions_hold_for_their_periods(controller):
 @pytest.mark.slow
 def test_the_firmwares_pid_flies_the_circle_on_every_virtual_drone():
     drones = [virtual_drone(seed, kind) for kind in VARIANTS for seed in SEEDS]
-    env = drones[-1].environment(tasks.circle(), control.position_pid())
+    env = drones[-1].environment(tasks.circle(), position_pid())
 
     def fly(parameters, key):
         start = dynamics.at_hover(jnp.array([0.0, 0.0, 1.0]), parameters)

@@ -11,7 +11,7 @@ from maidenflight.parameters import crazyflie
 from maidenflight.simulator import control, tasks
 from maidenflight.simulator.randomization import relative_box
 from maidenflight.training.analytic_gradient import AnalyticGradient
-from maidenflight.training.ppo import PPO
+from maidenflight.training.ppo_settings import PPO
 from maidenflight.training.train import train
 
 if __name__ == "__main__":

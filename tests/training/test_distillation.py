@@ -6,8 +6,8 @@ import pytest
 from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import Policy, untrained
+from maidenflight.simulator.any_drone import AnyDrone
 from maidenflight.simulator.environment import Environment, observation
-from maidenflight.simulator.randomization import AnyDrone
 from maidenflight.simulator.rollout import randomized_reset
 from maidenflight.training import distillation
 from maidenflight.training.analytic_gradient import AnalyticGradient

@@ -5,7 +5,7 @@ import pytest
 
 from maidenflight.parameters import crazyflie
 from maidenflight.policy import untrained
-from maidenflight.simulator import environment
+from maidenflight.simulator import environment, stepping
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import randomize, relative_box
 from maidenflight.training.evaluation import Evaluation, evaluate
@@ -17,7 +17,7 @@ BOX = relative_box(crazyflie(), 0.10)
 def test_a_score_is_what_a_plain_loop_counts() -> None:
     simulated, policy, episodes, steps = Environment(), untrained(jax.random.key(4)), 3, 80
     score = evaluate(simulated, policy, BOX, jax.random.key(1), episodes, steps)
-    step = jax.jit(environment.step, static_argnums=0)
+    step = jax.jit(stepping.step, static_argnums=0)
     returns, survivals, distances = [], [], []
     for key in jax.random.split(jax.random.key(1), episodes):
         launch_key, key = jax.random.split(key)

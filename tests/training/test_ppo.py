@@ -18,7 +18,8 @@ from maidenflight.training import ppo
 from maidenflight.training.critic import Moments, advantages, merged, moments_of
 from maidenflight.training.devices import DRONES
 from maidenflight.training.evaluation import evaluate
-from maidenflight.training.ppo import PPO, surrogate
+from maidenflight.training.ppo import surrogate
+from maidenflight.training.ppo_settings import PPO
 from maidenflight.training.train import Progress, recorded, train
 
 BOX = relative_box(replace(crazyflie(), motor_time_constant=0.04, latency=0.0), 0.10)

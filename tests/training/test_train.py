@@ -22,6 +22,7 @@ from maidenflight.policy import Policy, untrained
 from maidenflight.simulator import control, tasks
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.position_pid import position_pid
 from maidenflight.simulator.randomization import relative_box
 from maidenflight.simulator.virtual_drone import virtual_drone
 from maidenflight.training import analytic_gradient, checkpoint
@@ -501,7 +502,7 @@ def test_a_policy_sees_and_remembers_as_much_as_asked_and_else_it_is_another_tra
 
 def test_what_cannot_be_trained_is_refused() -> None:
     with pytest.raises(InputError, match="position_pid cannot be trained for"):
-        train(tasks.circle(), control.position_pid(), BOX, KEYS, TINY)
+        train(tasks.circle(), position_pid(), BOX, KEYS, TINY)
     keys = jax.random.split(jax.random.key(0), 2)
     for given, words in (
         (

@@ -11,8 +11,8 @@ from jaxtyping import Array, Float
 
 from maidenflight.simulator import control, firmware
 from maidenflight.simulator.control import Controller
-from maidenflight.simulator.firmware import Generation
 from maidenflight.simulator.interface import ControlInterface
+from maidenflight.simulator.pid import RATE_GAINS, Generation, PIDMemory, pid
 from maidenflight.simulator.sensors import Measurement
 
 FIRMWARE: Generation = "2021.10"
@@ -43,19 +43,19 @@ def _attitude_rate(interface: ControlInterface) -> Controller:
     torque at a slope of 1.00, that of the heading less than 1 %.
     """
 
-    def init() -> firmware.PIDMemory:
+    def init() -> PIDMemory:
         zero = np.zeros(3, np.float32)
-        return firmware.PIDMemory(zero, zero)  # type: ignore[arg-type]
+        return PIDMemory(zero, zero)  # type: ignore[arg-type]
 
     def command(
-        memory: firmware.PIDMemory,
+        memory: PIDMemory,
         action: Float[Array, "4"],
         measurement: Measurement,
         setpoint: Float[Array, "3"],
-    ) -> tuple[firmware.PIDMemory, Float[Array, "4"]]:
+    ) -> tuple[PIDMemory, Float[Array, "4"]]:
         asked = interface.command(action, control.firmware_units(interface))
-        memory, torque = firmware.pid(
-            memory, asked[1:], jnp.degrees(measurement.body_rates), firmware.RATE, FIRMWARE
+        memory, torque = pid(
+            memory, asked[1:], jnp.degrees(measurement.body_rates), RATE_GAINS, FIRMWARE
         )
         motors = firmware.mix(asked[0], firmware.cut(torque), FIRMWARE)
         return memory, motors / interface.full_scale_counts

@@ -27,9 +27,10 @@ from maidenflight.policy import Policy
 from maidenflight.simulator import additions, control, tasks, trajectories
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.failures import MAX_POSITION_ERROR_M
 from maidenflight.simulator.reality import AnyReality, Truth
 from maidenflight.simulator.stepped import Stepped
-from maidenflight.simulator.tasks import MAX_POSITION_ERROR_M, Task
+from maidenflight.simulator.tasks import Task
 from maidenflight.simulator.virtual_drone import VirtualDrone
 
 WITHIN_M = 0.10

@@ -19,74 +19,37 @@ Source: Gronauer et al. 2022, sec. Zero-Shot Experiments; logs of the authors' f
 import hashlib
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import partial
 from itertools import islice, starmap
-from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import polars
-from jax import lax, tree
-from jax.sharding import Mesh, NamedSharding, PartitionSpec
-from jaxtyping import Array, Bool, Float, Int, UInt
+from jax import tree
+from jax.sharding import NamedSharding, PartitionSpec
+from jaxtyping import Array
 
 from maidenflight.errors import InputError
+from maidenflight.experiments import guarded_flights
 from maidenflight.experiments.as_flown import GUARD_RATE, controller_as_flown
-from maidenflight.experiments.transfer import MAX_BODY_RATE_RAD_S, MAX_DURATION_S, MAX_TILT_RAD
+from maidenflight.experiments.guarded_flights import PUBLISHED_START, Flights, Start
+from maidenflight.experiments.transfer import MAX_DURATION_S
 from maidenflight.parameters import Parameters, replace
 from maidenflight.policy import Policy
-from maidenflight.simulator import control, dynamics, environment, rotations, tasks
+from maidenflight.simulator import control, tasks
 from maidenflight.simulator.control import Controller
-from maidenflight.simulator.environment import Environment, EnvState
+from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.failures import END_REASONS
 from maidenflight.simulator.interface import ControlInterface
-from maidenflight.simulator.tasks import END_REASONS
 
 MAX_POSITION_ERROR_M = 2.5
 """Distance from the set-point [m] at which a flight ends: no guard of the drone, but the room; one
 published flight went further."""
-
-
-class Start(NamedTuple):
-    """Standard deviations of the state in which the policy takes over.
-
-    It is normal about hover at the reference's start. The numbers are those of the first rows of
-    216 published flights (1.4826 times the median deviation from the median).
-    """
-
-    position: Float[Array, "3"]
-    """[m]."""
-    velocity: Float[Array, "3"]
-    """[m/s]."""
-    attitude: Float[Array, "3"]
-    """[rad]."""
-    body_rates: Float[Array, "3"]
-    """[rad/s]."""
-    homeward: Float[Array, ""]
-    """Minus the correlation of horizontal position and velocity: the PID that hands over moves
-    towards the start."""
-
-
-def _start(*numbers: tuple[float, ...] | float) -> Start:
-    return Start(*(np.array(number, np.float32) for number in numbers))  # type: ignore[arg-type]
-
-
-PUBLISHED_START = _start(
-    (0.029, 0.023, 0.010), (0.044, 0.043, 0.018), (0.015, 0.014, 0.011), (0.135, 0.145, 0.035), 0.77
-)
 
 LANES = 16
 """Trials of a policy that one compiled program flies together, until the last of them has ended."""
 AT_ONCE = {"cpu": 1}
 """Policies that a device flies together, by platform."""
 AT_ONCE_ELSEWHERE = 64
-
-
-class _Flights(NamedTuple):
-    steps: Int[Array, "policies lanes"]
-    """Rows of 10 ms flown."""
-    reason: Int[Array, "policies lanes"]
-    """Index of `END_REASONS`; 0 while it flies."""
 
 
 def predict_flight_times(
@@ -157,7 +120,7 @@ def predict_flight_times(
             ),
             [],
         ).append(place)
-    steps, reasons = (np.zeros((len(policies), trials), np.int32) for _ in _Flights._fields)
+    steps, reasons = (np.zeros((len(policies), trials), np.int32) for _ in Flights._fields)
     done = 0
     for places in kinds.values():
         flown = _fly_kind(
@@ -216,7 +179,7 @@ def _fly_kind(
         look_ahead=policies[0].look_ahead,
         memory=policies[0].memory,
     )
-    laid = NamedSharding(_mesh(), PartitionSpec(_POLICIES))
+    laid = NamedSharding(guarded_flights.mesh(), PartitionSpec(guarded_flights.POLICIES))
     size = laid.mesh.size * AT_ONCE.get(jax.default_backend(), AT_ONCE_ELSEWHERE)
     policies = [tree.map(np.asarray, policy) for policy in policies]
     own, blocks = (
@@ -230,15 +193,17 @@ def _fly_kind(
         # The last portion is filled up with flights that end at once.
         wanted = (numbers < trials) & (places < len(policies))[:, None]
         places = np.minimum(places, len(policies) - 1)
-        drawn, keys = _draw(key, own[places], numbers.astype(np.uint32), np.int32(len(drones.mass)))
+        drawn, keys = guarded_flights.draw(
+            key, own[places], numbers.astype(np.uint32), np.int32(len(drones.mass))
+        )
         return places, wanted, np.asarray(drawn), keys
 
-    def fly(places: np.ndarray, wanted: np.ndarray, drawn: np.ndarray, keys: Array) -> _Flights:
+    def fly(places: np.ndarray, wanted: np.ndarray, drawn: np.ndarray, keys: Array) -> Flights:
         flying = tree.map(lambda *leaves: np.stack(leaves), *(policies[place] for place in places))
         flights = jax.device_put(
             (flying, tree.map(lambda leaf: leaf[drawn], drones), keys, wanted), laid
         )
-        return _fly(
+        return guarded_flights.fly_together(
             env,
             GUARD_RATE // policies[0].interface.rate,
             *flights,
@@ -266,21 +231,14 @@ _UNDER_WAY = 8
 memory is bounded."""
 
 
-def _landed(begun: Iterable[_Flights]) -> Iterator[_Flights]:
-    under_way: deque[_Flights] = deque()
+def _landed(begun: Iterable[Flights]) -> Iterator[Flights]:
+    under_way: deque[Flights] = deque()
     for flights in begun:
         under_way.append(flights)
         if len(under_way) > _UNDER_WAY:
             yield tree.map(np.asarray, under_way.popleft())
     for flights in under_way:
         yield tree.map(np.asarray, flights)
-
-
-_POLICIES = "policies"
-
-
-def _mesh() -> Mesh:
-    return Mesh(np.array(jax.local_devices()), (_POLICIES,))
 
 
 def _identity(policy: Policy) -> int:
@@ -295,167 +253,8 @@ def _identity(policy: Policy) -> int:
     return int.from_bytes(known.digest()[:4], "little")
 
 
-@jax.jit
-def _draw(
-    key: Array,
-    own: UInt[Array, "policies"],
-    trials: UInt[Array, "policies lanes"],
-    count: Int[Array, ""],
-) -> tuple[Int[Array, "policies lanes"], Array]:
-    """Which of `count` drones each trial flies, and its key.
-
-    Neither depends on the other trials or policies.
-    """
-
-    def one(own: Array, trial: Array) -> tuple[Array, Array]:
-        drone_key, flight_key = jax.random.split(
-            jax.random.fold_in(jax.random.fold_in(key, own), trial)
-        )
-        return jax.random.randint(drone_key, (), 0, count), flight_key
-
-    return jax.vmap(jax.vmap(one, in_axes=(None, 0)))(own, trials)
-
-
 _MEMORY = 7
 """Estimates at 100 Hz that hold any `estimator_delay` within its bounds, 50 ms."""
-
-
-@partial(jax.jit, static_argnums=(0, 1))
-def _fly(
-    env: Environment,
-    every: int,
-    policies: Policy,
-    drones: Parameters,
-    keys: Array,
-    wanted: Bool[Array, "policies lanes"],
-    rows: Int[Array, ""],
-    farthest: Float[Array, ""],
-    start: Start,
-) -> _Flights:
-    """Flies until the last flight has ended, on each device for itself."""
-
-    def take_over(policy: Policy, drone: Parameters, key: Array) -> tuple[EnvState, Array]:
-        start_key, begin_key = jax.random.split(jax.random.fold_in(key, 0))
-        state = _first_state(env, drone, start, start_key)
-        env_state = environment.begin(env, state, jnp.zeros(()), drone, begin_key)
-        return env_state, jnp.broadcast_to(
-            env_state.history[-1], (policy.history, environment.OBSERVATION_SIZE)
-        )
-
-    def fly(
-        policies: Policy,
-        drones: Parameters,
-        keys: Array,
-        wanted: Array,
-        rows: Array,
-        farthest: Array,
-    ) -> _Flights:
-        def decide(now: tuple[Array, Any, _Flights]) -> tuple[Array, Any, _Flights]:
-            row, before, flights = now
-            act = partial(_until_next_action, env, every, rows, farthest, row)
-            after, reasons = jax.vmap(jax.vmap(act, in_axes=(None, 0, 0, 0)))(
-                policies, drones, keys, before
-            )
-            first = jnp.argmax(reasons > 0, axis=-1)
-            reason = jnp.take_along_axis(reasons, first[..., None], axis=-1)[..., 0]
-            over = flights.reason > 0
-            flown = _Flights(
-                jnp.where(over, flights.steps, row + first + 1),
-                jnp.where(over, flights.reason, reason),
-            )
-            return row + every, after, flown
-
-        begun = jax.vmap(jax.vmap(take_over, in_axes=(None, 0, 0)))(policies, drones, keys)
-        flights = _Flights(
-            jnp.zeros(wanted.shape, jnp.int32), jnp.where(wanted, 0, tasks.TIME_LIMIT)
-        )
-        return lax.while_loop(
-            lambda now: jnp.any(now[-1].reason == 0),
-            decide,
-            (jnp.zeros((), jnp.int32), begun, flights),
-        )[-1]
-
-    laid, everywhere = PartitionSpec(_POLICIES), PartitionSpec()
-    shared = jax.shard_map(
-        fly,
-        mesh=_mesh(),
-        in_specs=(*[laid] * 4, *[everywhere] * 2),
-        out_specs=laid,
-        check_vma=False,
-    )
-    return shared(policies, drones, keys, wanted, rows, farthest)
-
-
-def _first_state(env: Environment, drone: Parameters, start: Start, key: Array) -> dynamics.State:
-    """Hover at the reference's start, and a draw of how far from it the policy takes over."""
-    normal = jax.random.normal(key, (4, 3))
-    hover = dynamics.at_hover(env.task.reference(jnp.zeros(())), drone)
-    side = start.homeward * jnp.array([1.0, 1.0, 0.0])
-    return hover._replace(
-        position=hover.position + start.position * normal[0],
-        velocity=start.velocity * (jnp.sqrt(1.0 - side * side) * normal[1] - side * normal[0]),
-        quaternion=rotations.from_attitude(start.attitude * normal[2]),
-        body_rates=start.body_rates * normal[3],
-    )
-
-
-def _until_next_action(
-    env: Environment,
-    every: int,
-    rows: Int[Array, ""],
-    farthest: Float[Array, ""],
-    row: Int[Array, ""],
-    policy: Policy,
-    drone: Parameters,
-    key: Array,
-    before: tuple[EnvState, Float[Array, "H 20"]],
-) -> tuple[tuple[EnvState, Float[Array, "H 20"]], Int[Array, "every"]]:
-    """Drone and history one action, `every` rows of 10 ms, later.
-
-    Also, after each row, why the flight would end.
-    """
-    env_state, history = before
-    seen = environment.observation(env, env_state._replace(history=history))
-    action = policy(seen)
-
-    def hold(env_state: EnvState, row: Array) -> tuple[EnvState, Array]:
-        after, step_result = environment.step(
-            env, env_state, action, drone, jax.random.fold_in(key, row)
-        )
-        reason = guard(after, step_result.setpoint, farthest)
-        return after, jnp.where((reason == 0) & (row >= rows), tasks.TIME_LIMIT, reason)
-
-    env_state, reasons = lax.scan(hold, env_state, row + jnp.arange(1, every + 1))
-    instant = environment.observe(
-        env_state.measurement, env.task.reference(env_state.time), env_state.action
-    )
-    return (env_state, jnp.concatenate([history[1:], instant[None]])), reasons
-
-
-def guard(
-    env_state: EnvState, setpoint: Float[Array, "3"], farthest: Float[Array, ""]
-) -> Int[Array, ""]:
-    """Why the drone's guards would stop the policy now, by its measurements.
-
-    An index of `END_REASONS`; 0: they would not.
-
-    Args:
-        env_state: the drone.
-        setpoint: [m].
-        farthest: distance from it [m].
-
-    Source: Gronauer et al. 2022, sec. Zero-Shot Experiments; the ground and the distance are ours.
-    """
-    seen = env_state.measurement
-    tilt, rates = jnp.abs(rotations.to_attitude(seen.quaternion)[:2]), jnp.abs(seen.body_rates[:2])
-    distance = tasks.norm(setpoint - seen.position)
-    return tasks.reason(
-        not_finite=~jnp.isfinite(distance + tilt[0] + tilt[1] + rates[0] + rates[1]),
-        body_rate=jnp.maximum(rates[0], rates[1]) > np.float32(MAX_BODY_RATE_RAD_S),
-        tilt=jnp.maximum(tilt[0], tilt[1]) > np.float32(MAX_TILT_RAD),
-        position_error=distance > farthest,
-        height=env_state.state.position[2] < 0.0,
-    )
 
 
 QUANTILES = (10, 25, 50, 75, 90)

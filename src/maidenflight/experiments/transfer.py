@@ -26,10 +26,11 @@ from maidenflight.simulator import control, look_ahead, rotations, tasks
 from maidenflight.simulator.battery import Supply
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.failures import MAX_POSITION_ERROR_M
 from maidenflight.simulator.reality import MOTORS, AnyReality, Reality, Truth, checked
 from maidenflight.simulator.sensors import Measurement
 from maidenflight.simulator.stepped import Stepped
-from maidenflight.simulator.tasks import MAX_POSITION_ERROR_M, Task
+from maidenflight.simulator.tasks import Task
 from maidenflight.simulator.virtual_drone import Later, VirtualDrone
 
 MAX_DURATION_S = 20.0

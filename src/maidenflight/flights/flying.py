@@ -16,7 +16,7 @@ from jaxtyping import Array, ArrayLike, Float, Int
 from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
 from maidenflight.parameters import Parameters
-from maidenflight.simulator import battery, dynamics, environment, rotations
+from maidenflight.simulator import battery, dynamics, environment, rotations, stepping
 from maidenflight.simulator.battery import Supply
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
@@ -85,7 +85,7 @@ def fly(
     ) -> tuple[environment.EnvState, Rows]:
         number, key = now
         drone = parameters if during is None else during(parameters, env_state.elapsed)
-        after, step_result = environment.step(
+        after, step_result = stepping.step(
             env, env_state, act(environment.observation(env, env_state), number), drone, key
         )
         seen = env_state.measurement

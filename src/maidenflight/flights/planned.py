@@ -17,12 +17,13 @@ from maidenflight.flights.log import Flight
 from maidenflight.flights.manoeuvres import RATE
 from maidenflight.flights.recording import DITHER_PERIODS
 from maidenflight.parameters import Parameters
-from maidenflight.simulator import control, dynamics, tasks
+from maidenflight.simulator import dynamics, tasks
 from maidenflight.simulator.battery import COUNTS, MOST_COUNTS, Supply, law_for
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.firmware import POSITION_RATE
-from maidenflight.simulator.firmware import checked as generation
 from maidenflight.simulator.mixing import Mixer, mixer_of
+from maidenflight.simulator.pid import POSITION_RATE
+from maidenflight.simulator.pid import checked as generation
+from maidenflight.simulator.position_pid import position_pid, turning_pid
 from maidenflight.simulator.reality import MOTORS, POSITION, AnyReality, Reality, checked
 from maidenflight.simulator.virtual_drone import VirtualDrone
 
@@ -80,7 +81,7 @@ def fly(
     recording.must_be_held(drone.name, hover, counts)
     if drone.thrust_law is not None:
         drone = replace(drone, thrust_law=law_for(counts))
-    env = drone.environment(tasks.hover(), control.position_pid(firmware, counts))
+    env = drone.environment(tasks.hover(), position_pid(firmware, counts))
     places = np.stack([plan.setpoints() for plan in plans]).astype(np.float32)
     strengths = np.stack([plan.excitation() for plan in plans]).astype(np.float32)
     rows = _fly(
@@ -117,7 +118,7 @@ def _fly(
         flown = replace(
             env,
             task=env.task._replace(reference=reference),
-            controller=control.turning_pid(heading, firmware, counts, mixer),
+            controller=turning_pid(heading, firmware, counts, mixer),
         )
         sign_key, key = jax.random.split(key)
         signs = recording.signs(steps, sign_key)
@@ -146,7 +147,7 @@ def _fly_one(reality: Reality, plan: FlightPlan, key: Array, firmware: str, coun
         signs = np.asarray(recording.signs(steps, sign_key))
         added = np.repeat(signs, DITHER_PERIODS, axis=0)[:steps]
         actions = iter((np.repeat(strength, _EVERY)[:, None] * added).astype(np.float32))
-        pid = control.turning_pid(
+        pid = turning_pid(
             lambda number: shown[jnp.clip(number // _EVERY, 0, last), 3], firmware, counts
         )
         return flying.fly_reality(

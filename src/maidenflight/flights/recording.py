@@ -14,22 +14,24 @@ from maidenflight.flights import flying
 from maidenflight.flights.flying import Pilot, Rows
 from maidenflight.flights.log import Flight, thinned
 from maidenflight.parameters import Parameters
-from maidenflight.simulator import control, dynamics, mellinger, sensors, tasks
+from maidenflight.simulator import dynamics, mellinger, sensors, tasks
 from maidenflight.simulator.battery import COUNTS, MOST_COUNTS, Supply, law_for
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.firmware import LEAST_THRUST_COUNTS, POSITION_RATE
+from maidenflight.simulator.firmware import LEAST_THRUST_COUNTS
+from maidenflight.simulator.pid import POSITION_RATE
+from maidenflight.simulator.position_pid import EXCITATION, position_pid
 from maidenflight.simulator.reality import MOTORS, POSITION, AnyReality, Reality, checked
 from maidenflight.simulator.tasks import Task
 from maidenflight.simulator.trajectories import Trajectory
 from maidenflight.simulator.virtual_drone import VirtualDrone
 
 CONTROLLERS: dict[str, Callable[[Trajectory, str, float], Controller]] = {
-    "pid": lambda _, firmware, counts: control.position_pid(firmware, counts),
+    "pid": lambda _, firmware, counts: position_pid(firmware, counts),
     "mellinger": mellinger.mellinger,
 }
 """What flies: (reference, firmware, counts of full scale) to controllers of the firmware."""
-RATE = control.EXCITATION.rate
+RATE = EXCITATION.rate
 """Rows a second of a recorded flight, as of a Crazyflie's micro-SD card [Hz]: the PID's rate."""
 DITHER_PERIODS = 23
 """Commands of 2 ms for which `dither` holds: no multiple of the rows of slower logs, in which it

@@ -15,9 +15,10 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.foreign.policies import Fly
-from maidenflight.simulator.control import Controller, position_pid
-from maidenflight.simulator.firmware import ATTITUDE_RATE, POSITION_RATE
+from maidenflight.simulator.control import Controller
 from maidenflight.simulator.mellinger import mellinger
+from maidenflight.simulator.pid import ATTITUDE_RATE, POSITION_RATE
+from maidenflight.simulator.position_pid import position_pid
 from maidenflight.simulator.sensors import Measurement
 from maidenflight.simulator.tasks import Task
 from maidenflight.simulator.trajectories import Trajectory

@@ -10,7 +10,7 @@ from maidenflight.errors import InputError
 from maidenflight.gym import rewards
 from maidenflight.inputs import StrPath
 from maidenflight.parameters import DRONES, Parameters, crazyflie, read
-from maidenflight.simulator import control, tasks, trajectories
+from maidenflight.simulator import control, failures, tasks, trajectories
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.look_ahead import NONE, LookAhead
@@ -117,7 +117,7 @@ def _tracking(
     waypoints: StrPath | None = None,
     smooth: bool = False,
     duration: float | None = None,
-    farthest: float = tasks.MAX_POSITION_ERROR_M,
+    farthest: float = failures.MAX_POSITION_ERROR_M,
     latest_start: float = 0.0,
 ) -> Task:
     if waypoints is not None:

@@ -16,11 +16,11 @@ from jax import lax, tree
 from jaxtyping import Array, Bool, Float, UInt32
 
 from maidenflight.parameters import crazyflie
-from maidenflight.simulator import environment, rotations
+from maidenflight.simulator import environment, rotations, stepping
 from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.failures import END_REASONS
 from maidenflight.simulator.randomization import Distribution, relative_box
 from maidenflight.simulator.rollout import EnvInstance, randomized_reset
-from maidenflight.simulator.tasks import END_REASONS
 
 GROUP = 128
 """Most float32 numbers of an array of 512 bytes."""
@@ -100,7 +100,7 @@ class Program:
     def _step(self, groups: Groups, action: Float[Array, "4"]) -> tuple[Groups, Float[Array, "n"]]:
         flight = self._unpack(groups)
         step_key, next_key = jax.random.split(jax.random.wrap_key_data(flight.key, impl=RANDOM))
-        env_state, step_result = environment.step(
+        env_state, step_result = stepping.step(
             self._env, flight.drone.env_state, action, flight.drone.parameters, step_key
         )
         error, steps = flight.error + step_result.position_error, flight.steps + 1.0

@@ -12,7 +12,8 @@ from jaxtyping import Array, Float
 
 from maidenflight.errors import InputError
 from maidenflight.simulator.dynamics import State
-from maidenflight.simulator.tasks import Task, norm
+from maidenflight.simulator.tasks import Task
+from maidenflight.simulator.vectors import norm
 
 REWARDS = ("task", "shaped")
 """Names of rewards."""

@@ -13,9 +13,9 @@ from maidenflight.errors import InputError
 from maidenflight.gym import arguments, flying
 from maidenflight.gym.drawing import Scene, View
 from maidenflight.simulator.environment import ACTION_SIZE, OBSERVATION_SIZE
+from maidenflight.simulator.failures import TIME_LIMIT
 from maidenflight.simulator.interface import NOTE, ControlInterface
 from maidenflight.simulator.look_ahead import SPACING, LookAhead
-from maidenflight.simulator.tasks import TIME_LIMIT
 
 # A step takes less time than to hand it to another thread, which JAX does on a CPU unless it is
 # told not to before its first use.

@@ -14,8 +14,8 @@ from maidenflight.errors import InputError
 from maidenflight.gym import arguments, flying
 from maidenflight.gym.drawing import Scene, View
 from maidenflight.gym.single import spaces
+from maidenflight.simulator.failures import TIME_LIMIT
 from maidenflight.simulator.look_ahead import SPACING, LookAhead
-from maidenflight.simulator.tasks import TIME_LIMIT
 
 Steps = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
 

@@ -16,7 +16,7 @@ from jaxtyping import Array
 from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
 from maidenflight.flights.windows import SAME_RATE
-from maidenflight.identification import inertial, likelihood, replay
+from maidenflight.identification import inertial, most_likely, replay
 from maidenflight.identification.estimates import Identification, source_of
 from maidenflight.identification.information import Expected
 from maidenflight.identification.likelihood import Likelihood
@@ -88,7 +88,7 @@ def identify(
     elif stateless:
         found = inertial.identified(problem, settings)
     else:
-        found = likelihood.identified(problem, settings)
+        found = most_likely.identified(problem, settings)
     notes = (*left_out, *found.notes)
     return dataclasses.replace(found, notes=notes, seconds=time.perf_counter() - began)
 
@@ -140,7 +140,7 @@ def expected_intervals(
             "is said beforehand. Identify from it."
         )
     problem = _problem(flights, start, over, bounds, key, Reporter(None))
-    return likelihood.expected_intervals(problem, settings or Likelihood())
+    return most_likely.expected_intervals(problem, settings or Likelihood())
 
 
 def _problem(

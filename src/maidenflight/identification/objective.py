@@ -19,7 +19,7 @@ from maidenflight import cores
 from maidenflight.flights.windows import Windows
 from maidenflight.identification.gauss_newton import NormalEquations
 from maidenflight.parameters import Parameters, component, replace
-from maidenflight.simulator import actuators, dynamics, environment, latency, rotations
+from maidenflight.simulator import actuators, dynamics, latency, rotations, stepping
 from maidenflight.simulator.dynamics import State
 
 DISCOUNT = 0.95
@@ -58,7 +58,7 @@ def simulate(window: Windows, parameters: Parameters, steps: int) -> Float[Array
     line, places, speed = under_way(window, parameters, steps)
 
     def advance(state: State, newest: Array) -> tuple[State, Array]:
-        state = environment.drive(dynamics.midpoint, state, line, steps, parameters, newest=newest)
+        state = stepping.drive(dynamics.midpoint, state, line, steps, parameters, newest=newest)
         return state, jnp.concatenate(
             [
                 state.position,

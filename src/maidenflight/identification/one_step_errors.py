@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from maidenflight.flights.windows import Windows
 from maidenflight.identification.objective import under_way, wrapped
 from maidenflight.parameters import Parameters
-from maidenflight.simulator import dynamics, environment, rotations
+from maidenflight.simulator import dynamics, rotations, stepping
 from maidenflight.simulator.dynamics import State
 
 ORDER = 16
@@ -64,9 +64,7 @@ def errors(
         )
         state = start
         for place in newest:
-            state = environment.drive(
-                dynamics.midpoint, state, line, steps, parameters, newest=place
-            )
+            state = stepping.drive(dynamics.midpoint, state, line, steps, parameters, newest=place)
         ahead = jnp.concatenate(
             [
                 state.position,

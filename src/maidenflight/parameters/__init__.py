@@ -1,5 +1,14 @@
 """Physical constants of a simulated quadrotor, with unit, symbol, bounds and source of each."""
 
+from maidenflight.parameters.components import (
+    COMPONENTS,
+    check,
+    component,
+    noiseless,
+    part_names,
+    plain,
+    replace,
+)
 from maidenflight.parameters.frames import (
     GEOMETRY,
     arm_length,
@@ -10,18 +19,8 @@ from maidenflight.parameters.frames import (
     x_frame,
 )
 from maidenflight.parameters.named import DRONES, NamedDrone, crazyflie, named, sources
-from maidenflight.parameters.quantities import (
-    COMPONENTS,
-    QUANTITIES,
-    Parameters,
-    Quantity,
-    check,
-    component,
-    noiseless,
-    part_names,
-    plain,
-    replace,
-)
+from maidenflight.parameters.quantities import QUANTITIES, Parameters
+from maidenflight.parameters.quantity import Quantity
 from maidenflight.parameters.toml import (
     FORMAT,
     document,

@@ -9,8 +9,9 @@ from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 from maidenflight.errors import InputError
+from maidenflight.parameters.components import replace
 from maidenflight.parameters.frames import PLACES, h_frame, x_frame
-from maidenflight.parameters.quantities import Parameters, replace
+from maidenflight.parameters.quantities import Parameters
 from maidenflight.parameters.scaling import isometric, with_mass
 
 

@@ -7,50 +7,13 @@ motor lag, estimator delay, battery) have neutral values, zero or one, in the na
 """
 
 import dataclasses
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from maidenflight.errors import InputError
-from maidenflight.parameters import frames
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """What is known of one physical constant besides its value."""
-
-    symbol: str
-    unit: str
-    """SI; "-" for a pure number."""
-    lower: float
-    """Smallest value with a physical meaning."""
-    upper: float
-    """Largest plausible value for a drone of 5 g to 5 kg."""
-    meaning: str
-    source: str
-    """Where the model or the named drone's value comes from."""
-    table: str
-    """The table of the TOML file in which it stands."""
-    size: int = 1
-    """Number of components."""
-
-
-def _quantity(
-    table: str,
-    symbol: str,
-    unit: str,
-    bounds: tuple[float, float],
-    meaning: str,
-    source: str,
-    size: int = 1,
-) -> Any:
-    return field(
-        metadata={"quantity": Quantity(symbol, unit, *bounds, meaning, source, table, size)}
-    )
-
+from maidenflight.parameters.quantity import Quantity, quantity
 
 _PAPER = "Gronauer et al. 2022"
 _THRUST_CURVE = "affine-quadratic curves fitted to load cells by others, such as crazyflow's"
@@ -67,7 +30,7 @@ class Parameters:
     gives each field's unit, symbol, bounds, meaning and source.
     """
 
-    thrust_to_weight: Any = _quantity(
+    thrust_to_weight: Any = quantity(
         "motors",
         "k_F",
         "-",
@@ -75,7 +38,7 @@ class Parameters:
         "thrust of all motors at full speed over weight",
         f"{_PAPER}, eq:motor-force",
     )
-    thrust_offset: Any = _quantity(
+    thrust_offset: Any = quantity(
         "motors",
         "c_0",
         "-",
@@ -83,7 +46,7 @@ class Parameters:
         "share of full thrust that does not depend on rotor speed; 0 in the paper's model",
         _THRUST_CURVE,
     )
-    thrust_linear: Any = _quantity(
+    thrust_linear: Any = quantity(
         "motors",
         "c_1",
         "-",
@@ -91,7 +54,7 @@ class Parameters:
         "share of full thrust that grows with rotor speed itself; 0 in the paper's model",
         _THRUST_CURVE,
     )
-    motor_time_constant: Any = _quantity(
+    motor_time_constant: Any = quantity(
         "motors",
         "T_m",
         "s",
@@ -99,7 +62,7 @@ class Parameters:
         "lag of the rotor speeds",
         f"{_PAPER}, eq:motor-dynamics",
     )
-    spin_down_ratio: Any = _quantity(
+    spin_down_ratio: Any = quantity(
         "motors",
         "T_down/T_up",
         "-",
@@ -107,7 +70,7 @@ class Parameters:
         "lag while slowing down over lag while speeding up; 1 in the paper's model",
         "measured on load cells and from flights by others, 0.8 to 4.5",
     )
-    motor_coasting: Any = _quantity(
+    motor_coasting: Any = quantity(
         "motors",
         "T_c",
         "s",
@@ -115,7 +78,7 @@ class Parameters:
         "lag of a rotor that only the air slows down, at full speed; 0 in the paper's model",
         "identified from the authors' flights of a Crazyflie: 0.12 s",
     )
-    latency: Any = _quantity(
+    latency: Any = quantity(
         "motors",
         "Delta",
         "s",
@@ -123,7 +86,7 @@ class Parameters:
         "delay from command to motor",
         f"{_PAPER}, sec. Motor Model; bounds of its search",
     )
-    rotor_thrust: Any = _quantity(
+    rotor_thrust: Any = quantity(
         "motors",
         "s",
         "-",
@@ -132,7 +95,7 @@ class Parameters:
         "a damaged propeller; rotors in the order of the motors",
         4,
     )
-    torque_to_thrust: Any = _quantity(
+    torque_to_thrust: Any = quantity(
         "motors",
         "k_M1",
         "m",
@@ -140,7 +103,7 @@ class Parameters:
         "reaction torque of a rotor per thrust",
         f"{_PAPER}, eq:motor-torque",
     )
-    torque_offset: Any = _quantity(
+    torque_offset: Any = quantity(
         "motors",
         "k_M2",
         "N m",
@@ -148,7 +111,7 @@ class Parameters:
         "constant part of that torque; cancels over four rotors",
         f"{_PAPER}, eq:motor-torque",
     )
-    rotor_momentum: Any = _quantity(
+    rotor_momentum: Any = quantity(
         "motors",
         "J_r Omega",
         "N m s",
@@ -157,7 +120,7 @@ class Parameters:
         "model",
         "Bouabdallah 2007, sec. 2.4",
     )
-    actuator_noise: Any = _quantity(
+    actuator_noise: Any = quantity(
         "motors",
         "sigma_u",
         "-",
@@ -165,7 +128,7 @@ class Parameters:
         "standard deviation of the Ornstein-Uhlenbeck noise added to the thrust commands",
         f"{_AUTHORS}: 0.01/sqrt(1 - 0.85^2)",
     )
-    actuator_noise_rate: Any = _quantity(
+    actuator_noise_rate: Any = quantity(
         "motors",
         "theta_u",
         "1/s",
@@ -173,7 +136,7 @@ class Parameters:
         "how fast that noise forgets",
         f"{_AUTHORS}: -ln(0.85)/5 ms",
     )
-    mass: Any = _quantity(
+    mass: Any = quantity(
         "body",
         "m",
         "kg",
@@ -181,7 +144,7 @@ class Parameters:
         "mass, battery included",
         f"{_PAPER}, table:drone-parameters",
     )
-    inertia: Any = _quantity(
+    inertia: Any = quantity(
         "body",
         "I",
         "kg m2",
@@ -190,7 +153,7 @@ class Parameters:
         f"{_PAPER}, table:drone-parameters",
         3,
     )
-    rotor_x: Any = _quantity(
+    rotor_x: Any = quantity(
         "body",
         "x_i",
         "m",
@@ -199,7 +162,7 @@ class Parameters:
         f"{_PAPER}, table:drone-parameters: 39.6 mm from the centre, in an X",
         4,
     )
-    rotor_y: Any = _quantity(
+    rotor_y: Any = quantity(
         "body",
         "y_i",
         "m",
@@ -208,7 +171,7 @@ class Parameters:
         f"{_PAPER}, table:drone-parameters: 39.6 mm from the centre, in an X",
         4,
     )
-    rotor_direction: Any = _quantity(
+    rotor_direction: Any = quantity(
         "body",
         "d_i",
         "-",
@@ -218,7 +181,7 @@ class Parameters:
         f"{_PAPER}, eq:torque",
         4,
     )
-    drag: Any = _quantity(
+    drag: Any = quantity(
         "body",
         "d",
         "1/s",
@@ -227,7 +190,7 @@ class Parameters:
         "Faessler, Franchi and Scaramuzza 2018, eq. 1",
         3,
     )
-    flapping_moment: Any = _quantity(
+    flapping_moment: Any = quantity(
         "body",
         "c_f",
         "N s",
@@ -235,7 +198,7 @@ class Parameters:
         "moment against the flight's direction per velocity; 0 in the paper's model",
         "Hoffmann et al. 2007, eq. 7-10",
     )
-    rotational_damping: Any = _quantity(
+    rotational_damping: Any = quantity(
         "body",
         "c_w",
         "N m s",
@@ -243,7 +206,7 @@ class Parameters:
         "torque against roll and pitch rate per rate; 0 in the paper's model",
         "not found in flights",
     )
-    torque_bias: Any = _quantity(
+    torque_bias: Any = quantity(
         "body",
         "b",
         "N m",
@@ -252,7 +215,7 @@ class Parameters:
         "measured from flights",
         3,
     )
-    gravity: Any = _quantity(
+    gravity: Any = quantity(
         "body",
         "g",
         "m/s2",
@@ -260,7 +223,7 @@ class Parameters:
         "gravitational acceleration",
         f"{_PAPER}, table:drone-parameters",
     )
-    ground_effect: Any = _quantity(
+    ground_effect: Any = quantity(
         "body",
         "c_g",
         "m2",
@@ -268,7 +231,7 @@ class Parameters:
         "gain of thrust near the ground times height squared; acts in tasks that have a floor",
         "gym-pybullet-drones: 11.37 (r/4)^2 with a propeller of r = 23.1 mm",
     )
-    wind: Any = _quantity(
+    wind: Any = quantity(
         "air",
         "w",
         "m/s",
@@ -277,16 +240,16 @@ class Parameters:
         "rotor drag and flapping follow the velocity through the air",
         3,
     )
-    position_noise: Any = _quantity(
+    position_noise: Any = quantity(
         "sensors", "sigma_r", "m", (0.0, 1.0), "Gaussian noise of the position", _AUTHORS
     )
-    position_noise_uniform: Any = _quantity(
+    position_noise_uniform: Any = quantity(
         "sensors", "b_r", "m", (0.0, 1.0), "half width of its uniform noise", _AUTHORS
     )
-    velocity_noise: Any = _quantity(
+    velocity_noise: Any = quantity(
         "sensors", "sigma_v", "m/s", (0.0, 1.0), "Gaussian noise of the velocity", _AUTHORS
     )
-    position_walk: Any = _quantity(
+    position_walk: Any = quantity(
         "sensors",
         "w_r",
         "m/sqrt(s)",
@@ -294,7 +257,7 @@ class Parameters:
         "random walk of the estimated position, as of optical flow; 0 in the paper's model",
         "measured from flights: 0.075 for a Crazyflie's flow deck",
     )
-    velocity_walk: Any = _quantity(
+    velocity_walk: Any = quantity(
         "sensors",
         "w_v",
         "m/s/sqrt(s)",
@@ -302,7 +265,7 @@ class Parameters:
         "random walk of the estimated velocity, forgotten within a second; 0 in the paper's model",
         "measured from flights: 0.083 for a Crazyflie's flow deck",
     )
-    attitude_noise: Any = _quantity(
+    attitude_noise: Any = quantity(
         "sensors",
         "sigma_phi",
         "rad",
@@ -310,7 +273,7 @@ class Parameters:
         "Gaussian noise of roll, pitch, yaw",
         f"{_AUTHORS}: 0.1 deg",
     )
-    attitude_noise_uniform: Any = _quantity(
+    attitude_noise_uniform: Any = quantity(
         "sensors",
         "b_phi",
         "rad",
@@ -318,7 +281,7 @@ class Parameters:
         "half width of its uniform noise",
         f"{_AUTHORS}: 0.05 deg",
     )
-    gyro_noise: Any = _quantity(
+    gyro_noise: Any = quantity(
         "sensors",
         "sigma_omega",
         "rad/s",
@@ -326,7 +289,7 @@ class Parameters:
         "white noise of the body rates per sample",
         f"{_AUTHORS}: 0.088 rad/s before, 0.051 after its low-pass filter",
     )
-    gyro_time_constant: Any = _quantity(
+    gyro_time_constant: Any = quantity(
         "sensors",
         "tau_g",
         "s",
@@ -334,7 +297,7 @@ class Parameters:
         "lag of the gyro's low-pass filter; 0 in the paper's model",
         "Crazyflie firmware: 80 Hz Butterworth, 2.8 ms",
     )
-    gyro_turn_on_bias: Any = _quantity(
+    gyro_turn_on_bias: Any = quantity(
         "sensors",
         "b_0",
         "rad/s",
@@ -342,7 +305,7 @@ class Parameters:
         "standard deviation of the bias at power-on",
         "Furrer et al. 2016 (RotorS), gyroscope_turn_on_bias_sigma: 0.5 deg/s",
     )
-    gyro_bias_walk: Any = _quantity(
+    gyro_bias_walk: Any = quantity(
         "sensors",
         "sigma_b",
         "rad/s2/sqrt(Hz)",
@@ -350,7 +313,7 @@ class Parameters:
         "random walk of the bias",
         "Furrer et al. 2016 (RotorS); value from the authors' code",
     )
-    gyro_bias_time: Any = _quantity(
+    gyro_bias_time: Any = quantity(
         "sensors",
         "tau_b",
         "s",
@@ -358,7 +321,7 @@ class Parameters:
         "correlation time of the bias",
         "Furrer et al. 2016 (RotorS): 1000 s",
     )
-    estimator_delay: Any = _quantity(
+    estimator_delay: Any = quantity(
         "sensors",
         "Delta_e",
         "s",
@@ -366,7 +329,7 @@ class Parameters:
         "age of the estimated position, velocity and attitude; 0 in the paper's model",
         "a Kalman filter's lag; not measured",
     )
-    battery_voltage: Any = _quantity(
+    battery_voltage: Any = quantity(
         "battery",
         "V_0",
         "V",
@@ -374,7 +337,7 @@ class Parameters:
         "open-circuit voltage when the flight starts",
         "LiPo cell, full",
     )
-    battery_resistance: Any = _quantity(
+    battery_resistance: Any = quantity(
         "battery",
         "R_V",
         "V",
@@ -382,7 +345,7 @@ class Parameters:
         "sag with all motors at full ratio; 0: no sag",
         "not measured",
     )
-    battery_discharge: Any = _quantity(
+    battery_discharge: Any = quantity(
         "battery",
         "dV/dt",
         "V/s",
@@ -390,7 +353,7 @@ class Parameters:
         "fall of the open-circuit voltage with all motors at full ratio",
         "not measured",
     )
-    time_step: Any = _quantity(
+    time_step: Any = quantity(
         "simulation",
         "dt",
         "s",
@@ -408,103 +371,7 @@ class Parameters:
                 object.__setattr__(self, name, np.asarray(value, dtype=np.float32))
 
 
-def part_names(size: int) -> str:
-    """What the parts of a vector are called: its axes, or the numbers of four motors."""
-    return "xyz" if size == 3 else "1234"
-
-
 QUANTITIES: dict[str, Quantity] = {
     entry.name: entry.metadata["quantity"] for entry in dataclasses.fields(Parameters)
 }
 """Unit, symbol, bounds, meaning and source of every field of `Parameters`, in order."""
-
-COMPONENTS: dict[str, tuple[str, int | None]] = {
-    **{name: (name, None) for name, quantity in QUANTITIES.items() if quantity.size == 1},
-    **{
-        f"{name}_{axis}": (name, place)
-        for name, quantity in QUANTITIES.items()
-        if quantity.size > 1
-        for place, axis in enumerate(part_names(quantity.size))
-    },
-}
-"""Every single number of `Parameters` by name, such as `latency`, `inertia_x` or `rotor_thrust_1`:
-its field, and its place in it if that is a vector."""
-
-
-def component(parameters: Parameters, name: str) -> Any:
-    """One number of a drone, by a name of `COMPONENTS`."""
-    field_name, place = COMPONENTS[name]
-    value = getattr(parameters, field_name)
-    return value if place is None else value[..., place]
-
-
-def replace(parameters: Parameters, /, **changes: Any) -> Parameters:
-    """A copy with some fields changed, or single components of them such as `inertia_x`.
-
-    Raises:
-        InputError: no field has that name.
-    """
-    for name in changes:
-        if name not in QUANTITIES and name not in COMPONENTS:
-            raise InputError(f"unknown parameter {name!r}; known are {', '.join(QUANTITIES)}.")
-    vectors: dict[str, list[Any]] = {}
-    for name in [name for name in changes if name not in QUANTITIES]:
-        field_name, place = COMPONENTS[name]
-        parts = vectors.setdefault(
-            field_name,
-            [
-                getattr(parameters, field_name)[..., axis]
-                for axis in range(QUANTITIES[field_name].size)
-            ],
-        )
-        parts[place if place is not None else 0] = changes.pop(name)
-    stacked = {
-        name: jnp.stack(jnp.broadcast_arrays(*parts), axis=-1) for name, parts in vectors.items()
-    }
-    return dataclasses.replace(parameters, **changes, **stacked)
-
-
-def noiseless(parameters: Parameters) -> Parameters:
-    """The same drone with perfect sensors and motors without noise."""
-    sizes = [
-        name
-        for name in QUANTITIES
-        if ("noise" in name and not name.endswith("rate")) or name.endswith("_walk")
-    ]
-    return replace(parameters, **dict.fromkeys([*sizes, "gyro_turn_on_bias"], np.float32(0.0)))
-
-
-def check(parameters: Parameters, where: str = "parameters") -> Parameters:
-    """Returns one drone's parameters if every value lies in its physical range.
-
-    Args:
-        parameters: a point, without batch axes.
-        where: what the error names, usually a file.
-
-    Raises:
-        InputError: a value is not a finite number, has the wrong number of components or is out of
-            range, or the rotors cannot steer the drone.
-    """
-    for name, quantity in QUANTITIES.items():
-        value = np.asarray(getattr(parameters, name))
-        if value.shape != (() if quantity.size == 1 else (quantity.size,)):
-            raise InputError(
-                f"{where}: {name} has shape {value.shape}, expected "
-                f"{'one number' if quantity.size == 1 else f'{quantity.size} numbers'}."
-            )
-        if not (
-            np.all(np.isfinite(value))
-            and np.all(value >= quantity.lower)
-            and np.all(value <= np.float32(quantity.upper))
-        ):
-            raise InputError(
-                f"{where}: {name} = {plain(value)} {quantity.unit} is outside its physical range"
-                f" [{quantity.lower:g}, {quantity.upper:g}]. Check the unit; values are SI."
-            )
-    return frames.check(parameters, where)
-
-
-def plain(value: Any) -> Any:
-    """float32 to the shortest decimal that reads back to the same float32."""
-    array = np.asarray(value, dtype=np.float32)
-    return [float(str(entry)) for entry in array] if array.ndim else float(str(array))

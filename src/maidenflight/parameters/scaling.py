@@ -3,8 +3,9 @@
 import numpy as np
 
 from maidenflight.errors import InputError
+from maidenflight.parameters.components import check, replace
 from maidenflight.parameters.frames import PLACES
-from maidenflight.parameters.quantities import Parameters, check, replace
+from maidenflight.parameters.quantities import Parameters
 
 
 def with_mass(drone: Parameters, mass: float, name: str) -> Parameters:

@@ -11,9 +11,10 @@ import tomlkit
 from maidenflight import inputs, results
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
+from maidenflight.parameters.components import check, plain
 from maidenflight.parameters.frames import GEOMETRY, LAYOUTS
 from maidenflight.parameters.named import DRONES, crazyflie, named
-from maidenflight.parameters.quantities import QUANTITIES, Parameters, check, plain
+from maidenflight.parameters.quantities import QUANTITIES, Parameters
 from maidenflight.parameters.scaling import with_mass
 
 FORMAT = 5

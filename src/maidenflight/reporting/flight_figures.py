@@ -6,7 +6,7 @@ import polars
 from maidenflight.errors import InputError
 from maidenflight.reporting import charts
 from maidenflight.reporting.charts import Entry, Figure, Spec
-from maidenflight.simulator.tasks import END_REASONS, TIME_LIMIT
+from maidenflight.simulator.failures import END_REASONS, TIME_LIMIT
 
 COLOURS = {"pwm": "blue", "attitude_rate": "orange", "attitude": "green"}
 """Of control structures, in all pictures."""

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Self, cast
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from maidenflight.errors import InputError
 from maidenflight.parameters import Parameters, replace
@@ -20,15 +20,11 @@ from maidenflight.simulator import rotations
 from maidenflight.simulator.battery import COUNTS
 from maidenflight.simulator.firmware import (
     ABSOLUTE,
-    ATTITUDE_RATE,
     DISABLE,
-    POSITION_RATE,
-    Generation,
     Memory,
     RateMemory,
     Setpoint,
     StateEstimate,
-    checked,
     rate_tick,
     rates_switched_on,
     switched_on,
@@ -36,6 +32,7 @@ from maidenflight.simulator.firmware import (
 )
 from maidenflight.simulator.interface import HIGHEST_RATE_DEG, ControlInterface, Four
 from maidenflight.simulator.mixing import Mixer, mixer_of
+from maidenflight.simulator.pid import ATTITUDE_RATE, Generation, checked
 from maidenflight.simulator.sensors import Measurement
 
 MOTOR_RATE = 100
@@ -320,107 +317,6 @@ def _pid_rate(interface: ControlInterface) -> int:
             "25, 50 or 100."
         )
     return ATTITUDE_RATE
-
-
-class CascadeMemory(NamedTuple):
-    """What the position PID remembers."""
-
-    firmware: Memory
-    step: Int[Array, ""]
-    """Commands given so far."""
-
-
-_ADDED = "added share of full thrust"
-EXCITATION = ControlInterface(
-    "position_pid",
-    (0.0, 0.0, 0.0, 0.0),
-    (1.0, 1.0, 1.0, 1.0),
-    (_ADDED, _ADDED, _ADDED, _ADDED),
-    ATTITUDE_RATE,
-)
-"""What is added to the motors' commands while the position PID flies."""
-
-
-def position_pid(firmware: str = "2021.10", full_scale_counts: float = COUNTS) -> Controller:
-    """The firmware's cascaded PID, which holds a set-point.
-
-    Position and velocity loops run at 100 Hz, attitude and rate loops at 500 Hz.
-
-    The action is added to the four commands, so that flights can be excited for identification;
-    zero is the plain PID. Yaw is held at zero.
-
-    Args:
-        firmware: `"2021.10"`, which the paper's flights had, or `"2026.08"`.
-        full_scale_counts: see `ControlInterface`.
-
-    Raises:
-        InputError: there is no such firmware.
-    """
-    return _position_pid(
-        checked(firmware), replaced(EXCITATION, full_scale_counts=full_scale_counts)
-    )
-
-
-def turning_pid(
-    heading: Callable[[Int[Array, ""]], Float[Array, ""]],
-    firmware: str = "2021.10",
-    full_scale_counts: float = COUNTS,
-    mixer: Mixer | None = None,
-) -> Controller:
-    """`position_pid` that also turns.
-
-    Args:
-        heading: number of the command, at 500 Hz, to the yaw that is asked for [rad]; it may hold
-            traced arrays, so that flights with other headings are one compiled program.
-        firmware: as of `position_pid`.
-        full_scale_counts: as of `position_pid`.
-        mixer: of another frame than the firmware's X.
-
-    Raises:
-        InputError: there is no such firmware.
-    """
-    interface = replaced(EXCITATION, full_scale_counts=full_scale_counts)
-    return _cascade(checked(firmware), interface, heading, mixer)
-
-
-@cache
-def _position_pid(
-    firmware: Generation, interface: ControlInterface, mixer: Mixer | None = None
-) -> Controller:
-    flying = _cascade(firmware, interface, None, mixer)
-    return flying._replace(mixed=partial(_position_pid, firmware, interface))
-
-
-def _cascade(
-    firmware: Generation,
-    interface: ControlInterface,
-    heading: Callable[[Int[Array, ""]], Float[Array, ""]] | None,
-    mixer: Mixer | None,
-) -> Controller:
-    mode: Any = np.array([ABSOLUTE, ABSOLUTE, ABSOLUTE, DISABLE, DISABLE, ABSOLUTE], np.int32)
-    every = ATTITUDE_RATE // POSITION_RATE
-
-    def command(
-        memory: CascadeMemory,
-        action: Float[Array, "4"],
-        measurement: Measurement,
-        setpoint: Float[Array, "3"],
-    ) -> tuple[CascadeMemory, Float[Array, "4"]]:
-        wanted = NOTHING._replace(mode=mode, position=setpoint)
-        if heading is not None:
-            yaw = jnp.degrees(heading(memory.step))
-            wanted = wanted._replace(attitude=jnp.zeros(3).at[2].set(yaw))
-        due = memory.step % every == 0
-        inner, motors = tick(
-            memory.firmware, wanted, sensed(measurement), firmware, position_due=due, mixer=mixer
-        )
-        added = jnp.maximum(motors / interface.full_scale_counts + action, 0.0)
-        return CascadeMemory(inner, memory.step + 1), added
-
-    def init() -> CascadeMemory:
-        return CascadeMemory(switched_on(), np.int32(0))  # type: ignore[arg-type]
-
-    return Controller(interface, init, command, ATTITUDE_RATE)
 
 
 def sensed(measurement: Measurement) -> StateEstimate:

@@ -24,25 +24,31 @@ pid.c, controller_pid.c, attitude_pid_controller.c, position_controller_pid.c,
 power_distribution_*.c; described from reading, not copied.
 """
 
-from typing import Any, Literal, NamedTuple, cast, get_args
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jax import lax, tree
 from jaxtyping import Array, Bool, Float, Int
 
-from maidenflight.errors import InputError
 from maidenflight.simulator.battery import MOST_COUNTS
 from maidenflight.simulator.mixing import Mixer
-
-Generation = Literal["2021.10", "2026.08"]
+from maidenflight.simulator.pid import (
+    ATTITUDE_GAINS,
+    ATTITUDE_RATE,
+    POSITION_GAINS,
+    RATE_GAINS,
+    VELOCITY_GAINS,
+    YAW_GAINS,
+    Generation,
+    PIDMemory,
+    pid,
+    with_third,
+    wrap,
+)
 
 DISABLE, ABSOLUTE, VELOCITY = 0, 1, 2
 """Modes of an axis (stabilizer_types.h)."""
-ATTITUDE_RATE = 500
-"""Attitude and rate PIDs [Hz]."""
-POSITION_RATE = 100
-"""Position and velocity PIDs [Hz]."""
 
 
 class StateEstimate(NamedTuple):
@@ -75,26 +81,6 @@ class Setpoint(NamedTuple):
     """Whether velocity is in axes turned by yaw."""
 
 
-class Gains(NamedTuple):
-    """Three PID controllers, one an axis."""
-
-    proportional: np.ndarray
-    integral: np.ndarray
-    derivative: np.ndarray
-    integral_limit: np.ndarray
-    output_limit: np.ndarray
-    period: float
-    """Time between two updates [s]."""
-
-
-class PIDMemory(NamedTuple):
-    """Of three PID controllers."""
-
-    integral: Float[Array, "3"]
-    last: Float[Array, "3"]
-    """The error (2021.10) or measurement (2026.08) before."""
-
-
 class Memory(NamedTuple):
     """Of the cascade."""
 
@@ -113,63 +99,12 @@ class Memory(NamedTuple):
     """The last set-point's, or 0 where modes never change; -1 before the first."""
 
 
-def _gains(*rows: tuple[float, float, float], period: float) -> Gains:
-    return Gains(*(np.array(row, np.float32) for row in rows), period=period)
-
-
-# platform_defaults_cf2.h; rows are kp, ki, kd, limit of the integral, limit of the output.
-_INT16 = 32767.0
-_POSITION = _gains(
-    (2, 2, 2), (0, 0, 0.5), (0, 0, 0), (5000, 5000, 5000), (1.1, 1.1, 1.1), period=1 / POSITION_RATE
-)
-_VELOCITY = _gains(
-    (25, 25, 25),
-    (1, 1, 15),
-    (0, 0, 0),
-    (5000, 5000, 5000),
-    (22, 22, 32.767),
-    period=1 / POSITION_RATE,
-)
-_ATTITUDE = _gains(
-    (6, 6, 6),
-    (3, 3, 1),
-    (0, 0, 0.35),
-    (20, 20, 360),
-    (np.inf, np.inf, np.inf),
-    period=1 / ATTITUDE_RATE,
-)
-RATE = _gains(
-    (250, 250, 120),
-    (500, 500, 16.7),
-    (2.5, 2.5, 0),
-    (33.3, 33.3, 166.7),
-    (_INT16, _INT16, _INT16),
-    period=1 / ATTITUDE_RATE,
-)
-"""Gains of the rate PID."""
-_YAW = _ATTITUDE._replace(
-    **{name: getattr(_ATTITUDE, name)[2] for name in Gains._fields if name != "period"}
-)
 _MAX_TILT_DEG = 20.0
 """Limit of roll and pitch that the velocity PID asks for [deg]."""
 _THRUST_BASE_COUNTS, _THRUST_SCALE = 36000.0, 1000.0
 """[counts], [counts per unit of the velocity PID's output]."""
 LEAST_THRUST_COUNTS = 20000.0
 """Thrust that the velocity PID asks for at least [counts]."""
-
-
-def checked(firmware: str) -> Generation:
-    """The generation of that name.
-
-    Raises:
-        InputError: there is none.
-    """
-    if firmware not in get_args(Generation):
-        raise InputError(
-            f"firmware {firmware!r}: no such generation. Give one of "
-            f"{', '.join(get_args(Generation))}."
-        )
-    return cast(Generation, firmware)
 
 
 def switched_on(fixed: bool = False) -> Memory:
@@ -183,57 +118,6 @@ def switched_on(fixed: bool = False) -> Memory:
     pid = PIDMemory(zero, zero)  # type: ignore[arg-type]
     outer, mode = (None, np.int32(-1)) if fixed else (pid, np.full(6, -1, np.int32))
     return Memory(outer, outer, pid, pid, zero, np.float32(0.0), zero, mode)  # type: ignore[arg-type]
-
-
-def wrap(angle: Float[Array, "..."]) -> Float[Array, "..."]:
-    """An angle within one and a half turns [deg] to [-180, 180] deg. Source: num.c, capAngle."""
-    return jnp.where(angle > 180.0, angle - 360.0, jnp.where(angle < -180.0, angle + 360.0, angle))
-
-
-def pid(
-    memory: PIDMemory,
-    desired: Float[Array, "3"],
-    measured: Float[Array, "3"],
-    gains: Gains,
-    firmware: Generation,
-    heading: bool = False,
-) -> tuple[PIDMemory, Float[Array, "3"]]:
-    """One update of three PID controllers, or of one.
-
-    The output is K_p e + K_d de/dt + K_i (limited integral of e), limited.
-
-    Args:
-        memory: of the last update.
-        desired: set-point.
-        measured: its counterpart.
-        gains: of the three.
-        firmware: 2021.10 takes the derivative of the error, 2026.08 minus that of the measurement.
-        heading: whether the third axis, or the only one, is an angle that wraps [deg].
-
-    Source: pid.c, pidUpdate.
-    """
-
-    def wrapped(difference: Float[Array, "3"]) -> Float[Array, "3"]:
-        if not heading:
-            return difference
-        return (
-            wrap(difference)
-            if jnp.ndim(difference) == 0
-            else _with_third(difference, wrap(difference[2]))
-        )
-
-    error = wrapped(desired - measured)
-    change = wrapped(memory.last - measured) if firmware == "2026.08" else error - memory.last
-    integral = jnp.clip(
-        memory.integral + error * gains.period, -gains.integral_limit, gains.integral_limit
-    )
-    output = (
-        gains.proportional * error
-        + gains.derivative * (change / gains.period)
-        + gains.integral * integral
-    )
-    last = measured if firmware == "2026.08" else error
-    return PIDMemory(integral, last), jnp.clip(output, -gains.output_limit, gains.output_limit)
 
 
 def reset(memory: Memory, state: StateEstimate, firmware: Generation) -> Memory:
@@ -266,11 +150,11 @@ def position_loops(
         target, place, speed = _turn(target, yaw), _turn(place, yaw), _turn(speed, yaw)
     else:
         given = jnp.where(setpoint.velocity_body, _turn(given, -yaw), given)
-    position, wanted = pid(memory.position, target, place, _POSITION, firmware)
+    position, wanted = pid(memory.position, target, place, POSITION_GAINS, firmware)
     absolute = setpoint.mode[:3] == ABSOLUTE
     position = _chosen(absolute, position, memory.position)
     velocity, out = pid(
-        memory.velocity, jnp.where(absolute, wanted, given), speed, _VELOCITY, firmware
+        memory.velocity, jnp.where(absolute, wanted, given), speed, VELOCITY_GAINS, firmware
     )
     if firmware == "2021.10":
         out = _turn(out, yaw)
@@ -300,14 +184,14 @@ def attitude_loops(
     desired = jnp.concatenate([tilt, memory.desired[2:]])
     thrust = jnp.where(mode[2] == DISABLE, setpoint.thrust, memory.thrust)
     attitude, wanted = pid(
-        memory.attitude, desired, state.attitude, _ATTITUDE, firmware, heading=True
+        memory.attitude, desired, state.attitude, ATTITUDE_GAINS, firmware, heading=True
     )
     # Only roll and pitch: a yaw rate has moved the desired yaw instead.
     by_rate = (mode[3:] == VELOCITY) & np.array([True, True, False])
     wanted = jnp.where(by_rate, setpoint.body_rates, wanted)
     if firmware == "2021.10":
         attitude = _chosen(by_rate, PIDMemory(jnp.zeros(3), jnp.zeros(3)), attitude)
-    rate, torque = pid(memory.rate, wanted, state.body_rates, RATE, firmware)
+    rate, torque = pid(memory.rate, wanted, state.body_rates, RATE_GAINS, firmware)
     return memory._replace(
         attitude=attitude, rate=rate, desired=desired, thrust=thrust, torque=cut(torque)
     )
@@ -389,9 +273,7 @@ def tick(
     if firmware == "2026.08":
         given = jnp.where(setpoint.mode[5] == DISABLE, memory.desired[2], given)
     yaw = wrap(jnp.where(setpoint.mode[5] == VELOCITY, moved, given))
-    memory = _chosen(
-        attitude_due, memory._replace(desired=_with_third(memory.desired, yaw)), memory
-    )
+    memory = _chosen(attitude_due, memory._replace(desired=with_third(memory.desired, yaw)), memory)
     if position_due is not False:
         memory = _chosen(position_due, position_loops(memory, setpoint, state, firmware), memory)
     memory = _chosen(attitude_due, attitude_loops(memory, setpoint, state, firmware), memory)
@@ -449,9 +331,9 @@ def rate_tick(
     )
     memory = _chosen(memory.first, stopped, memory)
     heading = wrap(memory.heading + wanted[2] * (1 / ATTITUDE_RATE))
-    turning, turn = pid(memory.yaw, heading, yaw, _YAW, firmware, heading=True)
+    turning, turn = pid(memory.yaw, heading, yaw, YAW_GAINS, firmware, heading=True)
     rate, torque = pid(
-        memory.rate, jnp.stack([wanted[0], wanted[1], turn]), body_rates, RATE, firmware
+        memory.rate, jnp.stack([wanted[0], wanted[1], turn]), body_rates, RATE_GAINS, firmware
     )
     off = thrust == 0.0
     memory = _chosen(off, stopped, RateMemory(turning, rate, heading, stopped.first))
@@ -465,10 +347,6 @@ def _turn(vector: Float[Array, "3"], yaw: Float[Array, ""]) -> Float[Array, "3"]
     return jnp.stack(
         [vector[0] * cos + vector[1] * sin, vector[1] * cos - vector[0] * sin, vector[2]]
     )
-
-
-def _with_third(vector: Float[Array, "3"], value: Float[Array, ""]) -> Float[Array, "3"]:
-    return jnp.stack([vector[0], vector[1], value])
 
 
 def cut(counts: Float[Array, "..."]) -> Float[Array, "..."]:

@@ -24,9 +24,11 @@ from jaxtyping import Array, Float, Int
 
 from maidenflight.simulator import rotations
 from maidenflight.simulator.battery import COUNTS
-from maidenflight.simulator.control import EXCITATION, Controller
-from maidenflight.simulator.firmware import ATTITUDE_RATE, Generation, checked, cut, mix
+from maidenflight.simulator.control import Controller
+from maidenflight.simulator.firmware import cut, mix
 from maidenflight.simulator.mixing import Mixer
+from maidenflight.simulator.pid import ATTITUDE_RATE, Generation, checked
+from maidenflight.simulator.position_pid import EXCITATION
 from maidenflight.simulator.sensors import Measurement
 from maidenflight.simulator.trajectories import Trajectory
 
@@ -171,7 +173,7 @@ def mellinger(
 ) -> Controller:
     """A controller that holds a set-point, or follows a reference of which it knows all.
 
-    As with `control.position_pid` the action is added to the four commands; zero is the plain
+    As with `position_pid` the action is added to the four commands; zero is the plain
     controller.
 
     Args:

@@ -12,15 +12,9 @@ from jax import lax, tree
 from jaxtyping import Array, Float
 
 from maidenflight.parameters import Parameters
-from maidenflight.simulator.environment import (
-    Environment,
-    EnvState,
-    StepResult,
-    observation,
-    reset,
-    step,
-)
+from maidenflight.simulator.environment import Environment, EnvState, observation, reset
 from maidenflight.simulator.randomization import Distribution
+from maidenflight.simulator.stepping import StepResult, step
 
 PolicyFunction = Callable[[Float[Array, "20H+3K"]], Float[Array, "4"]]
 

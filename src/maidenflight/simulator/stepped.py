@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from maidenflight.parameters import Parameters
-from maidenflight.simulator import control, dynamics, environment, tasks
+from maidenflight.simulator import control, dynamics, environment, stepping, tasks
 from maidenflight.simulator.environment import Environment, EnvState
 from maidenflight.simulator.reality import MOTORS, Truth
 from maidenflight.simulator.sensors import Measurement
@@ -77,4 +77,4 @@ def _step(
     number: Any,
 ) -> EnvState:
     key = jax.random.fold_in(key, number)
-    return environment.step(env, state, 2.0 * command - 1.0, drone, key)[0]
+    return stepping.step(env, state, 2.0 * command - 1.0, drone, key)[0]

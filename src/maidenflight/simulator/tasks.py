@@ -1,20 +1,35 @@
-"""Tasks: initial states, reference, reward, failure and the margin to failure."""
+"""Tasks: where they start, where they lead, what they pay and when they are over."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, partial, reduce
-from operator import add
+from functools import cache, partial
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from maidenflight.errors import InputError
 from maidenflight.parameters import Parameters
 from maidenflight.simulator import dynamics, noise, rotations, trajectories
 from maidenflight.simulator.dynamics import State
+from maidenflight.simulator.failures import (
+    MAX_POSITION_ERROR_M,
+    hover_failure,
+    hover_margin,
+    position_margin,
+    strayed,
+    take_off_failure,
+    take_off_margin,
+)
+from maidenflight.simulator.rewards import (
+    ACTION_PENALTY,
+    ACTION_RATE_PENALTY,
+    hover_reward,
+    paper_reward,
+    take_off_reward,
+)
 from maidenflight.simulator.trajectories import Trajectory, once
 
 Reset = Callable[[Parameters, Array], tuple[State, Float[Array, ""]]]
@@ -50,34 +65,12 @@ class Task(NamedTuple):
     the flight at 30 degrees, sine 0.5."""
 
 
-END_REASONS = ("", "time limit", "not finite", "body rate", "tilt", "position error", "height")
-"""Why an episode ends. Where several hold at once, it is the first of these."""
-TIME_LIMIT, NOT_FINITE = END_REASONS.index("time limit"), END_REASONS.index("not finite")
-MAX_POSITION_ERROR_M = 0.25
-"""Distance from the set-point [m] at which an episode fails (Gronauer et al. 2022, sec.
-Experimental Setup)."""
-MAX_TILT_RAD = np.radians(60.0)
-"""Roll or pitch [rad] at which hover and take-off fail (authors' code, hover)."""
-ACTION_PENALTY, ACTION_RATE_PENALTY = 1e-4, 1e-3
-"""Cost of an action's length and of its change's length, a control period (Gronauer et al. 2022,
-sec. Experimental Setup)."""
-MAX_BODY_RATE_RAD_S = np.radians(300.0)
-"""Body rate [rad/s] at which hover fails (authors' code)."""
-MIN_HEIGHT_M = 0.2
-"""Height [m] below which hover fails (authors' code)."""
-TAKE_OFF_MAX_POSITION_ERROR_M = 0.5
-"""Distance from the set-point [m] at which a take-off fails, and the set-point's height at which
-the drone must have left; ours."""
 STANDING_HEIGHT_M = 0.0125
 """Height [m] of a drone that stands on the ground (authors' code, take-off)."""
-AIRBORNE_HEIGHT_M = 0.05
-"""Height [m] that a drone has once it has left the ground; ours."""
 FASTEST = {"fast_circle": 2.5, "fast_figure_eight": 2.0}
 """Top speeds of fast tasks [m/s], near what the Crazyflie's thrust allows."""
 STEEP = 0.94
 """Sine of the tilt, 70 degrees, beyond which fast tasks penalise it; ours."""
-LOW_HEIGHT_M = 0.08
-"""Height [m] below which each step of a take-off costs 1 (authors' code)."""
 
 
 @dataclass(frozen=True)
@@ -138,51 +131,6 @@ def _starting(
     return reset
 
 
-def norm(vector: Float[Array, "n"]) -> Float[Array, ""]:
-    """Euclidean norm whose gradient at zero is zero, not NaN."""
-    square = squared(vector)
-    return jnp.where(square == 0, 0.0, jnp.sqrt(jnp.where(square == 0, 1.0, square)))
-
-
-def squared(vector: Float[Array, "n"]) -> Float[Array, ""]:
-    """Sum of squares, written out as in `dynamics`."""
-    return reduce(add, [entry * entry for entry in vector])
-
-
-def paper_reward(
-    state: State,
-    setpoint: Float[Array, "3"],
-    action: Float[Array, "4"],
-    previous_action: Float[Array, "4"],
-    farthest: float = MAX_POSITION_ERROR_M,
-    action_penalty: float = ACTION_PENALTY,
-    action_rate_penalty: float = ACTION_RATE_PENALTY,
-) -> Float[Array, ""]:
-    """The paper's reward with negative penalties.
-
-    -(|e| + 1e-4 |a| + 1e-3 |a - a_previous| + 1e-3 |omega|) - 100 if |e| > 0.25 m. The paper prints
-    the penalties with a plus sign and the terminal reward with a minus; their signs must agree.
-
-    Args:
-        state: the drone after the step.
-        setpoint: desired position [m].
-        action: of the step, not clipped.
-        previous_action: of the step before.
-        farthest: distance from the set-point [m] beyond which 100 is subtracted.
-        action_penalty: weight of |a|.
-        action_rate_penalty: weight of |a - a_previous|.
-
-    Source: Gronauer et al. 2022, sec. Experimental Setup.
-    """
-    distance = norm(setpoint - state.position)
-    penalties = (
-        action_penalty * norm(action)
-        + action_rate_penalty * norm(action - previous_action)
-        + 1e-3 * norm(state.body_rates)
-    )
-    return -distance - penalties - jnp.where(distance > farthest, 100.0, 0.0)
-
-
 @cache
 def with_yaw_penalty(task: Task, yaw_penalty: float) -> Task:
     """The task with a cost of yaw.
@@ -207,133 +155,6 @@ def with_yaw_penalty(task: Task, yaw_penalty: float) -> Task:
 
     # A name of its own, so that training is not resumed with another penalty.
     return task._replace(name=f"{task.name}, yaw penalty {yaw_penalty:g}", reward=reward)
-
-
-def too_far(
-    state: State, setpoint: Float[Array, "3"], farthest: float = MAX_POSITION_ERROR_M
-) -> Bool[Array, ""]:
-    """The paper's termination: the drone is more than 0.25 m from its set-point."""
-    return squared(setpoint - state.position) > farthest**2
-
-
-def too_steep(state: State) -> Bool[Array, ""]:
-    """Roll or pitch is beyond 60 deg, to either side."""
-    roll, pitch, _ = jnp.abs(rotations.to_attitude(state.quaternion))
-    return jnp.maximum(roll, pitch) > np.float32(MAX_TILT_RAD)
-
-
-def reason(**failures: Bool[Array, ""]) -> Int[Array, ""]:
-    """The index of the first of `END_REASONS` that holds, 0 if none does.
-
-    Names have _ for a blank.
-    """
-    found = jnp.zeros((), jnp.int32)
-    for index, name in reversed(list(enumerate(END_REASONS))):
-        if name.replace(" ", "_") in failures:
-            found = jnp.where(failures[name.replace(" ", "_")], index, found)
-    return found
-
-
-def strayed(
-    state: State, setpoint: Float[Array, "3"], farthest: float = MAX_POSITION_ERROR_M
-) -> Int[Array, ""]:
-    """The paper's failure: the drone is more than 0.25 m from its set-point."""
-    return reason(position_error=too_far(state, setpoint, farthest))
-
-
-def position_margin(
-    state: State, setpoint: Float[Array, "3"], farthest: float = MAX_POSITION_ERROR_M
-) -> Float[Array, ""]:
-    """1 less the distance from the set-point over the distance at which a task fails."""
-    return 1.0 - norm(setpoint - state.position) / farthest
-
-
-def _tilt_share(state: State) -> Float[Array, ""]:
-    """1 where roll or pitch alone is 60 deg; where both are tilted it is reached earlier."""
-    upright = rotations.body_z(state.quaternion)[2]
-    return (1.0 - upright) / (1.0 - np.float32(np.cos(MAX_TILT_RAD)))
-
-
-def hover_margin(state: State, setpoint: Float[Array, "3"]) -> Float[Array, ""]:
-    """1 less the greatest of body rates, tilt and sinking, each over `hover_failure`'s limit."""
-    p, q, r = jnp.abs(state.body_rates) / np.float32(MAX_BODY_RATE_RAD_S)
-    sinking = (setpoint[2] - state.position[2]) / (setpoint[2] - MIN_HEIGHT_M)
-    return 1.0 - reduce(jnp.maximum, [p, q, r, _tilt_share(state), sinking])
-
-
-def take_off_margin(state: State, setpoint: Float[Array, "3"]) -> Float[Array, ""]:
-    """The smaller of the margins of distance and tilt, each relative to `take_off_failure`.
-
-    A drone that stays on the ground is far from the set-point too.
-    """
-    distance = position_margin(state, setpoint, TAKE_OFF_MAX_POSITION_ERROR_M)
-    return jnp.minimum(distance, 1.0 - _tilt_share(state))
-
-
-def hover_failure(state: State, setpoint: Float[Array, "3"]) -> Int[Array, ""]:
-    """The authors' failure of hover.
-
-    Roll or pitch beyond 60 deg, a body rate beyond 300 deg/s or a height below 0.2 m.
-    """
-    p, q, r = jnp.abs(state.body_rates)
-    spinning = jnp.maximum(jnp.maximum(p, q), r) > np.float32(MAX_BODY_RATE_RAD_S)
-    return reason(
-        body_rate=spinning, tilt=too_steep(state), height=state.position[2] < MIN_HEIGHT_M
-    )
-
-
-def take_off_failure(state: State, setpoint: Float[Array, "3"]) -> Int[Array, ""]:
-    """Failure of a take-off.
-
-    Roll or pitch beyond 60 deg, 0.5 m from the set-point, or still on the ground when the set-point
-    is 0.5 m above it.
-    """
-    height = state.position[2]
-    left_behind = (setpoint[2] > TAKE_OFF_MAX_POSITION_ERROR_M) & (height < AIRBORNE_HEIGHT_M)
-    return reason(
-        tilt=too_steep(state),
-        position_error=too_far(state, setpoint, TAKE_OFF_MAX_POSITION_ERROR_M),
-        height=left_behind,
-    )
-
-
-def hover_reward(
-    state: State,
-    setpoint: Float[Array, "3"],
-    action: Float[Array, "4"],
-    previous_action: Float[Array, "4"],
-) -> Float[Array, ""]:
-    """-(|e| + 1e-4 |u| + 1e-4 |omega|) - 100 on failure, with u = (clip(a, -1, 1) + 1) / 2.
-
-    Source: authors' code.
-    """
-    return _effort(state, setpoint, action) - jnp.where(
-        hover_failure(state, setpoint) > 0, 100.0, 0.0
-    )
-
-
-def take_off_reward(
-    state: State,
-    setpoint: Float[Array, "3"],
-    action: Float[Array, "4"],
-    previous_action: Float[Array, "4"],
-) -> Float[Array, ""]:
-    """-(|e| + 1e-4 |u| + 1e-4 |omega| + 1e-4 |v|) - 1 if z < 0.08 m - 100 on failure.
-
-    Source: authors' code; there a take-off never fails. Without the last term it would pay to fail
-    early.
-    """
-    grounded = jnp.where(state.position[2] < LOW_HEIGHT_M, 1.0, 0.0)
-    failure = jnp.where(take_off_failure(state, setpoint) > 0, 100.0, 0.0)
-    return _effort(state, setpoint, action) - 1e-4 * norm(state.velocity) - grounded - failure
-
-
-def _effort(
-    state: State, setpoint: Float[Array, "3"], action: Float[Array, "4"]
-) -> Float[Array, ""]:
-    """-(|e| + 1e-4 |u| + 1e-4 |omega|), the part that the authors' hover and take-off share."""
-    command = (jnp.clip(action, -1.0, 1.0) + 1.0) / 2.0
-    return -norm(setpoint - state.position) - 1e-4 * norm(command) - 1e-4 * norm(state.body_rates)
 
 
 @once

@@ -21,11 +21,11 @@ from jaxtyping import Array, Bool, Float
 
 from maidenflight.parameters import Parameters
 from maidenflight.policy import INSTANTS, Policy, untrained
-from maidenflight.simulator import dynamics, environment, raptor_form, rotations
+from maidenflight.simulator import dynamics, environment, raptor_form, rotations, stepping
 from maidenflight.simulator.environment import Environment, EnvState
 from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.rollout import EnvInstance, PolicyFunction, randomized_reset
-from maidenflight.simulator.tasks import norm, squared
+from maidenflight.simulator.vectors import norm, squared
 from maidenflight.training.devices import DRONES, REPLICATED, SHARDED, advanced, begun, own
 
 STATIC = {"static": True}
@@ -200,7 +200,7 @@ def segment(
         env_state: EnvState, key: Array
     ) -> tuple[EnvState, tuple[Float[Array, ""], Bool[Array, ""], Float[Array, ""]]]:
         output = policy(environment.observation(env, env_state))
-        after, step_result = environment.step(env, env_state, output, drone.parameters, key)
+        after, step_result = stepping.step(env, env_state, output, drone.parameters, key)
         action = after.action
         tilt = norm(rotations.body_z(after.state.quaternion)[:2])
         guards = settings.position_penalty * jax.nn.relu(

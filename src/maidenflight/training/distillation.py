@@ -23,11 +23,11 @@ from jaxtyping import Array, Float
 
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy, untrained
-from maidenflight.simulator import environment
+from maidenflight.simulator import environment, stepping
 from maidenflight.simulator.environment import ACTION_SIZE, Environment, EnvState
 from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.rollout import EnvInstance
-from maidenflight.simulator.tasks import squared
+from maidenflight.simulator.vectors import squared
 from maidenflight.training import analytic_gradient
 from maidenflight.training.analytic_gradient import (
     LOST_DISTANCE_M,
@@ -199,7 +199,7 @@ def _imitation(
         # A teacher's action beyond the range of commands is as good as its end.
         difference = output[:ACTION_SIZE] - jnp.clip(wanted[:ACTION_SIZE], -1.0, 1.0)
         held = jnp.concatenate([lax.stop_gradient(output[:ACTION_SIZE]), output[ACTION_SIZE:]])
-        after, step_result = environment.step(env, env_state, held, drone.parameters, key)
+        after, step_result = stepping.step(env, env_state, held, drone.parameters, key)
         lost = step_result.position_error > LOST_DISTANCE_M
         kept = jax.tree.map(lambda old, new: jnp.where(lost, old, new), env_state, after)
         return kept, (jnp.where(lost, 0.0, squared(difference)), lost)

@@ -24,9 +24,10 @@ from maidenflight.errors import InputError
 from maidenflight.gru import MOST_MEMORY
 from maidenflight.policy import Policy
 from maidenflight.simulator import raptor_form
-from maidenflight.simulator.control import EXCITATION, Controller
+from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.look_ahead import NONE, LookAhead
+from maidenflight.simulator.position_pid import EXCITATION
 from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.tasks import Task
 from maidenflight.training import analytic_gradient, checkpoint, distillation, ppo
@@ -34,7 +35,7 @@ from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.devices import placed
 from maidenflight.training.distillation import Distillation
 from maidenflight.training.evaluation import Evaluation, evaluate
-from maidenflight.training.ppo import PPO
+from maidenflight.training.ppo_settings import PPO
 
 
 class Settings(Protocol):

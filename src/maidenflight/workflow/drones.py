@@ -22,12 +22,11 @@ from maidenflight.identification.ensembles import (
 from maidenflight.inputs import StrPath
 from maidenflight.parameters import Parameters, full_scale_counts
 from maidenflight.simulator import additions, control
+from maidenflight.simulator.any_drone import AnyDay, AnyDrone
 from maidenflight.simulator.battery import COUNTS, PLUS
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.plant import RunningPlant
 from maidenflight.simulator.randomization import (
-    AnyDay,
-    AnyDrone,
     Distribution,
     Ensemble,
     randomize,

@@ -10,7 +10,7 @@ from maidenflight.simulator import raptor_form, tasks
 from maidenflight.training import distillation
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.distillation import Distillation
-from maidenflight.training.ppo import PPO
+from maidenflight.training.ppo_settings import PPO
 from maidenflight.training.train import Settings
 from maidenflight.workflow.drones import ANY_DAY, WIDE
 

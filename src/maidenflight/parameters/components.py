@@ -1,0 +1,108 @@
+"""The numbers of a drone one by one: read, replaced and checked by their names."""
+
+import dataclasses
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from maidenflight.errors import InputError
+from maidenflight.parameters import frames
+from maidenflight.parameters.quantities import QUANTITIES, Parameters
+
+
+def part_names(size: int) -> str:
+    """What the parts of a vector are called: its axes, or the numbers of four motors."""
+    return "xyz" if size == 3 else "1234"
+
+
+COMPONENTS: dict[str, tuple[str, int | None]] = {
+    **{name: (name, None) for name, quantity in QUANTITIES.items() if quantity.size == 1},
+    **{
+        f"{name}_{axis}": (name, place)
+        for name, quantity in QUANTITIES.items()
+        if quantity.size > 1
+        for place, axis in enumerate(part_names(quantity.size))
+    },
+}
+"""Every single number of `Parameters` by name, such as `latency`, `inertia_x` or `rotor_thrust_1`:
+its field, and its place in it if that is a vector."""
+
+
+def component(parameters: Parameters, name: str) -> Any:
+    """One number of a drone, by a name of `COMPONENTS`."""
+    field_name, place = COMPONENTS[name]
+    value = getattr(parameters, field_name)
+    return value if place is None else value[..., place]
+
+
+def replace(parameters: Parameters, /, **changes: Any) -> Parameters:
+    """A copy with some fields changed, or single components of them such as `inertia_x`.
+
+    Raises:
+        InputError: no field has that name.
+    """
+    for name in changes:
+        if name not in QUANTITIES and name not in COMPONENTS:
+            raise InputError(f"unknown parameter {name!r}; known are {', '.join(QUANTITIES)}.")
+    vectors: dict[str, list[Any]] = {}
+    for name in [name for name in changes if name not in QUANTITIES]:
+        field_name, place = COMPONENTS[name]
+        parts = vectors.setdefault(
+            field_name,
+            [
+                getattr(parameters, field_name)[..., axis]
+                for axis in range(QUANTITIES[field_name].size)
+            ],
+        )
+        parts[place if place is not None else 0] = changes.pop(name)
+    stacked = {
+        name: jnp.stack(jnp.broadcast_arrays(*parts), axis=-1) for name, parts in vectors.items()
+    }
+    return dataclasses.replace(parameters, **changes, **stacked)
+
+
+def noiseless(parameters: Parameters) -> Parameters:
+    """The same drone with perfect sensors and motors without noise."""
+    sizes = [
+        name
+        for name in QUANTITIES
+        if ("noise" in name and not name.endswith("rate")) or name.endswith("_walk")
+    ]
+    return replace(parameters, **dict.fromkeys([*sizes, "gyro_turn_on_bias"], np.float32(0.0)))
+
+
+def check(parameters: Parameters, where: str = "parameters") -> Parameters:
+    """Returns one drone's parameters if every value lies in its physical range.
+
+    Args:
+        parameters: a point, without batch axes.
+        where: what the error names, usually a file.
+
+    Raises:
+        InputError: a value is not a finite number, has the wrong number of components or is out of
+            range, or the rotors cannot steer the drone.
+    """
+    for name, quantity in QUANTITIES.items():
+        value = np.asarray(getattr(parameters, name))
+        if value.shape != (() if quantity.size == 1 else (quantity.size,)):
+            raise InputError(
+                f"{where}: {name} has shape {value.shape}, expected "
+                f"{'one number' if quantity.size == 1 else f'{quantity.size} numbers'}."
+            )
+        if not (
+            np.all(np.isfinite(value))
+            and np.all(value >= quantity.lower)
+            and np.all(value <= np.float32(quantity.upper))
+        ):
+            raise InputError(
+                f"{where}: {name} = {plain(value)} {quantity.unit} is outside its physical range"
+                f" [{quantity.lower:g}, {quantity.upper:g}]. Check the unit; values are SI."
+            )
+    return frames.check(parameters, where)
+
+
+def plain(value: Any) -> Any:
+    """float32 to the shortest decimal that reads back to the same float32."""
+    array = np.asarray(value, dtype=np.float32)
+    return [float(str(entry)) for entry in array] if array.ndim else float(str(array))

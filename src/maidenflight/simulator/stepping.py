@@ -1,0 +1,262 @@
+"""A step of an episode: an action is held for one control period.
+
+Within it the controller commands the motors, the physics goes on and the sensors are read.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jax import lax, tree
+from jaxtyping import Array, Bool, Float, Int
+
+from maidenflight.parameters import Parameters
+from maidenflight.simulator import actuators, dynamics, failures, latency, noise, sensors, vectors
+from maidenflight.simulator.dynamics import Integrator, State
+from maidenflight.simulator.environment import ACTION_SIZE, Environment, EnvState, observe, remember
+
+
+class StepResult(NamedTuple):
+    """What one step gave."""
+
+    reward: Float[Array, ""]
+    terminated: Bool[Array, ""]
+    """The drone failed."""
+    truncated: Bool[Array, ""]
+    """Time was up; the drone had not failed."""
+    setpoint: Float[Array, "3"]
+    """[m], at the end of the step."""
+    position_error: Float[Array, ""]
+    """Distance from the set-point at the end of the step [m]."""
+    end_reason: Int[Array, ""]
+    """Which of `failures.END_REASONS` ends the episode; 0: it goes on."""
+
+
+class Noise(NamedTuple):
+    """Random numbers of one step, E estimates of K commands each."""
+
+    command: Float[Array, "E K 7"]
+    """Standard normal: of the four actuators and of the gyro."""
+    estimate: Float[Array, "E 21"]
+    """Standard normal: of the estimate's drift, of the gyro's bias and of a measurement."""
+    uniform: Float[Array, "E 6"]
+    """Uniform on [-1, 1]: of a measurement."""
+
+
+def draw(environment: Environment, key: Array) -> Noise:
+    """The random numbers of one step."""
+    estimates = environment.estimates_per_action
+    commands = environment.commands_per_action // estimates
+    size = commands * 7 + sensors.DRIFT_NORMALS + 3 + sensors.NORMALS
+    normal, uniform = noise.draw(key, estimates * size, estimates * sensors.UNIFORMS)
+    normal = normal.reshape(estimates, size)
+    return Noise(
+        command=normal[:, : commands * 7].reshape(estimates, commands, 7),
+        estimate=normal[:, commands * 7 :],
+        uniform=uniform.reshape(estimates, sensors.UNIFORMS),
+    )
+
+
+def step(
+    environment: Environment,
+    env_state: EnvState,
+    action: Float[Array, "4+M"],
+    parameters: Parameters,
+    key: Array,
+) -> tuple[EnvState, StepResult]:
+    """Holds an action for one control period.
+
+    Args:
+        environment: what is simulated.
+        env_state: the drone before.
+        action: the policy's output, its next memory included; not clipped here, the controller
+            does that.
+        parameters: the drone; its `time_step` sets the control period.
+        key: random key.
+
+    Returns:
+        The drone after, and what the step gave. A finished episode is not reset.
+    """
+    drawn = draw(environment, key)
+    action, memory = action[:ACTION_SIZE], action[ACTION_SIZE:]
+    setpoint = environment.task.reference(env_state.time)
+    period = environment.control_period(parameters)
+    actions = jnp.round(env_state.elapsed / period) + 1.0
+
+    def until_estimate(before: EnvState, drawn: Noise) -> tuple[EnvState, None]:
+        def hold(env_state: EnvState, now: tuple[Array, Array]) -> tuple[EnvState, None]:
+            number, normal = now
+            # Between two estimates only the gyro is read anew, as on the drone.
+            rates = sensors.gyro(env_state.gyro, env_state.gyro_bias, parameters, normal[4:])
+            rates = jnp.where(number > 0, rates, before.measurement.body_rates)
+            env_state = env_state._replace(
+                measurement=env_state.measurement._replace(body_rates=rates)
+            )
+            return _hold_command(
+                environment,
+                env_state,
+                action,
+                setpoint,
+                parameters,
+                normal[:4],
+                commands - 1 - number,
+            ), None
+
+        commands = drawn.command.shape[0]
+        if commands == 1:
+            env_state = _hold_command(
+                environment, before, action, setpoint, parameters, drawn.command[0, :4]
+            )
+        else:
+            roomy = before._replace(delay_line=latency.with_room(before.delay_line, commands))
+            env_state, _ = lax.scan(hold, roomy, (jnp.arange(commands), drawn.command))
+            env_state = env_state._replace(
+                delay_line=env_state.delay_line[: before.delay_line.shape[0]]
+            )
+        return _estimate(
+            environment,
+            env_state,
+            actions,
+            period / environment.estimates_per_action,
+            parameters,
+            drawn,
+        ), None
+
+    if environment.estimates_per_action == 1:
+        after, _ = until_estimate(env_state, tree.map(lambda numbers: numbers[0], drawn))
+    else:
+        after, _ = lax.scan(until_estimate, env_state, drawn)
+
+    time, elapsed = env_state.time + period, env_state.elapsed + period
+    setpoint = environment.task.reference(time)
+    failure = environment.task.failure(after.state, setpoint)
+    finite = jnp.isfinite(vectors.norm(after.state.position)) & jnp.isfinite(vectors.norm(action))
+    failure = jnp.where(finite, failure, failures.NOT_FINITE)
+    terminated = failure > 0
+    truncated = ~terminated & (elapsed > environment.task.duration - period / 2)
+    step_result = StepResult(
+        reward=environment.task.reward(after.state, setpoint, action, env_state.action),
+        terminated=terminated,
+        truncated=truncated,
+        setpoint=setpoint,
+        position_error=vectors.norm(setpoint - after.state.position),
+        end_reason=jnp.where(truncated, failures.TIME_LIMIT, failure),
+    )
+    instant = observe(after.measurement, setpoint, action)
+    history = remember(env_state.history, instant)
+    after = after._replace(
+        history=history, action=action, memory=memory, time=time, elapsed=elapsed
+    )
+    return after, step_result
+
+
+def _hold_command(
+    environment: Environment,
+    env_state: EnvState,
+    action: Float[Array, "4"],
+    setpoint: Float[Array, "3"],
+    parameters: Parameters,
+    normal: Float[Array, "4"],
+    place: Int[Array, ""] | None = None,
+) -> EnvState:
+    """Asks the controller for one command and integrates the physics over its period.
+
+    The command goes to a place kept in the delay line, or in front.
+    """
+    memory, command = environment.controller.command(
+        env_state.controller, action, env_state.measurement, setpoint
+    )
+    period = environment.command_period(parameters)
+    motors, speed_command = actuators.actuate(
+        env_state.actuators, command, period, parameters, normal, environment.supply
+    )
+    old, newest = env_state.delay_line, 0 if place is None else place
+    line = (
+        latency.push(old, speed_command)
+        if place is None
+        else latency.put(old, speed_command, place)
+    )
+    state = drive(
+        environment.integrator,
+        env_state.state,
+        line,
+        environment.steps_per_command,
+        parameters,
+        environment.task.floor,
+        newest,
+    )
+    gyro = sensors.low_pass(
+        env_state.gyro, env_state.state.body_rates, state.body_rates, period, parameters
+    )
+    return env_state._replace(
+        state=state, delay_line=line, actuators=motors, controller=memory, gyro=gyro
+    )
+
+
+def _estimate(
+    environment: Environment,
+    env_state: EnvState,
+    actions: Float[Array, ""],
+    period: Float[Array, ""],
+    parameters: Parameters,
+    drawn: Noise,
+) -> EnvState:
+    """Reads the sensors.
+
+    Position, velocity and attitude only where an estimate is due after so many actions.
+    """
+    walk, turn, normal = jnp.split(
+        drawn.estimate, (sensors.DRIFT_NORMALS, sensors.DRIFT_NORMALS + 3)
+    )
+    bias = sensors.walk_bias(env_state.gyro_bias, period, parameters, turn)
+    drift = sensors.walk_estimate(env_state.drift, period, parameters, walk)
+    seen, estimator = env_state.state, env_state.estimator
+    every = max(1, environment.controller.interface.rate // environment.estimate_rate)
+    if environment.estimator_memory > 0:
+        estimator = sensors.remember(estimator, env_state.state)
+        seen = sensors.delayed(estimator, env_state.state, every * period, parameters)
+    seen = seen._replace(
+        position=seen.position + drift[:3],
+        velocity=seen.velocity + drift[3:],
+        body_rates=env_state.gyro,
+    )
+    fresh = sensors.measure(seen, bias, parameters, normal, drawn.uniform)
+    if every > 1:
+        due = actions % every == 0
+        old = env_state.measurement._replace(body_rates=fresh.body_rates)
+        fresh, estimator = tree.map(
+            lambda new, old: jnp.where(due, new, old),
+            (fresh, estimator),
+            (old, env_state.estimator),
+        )
+    return env_state._replace(gyro_bias=bias, estimator=estimator, drift=drift, measurement=fresh)
+
+
+def drive(
+    integrator: Integrator,
+    state: State,
+    line: Float[Array, "slots 4"],
+    steps: int,
+    parameters: Parameters,
+    floor: float | None = None,
+    newest: Int[Array, ""] | int = 0,
+) -> State:
+    """Integrates the physics over one command period.
+
+    Args:
+        integrator: `dynamics.midpoint`, `dynamics.euler` or `dynamics.rk4`.
+        state: the drone when the newest command is given.
+        line: rotor speed commands, newest first.
+        steps: physics steps in the period.
+        parameters: the drone.
+        floor: height at which the drone stands [m], if there is a floor; the ground is at height 0.
+        newest: place of the newest command in the line.
+    """
+    delayed = latency.delayed(line, parameters, steps, newest)
+
+    def advance(state: State, speed: Float[Array, "4"]) -> tuple[State, None]:
+        if floor is None:
+            return integrator(state, speed, parameters), None
+        after = integrator(state, speed, dynamics.near_ground(parameters, state.position[2]))
+        return dynamics.held_by_floor(after, floor), None
+
+    return lax.scan(advance, state, delayed)[0]
