@@ -44,12 +44,7 @@ from maidenflight.simulator import actuators, dynamics, latency
 from maidenflight.workflow import Reading, Start
 
 DAILY = (*TRIM, "thrust_to_weight")
-"""What a log of the day is asked for.
-
-Blind, only trims differ. With the thrust of all flights, whose means differ by structure, the bands
-hold 64 and 69 % of the other two structures' real flights and not 75 (of the policies that choices
-were made on).
-"""
+"""What differs from flight to flight, and what a log of the day is asked for."""
 TODAY = "closed loop, log of the day"
 STRUCTURES = ("pwm", "attitude_rate", "attitude", "all")
 SEEDS = 2
@@ -84,17 +79,12 @@ def identified(authors: Path, folder: Path, policies: Mapping[str, Policy]) -> d
         if structure == "pwm":
             made = results.record(seed=0, inputs=[], settings={"published": name})
             policy_file.write(chosen / f"pwm_{int(number):03d}.json", policies[name], made)
-    found: dict[str, Path] = {}
-    for label, over in (("closed loop", TRIM), (TODAY, DAILY)):
-        varied = folder / f"likelihood_{len(over)}.toml"
-        matched = folder / f"closed_loop_{len(over)}.toml"
-        if not varied.exists():
-            workflow.identify_from(flights, 0, varied, start=Start(str(dynamics)), over=list(over))
-        if not matched.exists():
-            workflow.match_loops(flights / "pwm", [chosen], 0, matched, start=Start(str(varied)))
-        found |= {"likelihood": varied} if over is TRIM else {}
-        found[label] = matched
-    return found
+    varied, matched = folder / "likelihood.toml", folder / "closed_loop.toml"
+    if not varied.exists():
+        workflow.identify_from(flights, 0, varied, start=Start(str(dynamics)), over=list(DAILY))
+    if not matched.exists():
+        workflow.match_loops(flights / "pwm", [chosen], 0, matched, start=Start(str(varied)))
+    return {"likelihood": varied, "closed loop": matched}
 
 
 def todays_log(authors: Path, names: Sequence[str], name: str) -> Path | None:
@@ -252,7 +242,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         rows += agreements(label, predicted(policies, drones, given.trials), flights)
     logs = {name: todays_log(given.authors, list(policies), name) for name in policies}
     own = {
-        name: workflow.possible_drones(files[TODAY], workflow.TRIMS, 0, today=log)
+        name: workflow.possible_drones(files["closed loop"], workflow.TRIMS, 0, today=log)
         for name, log in logs.items()
     }
     rows += agreements(TODAY, predicted(policies, own, given.trials), flights)

@@ -13,7 +13,14 @@ from hypothesis import given
 
 from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, noiseless, replace
-from maidenflight.simulator import control, dynamics, environment, rotations, tasks
+from maidenflight.simulator import (
+    control,
+    dynamics,
+    environment,
+    rotations,
+    tasks,
+)
+from maidenflight.simulator.balance import balanced
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.position_pid import position_pid
 from maidenflight.simulator.rollout import rollout
@@ -253,6 +260,29 @@ def test_the_level_action_gives_a_level_drone_the_command_that_it_names(name, fi
     action = controller.interface.level(jnp.float32(0.65))
     _, command = jax.jit(controller.command)(controller.init(), action, still, jnp.zeros(3))
     np.testing.assert_allclose(command, 0.65, atol=1e-4)
+
+
+@pytest.mark.parametrize("name", ["attitude_rate", "attitude"])
+def test_pids_that_hovered_a_trimmed_drone_go_on_to_hover_it(name):
+    bias = np.array([8e-5, -1e-4, 3e-5], np.float32)
+    trimmed = replace(crazyflie(), torque_bias=bias, thrust_to_weight=1.6)
+    controller = control.CONTROLLERS[name](firmware="2021.10")
+    hovers = balanced(trimmed)
+    assert np.ptp(hovers) > 0.02
+    still = Measurement(jnp.zeros(3), jnp.zeros(3), jnp.array([0.0, 0, 0, 1]), jnp.zeros(3))
+    level = controller.interface.level(jnp.mean(hovers))
+    assert controller.taking_over is not None
+    memory = controller.taking_over(hovers, still)
+    _, command = jax.jit(controller.command)(memory, level, still, jnp.zeros(3))
+    np.testing.assert_allclose(command, hovers, atol=3 / 65535)
+    # Switched on they ask for the same of all motors.
+    _, fresh = jax.jit(controller.command)(controller.init(), level, still, jnp.zeros(3))
+    assert np.ptp(fresh) == 0.0
+
+
+def test_pids_begin_anew_where_the_firmware_resets_them():
+    for name in ("attitude_rate", "attitude"):
+        assert control.CONTROLLERS[name](firmware="2026.08").taking_over is None
 
 
 def test_an_action_rate_is_chosen_or_refused():

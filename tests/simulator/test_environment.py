@@ -544,6 +544,26 @@ def test_the_gradient_of_a_flight_with_respect_to_the_drone_is_its_slope(name, s
 
 
 @pytest.mark.slow
+def test_computing_a_period_once_more_changes_no_gradient(monkeypatch):
+    env = Environment.matching(FINE, controller=control.attitude_rate())
+    first = environment.begin(env, dynamics.at_hover(jnp.zeros(3), FINE), jnp.float32(0), FINE, KEY)
+    action = env.controller.interface.level(dynamics.hover_command(FINE)) + 0.2
+
+    def slope():
+        def turning(lag):
+            drone = replace(FINE, motor_time_constant=lag)
+            after, _ = stepping.step(env, first, action, drone, KEY)
+            return after.state.body_rates @ jnp.array([0.3, 0.5, 1.0])
+
+        return float(jax.jit(jax.grad(turning))(jnp.float32(FINE.motor_time_constant)))
+
+    again = slope()
+    monkeypatch.setattr(jax, "checkpoint", lambda function, **_: function)
+    assert abs(again) > 1e-3
+    assert again == pytest.approx(slope(), rel=1e-4)
+
+
+@pytest.mark.slow
 def test_the_ground_lifts_a_drone_that_hovers_just_above_it():
     task = tasks.take_off()
     env = Environment(task=task)

@@ -12,6 +12,7 @@ import pytest
 from maidenflight.parameters import crazyflie
 from maidenflight.simulator import dynamics, firmware
 from maidenflight.simulator.firmware import ABSOLUTE, VELOCITY, Setpoint, StateEstimate
+from maidenflight.simulator.pid import RATE_GAINS
 
 TRACES = Path(__file__).parents[3] / "shared" / "data" / "firmware" / "pid_trace.npz"
 GENERATIONS = ("2021.10", "2026.08")
@@ -283,3 +284,8 @@ def test_a_mode_that_never_changes_is_a_mode_that_does_not_change(generation):
     difference = np.abs(np.asarray(fixed) - np.asarray(whole))
     assert difference.max() <= 2
     assert np.mean(difference == 0) > 0.99
+
+
+def test_integrals_hold_no_more_than_their_limits():
+    held = firmware.balancing(jnp.array([0.0, 60000.0, 0.0, 60000.0])).integral
+    np.testing.assert_allclose(held, [0.0, 0.0, RATE_GAINS.integral_limit[2]], atol=1e-3)

@@ -60,8 +60,11 @@ def _attitude_rate(interface: ControlInterface) -> Controller:
         motors = firmware.mix(asked[0], firmware.cut(torque), FIRMWARE)
         return memory, motors / interface.full_scale_counts
 
+    def taking_over(hovers: Float[Array, "4"], measurement: Measurement) -> PIDMemory:
+        return firmware.balancing(hovers * interface.full_scale_counts)
+
     commander = control.controller_for(interface, FIRMWARE)
-    return commander._replace(init=init, command=command, mixed=None)
+    return commander._replace(init=init, command=command, mixed=None, taking_over=taking_over)
 
 
 @cache

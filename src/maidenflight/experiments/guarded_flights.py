@@ -16,7 +16,16 @@ from jaxtyping import Array, Bool, Float, Int, UInt
 from maidenflight.experiments.transfer import MAX_BODY_RATE_RAD_S, MAX_TILT_RAD
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy
-from maidenflight.simulator import dynamics, environment, failures, rotations, stepping, vectors
+from maidenflight.simulator import (
+    actuators,
+    dynamics,
+    environment,
+    failures,
+    rotations,
+    stepping,
+    vectors,
+)
+from maidenflight.simulator.balance import balanced
 from maidenflight.simulator.environment import Environment, EnvState
 
 
@@ -117,7 +126,9 @@ def fly_together(
     def take_over(policy: Policy, drone: Parameters, key: Array) -> tuple[EnvState, Array]:
         start_key, begin_key = jax.random.split(jax.random.fold_in(key, 0))
         state = _first_state(env, drone, start, start_key)
-        env_state = environment.begin(env, state, jnp.zeros(()), drone, begin_key)
+        env_state = _after_hover(
+            env, environment.begin(env, state, jnp.zeros(()), drone, begin_key), drone
+        )
         return env_state, jnp.broadcast_to(
             env_state.history[-1], (policy.history, environment.OBSERVATION_SIZE)
         )
@@ -176,6 +187,25 @@ def _first_state(env: Environment, drone: Parameters, start: Start, key: Array) 
         velocity=start.velocity * (jnp.sqrt(1.0 - side * side) * normal[1] - side * normal[0]),
         quaternion=rotations.from_attitude(start.attitude * normal[2]),
         body_rates=start.body_rates * normal[3],
+    )
+
+
+def _after_hover(env: Environment, env_state: EnvState, drone: Parameters) -> EnvState:
+    """The beginning of a flight before which the firmware has hovered the drone.
+
+    Its rotors balance the constant torques, and so do the integrals of PIDs that go on: in the
+    published flights the yaw command of the first rows is that of the rest (docs/studies/
+    flight-times.md).
+    """
+    hovers = balanced(drone)
+    command = actuators.rotor_speed_command(hovers)
+    taking_over = env.controller.taking_over
+    return env_state._replace(
+        state=env_state.state._replace(rotor_speed=command),
+        delay_line=jnp.broadcast_to(command, env_state.delay_line.shape),
+        controller=env_state.controller
+        if taking_over is None
+        else taking_over(hovers, env_state.measurement),
     )
 
 

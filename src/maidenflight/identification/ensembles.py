@@ -1,4 +1,4 @@
-"""Drones to randomize over: posterior samples, or trims as they differed between flights."""
+"""Drones to randomize over: posterior samples, or trims and thrust as flights differed."""
 
 from collections.abc import Mapping, Sequence
 
@@ -10,6 +10,7 @@ from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight, by_log
 from maidenflight.flights.trims import SEGMENT_S, trim
 from maidenflight.identification.drone_file import Estimate
+from maidenflight.identification.information import HOVERING
 from maidenflight.parameters import Parameters, check, component, replace
 from maidenflight.simulator.randomization import Ensemble, ensemble
 
@@ -113,7 +114,7 @@ _UNTOLD = (
 def trim_ensemble(
     drone: Parameters, estimates: Mapping[str, Estimate], where: str, count: int = 256
 ) -> Ensemble:
-    """Drones whose constant torques differ as those of the identified flights did.
+    """Drones whose constant torques and thrust differ as those of the identified flights did.
 
     Args:
         drone: the identified drone.
@@ -124,8 +125,8 @@ def trim_ensemble(
     Raises:
         InputError: no constant torque was identified, or a drone is outside its physical range.
     """
-    names = [name for name in TRIM if name in estimates]
-    if not names:
+    names = [name for name in (*TRIM, HOVERING) if name in estimates]
+    if not set(TRIM) & set(names):
         raise InputError(_UNTOLD.format(where=where))
     deviations = np.array([estimates[name].between_segment_sd for name in names])
     # A low-discrepancy sequence represents the distribution better than as many random points.

@@ -79,7 +79,9 @@ def prior_ranges(start: Parameters, bounds: Ranges) -> dict[str, tuple[float, fl
         "rotor_momentum": (0.0, 0.013 * torque),
         "flapping_moment": (0.0, 0.037 * torque),
         "rotational_damping": (0.0, 0.01 * torque),
-        **{f"torque_bias_{axis}": (-0.014 * torque, 0.014 * torque) for axis in "xyz"},
+        "torque_bias_x": (-0.05 * torque, 0.05 * torque),
+        "torque_bias_y": (-0.05 * torque, 0.05 * torque),
+        "torque_bias_z": (-0.014 * torque, 0.014 * torque),
         **{f"drag_{axis}": (0.0, 0.5) for axis in "xyz"},
     }
     found = {}

@@ -25,6 +25,7 @@ from maidenflight.simulator.firmware import (
     RateMemory,
     Setpoint,
     StateEstimate,
+    balancing,
     rate_tick,
     rates_switched_on,
     switched_on,
@@ -57,6 +58,9 @@ class Controller(NamedTuple):
     """Thrust commands a second [Hz]."""
     mixed: Callable[[Mixer], "Controller"] | None = None
     """The same for a frame whose mixer is another than the firmware's; None: it mixes nothing."""
+    taking_over: Callable[[Float[Array, "4"], Measurement], Any] | None = None
+    """(thrust commands u that hover the drone, measurement) to the memory where the firmware has
+    hovered it before; None: that of switch-on."""
 
     def acting_at(self, rate: int) -> Self:
         """The same controller with so many actions a second [Hz]."""
@@ -81,6 +85,7 @@ def driven(
     init: Callable[[], Any] = lambda: None,
     factors: Four = (1.0, 1.0, 1.0, 1.0),
     mixed: Callable[[Mixer], Controller] | None = None,
+    taking_over: Callable[[Float[Array, "4"], Measurement], Any] | None = None,
 ) -> Controller:
     """A controller that scales actions as its interface says, and so as exported code does.
 
@@ -93,6 +98,7 @@ def driven(
         init: memory at switch-on.
         factors: from the interface's units to those that `drive` takes.
         mixed: the same with a mixer, where `drive` mixes commands for the motors of an X.
+        taking_over: see `Controller`.
     """
 
     def command(
@@ -104,7 +110,7 @@ def driven(
         return drive(memory, interface.command(action, factors), measurement, setpoint)
 
     own = interface.rate if MOTOR_RATE % interface.rate else MOTOR_RATE
-    return Controller(interface, init, command, command_rate or own, mixed)
+    return Controller(interface, init, command, command_rate or own, mixed, taking_over)
 
 
 def time_step(controller: Controller, longest: float = 0.005) -> float:
@@ -233,6 +239,11 @@ def _attitude_rate(
         memory, motors = rate_tick(memory, asked[0], asked[1:], yaw, rates, firmware, mixer)
         return memory, _shares(motors, interface)
 
+    def taking_over(hovers: Float[Array, "4"], measurement: Measurement) -> RateMemory:
+        yaw = jnp.degrees(rotations.heading(measurement.quaternion))
+        rate = balancing(hovers * interface.full_scale_counts, mixer)
+        return rates_switched_on()._replace(rate=rate, heading=yaw, first=jnp.zeros((), bool))
+
     return driven(
         interface,
         drive,
@@ -240,6 +251,7 @@ def _attitude_rate(
         rates_switched_on,
         firmware_units(interface),
         partial(_attitude_rate, interface, firmware),
+        taking_over if firmware == "2021.10" else None,
     )
 
 
@@ -261,6 +273,10 @@ def _attitude(
         )
         return memory, _shares(motors, interface)
 
+    def taking_over(hovers: Float[Array, "4"], measurement: Measurement) -> Memory:
+        rate = balancing(hovers * interface.full_scale_counts, mixer)
+        return switched_on(fixed=True)._replace(rate=rate, mode=jnp.zeros((), jnp.int32))
+
     return driven(
         interface,
         drive,
@@ -268,6 +284,7 @@ def _attitude(
         partial(switched_on, fixed=True),
         firmware_units(interface),
         partial(_attitude, interface, firmware),
+        taking_over if firmware == "2021.10" else None,
     )
 
 

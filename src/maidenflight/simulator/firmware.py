@@ -32,7 +32,7 @@ from jax import lax, tree
 from jaxtyping import Array, Bool, Float, Int
 
 from maidenflight.simulator.battery import MOST_COUNTS
-from maidenflight.simulator.mixing import Mixer
+from maidenflight.simulator.mixing import CRAZYFLIE, Mixer
 from maidenflight.simulator.pid import (
     ATTITUDE_GAINS,
     ATTITUDE_RATE,
@@ -279,6 +279,21 @@ def tick(
     memory = _chosen(attitude_due, attitude_loops(memory, setpoint, state, firmware), memory)
     memory = _chosen(memory.thrust == 0.0, stopped(memory), memory)
     return memory, mix(memory.thrust, memory.torque, firmware, mixer)
+
+
+def balancing(motors: Float[Array, "4"], mixer: Mixer | None = None) -> PIDMemory:
+    """Rate PIDs that have hovered a drone: their integrals hold the torque that it takes.
+
+    As far as their limits; the attitude PIDs hold the rest.
+
+    Args:
+        motors: commands that hover it [counts].
+        mixer: see `mix`.
+    """
+    turning = np.linalg.pinv(np.array(CRAZYFLIE if mixer is None else mixer))[1:]
+    integral = (turning @ motors) / RATE_GAINS.integral
+    limit = RATE_GAINS.integral_limit
+    return PIDMemory(jnp.clip(integral, -limit, limit), jnp.zeros(3))
 
 
 class RateMemory(NamedTuple):
