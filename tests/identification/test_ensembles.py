@@ -7,7 +7,7 @@ from flights.made_flights import calm
 from maidenflight.errors import InputError
 from maidenflight.flights.trims import trim
 from maidenflight.identification.drone_file import Estimate
-from maidenflight.identification.ensembles import WITHIN_A_DAY, drone_of_the_day
+from maidenflight.identification.ensembles import WITHIN_A_DAY, drone_of_the_day, trim_ensemble
 from maidenflight.parameters import component, crazyflie
 
 TURNED = np.array([0.50, 0.54, 0.50, 0.54])
@@ -53,6 +53,15 @@ def test_the_thrust_of_the_day_is_told_too_where_it_was_identified() -> None:
     assert min(measured, 1.725) < float(found.thrust_to_weight) < max(measured, 1.725)
     only_torques = drone_of_the_day(drone, estimates(4e-5), [held()], "x")[0]
     assert float(only_torques.thrust_to_weight) == pytest.approx(1.725)
+
+
+def test_thrust_differs_too_where_it_was_identified() -> None:
+    told = estimates(4e-5) | {"thrust_to_weight": Estimate(1.725, (1.7, 1.75), (1.725,), 0.05)}
+    drones = trim_ensemble(crazyflie(), told, "x").drones
+    assert np.std(drones.thrust_to_weight) == pytest.approx(0.05, rel=0.05)
+    assert np.std(np.asarray(drones.torque_bias)[:, 2]) == pytest.approx(4e-5, rel=0.05)
+    assert not np.any(np.ptp(np.asarray(drones.torque_bias)[:, :2], axis=0))
+    assert not np.ptp(trim_ensemble(crazyflie(), estimates(4e-5), "x").drones.thrust_to_weight)
 
 
 def test_more_flights_of_the_day_tell_more() -> None:
