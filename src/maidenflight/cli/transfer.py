@@ -238,10 +238,9 @@ def _transfer_matrix(
 @click.option(
     "--randomize",
     callback=options.randomization("trim", "posterior"),
-    help="trim: constant torques and thrust differ as between the identified flights, the default where the "
-    "drone's file tells how; posterior: drones"
-    " drawn from its posterior; or the half width of the parameters' box, 0 for the "
-    "drone as it is.",
+    help="trim: constant torques and thrust differ as between the identified flights, the default "
+    "where the drone's file tells how; posterior: drones drawn from its posterior; or the half "
+    "width of the parameters' box, 0 for the drone as it is.",
 )
 @click.option(
     "--control",
