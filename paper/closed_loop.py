@@ -36,15 +36,13 @@ from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import read_flights
 from maidenflight.flights.windows import windows
 from maidenflight.identification import one_step
-from maidenflight.identification.ensembles import TRIM
+from maidenflight.identification.ensembles import BETWEEN_FLIGHTS
 from maidenflight.identification.flight_signals import stride
 from maidenflight.parameters import Parameters, replace
 from maidenflight.policy import Policy
 from maidenflight.simulator import actuators, dynamics, latency
 from maidenflight.workflow import Reading, Start
 
-DAILY = (*TRIM, "thrust_to_weight")
-"""What differs from flight to flight, and what a log of the day is asked for."""
 TODAY = "closed loop, log of the day"
 STRUCTURES = ("pwm", "attitude_rate", "attitude", "all")
 SEEDS = 2
@@ -81,7 +79,9 @@ def identified(authors: Path, folder: Path, policies: Mapping[str, Policy]) -> d
             policy_file.write(chosen / f"pwm_{int(number):03d}.json", policies[name], made)
     varied, matched = folder / "likelihood.toml", folder / "closed_loop.toml"
     if not varied.exists():
-        workflow.identify_from(flights, 0, varied, start=Start(str(dynamics)), over=list(DAILY))
+        workflow.identify_from(
+            flights, 0, varied, start=Start(str(dynamics)), over=list(BETWEEN_FLIGHTS)
+        )
     if not matched.exists():
         workflow.match_loops(flights / "pwm", [chosen], 0, matched, start=Start(str(varied)))
     return {"likelihood": varied, "closed loop": matched}

@@ -17,6 +17,8 @@ from maidenflight.simulator.randomization import Ensemble, ensemble
 TRIM = ("torque_bias_x", "torque_bias_y", "torque_bias_z")
 """Constant torques: how the battery sits and the propellers are mounted, which people change
 between flights."""
+BETWEEN_FLIGHTS = (*TRIM, HOVERING)
+"""What differs from flight to flight: a log of the day tells it."""
 
 WITHIN_A_DAY = 0.5
 """Standard deviation of a trim between flights of a day, as a share of that between segments of all
@@ -125,7 +127,7 @@ def trim_ensemble(
     Raises:
         InputError: no constant torque was identified, or a drone is outside its physical range.
     """
-    names = [name for name in (*TRIM, HOVERING) if name in estimates]
+    names = [name for name in BETWEEN_FLIGHTS if name in estimates]
     if not set(TRIM) & set(names):
         raise InputError(_UNTOLD.format(where=where))
     deviations = np.array([estimates[name].between_segment_sd for name in names])

@@ -23,10 +23,5 @@ def balanced(parameters: Parameters) -> Float[Array, "4"]:
     forces = jnp.linalg.solve((each(jnp.eye(4)) - offset[None]).T, wanted - offset)
     full = parameters.mass * parameters.gravity / 4 * parameters.thrust_to_weight
     shares = forces / (full * parameters.rotor_thrust)
-    linear, square = (
-        parameters.thrust_linear,
-        1.0 - parameters.thrust_offset - parameters.thrust_linear,
-    )
-    above = jnp.maximum(shares - parameters.thrust_offset, 0.0)
-    speed = 2.0 * above / (linear + jnp.sqrt(linear**2 + 4.0 * square * above))
-    return jnp.clip(speed, 0.0, 1.0) ** 2
+    beyond = jnp.maximum(shares - parameters.thrust_offset, 0.0)
+    return jnp.clip(dynamics.speed_for(beyond, parameters), 0.0, 1.0) ** 2

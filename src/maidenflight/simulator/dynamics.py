@@ -372,12 +372,18 @@ def hover_command(parameters: Parameters) -> Float[Array, ""]:
 
     1 / k_F for a quadratic thrust curve (eq:motor-force).
     """
-    linear, wanted = (
-        parameters.thrust_linear,
-        1.0 / parameters.thrust_to_weight - parameters.thrust_offset,
-    )
+    beyond = 1.0 / parameters.thrust_to_weight - parameters.thrust_offset
+    return speed_for(beyond, parameters) ** 2
+
+
+def speed_for(beyond: Float[Array, "..."], parameters: Parameters) -> Float[Array, "..."]:
+    """The rotor speed nu [-] of a share of full thrust, given beyond the offset of `rotor_forces`.
+
+    The root of c_1 nu + (1 - c_0 - c_1) nu^2, in the form that holds where nu^2 has no part.
+    """
+    linear = parameters.thrust_linear
     square = 1.0 - parameters.thrust_offset - linear
-    return (2.0 * wanted / (linear + jnp.sqrt(linear**2 + 4.0 * square * wanted))) ** 2
+    return 2.0 * beyond / (linear + jnp.sqrt(linear**2 + 4.0 * square * beyond))
 
 
 def at_hover(position: Float[Array, "3"], parameters: Parameters) -> State:

@@ -30,7 +30,8 @@ def scored(
         rate: steps simulated a second.
         doing: what the training does, if it has phases.
     """
-    line = f"{doing}{': ' * bool(doing)}{scores(progress, rate)}"
+    line = scores(progress, rate)
+    line = f"{doing}: {line}" if doing else line
     move(progress.update, updates, line)
     without_bar(f"update {progress.update} of {updates}: {line}")
 

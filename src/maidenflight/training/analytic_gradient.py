@@ -25,8 +25,9 @@ from maidenflight.simulator import dynamics, environment, raptor_form, rotations
 from maidenflight.simulator.environment import Environment, EnvState
 from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.rollout import EnvInstance, PolicyFunction, randomized_reset
+from maidenflight.simulator.stepping import StepResult
 from maidenflight.simulator.vectors import norm, squared
-from maidenflight.training.devices import DRONES, REPLICATED, SHARDED, advanced, begun, own
+from maidenflight.training.devices import DRONES, REPLICATED, SHARDED, begun, learning, own
 
 STATIC = {"static": True}
 """Marks a setting that is part of the compiled program: a size, or what decides which is built."""
@@ -221,13 +222,8 @@ def segment(
             if task.failure_margin is None
             else task.failure_margin(after.state, step_result.setpoint)
         )
-        # An environment far beyond failure is frozen: its gradient is of no use and would overflow.
-        lost = step_result.position_error > LOST_DISTANCE_M
-        return tree.map(lambda old, new: jnp.where(lost, old, new), env_state, after), (
-            jnp.where(lost, 0.0, cost),
-            lost,
-            margin,
-        )
+        kept, lost = unless_lost(env_state, after, step_result)
+        return kept, (jnp.where(lost, 0.0, cost), lost, margin)
 
     env_state, (costs, lost, margins) = lax.scan(
         one, drone.env_state, jax.random.split(key, settings.horizon)
@@ -238,6 +234,17 @@ def segment(
         else jax.nn.sigmoid(-jnp.min(margins) / settings.failure_width)
     )
     return jnp.mean(costs) + settings.failure_penalty * failed, (env_state, jnp.any(lost))
+
+
+def unless_lost(
+    before: EnvState, after: EnvState, step_result: StepResult
+) -> tuple[EnvState, Bool[Array, ""]]:
+    """An environment after a step, or as before where it is far beyond failure; and whether it is.
+
+    Its gradient is of no use there and would overflow.
+    """
+    lost = step_result.position_error > LOST_DISTANCE_M
+    return tree.map(lambda old, new: jnp.where(lost, old, new), before, after), lost
 
 
 def update(
@@ -307,24 +314,17 @@ def _where(condition: Bool[Array, "n"], new: Any, old: Any) -> Any:
     )
 
 
-@partial(jax.jit, static_argnums=0)
-def learn(
+def _flown(
     env: Environment,
     settings: AnalyticGradient,
     box: Distribution,
-    learners: Learner,
-    keys: Array,
-    first: Array | int,
-    end: Array | int,
+    learner: Learner,
+    key: Array,
+    _: Array,
 ) -> Learner:
-    """Stacked learners after updates `first` to `end` - 1."""
-    flying = partial(segment, env, settings)
-    return advanced(
-        lambda learner, key, _: update(env, settings, box, flying, learner, key),
-        SHARDING,
-        settings.num_envs,
-        learners,
-        keys,
-        first,
-        end,
-    )
+    """One gradient step along what flights cost."""
+    return update(env, settings, box, partial(segment, env, settings), learner, key)
+
+
+learn = learning(_flown, SHARDING)
+"""Stacked learners after updates `first` to `end` - 1; see `learning`."""

@@ -11,6 +11,7 @@ import jax
 import numpy as np
 from jax import lax, tree
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
+from jax.stages import Wrapped
 from jaxtyping import Array
 
 Learner = TypeVar("Learner")
@@ -76,40 +77,39 @@ def placed(learners: Learner, sharding: Learner, num_envs: int) -> Learner:
     )
 
 
-def advanced(
-    update: Callable[[Learner, Array, Array], Learner],
-    sharding: Learner,
-    num_envs: int,
-    learners: Learner,
-    keys: Array,
-    first: Array | int,
-    end: Array | int,
-) -> Learner:
-    """Stacked learners after updates `first` to `end` - 1.
+def learning(update: Callable[..., Any], sharding: Any) -> Wrapped:
+    """The function that does updates of a training method, jitted.
 
     Args:
-        update: (learner, key, number of the update) to the learner after it; the key depends on the
-            number alone.
+        update: (environment, settings, drones, learner, key, number of the update) to the learner
+            after it; the key depends on the number alone.
         sharding: of each part of a learner.
-        num_envs: of each learner.
-        learners: stacked.
-        keys: one per policy.
-        first: number of the first update.
-        end: number after the last.
+
+    Returns:
+        (environment, settings, drones, stacked learners, a key for each, first, end) to the
+        learners after updates `first` to `end` - 1.
     """
 
-    def one(learner: Learner, key: Array) -> Learner:
-        return lax.fori_loop(
-            first,
-            end,
-            lambda number, learner: update(learner, jax.random.fold_in(key, number), number),
-            learner,
-        )
+    @partial(jax.jit, static_argnums=0)
+    def learn(
+        env: Any, settings: Any, box: Any, learners: Any, keys: Array, first: Any, end: Any
+    ) -> Any:
+        def one(learner: Any, key: Array) -> Any:
+            return lax.fori_loop(
+                first,
+                end,
+                lambda number, learner: update(
+                    env, settings, box, learner, jax.random.fold_in(key, number), number
+                ),
+                learner,
+            )
 
-    return jax.shard_map(
-        jax.vmap(one),
-        mesh=mesh(num_envs),
-        in_specs=(sharding, REPLICATED),
-        out_specs=sharding,
-        check_vma=False,
-    )(learners, keys)
+        return jax.shard_map(
+            jax.vmap(one),
+            mesh=mesh(settings.num_envs),
+            in_specs=(sharding, REPLICATED),
+            out_specs=sharding,
+            check_vma=False,
+        )(learners, keys)
+
+    return learn

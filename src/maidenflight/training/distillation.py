@@ -30,13 +30,13 @@ from maidenflight.simulator.rollout import EnvInstance
 from maidenflight.simulator.vectors import squared
 from maidenflight.training import analytic_gradient
 from maidenflight.training.analytic_gradient import (
-    LOST_DISTANCE_M,
     STATIC,
     AnalyticGradient,
     Learner,
+    Segment,
     optimiser_of,
 )
-from maidenflight.training.devices import REPLICATED, SHARDED, advanced, begun
+from maidenflight.training.devices import REPLICATED, SHARDED, begun, learning
 
 PHASES = ("the teacher learns", "the policy imitates it", "the policy goes on alone")
 """What is done in each third of the updates."""
@@ -200,8 +200,7 @@ def _imitation(
         difference = output[:ACTION_SIZE] - jnp.clip(wanted[:ACTION_SIZE], -1.0, 1.0)
         held = jnp.concatenate([lax.stop_gradient(output[:ACTION_SIZE]), output[ACTION_SIZE:]])
         after, step_result = stepping.step(env, env_state, held, drone.parameters, key)
-        lost = step_result.position_error > LOST_DISTANCE_M
-        kept = jax.tree.map(lambda old, new: jnp.where(lost, old, new), env_state, after)
+        kept, lost = analytic_gradient.unless_lost(env_state, after, step_result)
         return kept, (jnp.where(lost, 0.0, squared(difference)), lost)
 
     env_state, (costs, lost) = lax.scan(
@@ -221,63 +220,36 @@ def _update(
     """One gradient step of a teacher, or of a policy that imitates it, or of the policy alone."""
     share = settings.updates / len(PHASES)
 
-    def descended(
-        segment: Any, policy: Any, optimiser: optax.OptState, rates: float = 1.0
-    ) -> Learner:
+    def descended(learned: str, optimiser: str, segment: Segment, rates: float = 1.0) -> _Learner:
         third = dataclasses.replace(
             settings,
             updates=share,
             learning_rate=rates * settings.learning_rate,
             hidden_learning_rate=rates * settings.hidden_learning_rate,
         )
-        before = Learner(policy, optimiser, learner.instances)
-        return analytic_gradient.update(env, third, box, segment, before, key)
+        before = Learner(getattr(learner, learned), getattr(learner, optimiser), learner.instances)
+        after = analytic_gradient.update(env, third, box, segment, before, key)
+        changed = {learned: after.policy, optimiser: after.optimiser, "instances": after.instances}
+        return learner._replace(**changed)
+
+    flown = partial(analytic_gradient.segment, env, settings)
 
     def teach() -> _Learner:
-        def segment(teacher: Teacher, drone: EnvInstance, key: Array) -> Any:
-            flown = partial(teacher, drone.parameters)
-            return analytic_gradient.segment(env, settings, flown, drone, key)
+        def told(teacher: Teacher, drone: EnvInstance, key: Array) -> Any:
+            return flown(partial(teacher, drone.parameters), drone, key)
 
-        after = descended(segment, learner.teacher, learner.teaching)
-        return learner._replace(
-            teacher=after.policy, teaching=after.optimiser, instances=after.instances
-        )
+        return descended("teacher", "teaching", told)
 
     def imitate() -> _Learner:
-        segment = partial(_imitation, env, settings, learner.teacher)
-        after = descended(segment, learner.policy, learner.imitating)
-        return learner._replace(
-            policy=after.policy, imitating=after.optimiser, instances=after.instances
-        )
+        imitated = partial(_imitation, env, settings, learner.teacher)
+        return descended("policy", "imitating", imitated)
 
     def alone() -> _Learner:
-        segment = partial(analytic_gradient.segment, env, settings)
-        after = descended(segment, learner.policy, learner.optimiser, settings.going_on)
-        return learner._replace(
-            policy=after.policy, optimiser=after.optimiser, instances=after.instances
-        )
+        return descended("policy", "optimiser", flown, settings.going_on)
 
     phase = jnp.minimum(number // share, len(PHASES) - 1).astype(jnp.int32)
     return lax.switch(phase, [teach, imitate, alone])
 
 
-@partial(jax.jit, static_argnums=0)
-def learn(
-    env: Environment,
-    settings: Distillation,
-    box: Distribution,
-    learners: _Learner,
-    keys: Array,
-    first: Array | int,
-    end: Array | int,
-) -> _Learner:
-    """Stacked learners after updates `first` to `end` - 1."""
-    return advanced(
-        partial(_update, env, settings, box),
-        SHARDING,
-        settings.num_envs,
-        learners,
-        keys,
-        first,
-        end,
-    )
+learn = learning(_update, SHARDING)
+"""Stacked learners after updates `first` to `end` - 1; see `learning`."""

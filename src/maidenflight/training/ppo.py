@@ -31,7 +31,7 @@ from maidenflight.training.critic import (
     untrained_critic,
     value_of,
 )
-from maidenflight.training.devices import DRONES, REPLICATED, SHARDED, advanced, begun, own
+from maidenflight.training.devices import DRONES, REPLICATED, SHARDED, begun, learning, own
 from maidenflight.training.ppo_settings import PPO
 
 PERIODS_PER_RESET = 8
@@ -352,23 +352,5 @@ def _normalizing(policy: Policy, moments: Moments) -> Policy:
     )
 
 
-@partial(jax.jit, static_argnums=0)
-def learn(
-    env: Environment,
-    settings: PPO,
-    box: Distribution,
-    learners: _Learner,
-    keys: Array,
-    first: Array | int,
-    end: Array | int,
-) -> _Learner:
-    """Stacked learners after updates `first` to `end` - 1."""
-    return advanced(
-        partial(_update, env, settings, box),
-        SHARDING,
-        settings.num_envs,
-        learners,
-        keys,
-        first,
-        end,
-    )
+learn = learning(_update, SHARDING)
+"""Stacked learners after updates `first` to `end` - 1; see `learning`."""

@@ -5,6 +5,7 @@ numbers of an update depend on its number alone, so that neither the number of e
 interruption changes the result.
 """
 
+import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import Field, asdict, replace
@@ -212,7 +213,7 @@ def train(
         raise InputError(
             f"history = {history}; expected 1 or more instants. The paper's policies see 2."
         )
-    _, learn, sharding = METHODS[type(settings)]
+    method = METHODS[type(settings)]
     if initial is not None:
         _check_initial(initial, controller, settings)
         settings = replace(settings, hidden=initial.layer_sizes[1:-1], form=initial.form)
@@ -228,7 +229,7 @@ def train(
     )
 
     def start(stages: tuple[int, ...]) -> _State:
-        learners = _begun(METHODS[type(settings)], env, settings, box, keys)
+        learners = method.begin(env, settings, box, keys)
         if initial is not None:
             learners = learners._replace(policy=_repeated(initial, len(keys)))
         count = len(checkpoint.ends(stages or (settings.updates,), settings.evaluations, from_zero))
@@ -250,10 +251,18 @@ def train(
             )
 
     fingerprint = _fingerprint(env, settings, box, keys, initial)
-    state, stages = (
-        (start(()), ()) if saved is None or anew else checkpoint.restored(saved, start, fingerprint)
-    )
-    state = state._replace(learners=placed(state.learners, sharding, settings.num_envs))
+    with ThreadPoolExecutor(1) as beside:
+        if saved is None or anew or not os.path.lexists(saved):
+            # Meanwhile XLA compiles what makes learners, which takes as long.
+            shapes = jax.eval_shape(partial(method.begin, env), settings, box, keys)
+            shapes = placed(shapes, method.sharding, settings.num_envs)
+            beside.submit(method.learn.trace, env, settings, box, shapes, keys, 0, 1)
+        state, stages = (
+            (start(()), ())
+            if saved is None or anew
+            else checkpoint.restored(saved, start, fingerprint)
+        )
+    state = state._replace(learners=placed(state.learners, method.sharding, settings.num_envs))
     stages = checkpoint.extended(
         saved, stages, settings.updates, settings.evaluations, int(state.scored), from_zero
     )
@@ -269,7 +278,7 @@ def train(
     beside = _compiling_scores(env, settings, state.learners.policy, box) if to_score else None
     for number in to_score:
         first = ends[number - 1] if number else 0
-        learners = learn(env, settings, box, state.learners, keys, first, ends[number])
+        learners = method.learn(env, settings, box, state.learners, keys, first, ends[number])
         if beside is not None:
             beside.join()
         scores = _scores(env, settings.episodes, learners.policy, box)
@@ -358,18 +367,6 @@ def _fingerprint(
     }
     reference = jax.vmap(task.reference)(jnp.linspace(0.0, task.duration, 50))
     return checkpoint.fingerprint(words, (reference, jax.random.key_data(keys), box, initial))
-
-
-def _begun(
-    method: Method, env: Environment, settings: Settings, box: Distribution, keys: Array
-) -> Any:
-    """Learners; while XLA compiles what makes them, learning is traced, which takes as long."""
-    shapes = jax.eval_shape(partial(method.begin, env), settings, box, keys)
-    shapes = placed(shapes, method.sharding, settings.num_envs)
-    with ThreadPoolExecutor(1) as beside:
-        begun = beside.submit(method.begin, env, settings, box, keys)
-        method.learn.trace(env, settings, box, shapes, keys, 0, 1)
-        return begun.result()
 
 
 def _compiling_scores(
