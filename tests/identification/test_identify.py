@@ -170,16 +170,19 @@ def test_few_samples_of_commands_are_doubted(flights):
     assert len(doubts({"actuator_noise": 0.14}, sampled)) == 2
 
 
-@pytest.mark.parametrize("method", ["replay", "likelihood"])
-def test_logs_too_slow_for_the_lag_are_refused_before_the_fit(flights, method, monkeypatch):
+@pytest.mark.parametrize(
+    ("settings", "module"), [(Replay(), "replay"), (Likelihood(), "most_likely")]
+)
+def test_logs_too_slow_for_the_lag_are_refused_before_the_fit(
+    flights, settings, module, monkeypatch
+):
     class Reached(Exception):
         pass
 
     def fit(*_):
         raise Reached
 
-    monkeypatch.setattr(f"maidenflight.identification.{method}.identified", fit)
-    settings = Replay() if method == "replay" else Likelihood()
+    monkeypatch.setattr(f"maidenflight.identification.{module}.identified", fit)
     for rate in (100, 50, 40):
         with pytest.raises(Reached):
             identify([dataclasses.replace(flights[0], period=1 / rate)], settings)
