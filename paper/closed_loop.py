@@ -20,10 +20,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import polars
-from jax import lax, tree
+from jax import tree
 from jaxtyping import Float
 from predict_flights import one_against_others, published, within_band
 from scipy.ndimage import uniform_filter1d
@@ -34,13 +33,13 @@ from maidenflight.experiments.agreement import agreement
 from maidenflight.experiments.flight_times import predict_flight_times, summary
 from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import read_flights
+from maidenflight.flights.rotors import rotors
 from maidenflight.flights.windows import windows
 from maidenflight.identification import one_step
 from maidenflight.identification.ensembles import BETWEEN_FLIGHTS
 from maidenflight.identification.flight_signals import stride
 from maidenflight.parameters import Parameters, replace
 from maidenflight.policy import Policy
-from maidenflight.simulator import actuators, dynamics, latency
 from maidenflight.workflow import Reading, Start
 
 TODAY = "closed loop, log of the day"
@@ -199,16 +198,7 @@ def speed_told(flight: Flight, drone: Parameters) -> float | None:
     """
     if flight.rotor_speed is None or not np.isfinite(flight.rotor_speed).all():
         return None
-    motors = tree.map(jnp.asarray, replace(drone, time_step=np.float32(flight.period)))
-    line = actuators.rotor_speed_command(jnp.asarray(flight.mean_command, jnp.float32))[::-1]
-
-    def spin(speed: jax.Array, newest: jax.Array) -> tuple[jax.Array, jax.Array]:
-        for delayed in latency.delayed(line, motors, 1, newest):
-            speed = speed + motors.time_step * dynamics.spin_up(speed, delayed, motors)
-        return speed, speed
-
-    _, simulated = lax.scan(spin, line[-1], jnp.arange(len(line))[::-1])
-    told, measured = _fast(np.asarray(simulated), flight), _fast(flight.rotor_speed, flight)
+    told, measured = _fast(rotors(flight, drone).speed, flight), _fast(flight.rotor_speed, flight)
     left = measured - np.sum(told * measured) / np.sum(told**2) * told
     return float(1.0 - np.sum(left**2) / np.sum(measured**2))
 

@@ -55,6 +55,26 @@ def test_a_flight_in_pieces_tells_what_it_tells_whole():
     whole = trim([flight], crazyflie())
     pieces = trim([flight.part(0, 200), flight.part(200, 400), calm(30)], crazyflie())
     error = whole.torque_bias_error
-    assert (np.abs(pieces.torque_bias - whole.torque_bias) < 0.2 * error).all()
-    np.testing.assert_allclose(pieces.torque_bias_error, error, rtol=1e-5)
-    assert pieces.thrust_to_weight == pytest.approx(whole.thrust_to_weight, rel=1e-3)
+    # A piece does not say how fast its rotors were before it.
+    assert (np.abs(pieces.torque_bias - whole.torque_bias) < error).all()
+    np.testing.assert_allclose(pieces.torque_bias_error, error, rtol=0.2)
+    assert pieces.thrust_to_weight == pytest.approx(whole.thrust_to_weight, rel=2e-3)
+
+
+def test_thrust_is_that_of_the_speeds_which_motors_reach():
+    # Steps faster than the motors: what carries is the square of the mean speed, not the mean of
+    # the commands; rotors that slow down late keep more.
+    drone = replace(crazyflie(), motor_time_constant=0.1, latency=0.0)
+    high, low = 0.9, 0.3
+    steps = np.where(np.arange(1000) % 2, high, low)[:, None]
+    still = np.zeros((1000, 3), np.float32)
+    flight = calm(1000, command=np.float32(np.tile(steps, 4)))
+    flight = dataclasses.replace(
+        flight, velocity=still, attitude=still, body_rates=still, zero_order_hold=True
+    )
+    carried = ((np.sqrt(high) + np.sqrt(low)) / 2) ** 2
+    assert trim([flight], drone).thrust_to_weight == pytest.approx(1 / carried, rel=3e-3)
+    late = trim([flight], replace(drone, motor_coasting=0.2)).thrust_to_weight
+    assert late < 0.97 / carried
+    curved = replace(drone, thrust_linear=0.2)
+    assert trim([flight], curved).thrust_to_weight < 0.99 / carried

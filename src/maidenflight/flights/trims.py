@@ -1,8 +1,10 @@
 """What single flights say cheaply: the thrust and the constant torques that balance their means.
 
 Over a flight a drone gains hardly any momentum, so the mean thrust carries its weight and the mean
-torque of its rotors cancels whatever constant torque acts on it. Neither motor lag nor latency
-matters to a mean. `identify` finds the same numbers with everything else, and how sure they are.
+torque of its rotors cancels whatever constant torque acts on it. Thrust is that of the speeds which
+the motors reach: it grows with a speed's square, so that lag takes from it where commands vary
+fast, and rotors that slow down more slowly than they speed up add to it. `identify` finds the same
+numbers with everything else, and how sure they are.
 """
 
 from collections.abc import Sequence
@@ -13,6 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.flights.log import Flight
+from maidenflight.flights.rotors import rotors
 from maidenflight.parameters import Parameters, levers
 
 SEGMENT_S = 0.5
@@ -23,9 +26,9 @@ class Trim(NamedTuple):
     """Of a flight; NaN where the log does not tell, or is shorter than `SEGMENT_S`."""
 
     thrust_to_weight: float
-    """k_F [-] with which the mean command carries the weight."""
+    """k_F [-] with which the mean thrust carries the weight."""
     torque_bias: Float[np.ndarray, "3"]
-    """Constant torque about body x, y and z that the mean commands cancel [N m]."""
+    """Constant torque about body x, y and z that the mean thrusts cancel [N m]."""
     thrust_to_weight_error: float
     """Standard error, from how parts of the flight differ."""
     torque_bias_error: Float[np.ndarray, "3"]
@@ -39,25 +42,33 @@ class Trim(NamedTuple):
 def trim(pieces: Sequence[Flight], drone: Parameters) -> Trim:
     """Thrust and constant torques that balance the means of a flight.
 
-    With F_i = m g / 4 k_F u_i, the mean of sum(F_i) R_zz is m (g + dv_z / T), and the mean of all
-    torques on the body that of I domega/dt + omega x (I omega).
+    With F_i = m g / 4 k_F s_i, where s_i is the share of full thrust that a rotor has at its speed,
+    the mean of sum(F_i) R_zz is m (g + dv_z / T), and the mean of all torques on the body that of
+    I domega/dt + omega x (I omega).
 
     Args:
         pieces: the flight, whole or in pieces, such as checking leaves of a log with gaps; those
             shorter than `SEGMENT_S` tell nothing, and others as much as they are long.
-        drone: its mass, inertia, rotors and ratio of torque to thrust; its k_F for the torques
-            where that of the flight is not known.
+        drone: its mass, inertia, rotors, motors and ratio of torque to thrust; its k_F for the
+            torques where that of the flight is not known.
 
     Source: Gronauer et al. 2022, eq:motor-force, eq:linear-acceleration, eq:torque and
     eq:angular-acceleration.
     """
     rows = [piece.part(piece.lead, len(piece)) for piece in pieces]
-    long = [piece for piece in rows if piece.duration >= SEGMENT_S]
-    lengths, each = [len(piece) for piece in long], []
-    whole = np.reshape([_balance(piece, drone) for piece in long], (-1, 4))
-    for piece in long:
+    long = [
+        (piece.part(piece.lead, len(piece)), rotors(piece, drone).thrust[piece.lead :])
+        for piece in pieces
+        if piece.duration >= SEGMENT_S
+    ]
+    lengths, each = [len(piece) for piece, _ in long], []
+    whole = np.reshape([_balance(piece, shares, drone) for piece, shares in long], (-1, 4))
+    for piece, shares in long:
         edges = np.linspace(0, len(piece), round(piece.duration / SEGMENT_S) + 1).astype(int)
-        each += [_balance(piece.part(first, last), drone) for first, last in pairwise(edges)]
+        each += [
+            _balance(piece.part(first, last), shares[first:last], drone)
+            for first, last in pairwise(edges)
+        ]
     values = np.array([_weighted(column, lengths) for column in whole.T])
     error = np.array([_standard_error(column) for column in np.reshape(each, (-1, 4)).T])
     return Trim(
@@ -70,18 +81,19 @@ def trim(pieces: Sequence[Flight], drone: Parameters) -> Trim:
     )
 
 
-def _balance(rows: Flight, drone: Parameters) -> Float[np.ndarray, "4"]:
+def _balance(
+    rows: Flight, shares: Float[np.ndarray, "N 4"], drone: Parameters
+) -> Float[np.ndarray, "4"]:
     """The ratio of thrust to weight and three torques [N m]."""
-    command = np.asarray(rows.mean_command, np.float64)
     up = np.cos(rows.attitude[:, 0]) * np.cos(rows.attitude[:, 1])
     seconds = max((len(rows) - 1) * rows.period, rows.period)
     rates, speed = rows.body_rates.astype(np.float64), rows.velocity[:, 2].astype(np.float64)
     gravity, weight = float(drone.gravity), float(drone.mass * drone.gravity)
     needed = 1.0 + (speed[-1] - speed[0]) / seconds / gravity
-    lifted = float(_mean((command.mean(axis=1) * up)[:, None])[0])
+    lifted = float(_mean((shares.mean(axis=1) * up)[:, None])[0])
     ratio = needed / lifted if lifted > 0 else np.nan
     full = weight / 4 * (ratio if ratio > 0 else float(drone.thrust_to_weight))
-    forces = full * _mean(command)
+    forces = full * _mean(shares)
     given = forces @ (levers(drone) * [1.0, 1.0, float(drone.torque_to_thrust)])
     inertia = np.asarray(drone.inertia, np.float64)
     spun = inertia * (rates[-1] - rates[0]) / seconds

@@ -1,0 +1,78 @@
+"""What a drone's rotors do under the commands of a log."""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax, tree
+from jaxtyping import Array, Float
+
+from maidenflight.flights.log import Flight
+from maidenflight.parameters import Parameters, replace
+from maidenflight.simulator import actuators, dynamics, latency
+
+STEP_S = 0.002
+"""Physics step, about [s]."""
+BEGIN_S = 0.25
+"""A few lags of a motor [s]."""
+_FEWEST = 1024
+"""Rows for which a program is compiled at least; there is one for each power of two."""
+
+
+class Rotors(NamedTuple):
+    """What the rotors do in each row of a log; NaN where its commands are not finite."""
+
+    speed: Float[np.ndarray, "N 4"]
+    """nu at the end of the row's period [-]."""
+    thrust: Float[np.ndarray, "N 4"]
+    """Mean over the period, as a share of full thrust [-]."""
+
+
+def rotors(flight: Flight, drone: Parameters) -> Rotors:
+    """Simulates a drone's motors under a log's commands.
+
+    They begin at the mean command of the first `BEGIN_S`: a piece of a log does not say what was
+    before it. Where commands are not finite, the last one lasts. Cost grows linearly with rows.
+
+    Args:
+        flight: a log, or a piece of one.
+        drone: its motors, latency and thrust curve.
+
+    Source: see `dynamics.motor_derivative` and `dynamics.rotor_forces`.
+    """
+    command = np.asarray(flight.mean_command, np.float32)
+    known = np.all(np.isfinite(command), axis=1)[:, None]
+    if not known.any():
+        return Rotors(*[np.full(command.shape, np.nan)] * 2)
+    last = np.maximum.accumulate(np.where(known[:, 0], np.arange(len(command)), -1))
+    held = command[np.where(last < 0, np.argmax(known), last)]
+    rows = max(_FEWEST, 1 << (len(held) - 1).bit_length())
+    padded = np.concatenate([held, np.repeat(held[-1:], rows - len(held), axis=0)])
+    begin = np.sqrt(held[: max(1, round(BEGIN_S / flight.period))].clip(0.0)).mean(axis=0)
+    steps = max(1, round(flight.period / STEP_S))
+    motors = replace(drone, time_step=np.float32(flight.period / steps))
+    found = _followed(padded, begin, tree.map(jnp.asarray, motors), steps)
+    return Rotors(
+        *(np.where(known, np.asarray(part, np.float64)[: len(held)], np.nan) for part in found)
+    )
+
+
+@partial(jax.jit, static_argnums=3)
+def _followed(
+    command: Float[Array, "N 4"], begin: Float[Array, "4"], drone: Parameters, steps: int
+) -> tuple[Float[Array, "N 4"], Float[Array, "N 4"]]:
+    line = actuators.rotor_speed_command(command)[::-1]
+    unit = replace(drone, thrust_to_weight=jnp.ones(()))
+    full = drone.mass * drone.gravity / 4
+
+    def spin(speed: Array, newest: Array) -> tuple[Array, tuple[Array, Array]]:
+        thrust = jnp.zeros(4)
+        for delayed in latency.delayed(line, drone, steps, newest):
+            before = speed
+            speed = speed + drone.time_step * dynamics.spin_up(speed, delayed, drone)
+            thrust = thrust + dynamics.rotor_forces((before + speed) / 2, unit) / full / steps
+        return speed, (speed, thrust)
+
+    return lax.scan(spin, begin, jnp.arange(line.shape[0])[::-1])[1]
