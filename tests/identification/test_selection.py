@@ -188,6 +188,22 @@ def test_a_sure_gain_must_be_worth_its_place(gain, kept):
     assert step.kept == kept
 
 
+def test_a_group_that_ends_at_a_bound_is_not_kept():
+    names = (*FIRST, "a", "b")
+    truth = Quadratic(dict.fromkeys(names, 1.0), np.diag([1.0, 1.0, 1.0, 4.0, 2.0]))
+    chosen, drone, steps = choose(
+        truth,
+        truth,
+        truth.fit,
+        dict.fromkeys(names, 0.0),
+        {"a": ("a",), "b": ("b",)},
+        at_bound=lambda drone, names: names == ("a",) and drone["a"] > 0.5,
+    )
+    assert chosen == (*FIRST, "b")
+    assert [(step.group, step.kept) for step in steps] == [("a", False), ("b", True)]
+    assert drone["a"] == 0.0
+
+
 def test_a_gain_that_segments_do_not_agree_on_is_not_believed():
     """Five segments gain and five lose nearly as much: a mean of a hundredth a row, with a
     standard error of a third."""

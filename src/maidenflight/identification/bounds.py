@@ -13,7 +13,7 @@ from maidenflight.errors import InputError
 from maidenflight.identification.box import LOGARITHMIC
 from maidenflight.identification.drone_file import DroneFile, Estimate
 from maidenflight.identification.motor_response import SEEN_LAGS
-from maidenflight.parameters import COMPONENTS, QUANTITIES, Quantity
+from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, Quantity, component
 
 _SHARE = 0.01
 """Share of the search range within which a value is at its bound."""
@@ -33,18 +33,35 @@ def bound_reached(name: str, estimate: Estimate) -> float | None:
         name: of the parameter, of `parameters.COMPONENTS`.
         estimate: with its search bounds, or at none without them.
     """
-    if estimate.bounds is None:
-        return None
-    low, high = estimate.bounds
+    return None if estimate.bounds is None else reached(name, estimate.value, estimate.bounds)
+
+
+def reached(name: str, value: float, bounds: tuple[float, float]) -> float | None:
+    """The search bound at which a value lies; `None` if at none, or where nature ends there.
+
+    Args:
+        name: of the parameter, of `parameters.COMPONENTS`.
+        value: of it.
+        bounds: of the search.
+    """
+    low, high = bounds
     span = np.log(high / low) if name in LOGARITHMIC else high - low
     for bound, inward in ((low, 1.0), (high, -1.0)):
         if bound == 0.0 == _quantity(name).lower:
             continue
         reach = _SHARE * span * (bound if name in LOGARITHMIC else 1.0)
         reach = reach if bound == 0.0 else min(reach, _OF_BOUND * abs(bound))
-        if inward * (estimate.value - bound) <= reach:
+        if inward * (value - bound) <= reach:
             return bound
     return None
+
+
+def any_reached(drone: Parameters, limits: Mapping[str, tuple[float, float]]) -> bool:
+    """Whether one of a drone's parameters lies at its search bound."""
+    return any(
+        reached(name, float(component(drone, name)), ends) is not None
+        for name, ends in limits.items()
+    )
 
 
 def at_bounds(estimates: Mapping[str, Estimate]) -> dict[str, str]:

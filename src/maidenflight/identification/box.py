@@ -23,8 +23,15 @@ PAPER_BOUNDS: dict[str, tuple[float, float]] = {
 }
 """Search bounds, SI units (Gronauer et al. 2022, sec. Simulation Optimization)."""
 
-LOGARITHMIC = ("motor_time_constant", "spin_down_ratio")
-"""Parameters searched on a logarithmic scale."""
+LOGARITHMIC = (
+    "motor_time_constant",
+    "spin_down_ratio",
+    "inertia_x",
+    "inertia_y",
+    "inertia_z",
+)
+"""Parameters searched on a logarithmic scale, on which their posterior is normal: their errors are
+factors."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +145,8 @@ def physical_bounds(start: Parameters) -> dict[str, tuple[float, float]]:
         "latency": (0.0, 0.05),
         "spin_down_ratio": (0.2, 5.0),
         "motor_coasting": (0.0, 0.5),
-        "torque_to_thrust": (0.0, 0.3),
+        # Rotors have 0.06 to 0.15 of their diameter, which is about an arm.
+        "torque_to_thrust": (0.02 * arm_length(start), 0.3),
         "rotor_momentum": (0.0, 0.1 * torque),
         "flapping_moment": (-0.1 * torque, 0.2 * torque),
         "rotational_damping": (0.0, 0.05 * torque),

@@ -63,7 +63,7 @@ def fit(
         problem: bounds of the search, random numbers and what counts evaluations.
         evaluations: most evaluations of each objective.
         objectives: each is maximised until a step gains less than `_CLOSE` in all, or than `close`
-            a row.
+            a row; one that is named twice, once.
         names: of the d parameters.
         first: where to begin, and the parameters that are kept.
         seen: samples of parameters that are not searched for; they have their median.
@@ -77,7 +77,7 @@ def fit(
     if inner and at_random:
         drone = inner.drone(drone, problem.generator.random(len(free)))
     points, values = np.empty((0, len(names))), np.empty(0)
-    for target in objectives:
+    for target in dict.fromkeys(objectives):
         small = max(close, _CLOSE / target.rows)
         rules = Rules(1, evaluations - 1, small_gain=small, easing=8.0, firmness=2.0)
         if inner:

@@ -16,6 +16,7 @@ from jaxtyping import Float
 
 from maidenflight.flights.log import thinned
 from maidenflight.identification import posterior, selection
+from maidenflight.identification.bounds import any_reached
 from maidenflight.identification.box import Box, physical_bounds, search_box
 from maidenflight.identification.drone_file import GroupGain
 from maidenflight.identification.gauss_newton import (
@@ -167,6 +168,7 @@ def told(
             groups,
             problem.reporter.choosing(len(groups)),
             first=names,
+            at_bound=lambda drone, names: any_reached(drone, box_of(problem, names).limits),
         )
     tell(FITTING, 0, settings.trials)
     fits = [_searched(problem, most, target, names, first)]

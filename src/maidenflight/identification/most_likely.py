@@ -10,9 +10,9 @@ from dataclasses import replace as replace_
 import numpy as np
 from jaxtyping import Float
 
-from maidenflight.flights.log import thinned
+from maidenflight.flights.log import Flight, thinned
 from maidenflight.identification import information, lag, laplace, one_step, posterior, selection
-from maidenflight.identification.bounds import of_seen_lag
+from maidenflight.identification.bounds import any_reached, of_seen_lag
 from maidenflight.identification.drone_file import GroupGain
 from maidenflight.identification.estimates import (
     Identification,
@@ -198,15 +198,17 @@ def _searched(
     over = tuple(name for name in over if name not in untold)
     must_tell(over, untold)
     seen, most = _seen(motors, over), settings.evaluations
-    pilot = one_step_objective(
-        problem.flights, settings, settings.coarse_physics_step, _every(coarse, settings)
-    )
+    pilot = _pilot(problem.flights, settings, coarse)
     fits, tell = settings.trials + 1, problem.reporter.stage
     tell(FITTING, 0, fits)
-    found = [fit(problem, most, [coarse], over, first, seen)]
+    # The last steps are the fine objective's, whose optimum is farther away than this.
+    rough = selection.ROUGH
+    found = [fit(problem, most, [coarse], over, first, seen, close=rough)]
     for trial in range(1, settings.trials):
         tell(FITTING, trial, fits)
-        found.append(fit(problem, most, [pilot, coarse], over, start, seen, at_random=True))
+        found.append(
+            fit(problem, most, [pilot, coarse], over, start, seen, at_random=True, close=rough)
+        )
     best = int(np.argmin([one.values.min() for one in found]))
     tell(FITTING, settings.trials, fits)
     found[best] = fit(problem, most, [fine], over, found[best].drone, seen)
@@ -248,7 +250,7 @@ def _sampling_error(
     if all(one.zero_order_hold for one in problem.flights):
         return np.zeros(len(found.optimum))
     sparse = [thinned(one, _SPARSER) for one in problem.flights]
-    target = one_step_objective(sparse, settings, settings.coarse_physics_step)
+    target = one_step_objective(sparse, settings, _SPARSER * settings.physics_step)
     there = fit(problem, settings.evaluations, [target], found.box.names, found.drone, seen)
     return np.abs(there.optimum - found.optimum)
 
@@ -265,9 +267,7 @@ def _chosen(
         one_step_objective(part, settings, settings.coarse_physics_step)
         for part in (fitted, judged)
     )
-    sample = one_step_objective(
-        fitted, settings, settings.coarse_physics_step, _every(training, settings)
-    )
+    sample = _pilot(fitted, settings, training)
     always = tuple(name for name in selection.FIRST if name not in untold)
     seen = _seen(motors, always)
     groups = {
@@ -296,6 +296,7 @@ def _chosen(
         problem.reporter.choosing(len(groups)),
         sample,
         always,
+        lambda drone, names: any_reached(drone, box_of(problem, names).limits),
     )
 
 
@@ -325,6 +326,9 @@ def _beside_optimum(
     return best
 
 
-def _every(objective: OneStep, settings: Likelihood) -> int:
-    """Windows from one of the pilot's to the next."""
-    return max(1, objective.size // settings.pilot_windows)
+def _pilot(flights: Sequence[Flight], settings: Likelihood, whole: OneStep) -> OneStep:
+    """The objective on some of the windows, or the whole itself where there are hardly more."""
+    every = whole.size // settings.pilot_windows
+    if every < 2:
+        return whole
+    return one_step_objective(flights, settings, settings.coarse_physics_step, every)

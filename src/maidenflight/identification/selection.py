@@ -96,6 +96,7 @@ def choose(
     on_group: Callable[[GroupGain], None] | None = None,
     sample: Objective | None = None,
     first: Sequence[str] = FIRST,
+    at_bound: Callable[[Parameters, Sequence[str]], bool] = lambda drone, names: False,
 ) -> tuple[tuple[str, ...], Parameters, list[GroupGain]]:
     """Adds one group after another, each kept if the likelihood of held-out flights gains.
 
@@ -114,6 +115,8 @@ def choose(
         sample: some of the training flights' windows, by which the groups are put in order; all of
             them unless given.
         first: what every model has, at least one parameter.
+        at_bound: whether one of a drone's parameters ended where its search does. Such a group is
+            not kept: it stands for something that the model lacks.
 
     Returns:
         Names of the parameters chosen, the training flights' best drone, and the gain of each
@@ -140,6 +143,7 @@ def choose(
         value_ahead = held_out.per_segment(ahead, training.noise_model(ahead))
         gain, error = _mean_gain(value - value_ahead, held_out.rows_per_segment)
         keep = gain > max(SMALLEST_GAIN, SIGNIFICANT * (error or 0.0))
+        keep = keep and not at_bound(ahead, offered[group])
         gains.append(GroupGain(group, gain, error, keep))
         if on_group is not None:
             on_group(gains[-1])
