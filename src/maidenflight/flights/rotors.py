@@ -1,6 +1,7 @@
 """What a drone's rotors do under the commands of a log."""
 
 from functools import partial
+from itertools import pairwise
 from typing import NamedTuple
 
 import jax
@@ -11,7 +12,7 @@ from jaxtyping import Array, Float
 
 from maidenflight.flights.log import Flight
 from maidenflight.parameters import Parameters, replace
-from maidenflight.simulator import actuators, dynamics, latency
+from maidenflight.simulator import actuators, dynamics, stepping
 
 STEP_S = 0.002
 """Physics step, about [s]."""
@@ -68,11 +69,9 @@ def _followed(
     full = drone.mass * drone.gravity / 4
 
     def spin(speed: Array, newest: Array) -> tuple[Array, tuple[Array, Array]]:
-        thrust = jnp.zeros(4)
-        for delayed in latency.delayed(line, drone, steps, newest):
-            before = speed
-            speed = speed + drone.time_step * dynamics.spin_up(speed, delayed, drone)
-            thrust = thrust + dynamics.rotor_forces((before + speed) / 2, unit) / full / steps
-        return speed, (speed, thrust)
+        speeds = [speed, *stepping.spin(speed, line, steps, drone, newest)]
+        middles = jnp.stack([(before + after) / 2 for before, after in pairwise(speeds)])
+        forces = jax.vmap(partial(dynamics.rotor_forces, parameters=unit))(middles)
+        return speeds[-1], (speeds[-1], forces.mean(axis=0) / full)
 
     return lax.scan(spin, begin, jnp.arange(line.shape[0])[::-1])[1]

@@ -57,8 +57,8 @@ def trim(pieces: Sequence[Flight], drone: Parameters) -> Trim:
     """
     rows = [piece.part(piece.lead, len(piece)) for piece in pieces]
     long = [
-        (piece.part(piece.lead, len(piece)), rotors(piece, drone).thrust[piece.lead :])
-        for piece in pieces
+        (flown, rotors(piece, drone).thrust[piece.lead :])
+        for piece, flown in zip(pieces, rows, strict=True)
         if piece.duration >= SEGMENT_S
     ]
     lengths, each = [len(piece) for piece, _ in long], []

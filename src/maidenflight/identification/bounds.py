@@ -81,7 +81,9 @@ def cut_off(estimates: Mapping[str, Estimate]) -> dict[str, str]:
     """The same of estimates of which only the interval reaches a search bound."""
     found = {}
     for name, estimate in estimates.items():
-        ends = (bound_reached(name, replace(estimate, value=end)) for end in estimate.interval)
+        if estimate.bounds is None:
+            continue
+        ends = (reached(name, end, estimate.bounds) for end in estimate.interval)
         bounds = [bound for bound in ends if bound is not None]
         if bounds and bound_reached(name, estimate) is None:
             found[name] = (

@@ -19,7 +19,7 @@ from maidenflight import cores
 from maidenflight.flights.windows import Windows
 from maidenflight.identification.gauss_newton import NormalEquations
 from maidenflight.parameters import Parameters, component, replace
-from maidenflight.simulator import actuators, dynamics, latency, rotations, stepping
+from maidenflight.simulator import actuators, dynamics, rotations, stepping
 from maidenflight.simulator.dynamics import State
 
 DISCOUNT = 0.95
@@ -90,9 +90,7 @@ def under_way(
     rows = window.measured.shape[0] * stride
 
     def spin(speed: Array, newest: Array) -> tuple[Array, None]:
-        for delayed in latency.delayed(line, parameters, steps, newest):
-            speed = speed + parameters.time_step * dynamics.spin_up(speed, delayed, parameters)
-        return speed, None
+        return stepping.spin(speed, line, steps, parameters, newest)[-1], None
 
     places = jnp.arange(line.shape[0])[::-1]
     speed, _ = lax.scan(spin, line[-1], places[:-rows])

@@ -235,6 +235,29 @@ def _estimate(
     return env_state._replace(gyro_bias=bias, estimator=estimator, drift=drift, measurement=fresh)
 
 
+def spin(
+    speed: Float[Array, "4"],
+    line: Float[Array, "slots 4"],
+    steps: int,
+    parameters: Parameters,
+    newest: Int[Array, ""] | int = 0,
+) -> list[Float[Array, "4"]]:
+    """Rotor speeds after each physics step of one command period, without the rest of the drone.
+
+    Args:
+        speed: of the rotors when the newest command is given.
+        line: rotor speed commands, newest first.
+        steps: physics steps in the period.
+        parameters: the drone.
+        newest: place of the newest command in the line.
+    """
+    speeds = []
+    for delayed in latency.delayed(line, parameters, steps, newest):
+        speed = speed + parameters.time_step * dynamics.spin_up(speed, delayed, parameters)
+        speeds.append(speed)
+    return speeds
+
+
 def drive(
     integrator: Integrator,
     state: State,
