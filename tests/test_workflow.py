@@ -435,7 +435,7 @@ def test_the_closed_loop_moves_what_it_found_in_the_drone_file_and_keeps_the_res
     file = drone_file.read(tmp_path / "matched.toml")
     assert float(file.parameters.latency) == pytest.approx(0.012)
     assert float(file.parameters.position_walk) == pytest.approx(0.04)
-    assert file.estimates["latency"].between_segment_sd == 0.001
+    assert file.estimates["latency"].between_sd == 0.001
     assert file.estimates["latency"].interval == pytest.approx((0.01004, 0.01396))
     assert np.mean(file.posterior["latency"]) == pytest.approx(0.012, rel=1e-3)
     assert np.std(file.posterior["latency"]) == pytest.approx(0.001, rel=1e-3)

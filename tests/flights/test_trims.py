@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_flights import calm
 
-from maidenflight.flights.trims import trim
+from maidenflight.flights.trims import ENOUGH_FLIGHTS, Trim, between_flights, trim
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.simulator import dynamics
 
@@ -78,3 +78,24 @@ def test_thrust_is_that_of_the_speeds_which_motors_reach():
     assert late < 0.97 / carried
     curved = replace(drone, thrust_linear=0.2)
     assert trim([flight], curved).thrust_to_weight < 0.99 / carried
+
+
+def seen(generator, deviations, errors, known=True):
+    """What a flight shows whose k_F and torques are so far from the mean, and not well known."""
+    values = np.array([1.8, 1e-5, -2e-5, 5e-5]) + generator.normal(size=4) * np.hypot(
+        deviations, errors
+    )
+    shown = errors if known else np.full(4, np.nan)
+    return Trim(values[0], values[1:], shown[0], shown[1:], np.full(4, 0.6), 3.9)
+
+
+def test_how_flights_differ_is_told_beyond_what_is_not_known_of_each():
+    generator = np.random.default_rng(3)
+    deviations, errors = np.array([0.05, 1e-4, 2e-4, 8e-5]), np.array([0.03, 1e-4, 1e-4, 2e-5])
+    flights = [seen(generator, deviations, errors) for _ in range(4000)]
+    unknown = seen(generator, 1e3 * deviations, errors, known=False)
+    found = between_flights([*flights, unknown])
+    np.testing.assert_allclose(found, deviations, rtol=0.1)
+    assert between_flights(flights[: ENOUGH_FLIGHTS - 1] + [unknown]) is None
+    alike = between_flights([seen(generator, 0.0 * deviations, errors) for _ in range(4000)])
+    assert np.all(alike < 0.3 * errors)

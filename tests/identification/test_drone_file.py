@@ -117,8 +117,8 @@ DAMAGED = {
     "no trials": swapped(r"^trials = \[0\.018, 0\.019\]", "trials = []"),
     "bounds upside down": swapped(r"^bounds = \[0\.0, 0\.05\]", "bounds = [0.05, 0.0]"),
     "bounds are a number": swapped(r"^bounds = \[0\.0, 0\.05\]", "bounds = 0.05"),
-    "a deviation below zero": swapped(r"^between_segment_sd = 0\.002", "between_segment_sd = -1.0"),
-    "a misspelt entry": swapped(r"^between_segment_sd", "betwen_segment_sd"),
+    "a deviation below zero": swapped(r"^between_sd = 0\.002", "between_sd = -1.0"),
+    "a misspelt entry": swapped(r"^between_sd", "betwen_sd"),
     "an entry too many": swapped(r"^value = 0\.018", "value = 0.018\nspread = 1.0"),
     "an unknown parameter": swapped(r"estimates\.latency\]", "estimates.k_F]"),
     "an estimate is a number": swapped(

@@ -41,7 +41,7 @@ def test_the_trim_of_the_day_lies_between_the_file_and_the_flight_as_they_are_su
         estimate = told["torque_bias_z"]
         assert estimate.value == pytest.approx(float(component(drone, "torque_bias_z")), abs=1e-9)
         assert estimate.interval[0] < estimate.value < estimate.interval[1]
-    assert found[4e-5][1]["torque_bias_z"].between_segment_sd < 4e-5
+    assert found[4e-5][1]["torque_bias_z"].between_sd < 4e-5
 
 
 def test_the_thrust_of_the_day_is_told_too_where_it_was_identified() -> None:
@@ -71,10 +71,10 @@ def test_more_flights_of_the_day_tell_more() -> None:
         drone_of_the_day(crazyflie(), estimates(4e-5), some, "x")[1]["torque_bias_z"]
         for some in (flights[:1], flights, pieces)
     )
-    assert four.between_segment_sd < one.between_segment_sd
+    assert four.between_sd < one.between_sd
     assert abs(four.value) > abs(one.value)
     # Pieces of one flight are no more than a longer flight.
-    known = [estimate.between_segment_sd for estimate in (one, joined, four)]
+    known = [estimate.between_sd for estimate in (one, joined, four)]
     assert known[0] - known[1] < 0.5 * (known[0] - known[2])
     assert abs(joined.value) < abs(four.value)
 

@@ -62,6 +62,13 @@ def test_a_random_walk_is_as_strong_as_its_steps_add_up(generator):
     assert told["velocity_noise"] < 0.15 * 0.3 * np.sqrt(PERIOD)
 
 
+def test_height_walks_as_a_ranger_errs_not_as_optical_flow(generator):
+    steps = white(generator, 0.08 * np.sqrt(PERIOD)) * [1.0, 1.0, 0.1]
+    told = found(position=steps)
+    assert told["position_walk"] == pytest.approx(0.08, rel=0.15)
+    assert told["height_walk"] == pytest.approx(0.008, rel=0.15)
+
+
 def test_white_noise_of_a_reading_is_no_walk(generator):
     told = found(
         position=difference(white(generator, 0.002)), velocity=difference(white(generator, 0.02))

@@ -108,6 +108,20 @@ def test_the_value_is_the_gaussian_log_likelihood_of_what_is_new(noisy, noisy_wi
     assert noisy.rows == rows
 
 
+def test_noise_is_what_errors_differ_by_from_the_mean_of_their_segment(noisy, noisy_windows):
+    """A trim that another segment does not have moves all its errors alike and is no noise."""
+    drone = replace(TRUTH, torque_bias=(3e-4, 0.0, 0.0), time_step=np.float32(0.01 / STEPS))
+    wrong = np.asarray(many_errors(noisy_windows, drone), np.float64)[:, ORDER:]
+    segments = [wrong[noisy_windows.segment == one] for one in range(noisy.segments)]
+    rows = [one.reshape(-1, 12) for one in segments]
+    within = sum(((one - one.mean(axis=0)) ** 2).sum(axis=0) for one in rows) / noisy.rows
+    about_means = noisy.products_about_means(drone)
+    np.testing.assert_allclose(about_means[:, 0, 0], within, rtol=2e-3)
+    plain = noisy.products_about_means(replace(drone, torque_bias=(0.0, 0.0, 0.0)))
+    np.testing.assert_allclose(about_means[9, 0], plain[9, 0], atol=0.05 * plain[9, 0, 0])
+    assert noisy.mean_products(drone)[9, 0, 0] > 2 * about_means[9, 0, 0]
+
+
 def test_a_stretch_is_judged_by_a_noise_model_found_elsewhere(noisy, noisy_windows, exact):
     """The Gaussian log likelihood of each stretch, by hand, under weights and deviations that do
     not fit it."""

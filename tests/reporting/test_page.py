@@ -306,13 +306,13 @@ def test_that_some_flights_were_simulated_does_not_make_all_so(own, tmp_path):
     assert ALL_SIMULATED not in content
 
 
-def test_gains_of_groups_and_between_segment_sds_are_in_the_tables(run, tmp_path):
+def test_gains_of_groups_and_between_sds_are_in_the_tables(run, tmp_path):
     gains = GroupGain("motor_coasting<", -0.02, 0.004, False), GroupGain("drag", 1e-5, None, False)
     changed(run, gains=gains)
     content = page(run, tmp_path)
     assert "motor coasting&lt;" in content
     assert [GroupGain(*row) for row in file(content, "gains").iter_rows()] == list(gains)
-    sd = file(content, "estimates").filter(parameter="latency")["between_segment_sd"]
+    sd = file(content, "estimates").filter(parameter="latency")["between_sd"]
     assert sd.item() == 0.0021
 
 

@@ -331,7 +331,7 @@ def _identification_content(flights: "Flights", found: "Identification") -> dict
                 "interval": list(estimate.interval),
                 "trial_mean": estimate.trial_mean,
                 "trial_sd": estimate.trial_sd,
-                "between_segment_sd": estimate.between_segment_sd,
+                "between_sd": estimate.between_sd,
                 "valley": estimate.valley,
             }
             for name, estimate in found.estimates.items()

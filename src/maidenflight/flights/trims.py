@@ -22,6 +22,10 @@ SEGMENT_S = 0.5
 """Length of the parts of a flight whose means tell how sure the whole's is [s]."""
 
 
+ENOUGH_FLIGHTS = 8
+"""That tell how flights differ: of eight, a standard deviation is known to a quarter."""
+
+
 class Trim(NamedTuple):
     """Of a flight; NaN where the log does not tell, or is shorter than `SEGMENT_S`."""
 
@@ -79,6 +83,29 @@ def trim(pieces: Sequence[Flight], drone: Parameters) -> Trim:
         _mean(np.concatenate([piece.command for piece in rows])),
         float(_mean(np.concatenate([piece.battery for piece in rows])[:, None])[0]),
     )
+
+
+def between_flights(trims: Sequence[Trim]) -> Float[np.ndarray, "4"] | None:
+    """Standard deviations between flights of k_F [-] and the constant torques [N m], beyond error.
+
+    Each flight counts alike, however long it was: the next one is one more of them. Counted by
+    their rows, those that flew long for the good trim that they had would hide the others.
+
+    Args:
+        trims: of each flight.
+
+    Returns:
+        Of k_F and of the torques about x, y and z; None for less than `ENOUGH_FLIGHTS`.
+
+    Source: Hedges 1983, A random effects model for effect sizes (the unweighted estimator).
+    """
+    values = np.array([[one.thrust_to_weight, *one.torque_bias] for one in trims])
+    errors = np.array([[one.thrust_to_weight_error, *one.torque_bias_error] for one in trims])
+    told = np.isfinite(errors).all(axis=1) if len(trims) else np.zeros(0, bool)
+    if told.sum() < ENOUGH_FLIGHTS:
+        return None
+    beyond = values[told].var(axis=0, ddof=1) - np.mean(errors[told] ** 2, axis=0)
+    return np.sqrt(np.maximum(beyond, 0.0))
 
 
 def _balance(

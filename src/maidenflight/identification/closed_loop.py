@@ -66,7 +66,7 @@ MAX_TILT = np.radians(30.0)
 class ClosedLoop:
     """Settings of `match`."""
 
-    flights: int = 8
+    flights: int = 24
     """Simulated flights of each policy."""
     steps: int = 8
     """Most Gauss-Newton steps."""

@@ -58,9 +58,10 @@ class Estimate:
     """95 % interval, from how segments of flight differ."""
     trials: tuple[float, ...]
     """Best value of each trial of the optimiser; how they differ shows how well it optimises."""
-    between_segment_sd: float
-    """Standard deviation between segments of flight, beyond noise: how much the drone itself, or
-    what the model lacks, varies."""
+    between_sd: float
+    """Standard deviation beyond noise: how much the drone itself, or what the model lacks, varies.
+    Between flights, each counted alike, for thrust and constant torques where there are enough of
+    them; else between segments of flight."""
     valley: tuple[float, float] | None = None
     """Lowest and highest value at which, the other parameters at their best, a replay's objective
     is at most 1 % above its lowest; `None` for a likelihood."""
@@ -250,7 +251,7 @@ def _estimate(estimates: Fields, name: str) -> Estimate:
         table.number("value"),
         table.ends("interval"),
         table.numbers("trials"),
-        table.number("between_segment_sd", 0.0),
+        table.number("between_sd", 0.0),
         table.ends("valley") if "valley" in table.content else None,
         table.ends("bounds") if "bounds" in table.content else None,
     )

@@ -1,6 +1,7 @@
 """Drones to randomize over: posterior samples, or trims and thrust as flights differed."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace as replace_
 
 import numpy as np
 import scipy
@@ -8,7 +9,7 @@ from jaxtyping import Float
 
 from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight, by_log
-from maidenflight.flights.trims import SEGMENT_S, trim
+from maidenflight.flights.trims import SEGMENT_S, between_flights, trim
 from maidenflight.identification.drone_file import Estimate
 from maidenflight.identification.information import HOVERING
 from maidenflight.parameters import Parameters, check, component, replace
@@ -21,9 +22,9 @@ BETWEEN_FLIGHTS = (*TRIM, HOVERING)
 """What differs from flight to flight: a log of the day tells it."""
 
 WITHIN_A_DAY = 0.5
-"""Standard deviation of a trim between flights of a day, as a share of that between segments of all
-flights; chosen on two thirds of the policies of docs/studies/flight-times.md, and borne out by the
-trims of their flights."""
+"""Standard deviation of a trim between flights of a day, as a share of that between all flights;
+chosen on two thirds of the policies of docs/studies/flight-times.md. By the trims of their flights
+it is 0.3 to 0.5."""
 
 
 def posterior_ensemble(
@@ -52,12 +53,36 @@ def posterior_ensemble(
     return ensemble(drones)
 
 
+def as_flights_differ(
+    estimates: Mapping[str, Estimate], flights: Sequence[Flight], drone: Parameters
+) -> dict[str, Estimate]:
+    """The estimates of thrust and constant torques, with how they differ from flight to flight.
+
+    Args:
+        estimates: by name.
+        flights: those of one name are pieces of one.
+        drone: the identified drone.
+
+    Returns:
+        Those that differ; nothing where there are too few flights (`trims.ENOUGH_FLIGHTS`).
+    """
+    rows = [trim(pieces, drone) for pieces in by_log(flights).values()]
+    deviations = between_flights(rows)
+    if deviations is None:
+        return {}
+    return {
+        name: replace_(estimates[name], between_sd=float(deviation))
+        for name, deviation in zip((HOVERING, *TRIM), deviations, strict=True)
+        if name in estimates
+    }
+
+
 def drone_of_the_day(
     drone: Parameters, estimates: Mapping[str, Estimate], flights: Sequence[Flight], where: str
 ) -> tuple[Parameters, dict[str, Estimate]]:
     """The drone with the constant torques and the thrust that flights of the day show.
 
-    What the drone's file says of each and how it differs between segments of flight, and what
+    What the drone's file says of each and how it differs from flight to flight, and what
     balances the mean commands of each flight, with its standard error, are normal: the result is
     their product. Flights of a day differ by `WITHIN_A_DAY` of that difference.
 
@@ -68,7 +93,7 @@ def drone_of_the_day(
         where: the drone's file, for errors.
 
     Returns:
-        The drone, and its estimates: the between-segment SD of what the day tells is what its
+        The drone, and its estimates: the SD between flights of what the day tells is what its
         flights leave open of the next one.
 
     Raises:
@@ -89,14 +114,14 @@ def drone_of_the_day(
             f"{2 * SEGMENT_S:g} s or more with the motors' commands."
         )
     told, values = dict(estimates), {}
-    for place, name in enumerate(("thrust_to_weight", *TRIM)):
+    for place, name in enumerate((HOVERING, *TRIM)):
         old = estimates.get(name)
-        if old is None or not old.between_segment_sd > 0.0:
+        if old is None or not old.between_sd > 0.0:
             continue
-        within = WITHIN_A_DAY * old.between_segment_sd
+        within = WITHIN_A_DAY * old.between_sd
         found = np.array([value[place] for value, _ in known])
         weights = 1.0 / (np.array([error[place] for _, error in known]) ** 2 + within**2)
-        before = old.between_segment_sd**-2
+        before = old.between_sd**-2
         total = before + weights.sum()
         value = float((before * old.value + weights @ found) / total)
         deviation = float(np.sqrt(1.0 / total + within**2))
@@ -130,7 +155,7 @@ def trim_ensemble(
     names = [name for name in BETWEEN_FLIGHTS if name in estimates]
     if not set(TRIM) & set(names):
         raise InputError(_UNTOLD.format(where=where))
-    deviations = np.array([estimates[name].between_segment_sd for name in names])
+    deviations = np.array([estimates[name].between_sd for name in names])
     # A low-discrepancy sequence represents the distribution better than as many random points.
     sobol = scipy.stats.qmc.Sobol(len(names), rng=np.random.default_rng(0)).random(count)
     drones = []

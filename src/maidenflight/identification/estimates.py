@@ -108,16 +108,16 @@ class Identification:
     """Motor lag and latency together as different signals show them, and last as taken."""
 
     def __str__(self) -> str:
-        """A line for each parameter, SI units: value, 95 % interval, between-segment SD."""
+        """A line for each parameter, SI units: value, 95 % interval, SD between flights."""
         rows = [
             f"{self.objective} of {self.source.flights} flights, {self.source.seconds:.0f} s; SI "
-            "units: value, 95 % interval, between-segment SD"
+            "units: value, 95 % interval, SD between flights"
         ]
         for name, estimate in self.estimates.items():
             low, high = estimate.interval
             rows.append(
                 f"{name:24}{estimate.value:12.4g}  [{low:.4g}, {high:.4g}]  "
-                f"{estimate.between_segment_sd:.2g}"
+                f"{estimate.between_sd:.2g}"
             )
         for name, (low, high) in self.unidentified.items():
             rows.append(f"{name:24} not identifiable  [{low:.4g}, {high:.4g}] is plausible")
@@ -168,7 +168,7 @@ def estimates_of(
     optimum: np.ndarray,
     optima: np.ndarray,
     interval: tuple[np.ndarray, np.ndarray],
-    between_segment_sd: np.ndarray,
+    between_sd: np.ndarray,
     valley: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> dict[str, Estimate]:
     """Estimates from points of the box's unit cube.
@@ -178,7 +178,7 @@ def estimates_of(
         optimum: the best point.
         optima: the best point of each trial.
         interval: its ends.
-        between_segment_sd: in the parameters' units.
+        between_sd: in the parameters' units.
         valley: its ends, in the parameters' units.
     """
     low, high = interval
@@ -191,7 +191,7 @@ def estimates_of(
             value=float(value[i]),
             interval=(float(low[i]), float(high[i])),
             trials=tuple(map(float, trials[:, i])),
-            between_segment_sd=float(between_segment_sd[i]),
+            between_sd=float(between_sd[i]),
             valley=None if valley is None else (float(valley[0][i]), float(valley[1][i])),
             bounds=(box.lower[i], box.upper[i]),
         )

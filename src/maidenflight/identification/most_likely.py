@@ -14,6 +14,7 @@ from maidenflight.flights.log import Flight, thinned
 from maidenflight.identification import information, lag, laplace, one_step, posterior, selection
 from maidenflight.identification.bounds import any_reached, of_seen_lag
 from maidenflight.identification.drone_file import GroupGain
+from maidenflight.identification.ensembles import as_flights_differ
 from maidenflight.identification.estimates import (
     Identification,
     doubts,
@@ -78,10 +79,12 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
         untold |= {name: expected[name].prior for name in wide}
     problem.reporter.stage(INTERVALS, 2, 2)
     interval = posterior.interval(samples[:, : len(box.names)])
-    noise = noise_levels(fine.mean_products(drone), drone, stride(flights[0]) * flights[0].period)
+    left = fine.products_about_means(drone)
+    noise = noise_levels(left, drone, stride(flights[0]) * flights[0].period)
     drone = replace(drone, **{name: np.float32(value) for name, value in noise.items()})
     optima = np.array([one.points[int(np.argmin(one.values))] for one in found])
     estimates = estimates_of(box, optimum, optima, interval, deviation)
+    estimates |= as_flights_differ(estimates, flights, drone)
     if LAG in seen:
         estimates = of_seen_lag(estimates)
     looks = lag.looks(motors, flights, draws, untold, drone)

@@ -153,6 +153,12 @@ class OneStep:
         """Their mean over the rows."""
         return self.products(parameters).sum(axis=0) / self.rows
 
+    def products_about_means(self, parameters: Parameters) -> Float[np.ndarray, "12 P+1 P+1"]:
+        """The same of what errors differ by from the mean of their segment of flight."""
+        rows = np.maximum(self.rows_per_segment, 1.0)[:, None]
+        constant = (self.sums(parameters) ** 2 / rows).sum(axis=0) / self.rows
+        return self.mean_products(parameters) - constant[:, None, None]
+
     def noise_model(self, parameters: Parameters) -> NoiseModel:
         """The noise model that fits best (least squares)."""
         return noise_model(self.mean_products(parameters)[np.array(COLUMNS)])

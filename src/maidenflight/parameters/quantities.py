@@ -254,8 +254,17 @@ class Parameters:
         "w_r",
         "m/sqrt(s)",
         (0.0, 1.0),
-        "random walk of the estimated position, as of optical flow; 0 in the paper's model",
+        "random walk of the estimated horizontal position, as of optical flow; 0 in the paper's "
+        "model",
         "measured from flights: 0.075 for a Crazyflie's flow deck",
+    )
+    height_walk: Any = quantity(
+        "sensors",
+        "w_z",
+        "m/sqrt(s)",
+        (0.0, 1.0),
+        "random walk of the estimated height, as of a ranger; 0 in the paper's model",
+        "measured from flights: 0.011 for a Crazyflie's flow deck",
     )
     velocity_walk: Any = quantity(
         "sensors",
@@ -286,8 +295,16 @@ class Parameters:
         "sigma_omega",
         "rad/s",
         (0.0, 5.0),
-        "white noise of the body rates per sample",
+        "noise of a reading of the body rates",
         f"{_AUTHORS}: 0.088 rad/s before, 0.051 after its low-pass filter",
+    )
+    gyro_cutoff: Any = quantity(
+        "sensors",
+        "f_g",
+        "Hz",
+        (0.0, 1000.0),
+        "cut-off of the gyro's low-pass filter, through which that noise has gone; 0: white noise",
+        "Crazyflie firmware, sensors_bmi088_bmp3xx.c: 80 Hz, Butterworth of second order",
     )
     gyro_time_constant: Any = quantity(
         "sensors",

@@ -75,7 +75,7 @@ def estimates(run: Run) -> Markup | str:
         return ""
     heads: list[tuple[str, str]] = [("parameter", "Parameter"), ("value", "Identified")]
     heads += [("interval", "95 % interval")]
-    heads += [("between_segment_sd", "Between segments")]
+    heads += [("between_sd", "Between flights")]
     heads += [("truth", "Truth")] if run.reality is not None else []
     heads += [("paper", "Paper"), ("others", "Others")]
     rows = [_row(run, name) for name in run.estimates]
@@ -94,7 +94,7 @@ def _row(run: Run, name: str) -> list[Cell]:
     if bound_reached(name, found) is not None:
         ends = Markup("{} <small>too narrow: at its search bound</small>").format(ends)
     cells.append(Cell(ends, found.interval[0]))
-    cells.append(_between_segments(found, scale))
+    cells.append(_between_flights(found, scale))
     cells += [_truth(run, name, scale)] if run.reality is not None else []
     cells.append(Cell(text.number(paper * scale), paper))
     return [*cells, _range([each.value for each in literature.published(name)], scale)]
@@ -107,16 +107,16 @@ def _in_si(run: Run, name: str) -> dict[str, str | float | None]:
     low, high = found.interval
     row: dict[str, str | float | None] = {"parameter": name, "unit": text.quantity(name).unit}
     row |= {"value": found.value, "low": low, "high": high}
-    row |= {"between_segment_sd": found.between_segment_sd}
+    row |= {"between_sd": found.between_sd}
     row |= {"truth": ends[0], "truth_to": ends[1], "paper": literature.of_the_paper(name)}
     row |= {"others_from": min(others, default=None), "others_to": max(others, default=None)}
     return row
 
 
-def _between_segments(found: Estimate, scale: float) -> Cell:
-    deviation = found.between_segment_sd * scale
+def _between_flights(found: Estimate, scale: float) -> Cell:
+    deviation = found.between_sd * scale
     shown = f"{deviation:.{text.places(deviation) if deviation else 0}f}"
-    return Cell(shown, found.between_segment_sd)
+    return Cell(shown, found.between_sd)
 
 
 def _range(values: list[float], scale: float) -> Cell:

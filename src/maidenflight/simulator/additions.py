@@ -35,6 +35,7 @@ SENSORS = MappingProxyType(
         "attitude_noise": float(np.radians(0.1)),
         "attitude_noise_uniform": float(np.radians(0.05)),
         "gyro_noise": 0.01,
+        "gyro_cutoff": 80.0,
         "gyro_time_constant": 0.0028,
         "gyro_turn_on_bias": float(np.radians(0.5)),
         "estimator_delay": 0.005,
@@ -330,6 +331,7 @@ class Sensing(_Around):
         super().reset(position, seed)
         self._random = np.random.default_rng(seed)
         self._bias = np.float32(SENSORS["gyro_turn_on_bias"]) * self._normal(3)
+        self._shaken: Any = np.float32(SENSORS["gyro_noise"]) * self._normal(3)
         state = self._state()
         self._before = self._filtered = state.body_rates
         memory = 2 + int(np.ceil(SENSORS["estimator_delay"] * Environment.estimate_rate))
@@ -343,20 +345,23 @@ class Sensing(_Around):
         super().step(command)
         self._steps += 1
         state, elapsed = self._state(), np.float32(1.0 / self.rate)
-        self._filtered = _low_pass(self._filtered, self._before, state.body_rates, elapsed)
+        self._filtered, self._shaken = _read_on(
+            self._filtered,
+            self._shaken,
+            self._before,
+            state.body_rates,
+            elapsed,
+            self._normal(3),
+        )
         self._before = state.body_rates
         if self._steps % self._every == 0:
             self._past = np.concatenate([np.hstack(state[:3])[None], self._past[:-1]])
             self._estimate(state)
-        self._seen: Measurement | None = None
 
     def observe(self) -> Measurement:
         """What the sensors say after the last step."""
-        if self._seen is None:
-            filtered: Any = np.asarray(self._filtered)
-            rates = sensors.gyro(filtered, self._bias, _SEEN_BY, self._normal(3))
-            self._seen = self._estimated._replace(body_rates=rates)
-        return self._seen
+        rates = np.asarray(self._filtered) + self._bias + np.asarray(self._shaken)
+        return self._estimated._replace(body_rates=rates)  # pyright: ignore
 
     def _state(self) -> State:
         seen: Any = self.inner.observe()
@@ -370,30 +375,36 @@ class Sensing(_Around):
         uniform = self._random.uniform(-1.0, 1.0, sensors.UNIFORMS).astype(np.float32)
         made = _estimated(self._past, state, self._normal(sensors.NORMALS), uniform)
         parts: Any = [np.asarray(part) for part in made]
-        self._estimated, self._seen = Measurement(*parts), None
+        self._estimated = Measurement(*parts)
 
 
 _SEEN_BY: Any = replace(noiseless(crazyflie()), **SENSORS)
 
 
 @jax.jit
-def _low_pass(
+def _read_on(
     filtered: Float[Array, "3"],
+    shaken: Float[Array, "3"],
     before: Float[Array, "3"],
     after: Float[Array, "3"],
     elapsed: Float[Array, ""],
-) -> Float[Array, "3"]:
-    return sensors.low_pass(filtered, before, after, elapsed, _SEEN_BY)
+    normal: Float[Array, "3"],
+) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
+    """Body rates behind the gyro's filter, and its noise, after a step."""
+    return (
+        sensors.low_pass(filtered, before, after, elapsed, _SEEN_BY),
+        sensors.gyro_noise(shaken, elapsed, _SEEN_BY, normal),
+    )
 
 
 @jax.jit
 def _estimated(
     past: Float[Array, "memory 10"],
     state: State,
-    normal: Float[Array, "12"],
+    normal: Float[Array, "9"],
     uniform: Float[Array, "6"],
 ) -> Measurement:
     """Position, velocity and attitude; the body rates of it are not used."""
     period = jnp.float32(1.0 / Environment.estimate_rate)
     late = sensors.delayed(past, state, period, _SEEN_BY)
-    return sensors.measure(late, jnp.zeros(3), _SEEN_BY, normal, uniform)
+    return sensors.measure(late, _SEEN_BY, normal, uniform)

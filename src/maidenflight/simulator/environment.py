@@ -158,6 +158,8 @@ class EnvState(NamedTuple):
     gyro: Float[Array, "3"]
     """Body rates behind the gyro's low-pass filter [rad/s]."""
     gyro_bias: Float[Array, "3"]
+    gyro_noise: Float[Array, "3"]
+    """Of its last reading [rad/s]."""
     estimator: Float[Array, "memory 10"]
     drift: Float[Array, "6"]
     """Errors of the estimated position [m] and velocity [m/s]."""
@@ -231,13 +233,15 @@ def begin(
             only).
     """
     state = dynamics.checked(state)
-    normal, uniform = noise.draw(key, 3 + sensors.NORMALS, sensors.UNIFORMS)
+    normal, uniform = noise.draw(key, 3 + sensors.NORMALS + 3, sensors.UNIFORMS)
     command = environment.task.first_command(parameters)
     bias = sensors.turn_on_bias(parameters, normal[:3])
     estimator = jnp.zeros((environment.estimator_memory, 10))
     for _ in range(environment.estimator_memory):
         estimator = sensors.remember(estimator, state)
-    measurement = sensors.measure(state, bias, parameters, normal[3:], uniform)
+    shaken = parameters.gyro_noise * normal[3 + sensors.NORMALS :]
+    read = state._replace(body_rates=state.body_rates + bias + shaken)
+    measurement = sensors.measure(read, parameters, normal[3 : 3 + sensors.NORMALS], uniform)
     action = environment.controller.interface.level(command)
     instant = observe(measurement, environment.task.reference(time), action)
     return EnvState(
@@ -249,6 +253,7 @@ def begin(
         controller=environment.controller.init(),
         gyro=state.body_rates,
         gyro_bias=bias,
+        gyro_noise=shaken,
         estimator=estimator,
         drift=jnp.zeros(6),
         measurement=measurement,

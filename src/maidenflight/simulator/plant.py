@@ -40,7 +40,7 @@ RANGE_NOISE = 0.003
 """Standard deviation of the distance to the ground [m]; ours."""
 FLOW_NOISE = 0.1
 """Standard deviation of the optical flow [rad/s]; ours."""
-_NORMALS = 4 + 3 + 3 + 3 + sensors.NORMALS + 3
+_NORMALS = 4 + 3 + 3 + sensors.NORMALS + 3 + 3
 
 
 class Plant(NamedTuple):
@@ -78,6 +78,7 @@ class PlantState(NamedTuple):
     actuators: actuators.Actuators
     gyro: Float[Array, "3"]
     gyro_bias: Float[Array, "3"]
+    gyro_noise: Float[Array, "3"]
     filter: Float[Array, "2 3"]
     """Memory of the accelerometer's low-pass filter."""
     readings: Readings
@@ -116,6 +117,7 @@ def begin(plant: Plant, parameters: Parameters, key: Array) -> PlantState:
         actuators=powered,
         gyro=jnp.zeros(3),
         gyro_bias=bias,
+        gyro_noise=jnp.zeros(3),
         filter=_at_rest(force),
         readings=nothing,
     )
@@ -165,6 +167,9 @@ def step(
         actuators=powered,
         gyro=gyro,
         gyro_bias=bias,
+        gyro_noise=sensors.gyro_noise(
+            before.gyro_noise, jnp.float32(STEP), parameters, normal[19:22]
+        ),
     )
     change = (state.velocity - before.state.velocity) / STEP
     force = _turned_back(state.quaternion, change.at[2].add(parameters.gravity))
@@ -205,11 +210,11 @@ def _read(
     """The filter's memory, and the readings; those of the pose are kept unless it is read."""
     shaken = force + sensors.ACCELEROMETER_NOISE * np.float32(np.sqrt(2)) * normal[3:6]
     kept, smooth = _filtered(now.filter, shaken)
-    rates = sensors.gyro(now.gyro, now.gyro_bias, parameters, normal[15:18])
+    rates = now.gyro + now.gyro_bias + now.gyro_noise
     always = now.readings._replace(gyro=rates, accelerometer=smooth, battery=now.actuators.voltage)
     if not posed:
         return kept, always
-    blurred = sensors.measure(now.state, now.gyro_bias, parameters, normal[6:18], uniform)
+    blurred = sensors.measure(now.state, parameters, normal[6:15], uniform)
     up = jnp.maximum(rotations.axes(now.state.quaternion)[2][2], 0.1)
     far = jnp.maximum(now.state.position[2] / up, 1e-2)
     along = _turned_back(now.state.quaternion, now.state.velocity)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax, tree
 from jaxtyping import Array, Bool, Float, Int
 
@@ -38,7 +39,7 @@ class Noise(NamedTuple):
     command: Float[Array, "E K 7"]
     """Standard normal: of the four actuators and of the gyro."""
     estimate: Float[Array, "E 21"]
-    """Standard normal: of the estimate's drift, of the gyro's bias and of a measurement."""
+    """Standard normal: of the estimate's drift, the gyro's bias, a measurement and the gyro."""
     uniform: Float[Array, "E 6"]
     """Uniform on [-1, 1]: of a measurement."""
 
@@ -47,7 +48,7 @@ def draw(environment: Environment, key: Array) -> Noise:
     """The random numbers of one step."""
     estimates = environment.estimates_per_action
     commands = environment.commands_per_action // estimates
-    size = commands * 7 + sensors.DRIFT_NORMALS + 3 + sensors.NORMALS
+    size = commands * 7 + sensors.DRIFT_NORMALS + 3 + sensors.NORMALS + 3
     normal, uniform = noise.draw(key, estimates * size, estimates * sensors.UNIFORMS)
     normal = normal.reshape(estimates, size)
     return Noise(
@@ -87,10 +88,13 @@ def step(
         def hold(env_state: EnvState, now: tuple[Array, Array]) -> tuple[EnvState, None]:
             number, normal = now
             # Between two estimates only the gyro is read anew, as on the drone.
-            rates = sensors.gyro(env_state.gyro, env_state.gyro_bias, parameters, normal[4:])
-            rates = jnp.where(number > 0, rates, before.measurement.body_rates)
+            shaken = sensors.gyro_noise(
+                env_state.gyro_noise, environment.command_period(parameters), parameters, normal[4:]
+            )
+            shaken = jnp.where(number > 0, shaken, before.gyro_noise)
+            rates = env_state.gyro + env_state.gyro_bias + shaken
             env_state = env_state._replace(
-                measurement=env_state.measurement._replace(body_rates=rates)
+                gyro_noise=shaken, measurement=env_state.measurement._replace(body_rates=rates)
             )
             return _hold_command(
                 environment,
@@ -208,8 +212,11 @@ def _estimate(
 
     Position, velocity and attitude only where an estimate is due after so many actions.
     """
-    walk, turn, normal = jnp.split(
-        drawn.estimate, (sensors.DRIFT_NORMALS, sensors.DRIFT_NORMALS + 3)
+    walk, turn, normal, shaking = jnp.split(
+        drawn.estimate, np.cumsum((sensors.DRIFT_NORMALS, 3, sensors.NORMALS)).tolist()
+    )
+    shaken = sensors.gyro_noise(
+        env_state.gyro_noise, environment.command_period(parameters), parameters, shaking
     )
     bias = sensors.walk_bias(env_state.gyro_bias, period, parameters, turn)
     drift = sensors.walk_estimate(env_state.drift, period, parameters, walk)
@@ -221,9 +228,9 @@ def _estimate(
     seen = seen._replace(
         position=seen.position + drift[:3],
         velocity=seen.velocity + drift[3:],
-        body_rates=env_state.gyro,
+        body_rates=env_state.gyro + bias + shaken,
     )
-    fresh = sensors.measure(seen, bias, parameters, normal, drawn.uniform)
+    fresh = sensors.measure(seen, parameters, normal, drawn.uniform)
     if every > 1:
         due = actions % every == 0
         old = env_state.measurement._replace(body_rates=fresh.body_rates)
@@ -232,7 +239,13 @@ def _estimate(
             (fresh, estimator),
             (old, env_state.estimator),
         )
-    return env_state._replace(gyro_bias=bias, estimator=estimator, drift=drift, measurement=fresh)
+    return env_state._replace(
+        gyro_bias=bias,
+        gyro_noise=shaken,
+        estimator=estimator,
+        drift=drift,
+        measurement=fresh,
+    )
 
 
 def spin(

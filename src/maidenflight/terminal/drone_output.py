@@ -31,7 +31,7 @@ def estimates(found: "Identification", truth: dict[str, str] | None = None) -> N
             name,
             shown(estimate.value),
             f"{shown(estimate.interval[0])} .. {shown(estimate.interval[1])}",
-            f"{float(f'{estimate.between_segment_sd * scale:.2g}'):g}",
+            f"{float(f'{estimate.between_sd * scale:.2g}'):g}",
         ]
         if replayed:
             row.append(
@@ -51,10 +51,10 @@ def estimates(found: "Identification", truth: dict[str, str] | None = None) -> N
     ]
     table(
         "Identified parameters",
-        ["parameter", "value", "95 % interval", "between\nsegments", *further, "unit"],
+        ["parameter", "value", "95 % interval", "between\nflights", *further, "unit"],
         rows,
     )
-    print("between segments: standard deviation; the next flight may be as far off")
+    print("between flights: standard deviation; the next flight may be as far off")
     if replayed:
         print("between trials: standard deviation, of the optimiser only")
 

@@ -102,7 +102,7 @@ def _drone_file(
     for name, (value, error) in found.found.items():
         old = estimates.get(name)
         ends = max(value - 1.96 * error, 0.0), value + 1.96 * error
-        between = 0.0 if old is None else old.between_segment_sd
+        between = 0.0 if old is None else old.between_sd
         estimates[name] = Estimate(value, ends, (value,), between)
         if name in posterior:
             drawn = posterior[name]

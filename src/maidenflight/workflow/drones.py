@@ -73,7 +73,7 @@ def randomized(
         return posterior_ensemble(centre, file.posterior, file.name)
     if randomization in (WIDE, ANY_DAY):
         trims = [file.estimates.get(name) for name in TRIM]
-        deviations = [0.0 if trim is None else trim.between_segment_sd for trim in trims]
+        deviations = [0.0 if trim is None else trim.between_sd for trim in trims]
         box = wide_box(centre, controller.interface.name, deviations)
         return box if randomization == WIDE else AnyDay(box)
     if randomization == ANY:
