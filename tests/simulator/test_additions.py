@@ -8,15 +8,8 @@ import pytest
 from maidenflight import parameters
 from maidenflight.errors import InputError
 from maidenflight.simulator import control, tasks
-from maidenflight.simulator.additions import (
-    SENSORS,
-    Late,
-    Sensing,
-    Uneven,
-    jump_of,
-    split,
-    with_additions,
-)
+from maidenflight.simulator.additions import jump_of, split, with_additions
+from maidenflight.simulator.around import SENSORS, Late, Sensing, Uneven
 from maidenflight.simulator.plant import plant_of
 from maidenflight.simulator.reality import REALITIES, checked, reality
 from maidenflight.simulator.stepped import Stepped
@@ -219,17 +212,20 @@ def test_sensors_read_with_the_noise_that_they_are_said_to_have() -> None:
     seen = []
     for seed in range(40):
         drone.reset(START, seed)
-        for _ in range(10):
+        for _ in range(50):
             drone.step(np.full(4, drone.hover))
             seen.append([*drone.observe()[:2], drone.observe().body_rates])
-    position, velocity, gyro = (np.array(part) for part in zip(*seen, strict=True))
-    estimates = (position.reshape(40, 10, 3)[:, 4::5] - START).ravel()
+    # A reading of the gyro and the one 2 ms before have noise in common.
+    position, velocity, gyro = (
+        np.array(part).reshape(40, 50, 3)[:, 4::5] for part in zip(*seen, strict=True)
+    )
+    estimates = (position - START).ravel()
     expected = np.hypot(SENSORS["position_noise"], SENSORS["position_noise_uniform"] / np.sqrt(3))
     assert estimates.std() == pytest.approx(expected, rel=0.2)
-    assert velocity[4::5].std() == pytest.approx(SENSORS["velocity_noise"], rel=0.2)
-    within = gyro.reshape(40, 10, 3) - gyro.reshape(40, 10, 3).mean(axis=1, keepdims=True)
+    assert velocity.std() == pytest.approx(SENSORS["velocity_noise"], rel=0.2)
+    within = gyro - gyro.mean(axis=1, keepdims=True)
     assert within.std() * np.sqrt(10 / 9) == pytest.approx(SENSORS["gyro_noise"], rel=0.1)
-    biases = gyro.reshape(40, 10, 3).mean(axis=1)
+    biases = gyro.mean(axis=1)
     assert biases.std() == pytest.approx(SENSORS["gyro_turn_on_bias"], rel=0.3)
 
 

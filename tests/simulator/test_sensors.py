@@ -67,12 +67,14 @@ def test_noise_has_the_strength_of_the_parameters_and_no_mean():
         np.testing.assert_allclose(correlation, np.eye(3), atol=0.03, err_msg=name)
 
 
-@pytest.mark.parametrize(("cutoff", "apart"), [(80.0, 0.002), (80.0, 0.01), (30.0, 0.004), (0.0, 0.002)])
+@pytest.mark.parametrize(
+    ("cutoff", "apart"), [(80.0, 0.002), (80.0, 0.01), (30.0, 0.004), (0.0, 0.002)]
+)
 def test_the_gyros_noise_is_that_of_a_butterworth_filter_fed_with_white_noise(cutoff, apart):
     """SciPy's filter, run a hundred times as fast, is the reference."""
     parameters = replace(PAPER, gyro_cutoff=cutoff)
     keys = jax.random.split(jax.random.key(11), 5)
-    noise = float(parameters.gyro_noise) * jax.random.normal(keys[0], (SAMPLES, 3))
+    before = noise = float(parameters.gyro_noise) * jax.random.normal(keys[0], (SAMPLES, 3))
     for key in keys[1:]:
         before, normal = noise, jax.random.normal(key, (SAMPLES, 3))
         noise = shake_many(before, float32(apart), parameters, normal)
@@ -80,8 +82,9 @@ def test_the_gyros_noise_is_that_of_a_butterworth_filter_fed_with_white_noise(cu
     expected = 0.0
     if cutoff:
         rate = 100.0 / apart
-        response = sosfilt(butter(2, cutoff, fs=rate, output="sos"), np.eye(1, 20_000)[0])
-        expected = response[100:] @ response[:-100] / (response @ response)
+        once = np.eye(1, 20_000)[0]
+        answer = np.asarray(sosfilt(butter(2, cutoff, fs=rate, output="sos"), once))
+        expected = float(answer[100:] @ answer[:-100] / (answer @ answer))
     for axis in range(3):
         found = np.corrcoef(before[:, axis], noise[:, axis])[0, 1]
         assert found == pytest.approx(expected, abs=0.03)
@@ -213,9 +216,7 @@ def drifted(parameters, steps, elapsed, key):
         )
         return drift, drift
 
-    return lax.scan(one, jnp.zeros((SAMPLES, sensors.DRIFT_NORMALS)), jax.random.split(key, steps))[
-        1
-    ]
+    return lax.scan(one, jnp.zeros((SAMPLES, 6)), jax.random.split(key, steps))[1]
 
 
 WALKS = (
@@ -243,6 +244,16 @@ def test_height_walks_by_itself():
     parameters = replace(PAPER, position_walk=0.08, height_walk=0.01, velocity_walk=0.0)
     walked = float64(drifted(parameters, 50, float32(0.02), jax.random.key(9)))[-1, :, :3]
     np.testing.assert_allclose(walked.std(axis=0), [0.08, 0.08, 0.01], rtol=0.05)
+
+
+def test_one_measurement_moves_position_and_velocity_alike():
+    parameters = replace(PAPER, position_walk=0.08, height_walk=0.01, velocity_walk=0.3)
+    step = float64(drifted(parameters, 1, float32(0.01), jax.random.key(10)))[0]
+    walks = np.array([0.08, 0.08, 0.01])
+    np.testing.assert_allclose(
+        step[:, :3], (walks / 0.3 + 0.01) * step[:, 3:], rtol=1e-4, atol=1e-7
+    )
+    np.testing.assert_allclose(np.corrcoef(step[:, 3:].T), np.eye(3), atol=0.03)
 
 
 def test_a_velocitys_error_is_forgotten_within_its_time():

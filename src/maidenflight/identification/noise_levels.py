@@ -25,9 +25,9 @@ def noise_levels(
 
     Position and velocity walk as far as their errors add up over `ROWS` rows; what cancels is their
     white noise. Height walks by itself: a ranger measures it, seven times better than optical flow
-    measures the way in the authors' flights. Of the body rates' errors, the part that is gone after one row is the gyro's; the
-    rest is what the actuators' noise must make, with the correlation that it has. The estimated
-    attitude's error is what its autoregression cannot foresee.
+    measures the way in the authors' flights. Of the body rates' errors, the part that is gone after
+    one row is the gyro's; the rest is what the actuators' noise must make, with the correlation
+    that it has. The estimated attitude's error is what its autoregression cannot foresee.
 
     What is constant over a segment of flight is a trim, which differs from flight to flight, and no
     noise: left in, the authors' flights have twice the actuators' noise, five times as slow.

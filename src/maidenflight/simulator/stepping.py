@@ -38,7 +38,7 @@ class Noise(NamedTuple):
 
     command: Float[Array, "E K 7"]
     """Standard normal: of the four actuators and of the gyro."""
-    estimate: Float[Array, "E 21"]
+    estimate: Float[Array, "E 18"]
     """Standard normal: of the estimate's drift, the gyro's bias, a measurement and the gyro."""
     uniform: Float[Array, "E 6"]
     """Uniform on [-1, 1]: of a measurement."""
