@@ -50,7 +50,7 @@ def test_with_missing_commands_the_inertia_is_told_widely_or_not_at_all():
     told = honest.estimates.get("inertia_x")
     low, high = honest.unidentified["inertia_x"] if told is None else told.interval
     assert low <= float(component(DRONE.parameters, "inertia_x")) <= high
-    assert high / low > 1.8
+    assert high / low > 1.6
     assert not holds(narrow["inertia_x"], "inertia_x")
     lag = honest.estimates["motor_time_constant"]
     assert np.ptp(lag.interval) > 1.5 * np.ptp(narrow["motor_time_constant"].interval)
