@@ -7,17 +7,22 @@ from flights.made_flights import calm
 from maidenflight.errors import InputError
 from maidenflight.flights.trims import trim
 from maidenflight.identification.drone_file import Estimate
-from maidenflight.identification.ensembles import WITHIN_A_DAY, drone_of_the_day, trim_ensemble
+from maidenflight.identification.ensembles import (
+    WITHIN_A_DAY,
+    as_flights_differ,
+    drone_of_the_day,
+    trim_ensemble,
+)
 from maidenflight.parameters import component, crazyflie
 
 TURNED = np.array([0.50, 0.54, 0.50, 0.54])
 """Commands that turn a drone about z, which a constant torque must balance."""
 
 
-def held(rows: int = 300, seed: int = 0):
+def held(rows: int = 300, seed: int = 0, turned: np.ndarray = TURNED):
     """A flight near hover by a held command, with a little noise."""
     noise = 0.01 * np.random.default_rng(seed).standard_normal((rows, 4))
-    return calm(rows, seed, command=(TURNED + noise).astype(np.float32))
+    return calm(rows, seed, command=(turned + noise).astype(np.float32))
 
 
 def estimates(deviation: float) -> dict[str, Estimate]:
@@ -84,3 +89,24 @@ def test_what_tells_no_trim_is_refused() -> None:
         drone_of_the_day(crazyflie(), {}, [held()], "mine.toml")
     with pytest.raises(InputError, match="1 flights"):
         drone_of_the_day(crazyflie(), estimates(4e-5), [held(30)], "mine.toml")
+
+
+def test_flights_count_alike_however_long_they_are() -> None:
+    """Nine short flights turn to both sides; a long one, which turns to neither, is one of ten."""
+    shares = np.linspace(-0.04, 0.04, 9)
+    short = [
+        held(200, seed, 0.5 + share * np.array([-1, 1, -1, 1])) for seed, share in enumerate(shares)
+    ]
+    flights = [
+        dataclasses.replace(one, name=f"{number}.csv")
+        for number, one in enumerate([*short, held(2000, 9, np.full(4, 0.5))])
+    ]
+    drone = crazyflie()
+    torques = [trim([one], drone).torque_bias[2] for one in flights]
+    told = estimates(1e-7) | {"latency": Estimate(0.01, (0.0, 0.02), (0.01,), 0.001)}
+    found = as_flights_differ(told, flights, drone)
+    assert set(found) == {"torque_bias_z"}
+    assert found["torque_bias_z"].between_sd == pytest.approx(np.std(torques, ddof=1), rel=0.05)
+    assert found["torque_bias_z"].value == told["torque_bias_z"].value
+    assert as_flights_differ(told, flights[:7], drone) == {}
+    assert as_flights_differ({"latency": told["latency"]}, flights, drone) == {}

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight, by_log
-from maidenflight.flights.trims import SEGMENT_S, between_flights, trim
+from maidenflight.flights.trims import ENOUGH_FLIGHTS, SEGMENT_S, between_flights, trim
 from maidenflight.identification.drone_file import Estimate
 from maidenflight.identification.information import HOVERING
 from maidenflight.parameters import Parameters, check, component, replace
@@ -66,8 +66,10 @@ def as_flights_differ(
     Returns:
         Those that differ; nothing where there are too few flights (`trims.ENOUGH_FLIGHTS`).
     """
-    rows = [trim(pieces, drone) for pieces in by_log(flights).values()]
-    deviations = between_flights(rows)
+    logs = by_log(flights).values()
+    if len(logs) < ENOUGH_FLIGHTS or not estimates.keys() & set(BETWEEN_FLIGHTS):
+        return {}
+    deviations = between_flights([trim(pieces, drone) for pieces in logs])
     if deviations is None:
         return {}
     return {
