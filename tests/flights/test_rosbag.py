@@ -260,6 +260,7 @@ def test_a_planted_drone_comes_back_through_mcap(tmp_path: Path) -> None:
     start = replace(crazyflie(), mass=drone.parameters.mass)
     found = identify(list(flights), Likelihood(trials=1), start=start).parameters
     # The simulated gyro is low-pass filtered as a Crazyflie's; that of `sensor_combined` is not.
-    for name, error in {"thrust_to_weight": 0.04, "inertia_x": 0.12, "inertia_y": 0.12}.items():
+    # Of ten virtual drones so flown the error of inertia is 7 % (root mean square).
+    for name, error in {"thrust_to_weight": 0.04, "inertia_x": 0.15, "inertia_y": 0.15}.items():
         value = float(component(drone.parameters, name))
         assert float(component(found, name)) == pytest.approx(value, rel=error), name
