@@ -54,7 +54,9 @@ def estimates(found: "Identification", truth: dict[str, str] | None = None) -> N
         ["parameter", "value", "95 % interval", "between\nflights", *further, "unit"],
         rows,
     )
-    print("between flights: standard deviation; the next flight may be as far off")
+    print(
+        "between flights: standard deviation, told by flights or segments of them; the next may be as far off"
+    )
     if replayed:
         print("between trials: standard deviation, of the optimiser only")
 
