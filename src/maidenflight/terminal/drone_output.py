@@ -54,9 +54,7 @@ def estimates(found: "Identification", truth: dict[str, str] | None = None) -> N
         ["parameter", "value", "95 % interval", "between\nflights", *further, "unit"],
         rows,
     )
-    print(
-        "between flights: standard deviation, told by flights or segments of them; the next may be as far off"
-    )
+    print("between flights, or segments of them: standard deviation; the next may be as far off")
     if replayed:
         print("between trials: standard deviation, of the optimiser only")
 
