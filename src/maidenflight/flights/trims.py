@@ -20,8 +20,6 @@ from maidenflight.parameters import Parameters, levers
 
 SEGMENT_S = 0.5
 """Length of the parts of a flight whose means tell how sure the whole's is [s]."""
-
-
 ENOUGH_FLIGHTS = 8
 """That tell how flights differ: of eight, a standard deviation is known to a quarter."""
 
@@ -85,6 +83,16 @@ def trim(pieces: Sequence[Flight], drone: Parameters) -> Trim:
     )
 
 
+def told(trims: Sequence[Trim]) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 4"]]:
+    """k_F [-] and the torques about x, y and z [N m] of trims whose errors are known, and these."""
+    values = np.reshape([[one.thrust_to_weight, *one.torque_bias] for one in trims], (-1, 4))
+    errors = np.reshape(
+        [[one.thrust_to_weight_error, *one.torque_bias_error] for one in trims], (-1, 4)
+    )
+    known = np.isfinite(errors).all(axis=1)
+    return values[known], errors[known]
+
+
 def between_flights(trims: Sequence[Trim]) -> Float[np.ndarray, "4"] | None:
     """Standard deviations between flights of k_F [-] and the constant torques [N m], beyond error.
 
@@ -95,16 +103,14 @@ def between_flights(trims: Sequence[Trim]) -> Float[np.ndarray, "4"] | None:
         trims: of each flight.
 
     Returns:
-        Of k_F and of the torques about x, y and z; None for less than `ENOUGH_FLIGHTS`.
+        In the order of `told`; None for less than `ENOUGH_FLIGHTS`.
 
     Source: Hedges 1983, A random effects model for effect sizes (the unweighted estimator).
     """
-    values = np.array([[one.thrust_to_weight, *one.torque_bias] for one in trims])
-    errors = np.array([[one.thrust_to_weight_error, *one.torque_bias_error] for one in trims])
-    told = np.isfinite(errors).all(axis=1) if len(trims) else np.zeros(0, bool)
-    if told.sum() < ENOUGH_FLIGHTS:
+    values, errors = told(trims)
+    if len(values) < ENOUGH_FLIGHTS:
         return None
-    beyond = values[told].var(axis=0, ddof=1) - np.mean(errors[told] ** 2, axis=0)
+    beyond = values.var(axis=0, ddof=1) - np.mean(errors**2, axis=0)
     return np.sqrt(np.maximum(beyond, 0.0))
 
 

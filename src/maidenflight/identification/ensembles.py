@@ -8,6 +8,7 @@ import scipy
 from jaxtyping import Float
 
 from maidenflight.errors import InputError
+from maidenflight.flights import trims
 from maidenflight.flights.log import Flight, by_log
 from maidenflight.flights.trims import ENOUGH_FLIGHTS, SEGMENT_S, between_flights, trim
 from maidenflight.identification.drone_file import Estimate
@@ -20,6 +21,8 @@ TRIM = ("torque_bias_x", "torque_bias_y", "torque_bias_z")
 between flights."""
 BETWEEN_FLIGHTS = (*TRIM, HOVERING)
 """What differs from flight to flight: a log of the day tells it."""
+_IN_A_TRIM = (HOVERING, *TRIM)
+"""The same in the order of `trims.told`."""
 
 WITHIN_A_DAY = 0.5
 """Standard deviation of a trim between flights of a day, as a share of that between all flights;
@@ -74,7 +77,7 @@ def as_flights_differ(
         return {}
     return {
         name: replace_(estimates[name], between_sd=float(deviation))
-        for name, deviation in zip((HOVERING, *TRIM), deviations, strict=True)
+        for name, deviation in zip(_IN_A_TRIM, deviations, strict=True)
         if name in estimates
     }
 
@@ -105,27 +108,22 @@ def drone_of_the_day(
         raise InputError(_UNTOLD.format(where=where))
     # Pieces of one flight have its trim: they are no flights of their own.
     rows = [trim(pieces, drone) for pieces in by_log(flights).values()]
-    known = [
-        (np.array([row.thrust_to_weight, *row.torque_bias]), np.array(errors))
-        for row in rows
-        if np.isfinite(errors := [row.thrust_to_weight_error, *row.torque_bias_error]).all()
-    ]
-    if not known:
+    known, errors = trims.told(rows)
+    if not len(known):
         raise InputError(
             f"none of {len(rows)} flights of the day tells a constant torque. Give one of "
             f"{2 * SEGMENT_S:g} s or more with the motors' commands."
         )
     told, values = dict(estimates), {}
-    for place, name in enumerate((HOVERING, *TRIM)):
+    for place, name in enumerate(_IN_A_TRIM):
         old = estimates.get(name)
         if old is None or not old.between_sd > 0.0:
             continue
         within = WITHIN_A_DAY * old.between_sd
-        found = np.array([value[place] for value, _ in known])
-        weights = 1.0 / (np.array([error[place] for _, error in known]) ** 2 + within**2)
+        weights = 1.0 / (errors[:, place] ** 2 + within**2)
         before = old.between_sd**-2
         total = before + weights.sum()
-        value = float((before * old.value + weights @ found) / total)
+        value = float((before * old.value + weights @ known[:, place]) / total)
         deviation = float(np.sqrt(1.0 / total + within**2))
         ends = value - 1.96 * deviation, value + 1.96 * deviation
         told[name] = Estimate(value, ends, (value,), deviation)

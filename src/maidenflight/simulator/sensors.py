@@ -91,8 +91,8 @@ def walk_estimate(
     kept = jnp.exp(-elapsed / DRIFT_TIME)
     root = jnp.sqrt(elapsed)
     velocity = kept * drift[3:] + parameters.velocity_walk * root * normal
-    across = jnp.asarray(parameters.position_walk)
-    walk = jnp.stack([across, across, jnp.asarray(parameters.height_walk)])
+    across = parameters.position_walk
+    walk = jnp.array([across, across, parameters.height_walk])
     position = drift[:3] + elapsed * velocity + walk * root * normal
     return jnp.concatenate([position, velocity])
 
