@@ -11,13 +11,13 @@ QUICKEST = f"{QUICK} --xla_cpu_use_fusion_emitters=false"
 """Compiles a third sooner still, by XLA's older emitter of loops; programs take up to half as long
 again. For the demo, whose programs run for seconds."""
 FUSED = "--xla_backend_extra_options=xla_cpu_use_multi_output_fusion,xla_cpu_disable_tiled_emitter"
-"""Trains up to twice as fast on CPUs, and compiles sooner.
+"""Trains and identifies up to twice as fast on CPUs, and compiles sooner.
 
 One loop over the drones computes all that follows from the same numbers, instead of a loop for each
 result that computes them anew; the second has the older emitter write these loops. XLA does neither
 by itself, and it is not for everything: the rate PID simulated without derivatives takes half as
-long again, and a loop whose body holds several steps of physics, as identification has, computes
-the first again for each use of the next and takes for ever (docs/studies/roofline.md).
+long again, and a loop whose body holds several steps of physics computes the first again for each
+use of the next and takes for ever (docs/studies/roofline.md).
 """
 
 
@@ -38,7 +38,7 @@ def prepare_jax(number: int | None = None, *, fused: bool = False) -> None:
 
     Args:
         number: cores to use; all unless given.
-        fused: compile by `FUSED`, in a process that trains and does not identify.
+        fused: compile by `FUSED`, in a process that trains or identifies.
     """
     if fused:
         set_flags(FUSED)

@@ -11,6 +11,7 @@ from scipy.stats import norm
 
 from maidenflight import cores
 from maidenflight.flights.windows import Windows, windows
+from maidenflight.identification import one_step_errors
 from maidenflight.identification.one_step import LENGTH, OneStep, noise_model
 from maidenflight.identification.one_step_errors import COLUMNS, ORDER, errors
 from maidenflight.parameters import replace
@@ -240,3 +241,18 @@ def test_the_thrust_that_hovering_takes_is_the_planted_one(noisy_windows):
     assert value == pytest.approx(planted_value, rel=0.01)
     assert len(per_block) == objective.segments
     assert objective.carrying(heavier) == pytest.approx(value, rel=1e-4)
+
+
+def test_after_compiling_all_programs_nothing_is_compiled_for_other_parameters_or_steps(noisy):
+    noisy.compile(TRUTH)
+    programs = (one_step_errors.derivatives, one_step_errors.products, one_step_errors.sums)
+    before = [program._cache_size() for program in programs]
+    noisy.derivatives(replace(TRUTH, latency=0.011), NAMES)
+    noisy.derivatives(
+        TRUTH, (*NAMES, *(f"torque_bias_{axis}" for axis in "xyz"), "drag_x", "drag_y")
+    )
+    noisy.hovering(TRUTH)
+    noisy.steps = STEPS + 1
+    noisy.products(TRUTH)
+    noisy.steps = STEPS
+    assert [program._cache_size() for program in programs] == before

@@ -3,15 +3,21 @@
 from functools import partial
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import planted
 import pytest
+from jax import lax
 from scipy.spatial.transform import Rotation
 
-from maidenflight.flights.windows import Windows, windows
+from maidenflight.flights.windows import LEAD_IN, Windows, windows
+from maidenflight.identification import one_step_errors
+from maidenflight.identification.objective import under_way
 from maidenflight.identification.one_step import LENGTH
-from maidenflight.identification.one_step_errors import COLUMNS, errors
-from maidenflight.parameters import crazyflie, noiseless, replace
+from maidenflight.identification.one_step_errors import COLUMNS, MOTORS, errors
+from maidenflight.parameters import QUANTITIES, crazyflie, noiseless, replace
+from maidenflight.simulator import dynamics, rotations, stepping
+from maidenflight.simulator.dynamics import State
 
 TRUTH = planted.drone(1.9, 0.06, 0.012)
 STEPS = 2
@@ -106,3 +112,48 @@ def test_rows_of_several_commands_are_foreseen_as_rows_of_one_are(flights):
     plain = jax.jit(partial(errors, steps=5))(one, replace(TRUTH, time_step=0.002))
     strided = jax.jit(partial(errors, steps=1, stride=5))(often, replace(TRUTH, time_step=0.002))
     np.testing.assert_allclose(np.asarray(strided), np.asarray(plain), atol=2e-6)
+
+
+def test_rows_side_by_side_are_foreseen_as_one_after_the_other():
+    """Each from the measured row before it, its rotors as the commands until then left them."""
+    window, drone = some_window(), replace(TRUTH, time_step=0.01 / STEPS)
+    line, places, speed = under_way(window, drone, STEPS)
+    first = np.concatenate([window.position, window.velocity, [0, 0, 0], window.body_rates])
+    before = np.concatenate([first[None], window.measured[:-1]]).astype(np.float32)
+
+    def advance(speed, row):
+        place, (position, velocity, attitude, rates) = row[0], jnp.split(row[1], 4)
+        state = State(position, velocity, rotations.from_attitude(attitude), rates, speed)
+        after = stepping.drive(dynamics.midpoint, state, line, STEPS, drone, newest=place)
+        attitude = rotations.to_attitude(after.quaternion)
+        ahead = jnp.concatenate([after.position, after.velocity, attitude, after.body_rates])
+        return after.rotor_speed, ahead
+
+    ahead = lax.scan(advance, speed, (places, jnp.asarray(before)))[1]
+    wrong = jax.jit(partial(errors, steps=STEPS))(window, drone)
+    np.testing.assert_allclose(wrong, window.measured - ahead, atol=2e-5)
+
+
+def test_rotors_depend_on_the_parameters_that_are_said_and_on_no_other():
+    slopes = jax.jacfwd(lambda drone: one_step_errors._speeds(some_window(), drone, STEPS, 1))(
+        jax.tree.map(jnp.asarray, replace(TRUTH, motor_coasting=0.1, time_step=0.01 / STEPS))
+    )
+    depends = {name for name in QUANTITIES if np.any(getattr(slopes, name))}
+    assert depends - {"time_step"} == set(MOTORS)
+
+
+def some_window() -> Windows:
+    """A window of small motions and lively commands."""
+    rng = np.random.default_rng(5)
+    rows = np.cumsum(rng.normal(0, 0.02, (LENGTH + 1, 12)), axis=0).astype(np.float32)
+    start = rows[0].copy()
+    start[6:9] = 0.0
+    return Windows(
+        position=start[:3],
+        velocity=start[3:6],
+        quaternion=np.float32([0, 0, 0, 1]),
+        body_rates=start[9:],
+        command=rng.uniform(0.1, 0.9, (LEAD_IN + LENGTH, 4)).astype(np.float32),
+        measured=rows[1:],
+        segment=np.int32(0),  # type: ignore[arg-type]
+    )

@@ -23,6 +23,7 @@ from maidenflight.simulator import (
     latency,
     stepping,
     tasks,
+    vectors,
 )
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
@@ -162,6 +163,26 @@ def driven(integrator, state, commands, parameters):
 
     line = jnp.broadcast_to(jnp.sqrt(dynamics.hover_command(parameters)), (latency.slots(0.01), 4))
     return lax.scan(hold, (state, line), commands)[1]
+
+
+@pytest.mark.parametrize("steps", [1, 3, 7])
+def test_a_state_of_entries_is_driven_as_one_of_arrays(steps):
+    """However many steps, by one program, also where the newest command has a place in a line."""
+    rng, drone = np.random.default_rng(steps), replace(QUIET, latency=0.013, time_step=0.01 / steps)
+    parts = [rng.normal(0, 0.3, size) for size in (3, 3, 4, 3)]
+    parts[2] /= np.linalg.norm(parts[2])
+    state = dynamics.State(*map(jnp.float32, (*parts, rng.uniform(0.2, 0.9, 4))))
+    line = jnp.float32(rng.uniform(0.2, 0.9, (9, 4)))
+    expected = stepping.drive(dynamics.midpoint, state, line, steps, drone, newest=2)
+    found = driven_entries(vectors.entries(state), line, np.int32(steps), drone)
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_allclose(np.array(list(one)), other, rtol=2e-6, atol=2e-6)
+    assert driven_entries._cache_size() == 1
+
+
+@jax.jit
+def driven_entries(state, line, steps, drone):
+    return stepping.drive_entries(dynamics.midpoint, state, line, steps, drone, newest=2)
 
 
 @partial(jax.jit, static_argnums=0)

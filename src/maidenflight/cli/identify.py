@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from maidenflight import cores, run_folder
+from maidenflight import compiler, cores, run_folder
 from maidenflight.cli import options
 from maidenflight.errors import InputError
 from maidenflight.terminal import drone_output, log_output, progress_output
@@ -151,6 +151,8 @@ def identify(
     folders of the policies that flew them.
     """
     options.must_be_new(output, overwrite)
+    if settings["objective"] != CLOSED_LOOP:
+        compiler.set_flags(compiler.FUSED)
     from maidenflight import workflow
 
     begin = workflow.Start(start, None if mass is None else mass / 1e3)

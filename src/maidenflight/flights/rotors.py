@@ -1,7 +1,6 @@
 """What a drone's rotors do under the commands of a log."""
 
 from functools import partial
-from itertools import pairwise
 from typing import NamedTuple
 
 import jax
@@ -12,7 +11,7 @@ from jaxtyping import Array, Float
 
 from maidenflight.flights.log import Flight
 from maidenflight.parameters import Parameters, replace
-from maidenflight.simulator import actuators, dynamics, stepping
+from maidenflight.simulator import actuators, dynamics, latency
 
 STEP_S = 0.002
 """Physics step, about [s]."""
@@ -68,10 +67,12 @@ def _followed(
     unit = replace(drone, thrust_to_weight=jnp.ones(()))
     full = drone.mass * drone.gravity / 4
 
+    def turn(speed: Array, delayed: Array) -> tuple[Array, Array]:
+        after = speed + drone.time_step * dynamics.spin_up(speed, delayed, drone)
+        return after, dynamics.rotor_forces((speed + after) / 2, unit)
+
     def spin(speed: Array, newest: Array) -> tuple[Array, tuple[Array, Array]]:
-        speeds = [speed, *stepping.spin(speed, line, steps, drone, newest)]
-        middles = jnp.stack([(before + after) / 2 for before, after in pairwise(speeds)])
-        forces = jax.vmap(partial(dynamics.rotor_forces, parameters=unit))(middles)
-        return speeds[-1], (speeds[-1], forces.mean(axis=0) / full)
+        last, forces = lax.scan(turn, speed, latency.delayed(line, drone, steps, newest))
+        return last, (last, forces.mean(axis=0) / full)
 
     return lax.scan(spin, begin, jnp.arange(line.shape[0])[::-1])[1]

@@ -59,6 +59,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     flights, start = problem.flights, problem.start
     fine = one_step_objective(flights, settings, settings.physics_step)
     problem.reporter.stage(EXPECTING, 0, 1)
+    coarse.compile(start)
     expected = _expected(problem, coarse, motors)
     problem.reporter.expected(expected)
     untold = {name: one.prior for name, one in expected.items() if not one.identifiable}

@@ -21,6 +21,7 @@ from maidenflight.identification.gauss_newton import NormalEquations
 from maidenflight.parameters import Parameters, component, replace
 from maidenflight.simulator import actuators, dynamics, rotations, stepping
 from maidenflight.simulator.dynamics import State
+from maidenflight.simulator.vectors import entries
 
 DISCOUNT = 0.95
 """delta, weight of each later step over the one before (Gronauer et al. 2022, sec. Simulation
@@ -54,25 +55,25 @@ def simulate(window: Windows, parameters: Parameters, steps: int) -> Float[Array
     Returns:
         Position, velocity, attitude and body rates in the T rows after the start.
     """
-    position, velocity, quaternion, body_rates, _ = map(jnp.asarray, window[:5])
     line, places, speed = under_way(window, parameters, steps)
 
     def advance(state: State, newest: Array) -> tuple[State, Array]:
-        state = stepping.drive(dynamics.midpoint, state, line, steps, parameters, newest=newest)
-        return state, jnp.concatenate(
-            [
-                state.position,
-                state.velocity,
-                rotations.to_attitude(state.quaternion),
-                state.body_rates,
-            ]
-        )
+        state = stepping.drive_entries(dynamics.midpoint, state, line, steps, parameters, newest)
+        return state, jnp.stack(columns(state))
 
-    return lax.scan(advance, State(position, velocity, quaternion, body_rates, speed), places)[1]
+    position, velocity, quaternion, body_rates, _ = map(jnp.asarray, window[:5])
+    start = entries(State(position, velocity, quaternion, body_rates, speed))
+    return lax.scan(advance, start, places)[1]
+
+
+def columns(state: State) -> list[Float[Array, ""]]:
+    """Position, velocity, attitude and body rates of a state of `Entries`."""
+    attitude = rotations.to_attitude(state.quaternion)
+    return [*state.position, *state.velocity, *attitude, *state.body_rates]
 
 
 def under_way(
-    window: Windows, parameters: Parameters, steps: int, stride: int = 1
+    window: Windows, parameters: Parameters, steps: int | Array, stride: int = 1
 ) -> tuple[Float[Array, "history+TS 4"], Int[Array, "TS"], Float[Array, "4"]]:
     """What the recorded commands before a window's start imply.
 
@@ -86,15 +87,24 @@ def under_way(
         All rotor speed commands as one delay line, newest first; the place in it of each row's
         newest command; and the rotor speeds at the start.
     """
-    line = actuators.rotor_speed_command(jnp.asarray(window.command))[::-1]
-    rows = window.measured.shape[0] * stride
+    line, rows = commands(window), places(window, stride)
 
     def spin(speed: Array, newest: Array) -> tuple[Array, None]:
-        return stepping.spin(speed, line, steps, parameters, newest)[-1], None
+        return stepping.spin(speed, line, steps, parameters, newest), None
 
-    places = jnp.arange(line.shape[0])[::-1]
-    speed, _ = lax.scan(spin, line[-1], places[:-rows])
-    return line, places[-rows:], speed
+    before = jnp.arange(rows.shape[0], line.shape[0])[::-1]
+    speed, _ = lax.scan(spin, line[-1], before)
+    return line, rows, speed
+
+
+def commands(window: Windows) -> Float[Array, "history+TS 4"]:
+    """All rotor speed commands of a window as one delay line, newest first."""
+    return actuators.rotor_speed_command(jnp.asarray(window.command))[::-1]
+
+
+def places(window: Windows, stride: int = 1) -> Int[Array, "TS"]:
+    """Where in that line each row's newest command is; S = `stride` commands to a row."""
+    return jnp.arange(window.measured.shape[0] * stride)[::-1]
 
 
 def window_loss(
@@ -117,13 +127,15 @@ def window_loss(
 def _residuals(
     simulated: Float[Array, "T 12"], measured: Float[Array, "T 12"], weights: Float[Array, "12"]
 ) -> Float[Array, "T 12"]:
-    return weights[None] * wrapped(simulated - measured)
+    wrong = simulated - measured
+    return weights[None] * jnp.concatenate(
+        [wrong[:, :6], wrapped(wrong[:, 6:9]), wrong[:, 9:]], axis=1
+    )
 
 
-def wrapped(difference: Float[Array, "T 12"]) -> Float[Array, "T 12"]:
-    """Differences of rows, their angles to +-pi."""
-    angles = (difference[:, 6:9] + jnp.pi) % (2 * jnp.pi) - jnp.pi
-    return jnp.concatenate([difference[:, :6], angles, difference[:, 9:]], axis=1)
+def wrapped(angles: Float[Array, "..."]) -> Float[Array, "..."]:
+    """Angles to +-pi."""
+    return (angles + jnp.pi) % (2 * jnp.pi) - jnp.pi
 
 
 def _discounts(length: int, discount: float | Array) -> Float[Array, "T"]:

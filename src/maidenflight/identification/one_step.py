@@ -17,6 +17,9 @@ closed loop).
 """
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import jax
@@ -24,6 +27,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from maidenflight import cores
 from maidenflight.flights.windows import Windows
 from maidenflight.identification import one_step_errors
 from maidenflight.identification.gauss_newton import NormalEquations
@@ -37,6 +41,8 @@ much."""
 CHUNK = 64
 """Windows differentiated side by side; with up to sixteen directions their state still fits a
 core's cache."""
+_AT_ONCE = 8
+"""Directions are differentiated along in multiples of this."""
 BY_MOMENT = ("torque_bias_x", "torque_bias_y", "torque_bias_z")
 """Parameters that the mean errors tell, not the likelihood."""
 
@@ -70,9 +76,10 @@ class OneStep:
         chunked = in_chunks(windows, CHUNK)
         # One by one, so that one program serves any number of windows.
         self._chunks = [type(windows)(*arrays) for arrays in zip(*chunked, strict=True)]
-        self._segment = windows.segment
         self.size = len(windows.segment)
         self.segments = int(windows.segment.max()) + 1
+        # Windows are cut one segment after the other.
+        self._ends = np.searchsorted(windows.segment, np.arange(self.segments + 1))
         self.rows_per_segment = np.bincount(windows.segment, minlength=self.segments) * float(
             windows.measured.shape[1] - ORDER
         )
@@ -85,17 +92,38 @@ class OneStep:
             tuple[Parameters, tuple[str, ...], tuple[float, np.ndarray, np.ndarray]] | None
         ) = None
 
+    def compile(self, parameters: Parameters) -> None:
+        """Compiles all programs that an identification needs, side by side.
+
+        One after the other, as they are needed, they take twice as long.
+        """
+        chunk, drone = self._chunks[0], self._drone(parameters)
+        by, noise = (self.steps, self.stride), np.ones((6, ORDER), np.float32)
+
+        def derivatives(count: int) -> Array:
+            directions = _directions(drone, [BY_MOMENT[0]] * count)
+            given = noise, noise[:, 0], noise[:, 0], np.zeros(count, bool)
+            return one_step_errors.derivatives(chunk, drone, directions, *given, *by)[0]
+
+        programs = [
+            partial(one_step_errors.products, chunk, drone, *by),
+            partial(derivatives, 2 * _AT_ONCE),
+            partial(derivatives, _AT_ONCE),
+            partial(one_step_errors.sums, chunk, drone, *by),
+        ]
+        with ThreadPoolExecutor(cores.count()) as pool:
+            for ended in [pool.submit(program) for program in programs]:
+                ended.result()
+
     def _drone(self, parameters: Parameters) -> Parameters:
         return jax.tree.map(jnp.asarray, replace(parameters, time_step=self._time_step))
 
     def _by_segment(self, per_window: np.ndarray) -> np.ndarray:
         """Sums of what each window adds, by segment of flight."""
-        rows = per_window.reshape(-1, *per_window.shape[2:])[: len(self._segment)].astype(
-            np.float64
+        rows = per_window.reshape(-1, *per_window.shape[2:])
+        return np.stack(
+            [rows[first:end].sum(axis=0, dtype=np.float64) for first, end in pairwise(self._ends)]
         )
-        sums = np.zeros((self.segments, *rows.shape[1:]))
-        np.add.at(sums, self._segment, rows)
-        return sums
 
     def _summed(
         self, of_chunk: Callable[[Windows, Parameters, int, int], Array], parameters: Parameters
@@ -214,13 +242,9 @@ class OneStep:
         products = self.products(parameters)[:, np.array(COLUMNS)]
         noise, drone = noise_model(products.sum(axis=0) / self.rows), self._drone(parameters)
         d = len(names)
-        # Directions in eights, so that two programs serve all numbers of parameters; those without
-        # a name are zero.
-        nothing = jax.tree.map(lambda leaf: np.zeros_like(np.asarray(leaf)), drone)
-        rows = [replace(nothing, **{name: np.float32(1)}) for name in names] + [nothing] * (-d % 8)
-        directions = jax.tree.map(lambda *leaves: np.stack(leaves), *rows)
+        directions = _directions(drone, names)
         whole = np.sqrt(products.sum(axis=0)[:, 0, 0] / self.rows)
-        by_moment = np.array([name in BY_MOMENT for name in names] + [False] * (-d % 8))
+        by_moment = np.array([name in BY_MOMENT for name in names] + [False] * (-d % _AT_ONCE))
         given = (
             *(
                 np.asarray(part, np.float32)
@@ -252,19 +276,30 @@ class OneStep:
         weights = np.stack(
             [np.linalg.lstsq(past, part.T, rcond=1e-12)[0].T for past, part in columns]
         )
-        scores = scores - np.einsum("cdi,bci->bd", weights, left)
-        twice = np.einsum("cdi,bfci->bdf", weights, shared)
+        scores = scores - np.einsum("cdi,bci->bd", weights, left, optimize=True)
+        twice = np.einsum("cdi,bfci->bdf", weights, shared, optimize=True)
         curvatures = (
             curvatures
             - twice
             - twice.swapaxes(1, 2)
-            + np.einsum("cdi,bcij,cfj->bdf", weights, pasts, weights)
+            + np.einsum("cdi,bcij,cfj->bdf", weights, pasts, weights, optimize=True)
         )
         value = float(_minus_log_likelihood(noise.deviation, np.ones(6)))
         found = value, scores[:, :d] / self.rows, curvatures[:, :d, :d] / self.rows
         self._climbs = climbs.sum(axis=0)[:d] * noise.deviation[COLUMNS.index(VERTICAL)]
         self._latest = parameters, tuple(names), found
         return found
+
+
+def _directions(drone: Parameters, names: Sequence[str]) -> Parameters:
+    """A unit direction for each parameter, stacked.
+
+    In eights, so that two programs serve all numbers of parameters; those without a name are zero.
+    """
+    nothing = jax.tree.map(lambda leaf: np.zeros_like(np.asarray(leaf)), drone)
+    units = [replace(nothing, **{name: np.float32(1)}) for name in names]
+    units += [nothing] * (-len(names) % _AT_ONCE)
+    return jax.tree.map(lambda *leaves: np.stack(leaves), *units)
 
 
 def _same(one: Parameters, other: Parameters) -> bool:

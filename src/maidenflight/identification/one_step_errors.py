@@ -3,19 +3,20 @@
 Compiled for a chunk of windows; `one_step` says what they are for and joins the chunks.
 """
 
+from collections.abc import Sequence
 from functools import partial
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
 from jaxtyping import Array, Float
 
 from maidenflight.flights.windows import Windows
-from maidenflight.identification.objective import under_way, wrapped
-from maidenflight.parameters import Parameters
+from maidenflight.identification.objective import columns, commands, places, under_way, wrapped
+from maidenflight.parameters import Parameters, replace
 from maidenflight.simulator import dynamics, rotations, stepping
 from maidenflight.simulator.dynamics import State
+from maidenflight.simulator.vectors import entries
 
 ORDER = 16
 """Rows of the past in an error's autoregression. Half as many cannot tell slow disturbances from a
@@ -28,8 +29,12 @@ COLUMNS = (3, 4, 5, 9, 10, 11)
 nothing more of the drone."""
 
 
+MOTORS = ("motor_time_constant", "spin_down_ratio", "motor_coasting", "latency")
+"""What the rotors' speeds depend on besides commands."""
+
+
 def errors(
-    window: Windows, parameters: Parameters, steps: int, stride: int = 1
+    window: Windows, parameters: Parameters, steps: int | Array, stride: int = 1
 ) -> Float[Array, "T 12"]:
     """Measured minus predicted position, velocity, attitude and body rates.
 
@@ -41,68 +46,100 @@ def errors(
         steps: physics steps a command.
         stride: commands to a row.
     """
+    speeds = _speeds(window, parameters, steps, stride)
+    return jnp.stack(_by_column(window, speeds, parameters, steps, stride), axis=1)
+
+
+@partial(jax.jit, static_argnums=3)
+def _speeds(
+    window: Windows, parameters: Parameters, steps: int | Array, stride: int
+) -> Float[Array, "T 4"]:
+    """Speeds of the rotors before each row; they depend on commands and `MOTORS` alone."""
     line, places, speed = under_way(window, parameters, steps, stride)
-    measured = jnp.asarray(window.measured)
-    first = jnp.concatenate(
-        [
-            window.position,
-            window.velocity,
-            rotations.to_attitude(jnp.asarray(window.quaternion)),
-            window.body_rates,
-        ]
-    )
-    before = jnp.concatenate([first[None], measured[:-1]])
 
-    def advance(speed: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
-        newest, row_before = row
-        start = State(
-            row_before[:3],
-            row_before[3:6],
-            rotations.from_attitude(row_before[6:9]),
-            row_before[9:],
-            speed,
-        )
-        state = start
+    def turn(speed: Array, newest: Array) -> tuple[Array, Array]:
+        after = speed
         for place in newest:
-            state = stepping.drive(dynamics.midpoint, state, line, steps, parameters, newest=place)
-        ahead = jnp.concatenate(
-            [
-                state.position,
-                state.velocity,
-                rotations.to_attitude(state.quaternion),
-                state.body_rates,
-            ]
+            after = stepping.spin(after, line, steps, parameters, place)
+        return after, speed
+
+    return lax.scan(turn, speed, places.reshape(-1, stride))[1]
+
+
+@partial(jax.jit, static_argnums=4)
+def _by_column(
+    window: Windows,
+    speeds: Float[Array, "T 4"],
+    parameters: Parameters,
+    steps: int | Array,
+    stride: int,
+) -> list[Float[Array, "T"]]:
+    """The twelve columns of `errors`.
+
+    Once the rotors' speeds are known, rows do not depend on each other: all side by side they are a
+    few long loops, where one after the other they were many short ones.
+    """
+    line = commands(window)
+
+    def predicted(speed: Array, newest: Array, before: Sequence[Array]) -> list[Array]:
+        position, velocity, attitude, rates = (
+            jnp.stack(before[first : first + 3]) for first in range(0, 12, 3)
         )
-        return state.rotor_speed, ahead
+        quaternion = rotations.from_attitude(attitude)
+        state = entries(State(position, velocity, quaternion, rates, speed))
+        for place in newest:
+            state = stepping.drive_entries(dynamics.midpoint, state, line, steps, parameters, place)
+        return columns(state)
 
-    return wrapped(measured - lax.scan(advance, speed, (places.reshape(-1, stride), before))[1])
+    measured = list(jnp.asarray(window.measured).T)
+    first = [
+        *window.position,
+        *window.velocity,
+        *rotations.to_attitude(jnp.asarray(window.quaternion)),
+        *window.body_rates,
+    ]
+    before = [
+        jnp.concatenate([start[None], column[:-1]])
+        for start, column in zip(first, measured, strict=True)
+    ]
+    rows = places(window, stride).reshape(-1, stride)
+    ahead = jax.vmap(predicted)(speeds, rows, before)
+    wrong = [real - simulated for real, simulated in zip(measured, ahead, strict=True)]
+    return [*wrong[:6], *map(wrapped, wrong[6:9]), *wrong[9:]]
 
 
-@partial(jax.jit, static_argnums=(2, 3))
+def _late(wrong: Float[Array, "... T"], lag: int) -> Float[Array, "... T-P"]:
+    """Errors so many rows ago, of the rows that have `ORDER` before them."""
+    return wrong[..., ORDER - lag : wrong.shape[-1] - lag]
+
+
+@partial(jax.jit, static_argnums=3)
 def products(
-    chunk: Windows, parameters: Parameters, steps: int, stride: int
+    chunk: Windows, parameters: Parameters, steps: int | Array, stride: int
 ) -> Float[Array, "64 12 P+1 P+1"]:
     """Products of the errors in each window of a chunk."""
 
     def one(window: Windows) -> Float[Array, "12 P+1 P+1"]:
-        wrong = errors(window, parameters, steps, stride)
-        late = jnp.stack(
-            [wrong[ORDER - lag : wrong.shape[0] - lag] for lag in range(ORDER + 1)], axis=-1
-        )
-        return jnp.einsum("tci,tcj->cij", late, late)
+        wrong = errors(window, parameters, steps, stride).T
+        late = jnp.stack([_late(wrong, lag) for lag in range(ORDER + 1)], axis=1)
+        return jnp.einsum("cit,cjt->cij", late, late)
 
     return jax.vmap(one)(chunk)
 
 
-@partial(jax.jit, static_argnums=(2, 3))
-def sums(chunk: Windows, parameters: Parameters, steps: int, stride: int) -> Float[Array, "64 12"]:
+@partial(jax.jit, static_argnums=3)
+def sums(
+    chunk: Windows, parameters: Parameters, steps: int | Array, stride: int
+) -> Float[Array, "64 12"]:
     """Sums of the errors in each window of a chunk."""
-    return jax.vmap(lambda window: errors(window, parameters, steps, stride)[ORDER:].sum(axis=0))(
-        chunk
-    )
+
+    def one(window: Windows) -> Float[Array, "12"]:
+        return errors(window, parameters, steps, stride)[ORDER:].sum(axis=0)
+
+    return jax.vmap(one)(chunk)
 
 
-@partial(jax.jit, static_argnums=(7, 8))
+@partial(jax.jit, static_argnums=8)
 def derivatives(
     chunk: Windows,
     parameters: Parameters,
@@ -111,7 +148,7 @@ def derivatives(
     deviation: Array,
     share: Array,
     by_moment: Array,
-    steps: int,
+    steps: int | Array,
     stride: int,
 ) -> tuple[
     Float[Array, "64 d"], Float[Array, "64 d d"], Float[Array, "64 d 6 P"], Float[Array, "64 d"]
@@ -125,38 +162,48 @@ def derivatives(
     `share` is the deviation of the innovations over theirs.
     """
 
-    def one(
-        window: Windows,
-    ) -> tuple[Float[Array, "d"], Float[Array, "d d"], Float[Array, "d 6 P"], Float[Array, "d"]]:
-        def scaled(drone: Parameters) -> Float[Array, "T 6"]:
-            return errors(window, drone, steps, stride)[:, np.array(COLUMNS)] / deviation[None]
+    def speeds(motors: dict[str, Array]) -> Float[Array, "64 T 4"]:
+        drone = replace(parameters, **motors)
+        return jax.vmap(lambda window: _speeds(window, drone, steps, stride))(chunk)
 
-        def before(wrong: Float[Array, "T 6"], lag: int) -> Float[Array, "T-P 6"]:
-            return wrong[ORDER - lag : wrong.shape[0] - lag]
+    def scaled(drone: Parameters, speeds: Array) -> Float[Array, "64 6 T"]:
+        def one(window: Windows, speeds: Array) -> Float[Array, "6 T"]:
+            wrong = _by_column(window, speeds, drone, steps, stride)
+            return jnp.stack([wrong[column] for column in COLUMNS]) / deviation[:, None]
 
-        def new(wrong: Float[Array, "T 6"]) -> Float[Array, "T-P 6"]:
-            left = wrong[ORDER:]
-            for lag in range(1, ORDER + 1):
-                left = left - coefficients[None, :, lag - 1] * before(wrong, lag)
-            return left
+        return jax.vmap(one)(chunk, speeds)
 
-        def along(direction: Parameters) -> tuple[Array, Array]:
-            wrong, slope = jax.jvp(scaled, (parameters,), (direction,))
-            return wrong, jnp.where(jnp.isfinite(slope), slope, 0.0)
+    # Rotors are simulated row by row, so that a slope of their speeds costs as much as all else. It
+    # takes four, and no more: along a direction it is a sum of these.
+    motors = {name: getattr(parameters, name) for name in MOTORS}
+    units = dict(zip(MOTORS, jnp.eye(len(MOTORS)), strict=True))
+    speed, by_motor = jax.vmap(
+        lambda unit: jax.jvp(speeds, (motors,), (unit,)), out_axes=(None, 0)
+    )(units)
 
-        def apart(some: Array) -> Array:
-            """By moment or by likelihood, for an array with a leading axis of directions."""
-            return by_moment.reshape(-1, *(1,) * (some.ndim - 1))
+    def new(wrong: Float[Array, "64 6 T"]) -> Float[Array, "64 6 T-P"]:
+        left = wrong[..., ORDER:]
+        for lag in range(1, ORDER + 1):
+            left = left - coefficients[None, :, lag - 1, None] * _late(wrong, lag)
+        return left
 
-        wrong, slopes = jax.vmap(along, out_axes=(None, 0))(directions)
-        climbs = jnp.sum(slopes[:, ORDER:, COLUMNS.index(VERTICAL)], axis=1)
-        left, plain = wrong[ORDER:] * share[None], slopes[:, ORDER:] * share[None, None]
-        slopes = jnp.where(apart(slopes), plain, jax.vmap(new)(slopes))
-        score = jnp.sum(slopes * jnp.where(apart(slopes), left, new(wrong)), axis=(1, 2))
-        flat = slopes.reshape(slopes.shape[0], -1)
-        curvature = jnp.where(by_moment[:, None] == by_moment[None], flat @ flat.T, 0.0)
-        past = jnp.stack([before(wrong, lag) for lag in range(1, ORDER + 1)], axis=-1)
-        shared = jnp.einsum("dtc,tcp->dcp", slopes, past)
-        return score, curvature, jnp.where(apart(shared), 0.0, shared), climbs
+    def along(direction: Parameters) -> tuple[Array, Array]:
+        parts = jnp.stack([getattr(direction, name) for name in MOTORS])
+        faster = jnp.tensordot(parts, by_motor, 1)
+        wrong, slope = jax.jvp(scaled, (parameters, speed), (direction, faster))
+        return wrong, jnp.where(jnp.isfinite(slope), slope, 0.0)
 
-    return jax.vmap(one)(chunk)
+    # Directions before windows, so that what all directions share is computed once for them.
+    wrong, slopes = jax.vmap(along, out_axes=(None, 0))(directions)
+    climbs = jnp.sum(slopes[:, :, COLUMNS.index(VERTICAL), ORDER:], axis=2)
+    apart = by_moment[:, None, None, None]
+    part = share[None, :, None]
+    left, plain = wrong[..., ORDER:] * part, slopes[..., ORDER:] * part[None]
+    slopes = jnp.where(apart, plain, jax.vmap(new)(slopes))
+    score = jnp.sum(slopes * jnp.where(apart, left[None], new(wrong)[None]), axis=(2, 3))
+    curvature = jnp.einsum("dwct,ewct->wde", slopes, slopes)
+    curvature = jnp.where((by_moment[:, None] == by_moment[None])[None], curvature, 0.0)
+    past = jnp.stack([_late(wrong, lag) for lag in range(1, ORDER + 1)], axis=2)
+    shared = jnp.einsum("dwct,wcpt->wdcp", slopes, past)
+    shared = jnp.where(by_moment[None, :, None, None], 0.0, shared)
+    return score.T, curvature, shared, climbs.T

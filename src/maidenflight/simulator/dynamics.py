@@ -22,6 +22,7 @@ from jaxtyping import Array, Float
 from maidenflight.errors import InputError
 from maidenflight.parameters import Parameters, replace
 from maidenflight.simulator import rotations
+from maidenflight.simulator.vectors import each, like
 
 
 class State(NamedTuple):
@@ -136,7 +137,7 @@ def linear_acceleration(state: State, parameters: Parameters) -> Float[Array, "3
     along_y = dy * (y[0] * vx + y[1] * vy + y[2] * vz)
     along_z = dz * (z[0] * vx + z[1] * vy + z[2] * vz) - thrust
     lift = [-x[i] * along_x - y[i] * along_y - z[i] * along_z for i in range(3)]
-    return jnp.stack([lift[0], lift[1], lift[2] - parameters.gravity])
+    return like(state.velocity, [lift[0], lift[1], lift[2] - parameters.gravity])
 
 
 def angular_acceleration(
@@ -161,12 +162,9 @@ def angular_acceleration(
     )
     rotors = torque(rotor_forces(state.rotor_speed, parameters), parameters)
     further = further_torque(state, spin_up, parameters)
-    return (
-        jnp.stack(
-            [of + more - lost for of, more, lost in zip(rotors, further, gyroscopic, strict=True)]
-        )
-        / parameters.inertia
-    )
+    all_torques = zip(rotors, further, gyroscopic, strict=True)
+    total = like(state.body_rates, [of + more - lost for of, more, lost in all_torques])
+    return total / parameters.inertia
 
 
 def motor_derivative(
@@ -187,13 +185,17 @@ def motor_derivative(
     Source: Gronauer et al. 2022, eq:motor-dynamics; coasting is ours, identified from the authors'
     flights (docs/identification.md).
     """
-    change = command - rotor_speed
-    _, square, lag = _lags(change, rotor_speed, parameters)
-    return change * square / lag
+
+    def one(speed: Array, command: Array) -> Array:
+        change = command - speed
+        _, square, lag = _lags(change, speed, parameters)
+        return change * square / lag
+
+    return each(one, rotor_speed, command)
 
 
 def _lags(
-    change: Float[Array, "4"], rotor_speed: Float[Array, "4"], parameters: Parameters
+    change: Float[Array, "..."], rotor_speed: Float[Array, "..."], parameters: Parameters
 ) -> tuple[Array, Array, Array]:
     """A motor's own lag [s], nu^2, and nu^2 times the lag with coasting [s].
 
@@ -221,14 +223,18 @@ def spin_up(
     Source: Rosenbrock 1963, Some general implicit processes for the numerical solution of
     differential equations (one stage).
     """
-    change = command - rotor_speed
-    time_constant, square, lag = _lags(change, rotor_speed, parameters)
-    above = jnp.maximum(-change, 0.0)
-    steepness = (
-        time_constant * square * square
-        + 2.0 * parameters.motor_coasting * above * above * rotor_speed
-    )
-    return change * square * lag / (lag * lag + 0.5 * parameters.time_step * steepness)
+
+    def one(speed: Array, command: Array) -> Array:
+        change = command - speed
+        time_constant, square, lag = _lags(change, speed, parameters)
+        above = jnp.maximum(-change, 0.0)
+        steepness = (
+            time_constant * square * square
+            + 2.0 * parameters.motor_coasting * above * above * speed
+        )
+        return change * square * lag / (lag * lag + 0.5 * parameters.time_step * steepness)
+
+    return each(one, rotor_speed, command)
 
 
 def _rate_of_change(

@@ -54,23 +54,36 @@ def delayed(
 ) -> Float[Array, "steps 4"]:
     """Mean of the delayed command in each physics step of the newest command's period.
 
-    Step i sees the commands of the time from (i dt - Delta) to ((i + 1) dt - Delta), where the
-    newest command (slot 0) starts at 0 and slot j holds from -j h to (1 - j) h, h = steps dt. A
-    step is no longer than a command, so it sees two at most. The last slot also stands for
-    everything older.
-
     Args:
         line: held commands, newest first.
         parameters: uses `latency` Delta [s] and `time_step` dt [s].
         steps: physics steps a command period.
         newest: place of slot 0 in the line.
     """
-    opens = jnp.arange(steps, dtype=jnp.float32) - parameters.latency / parameters.time_step
+    return in_step(line, parameters, steps, newest, jnp.arange(steps))
+
+
+def in_step(
+    line: Float[Array, "slots 4"],
+    parameters: Parameters,
+    steps: int | Int[Array, ""],
+    newest: Int[Array, ""] | int,
+    number: Int[Array, "..."],
+) -> Float[Array, "... 4"]:
+    """Mean of the delayed command in physics step `number` of the newest command's period.
+
+    Step i sees the commands of the time from (i dt - Delta) to ((i + 1) dt - Delta), where the
+    newest command (slot 0) starts at 0 and slot j holds from -j h to (1 - j) h, h = steps dt. A
+    step is no longer than a command, so it sees two at most. The last slot also stands for
+    everything older.
+    """
+    opens = number.astype(jnp.float32) - parameters.latency / parameters.time_step
+    steps = jnp.asarray(steps, jnp.float32)
     slot = jnp.clip(
         jnp.ceil(-opens / steps), 0.0, jnp.asarray(line.shape[0] - 1 - newest, jnp.float32)
     )
     older = jnp.clip((1.0 - slot) * steps - opens, 0.0, 1.0)
-    older = jnp.where(slot == 0, 0.0, older)[:, None]
+    older = jnp.where(slot == 0, 0.0, older)[..., None]
     # An index and not a sum over all slots: the line of a 500 Hz controller has 28.
     index = slot.astype(jnp.int32)
     return older * line[newest + index] + (1.0 - older) * line[newest + jnp.maximum(index - 1, 0)]

@@ -8,6 +8,8 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
+from maidenflight.simulator.vectors import like
+
 
 def axes(quaternion: Float[Array, "4"]) -> tuple[tuple[Float[Array, ""], ...], ...]:
     """The body's x, y and z axes in the world: the columns of the rotation matrix."""
@@ -34,7 +36,7 @@ def to_attitude(quaternion: Float[Array, "4"]) -> Float[Array, "3"]:
     x, y, z, w = quaternion
     roll = jnp.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
     pitch = jnp.arcsin(jnp.clip(2 * (w * y - z * x), -1.0, 1.0))
-    return jnp.stack([roll, pitch, heading(quaternion)])
+    return like(quaternion, [roll, pitch, heading(quaternion)])
 
 
 def heading(quaternion: Float[Array, "4"]) -> Float[Array, ""]:
@@ -63,13 +65,14 @@ def quaternion_derivative(
     """dq/dt = q (x) (omega, 0) / 2 for body rates omega [rad/s]."""
     x, y, z, w = quaternion
     p, q, r = body_rates
-    return 0.5 * jnp.stack(
+    return 0.5 * like(
+        quaternion,
         [
             w * p + y * r - z * q,
             w * q + z * p - x * r,
             w * r + x * q - y * p,
             -x * p - y * q - z * r,
-        ]
+        ],
     )
 
 

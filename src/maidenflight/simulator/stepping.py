@@ -63,7 +63,7 @@ def step(
     env_state: EnvState,
     action: Float[Array, "4+M"],
     parameters: Parameters,
-    key: Array,
+    key: Array | Noise,
 ) -> tuple[EnvState, StepResult]:
     """Holds an action for one control period.
 
@@ -73,12 +73,12 @@ def step(
         action: the policy's output, its next memory included; not clipped here, the controller
             does that.
         parameters: the drone; its `time_step` sets the control period.
-        key: random key.
+        key: random key, or what `draw` gave for it.
 
     Returns:
         The drone after, and what the step gave. A finished episode is not reset.
     """
-    drawn = draw(environment, key)
+    drawn = key if isinstance(key, Noise) else draw(environment, key)
     action, memory = action[:ACTION_SIZE], action[ACTION_SIZE:]
     setpoint = environment.task.reference(env_state.time)
     period = environment.control_period(parameters)
@@ -251,11 +251,11 @@ def _estimate(
 def spin(
     speed: Float[Array, "4"],
     line: Float[Array, "slots 4"],
-    steps: int,
+    steps: int | Int[Array, ""],
     parameters: Parameters,
     newest: Int[Array, ""] | int = 0,
-) -> list[Float[Array, "4"]]:
-    """Rotor speeds after each physics step of one command period, without the rest of the drone.
+) -> Float[Array, "4"]:
+    """Rotor speeds after one command period, without the rest of the drone.
 
     Args:
         speed: of the rotors when the newest command is given.
@@ -264,11 +264,12 @@ def spin(
         parameters: the drone.
         newest: place of the newest command in the line.
     """
-    speeds = []
-    for delayed in latency.delayed(line, parameters, steps, newest):
-        speed = speed + parameters.time_step * dynamics.spin_up(speed, delayed, parameters)
-        speeds.append(speed)
-    return speeds
+
+    def turn(number: Array, speed: Array) -> Array:
+        delayed = latency.in_step(line, parameters, steps, newest, number)
+        return speed + parameters.time_step * dynamics.spin_up(speed, delayed, parameters)
+
+    return lax.fori_loop(0, steps, turn, speed)
 
 
 def drive(
@@ -300,3 +301,25 @@ def drive(
         return dynamics.held_by_floor(after, floor), None
 
     return lax.scan(advance, state, delayed)[0]
+
+
+def drive_entries(
+    integrator: Integrator,
+    state: State,
+    line: Float[Array, "slots 4"],
+    steps: int | Int[Array, ""],
+    parameters: Parameters,
+    newest: Int[Array, ""] | int = 0,
+) -> State:
+    """The same of a state of `Entries`, without a floor, for many states of one drone.
+
+    Each step makes its delayed command anew: those of all states and steps, with derivatives, would
+    be larger than all the rest. Programs serve any number of steps.
+    """
+    drone = vectors.entries(parameters)
+
+    def advance(number: Array, state: State) -> State:
+        command = vectors.Entries(latency.in_step(line, parameters, steps, newest, number))
+        return integrator(state, command, drone)  # type: ignore[arg-type]
+
+    return lax.fori_loop(0, steps, advance, state)
