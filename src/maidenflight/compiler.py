@@ -9,7 +9,7 @@ QUICK = "--xla_backend_optimization_level=1"
 and compute little."""
 QUICKEST = f"{QUICK} --xla_cpu_use_fusion_emitters=false"
 """Compiles a third sooner still, by XLA's older emitter of loops; programs take up to half as long
-again. For the demo, whose programs run for seconds."""
+again. For tests, whose programs run for moments."""
 FUSED = "--xla_backend_extra_options=xla_cpu_use_multi_output_fusion,xla_cpu_disable_tiled_emitter"
 """Trains and identifies up to twice as fast on CPUs, and compiles sooner.
 

@@ -246,7 +246,7 @@ def test_the_thrust_that_hovering_takes_is_the_planted_one(noisy_windows):
 def test_after_compiling_all_programs_nothing_is_compiled_for_other_parameters_or_steps(noisy):
     noisy.compile(TRUTH)
     programs = (one_step_errors.derivatives, one_step_errors.products, one_step_errors.sums)
-    before = [program._cache_size() for program in programs]
+    before = [program._cache_size() for program in programs]  # type: ignore[attr-defined]
     noisy.derivatives(replace(TRUTH, latency=0.011), NAMES)
     noisy.derivatives(
         TRUTH, (*NAMES, *(f"torque_bias_{axis}" for axis in "xyz"), "drag_x", "drag_y")
@@ -255,4 +255,5 @@ def test_after_compiling_all_programs_nothing_is_compiled_for_other_parameters_o
     noisy.steps = STEPS + 1
     noisy.products(TRUTH)
     noisy.steps = STEPS
-    assert [program._cache_size() for program in programs] == before
+    after = [program._cache_size() for program in programs]  # type: ignore[attr-defined]
+    assert after == before

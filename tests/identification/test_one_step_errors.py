@@ -151,7 +151,7 @@ def some_window() -> Windows:
     return Windows(
         position=start[:3],
         velocity=start[3:6],
-        quaternion=np.float32([0, 0, 0, 1]),
+        quaternion=np.array([0, 0, 0, 1], np.float32),
         body_rates=start[9:],
         command=rng.uniform(0.1, 0.9, (LEAD_IN + LENGTH, 4)).astype(np.float32),
         measured=rows[1:],

@@ -177,7 +177,7 @@ def test_a_state_of_entries_is_driven_as_one_of_arrays(steps):
     found = driven_entries(vectors.entries(state), line, np.int32(steps), drone)
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_allclose(np.array(list(one)), other, rtol=2e-6, atol=2e-6)
-    assert driven_entries._cache_size() == 1
+    assert driven_entries._cache_size() == 1  # type: ignore[attr-defined]
 
 
 @jax.jit

@@ -44,7 +44,7 @@ def test_the_arithmetic_of_entries_is_that_of_arrays(of: str):
 
 def test_entries_of_different_lengths_do_not_combine():
     with pytest.raises(ValueError, match="shorter"):
-        Entries([1.0, 2.0, 3.0]) + Entries([1.0, 2.0])
+        _ = Entries([1.0, 2.0, 3.0]) + Entries([1.0, 2.0])
 
 
 def test_entries_are_a_pytree_of_their_numbers():

@@ -4,6 +4,7 @@ Its modules stand in the order of the flow: record, identify, train, transfer, e
 whole of it.
 """
 
+import gc
 import sys
 
 import click
@@ -40,6 +41,9 @@ def main(patience: float | None = None) -> None:
         with interruption.insisting(patience):
             compiler.set_flags(compiler.QUICK)
             cache.keep_compiled()
+            # JAX traces a program in some hundred thousand objects, and to look for cycles among
+            # them as often as Python does by itself takes a fifth of the time.
+            gc.set_threshold(100_000)
             commands(prog_name="maidenflight", standalone_mode=False)
     except InputError as error:
         print(f"maidenflight: {error}", file=sys.stderr)

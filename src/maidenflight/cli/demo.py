@@ -35,7 +35,7 @@ def demo(output: Path | None, seed: int, as_json: bool, overwrite: bool) -> None
         )
     else:
         options.must_be_new(output, overwrite)
-    compiler.set_flags(compiler.QUICKEST)
+    compiler.set_flags(compiler.FUSED)
     cores.as_devices()
     from maidenflight.demo import Listener, Plan
     from maidenflight.demo import demo as run

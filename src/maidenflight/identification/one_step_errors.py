@@ -58,10 +58,10 @@ def _speeds(
     line, places, speed = under_way(window, parameters, steps, stride)
 
     def turn(speed: Array, newest: Array) -> tuple[Array, Array]:
-        after = speed
-        for place in newest:
-            after = stepping.spin(after, line, steps, parameters, place)
-        return after, speed
+        def spin(speed: Array, place: Array) -> tuple[Array, None]:
+            return stepping.spin(speed, line, steps, parameters, place), None
+
+        return lax.scan(spin, speed, newest)[0], speed
 
     return lax.scan(turn, speed, places.reshape(-1, stride))[1]
 
@@ -87,8 +87,12 @@ def _by_column(
         )
         quaternion = rotations.from_attitude(attitude)
         state = entries(State(position, velocity, quaternion, rates, speed))
-        for place in newest:
-            state = stepping.drive_entries(dynamics.midpoint, state, line, steps, parameters, place)
+
+        def drive(state: State, place: Array) -> tuple[State, None]:
+            after = stepping.drive_entries(dynamics.midpoint, state, line, steps, parameters, place)
+            return after, None
+
+        state, _ = lax.scan(drive, state, newest)
         return columns(state)
 
     measured = list(jnp.asarray(window.measured).T)

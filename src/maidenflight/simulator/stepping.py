@@ -63,7 +63,7 @@ def step(
     env_state: EnvState,
     action: Float[Array, "4+M"],
     parameters: Parameters,
-    key: Array | Noise,
+    key: Array,
 ) -> tuple[EnvState, StepResult]:
     """Holds an action for one control period.
 
@@ -73,12 +73,12 @@ def step(
         action: the policy's output, its next memory included; not clipped here, the controller
             does that.
         parameters: the drone; its `time_step` sets the control period.
-        key: random key, or what `draw` gave for it.
+        key: random key.
 
     Returns:
         The drone after, and what the step gave. A finished episode is not reset.
     """
-    drawn = key if isinstance(key, Noise) else draw(environment, key)
+    drawn = draw(environment, key)
     action, memory = action[:ACTION_SIZE], action[ACTION_SIZE:]
     setpoint = environment.task.reference(env_state.time)
     period = environment.control_period(parameters)

@@ -25,7 +25,7 @@ from maidenflight.simulator import dynamics, environment, raptor_form, rotations
 from maidenflight.simulator.environment import Environment, EnvState
 from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.rollout import EnvInstance, PolicyFunction, randomized_reset
-from maidenflight.simulator.stepping import Noise, StepResult
+from maidenflight.simulator.stepping import StepResult
 from maidenflight.simulator.vectors import norm, squared
 from maidenflight.training.devices import DRONES, REPLICATED, SHARDED, begun, learning, own
 
@@ -198,10 +198,10 @@ def segment(
     task = env.task
 
     def one(
-        env_state: EnvState, drawn: Noise
+        env_state: EnvState, key: Array
     ) -> tuple[EnvState, tuple[Float[Array, ""], Bool[Array, ""], Float[Array, ""]]]:
         output = policy(environment.observation(env, env_state))
-        after, step_result = stepping.step(env, env_state, output, drone.parameters, drawn)
+        after, step_result = stepping.step(env, env_state, output, drone.parameters, key)
         action = after.action
         tilt = norm(rotations.body_z(after.state.quaternion)[:2])
         guards = settings.position_penalty * jax.nn.relu(
@@ -225,9 +225,9 @@ def segment(
         kept, lost = unless_lost(env_state, after, step_result)
         return kept, (jnp.where(lost, 0.0, cost), lost, margin)
 
-    # All at once: in the loop they would be its slowest part, in ever so many small programs.
-    drawn = jax.vmap(partial(stepping.draw, env))(jax.random.split(key, settings.horizon))
-    env_state, (costs, lost, margins) = lax.scan(one, drone.env_state, drawn)
+    env_state, (costs, lost, margins) = lax.scan(
+        one, drone.env_state, jax.random.split(key, settings.horizon)
+    )
     failed = (
         0.0
         if task.failure_margin is None
