@@ -241,7 +241,8 @@ def evaluated(name: str, policies: int = 2) -> HotPath:
 
 def identified(name: str, rows: int = 200) -> HotPath:
     """Prediction errors of a chunk of windows, as the likelihood sums them."""
-    drone, generator = replace(crazyflie(), time_step=0.005), np.random.default_rng(0)
+    # One physics step a row: of a loop whose number of turns is an argument `work` counts one.
+    drone, generator = replace(crazyflie(), time_step=0.01), np.random.default_rng(0)
 
     def about(shape: tuple[int, ...], centre: Any = 0.0) -> np.ndarray:
         return (centre + generator.normal(0.0, 0.05, shape)).astype(np.float32)
@@ -258,7 +259,7 @@ def identified(name: str, rows: int = 200) -> HotPath:
     )
 
     def chunk(windows: Any) -> Any:
-        return one_step_errors.products(windows, drone, 2, 1)
+        return one_step_errors.products(windows, drone, 1, 1)
 
     return HotPath(name, "row", count * rows, chunk, (jax.tree.map(jnp.asarray, windows),), CORES)
 
