@@ -147,11 +147,11 @@ def drones(series: str, batch: int) -> tuple[Any, Any]:
     def one(key: jax.Array) -> Any:
         state = dynamics.at_hover(jax.random.normal(key, (3,)), shared)
         state = state._replace(body_rates=0.1 * jax.random.normal(key, (3,)))
-        flown = state, jnp.broadcast_to(state.rotor_speed, (latency.slots(1 / rate), 4))
+        line = jnp.broadcast_to(state.rotor_speed, (latency.slots(1 / rate), 4))
         if series == "motor":
-            return {"flown": (vectors.entries(state), flown[1]), "command": state.rotor_speed}
+            return {"flown": (vectors.entries(state), line), "command": state.rotor_speed}
         return {
-            "flown": (flown, jax.tree.map(jnp.asarray, control.attitude_rate().init())),
+            "flown": ((state, line), jax.tree.map(jnp.asarray, control.attitude_rate().init())),
             "action": jnp.array([0.1, 0.0, 0.0, 0.0]),
         }
 

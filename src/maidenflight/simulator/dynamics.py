@@ -3,7 +3,7 @@
 A `State` is one drone's. Where its rotors are and which way they turn is told by its parameters; in
 the X of a Crazyflie they are front right, back right, back left, front left, and 1 and 3 turn
 counter-clockwise. Inside this module a *command* is a rotor speed command sqrt(u), already
-delayed, noisy and averaged over the step.
+delayed, noisy and averaged over the step. Vectors are arrays or, all of them, `vectors.Entries`.
 
 Sums over axes are written out: a matrix product or a reduction over three numbers would keep XLA
 from fusing loops, and cost two thirds of the speed. Torques are tuples until all are summed, since

@@ -76,6 +76,13 @@ def in_step(
     newest command (slot 0) starts at 0 and slot j holds from -j h to (1 - j) h, h = steps dt. A
     step is no longer than a command, so it sees two at most. The last slot also stands for
     everything older.
+
+    Args:
+        line: as of `delayed`.
+        parameters: as of `delayed`.
+        steps: as of `delayed`, or an argument of the program.
+        newest: as of `delayed`.
+        number: i; or several.
     """
     opens = number.astype(jnp.float32) - parameters.latency / parameters.time_step
     steps = jnp.asarray(steps, jnp.float32)
