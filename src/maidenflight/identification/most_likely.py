@@ -5,6 +5,7 @@ can tell of it.
 """
 
 from collections.abc import Collection, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace as replace_
 
 import numpy as np
@@ -55,11 +56,15 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     """
     if problem.over is not None:
         box_of(problem, problem.over)
-    problem, motors, coarse = _looked_at(problem, settings)
-    flights, start = problem.flights, problem.start
+    start, alike = problem.start, _coarse(problem, settings)
+    # Programs depend on the flights' shapes alone, and to look at the motors takes one core.
+    with ThreadPoolExecutor(1) as pool:
+        compiled = pool.submit(alike.compile, start)
+        problem, motors, coarse = _looked_at(problem, settings)
+        problem.reporter.stage(EXPECTING, 0, 1)
+        compiled.result()
+    flights = problem.flights
     fine = one_step_objective(flights, settings, settings.physics_step)
-    problem.reporter.stage(EXPECTING, 0, 1)
-    coarse.compile(start)
     expected = _expected(problem, coarse, motors)
     problem.reporter.expected(expected)
     untold = {name: one.prior for name, one in expected.items() if not one.identifiable}
@@ -132,11 +137,11 @@ def _looked_at(
     motors = _motors(problem)
     if motors:
         problem = replace_(problem, flights=[sharp(flight) for flight in problem.flights])
-    return (
-        problem,
-        motors,
-        one_step_objective(problem.flights, settings, settings.coarse_physics_step),
-    )
+    return problem, motors, _coarse(problem, settings)
+
+
+def _coarse(problem: Problem, settings: Likelihood) -> OneStep:
+    return one_step_objective(problem.flights, settings, settings.coarse_physics_step)
 
 
 def _expected(

@@ -43,7 +43,7 @@ from maidenflight.identification.flight_signals import (
     means,
     stride,
 )
-from maidenflight.identification.prediction_errors import MEMORY, Fit, Prior, regress
+from maidenflight.identification.prediction_errors import MEMORY, Prior, Products, products, regress
 from maidenflight.parameters import Parameters, levers
 
 LAGS = np.geomspace(0.010, 0.25, 18)
@@ -208,63 +208,65 @@ def _seen(parts: Sequence[Flight], torques: Float[np.ndarray, "4 2"]) -> dict[st
     prepared = [_prepared(part, torques) for part in parts if len(part) // stride(part) >= FEWEST]
     if not prepared or not prepared[0].signals:
         return {}
-    seen = {signal: [] for signal in prepared[0].signals}
-    free = []
+    made: dict[str, list[list[Products]]] = {signal: [] for signal in prepared[0].signals}
     for lag in LAGS:
         for latency in LATENCIES:
             speeds = [lagged(part.command, part.period, lag, latency) for part in prepared]
-            for signal, fits in seen.items():
-                fits.append(_fit(prepared, speeds, signal, HOVER))
-            if "accelerometer" in seen:
-                free.append(_fit(prepared, speeds, "accelerometer", None))
-    found = {signal: _on_grid(fits) for signal, fits in seen.items()}
-    if free:
-        held, loose = found["accelerometer"], _on_grid(free)
-        if held.losses.min() - loose.losses.min() > CONTRADICTION:
-            found["accelerometer"] = loose._replace(free=True)
+            for signal, columns in made.items():
+                columns.append(_columns(prepared, speeds, signal))
+    found = {signal: _on_grid(columns) for signal, columns in made.items()}
+    if columns := made.get("accelerometer"):
+        held, loose = _on_grid(columns, _hover), found["accelerometer"]
+        contradicted = held.losses.min() - loose.losses.min() > CONTRADICTION
+        found["accelerometer"] = loose._replace(free=True) if contradicted else held
     # A torque that turns the drone the wrong way is no torque.
     return {
         signal: one for signal, one in found.items() if _best(one)[0] > 0 or signal not in _GYRO
     }
 
 
-def _on_grid(fits: Sequence[Sequence[Fit]]) -> _Seen:
-    """From one list of columns' regressions for each grid point, latencies running fastest."""
+def _on_grid(
+    columns: Sequence[Sequence[Products]], known: Callable[[Products], Prior] | None = None
+) -> _Seen:
+    """From the products of a signal's columns at each grid point, latencies running fastest."""
     shape = (len(LAGS), len(LATENCIES))
-    losses = np.array([sum(fit.loss for fit in columns) for columns in fits])
-    coefficients = np.array([columns[0].coefficients for columns in fits])
+    fits = [
+        regress(column, [known(one) if known else None for one in column])
+        for column in zip(*columns, strict=True)
+    ]
+    losses = np.sum([[fit.loss for fit in column] for column in fits], axis=0)
+    coefficients = np.array([fit.coefficients for fit in fits[0]])
     return _Seen(losses.reshape(shape), coefficients.reshape(*shape, -1))
+
+
+def _hover(products: Products) -> Prior:
+    """Thrust per command that hovering takes: the ratio of both signals' sums."""
+    constant = 2
+    force, thrust = products.late[0, 0, :2, constant]
+    return Prior(0, force / thrust, HOVER * force / thrust)
 
 
 def _best(seen: _Seen) -> Float[np.ndarray, "k"]:
     return seen.coefficients[np.unravel_index(np.argmin(seen.losses), seen.losses.shape)]
 
 
-def _fit(
-    prepared: Sequence[_Prepared],
-    speeds: Sequence[Float[np.ndarray, "N+1 4"]],
-    signal: str,
-    hover: float | None,
-) -> list[Fit]:
-    """One regression for each column of a signal.
-
-    The accelerometer's is held by hovering, to `hover` as a share.
-    """
+def _columns(
+    prepared: Sequence[_Prepared], speeds: Sequence[Float[np.ndarray, "N+1 4"]], signal: str
+) -> list[Products]:
+    """Products of each column of a signal with what the motors add to it, and what is beside."""
     order = max(1, round(MEMORY / (prepared[0].rows * prepared[0].period)))
     moved = [_of_motors(part, speed, signal) for part, speed in zip(prepared, speeds, strict=True)]
-    found = []
-    for column in range(prepared[0].signals[signal].shape[1]):
-        y = [part.signals[signal][:, column] for part in prepared]
-        x = [
-            np.concatenate([motors[:, [column]], part.beside[signal]], axis=1)
-            for part, motors in zip(prepared, moved, strict=True)
-        ]
-        prior = None
-        if hover and signal == "accelerometer":
-            mean = float(np.concatenate(y).mean() / np.concatenate(x)[:, 0].mean())
-            prior = Prior(0, mean, hover * mean)
-        found.append(regress(y, x, order, prior))
-    return found
+    return [
+        products(
+            [part.signals[signal][:, column] for part in prepared],
+            [
+                np.column_stack([motors[:, column], part.beside[signal]])
+                for part, motors in zip(prepared, moved, strict=True)
+            ],
+            order,
+        )
+        for column in range(prepared[0].signals[signal].shape[1])
+    ]
 
 
 def _of_motors(

@@ -6,7 +6,6 @@ import jax.numpy as jnp
 import numpy as np
 import scipy
 from jaxtyping import Array, Float
-from scipy.spatial.transform import Rotation
 
 from maidenflight.parameters import Parameters
 from maidenflight.simulator import rotations
@@ -200,7 +199,7 @@ def accelerometer(
         Specific force along body x, y and z.
     """
     change = np.gradient(velocity, period, axis=0)
-    turned = Rotation.from_euler("ZYX", attitude[:, ::-1])
+    turned = scipy.spatial.transform.Rotation.from_euler("ZYX", attitude[:, ::-1])
     force = turned.inv().apply(change + np.array([0.0, 0.0, gravity]))
     noise = ACCELEROMETER_NOISE * np.sqrt(1.0 / (500.0 * period))
     read = force + noise * generator.standard_normal(force.shape)
