@@ -193,5 +193,5 @@ def run(settings: Path, small: bool, authors: Path | None, output: Path) -> None
 
 
 if __name__ == "__main__":
-    compiler.prepare_jax()
+    compiler.prepare_jax(fused=True)
     main()

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from maidenflight import cores, run_folder, terminal
+from maidenflight import compiler, cores, run_folder, terminal
 from maidenflight.cli import options
 from maidenflight.cli.interruption import resumable
 from maidenflight.terminal import flight_output
@@ -162,6 +162,7 @@ def _transfer_matrix(
     accept_bounds: bool,
 ) -> None:
     options.must_be_new(output, overwrite, resume)
+    compiler.set_flags(compiler.FUSED)
     cores.as_devices()
     from maidenflight import workflow
     from maidenflight.experiments import matrix

@@ -56,13 +56,16 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     """
     if problem.over is not None:
         box_of(problem, problem.over)
-    start, alike = problem.start, _coarse(problem, settings)
+    start, coarse = problem.start, _coarse(problem, settings)
     # Programs depend on the flights' shapes alone, and to look at the motors takes one core.
     with ThreadPoolExecutor(1) as pool:
-        compiled = pool.submit(alike.compile, start)
-        problem, motors, coarse = _looked_at(problem, settings)
+        compiled = pool.submit(coarse.compile, start)
+        motors = _motors(problem)
         problem.reporter.stage(EXPECTING, 0, 1)
         compiled.result()
+    if motors:
+        problem = _sharp(problem)
+        coarse = _coarse(problem, settings)
     flights = problem.flights
     fine = one_step_objective(flights, settings, settings.physics_step)
     expected = _expected(problem, coarse, motors)
@@ -126,21 +129,19 @@ def expected_intervals(problem: Problem, settings: Likelihood) -> dict[str, Expe
     Raises:
         InputError: too little flight, or a parameter that cannot be searched.
     """
-    problem, motors, coarse = _looked_at(problem, settings)
-    return _expected(problem, coarse, motors)
-
-
-def _looked_at(
-    problem: Problem, settings: Likelihood
-) -> tuple[Problem, MotorResponse | None, OneStep]:
-    """The flights with the gyro's delay undone if they show the motors, and the objective."""
     motors = _motors(problem)
     if motors:
-        problem = replace_(problem, flights=[sharp(flight) for flight in problem.flights])
-    return problem, motors, _coarse(problem, settings)
+        problem = _sharp(problem)
+    return _expected(problem, _coarse(problem, settings), motors)
+
+
+def _sharp(problem: Problem) -> Problem:
+    """The flights with the gyro's delay undone, for those that show the motors."""
+    return replace_(problem, flights=[sharp(flight) for flight in problem.flights])
 
 
 def _coarse(problem: Problem, settings: Likelihood) -> OneStep:
+    """The objective by which parameters are chosen."""
     return one_step_objective(problem.flights, settings, settings.coarse_physics_step)
 
 

@@ -23,7 +23,6 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -116,7 +115,8 @@ class OneStep:
                 ended.result()
 
     def _drone(self, parameters: Parameters) -> Parameters:
-        return jax.tree.map(jnp.asarray, replace(parameters, time_step=self._time_step))
+        # All at once: leaf by leaf it took a twentieth of an identification.
+        return jax.device_put(replace(parameters, time_step=self._time_step))
 
     def _by_segment(self, per_window: np.ndarray) -> np.ndarray:
         """Sums of what each window adds, by segment of flight."""
