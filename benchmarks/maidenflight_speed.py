@@ -72,7 +72,8 @@ def motor_level(shared: Parameters, own: Any, commands: int, steps: int = 2) -> 
 def rate_pid(shared: Parameters, own: Any, commands: int) -> Any:
     """One drone under body-rate control.
 
-    The firmware's PID at 500 Hz, motor lag, delay line and rigid body; 2 ms per physics step.
+    The firmware's PID at 500 Hz, motor lag, delay line and rigid body; 2 ms per physics step. The
+    state is `vectors.Entries` for the physics and arrays for the PID, which is slower of entries.
     """
     controller = control.attitude_rate()
 
@@ -81,12 +82,12 @@ def rate_pid(shared: Parameters, own: Any, commands: int) -> Any:
 
         def hold(flown: Any, number: jax.Array) -> tuple[Any, None]:
             (state, line), memory = flown
-            exact = Measurement(state.position, state.velocity, state.quaternion, state.body_rates)
+            exact = Measurement(*(jnp.stack(list(vector)) for vector in state[:4]))
             memory, command = controller.command(memory, own["action"], exact, jnp.zeros(3))
             place = COMMANDS - 1 - number
             line = latency.put(line, rotor_speed_command(command), place)
             return (
-                (stepping.drive(dynamics.euler, state, line, 1, shared, newest=place), line),
+                (stepping.drive_entries(dynamics.euler, state, line, 1, shared, place), line),
                 memory,
             ), None
 
@@ -151,7 +152,10 @@ def drones(series: str, batch: int) -> tuple[Any, Any]:
         if series == "motor":
             return {"flown": (vectors.entries(state), line), "command": state.rotor_speed}
         return {
-            "flown": ((state, line), jax.tree.map(jnp.asarray, control.attitude_rate().init())),
+            "flown": (
+                (vectors.entries(state), line),
+                jax.tree.map(jnp.asarray, control.attitude_rate().init()),
+            ),
             "action": jnp.array([0.1, 0.0, 0.0, 0.0]),
         }
 
