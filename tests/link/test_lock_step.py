@@ -150,11 +150,9 @@ def flown(structure, seconds):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("structure", stand_in.STRUCTURES)
-def test_a_stand_in_flies_by_each_control_structure(structure):
-    # All the others are in the cascade from position.
-    seconds = 15 if structure == "position" else 6
-    pilot, _ = flown(structure, seconds)
-    assert len(pilot.path) == 1000 * seconds
+def test_a_stand_in_flies_15_s_by_each_control_structure(structure):
+    pilot, _ = flown(structure, 15)
+    assert len(pilot.path) == 15_000
     assert pilot.error() < 0.1
 
 

@@ -16,9 +16,12 @@ from maidenflight.training.analytic_gradient import AnalyticGradient
 
 
 @pytest.mark.slow
-def test_an_update_changes_the_network_and_nothing_else_of_a_policy() -> None:
+@pytest.mark.parametrize(("structure", "rate"), [("pwm", 100), ("attitude_rate", 50)])
+def test_an_update_changes_the_network_and_nothing_else_of_a_policy(
+    structure: str, rate: int
+) -> None:
     controller, settings = (
-        control.attitude_rate(),
+        control.CONTROLLERS[structure](),
         AnalyticGradient(num_envs=2, horizon=2, learning_rate=0.01),
     )
     drone = replace(crazyflie(), time_step=np.float32(control.time_step(controller)))
@@ -30,7 +33,7 @@ def test_an_update_changes_the_network_and_nothing_else_of_a_policy() -> None:
     before = analytic_gradient.begin(world, settings, box, keys)
     after = analytic_gradient.learn(world, settings, box, before, keys, 0, 1)
     policy = after.policy
-    assert (policy.interface, policy.history) == (controller.interface, 2)
+    assert (policy.interface.name, policy.interface.rate, policy.history) == (structure, rate, 2)
     np.testing.assert_array_equal(policy.observation_mean, before.policy.observation_mean)
     *hidden, last = [
         np.asarray(new - old)
