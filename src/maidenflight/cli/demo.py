@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from maidenflight import compiler, cores, terminal
+from maidenflight import compiler, terminal
 from maidenflight.cli import options
 from maidenflight.terminal import demo_output, flight_output, progress_output
 
@@ -35,8 +35,7 @@ def demo(output: Path | None, seed: int, as_json: bool, overwrite: bool) -> None
         )
     else:
         options.must_be_new(output, overwrite)
-    compiler.set_flags(compiler.FUSED)
-    cores.as_devices()
+    compiler.prepare_jax(fused=True)
     from maidenflight.demo import Listener, Plan
     from maidenflight.demo import demo as run
 

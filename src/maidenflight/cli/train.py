@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from maidenflight import compiler, cores, run_folder, terminal
+from maidenflight import compiler, run_folder, terminal
 from maidenflight.cli import options
 from maidenflight.cli.interruption import resumable
 from maidenflight.deployment import EXPORTERS
@@ -207,8 +207,7 @@ def train(
     """
     options.must_exist(drone_)
     options.must_be_new(output, overwrite, resume)
-    compiler.set_flags(compiler.FUSED)
-    cores.as_devices()
+    compiler.prepare_jax(fused=True)
     from maidenflight import policy, policy_file, workflow
     from maidenflight.simulator.look_ahead import LookAhead
     from maidenflight.training.distillation import Distillation, phase

@@ -162,8 +162,7 @@ def _transfer_matrix(
     accept_bounds: bool,
 ) -> None:
     options.must_be_new(output, overwrite, resume)
-    compiler.set_flags(compiler.FUSED)
-    cores.as_devices()
+    compiler.prepare_jax(fused=True)
     from maidenflight import workflow
     from maidenflight.experiments import matrix
 
