@@ -3,6 +3,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optax
 import pytest
 
 from maidenflight.parameters import crazyflie, noiseless, replace
@@ -60,6 +61,21 @@ def test_an_untrained_policy_hovers_its_drones(thrust_to_weight: float) -> None:
     policy = jax.tree.map(lambda leaf: leaf[0], learner.policy)
     action = policy(policy.observation_mean)  # the network's input is zero
     np.testing.assert_allclose((action + 1) / 2, 1 / thrust_to_weight, rtol=1e-5)
+
+
+def test_muons_iterations_as_a_loop_are_those_that_optax_writes_out() -> None:
+    slope = {"a": jax.random.normal(jax.random.key(0), (40, 8))}
+    looped, written_out = (
+        optax.contrib.scale_by_muon(
+            weight_dimension_numbers={"a": optax.contrib.MuonDimensionNumbers()}, **coefficients
+        )
+        for coefficients in ({"ns_coeffs": analytic_gradient.NEWTON_SCHULZ}, {})
+    )
+    with jax.numpy_dtype_promotion("standard"):
+        found, expected = (
+            rule.update(slope, rule.init(slope))[0] for rule in (looped, written_out)
+        )
+    np.testing.assert_allclose(found["a"], expected["a"], atol=1e-5)
 
 
 def test_without_a_rate_for_hidden_layers_adam_steps_everywhere_and_its_steps_shrink() -> None:

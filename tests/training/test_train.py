@@ -116,6 +116,7 @@ def test_training_from_a_policy_begins_with_its_score_and_ends_no_worse(
     env = Environment.matching(BOX.centre, TASK, CONTROLLER)
     before, *after = module._scores(
         env,
+        TINY.num_envs,
         TINY.episodes,
         jax.tree.map(lambda *leaves: jnp.stack(leaves), initial, *policies),
         BOX,

@@ -77,6 +77,28 @@ def placed(learners: Learner, sharding: Learner, num_envs: int) -> Learner:
     )
 
 
+def shared(
+    fly: Callable[[Any, Array], Any], num_envs: int, episodes: int
+) -> Callable[[Any, Array], Any]:
+    """Flights of which each device flies its share, on the devices of the learners.
+
+    Args:
+        fly: (stacked policies, keys) to what has an axis of policies and one of keys.
+        num_envs: environments of each learner, which decide the devices.
+        episodes: number of keys. Where it does not divide evenly, each device flies all.
+    """
+    devices = mesh(num_envs)
+    if episodes % devices.size:
+        return fly
+    return jax.shard_map(
+        fly,
+        mesh=devices,
+        in_specs=(REPLICATED, PartitionSpec(DRONES)),
+        out_specs=SHARDED,
+        check_vma=False,
+    )
+
+
 def learning(update: Callable[..., Any], sharding: Any) -> Wrapped:
     """The function that does updates of a training method, jitted.
 
@@ -94,18 +116,22 @@ def learning(update: Callable[..., Any], sharding: Any) -> Wrapped:
     def learn(
         env: Any, settings: Any, box: Any, learners: Any, keys: Array, first: Any, end: Any
     ) -> Any:
-        def one(learner: Any, key: Array) -> Any:
+        def all_of(learners: Any, keys: Array) -> Any:
+            # A loop over `vmap` traces sooner than `vmap` of a loop, whose body JAX batches anew
+            # until it knows what of it has an axis of policies.
+            def one(number: Array, learner: Any, key: Array) -> Any:
+                key = jax.random.fold_in(key, number)
+                return update(env, settings, box, learner, key, number)
+
             return lax.fori_loop(
                 first,
                 end,
-                lambda number, learner: update(
-                    env, settings, box, learner, jax.random.fold_in(key, number), number
-                ),
-                learner,
+                lambda number, learners: jax.vmap(partial(one, number))(learners, keys),
+                learners,
             )
 
         return jax.shard_map(
-            jax.vmap(one),
+            all_of,
             mesh=mesh(settings.num_envs),
             in_specs=(sharding, REPLICATED),
             out_specs=sharding,

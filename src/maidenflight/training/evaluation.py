@@ -55,9 +55,31 @@ def evaluate(
         episodes: number of episodes; static.
         steps: control periods of an episode, by default the task's duration; static.
     """
+    return means(flown(env, policy, box, jax.random.split(key, episodes), steps))
+
+
+class Episode(NamedTuple):
+    """What one episode adds to an `Evaluation`; stacked along a first axis where there are many."""
+
+    total: Float[Array, ""]
+    survived: Bool[Array, ""]
+    distance: Float[Array, ""]
+    """Sum of the distances from the set-point [m] before failure."""
+    periods: Float[Array, ""]
+    """Number of control periods before failure."""
+
+
+def flown(
+    env: Environment,
+    policy: Policy,
+    box: Distribution,
+    keys: Array,
+    steps: int | None = None,
+) -> Episode:
+    """Flies one episode for each key; arguments as for `evaluate`."""
     periods = round(env.task.duration * env.controller.interface.rate) if steps is None else steps
 
-    def one(key: Array) -> tuple[Array, Array, Array, Array]:
+    def one(key: Array) -> Episode:
         launch_key, key = jax.random.split(key)
         first, drone = randomized_reset(env, box, launch_key)
         _, (_, step_result) = rollout(env, policy, first, drone, key, periods)
@@ -65,11 +87,20 @@ def evaluate(
         counted = jnp.concatenate(
             [jnp.array([True]), ~failed[:-1]]
         )  # the step that fails still counts, with its penalty
-        total = jnp.sum(jnp.where(counted, step_result.reward, 0.0))
-        distance = jnp.sum(jnp.where(failed, 0.0, step_result.position_error))
-        return total, ~failed[-1], distance, jnp.sum(~failed, dtype=jnp.float32)
+        return Episode(
+            jnp.sum(jnp.where(counted, step_result.reward, 0.0)),
+            ~failed[-1],
+            jnp.sum(jnp.where(failed, 0.0, step_result.position_error)),
+            jnp.sum(~failed, dtype=jnp.float32),
+        )
 
-    total, survived, distance, count = jax.vmap(one)(jax.random.split(key, episodes))
+    return jax.vmap(one)(keys)
+
+
+def means(episodes: Episode) -> Evaluation:
+    """Means over episodes, which are stacked along a first axis."""
     return Evaluation(
-        jnp.mean(total), jnp.mean(survived), jnp.sum(distance) / jnp.maximum(jnp.sum(count), 1.0)
+        jnp.mean(episodes.total),
+        jnp.mean(episodes.survived),
+        jnp.sum(episodes.distance) / jnp.maximum(jnp.sum(episodes.periods), 1.0),
     )

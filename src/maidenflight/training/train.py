@@ -33,9 +33,9 @@ from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.tasks import Task
 from maidenflight.training import analytic_gradient, checkpoint, distillation, ppo
 from maidenflight.training.analytic_gradient import AnalyticGradient
-from maidenflight.training.devices import placed
+from maidenflight.training.devices import placed, shared
 from maidenflight.training.distillation import Distillation
-from maidenflight.training.evaluation import Evaluation, evaluate
+from maidenflight.training.evaluation import Episode, Evaluation, flown, means
 from maidenflight.training.ppo_settings import PPO
 
 
@@ -281,7 +281,7 @@ def train(
         learners = method.learn(env, settings, box, state.learners, keys, first, ends[number])
         if beside is not None:
             beside.join()
-        scores = _scores(env, settings.episodes, learners.policy, box)
+        scores = _scores(env, settings.num_envs, settings.episodes, learners.policy, box)
         if not np.all(np.isfinite(scores.episode_return)):
             kept = (
                 f" {saved} holds the training as it was at update {first}."
@@ -375,16 +375,21 @@ def _compiling_scores(
     """Compiles `_scores` on another core: compiling takes most of a short training."""
 
     def compiled() -> None:
-        _scores.lower(env, settings.episodes, policies, box).compile()
+        _scores.lower(env, settings.num_envs, settings.episodes, policies, box).compile()
 
     thread = Thread(target=compiled, daemon=True)
     thread.start()
     return thread
 
 
-@partial(jax.jit, static_argnums=(0, 1))
-def _scores(env: Environment, episodes: int, policies: Policy, box: Distribution) -> Evaluation:
-    """Of P stacked policies, all on the same episodes."""
-    return jax.vmap(lambda policy: evaluate(env, policy, box, jax.random.key(0), episodes))(
-        policies
-    )
+@partial(jax.jit, static_argnums=(0, 1, 2))
+def _scores(
+    env: Environment, num_envs: int, episodes: int, policies: Policy, box: Distribution
+) -> Evaluation:
+    """Of P stacked policies, all on the same episodes, which their devices share."""
+
+    def fly(policies: Policy, keys: Array) -> Episode:
+        return jax.vmap(lambda policy: flown(env, policy, box, keys))(policies)
+
+    keys = jax.random.split(jax.random.key(0), episodes)
+    return jax.vmap(means)(shared(fly, num_envs, episodes)(policies, keys))
