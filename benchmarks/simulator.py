@@ -18,6 +18,7 @@ import time
 import venv
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -26,13 +27,15 @@ import click
 from maidenflight_speed import LAYOUTS
 from page import write
 
-from maidenflight.compiler import FUSED
+from maidenflight.compiler import FUSED, SMALLEST
 
 FOLDER = Path(__file__).parent
 VERSION = "0.4.0"
 BATCHES = [4**power for power in range(9)]
 SERIES = {"motor": "motors", "rate": "rate PID", "training": "training"}
 THEIR_LAYOUTS = ("one core", "all cores")
+COMPILERS = {"XLA's own choice": "", "fused loops": FUSED, "the older emitter": SMALLEST}
+"""Flags by which the memory of a process is measured; what is compiled decides it."""
 IS_FUSED = ", fused loops"
 """Ending of the layouts of a process that compiles by `FUSED`."""
 
@@ -136,12 +139,16 @@ class Side:
             raise RuntimeError(f"{self.command} ended; run it by hand to see why.")
         return json.loads(answer)["rate"]
 
-    def once(self, what: str) -> tuple[float, float]:
+    def once(self, what: str, flags: str = "") -> tuple[float, float]:
         """What a fresh process tells in its last line, and the seconds until then."""
         start = time.perf_counter()
         command = [*self.command, what]
         with subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=environment()
+            command,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+            env=environment() | {"XLA_FLAGS": flags},
         ) as process:
             assert process.stdout is not None
             lines = [(line, time.perf_counter() - start) for line in process.stdout]
@@ -243,11 +250,25 @@ def measure_rates(
 def measure_processes(sides: dict[str, Side], found: Found, repeats: int) -> None:
     """What takes fresh processes."""
     for what in ("single", "first", "memory"):
-        told: dict[str, list[float]] = {name: [] for name in sides}
-        for name, side in list(sides.items()) * repeats:
-            answer, seconds = side.once(what)
-            told[name].append(seconds if what == "first" else answer)
-        found.figures[what] = {name: statistics.median(values) for name, values in told.items()}
+        compilers = COMPILERS if what == "memory" else {"XLA's own choice": ""}
+        told: dict[tuple[str, str], list[float]] = {}
+        for _ in range(repeats):
+            for (name, side), (words, flags) in product(sides.items(), compilers.items()):
+                answer, seconds = side.once(what, flags)
+                told.setdefault((name, words), []).append(seconds if what == "first" else answer)
+        middle = {asked: statistics.median(values) for asked, values in told.items()}
+        found.figures[what] = {
+            name: min(value for (who, _), value in middle.items() if who == name) for name in sides
+        }
+        if what == "memory":
+            found.details[what] = {
+                name: ", ".join(
+                    f"{figure(value)} MB by {words}"
+                    for (who, words), value in middle.items()
+                    if who == name
+                )
+                for name in sides
+            }
         click.echo(
             f"{what:16} "
             + "  ".join(f"{name} {figure(value)}" for name, value in found.figures[what].items())
@@ -339,9 +360,9 @@ def crazyflow_python(given: str | None) -> str | None:
 
 
 def details(found: Found) -> str:
-    """At which batches both were best."""
+    """At which batches both were best, and their memory by `COMPILERS`."""
     return "\n".join(
-        f"- {SERIES[series]}: "
+        f"- {SERIES.get(series, series)}: "
         + "; ".join(f"{name} at {where}" for name, where in sides.items())
         + "."
         for series, sides in found.details.items()

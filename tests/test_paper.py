@@ -16,6 +16,8 @@ from maidenflight import parameters
 from maidenflight.flights import authors, log
 from maidenflight.simulator import battery
 
+pytestmark = pytest.mark.usefixtures("without_optimizations")
+
 PAPER = Path(__file__).parents[1] / "paper"
 
 

@@ -14,6 +14,8 @@ from maidenflight.errors import InputError
 from maidenflight.experiments import matrix
 from maidenflight.experiments.matrix import Cell
 
+pytestmark = pytest.mark.usefixtures("without_optimizations")
+
 PAPER = Path(__file__).parents[2] / "paper"
 TINY = """
 realities = ["near:7", "far:7"]

@@ -14,6 +14,8 @@ from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.distillation import Distillation, Teacher, known
 from maidenflight.workflow.training_settings import settings_for
 
+pytestmark = pytest.mark.usefixtures("without_optimizations")
+
 BOX = AnyDrone(crazyflie())
 WORLD = Environment.matching(crazyflie(), memory=4)
 SETTINGS = Distillation(updates=120, num_envs=4, horizon=4, hidden=(8, 8), learning_rate=0.02)

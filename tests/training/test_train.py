@@ -31,6 +31,8 @@ from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.evaluation import Evaluation, evaluate
 from maidenflight.training.train import Progress, train
 
+pytestmark = pytest.mark.usefixtures("without_optimizations")
+
 BOX = relative_box(replace(crazyflie(), motor_time_constant=0.08, latency=0.012), 0.10)
 TINY = AnalyticGradient(updates=4, num_envs=4, horizon=4, hidden=(8,), evaluations=4, episodes=4)
 SMALL = AnalyticGradient(updates=200, num_envs=16, horizon=64, evaluations=4, episodes=32)
