@@ -48,7 +48,8 @@ from maidenflight.simulator import control, tasks
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import relative_box
 from maidenflight.training import analytic_gradient
-from maidenflight.training.evaluation import evaluate
+from maidenflight.training.devices import over_devices
+from maidenflight.training.evaluation import Episode, flown
 from maidenflight.workflow import SETTINGS
 
 PAGE = Path(__file__).parents[1] / "docs" / "studies" / "roofline.md"
@@ -110,6 +111,10 @@ def work(program: Any) -> Counter[str]:
             shape = equation.invars[0].aval.shape
             length = int(np.prod([shape[axis] for axis in contracted]))
             found["arithmetic"] += 2 * _size(equation.outvars[0]) * length
+        elif name == "shard_map":
+            # What one device does of its share.
+            for kind, amount in work(parameters["jaxpr"]).items():
+                found[kind] += amount * parameters["mesh"].size
         elif name == "while":
             found += work(parameters["body_jaxpr"].jaxpr)
         elif subs := [
@@ -232,8 +237,12 @@ def evaluated(name: str, policies: int = 2) -> HotPath:
     episodes = 128
     made = jax.vmap(untrained)(jax.random.split(jax.random.key(0), policies))
 
+    def fly(made: Any, keys: Any) -> Episode:
+        return jax.vmap(lambda one: flown(env, one, box, keys))(made)
+
     def score(made: Any) -> Any:
-        return jax.vmap(lambda one: evaluate(env, one, box, jax.random.key(0), episodes))(made)
+        keys = jax.random.split(jax.random.key(0), episodes)
+        return over_devices(fly, episodes, episodes)(made, keys)
 
     steps = round(env.task.duration * env.controller.interface.rate)
     return HotPath(name, "environment step", policies * episodes * steps, score, (made,))

@@ -77,7 +77,7 @@ def placed(learners: Learner, sharding: Learner, num_envs: int) -> Learner:
     )
 
 
-def shared(
+def over_devices(
     fly: Callable[[Any, Array], Any], num_envs: int, episodes: int
 ) -> Callable[[Any, Array], Any]:
     """Flights of which each device flies its share, on the devices of the learners.

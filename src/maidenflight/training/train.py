@@ -33,7 +33,7 @@ from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.tasks import Task
 from maidenflight.training import analytic_gradient, checkpoint, distillation, ppo
 from maidenflight.training.analytic_gradient import AnalyticGradient
-from maidenflight.training.devices import placed, shared
+from maidenflight.training.devices import over_devices, placed
 from maidenflight.training.distillation import Distillation
 from maidenflight.training.evaluation import Episode, Evaluation, flown, means
 from maidenflight.training.ppo_settings import PPO
@@ -392,4 +392,4 @@ def _scores(
         return jax.vmap(lambda policy: flown(env, policy, box, keys))(policies)
 
     keys = jax.random.split(jax.random.key(0), episodes)
-    return jax.vmap(means)(shared(fly, num_envs, episodes)(policies, keys))
+    return jax.vmap(means)(over_devices(fly, num_envs, episodes)(policies, keys))
