@@ -63,11 +63,11 @@ def compiled_programs_within_limits() -> Iterator[None]:
 LONGEST = (
     "test_docs.py",
     "test_train.py",
-    "test_cli.py",
     "test_identify.py",
-    "test_likelihood.py",
     "test_ppo.py",
     "test_analytic_gradient.py",
+    "test_cli.py",
+    "test_likelihood.py",
     "test_demo.py",
     "test_paper.py",
 )
