@@ -128,7 +128,7 @@ def test_nodes_and_drivers_that_are_killed_cost_what_was_under_way(
 
 
 def test_a_driver_of_this_machine_that_is_killed_or_interrupted_goes_on(tmp_path: Path) -> None:
-    expected = prepared(tmp_path, count=20, more=1, seconds=0.4)
+    expected = prepared(tmp_path, count=30, more=1, seconds=0.4)
     driver = begun(tmp_path, "local")
     wait_for(1, tmp_path, driver)
     os.kill(driver.pid, signal.SIGKILL)
