@@ -148,7 +148,7 @@ class Side:
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             text=True,
-            env=environment() | {"XLA_FLAGS": flags},
+            env=environment() | ({"XLA_FLAGS": flags} if flags else {}),
         ) as process:
             assert process.stdout is not None
             lines = [(line, time.perf_counter() - start) for line in process.stdout]

@@ -43,8 +43,8 @@ and Linux allows 65,530 a process (vm.max_map_count); the compiler aborts at mor
 
 @pytest.fixture(scope="module")
 def without_optimizations() -> Iterator[None]:
-    """Compiles a module's programs with no optimization at all, for moments of training: a third
-    less processor time. PPO's tests take as long with it, those that identify longer."""
+    """Compiles a module's programs with no optimization at all, for moments of training: a sixth
+    to a third less processor time. PPO's tests take as long with it, those that identify longer."""
     jax.config.update("jax_disable_most_optimizations", True)
     yield
     jax.config.update("jax_disable_most_optimizations", False)

@@ -9,7 +9,7 @@ QUICK = "--xla_backend_optimization_level=1"
 and compute little."""
 SMALLEST = "--xla_cpu_use_fusion_emitters=false"
 """Takes a third less memory to compile, by XLA's older emitter of loops: a process that flies 1,000
-drones has 290 MB for 400. Environments are as fast as by XLA's own choice, motors alone a quarter
+drones has 290 MB for 418. Environments are as fast as by XLA's own choice, motors alone a quarter
 slower."""
 QUICKEST = f"{QUICK} {SMALLEST}"
 """Compiles a third sooner still; programs take up to half as long again. For tests, whose programs

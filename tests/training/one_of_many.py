@@ -27,6 +27,8 @@ if __name__ == "__main__":
         "episodes": 8,
         "hidden": (8,),
     }
+    # Two devices cannot share an odd number of episodes.
+    odd: dict[str, Any] = {**few, "episodes": 7}
     keys = jax.random.split(jax.random.key(0), 2)
     # Each device shuffles its own drones' periods: only a whole batch holds the same ones however
     # many devices there are.
