@@ -34,8 +34,7 @@ if __name__ == "__main__":
     # many devices there are.
     for settings in (
         AnalyticGradient(**few),
-        # Two devices cannot share an odd number of episodes.
-        PPO(**few | {"episodes": 7}, critic_hidden=(8,), actor_minibatches=1, critic_minibatches=1),
+        PPO(**odd, critic_hidden=(8,), actor_minibatches=1, critic_minibatches=1),
     ):
         name, saved = (
             type(settings).__name__,
