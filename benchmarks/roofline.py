@@ -48,8 +48,7 @@ from maidenflight.simulator import control, tasks
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import relative_box
 from maidenflight.training import analytic_gradient
-from maidenflight.training.devices import over_devices
-from maidenflight.training.evaluation import Episode, flown
+from maidenflight.training.evaluation import evaluate_together
 from maidenflight.workflow import SETTINGS
 
 PAGE = Path(__file__).parents[1] / "docs" / "studies" / "roofline.md"
@@ -237,12 +236,8 @@ def evaluated(name: str, policies: int = 2) -> HotPath:
     episodes = 128
     made = jax.vmap(untrained)(jax.random.split(jax.random.key(0), policies))
 
-    def fly(made: Any, keys: Any) -> Episode:
-        return jax.vmap(lambda one: flown(env, one, box, keys))(made)
-
     def score(made: Any) -> Any:
-        keys = jax.random.split(jax.random.key(0), episodes)
-        return over_devices(fly, episodes, episodes)(made, keys)
+        return evaluate_together(env, episodes, episodes, made, box)
 
     steps = round(env.task.duration * env.controller.interface.rate)
     return HotPath(name, "environment step", policies * episodes * steps, score, (made,))

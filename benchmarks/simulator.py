@@ -250,7 +250,7 @@ def measure_rates(
 def measure_processes(sides: dict[str, Side], found: Found, repeats: int) -> None:
     """What takes fresh processes."""
     for what in ("single", "first", "memory"):
-        compilers = COMPILERS if what == "memory" else {"XLA's own choice": ""}
+        compilers = COMPILERS if what == "memory" else {"": ""}
         told: dict[tuple[str, str], list[float]] = {}
         for _ in range(repeats):
             for (name, side), (words, flags) in product(sides.items(), compilers.items()):
@@ -260,7 +260,7 @@ def measure_processes(sides: dict[str, Side], found: Found, repeats: int) -> Non
         found.figures[what] = {
             name: min(value for (who, _), value in middle.items() if who == name) for name in sides
         }
-        if what == "memory":
+        if compilers is COMPILERS:
             found.details[what] = {
                 name: ", ".join(
                     f"{figure(value)} MB by {words}"

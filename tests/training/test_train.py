@@ -116,7 +116,7 @@ def test_training_from_a_policy_begins_with_its_score_and_ends_no_worse(
         (number, number > 0) for number in range(5)
     ]
     env = Environment.matching(BOX.centre, TASK, CONTROLLER)
-    before, *after = module._scores(
+    before, *after = module.evaluate_together(
         env,
         TINY.num_envs,
         TINY.episodes,
@@ -437,7 +437,7 @@ def test_a_mistake_in_the_command_keeps_an_earlier_training(tmp_path: Path) -> N
 def test_a_return_that_is_no_number_ends_training_and_keeps_what_was_good(
     monkeypatch: Any, tmp_path: Path
 ) -> None:
-    scores, calls, saved = module._scores, [], tmp_path / "training.npz"
+    scores, calls, saved = module.evaluate_together, [], tmp_path / "training.npz"
 
     def diverging(*arguments: Any) -> Any:
         calls.append(1)
@@ -449,7 +449,7 @@ def test_a_return_that_is_no_number_ends_training_and_keeps_what_was_good(
         )
 
     monkeypatch.setattr(diverging, "lower", scores.lower, raising=False)
-    monkeypatch.setattr(module, "_scores", diverging)
+    monkeypatch.setattr(module, "evaluate_together", diverging)
     kept: list[bytes] = []
     with pytest.raises(
         InputError,

@@ -14,6 +14,7 @@ from maidenflight.policy import Policy
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.rollout import randomized_reset, rollout
+from maidenflight.training.devices import over_devices
 
 
 class Evaluation(NamedTuple):
@@ -55,10 +56,31 @@ def evaluate(
         episodes: number of episodes; static.
         steps: control periods of an episode, by default the task's duration; static.
     """
-    return means(flown(env, policy, box, jax.random.split(key, episodes), steps))
+    return _means(_flown(env, policy, box, jax.random.split(key, episodes), steps))
 
 
-class Episode(NamedTuple):
+@partial(jax.jit, static_argnums=(0, 1, 2))
+def evaluate_together(
+    env: Environment, num_envs: int, episodes: int, policies: Policy, box: Distribution
+) -> Evaluation:
+    """Evaluates P policies, all on the same episodes, which devices share.
+
+    Args:
+        env: task and control structure; static.
+        num_envs: environments of each learner, which decide the devices; static.
+        episodes: number of episodes; static.
+        policies: stacked along a first axis of P.
+        box: distribution of drones; one is drawn for each episode.
+    """
+
+    def fly(policies: Policy, keys: Array) -> _Episode:
+        return jax.vmap(lambda policy: _flown(env, policy, box, keys))(policies)
+
+    keys = jax.random.split(jax.random.key(0), episodes)
+    return jax.vmap(_means)(over_devices(fly, num_envs, episodes)(policies, keys))
+
+
+class _Episode(NamedTuple):
     """What one episode adds to an `Evaluation`; stacked along a first axis where there are many."""
 
     total: Float[Array, ""]
@@ -69,17 +91,17 @@ class Episode(NamedTuple):
     """Number of control periods before failure."""
 
 
-def flown(
+def _flown(
     env: Environment,
     policy: Policy,
     box: Distribution,
     keys: Array,
     steps: int | None = None,
-) -> Episode:
+) -> _Episode:
     """Flies one episode for each key; arguments as for `evaluate`."""
     periods = round(env.task.duration * env.controller.interface.rate) if steps is None else steps
 
-    def one(key: Array) -> Episode:
+    def one(key: Array) -> _Episode:
         launch_key, key = jax.random.split(key)
         first, drone = randomized_reset(env, box, launch_key)
         _, (_, step_result) = rollout(env, policy, first, drone, key, periods)
@@ -87,7 +109,7 @@ def flown(
         counted = jnp.concatenate(
             [jnp.array([True]), ~failed[:-1]]
         )  # the step that fails still counts, with its penalty
-        return Episode(
+        return _Episode(
             jnp.sum(jnp.where(counted, step_result.reward, 0.0)),
             ~failed[-1],
             jnp.sum(jnp.where(failed, 0.0, step_result.position_error)),
@@ -97,7 +119,7 @@ def flown(
     return jax.vmap(one)(keys)
 
 
-def means(episodes: Episode) -> Evaluation:
+def _means(episodes: _Episode) -> Evaluation:
     """Means over episodes, which are stacked along a first axis."""
     return Evaluation(
         jnp.mean(episodes.total),

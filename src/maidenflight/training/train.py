@@ -33,9 +33,9 @@ from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.tasks import Task
 from maidenflight.training import analytic_gradient, checkpoint, distillation, ppo
 from maidenflight.training.analytic_gradient import AnalyticGradient
-from maidenflight.training.devices import over_devices, placed
+from maidenflight.training.devices import placed
 from maidenflight.training.distillation import Distillation
-from maidenflight.training.evaluation import Episode, Evaluation, flown, means
+from maidenflight.training.evaluation import Evaluation, evaluate_together
 from maidenflight.training.ppo_settings import PPO
 
 
@@ -281,7 +281,7 @@ def train(
         learners = method.learn(env, settings, box, state.learners, keys, first, ends[number])
         if beside is not None:
             beside.join()
-        scores = _scores(env, settings.num_envs, settings.episodes, learners.policy, box)
+        scores = evaluate_together(env, settings.num_envs, settings.episodes, learners.policy, box)
         if not np.all(np.isfinite(scores.episode_return)):
             kept = (
                 f" {saved} holds the training as it was at update {first}."
@@ -372,24 +372,12 @@ def _fingerprint(
 def _compiling_scores(
     env: Environment, settings: Settings, policies: Policy, box: Distribution
 ) -> Thread:
-    """Compiles `_scores` on another core: compiling takes most of a short training."""
+    """Compiles `evaluate_together` on another core: compiling takes most of a short training."""
 
     def compiled() -> None:
-        _scores.lower(env, settings.num_envs, settings.episodes, policies, box).compile()
+        sizes = settings.num_envs, settings.episodes
+        evaluate_together.lower(env, *sizes, policies, box).compile()
 
     thread = Thread(target=compiled, daemon=True)
     thread.start()
     return thread
-
-
-@partial(jax.jit, static_argnums=(0, 1, 2))
-def _scores(
-    env: Environment, num_envs: int, episodes: int, policies: Policy, box: Distribution
-) -> Evaluation:
-    """Of P stacked policies, all on the same episodes, which their devices share."""
-
-    def fly(policies: Policy, keys: Array) -> Episode:
-        return jax.vmap(lambda policy: flown(env, policy, box, keys))(policies)
-
-    keys = jax.random.split(jax.random.key(0), episodes)
-    return jax.vmap(means)(over_devices(fly, num_envs, episodes)(policies, keys))
