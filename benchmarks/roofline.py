@@ -48,7 +48,7 @@ from maidenflight.simulator import control, tasks
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import relative_box
 from maidenflight.training import analytic_gradient
-from maidenflight.training.evaluation import evaluate_together
+from maidenflight.training.evaluation import evaluate_together, starts_of
 from maidenflight.workflow import SETTINGS
 
 PAGE = Path(__file__).parents[1] / "docs" / "studies" / "roofline.md"
@@ -235,9 +235,10 @@ def evaluated(name: str, policies: int = 2) -> HotPath:
     env, box = Environment(task=tasks.circle()), relative_box(crazyflie())
     episodes = 128
     made = jax.vmap(untrained)(jax.random.split(jax.random.key(0), policies))
+    starts = starts_of(env, episodes, box)
 
     def score(made: Any) -> Any:
-        return evaluate_together(env, episodes, episodes, made, box)
+        return evaluate_together(env, episodes, made, starts)
 
     steps = round(env.task.duration * env.controller.interface.rate)
     return HotPath(name, "environment step", policies * episodes * steps, score, (made,))

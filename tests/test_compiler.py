@@ -3,14 +3,18 @@
 import os
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 import pytest
 
 import maidenflight as mf
 from maidenflight import compiler
+from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.rollout import randomized_reset
 
 PROGRAM = """
 import sys
@@ -102,3 +106,12 @@ def test_where_jax_runs_already_its_devices_stay(monkeypatch: pytest.MonkeyPatch
     before = jax.device_count()
     mf.prepare_jax(before + 1)
     assert jax.device_count() == before
+
+
+@pytest.mark.slow
+def test_programs_that_run_once_are_compiled_for_the_same_result() -> None:
+    box, keys = mf.relative_box(mf.crazyflie()), jax.random.split(jax.random.key(3), 4)
+    begun = jax.vmap(partial(randomized_reset, Environment(), box))
+    plain, once = jax.jit(begun)(keys), jax.jit(begun, compiler_options=compiler.ONCE)(keys)
+    for one, other in zip(jax.tree.leaves(plain), jax.tree.leaves(once), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-6)

@@ -258,7 +258,11 @@ def test_the_help_of_training_tells_how_many_updates_are_usual() -> None:
         structure: workflow.settings_for(structure, "circle").updates
         for structure in ("pwm", "attitude_rate", "attitude")
     }
-    assert f"{usual['pwm']} for pwm and attitude_rate, {usual['attitude']} for attitude;" in told
+    remembering = workflow.settings_for("attitude", "circle", "gradient", memory=16).updates
+    assert (
+        f"{usual['pwm']} for pwm and attitude_rate, {usual['attitude']} for attitude "
+        f"({remembering} with a --memory);"
+    ) in told
     assert usual["attitude_rate"] == usual["pwm"]
     for structure, count in usual.items():
         for task, times, word in (

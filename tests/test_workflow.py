@@ -253,6 +253,17 @@ def test_attitude_rate_fits_a_crazyflie_with_four_instants() -> None:
     check_export("crazyflie", control.attitude_rate().interface, hidden, 4, crazyflie())
 
 
+@pytest.mark.parametrize("structure", control.CONTROLLERS)
+def test_gradients_see_most_of_a_second_ahead_and_with_a_memory_no_less(structure: str) -> None:
+    rate = control.CONTROLLERS[structure]().interface.rate
+    usual, remembering = (
+        workflow.settings_for(structure, "circle", "gradient", memory=size) for size in (0, 16)
+    )
+    assert 0.6 < usual.horizon / rate < 0.85
+    assert remembering.horizon / rate > 0.6
+    assert remembering.updates >= usual.updates
+
+
 def test_drones_of_any_make_are_trained_over_with_a_memory_and_its_own_settings() -> None:
     drones = workflow.randomized("crazyflie", workflow.ANY, control.pwm())
     assert isinstance(drones, AnyDrone)

@@ -8,7 +8,7 @@ from maidenflight.policy import untrained
 from maidenflight.simulator import environment, stepping
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import randomize, relative_box
-from maidenflight.training.evaluation import Evaluation, evaluate
+from maidenflight.training.evaluation import Evaluation, evaluate, evaluate_together, starts_of
 
 BOX = relative_box(crazyflie(), 0.10)
 
@@ -38,6 +38,18 @@ def test_a_score_is_what_a_plain_loop_counts() -> None:
     np.testing.assert_allclose(float(score.episode_return), np.mean(returns), rtol=1e-4)
     np.testing.assert_allclose(float(score.survival), np.mean(survivals))
     np.testing.assert_allclose(float(score.position_error), np.mean(distances), rtol=1e-4)
+
+
+@pytest.mark.slow
+def test_policies_are_scored_together_as_each_alone() -> None:
+    simulated, episodes, keys = Environment(), 4, jax.random.split(jax.random.key(5), 2)
+    policies = jax.vmap(untrained)(keys)
+    starts = starts_of(simulated, episodes, BOX)
+    together = evaluate_together(simulated, episodes, policies, starts)
+    for number, key in enumerate(keys):
+        alone = evaluate(simulated, untrained(key), BOX, jax.random.key(0), episodes)
+        for one, all_of_them in zip(alone, together, strict=True):
+            np.testing.assert_allclose(one, all_of_them[number], rtol=1e-4)
 
 
 @pytest.mark.parametrize(

@@ -119,9 +119,8 @@ def test_training_from_a_policy_begins_with_its_score_and_ends_no_worse(
     before, *after = module.evaluate_together(
         env,
         TINY.num_envs,
-        TINY.episodes,
         jax.tree.map(lambda *leaves: jnp.stack(leaves), initial, *policies),
-        BOX,
+        module.starts_of(env, TINY.episodes, BOX),
     ).episode_return
     np.testing.assert_allclose(heard[0].score.episode_return, before, rtol=1e-4)
     assert all(float(one) >= float(before) - 1e-4 for one in after)

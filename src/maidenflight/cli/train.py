@@ -124,9 +124,9 @@ if TYPE_CHECKING:
 @click.option(
     "--updates",
     type=click.IntRange(1, 10**6),
-    help="Gradient steps, or epochs of PPO. Unless given: 1500 for pwm and attitude_rate, 1200 "
-    "for attitude; of these twice as many"
-    " for hover, three times for figure_eight; by distillation three times as many; 600 for PPO.",
+    help="Gradient steps, or epochs of PPO. Unless given: 1500 for pwm and attitude_rate, 800 "
+    "for attitude (1200 with a --memory); of these twice as many for hover, three times for "
+    "figure_eight; by distillation three times as many; 600 for PPO.",
 )
 @click.option(
     "--randomize",

@@ -78,14 +78,15 @@ def placed(learners: Learner, sharding: Learner, num_envs: int) -> Learner:
 
 
 def over_devices(
-    fly: Callable[[Any, Array], Any], num_envs: int, episodes: int
-) -> Callable[[Any, Array], Any]:
+    fly: Callable[[Any, Any], Any], num_envs: int, episodes: int
+) -> Callable[[Any, Any], Any]:
     """Flights of which each device flies its share, on the devices of the learners.
 
     Args:
-        fly: (stacked policies, keys) to what has an axis of policies and one of keys.
+        fly: (stacked policies, beginnings of episodes with a first axis of episodes) to what has an
+            axis of policies and one of episodes.
         num_envs: environments of each learner, which decide the devices.
-        episodes: number of keys. Where it does not divide evenly, each device flies all.
+        episodes: their number. Where it does not divide evenly, each device flies all.
     """
     devices = mesh(num_envs)
     if episodes % devices.size:

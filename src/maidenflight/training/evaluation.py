@@ -10,10 +10,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from maidenflight import compiler
 from maidenflight.policy import Policy
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import Distribution
-from maidenflight.simulator.rollout import randomized_reset, rollout
+from maidenflight.simulator.rollout import EnvInstance, randomized_reset, rollout
 from maidenflight.training.devices import over_devices
 
 
@@ -56,28 +57,50 @@ def evaluate(
         episodes: number of episodes; static.
         steps: control periods of an episode, by default the task's duration; static.
     """
-    return _means(_flown(env, policy, box, jax.random.split(key, episodes), steps))
+    starts = _begun(env, box, jax.random.split(key, episodes))
+    return _means(_flown(env, policy, starts, steps))
 
 
-@partial(jax.jit, static_argnums=(0, 1, 2))
+class Starts(NamedTuple):
+    """Beginnings of episodes; each part has a first axis of episodes."""
+
+    instances: EnvInstance
+    keys: Array
+    """Of the flights' noise."""
+
+
+@partial(jax.jit, static_argnums=(0, 1), compiler_options=compiler.ONCE)
+def starts_of(env: Environment, episodes: int, box: Distribution) -> Starts:
+    """What `evaluate_together` flies from: the same episodes for every evaluation of a training.
+
+    A program of its own, so that what flies them has less to compile.
+
+    Args:
+        env: task and control structure; static.
+        episodes: number of episodes; static.
+        box: distribution of drones; one is drawn for each episode.
+    """
+    return _begun(env, box, jax.random.split(jax.random.key(0), episodes))
+
+
+@partial(jax.jit, static_argnums=(0, 1))
 def evaluate_together(
-    env: Environment, num_envs: int, episodes: int, policies: Policy, box: Distribution
+    env: Environment, num_envs: int, policies: Policy, starts: Starts
 ) -> Evaluation:
     """Evaluates P policies, all on the same episodes, which devices share.
 
     Args:
         env: task and control structure; static.
         num_envs: environments of each learner, which decide the devices; static.
-        episodes: number of episodes; static.
         policies: stacked along a first axis of P.
-        box: distribution of drones; one is drawn for each episode.
+        starts: where the episodes begin, from `starts_of`.
     """
 
-    def fly(policies: Policy, keys: Array) -> _Episode:
-        return jax.vmap(lambda policy: _flown(env, policy, box, keys))(policies)
+    def fly(policies: Policy, starts: Starts) -> _Episode:
+        return jax.vmap(lambda policy: _flown(env, policy, starts))(policies)
 
-    keys = jax.random.split(jax.random.key(0), episodes)
-    return jax.vmap(_means)(over_devices(fly, num_envs, episodes)(policies, keys))
+    flown = over_devices(fly, num_envs, starts.keys.shape[0])(policies, starts)
+    return jax.vmap(_means)(flown)
 
 
 class _Episode(NamedTuple):
@@ -91,20 +114,19 @@ class _Episode(NamedTuple):
     """Number of control periods before failure."""
 
 
-def _flown(
-    env: Environment,
-    policy: Policy,
-    box: Distribution,
-    keys: Array,
-    steps: int | None = None,
-) -> _Episode:
-    """Flies one episode for each key; arguments as for `evaluate`."""
+def _begun(env: Environment, box: Distribution, keys: Array) -> Starts:
+    """The beginning of an episode for each key, each of another drone."""
+    launch_keys, keys = jax.vmap(jax.random.split, out_axes=1)(keys)
+    return Starts(jax.vmap(partial(randomized_reset, env, box))(launch_keys), keys)
+
+
+def _flown(env: Environment, policy: Policy, starts: Starts, steps: int | None = None) -> _Episode:
+    """Flies each episode; `env`, `policy` and `steps` as for `evaluate`."""
     periods = round(env.task.duration * env.controller.interface.rate) if steps is None else steps
 
-    def one(key: Array) -> _Episode:
-        launch_key, key = jax.random.split(key)
-        first, drone = randomized_reset(env, box, launch_key)
-        _, (_, step_result) = rollout(env, policy, first, drone, key, periods)
+    def one(start: Starts) -> _Episode:
+        first, drone = start.instances
+        _, (_, step_result) = rollout(env, policy, first, drone, start.keys, periods)
         failed = jnp.cumsum(step_result.terminated) > 0
         counted = jnp.concatenate(
             [jnp.array([True]), ~failed[:-1]]
@@ -116,7 +138,7 @@ def _flown(
             jnp.sum(~failed, dtype=jnp.float32),
         )
 
-    return jax.vmap(one)(keys)
+    return jax.vmap(one)(starts)
 
 
 def _means(episodes: _Episode) -> Evaluation:

@@ -21,6 +21,7 @@ from jax import tree
 from jax.stages import Wrapped
 from jaxtyping import Array
 
+from maidenflight import compiler
 from maidenflight.errors import InputError
 from maidenflight.gru import MOST_MEMORY
 from maidenflight.policy import Policy
@@ -35,7 +36,7 @@ from maidenflight.training import analytic_gradient, checkpoint, distillation, p
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.devices import placed
 from maidenflight.training.distillation import Distillation
-from maidenflight.training.evaluation import Evaluation, evaluate_together
+from maidenflight.training.evaluation import Evaluation, Starts, evaluate_together, starts_of
 from maidenflight.training.ppo_settings import PPO
 
 
@@ -228,8 +229,8 @@ def train(
         box.centre, task, controller, history=history, look_ahead=look_ahead, memory=memory
     )
 
-    def start(stages: tuple[int, ...]) -> _State:
-        learners = method.begin(env, settings, box, keys)
+    def start(stages: tuple[int, ...], begin: Callable[..., Any] = method.begin) -> _State:
+        learners = begin(env, settings, box, keys)
         if initial is not None:
             learners = learners._replace(policy=_repeated(initial, len(keys)))
         count = len(checkpoint.ends(stages or (settings.updates,), settings.evaluations, from_zero))
@@ -251,17 +252,19 @@ def train(
             )
 
     fingerprint = _fingerprint(env, settings, box, keys, initial)
+    new = saved is None or anew or not os.path.lexists(saved)
     with ThreadPoolExecutor(1) as beside:
-        if saved is None or anew or not os.path.lexists(saved):
-            # Meanwhile XLA compiles what makes learners, which takes as long.
+        if new:
+            # Meanwhile XLA compiles what makes learners and starts, which takes as long.
             shapes = jax.eval_shape(partial(method.begin, env), settings, box, keys)
             shapes = placed(shapes, method.sharding, settings.num_envs)
             beside.submit(method.learn.trace, env, settings, box, shapes, keys, 0, 1)
         state, stages = (
-            (start(()), ())
-            if saved is None or anew
+            (start((), partial(_begun, method.begin)), ())
+            if saved is None or new
             else checkpoint.restored(saved, start, fingerprint)
         )
+        starts = starts_of(env, settings.episodes, box)
     state = state._replace(learners=placed(state.learners, method.sharding, settings.num_envs))
     stages = checkpoint.extended(
         saved, stages, settings.updates, settings.evaluations, int(state.scored), from_zero
@@ -275,13 +278,13 @@ def train(
     for number in range(int(state.scored)):
         report(state, number)
     to_score = range(int(state.scored), len(ends))
-    beside = _compiling_scores(env, settings, state.learners.policy, box) if to_score else None
+    beside = _compiling_scores(env, settings, state.learners.policy, starts) if to_score else None
     for number in to_score:
         first = ends[number - 1] if number else 0
         learners = method.learn(env, settings, box, state.learners, keys, first, ends[number])
         if beside is not None:
             beside.join()
-        scores = evaluate_together(env, settings.num_envs, settings.episodes, learners.policy, box)
+        scores = evaluate_together(env, settings.num_envs, learners.policy, starts)
         if not np.all(np.isfinite(scores.episode_return)):
             kept = (
                 f" {saved} holds the training as it was at update {first}."
@@ -298,6 +301,14 @@ def train(
             checkpoint.save(saved, state, fingerprint, stages)
         report(state, number)
     return tuple(_one_of(state.best, number) for number in range(len(keys)))
+
+
+@partial(jax.jit, static_argnums=(0, 1), compiler_options=compiler.ONCE)
+def _begun(
+    begin: Wrapped, env: Environment, settings: Settings, box: Distribution, keys: Array
+) -> Any:
+    """What a method begins with; JAX takes options of the compiler for an outermost `jit` alone."""
+    return begin(env, settings, box, keys)
 
 
 def _advanced(state: _State, learners: Any, scores: Evaluation) -> _State:
@@ -370,13 +381,12 @@ def _fingerprint(
 
 
 def _compiling_scores(
-    env: Environment, settings: Settings, policies: Policy, box: Distribution
+    env: Environment, settings: Settings, policies: Policy, starts: Starts
 ) -> Thread:
     """Compiles `evaluate_together` on another core: compiling takes most of a short training."""
 
     def compiled() -> None:
-        sizes = settings.num_envs, settings.episodes
-        evaluate_together.lower(env, *sizes, policies, box).compile()
+        evaluate_together.lower(env, settings.num_envs, policies, starts).compile()
 
     thread = Thread(target=compiled, daemon=True)
     thread.start()

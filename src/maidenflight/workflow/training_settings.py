@@ -17,14 +17,25 @@ from maidenflight.workflow.drones import ANY_DAY, WIDE
 SETTINGS: dict[str, AnalyticGradient] = {
     "pwm": AnalyticGradient(),
     "attitude_rate": AnalyticGradient(
-        num_envs=256, horizon=32, hidden=(75, 75), failure_penalty=10.0, reset_fraction=0.5
+        num_envs=128,
+        horizon=40,
+        hidden=(75, 75),
+        failure_penalty=10.0,
+        reset_fraction=0.5,
     ),
-    "attitude": AnalyticGradient(updates=1200, num_envs=128, horizon=32),
+    "attitude": AnalyticGradient(updates=800, num_envs=128, horizon=16),
 }
-"""Default settings by control structure. At a lower rate the same time ahead is fewer periods. To
-separate initial states that can be saved from those that cannot takes more environments, and at
-50 Hz, where most episodes depend on it, a larger network; it fits a Crazyflie with up to four
-instants."""
+"""Default settings by control structure. At a lower rate the same time ahead is fewer periods
+(docs/studies/training.md#how-far-ahead). To separate initial states that can be saved from those
+that cannot takes more environments, and at 50 Hz, where most episodes depend on it, a larger
+network; it fits a Crazyflie with up to four instants."""
+
+REMEMBERING_BY_CONTROL: dict[str, dict[str, int]] = {
+    "attitude_rate": {"horizon": 32},
+    "attitude": {"updates": 1200, "horizon": 32},
+}
+"""What further differs for policies with a memory, by control structure: they were measured with
+these alone."""
 
 REMEMBERING: dict[str, Any] = {
     "num_envs": 256,
@@ -100,7 +111,7 @@ def settings_for(
         raise InputError(
             "policies of RAPTOR's form are trained by gradients or distillation, not by PPO."
         )
-    settings: Any = PPO() if method == "ppo" else _by_gradient(structure, task)
+    settings: Any = PPO() if method == "ppo" else _by_gradient(structure, task, bool(memory))
     if method == "distillation":
         settings = _by_distillation(settings, memory, initial)
     elif method == "gradient" and memory:
@@ -131,8 +142,10 @@ def _by_distillation(like: AnalyticGradient, memory: int, initial: Policy | None
     )
 
 
-def _by_gradient(structure: str, task: str) -> AnalyticGradient:
+def _by_gradient(structure: str, task: str, remembering: bool) -> AnalyticGradient:
     settings = SETTINGS[structure]
+    if remembering:
+        settings = dataclasses.replace(settings, **REMEMBERING_BY_CONTROL.get(structure, {}))
     if task == "hover":  # which fails beyond 5.2 rad/s
         return dataclasses.replace(settings, updates=2 * settings.updates, body_rate_margin=4.0)
     if task in ("figure_eight", "fast_figure_eight"):  # far larger than the circle, and faster
