@@ -57,7 +57,7 @@ def evaluate(
         episodes: number of episodes; static.
         steps: control periods of an episode, by default the task's duration; static.
     """
-    starts = _begun(env, box, jax.random.split(key, episodes))
+    starts = _starts(env, box, jax.random.split(key, episodes))
     return _means(_flown(env, policy, starts, steps))
 
 
@@ -80,7 +80,7 @@ def starts_of(env: Environment, episodes: int, box: Distribution) -> Starts:
         episodes: number of episodes; static.
         box: distribution of drones; one is drawn for each episode.
     """
-    return _begun(env, box, jax.random.split(jax.random.key(0), episodes))
+    return _starts(env, box, jax.random.split(jax.random.key(0), episodes))
 
 
 @partial(jax.jit, static_argnums=(0, 1))
@@ -114,7 +114,7 @@ class _Episode(NamedTuple):
     """Number of control periods before failure."""
 
 
-def _begun(env: Environment, box: Distribution, keys: Array) -> Starts:
+def _starts(env: Environment, box: Distribution, keys: Array) -> Starts:
     """The beginning of an episode for each key, each of another drone."""
     launch_keys, keys = jax.vmap(jax.random.split, out_axes=1)(keys)
     return Starts(jax.vmap(partial(randomized_reset, env, box))(launch_keys), keys)

@@ -229,7 +229,9 @@ def train(
         box.centre, task, controller, history=history, look_ahead=look_ahead, memory=memory
     )
 
-    def start(stages: tuple[int, ...], begin: Callable[..., Any] = method.begin) -> _State:
+    def start(stages: tuple[int, ...]) -> _State:
+        # Of a checkpoint, which has stages, shapes alone are asked for.
+        begin = method.begin if stages else partial(_begun, method.begin)
         learners = begin(env, settings, box, keys)
         if initial is not None:
             learners = learners._replace(policy=_repeated(initial, len(keys)))
@@ -252,16 +254,15 @@ def train(
             )
 
     fingerprint = _fingerprint(env, settings, box, keys, initial)
-    new = saved is None or anew or not os.path.lexists(saved)
     with ThreadPoolExecutor(1) as beside:
-        if new:
+        if saved is None or anew or not os.path.lexists(saved):
             # Meanwhile XLA compiles what makes learners and starts, which takes as long.
             shapes = jax.eval_shape(partial(method.begin, env), settings, box, keys)
             shapes = placed(shapes, method.sharding, settings.num_envs)
             beside.submit(method.learn.trace, env, settings, box, shapes, keys, 0, 1)
         state, stages = (
-            (start((), partial(_begun, method.begin)), ())
-            if saved is None or new
+            (start(()), ())
+            if saved is None or anew
             else checkpoint.restored(saved, start, fingerprint)
         )
         starts = starts_of(env, settings.episodes, box)
