@@ -60,43 +60,42 @@ def motor_level(shared: Parameters, own: Any, commands: int, steps: int = 2) -> 
     5 ms a physics step; the state as `vectors.Entries`, which is faster for many drones.
     """
 
-    def hold(flown: Any, _: None) -> tuple[Any, None]:
+    def hold(flown: Any, number: jax.Array) -> tuple[Any, None]:
         state, line = flown
-        line = latency.push(line, own["command"])
-        return (stepping.drive_entries(dynamics.euler, state, line, steps, shared), line), None
+        place = latency.place(number, line)
+        line = latency.put(line, own["command"], place)
+        return (driven(state, line, steps, shared, place), line), None
 
-    flown, _ = jax.lax.scan(hold, own["flown"], None, length=commands)
-    return own | {"flown": flown}
+    (state, line), _ = jax.lax.scan(hold, own["flown"], jnp.arange(commands))
+    return own | {"flown": (state, latency.in_front(line, commands))}
 
 
 def rate_pid(shared: Parameters, own: Any, commands: int) -> Any:
     """One drone under body-rate control.
 
-    The firmware's PID at 500 Hz, motor lag, delay line and rigid body; 2 ms per physics step. The
-    state is `vectors.Entries` for the physics and arrays for the PID, which is slower of entries.
+    The firmware's PID at 500 Hz, motor lag, delay line and rigid body; 2 ms per physics step. All
+    vectors are `vectors.Entries`.
     """
     controller = control.attitude_rate()
 
     def act(flown: Any, _: None) -> tuple[Any, None]:
-        (state, line), memory = flown
-
         def hold(flown: Any, number: jax.Array) -> tuple[Any, None]:
-            (state, line), memory = flown
-            exact = Measurement(*(jnp.stack(list(vector)) for vector in state[:4]))
+            state, line, memory = flown
+            exact = Measurement(*state[:4])
             memory, command = controller.command(memory, own["action"], exact, jnp.zeros(3))
-            place = COMMANDS - 1 - number
+            place = latency.place(number, line)
             line = latency.put(line, rotor_speed_command(command), place)
-            return (
-                (stepping.drive_entries(dynamics.euler, state, line, 1, shared, place), line),
-                memory,
-            ), None
+            return (driven(state, line, 1, shared, place), line, memory), None
 
-        roomy = (state, latency.with_room(line, COMMANDS)), memory
-        ((state, roomier), memory), _ = jax.lax.scan(hold, roomy, jnp.arange(COMMANDS))
-        return ((state, roomier[: line.shape[0]]), memory), None
+        (state, line, memory), _ = jax.lax.scan(hold, flown, jnp.arange(COMMANDS))
+        return (state, latency.in_front(line, COMMANDS), memory), None
 
     flown, _ = jax.lax.scan(act, own["flown"], None, length=commands // COMMANDS)
     return own | {"flown": flown}
+
+
+driven = partial(stepping.drive_entries, dynamics.euler, ring=True)
+"""The state after a command's period."""
 
 
 def training(shared: Any, own: Any, steps: int) -> Any:
@@ -148,16 +147,13 @@ def drones(series: str, batch: int) -> tuple[Any, Any]:
     def one(key: jax.Array) -> Any:
         state = dynamics.at_hover(jax.random.normal(key, (3,)), shared)
         state = state._replace(body_rates=0.1 * jax.random.normal(key, (3,)))
-        line = jnp.broadcast_to(state.rotor_speed, (latency.slots(1 / rate), 4))
+        slots = latency.slots(1 / rate)
+        line = vectors.Entries(jnp.full(slots, speed) for speed in state.rotor_speed)
+        state = vectors.entries(state)
         if series == "motor":
-            return {"flown": (vectors.entries(state), line), "command": state.rotor_speed}
-        return {
-            "flown": (
-                (vectors.entries(state), line),
-                jax.tree.map(jnp.asarray, control.attitude_rate().init()),
-            ),
-            "action": jnp.array([0.1, 0.0, 0.0, 0.0]),
-        }
+            return {"flown": (state, line), "command": state.rotor_speed}
+        memory = vectors.entries(jax.tree.map(jnp.asarray, control.attitude_rate().init()))
+        return {"flown": (state, line, memory), "action": jnp.array([0.1, 0.0, 0.0, 0.0])}
 
     return shared, jax.jit(jax.vmap(one))(keys)
 

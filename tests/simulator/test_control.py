@@ -17,14 +17,17 @@ from maidenflight.simulator import (
     control,
     dynamics,
     environment,
+    mixing,
     rotations,
     tasks,
+    vectors,
 )
 from maidenflight.simulator.balance import balanced
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.position_pid import position_pid
 from maidenflight.simulator.rollout import rollout
 from maidenflight.simulator.sensors import Measurement
+from maidenflight.simulator.vectors import Entries
 
 PAPER = crazyflie()
 QUICK = replace(noiseless(PAPER), latency=0.005, time_step=0.002)
@@ -283,6 +286,41 @@ def test_pids_that_hovered_a_trimmed_drone_go_on_to_hover_it(name):
 def test_pids_begin_anew_where_the_firmware_resets_them():
     for name in ("attitude_rate", "attitude"):
         assert control.CONTROLLERS[name](firmware="2026.08").taking_over is None
+
+
+@pytest.mark.parametrize("firmware", FIRMWARES)
+@pytest.mark.parametrize("mixer", [None, mixing.CRAZYFLIE])
+def test_rate_pids_of_entries_are_those_of_arrays(firmware, mixer):
+    """Over ticks with rates, yaws and, now and then, no thrust."""
+    controller = control.attitude_rate(firmware)
+    if mixer is not None:
+        assert controller.mixed is not None
+        controller = controller.mixed(mixer)
+    action, rates, yaw = jax.random.uniform(jax.random.key(0), (3, 50, 4), minval=-1.0)
+    action = action.at[10::10, 0].set(-1.0)
+
+    def tick(memory, given, form):
+        action, rates, attitude = given
+        nothing = form(jnp.zeros(3))
+        measured = Measurement(nothing, nothing, form(attitude), form(rates))
+        memory, command = controller.command(memory, action, measured, jnp.zeros(3))
+        return memory, (jnp.stack(list(command)), isinstance(command, Entries))
+
+    @partial(jax.jit, static_argnums=0)
+    def ticked(form):
+        memory = jax.tree.map(jnp.asarray, controller.init())
+        memory = vectors.entries(memory) if form is Entries else memory
+        attitudes = jax.vmap(rotations.from_attitude)(yaw[:, :3] * jnp.array([[0.3, 0.3, 3.0]]))
+        return jax.lax.scan(
+            partial(tick, form=form), memory, (action, 2.0 * rates[:, :3], attitudes)
+        )
+
+    (memory, (found, by_entries)), (_, (expected, by_array)) = ticked(Entries), ticked(jnp.asarray)
+    assert by_entries.all()
+    assert not by_array.any()
+    assert isinstance(memory.rate.integral, Entries)
+    assert np.ptp(expected, axis=0).min() > 0.1
+    np.testing.assert_allclose(found, expected, atol=1e-5)
 
 
 def test_an_action_rate_is_chosen_or_refused():

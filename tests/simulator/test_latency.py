@@ -11,7 +11,7 @@ from hypothesis import given
 from jax import lax
 
 from maidenflight.parameters import crazyflie, replace
-from maidenflight.simulator import latency
+from maidenflight.simulator import latency, vectors
 
 STEPS, SLOTS = 2, latency.slots(0.01)
 arriving = jax.jit(latency.delayed, static_argnums=2)
@@ -34,7 +34,7 @@ def delayed(commands, parameters, steps):
     return lax.scan(hold, jnp.zeros((SLOTS, 4)), commands)[1].reshape(-1, 4)
 
 
-@pytest.mark.parametrize(("period", "expected"), [(0.01, 8), (0.002, 28), (0.05, 4)])
+@pytest.mark.parametrize(("period", "expected"), [(0.01, 7), (0.002, 29), (0.05, 3)])
 def test_the_line_remembers_the_longest_latency(period, expected):
     assert latency.slots(period) == expected
 
@@ -42,11 +42,11 @@ def test_the_line_remembers_the_longest_latency(period, expected):
 @given(delays, time_steps)
 def test_every_step_sees_shares_of_commands_that_sum_to_one(delay, dt):
     """Each slot alone shows its share; four at a time, one a motor."""
-    lines = np.eye(SLOTS, dtype=np.float32).reshape(SLOTS, SLOTS // 4, 4).transpose(1, 0, 2)
+    lines = np.eye(SLOTS, 8, dtype=np.float32).reshape(SLOTS, 2, 4).transpose(1, 0, 2)
     shares = np.concatenate(
         [arriving(jnp.asarray(line), drone(delay, dt), STEPS) for line in lines], axis=1
     )
-    assert shares.shape == (STEPS, SLOTS)
+    assert shares.shape == (STEPS, 8)
     assert np.all(shares >= 0)
     assert np.all(np.count_nonzero(shares, axis=1) <= 2), "a step is no longer than a command"
     np.testing.assert_allclose(shares.sum(axis=1), 1, atol=2e-5)
@@ -109,17 +109,45 @@ def test_push_puts_the_newest_in_front_and_forgets_the_oldest():
     )
 
 
-@given(delays, time_steps)
-def test_a_line_with_room_for_commands_is_the_line_to_which_they_are_pushed(delay, dt):
-    parameters = drone(delay, dt)
-    old, new = jnp.arange(4.0 * SLOTS).reshape(SLOTS, 4), -jnp.arange(12.0).reshape(3, 4)
-    roomy = latency.with_room(old, 3)
-    for number in range(3):
-        old = latency.push(old, new[number])
-        roomy = latency.put(roomy, new[number], 2 - number)
-        np.testing.assert_allclose(
-            arriving(roomy, parameters, STEPS, 2 - number),
-            arriving(old, parameters, STEPS),
-            atol=1e-5,
+@pytest.mark.parametrize("form", [jnp.asarray, vectors.Entries])
+@pytest.mark.parametrize("period", [0.01, 0.002])
+def test_a_ring_is_the_line_to_which_commands_are_pushed(form, period):
+    """However many commands go round, also where the period is a tenth shorter than expected."""
+    count = latency.slots(period)
+    commands = jax.random.uniform(jax.random.key(0), (3 * count, 4))
+    old = jax.random.uniform(jax.random.key(1), (count, 4))
+
+    def pushed(line, command, parameters):
+        line = latency.push(line, command)
+        return line, latency.delayed(line, parameters, 1)[0]
+
+    def ringed(line, number, parameters):
+        place = latency.place(number, line)
+        line = latency.put(line, form(commands[number]), place)
+        seen = latency.in_step(line, parameters, 1, place, jnp.int32(0), ring=True)
+        return line, jnp.stack(list(seen))
+
+    @jax.jit
+    def compared(parameters):
+        numbers = jnp.arange(len(commands))
+        ring = form(old.T) if form is vectors.Entries else old
+        return (
+            lax.scan(partial(pushed, parameters=parameters), old, commands),
+            lax.scan(partial(ringed, parameters=parameters), ring, numbers),
         )
-    np.testing.assert_array_equal(roomy[:SLOTS], old)
+
+    for delay in (0.0, 0.0123, latency.SLOWEST):
+        (line, expected), (ring, found) = compared(drone(delay, 0.9 * period))
+        np.testing.assert_allclose(found, expected, atol=1e-6)
+        ends = latency.in_front(ring, len(commands))
+        np.testing.assert_array_equal(list(ends), line.T if form is vectors.Entries else line)
+
+
+@pytest.mark.parametrize("period", [0.01, 0.002])
+def test_a_line_holds_all_that_the_longest_latency_can_reach(period):
+    """A longer line tells no more, also of periods that are a tenth shorter."""
+    count, slow = latency.slots(period), drone(latency.SLOWEST, 0.9 * period)
+    longer = jax.random.uniform(jax.random.key(0), (count + 5, 4))
+    np.testing.assert_allclose(
+        arriving(longer[:count], slow, 1), arriving(longer, slow, 1), atol=1e-6
+    )

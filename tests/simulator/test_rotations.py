@@ -16,6 +16,8 @@ from_attitude = jax.jit(rotations.from_attitude)
 derivative = jax.jit(rotations.quaternion_derivative)
 normalise = jax.jit(rotations.normalise)
 body_z = jax.jit(rotations.body_z)
+arctan2 = jax.jit(rotations.arctan2)
+turning = jax.jit(jax.grad(rotations.arctan2, argnums=(0, 1)))
 
 angle = st.floats(-3, 3, width=16)
 attitudes = st.tuples(angle, st.floats(-1.5, 1.5, width=16), angle).map(float32)
@@ -62,6 +64,35 @@ def test_both_signs_of_a_quaternion_are_the_same_attitude(attitude):
 def test_the_body_z_axis_is_the_matrix_last_column(attitude):
     quaternion = from_attitude(attitude)
     np.testing.assert_allclose(body_z(quaternion), to_matrix(quaternion)[:, 2], atol=1e-7)
+
+
+@given(st.tuples(*[st.floats(-1e3, 1e3, width=16)] * 2).filter(any))
+def test_the_angle_of_a_point_is_numpys(point):
+    found, expected = arctan2(*float32(point)), np.arctan2(*float64(point))
+    # The sign of a zero is not told apart: the angles pi and -pi are one.
+    np.testing.assert_allclose(np.cos(found - expected), 1, atol=1e-7)
+    np.testing.assert_allclose(np.sin(found - expected), 0, atol=4e-7)
+    assert abs(found) <= np.float32(np.pi)
+
+
+@given(
+    st.tuples(*[st.floats(-10, 10, width=16)] * 2).filter(lambda point: max(map(abs, point)) > 0.01)
+)
+def test_the_angle_of_a_point_turns_as_the_point_does(point):
+    y, x = float64(point)
+    slopes = turning(*float32(point))
+    np.testing.assert_allclose(slopes, np.array([x, -y]) / (x * x + y * y), rtol=1e-5)
+
+
+def test_no_point_has_the_angle_zero_and_what_is_no_number_has_none():
+    assert arctan2(jnp.zeros(()), jnp.zeros(())) == 0
+    assert np.isnan(arctan2(jnp.float32(np.nan), jnp.ones(())))
+
+
+def test_straight_up_and_down_are_quarter_turns_of_pitch():
+    for pitch in (-np.pi / 2, np.pi / 2):
+        quaternion = from_attitude(jnp.array([0.0, pitch, 0.0]))
+        np.testing.assert_allclose(to_attitude(quaternion)[1], pitch, atol=1e-3)
 
 
 def test_positive_pitch_is_nose_down_and_positive_roll_is_left_side_up():

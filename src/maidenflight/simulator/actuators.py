@@ -8,6 +8,7 @@ from jaxtyping import Array, Float
 from maidenflight.parameters import Parameters
 from maidenflight.simulator import battery
 from maidenflight.simulator.battery import Supply
+from maidenflight.simulator.vectors import each
 
 
 class Actuators(NamedTuple):
@@ -53,8 +54,12 @@ def rotor_speed_command(command: Float[Array, "4"]) -> Float[Array, "4"]:
 
     Source: Gronauer et al. 2022, eq:motor-dynamics.
     """
-    none = command <= 0
-    return jnp.where(none, 0.0, jnp.sqrt(jnp.where(none, 1.0, command)))
+
+    def one(command: Array) -> Array:
+        none = command <= 0
+        return jnp.where(none, 0.0, jnp.sqrt(jnp.where(none, 1.0, command)))
+
+    return each(one, command)
 
 
 def actuate(

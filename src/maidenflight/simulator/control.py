@@ -35,6 +35,7 @@ from maidenflight.simulator.interface import HIGHEST_RATE_DEG, ControlInterface,
 from maidenflight.simulator.mixing import Mixer, mixer_of
 from maidenflight.simulator.pid import ATTITUDE_RATE, Generation, checked
 from maidenflight.simulator.sensors import Measurement
+from maidenflight.simulator.vectors import each
 
 MOTOR_RATE = 100
 """Commands a second [Hz] where a policy commands the motors itself and its rate divides this."""
@@ -234,7 +235,7 @@ def _attitude_rate(
     ) -> tuple[RateMemory, Float[Array, "4"]]:
         yaw, rates = (
             jnp.degrees(rotations.heading(measurement.quaternion)),
-            jnp.degrees(measurement.body_rates),
+            each(jnp.degrees, measurement.body_rates),
         )
         memory, motors = rate_tick(memory, asked[0], asked[1:], yaw, rates, firmware, mixer)
         return memory, _shares(motors, interface)

@@ -46,6 +46,7 @@ from maidenflight.simulator.pid import (
     with_third,
     wrap,
 )
+from maidenflight.simulator.vectors import each, like
 
 DISABLE, ABSOLUTE, VELOCITY = 0, 1, 2
 """Modes of an axis (stabilizer_types.h)."""
@@ -219,12 +220,12 @@ def mix(
     if mixer is None:
         roll, pitch, yaw = cut(torque[0] / 2), cut(torque[1] / 2), torque[2]
         right, left = thrust - roll, thrust + roll
-        each = [right - pitch - yaw, right + pitch + yaw, left + pitch - yaw, left - pitch + yaw]
+        mixed = [right - pitch - yaw, right + pitch + yaw, left + pitch - yaw, left - pitch + yaw]
     else:
         roll, pitch, yaw = torque
-        each = [lift * thrust + a * roll + b * pitch + c * yaw for lift, a, b, c in mixer]
-    motors = cut(jnp.stack(each))
-    return jnp.clip(motors, 0.0, MOST_COUNTS if firmware == "2021.10" else None)
+        mixed = [lift * thrust + a * roll + b * pitch + c * yaw for lift, a, b, c in mixer]
+    most = MOST_COUNTS if firmware == "2021.10" else None
+    return each(lambda counts: jnp.clip(cut(counts), 0.0, most), like(torque, mixed))
 
 
 def tick(
@@ -329,14 +330,14 @@ def rate_tick(
         thrust: asked for [counts].
         wanted: body rates asked for [deg/s]; the third moves the desired yaw.
         yaw: measured [deg].
-        body_rates: measured [deg/s].
+        body_rates: measured [deg/s]; `vectors.Entries`, where the memory's vectors are.
         firmware: generation; static.
         mixer: see `mix`.
 
     Returns:
-        Memory, and the four motors' commands [counts].
+        Memory, and the four motors' commands [counts]; vectors as `body_rates` is one.
     """
-    none = jnp.zeros(3)
+    none = tree.map(jnp.zeros_like, body_rates)
     last = yaw if firmware == "2026.08" else jnp.zeros_like(yaw)
     stopped = RateMemory(
         PIDMemory(jnp.zeros_like(yaw), last),
@@ -347,12 +348,12 @@ def rate_tick(
     memory = _chosen(memory.first, stopped, memory)
     heading = wrap(memory.heading + wanted[2] * (1 / ATTITUDE_RATE))
     turning, turn = pid(memory.yaw, heading, yaw, YAW_GAINS, firmware, heading=True)
-    rate, torque = pid(
-        memory.rate, jnp.stack([wanted[0], wanted[1], turn]), body_rates, RATE_GAINS, firmware
-    )
+    desired = like(body_rates, [wanted[0], wanted[1], turn])
+    rate, torque = pid(memory.rate, desired, body_rates, RATE_GAINS, firmware)
     off = thrust == 0.0
     memory = _chosen(off, stopped, RateMemory(turning, rate, heading, stopped.first))
-    return memory, mix(thrust, jnp.where(off, 0.0, cut(torque)), firmware, mixer)
+    torque = each(lambda about: jnp.where(off, 0.0, cut(about)), torque)
+    return memory, mix(thrust, torque, firmware, mixer)
 
 
 def _turn(vector: Float[Array, "3"], yaw: Float[Array, ""]) -> Float[Array, "3"]:

@@ -6,11 +6,16 @@ interpolated: with an index into a buffer every objective would be constant in t
 steps.
 """
 
+from functools import partial
+
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
 from maidenflight.parameters import QUANTITIES, Parameters
+from maidenflight.simulator.vectors import each
 
 SLOWEST = QUANTITIES["latency"].upper
 """Longest latency [s] that a delay line is made for."""
@@ -20,10 +25,10 @@ def slots(command_period: float) -> int:
     """Number of commands that a delay line must hold.
 
     Args:
-        command_period: time between two commands [s]; one slot is spare for periods randomized to
-            be up to 10 % shorter.
+        command_period: time between two commands [s]; periods randomized to be up to 10 % shorter
+            find room.
     """
-    return int(SLOWEST / command_period + 1e-6) + 3
+    return int(np.ceil(SLOWEST / (0.9 * command_period) - 1e-6)) + 1
 
 
 def push(line: Float[Array, "slots 4"], command: Float[Array, "4"]) -> Float[Array, "slots 4"]:
@@ -31,19 +36,24 @@ def push(line: Float[Array, "slots 4"], command: Float[Array, "4"]) -> Float[Arr
     return jnp.concatenate([command[None], line[:-1]])
 
 
-def with_room(line: Float[Array, "slots 4"], commands: int) -> Float[Array, "slots+commands 4"]:
-    """A line with room in front for commands to come.
+def place(number: Int[Array, ""], line: Float[Array, "slots 4"]) -> Int[Array, ""]:
+    """Where in a line, newest first, the next command but `number` goes, if it turns as a ring.
 
-    Cheaper than a `push` for each, which moves the whole line.
+    There it takes the place of the oldest, which is cheaper than a `push`, which moves all.
     """
-    return jnp.concatenate([jnp.zeros((commands, 4)), line])
+    return (-1 - number) % len(jax.tree.leaves(line)[0])
 
 
 def put(
     line: Float[Array, "slots 4"], command: Float[Array, "4"], place: Int[Array, ""] | int
 ) -> Float[Array, "slots 4"]:
-    """Puts the newest command at a place kept for it."""
-    return lax.dynamic_update_index_in_dim(line, command, place, 0)
+    """Puts a command at a `place` of a line, both of arrays or of `Entries`."""
+    return each(partial(lax.dynamic_update_index_in_dim, index=place, axis=0), line, command)
+
+
+def in_front(line: Float[Array, "slots 4"], commands: int) -> Float[Array, "slots 4"]:
+    """A ring into which so many commands were put as a line, newest first."""
+    return each(partial(jnp.roll, shift=commands, axis=0), line)
 
 
 def delayed(
@@ -51,6 +61,7 @@ def delayed(
     parameters: Parameters,
     steps: int,
     newest: Int[Array, ""] | int = 0,
+    ring: bool = False,
 ) -> Float[Array, "steps 4"]:
     """Mean of the delayed command in each physics step of the newest command's period.
 
@@ -59,8 +70,9 @@ def delayed(
         parameters: uses `latency` Delta [s] and `time_step` dt [s].
         steps: physics steps a command period.
         newest: place of slot 0 in the line.
+        ring: as of `in_step`.
     """
-    return in_step(line, parameters, steps, newest, jnp.arange(steps))
+    return in_step(line, parameters, steps, newest, jnp.arange(steps), ring)
 
 
 def in_step(
@@ -69,6 +81,7 @@ def in_step(
     steps: int | Int[Array, ""],
     newest: Int[Array, ""] | int,
     number: Int[Array, "..."],
+    ring: bool = False,
 ) -> Float[Array, "... 4"]:
     """Mean of the delayed command in physics step `number` of the newest command's period.
 
@@ -78,19 +91,29 @@ def in_step(
     everything older.
 
     Args:
-        line: as of `delayed`.
+        line: as of `delayed`, or `Entries` of each rotor's slots.
         parameters: as of `delayed`.
         steps: as of `delayed`, or an argument of the program.
         newest: as of `delayed`.
         number: i; or several.
+        ring: whether the line's first command is older than its last, but for the newest;
+            otherwise its last is the oldest.
     """
+    size = jax.tree.leaves(line)[0].shape[0]
+    oldest = jnp.asarray(size - 1 if ring else size - 1 - newest, jnp.float32)
     opens = number.astype(jnp.float32) - parameters.latency / parameters.time_step
     steps = jnp.asarray(steps, jnp.float32)
-    slot = jnp.clip(
-        jnp.ceil(-opens / steps), 0.0, jnp.asarray(line.shape[0] - 1 - newest, jnp.float32)
-    )
+    slot = jnp.clip(jnp.ceil(-opens / steps), 0.0, oldest)
     older = jnp.clip((1.0 - slot) * steps - opens, 0.0, 1.0)
-    older = jnp.where(slot == 0, 0.0, older)[..., None]
-    # An index and not a sum over all slots: the line of a 500 Hz controller has 28.
+    older = jnp.where(slot == 0, 0.0, older)
+    # An index and not a sum over all slots: the line of a 500 Hz controller has 29.
     index = slot.astype(jnp.int32)
-    return older * line[newest + index] + (1.0 - older) * line[newest + jnp.maximum(index - 1, 0)]
+    before, after = newest + index, newest + jnp.maximum(index - 1, 0)
+    if ring:
+        before, after = (jnp.where(one < size, one, one - size) for one in (before, after))
+
+    def mean(slots: Array) -> Array:
+        share = older.reshape(*older.shape, *[1] * (slots.ndim - 1))
+        return share * slots[before] + (1.0 - share) * slots[after]
+
+    return each(mean, line)

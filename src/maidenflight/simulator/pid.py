@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from maidenflight.errors import InputError
+from maidenflight.simulator.vectors import each, like
 
 Generation = Literal["2021.10", "2026.08"]
 
@@ -135,18 +136,17 @@ def pid(
 
     error = wrapped(desired - measured)
     change = wrapped(memory.last - measured) if firmware == "2026.08" else error - memory.last
-    integral = jnp.clip(
-        memory.integral + error * gains.period, -gains.integral_limit, gains.integral_limit
-    )
+    summed, limit = memory.integral + error * gains.period, gains.integral_limit
+    integral = each(jnp.clip, summed, -limit, limit)
     output = (
-        gains.proportional * error
-        + gains.derivative * (change / gains.period)
-        + gains.integral * integral
+        error * gains.proportional
+        + change / gains.period * gains.derivative
+        + integral * gains.integral
     )
-    last = measured if firmware == "2026.08" else error
-    return PIDMemory(integral, last), jnp.clip(output, -gains.output_limit, gains.output_limit)
+    last, most = measured if firmware == "2026.08" else error, gains.output_limit
+    return PIDMemory(integral, last), each(jnp.clip, output, -most, most)
 
 
 def with_third(vector: Float[Array, "3"], value: Float[Array, ""]) -> Float[Array, "3"]:
     """The vector with another third component."""
-    return jnp.stack([vector[0], vector[1], value])
+    return like(vector, [vector[0], vector[1], value])

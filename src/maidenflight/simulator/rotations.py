@@ -4,11 +4,22 @@ The angles are intrinsic ZYX: R = Rz Ry Rx. World: z up. Body: x forward, y left
 pitch is nose down.
 """
 
+from typing import Any
+
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jaxtyping import Array, Float
 
-from maidenflight.simulator.vectors import like
+from maidenflight.simulator.vectors import like, norm
+
+_PI: Any = np.float32(np.pi)
+_EIGHTH: Any = np.float32(np.tan(np.pi / 8))
+_ARCTAN: tuple[Any, ...] = tuple(
+    map(np.float32, (8.05374449538e-2, -1.38776856032e-1, 1.99777106478e-1, -3.33329491539e-1))
+)
+"""Coefficients of t^9, t^7, t^5 and t^3 in arctan t."""
 
 
 def axes(quaternion: Float[Array, "4"]) -> tuple[tuple[Float[Array, ""], ...], ...]:
@@ -34,15 +45,44 @@ def body_z(quaternion: Float[Array, "4"]) -> Float[Array, "3"]:
 def to_attitude(quaternion: Float[Array, "4"]) -> Float[Array, "3"]:
     """Roll, pitch, yaw [rad] of a unit quaternion; pitch in [-pi/2, pi/2]."""
     x, y, z, w = quaternion
-    roll = jnp.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    pitch = jnp.arcsin(jnp.clip(2 * (w * y - z * x), -1.0, 1.0))
-    return like(quaternion, [roll, pitch, heading(quaternion)])
+    left, up = 2 * (w * x + y * z), 1 - 2 * (x * x + y * y)
+    pitch = arctan2(2 * (w * y - z * x), norm((left, up)))
+    return like(quaternion, [arctan2(left, up), pitch, heading(quaternion)])
 
 
 def heading(quaternion: Float[Array, "4"]) -> Float[Array, ""]:
     """Yaw [rad] of a unit quaternion."""
     x, y, z, w = quaternion
-    return jnp.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+
+
+@jax.custom_jvp
+def arctan2(y: Float[Array, "..."], x: Float[Array, "..."]) -> Float[Array, "..."]:
+    """The angle of the point (x, y) from the x axis [rad], in [-pi, pi] and to 3e-7.
+
+    A loop over many takes a tenth of the time of XLA's own, which calls the C library for each.
+
+    Source: Moshier, Cephes mathematical library, atanf.c: the polynomial, and the reduction of
+    slopes above tan(pi / 8).
+    """
+    beside, along = jnp.abs(y), jnp.abs(x)
+    least, most = jnp.minimum(beside, along), jnp.maximum(beside, along)
+    slope = least / jnp.where(most == 0, 1.0, most)
+    steep = slope > _EIGHTH
+    t = jnp.where(steep, (slope - 1) / (slope + 1), slope)
+    square, series = t * t, _ARCTAN[0]
+    for coefficient in _ARCTAN[1:]:
+        series = series * square + coefficient
+    angle = t + t * square * series + jnp.where(steep, _PI / 4, 0.0)
+    angle = jnp.where(beside > along, _PI / 2 - angle, angle)
+    angle = jnp.where(x < 0, _PI - angle, angle)
+    return jnp.where(y < 0, -angle, angle)
+
+
+@arctan2.defjvp
+def _arctan2_jvp(point: tuple[Array, Array], change: tuple[Array, Array]) -> tuple[Array, Array]:
+    (y, x), (dy, dx) = point, change
+    return arctan2(y, x), (x * dy - y * dx) / (x * x + y * y)
 
 
 def from_attitude(attitude: Float[Array, "3"]) -> Float[Array, "4"]:

@@ -103,7 +103,7 @@ def step(
                 setpoint,
                 parameters,
                 normal[:4],
-                commands - 1 - number,
+                latency.place(number, before.delay_line),
             ), None
 
         commands = drawn.command.shape[0]
@@ -112,11 +112,9 @@ def step(
                 environment, before, action, setpoint, parameters, drawn.command[0, :4]
             )
         else:
-            roomy = before._replace(delay_line=latency.with_room(before.delay_line, commands))
-            env_state, _ = lax.scan(hold, roomy, (jnp.arange(commands), drawn.command))
-            env_state = env_state._replace(
-                delay_line=env_state.delay_line[: before.delay_line.shape[0]]
-            )
+            env_state, _ = lax.scan(hold, before, (jnp.arange(commands), drawn.command))
+            line = latency.in_front(env_state.delay_line, commands)
+            env_state = env_state._replace(delay_line=line)
         return _estimate(
             environment,
             env_state,
@@ -168,7 +166,7 @@ def _hold_command(
 ) -> EnvState:
     """Asks the controller for one command and integrates the physics over its period.
 
-    The command goes to a place kept in the delay line, or in front.
+    The command goes to a `place` in the delay line as a ring, or in front.
     """
     memory, command = environment.controller.command(
         env_state.controller, action, env_state.measurement, setpoint
@@ -191,6 +189,7 @@ def _hold_command(
         parameters,
         environment.task.floor,
         newest,
+        ring=place is not None,
     )
     gyro = sensors.low_pass(
         env_state.gyro, env_state.state.body_rates, state.body_rates, period, parameters
@@ -280,6 +279,7 @@ def drive(
     parameters: Parameters,
     floor: float | None = None,
     newest: Int[Array, ""] | int = 0,
+    ring: bool = False,
 ) -> State:
     """Integrates the physics over one command period.
 
@@ -291,8 +291,9 @@ def drive(
         parameters: the drone.
         floor: height at which the drone stands [m], if there is a floor; the ground is at height 0.
         newest: place of the newest command in the line.
+        ring: as of `latency.in_step`.
     """
-    delayed = latency.delayed(line, parameters, steps, newest)
+    delayed = latency.delayed(line, parameters, steps, newest, ring)
 
     def advance(state: State, speed: Float[Array, "4"]) -> tuple[State, None]:
         if floor is None:
@@ -310,6 +311,7 @@ def drive_entries(
     steps: int | Int[Array, ""],
     parameters: Parameters,
     newest: Int[Array, ""] | int = 0,
+    ring: bool = False,
 ) -> State:
     """Integrates the physics over one command period, of a state of `Entries` and without a floor.
 
@@ -320,15 +322,16 @@ def drive_entries(
     Args:
         integrator: as of `drive`.
         state: the drone when the newest command is given, as `vectors.entries` gives it.
-        line: as of `drive`.
+        line: as of `drive`, or `Entries` of each rotor's commands, which is faster.
         steps: as of `drive`, or an argument of the program.
         parameters: the drone.
         newest: as of `drive`.
+        ring: as of `drive`.
     """
     drone = vectors.entries(parameters)
 
     def advance(number: Array, state: State) -> State:
-        command = vectors.Entries(latency.in_step(line, parameters, steps, newest, number))
+        command = vectors.Entries(latency.in_step(line, parameters, steps, newest, number, ring))
         return integrator(state, command, drone)  # type: ignore[arg-type]
 
     return lax.fori_loop(0, steps, advance, state)

@@ -91,12 +91,12 @@ def each(function: Callable[..., Any], *vectors: Any) -> Any:
     return function(*vectors)
 
 
-def norm(vector: Float[Array, "n"]) -> Float[Array, ""]:
+def norm(vector: Float[Array, "n"] | tuple[Array, ...]) -> Float[Array, ""]:
     """Euclidean norm whose gradient at zero is zero, not NaN."""
     square = squared(vector)
     return jnp.where(square == 0, 0.0, jnp.sqrt(jnp.where(square == 0, 1.0, square)))
 
 
-def squared(vector: Float[Array, "n"]) -> Float[Array, ""]:
+def squared(vector: Float[Array, "n"] | tuple[Array, ...]) -> Float[Array, ""]:
     """Sum of squares, written out as in `dynamics`."""
     return reduce(add, [entry * entry for entry in vector])
