@@ -22,9 +22,10 @@ FUSED = "--xla_backend_extra_options=xla_cpu_use_multi_output_fusion,xla_cpu_dis
 
 One loop over the drones computes all that follows from the same numbers, instead of a loop for each
 result that computes them anew; the second has no tiles in these loops. XLA does neither by itself,
-and it is not for everything: the rate PID simulated without derivatives takes half as long again,
-and a loop whose body holds several steps of physics computes the first again for each use of the
-next and takes for ever (docs/studies/roofline.md).
+and it is not for everything: a rate PID of arrays, simulated without derivatives, takes half as
+long again (one of `vectors.Entries` half as long), and a loop whose body holds several steps of
+physics computes the first again for each use of the next and takes for ever
+(docs/studies/roofline.md).
 """
 
 

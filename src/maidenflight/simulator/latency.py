@@ -37,11 +37,11 @@ def push(line: Float[Array, "slots 4"], command: Float[Array, "4"]) -> Float[Arr
 
 
 def place(number: Int[Array, ""], line: Float[Array, "slots 4"]) -> Int[Array, ""]:
-    """Where in a line, newest first, the next command but `number` goes, if it turns as a ring.
+    """Where commands go, `number` 0 first, in a line, newest first, that is a ring from now on.
 
-    There it takes the place of the oldest, which is cheaper than a `push`, which moves all.
+    Each takes the place of the oldest, which is cheaper than a `push`, which moves all.
     """
-    return (-1 - number) % len(jax.tree.leaves(line)[0])
+    return (-1 - number) % _length(line)
 
 
 def put(
@@ -96,10 +96,10 @@ def in_step(
         steps: as of `delayed`, or an argument of the program.
         newest: as of `delayed`.
         number: i; or several.
-        ring: whether the line's first command is older than its last, but for the newest;
-            otherwise its last is the oldest.
+        ring: whether commands older than those at the line's end are at its beginning, where
+            `place` puts them; otherwise the last is the oldest.
     """
-    size = jax.tree.leaves(line)[0].shape[0]
+    size = _length(line)
     oldest = jnp.asarray(size - 1 if ring else size - 1 - newest, jnp.float32)
     opens = number.astype(jnp.float32) - parameters.latency / parameters.time_step
     steps = jnp.asarray(steps, jnp.float32)
@@ -117,3 +117,7 @@ def in_step(
         return share * slots[before] + (1.0 - share) * slots[after]
 
     return each(mean, line)
+
+
+def _length(line: Float[Array, "slots 4"]) -> int:
+    return jax.tree.leaves(line)[0].shape[0]
