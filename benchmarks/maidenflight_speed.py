@@ -54,6 +54,10 @@ Run = Callable[[Any, Any], Any]
 """(what all drones share, what each has, stacked) to what each has afterwards."""
 
 
+driven = partial(stepping.drive_entries, dynamics.euler, ring=True)
+"""The state after a command's period."""
+
+
 def motor_level(shared: Parameters, own: Any, commands: int, steps: int = 2) -> Any:
     """One drone whose motors are commanded at 100 Hz: motor lag, delay line, rigid body.
 
@@ -92,10 +96,6 @@ def rate_pid(shared: Parameters, own: Any, commands: int) -> Any:
 
     flown, _ = jax.lax.scan(act, own["flown"], None, length=commands // COMMANDS)
     return own | {"flown": flown}
-
-
-driven = partial(stepping.drive_entries, dynamics.euler, ring=True)
-"""The state after a command's period."""
 
 
 def training(shared: Any, own: Any, steps: int) -> Any:

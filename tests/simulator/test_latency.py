@@ -1,6 +1,7 @@
 """The delay line shifts commands by exactly the latency, and smoothly."""
 
 from functools import partial
+from typing import Any
 
 import hypothesis.strategies as st
 import jax
@@ -109,38 +110,38 @@ def test_push_puts_the_newest_in_front_and_forgets_the_oldest():
     )
 
 
-@pytest.mark.parametrize("form", [jnp.asarray, vectors.Entries])
-@pytest.mark.parametrize("period", [0.01, 0.002])
-def test_a_ring_is_the_line_to_which_commands_are_pushed(form, period):
-    """However many commands go round, also where the period is a tenth shorter than expected."""
-    count = latency.slots(period)
+@partial(jax.jit, static_argnums=(0, 1, 2))
+def pushed_and_put(form, count, steps, parameters):
+    """Line and ring, and what the motors see of each, of commands that go round three times."""
     commands = jax.random.uniform(jax.random.key(0), (3 * count, 4))
     old = jax.random.uniform(jax.random.key(1), (count, 4))
 
-    def pushed(line, command, parameters):
+    def push(line, command):
         line = latency.push(line, command)
-        return line, latency.delayed(line, parameters, 1)[0]
+        return line, latency.delayed(line, parameters, steps)
 
-    def ringed(line, number, parameters):
+    def put(line, number):
         place = latency.place(number, line)
         line = latency.put(line, form(commands[number]), place)
-        seen = latency.in_step(line, parameters, 1, place, jnp.int32(0), ring=True)
-        return line, jnp.stack(list(seen))
+        return line, latency.delayed(line, parameters, steps, place, ring=True)
 
-    @jax.jit
-    def compared(parameters):
-        numbers = jnp.arange(len(commands))
-        ring = form(old.T) if form is vectors.Entries else old
-        return (
-            lax.scan(partial(pushed, parameters=parameters), old, commands),
-            lax.scan(partial(ringed, parameters=parameters), ring, numbers),
-        )
+    begun: Any = form(old.T) if form is vectors.Entries else old
+    ring, seen = lax.scan(put, begun, jnp.arange(len(commands)))
+    ends = latency.in_front(ring, len(commands))
+    if form is vectors.Entries:
+        ends, seen = (jnp.stack(list(one), axis=-1) for one in (ends, seen))
+    return lax.scan(push, old, commands), (ends, seen)
 
-    for delay in (0.0, 0.0123, latency.SLOWEST):
-        (line, expected), (ring, found) = compared(drone(delay, 0.9 * period))
-        np.testing.assert_allclose(found, expected, atol=1e-6)
-        ends = latency.in_front(ring, len(commands))
-        np.testing.assert_array_equal(list(ends), line.T if form is vectors.Entries else line)
+
+@pytest.mark.parametrize("form", [jnp.asarray, vectors.Entries])
+@pytest.mark.parametrize(("period", "steps"), [(0.01, 2), (0.002, 1)])
+@given(delay=delays, share=st.floats(0.9, 1.1))
+def test_a_ring_is_the_line_to_which_commands_are_pushed(form, period, steps, delay, share):
+    """However many commands go round, also where periods are shorter than expected."""
+    parameters = drone(delay, share * period / steps)
+    (line, expected), (ends, found) = pushed_and_put(form, latency.slots(period), steps, parameters)
+    np.testing.assert_array_equal(ends, line)
+    np.testing.assert_allclose(found, expected, atol=1e-6)
 
 
 @pytest.mark.parametrize("period", [0.01, 0.002])

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from maidenflight.errors import InputError
-from maidenflight.simulator.vectors import each, like
+from maidenflight.simulator.vectors import each
 
 Generation = Literal["2021.10", "2026.08"]
 
@@ -149,4 +149,4 @@ def pid(
 
 def with_third(vector: Float[Array, "3"], value: Float[Array, ""]) -> Float[Array, "3"]:
     """The vector with another third component."""
-    return like(vector, [vector[0], vector[1], value])
+    return jnp.stack([vector[0], vector[1], value])
