@@ -54,7 +54,7 @@ Run = Callable[[Any, Any], Any]
 """(what all drones share, what each has, stacked) to what each has afterwards."""
 
 
-driven = partial(stepping.drive_entries, dynamics.euler, ring=True)
+driven = partial(stepping.drive_entries, dynamics.euler)
 """The state after a command's period."""
 
 
@@ -65,13 +65,12 @@ def motor_level(shared: Parameters, own: Any, commands: int, steps: int = 2) -> 
     """
 
     def hold(flown: Any, number: jax.Array) -> tuple[Any, None]:
-        state, line = flown
-        place = latency.place(number, line)
-        line = latency.put(line, own["command"], place)
-        return (driven(state, line, steps, shared, place), line), None
+        state, given = flown
+        line = latency.put(given, own["command"], number)
+        return (driven(state, line, steps, shared), line.commands), None
 
-    (state, line), _ = jax.lax.scan(hold, own["flown"], jnp.arange(commands))
-    return own | {"flown": (state, latency.in_front(line, commands))}
+    (state, given), _ = jax.lax.scan(hold, own["flown"], jnp.arange(commands))
+    return own | {"flown": (state, latency.in_front(given, commands))}
 
 
 def rate_pid(shared: Parameters, own: Any, commands: int) -> Any:
@@ -84,15 +83,14 @@ def rate_pid(shared: Parameters, own: Any, commands: int) -> Any:
 
     def act(flown: Any, _: None) -> tuple[Any, None]:
         def hold(flown: Any, number: jax.Array) -> tuple[Any, None]:
-            state, line, memory = flown
+            state, given, memory = flown
             exact = Measurement(*state[:4])
             memory, command = controller.command(memory, own["action"], exact, jnp.zeros(3))
-            place = latency.place(number, line)
-            line = latency.put(line, rotor_speed_command(command), place)
-            return (driven(state, line, 1, shared, place), line, memory), None
+            line = latency.put(given, rotor_speed_command(command), number)
+            return (driven(state, line, 1, shared), line.commands, memory), None
 
-        (state, line, memory), _ = jax.lax.scan(hold, flown, jnp.arange(COMMANDS))
-        return (state, latency.in_front(line, COMMANDS), memory), None
+        (state, given, memory), _ = jax.lax.scan(hold, flown, jnp.arange(COMMANDS))
+        return (state, latency.in_front(given, COMMANDS), memory), None
 
     flown, _ = jax.lax.scan(act, own["flown"], None, length=commands // COMMANDS)
     return own | {"flown": flown}
@@ -148,12 +146,12 @@ def drones(series: str, batch: int) -> tuple[Any, Any]:
         state = dynamics.at_hover(jax.random.normal(key, (3,)), shared)
         state = state._replace(body_rates=0.1 * jax.random.normal(key, (3,)))
         slots = latency.slots(1 / rate)
-        line = vectors.Entries(jnp.full(slots, speed) for speed in state.rotor_speed)
+        given = vectors.Entries(jnp.full(slots, speed) for speed in state.rotor_speed)
         state = vectors.entries(state)
         if series == "motor":
-            return {"flown": (state, line), "command": state.rotor_speed}
+            return {"flown": (state, given), "command": state.rotor_speed}
         memory = vectors.entries(jax.tree.map(jnp.asarray, control.attitude_rate().init()))
-        return {"flown": (state, line, memory), "action": jnp.array([0.1, 0.0, 0.0, 0.0])}
+        return {"flown": (state, given, memory), "action": jnp.array([0.1, 0.0, 0.0, 0.0])}
 
     return shared, jax.jit(jax.vmap(one))(keys)
 

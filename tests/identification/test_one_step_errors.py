@@ -18,6 +18,7 @@ from maidenflight.identification.one_step_errors import COLUMNS, MOTORS, errors
 from maidenflight.parameters import QUANTITIES, crazyflie, noiseless, replace
 from maidenflight.simulator import dynamics, rotations, stepping
 from maidenflight.simulator.dynamics import State
+from maidenflight.simulator.latency import DelayLine
 
 TRUTH = planted.drone(1.9, 0.06, 0.012)
 STEPS = 2
@@ -117,14 +118,15 @@ def test_rows_of_several_commands_are_foreseen_as_rows_of_one_are(flights):
 def test_rows_side_by_side_are_foreseen_as_one_after_the_other():
     """Each from the measured row before it, its rotors as the commands until then left them."""
     window, drone = some_window(), replace(TRUTH, time_step=0.01 / STEPS)
-    line, places, speed = under_way(window, drone, STEPS)
+    given, places, speed = under_way(window, drone, STEPS)
     first = np.concatenate([window.position, window.velocity, [0, 0, 0], window.body_rates])
     before = np.concatenate([first[None], window.measured[:-1]]).astype(np.float32)
 
     def advance(speed, row):
         place, (position, velocity, attitude, rates) = row[0], jnp.split(row[1], 4)
         state = State(position, velocity, rotations.from_attitude(attitude), rates, speed)
-        after = stepping.drive(dynamics.midpoint, state, line, STEPS, drone, newest=place)
+        line = DelayLine(given, place)
+        after = stepping.drive(dynamics.midpoint, state, line, STEPS, drone)
         attitude = rotations.to_attitude(after.quaternion)
         ahead = jnp.concatenate([after.position, after.velocity, attitude, after.body_rates])
         return after.rotor_speed, ahead

@@ -27,6 +27,7 @@ from maidenflight.simulator import (
 )
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.latency import DelayLine
 from maidenflight.simulator.randomization import relative_box
 from maidenflight.simulator.rollout import (
     EnvInstance,
@@ -158,7 +159,7 @@ def driven(integrator, state, commands, parameters):
     def hold(carry, command):
         state, line = carry
         line = latency.push(line, jnp.sqrt(command))
-        state = stepping.drive(integrator, state, line, 2, parameters)
+        state = stepping.drive(integrator, state, DelayLine(line), 2, parameters)
         return (state, line), state
 
     line = jnp.broadcast_to(jnp.sqrt(dynamics.hover_command(parameters)), (latency.slots(0.01), 4))
@@ -172,8 +173,8 @@ def test_a_state_of_entries_is_driven_as_one_of_arrays(steps):
     parts = [rng.normal(0, 0.3, size) for size in (3, 3, 4, 3)]
     parts[2] /= np.linalg.norm(parts[2])
     state = dynamics.State(*map(jnp.float32, (*parts, rng.uniform(0.2, 0.9, 4))))
-    line = jnp.float32(rng.uniform(0.2, 0.9, (9, 4)))
-    expected = stepping.drive(dynamics.midpoint, state, line, steps, drone, newest=2)
+    line = DelayLine(jnp.float32(rng.uniform(0.2, 0.9, (9, 4))), newest=2)
+    expected = stepping.drive(dynamics.midpoint, state, line, steps, drone)
     found = driven_entries(vectors.entries(state), line, np.int32(steps), drone)
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_allclose(np.array(list(one)), other, rtol=2e-6, atol=2e-6)
@@ -182,7 +183,7 @@ def test_a_state_of_entries_is_driven_as_one_of_arrays(steps):
 
 @jax.jit
 def driven_entries(state, line, steps, drone):
-    return stepping.drive_entries(dynamics.midpoint, state, line, steps, drone, newest=2)
+    return stepping.drive_entries(dynamics.midpoint, state, line, steps, drone)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -591,7 +592,8 @@ def test_the_ground_lifts_a_drone_that_hovers_just_above_it():
     heights = {}
     for height in (0.04, 1.0):
         state = dynamics.at_hover(jnp.array([0.0, 0.0, height]), QUIET)
-        line = jnp.broadcast_to(jnp.sqrt(dynamics.hover_command(QUIET)), (latency.slots(0.01), 4))
+        command = jnp.sqrt(dynamics.hover_command(QUIET))
+        line = DelayLine(jnp.broadcast_to(command, (latency.slots(0.01), 4)))
         heights[height] = (
             float(stepping.drive(dynamics.rk4, state, line, 20, QUIET, task.floor).position[2])
             - height

@@ -13,6 +13,7 @@ from jax import lax
 
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.simulator import latency, vectors
+from maidenflight.simulator.latency import DelayLine
 
 STEPS, SLOTS = 2, latency.slots(0.01)
 arriving = jax.jit(latency.delayed, static_argnums=2)
@@ -30,7 +31,7 @@ def delayed(commands, parameters, steps):
 
     def hold(line, command):
         line = latency.push(line, command)
-        return line, latency.delayed(line, parameters, steps)
+        return line, latency.delayed(DelayLine(line), parameters, steps)
 
     return lax.scan(hold, jnp.zeros((SLOTS, 4)), commands)[1].reshape(-1, 4)
 
@@ -45,7 +46,7 @@ def test_every_step_sees_shares_of_commands_that_sum_to_one(delay, dt):
     """Each slot alone shows its share; four at a time, one a motor."""
     lines = np.eye(SLOTS, 8, dtype=np.float32).reshape(SLOTS, 2, 4).transpose(1, 0, 2)
     shares = np.concatenate(
-        [arriving(jnp.asarray(line), drone(delay, dt), STEPS) for line in lines], axis=1
+        [arriving(DelayLine(jnp.asarray(line)), drone(delay, dt), STEPS) for line in lines], axis=1
     )
     assert shares.shape == (STEPS, 8)
     assert np.all(shares >= 0)
@@ -100,7 +101,9 @@ def test_what_the_motors_see_has_a_slope_in_the_latency_everywhere(delay):
 
 def test_a_latency_longer_than_the_line_sees_its_oldest_command():
     line = jnp.broadcast_to(jnp.arange(1.0, SLOTS + 1)[:, None], (SLOTS, 4))
-    np.testing.assert_allclose(arriving(line, drone(1.0, 0.005), STEPS), SLOTS, rtol=1e-6)
+    np.testing.assert_allclose(
+        arriving(DelayLine(line), drone(1.0, 0.005), STEPS), SLOTS, rtol=1e-6
+    )
 
 
 def test_push_puts_the_newest_in_front_and_forgets_the_oldest():
@@ -118,12 +121,11 @@ def pushed_and_put(form, count, steps, parameters):
 
     def push(line, command):
         line = latency.push(line, command)
-        return line, latency.delayed(line, parameters, steps)
+        return line, latency.delayed(DelayLine(line), parameters, steps)
 
-    def put(line, number):
-        place = latency.place(number, line)
-        line = latency.put(line, form(commands[number]), place)
-        return line, latency.delayed(line, parameters, steps, place, ring=True)
+    def put(ring, number):
+        line = latency.put(ring, form(commands[number]), number)
+        return line.commands, latency.delayed(line, parameters, steps)
 
     begun: Any = form(old.T) if form is vectors.Entries else old
     ring, seen = lax.scan(put, begun, jnp.arange(len(commands)))
@@ -150,5 +152,7 @@ def test_a_line_holds_all_that_the_longest_latency_can_reach(period):
     count, slow = latency.slots(period), drone(latency.SLOWEST, 0.9 * period)
     longer = jax.random.uniform(jax.random.key(0), (count + 5, 4))
     np.testing.assert_allclose(
-        arriving(longer[:count], slow, 1), arriving(longer, slow, 1), atol=1e-6
+        arriving(DelayLine(longer[:count]), slow, 1),
+        arriving(DelayLine(longer), slow, 1),
+        atol=1e-6,
     )

@@ -190,13 +190,7 @@ def test_the_checkpoint_of_another_training_is_refused_and_kept(other: Any, tmp_
 
 
 @pytest.mark.slow
-def test_training_that_has_ended_is_extended_and_an_extension_is_resumed(
-    tmp_path: Path, request: pytest.FixtureRequest
-) -> None:
-    # Only the extension is compiled here, and quickly: other tests have compiled what comes before.
-    before = jax.config.read("jax_disable_most_optimizations")
-    request.addfinalizer(lambda: jax.config.update("jax_disable_most_optimizations", before))
-    jax.config.update("jax_disable_most_optimizations", True)
+def test_training_that_has_ended_is_extended_and_an_extension_is_resumed(tmp_path: Path) -> None:
     further = changed(TINY, updates=6)
 
     def extended(folder: str, hear: Any = None) -> tuple[Policy, ...]:

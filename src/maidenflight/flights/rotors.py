@@ -63,7 +63,7 @@ def rotors(flight: Flight, drone: Parameters) -> Rotors:
 def _followed(
     command: Float[Array, "N 4"], begin: Float[Array, "4"], drone: Parameters, steps: int
 ) -> tuple[Float[Array, "N 4"], Float[Array, "N 4"]]:
-    line = actuators.rotor_speed_command(command)[::-1]
+    commands = actuators.rotor_speed_command(command)[::-1]
     unit = replace(drone, thrust_to_weight=jnp.ones(()))
     full = drone.mass * drone.gravity / 4
 
@@ -72,7 +72,8 @@ def _followed(
         return after, dynamics.rotor_forces((speed + after) / 2, unit)
 
     def spin(speed: Array, newest: Array) -> tuple[Array, tuple[Array, Array]]:
-        last, forces = lax.scan(turn, speed, latency.delayed(line, drone, steps, newest))
+        line = latency.DelayLine(commands, newest)
+        last, forces = lax.scan(turn, speed, latency.delayed(line, drone, steps))
         return last, (last, forces.mean(axis=0) / full)
 
-    return lax.scan(spin, begin, jnp.arange(line.shape[0])[::-1])[1]
+    return lax.scan(spin, begin, jnp.arange(commands.shape[0])[::-1])[1]

@@ -21,6 +21,7 @@ from maidenflight.identification.gauss_newton import NormalEquations
 from maidenflight.parameters import Parameters, component, replace
 from maidenflight.simulator import actuators, dynamics, rotations, stepping
 from maidenflight.simulator.dynamics import State
+from maidenflight.simulator.latency import DelayLine
 from maidenflight.simulator.vectors import entries
 
 DISCOUNT = 0.95
@@ -55,10 +56,11 @@ def simulate(window: Windows, parameters: Parameters, steps: int) -> Float[Array
     Returns:
         Position, velocity, attitude and body rates in the T rows after the start.
     """
-    line, places, speed = under_way(window, parameters, steps)
+    given, places, speed = under_way(window, parameters, steps)
 
     def advance(state: State, newest: Array) -> tuple[State, Array]:
-        state = stepping.drive_entries(dynamics.midpoint, state, line, steps, parameters, newest)
+        line = DelayLine(given, newest)
+        state = stepping.drive_entries(dynamics.midpoint, state, line, steps, parameters)
         return state, jnp.stack(columns(state))
 
     position, velocity, quaternion, body_rates, _ = map(jnp.asarray, window[:5])
@@ -84,26 +86,26 @@ def under_way(
         stride: S, commands to a measured row.
 
     Returns:
-        All rotor speed commands as one delay line, newest first; the place in it of each row's
-        newest command; and the rotor speeds at the start.
+        All rotor speed commands, newest first; the place among them of each row's newest command;
+        and the rotor speeds at the start.
     """
-    line, rows = commands(window), places(window, stride)
+    given, rows = commands(window), places(window, stride)
 
     def spin(speed: Array, newest: Array) -> tuple[Array, None]:
-        return stepping.spin(speed, line, steps, parameters, newest), None
+        return stepping.spin(speed, DelayLine(given, newest), steps, parameters), None
 
-    before = jnp.arange(rows.shape[0], line.shape[0])[::-1]
-    speed, _ = lax.scan(spin, line[-1], before)
-    return line, rows, speed
+    before = jnp.arange(rows.shape[0], given.shape[0])[::-1]
+    speed, _ = lax.scan(spin, given[-1], before)
+    return given, rows, speed
 
 
 def commands(window: Windows) -> Float[Array, "history+TS 4"]:
-    """All rotor speed commands of a window as one delay line, newest first."""
+    """All rotor speed commands of a window, newest first."""
     return actuators.rotor_speed_command(jnp.asarray(window.command))[::-1]
 
 
 def places(window: Windows, stride: int = 1) -> Int[Array, "TS"]:
-    """Where in that line each row's newest command is; S = `stride` commands to a row."""
+    """Where among them each row's newest command is; S = `stride` commands to a row."""
     return jnp.arange(window.measured.shape[0] * stride)[::-1]
 
 

@@ -16,6 +16,7 @@ from maidenflight.identification.objective import columns, commands, places, und
 from maidenflight.parameters import Parameters, replace
 from maidenflight.simulator import dynamics, rotations, stepping
 from maidenflight.simulator.dynamics import State
+from maidenflight.simulator.latency import DelayLine
 from maidenflight.simulator.vectors import entries
 
 ORDER = 16
@@ -55,11 +56,11 @@ def _speeds(
     window: Windows, parameters: Parameters, steps: int | Array, stride: int
 ) -> Float[Array, "T 4"]:
     """Speeds of the rotors before each row; they depend on commands and `MOTORS` alone."""
-    line, places, speed = under_way(window, parameters, steps, stride)
+    given, places, speed = under_way(window, parameters, steps, stride)
 
     def turn(speed: Array, newest: Array) -> tuple[Array, Array]:
         def spin(speed: Array, place: Array) -> tuple[Array, None]:
-            return stepping.spin(speed, line, steps, parameters, place), None
+            return stepping.spin(speed, DelayLine(given, place), steps, parameters), None
 
         return lax.scan(spin, speed, newest)[0], speed
 
@@ -79,7 +80,7 @@ def _by_column(
     Once the rotors' speeds are known, rows do not depend on each other: all side by side they are a
     few long loops, where one after the other they were many short ones.
     """
-    line = commands(window)
+    given = commands(window)
 
     def predicted(speed: Array, newest: Array, before: Sequence[Array]) -> list[Array]:
         position, velocity, attitude, rates = (
@@ -89,8 +90,8 @@ def _by_column(
         state = entries(State(position, velocity, quaternion, rates, speed))
 
         def drive(state: State, place: Array) -> tuple[State, None]:
-            after = stepping.drive_entries(dynamics.midpoint, state, line, steps, parameters, place)
-            return after, None
+            line = DelayLine(given, place)
+            return stepping.drive_entries(dynamics.midpoint, state, line, steps, parameters), None
 
         state, _ = lax.scan(drive, state, newest)
         return columns(state)

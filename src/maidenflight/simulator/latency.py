@@ -6,6 +6,7 @@ interpolated: with an index into a buffer every objective would be constant in t
 steps.
 """
 
+from dataclasses import dataclass, field
 from functools import partial
 
 import jax
@@ -21,6 +22,23 @@ SLOWEST = QUANTITIES["latency"].upper
 """Longest latency [s] that a delay line is made for."""
 
 
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class DelayLine:
+    """Rotor speed commands on their way to the motors.
+
+    Older commands have higher places.
+    """
+
+    commands: Float[Array, "slots 4"]
+    """Held commands, or `vectors.Entries` of each rotor's."""
+    newest: Int[Array, ""] | int = 0
+    """Place of the newest command."""
+    ring: bool = field(default=False, metadata={"static": True})
+    """Whether commands older than the last place's are at the first; otherwise there is none
+    older."""
+
+
 def slots(command_period: float) -> int:
     """Number of commands that a delay line must hold.
 
@@ -31,57 +49,49 @@ def slots(command_period: float) -> int:
     return int(np.ceil(SLOWEST / (0.9 * command_period) - 1e-6)) + 1
 
 
-def push(line: Float[Array, "slots 4"], command: Float[Array, "4"]) -> Float[Array, "slots 4"]:
+def push(commands: Float[Array, "slots 4"], newest: Float[Array, "4"]) -> Float[Array, "slots 4"]:
     """Puts the newest command in front and drops the oldest."""
-    return jnp.concatenate([command[None], line[:-1]])
-
-
-def place(number: Int[Array, ""], line: Float[Array, "slots 4"]) -> Int[Array, ""]:
-    """Where commands go, `number` 0 first, in a line, newest first, that is a ring from now on.
-
-    Each takes the place of the oldest, which is cheaper than a `push`, which moves all.
-    """
-    return (-1 - number) % _length(line)
+    return jnp.concatenate([newest[None], commands[:-1]])
 
 
 def put(
-    line: Float[Array, "slots 4"], command: Float[Array, "4"], place: Int[Array, ""] | int
-) -> Float[Array, "slots 4"]:
-    """Puts a command at a `place` of a line, both of arrays or of `Entries`."""
-    return each(partial(lax.dynamic_update_index_in_dim, index=place, axis=0), line, command)
+    commands: Float[Array, "slots 4"], newest: Float[Array, "4"], number: Int[Array, ""]
+) -> DelayLine:
+    """Puts the newest command in the place of the oldest.
+
+    It is cheaper than a `push`, which moves all.
+
+    Args:
+        commands: an array or `Entries`; before any was put, newest first.
+        newest: of the same form.
+        number: how many were put before.
+    """
+    place = (-1 - number) % _length(commands)
+    set_at = partial(lax.dynamic_update_index_in_dim, index=place, axis=0)
+    return DelayLine(each(set_at, commands, newest), place, ring=True)
 
 
-def in_front(line: Float[Array, "slots 4"], commands: int) -> Float[Array, "slots 4"]:
-    """A ring into which so many commands were put as a line, newest first."""
-    return each(partial(jnp.roll, shift=commands, axis=0), line)
+def in_front(commands: Float[Array, "slots 4"], number: int) -> Float[Array, "slots 4"]:
+    """Commands, newest first, of a ring in which so many were `put`."""
+    return each(partial(jnp.roll, shift=number, axis=0), commands)
 
 
-def delayed(
-    line: Float[Array, "slots 4"],
-    parameters: Parameters,
-    steps: int,
-    newest: Int[Array, ""] | int = 0,
-    ring: bool = False,
-) -> Float[Array, "steps 4"]:
+def delayed(line: DelayLine, parameters: Parameters, steps: int) -> Float[Array, "steps 4"]:
     """Mean of the delayed command in each physics step of the newest command's period.
 
     Args:
-        line: held commands, newest first.
+        line: the commands.
         parameters: uses `latency` Delta [s] and `time_step` dt [s].
         steps: physics steps a command period.
-        newest: place of slot 0 in the line.
-        ring: as of `in_step`.
     """
-    return in_step(line, parameters, steps, newest, jnp.arange(steps), ring)
+    return in_step(line, parameters, steps, jnp.arange(steps))
 
 
 def in_step(
-    line: Float[Array, "slots 4"],
+    line: DelayLine,
     parameters: Parameters,
     steps: int | Int[Array, ""],
-    newest: Int[Array, ""] | int,
     number: Int[Array, "..."],
-    ring: bool = False,
 ) -> Float[Array, "... 4"]:
     """Mean of the delayed command in physics step `number` of the newest command's period.
 
@@ -91,16 +101,13 @@ def in_step(
     everything older.
 
     Args:
-        line: as of `delayed`, or `Entries` of each rotor's slots.
+        line: as of `delayed`.
         parameters: as of `delayed`.
         steps: as of `delayed`, or an argument of the program.
-        newest: as of `delayed`.
         number: i; or several.
-        ring: whether commands older than those at the line's end are at its beginning, where
-            `place` puts them; otherwise the last is the oldest.
     """
-    size = _length(line)
-    oldest = jnp.asarray(size - 1 if ring else size - 1 - newest, jnp.float32)
+    size = _length(line.commands)
+    oldest = jnp.asarray(size - 1 if line.ring else size - 1 - line.newest, jnp.float32)
     opens = number.astype(jnp.float32) - parameters.latency / parameters.time_step
     steps = jnp.asarray(steps, jnp.float32)
     slot = jnp.clip(jnp.ceil(-opens / steps), 0.0, oldest)
@@ -108,16 +115,16 @@ def in_step(
     older = jnp.where(slot == 0, 0.0, older)
     # An index and not a sum over all slots: the line of a 500 Hz controller has 29.
     index = slot.astype(jnp.int32)
-    before, after = newest + index, newest + jnp.maximum(index - 1, 0)
-    if ring:
+    before, after = line.newest + index, line.newest + jnp.maximum(index - 1, 0)
+    if line.ring:
         before, after = (jnp.where(one < size, one, one - size) for one in (before, after))
 
-    def mean(slots: Array) -> Array:
-        share = older.reshape(*older.shape, *[1] * (slots.ndim - 1))
-        return share * slots[before] + (1.0 - share) * slots[after]
+    def mean(commands: Array) -> Array:
+        share = older.reshape(*older.shape, *[1] * (commands.ndim - 1))
+        return share * commands[before] + (1.0 - share) * commands[after]
 
-    return each(mean, line)
+    return each(mean, line.commands)
 
 
-def _length(line: Float[Array, "slots 4"]) -> int:
-    return jax.tree.leaves(line)[0].shape[0]
+def _length(commands: Float[Array, "slots 4"]) -> int:
+    return jax.tree.leaves(commands)[0].shape[0]

@@ -153,9 +153,10 @@ def step(
     """
     normal, uniform = drawn[:_NORMALS], drawn[_NORMALS:]
     powered, wanted = _power(plant, before.actuators, pwm, parameters, normal[:4])
-    line = latency.push(before.delay_line, actuators.rotor_speed_command(wanted))
+    commands = latency.push(before.delay_line, actuators.rotor_speed_command(wanted))
+    arriving = latency.delayed(latency.DelayLine(commands), parameters, 1)[0]
     near = dynamics.near_ground(parameters, before.state.position[2])
-    flown = plant.integrator(before.state, latency.delayed(line, parameters, 1)[0], near)
+    flown = plant.integrator(before.state, arriving, near)
     state = dynamics.held_by_floor(flown, STANDING_HEIGHT_M)
     gyro = sensors.low_pass(
         before.gyro, before.state.body_rates, state.body_rates, jnp.float32(STEP), parameters
@@ -163,7 +164,7 @@ def step(
     bias = sensors.walk_bias(before.gyro_bias, jnp.float32(STEP), parameters, normal[4:7])
     after = before._replace(
         state=state,
-        delay_line=line,
+        delay_line=commands,
         actuators=powered,
         gyro=gyro,
         gyro_bias=bias,

@@ -15,6 +15,7 @@ from maidenflight.parameters import Parameters
 from maidenflight.simulator import actuators, dynamics, failures, latency, noise, sensors, vectors
 from maidenflight.simulator.dynamics import Integrator, State
 from maidenflight.simulator.environment import ACTION_SIZE, Environment, EnvState, observe, remember
+from maidenflight.simulator.latency import DelayLine
 
 
 class StepResult(NamedTuple):
@@ -103,7 +104,7 @@ def step(
                 setpoint,
                 parameters,
                 normal[:4],
-                latency.place(number, before.delay_line),
+                number,
             ), None
 
         commands = drawn.command.shape[0]
@@ -162,11 +163,11 @@ def _hold_command(
     setpoint: Float[Array, "3"],
     parameters: Parameters,
     normal: Float[Array, "4"],
-    place: Int[Array, ""] | None = None,
+    number: Int[Array, ""] | None = None,
 ) -> EnvState:
     """Asks the controller for one command and integrates the physics over its period.
 
-    The command goes to a `place` in the delay line as a ring, or in front.
+    If it is one of several, `number` 0 first, the delay line is a ring.
     """
     memory, command = environment.controller.command(
         env_state.controller, action, env_state.measurement, setpoint
@@ -175,12 +176,10 @@ def _hold_command(
     motors, speed_command = actuators.actuate(
         env_state.actuators, command, period, parameters, normal, environment.supply
     )
-    old, newest = env_state.delay_line, 0 if place is None else place
-    line = (
-        latency.push(old, speed_command)
-        if place is None
-        else latency.put(old, speed_command, place)
-    )
+    if number is None:
+        line = DelayLine(latency.push(env_state.delay_line, speed_command))
+    else:
+        line = latency.put(env_state.delay_line, speed_command, number)
     state = drive(
         environment.integrator,
         env_state.state,
@@ -188,14 +187,12 @@ def _hold_command(
         environment.steps_per_command,
         parameters,
         environment.task.floor,
-        newest,
-        ring=place is not None,
     )
     gyro = sensors.low_pass(
         env_state.gyro, env_state.state.body_rates, state.body_rates, period, parameters
     )
     return env_state._replace(
-        state=state, delay_line=line, actuators=motors, controller=memory, gyro=gyro
+        state=state, delay_line=line.commands, actuators=motors, controller=memory, gyro=gyro
     )
 
 
@@ -249,23 +246,21 @@ def _estimate(
 
 def spin(
     speed: Float[Array, "4"],
-    line: Float[Array, "slots 4"],
+    line: DelayLine,
     steps: int | Int[Array, ""],
     parameters: Parameters,
-    newest: Int[Array, ""] | int = 0,
 ) -> Float[Array, "4"]:
     """Rotor speeds after one command period, without the rest of the drone.
 
     Args:
         speed: of the rotors when the newest command is given.
-        line: rotor speed commands, newest first.
+        line: rotor speed commands.
         steps: physics steps in the period.
         parameters: the drone.
-        newest: place of the newest command in the line.
     """
 
     def turn(number: Array, speed: Array) -> Array:
-        delayed = latency.in_step(line, parameters, steps, newest, number)
+        delayed = latency.in_step(line, parameters, steps, number)
         return speed + parameters.time_step * dynamics.spin_up(speed, delayed, parameters)
 
     return lax.fori_loop(0, steps, turn, speed)
@@ -274,26 +269,22 @@ def spin(
 def drive(
     integrator: Integrator,
     state: State,
-    line: Float[Array, "slots 4"],
+    line: DelayLine,
     steps: int,
     parameters: Parameters,
     floor: float | None = None,
-    newest: Int[Array, ""] | int = 0,
-    ring: bool = False,
 ) -> State:
     """Integrates the physics over one command period.
 
     Args:
         integrator: `dynamics.midpoint`, `dynamics.euler` or `dynamics.rk4`.
         state: the drone when the newest command is given.
-        line: rotor speed commands, newest first.
+        line: rotor speed commands.
         steps: physics steps in the period.
         parameters: the drone.
         floor: height at which the drone stands [m], if there is a floor; the ground is at height 0.
-        newest: place of the newest command in the line.
-        ring: as of `latency.in_step`.
     """
-    delayed = latency.delayed(line, parameters, steps, newest, ring)
+    delayed = latency.delayed(line, parameters, steps)
 
     def advance(state: State, speed: Float[Array, "4"]) -> tuple[State, None]:
         if floor is None:
@@ -307,11 +298,9 @@ def drive(
 def drive_entries(
     integrator: Integrator,
     state: State,
-    line: Float[Array, "slots 4"],
+    line: DelayLine,
     steps: int | Int[Array, ""],
     parameters: Parameters,
-    newest: Int[Array, ""] | int = 0,
-    ring: bool = False,
 ) -> State:
     """Integrates the physics over one command period, of a state of `Entries` and without a floor.
 
@@ -322,16 +311,14 @@ def drive_entries(
     Args:
         integrator: as of `drive`.
         state: the drone when the newest command is given, as `vectors.entries` gives it.
-        line: as of `drive`, or `Entries` of each rotor's commands, which is faster.
+        line: as of `drive`; of `Entries` it is faster.
         steps: as of `drive`, or an argument of the program.
         parameters: the drone.
-        newest: as of `drive`.
-        ring: as of `drive`.
     """
     drone = vectors.entries(parameters)
 
     def advance(number: Array, state: State) -> State:
-        command = vectors.Entries(latency.in_step(line, parameters, steps, newest, number, ring))
+        command = vectors.Entries(latency.in_step(line, parameters, steps, number))
         return integrator(state, command, drone)  # type: ignore[arg-type]
 
     return lax.fori_loop(0, steps, advance, state)
