@@ -19,7 +19,7 @@ from fuzz_reader import Good, Reader, table_damaged, tree_damaged
 
 from maidenflight import parameters, policy_file, results, workflow
 from maidenflight.deployment.authors_json import read_policy, to_authors_json
-from maidenflight.experiments import matrix
+from maidenflight.experiments import matrix, matrix_file
 from maidenflight.flights import log
 from maidenflight.identification.drone_file import DroneFile, Estimate, Search, Source
 from maidenflight.link import rows
@@ -237,7 +237,7 @@ def file_readers() -> list[Reader]:
             "settings of a matrix, TOML",
             8,
             (Good("matrix.toml", MATRIX, tree_damaged(toml, _matrix_needs, "toml", Kind(ANY))),),
-            lambda _, path: matrix.read(path),
+            lambda _, path: matrix_file.read(path),
             matrix_told,
             unsound_matrix,
         ),

@@ -46,7 +46,7 @@ from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import untrained
 from maidenflight.simulator import control, tasks
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.randomization import relative_box
+from maidenflight.simulator.randomization import relative_box, stacked
 from maidenflight.training import analytic_gradient
 from maidenflight.training.evaluation import evaluate_together, starts_of
 from maidenflight.workflow import SETTINGS
@@ -219,12 +219,12 @@ def trained(name: str, structure: str) -> HotPath:
     settings = SETTINGS[structure]
     controller = control.CONTROLLERS[structure]()
     drone = control.in_fitting_steps(crazyflie(), controller)
-    box, env = relative_box(drone), Environment.matching(drone, mf.circle(), controller)
-    keys = jax.random.split(jax.random.key(0), 1)
-    learners = analytic_gradient.begin(env, settings, box, keys)
+    env = Environment.matching(drone, mf.circle(), controller)
+    boxes, keys = stacked([relative_box(drone)]), jax.random.split(jax.random.key(0), 1)
+    learners = analytic_gradient.begin(env, settings, boxes, keys)
 
     def update(learners: Any) -> Any:
-        return analytic_gradient.learn(env, settings, box, learners, keys, 0, 1)
+        return analytic_gradient.learn(env, settings, boxes, learners, keys, 0, 1)
 
     steps = settings.num_envs * settings.horizon
     return HotPath(name, "environment step", steps, update, (learners,))
@@ -232,10 +232,10 @@ def trained(name: str, structure: str) -> HotPath:
 
 def evaluated(name: str, policies: int = 2) -> HotPath:
     """Episodes with which training scores policies."""
-    env, box = Environment(task=tasks.circle()), relative_box(crazyflie())
+    env, boxes = Environment(task=tasks.circle()), stacked([relative_box(crazyflie())] * policies)
     episodes = 128
     made = jax.vmap(untrained)(jax.random.split(jax.random.key(0), policies))
-    starts = starts_of(env, episodes, box)
+    starts = starts_of(env, episodes, boxes)
 
     def score(made: Any) -> Any:
         return evaluate_together(env, episodes, made, starts)

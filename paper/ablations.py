@@ -47,7 +47,8 @@ from maidenflight.simulator.randomization import Ensemble, relative_box
 from maidenflight.simulator.rewards import ACTION_PENALTY, ACTION_RATE_PENALTY
 from maidenflight.simulator.virtual_drone import VirtualDrone
 from maidenflight.training.analytic_gradient import AnalyticGradient
-from maidenflight.training.train import recorded, train
+from maidenflight.training.settings import recorded
+from maidenflight.training.train import train
 
 RANDOMIZATION = 0.10
 """Half width of the box of drones to train over."""

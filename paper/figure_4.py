@@ -22,7 +22,7 @@ import polars
 
 from maidenflight import compiler, results, terminal, workflow
 from maidenflight.errors import InputError
-from maidenflight.experiments import matrix
+from maidenflight.experiments import matrix, matrix_file
 from maidenflight.experiments.transfer import MAX_DURATION_S
 from maidenflight.reporting import svg
 from maidenflight.reporting.flight_figures import COLOURS
@@ -181,7 +181,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def run(settings: Path, small: bool, authors: Path | None, output: Path) -> None:
     """All of it, for given arguments."""
     real = None if authors is None else published(authors)
-    asked = matrix.read(settings)
+    asked = matrix_file.read(settings)
     asked = asked.sketch() if small else asked
     with terminal.progress("figure 4", len(asked.cells)) as move:
         flights = workflow.transfer_matrix(asked, output, move)

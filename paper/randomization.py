@@ -47,7 +47,8 @@ from maidenflight.reporting.svg import Panel
 from maidenflight.simulator import control, tasks
 from maidenflight.simulator.tasks import Task
 from maidenflight.training.analytic_gradient import AnalyticGradient
-from maidenflight.training.train import recorded, train
+from maidenflight.training.settings import recorded
+from maidenflight.training.train import train
 
 BOX = 0.10
 """Half width of the paper's box."""

@@ -10,7 +10,7 @@ from maidenflight.parameters import crazyflie, noiseless, replace
 from maidenflight.policy import untrained
 from maidenflight.simulator import control, environment
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.randomization import relative_box
+from maidenflight.simulator.randomization import relative_box, stacked
 from maidenflight.simulator.rollout import EnvInstance
 from maidenflight.training import analytic_gradient
 from maidenflight.training.analytic_gradient import AnalyticGradient
@@ -28,13 +28,13 @@ def test_an_update_changes_the_network_and_nothing_else_of_a_policy(
         AnalyticGradient(num_envs=2, horizon=2, learning_rate=0.01),
     )
     drone = replace(crazyflie(), time_step=np.float32(control.time_step(controller)))
-    world, box, keys = (
+    world, boxes, keys = (
         Environment.matching(drone, controller=controller),
-        relative_box(drone),
+        stacked([relative_box(drone)] * 2),
         jax.random.split(jax.random.key(5), 2),
     )
-    before = analytic_gradient.begin(world, settings, box, keys)
-    after = analytic_gradient.learn(world, settings, box, before, keys, 0, 1)
+    before = analytic_gradient.begin(world, settings, boxes, keys)
+    after = analytic_gradient.learn(world, settings, boxes, before, keys, 0, 1)
     policy = after.policy
     assert (policy.interface.name, policy.interface.rate, policy.history) == (structure, rate, 2)
     np.testing.assert_array_equal(policy.observation_mean, before.policy.observation_mean)
@@ -49,7 +49,7 @@ def test_an_update_changes_the_network_and_nothing_else_of_a_policy(
     ]
     for far, expected in [*moved, (np.abs(last).max(axis=(1, 2)), settings.learning_rate)]:
         assert ((far > 0.5 * expected) & (far < 1.6 * expected)).all(), far
-    again = analytic_gradient.learn(world, settings, box, before, keys, 0, 1)
+    again = analytic_gradient.learn(world, settings, boxes, before, keys, 0, 1)
     for one, other in zip(jax.tree.leaves(after), jax.tree.leaves(again), strict=True):
         np.testing.assert_array_equal(one, other)
 
@@ -57,9 +57,11 @@ def test_an_update_changes_the_network_and_nothing_else_of_a_policy(
 @pytest.mark.parametrize("thrust_to_weight", [1.725, 6.0])
 def test_an_untrained_policy_hovers_its_drones(thrust_to_weight: float) -> None:
     drone = replace(crazyflie(), thrust_to_weight=thrust_to_weight)
-    world, box = Environment.matching(drone), relative_box(drone, 0.0)
+    world, boxes = Environment.matching(drone), stacked([relative_box(drone, 0.0)])
     settings = AnalyticGradient(num_envs=2, horizon=2)
-    learner = analytic_gradient.begin(world, settings, box, jax.random.split(jax.random.key(5), 1))
+    learner = analytic_gradient.begin(
+        world, settings, boxes, jax.random.split(jax.random.key(5), 1)
+    )
     policy = jax.tree.map(lambda leaf: leaf[0], learner.policy)
     action = policy(policy.observation_mean)  # the network's input is zero
     np.testing.assert_allclose((action + 1) / 2, 1 / thrust_to_weight, rtol=1e-5)
@@ -184,9 +186,9 @@ def test_a_failure_costs_most_and_what_is_lost_anyway_pulls_no_more() -> None:
 def test_a_share_of_the_drones_starts_anew_after_each_update() -> None:
     keys, drones = jax.random.split(jax.random.key(5), 1), 64
     drone = crazyflie()
-    world, box = Environment.matching(drone), relative_box(drone)
+    world, boxes = Environment.matching(drone), stacked([relative_box(drone)])
     settings = AnalyticGradient(num_envs=drones, horizon=2, reset_fraction=0.3, hidden=(8,))
     learners = analytic_gradient.learn(
-        world, settings, box, analytic_gradient.begin(world, settings, box, keys), keys, 0, 1
+        world, settings, boxes, analytic_gradient.begin(world, settings, boxes, keys), keys, 0, 1
     )
     assert 8 <= int(jnp.sum(learners.instances.env_state.elapsed == 0.0)) <= 30

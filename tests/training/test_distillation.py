@@ -8,6 +8,7 @@ from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import Policy, untrained
 from maidenflight.simulator.any_drone import AnyDrone
 from maidenflight.simulator.environment import Environment, observation
+from maidenflight.simulator.randomization import stacked
 from maidenflight.simulator.rollout import randomized_reset
 from maidenflight.training import distillation
 from maidenflight.training.analytic_gradient import AnalyticGradient
@@ -61,10 +62,11 @@ def test_a_teacher_heeds_the_drone_and_hands_the_memory_on() -> None:
 @pytest.mark.slow
 def test_the_teacher_learns_first_then_the_policy_imitates_it_and_goes_on_alone() -> None:
     keys = jax.random.split(jax.random.key(5), 2)
-    begun = distillation.begin(WORLD, SETTINGS, BOX, keys)
+    boxes = stacked([BOX, BOX])
+    begun = distillation.begin(WORLD, SETTINGS, boxes, keys)
 
     def after(learners: object, first: int, end: int) -> distillation._Learner:
-        return distillation.learn(WORLD, SETTINGS, BOX, learners, keys, first, end)  # type: ignore[arg-type]
+        return distillation.learn(WORLD, SETTINGS, boxes, learners, keys, first, end)  # type: ignore[arg-type]
 
     def same(one: object, other: object) -> bool:
         pairs = zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True)

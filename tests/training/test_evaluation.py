@@ -7,7 +7,7 @@ from maidenflight.parameters import crazyflie
 from maidenflight.policy import untrained
 from maidenflight.simulator import environment, stepping
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.randomization import randomize, relative_box
+from maidenflight.simulator.randomization import randomize, relative_box, stacked
 from maidenflight.training.evaluation import Evaluation, evaluate, evaluate_together, starts_of
 
 BOX = relative_box(crazyflie(), 0.10)
@@ -44,7 +44,7 @@ def test_a_score_is_what_a_plain_loop_counts() -> None:
 def test_policies_are_scored_together_as_each_alone() -> None:
     simulated, episodes, keys = Environment(), 4, jax.random.split(jax.random.key(5), 2)
     policies = jax.vmap(untrained)(keys)
-    starts = starts_of(simulated, episodes, BOX)
+    starts = starts_of(simulated, episodes, stacked([BOX, BOX]))
     together = evaluate_together(simulated, episodes, policies, starts)
     for number, key in enumerate(keys):
         alone = evaluate(simulated, untrained(key), BOX, jax.random.key(0), episodes)

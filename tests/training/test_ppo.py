@@ -12,7 +12,7 @@ from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import untrained
 from maidenflight.simulator import tasks
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.randomization import relative_box
+from maidenflight.simulator.randomization import relative_box, stacked
 from maidenflight.simulator.rollout import randomized_reset
 from maidenflight.training import ppo
 from maidenflight.training.critic import Moments, advantages, merged, moments_of
@@ -20,7 +20,8 @@ from maidenflight.training.devices import DRONES
 from maidenflight.training.evaluation import evaluate
 from maidenflight.training.ppo import surrogate
 from maidenflight.training.ppo_settings import PPO
-from maidenflight.training.train import Progress, recorded, train
+from maidenflight.training.settings import recorded
+from maidenflight.training.train import Progress, train
 
 BOX = relative_box(replace(crazyflie(), motor_time_constant=0.04, latency=0.0), 0.10)
 SIMULATED = Environment.matching(BOX.centre, tasks.circle()._replace(duration=0.6))
@@ -44,12 +45,13 @@ TINY = changed(
     episodes=4,
 )
 KEYS = jax.random.split(jax.random.key(5), 2)
+BOXES = stacked([BOX, BOX])
 
 
 def _learned(settings: PPO, *ends: int) -> Any:
-    learners, first = ppo.begin(SIMULATED, settings, BOX, KEYS), 0
+    learners, first = ppo.begin(SIMULATED, settings, BOXES, KEYS), 0
     for end in ends:
-        learners, first = ppo.learn(SIMULATED, settings, BOX, learners, KEYS, first, end), end
+        learners, first = ppo.learn(SIMULATED, settings, BOXES, learners, KEYS, first, end), end
     return learners
 
 
@@ -62,7 +64,7 @@ def learned() -> Any:
 def test_training_makes_policies_fly_that_did_not(learned: Any) -> None:
     policies = jax.tree.map(
         lambda *leaves: jnp.concatenate(leaves),
-        ppo.begin(SIMULATED, SMALL, BOX, KEYS).policy,
+        ppo.begin(SIMULATED, SMALL, BOXES, KEYS).policy,
         learned.policy,
     )
     survival = jax.vmap(

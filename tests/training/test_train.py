@@ -23,7 +23,7 @@ from maidenflight.simulator import control, tasks
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.look_ahead import LookAhead
 from maidenflight.simulator.position_pid import position_pid
-from maidenflight.simulator.randomization import relative_box
+from maidenflight.simulator.randomization import ensemble, relative_box, stacked
 from maidenflight.simulator.virtual_drone import virtual_drone
 from maidenflight.training import analytic_gradient, checkpoint
 from maidenflight.training import train as module
@@ -76,6 +76,38 @@ def test_training_makes_policies_fly_that_did_not(flying: Any) -> None:
     assert heard[-1].steps == 200 * 16 * 64 * 2
 
 
+def test_each_policy_is_trained_and_scored_over_the_drones_of_its_key(trained: Any) -> None:
+    over_all, heard = trained
+    scores: list[Progress] = []
+    weak = replace(BOX.centre, thrust_to_weight=1.3)
+    first, second = learn(hear=scores.append, box=[BOX, relative_box(weak, 0.10)])
+    assert_same(first, over_all[0])
+    # A weak drone hovers nearer to full thrust, which the last biases begin with.
+    assert np.all(second.biases[-1] > over_all[1].biases[-1] + 0.1)
+    for before, after in zip(heard, scores, strict=True):
+        assert after.score.episode_return[0] == before.score.episode_return[0]
+        assert after.score.episode_return[1] != before.score.episode_return[1]
+
+
+@pytest.mark.parametrize(
+    ("box", "words"),
+    [
+        ([BOX], "1 distributions of drones for 2 keys"),
+        ([BOX, "crazyflie"], "str is no distribution"),
+        ([BOX, ensemble([BOX.centre])], "different kinds .Ensemble, RelativeBox"),
+        (
+            [BOX, relative_box(replace(BOX.centre, time_step=BOX.centre.time_step / 2))],
+            "different frames or time steps",
+        ),
+    ],
+)
+def test_distributions_that_cannot_be_trained_over_together_are_refused(
+    box: Any, words: str
+) -> None:
+    with pytest.raises(InputError, match=words):
+        learn(box=box)
+
+
 @pytest.mark.slow
 def test_the_best_scored_policy_is_kept_not_the_last(flying: Any) -> None:
     policies, heard = flying
@@ -120,7 +152,7 @@ def test_training_from_a_policy_begins_with_its_score_and_ends_no_worse(
         env,
         TINY.num_envs,
         jax.tree.map(lambda *leaves: jnp.stack(leaves), initial, *policies),
-        module.starts_of(env, TINY.episodes, BOX),
+        module.starts_of(env, TINY.episodes, stacked([BOX] * 3)),
     ).episode_return
     np.testing.assert_allclose(heard[0].score.episode_return, before, rtol=1e-4)
     assert all(float(one) >= float(before) - 1e-4 for one in after)

@@ -164,22 +164,22 @@ def _transfer_matrix(
     options.must_be_new(output, overwrite, resume)
     compiler.prepare_jax(fused=True)
     from maidenflight import workflow
-    from maidenflight.experiments import matrix
+    from maidenflight.experiments import matrix, matrix_file
 
-    asked = matrix.read(settings)
+    asked = matrix_file.read(settings)
     with (
-        terminal.progress("transfer", len(asked.cells)) as move,
+        terminal.progress("transfer", len(asked.rows)) as move,
         resumable(output / run_folder.POLICIES if on is None else output),
     ):
         if on is not None:
-            from maidenflight.studies import cells as trained
+            from maidenflight.studies import rows
 
             def hear(now: "Progress") -> None:
-                move(now.done, now.tasks, f"training cells, {len(now.running)} at once")
+                move(now.done, now.tasks, f"training rows, {len(now.running)} at once")
 
             if overwrite and not resume:
-                trained.forget(output)
-            trained.train_cells(
+                rows.forget(output)
+            rows.train_rows(
                 settings, asked, output, on, accept_bounds=accept_bounds, on_progress=hear
             )
         flights = workflow.transfer_matrix(

@@ -1,43 +1,60 @@
 """The paper's experiment: policies trained for many motors and flown in unseen realities.
 
-A matrix has a cell for each control structure, motor time constant and latency. Its settings are
-one TOML file:
-
-    drone = "crazyflie"                     # nominal parameters: a name or a TOML file
-    realities = ["virtual:7"]               # where to fly
-    motor_time_constant = [0.04, 0.08]      # T_m to train for [s]
-    latency = [0.0, 0.015]                  # latency to train for [s]
-    [control.pwm]                           # a control structure: fields of AnalyticGradient, rate
-    updates = 800
+A matrix has a cell for each control structure, motor time constant and latency; `matrix_file` reads
+its settings.
 
 Source: Gronauer et al. 2022, sec. Zero-Shot Experiments.
 """
 
 import dataclasses
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import polars
+from jaxtyping import Array
 
-from maidenflight import inputs
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import MAX_DURATION_S, transfer
-from maidenflight.inputs import StrPath
-from maidenflight.parameters import QUANTITIES, Parameters, replace
+from maidenflight.parameters import Parameters, replace
 from maidenflight.policy import Policy
 from maidenflight.simulator import control, tasks
 from maidenflight.simulator.battery import COUNTS
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.interface import CONTROLS, INTERFACES
-from maidenflight.simulator.randomization import relative_box
+from maidenflight.simulator.randomization import Distribution, relative_box
 from maidenflight.simulator.reality import AnyReality
 from maidenflight.training.analytic_gradient import AnalyticGradient
-from maidenflight.training.train import recorded, train
+from maidenflight.training.settings import recorded
+from maidenflight.training.train import train
+
+
+class Row(NamedTuple):
+    """Control structure and motor time constant, whose cells' policies are trained in one call.
+
+    Together they take a third less time a policy than three at a time where arrays are small
+    (docs/studies/roofline.md).
+    """
+
+    control: str
+    motor_time_constant: float
+    """[s]."""
+    latencies: tuple[float, ...]
+    """[s]."""
+
+    @property
+    def name(self) -> str:
+        """Such as pwm_80ms."""
+        return f"{self.control}_{1e3 * self.motor_time_constant:g}ms"
+
+    @property
+    def cells(self) -> list["Cell"]:
+        """One for each latency."""
+        return [Cell(self.control, self.motor_time_constant, one) for one in self.latencies]
 
 
 class Cell(NamedTuple):
@@ -81,14 +98,18 @@ class Matrix:
     seed: int = 0
 
     @property
-    def cells(self) -> list[Cell]:
-        """All cells, ordered by control structure."""
+    def rows(self) -> list[Row]:
+        """All rows, ordered by control structure."""
         return [
-            Cell(kind, lag, latency)
+            Row(kind, lag, self.latency)
             for kind in self.controls
             for lag in self.motor_time_constant
-            for latency in self.latency
         ]
+
+    @property
+    def cells(self) -> list[Cell]:
+        """All cells, row by row."""
+        return [cell for row in self.rows for cell in row.cells]
 
     def sketch(self) -> "Matrix":
         """The matrix with one policy per cell and a third of the updates."""
@@ -113,153 +134,12 @@ class Matrix:
         }
 
 
-_PLAIN = {
-    "realities": (list, "a list of names"),
-    "drone": (str, "a name or a file"),
-    "randomization": (float, "a number"),
-    "policies": (int, "a whole number"),
-    "trials": (int, "a whole number"),
-    "duration": (float, "seconds"),
-    "seed": (int, "a whole number"),
-    "motor_time_constant": (list, "a list of seconds"),
-    "latency": (list, "a list of seconds"),
-}
-_MOST = 10**6
-"""Upper limit of any number in settings of training."""
-
-
-def read(path: StrPath) -> Matrix:
-    """Reads a matrix from its TOML file.
+def controller_at(kind: str, rate: int, full_scale_counts: float = COUNTS) -> Controller:
+    """A control structure at the rate of training [Hz].
 
     Raises:
-        InputError: the file is missing or not TOML, or an entry is unknown or out of range.
+        InputError: PWM at another rate than its own, or the rate does not divide that of commands.
     """
-    try:
-        content = inputs.from_toml(inputs.text(path))
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"{path}: not settings of a matrix ({error}). Give a TOML file such as "
-            "paper/zero_shot.toml."
-        ) from error
-    structures = content.pop("control", None)
-    if (
-        not isinstance(structures, dict)
-        or not structures
-        or not all(isinstance(own, dict) for own in structures.values())
-    ):
-        raise InputError(
-            f"{path}: no control structure. Give a table [control.NAME] for each of "
-            f"{', '.join(CONTROLS)} that is wanted."
-        )
-    plain = {name: _plain(path, name, value) for name, value in content.items()}
-    for name in ("motor_time_constant", "latency"):
-        plain[name] = _times(path, name, plain.get(name, ()))
-    realities = plain.get("realities", ("virtual:7",))
-    if not realities or not all(isinstance(name, str) for name in realities):
-        raise InputError(f"{path}: realities = {list(realities)}; expected at least one name.")
-    for name in ("policies", "trials"):
-        if not 1 <= plain.get(name, 1) <= 1000:
-            raise InputError(
-                f"{path}: {name} = {plain[name]}; expected at least 1 and at most 1000."
-            )
-    if (
-        not 0 < plain.get("duration", MAX_DURATION_S) <= 600
-        or not 0 <= plain.get("randomization", 0.1) <= 0.9
-    ):
-        raise InputError(
-            f"{path}: expected a duration above 0 s, up to 600 s, and a randomization from 0 to "
-            "0.9."
-        )
-    if not abs(plain.get("seed", 0)) < 2**63:
-        raise InputError(f"{path}: seed = {plain['seed']}; expected a number of 64 bits.")
-    settings = {kind: _settings(path, kind, own) for kind, own in structures.items()}
-    return Matrix(
-        {kind: one for kind, (one, _) in settings.items()},
-        {kind: rate for kind, (_, rate) in settings.items()},
-        **plain,
-    )
-
-
-def _plain(path: StrPath, name: str, value: Any) -> Any:
-    if name not in _PLAIN:
-        raise InputError(
-            f"{path}: {name} is unknown. Expected {', '.join(_PLAIN)} and tables [control.NAME]."
-        )
-    kind, words = _PLAIN[name]
-    value = _as(kind, value)
-    if type(value) is not kind:
-        raise InputError(f"{path}: {name} = {value!r}; expected {words}.")
-    return tuple(value) if isinstance(value, list) else value
-
-
-def _as(kind: type, value: Any) -> Any:
-    """An integer as a float if one is expected, infinite if too large; all else unchanged."""
-    return (
-        (float(value) if abs(value) < 1e300 else math.inf)
-        if kind is float and type(value) is int
-        else value
-    )
-
-
-def _times(path: StrPath, name: str, given: tuple[Any, ...]) -> tuple[float, ...]:
-    known = QUANTITIES[name]
-    if not given or not all(
-        type(time) in (int, float) and known.lower <= time <= known.upper for time in given
-    ):
-        raise InputError(
-            f"{path}: {name} = {list(given)}; expected a list of at least one time from "
-            f"{known.lower:g} to {known.upper:g} seconds, such as"
-            " [0.04, 0.08]."
-        )
-    if len(set(given)) < len(given):
-        raise InputError(f"{path}: {name} = {list(given)}; expected each time once.")
-    return tuple(map(float, given))
-
-
-def _settings(path: StrPath, kind: str, content: Mapping[str, Any]) -> tuple[AnalyticGradient, int]:
-    """Settings of training and rate of a control structure."""
-    if kind not in CONTROLS:
-        raise InputError(f"{path}: [control.{kind}] is unknown. Expected {', '.join(CONTROLS)}.")
-    rate = content.get("rate", INTERFACES[kind]().rate)
-    if type(rate) is not int or not 1 <= rate <= 1000:
-        raise InputError(
-            f"{path}: [control.{kind}] rate = {rate!r}; expected a whole number from 1 to 1000."
-        )
-    _controller(kind, rate)
-    defaults = {
-        entry.name: entry.default
-        for entry in dataclasses.fields(AnalyticGradient)
-        if entry.name != "form"  # which is not the paper's
-    }
-    own = {name: value for name, value in content.items() if name != "rate"}
-    for name, value in own.items():
-        if name not in defaults:
-            raise InputError(
-                f"{path}: [control.{kind}] {name} is unknown. Expected rate, {', '.join(defaults)}."
-            )
-        own[name] = _as(type(defaults[name]), tuple(value) if isinstance(value, list) else value)
-        if type(own[name]) is not type(defaults[name]):
-            raise InputError(
-                f"{path}: [control.{kind}] {name} = {value!r}; expected "
-                f"{type(defaults[name]).__name__}."
-            )
-        if not _sensible(own[name]):
-            raise InputError(
-                f"{path}: [control.{kind}] {name} = {value!r}; expected numbers from 0, whole "
-                f"ones from 1, to {_MOST}."
-            )
-    return AnalyticGradient(**own), rate
-
-
-def _sensible(value: Any) -> bool:
-    """Whether a setting of training is in range; tuples hold whole numbers."""
-    if isinstance(value, tuple):
-        return all(type(entry) is int and _sensible(entry) for entry in value)
-    return (value > 0 if type(value) is int else value >= 0) and value <= _MOST
-
-
-def _controller(kind: str, rate: int, full_scale_counts: float = COUNTS) -> Controller:
-    """A control structure at the rate of training."""
     own = INTERFACES[kind]().rate
     if kind == "pwm" and rate != own:
         raise InputError(
@@ -268,24 +148,46 @@ def _controller(kind: str, rate: int, full_scale_counts: float = COUNTS) -> Cont
     return control.CONTROLLERS[kind](action_rate=rate, full_scale_counts=full_scale_counts)
 
 
-def train_cell(
-    matrix: Matrix, cell: Cell, nominal: Parameters, full_scale_counts: float = COUNTS
-) -> tuple[Policy, ...]:
-    """Trains the policies of a cell; they do not depend on the other cells.
+def train_row(
+    matrix: Matrix, row: Row, nominal: Parameters, full_scale_counts: float = COUNTS
+) -> dict[Cell, tuple[Policy, ...]]:
+    """Trains the policies of a row's cells; they do not depend on the other rows.
 
     Args:
         matrix: settings.
-        cell: one of its cells.
+        row: one of its rows.
         nominal: drone with all other parameters.
         full_scale_counts: of that drone; see `ControlInterface`.
     """
-    controller = _controller(cell.control, matrix.rates[cell.control], full_scale_counts)
+    controller = controller_at(row.control, matrix.rates[row.control], full_scale_counts)
+    count = matrix.policies
+    trained = train(
+        tasks.circle(),
+        controller,
+        [_drones(matrix, cell, nominal, controller) for cell in row.cells for _ in range(count)],
+        jnp.concatenate([jax.random.split(_key(matrix, cell), count) for cell in row.cells]),
+        matrix.controls[row.control],
+    )
+    return {
+        cell: trained[number * count : (number + 1) * count]
+        for number, cell in enumerate(row.cells)
+    }
+
+
+def _drones(
+    matrix: Matrix, cell: Cell, nominal: Parameters, controller: Controller
+) -> Distribution:
+    """What a cell's policies are trained over."""
     drone = replace(
         nominal,
         motor_time_constant=np.float32(cell.motor_time_constant),
         latency=np.float32(cell.latency),
     )
-    box = relative_box(control.in_fitting_steps(drone, controller), matrix.randomization)
+    return relative_box(control.in_fitting_steps(drone, controller), matrix.randomization)
+
+
+def _key(matrix: Matrix, cell: Cell) -> Array:
+    """Random key of a cell, which depends on its values alone."""
     key = jax.random.key(matrix.seed)
     for part in (
         CONTROLS.index(cell.control),
@@ -293,13 +195,7 @@ def train_cell(
         round(1e6 * cell.latency),
     ):
         key = jax.random.fold_in(key, part)
-    return train(
-        tasks.circle(),
-        controller,
-        box,
-        jax.random.split(key, matrix.policies),
-        matrix.controls[cell.control],
-    )
+    return key
 
 
 def fly(

@@ -277,6 +277,21 @@ def ensemble(drones: Sequence[Parameters]) -> Ensemble:
     return Ensemble(jax.tree.map(lambda *leaves: np.stack(leaves), *drones))
 
 
+def stacked(distributions: Sequence[Distribution]) -> Distribution:
+    """Distributions of one kind as one pytree, each leaf with a first axis of them, for `vmap`.
+
+    Raises:
+        InputError: they are of different kinds.
+    """
+    if len({jax.tree.structure(one) for one in distributions}) > 1:
+        kinds = sorted({type(one).__name__ for one in distributions})
+        raise InputError(
+            f"distributions of different kinds ({', '.join(kinds)}); expected all of one kind, "
+            "such as what mf.relative_box gives for each drone."
+        )
+    return jax.tree.map(lambda *leaves: np.stack(leaves), *distributions)
+
+
 def randomize(distribution: Distribution, key: Array) -> Parameters:
     """Draws one drone."""
     return distribution.draw(key)

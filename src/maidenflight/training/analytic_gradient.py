@@ -149,9 +149,11 @@ SHARDING = Learner(REPLICATED, REPLICATED, SHARDED)  # type: ignore[arg-type]
 
 
 @partial(jax.jit, static_argnums=0)
-def begin(env: Environment, settings: AnalyticGradient, box: Distribution, keys: Array) -> Learner:
-    """Untrained learners, one per key, stacked."""
-    return begun(partial(untaught, env, settings, box), SHARDING, settings.num_envs, keys)
+def begin(
+    env: Environment, settings: AnalyticGradient, boxes: Distribution, keys: Array
+) -> Learner:
+    """Untrained learners, one per key and distribution of drones, all stacked."""
+    return begun(partial(untaught, env, settings), SHARDING, settings.num_envs, boxes, keys)
 
 
 def untaught(

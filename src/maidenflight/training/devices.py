@@ -37,19 +37,20 @@ def own(keys: Array) -> Array:
 
 
 def begun(
-    one: Callable[[Array], Learner], sharding: Learner, num_envs: int, keys: Array
+    one: Callable[[Any, Array], Learner], sharding: Learner, num_envs: int, boxes: Any, keys: Array
 ) -> Learner:
-    """A learner for each key, stacked.
+    """A learner for each policy, stacked.
 
     Args:
-        one: key to a learner with this device's share of the environments.
+        one: (drones, key) to a learner with this device's share of the environments.
         sharding: of each part of a learner.
         num_envs: of each learner.
+        boxes: drones of each policy, stacked.
         keys: one per policy.
     """
     return jax.shard_map(
         jax.vmap(one), mesh=mesh(num_envs), in_specs=REPLICATED, out_specs=sharding, check_vma=False
-    )(keys)
+    )(boxes, keys)
 
 
 def placed(learners: Learner, sharding: Learner, num_envs: int) -> Learner:
@@ -83,8 +84,8 @@ def over_devices(
     """Flights of which each device flies its share, on the devices of the learners.
 
     Args:
-        fly: (stacked policies, beginnings of episodes with a first axis of episodes) to what has an
-            axis of policies and one of episodes.
+        fly: (stacked policies, beginnings of episodes with an axis of policies and one of episodes)
+            to what has these axes.
         num_envs: environments of each learner, which decide the devices.
         episodes: their number. Where it does not divide evenly, each device flies all.
     """
@@ -94,7 +95,7 @@ def over_devices(
     return jax.shard_map(
         fly,
         mesh=devices,
-        in_specs=(REPLICATED, PartitionSpec(DRONES)),
+        in_specs=(REPLICATED, SHARDED),
         out_specs=SHARDED,
         check_vma=False,
     )
@@ -109,34 +110,34 @@ def learning(update: Callable[..., Any], sharding: Any) -> Wrapped:
         sharding: of each part of a learner.
 
     Returns:
-        (environment, settings, drones, stacked learners, a key for each, first, end) to the
+        (environment, settings, stacked drones, stacked learners, a key for each, first, end) to the
         learners after updates `first` to `end` - 1.
     """
 
     @partial(jax.jit, static_argnums=0)
     def learn(
-        env: Any, settings: Any, box: Any, learners: Any, keys: Array, first: Any, end: Any
+        env: Any, settings: Any, boxes: Any, learners: Any, keys: Array, first: Any, end: Any
     ) -> Any:
-        def all_of(learners: Any, keys: Array) -> Any:
+        def all_of(boxes: Any, learners: Any, keys: Array) -> Any:
             # A loop over `vmap` traces sooner than `vmap` of a loop, whose body JAX batches anew
             # until it knows what of it has an axis of policies.
-            def one(number: Array, learner: Any, key: Array) -> Any:
+            def one(number: Array, box: Any, learner: Any, key: Array) -> Any:
                 key = jax.random.fold_in(key, number)
                 return update(env, settings, box, learner, key, number)
 
             return lax.fori_loop(
                 first,
                 end,
-                lambda number, learners: jax.vmap(partial(one, number))(learners, keys),
+                lambda number, learners: jax.vmap(partial(one, number))(boxes, learners, keys),
                 learners,
             )
 
         return jax.shard_map(
             all_of,
             mesh=mesh(settings.num_envs),
-            in_specs=(sharding, REPLICATED),
+            in_specs=(REPLICATED, sharding, REPLICATED),
             out_specs=sharding,
             check_vma=False,
-        )(learners, keys)
+        )(boxes, learners, keys)
 
     return learn

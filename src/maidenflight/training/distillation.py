@@ -149,16 +149,16 @@ SHARDING = _Learner(**_PARTS)  # type: ignore[arg-type]
 
 
 @partial(jax.jit, static_argnums=0)
-def begin(env: Environment, settings: Distillation, box: Distribution, keys: Array) -> _Learner:
-    """Untrained learners and teachers, one per key, stacked."""
+def begin(env: Environment, settings: Distillation, boxes: Distribution, keys: Array) -> _Learner:
+    """Untrained learners and teachers, one per key and distribution of drones, all stacked."""
 
-    def one(key: Array) -> _Learner:
+    def one(box: Distribution, key: Array) -> _Learner:
         learner = analytic_gradient.untaught(env, settings, box, key)
         teacher = _teacher(env, settings, box, learner.instances, jax.random.fold_in(key, 1))
         teaching = optimiser_of(settings).init(teacher.network)
         return _Learner(*learner, teacher, teaching, learner.optimiser)
 
-    return begun(one, SHARDING, settings.num_envs, keys)
+    return begun(one, SHARDING, settings.num_envs, boxes, keys)
 
 
 def _teacher(

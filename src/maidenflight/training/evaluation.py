@@ -62,7 +62,7 @@ def evaluate(
 
 
 class Starts(NamedTuple):
-    """Beginnings of episodes; each part has a first axis of episodes."""
+    """Beginnings of episodes; each part has an axis of episodes, the last before its own."""
 
     instances: EnvInstance
     keys: Array
@@ -70,24 +70,26 @@ class Starts(NamedTuple):
 
 
 @partial(jax.jit, static_argnums=(0, 1), compiler_options=compiler.ONCE)
-def starts_of(env: Environment, episodes: int, box: Distribution) -> Starts:
+def starts_of(env: Environment, episodes: int, boxes: Distribution) -> Starts:
     """What `evaluate_together` flies from: the same episodes for every evaluation of a training.
 
-    A program of its own, so that what flies them has less to compile.
+    With an axis of policies before that of episodes. A program of its own, so that what flies them
+    has less to compile.
 
     Args:
         env: task and control structure; static.
         episodes: number of episodes; static.
-        box: distribution of drones; one is drawn for each episode.
+        boxes: distribution of drones of each policy, stacked; a drone is drawn for each episode.
     """
-    return _starts(env, box, jax.random.split(jax.random.key(0), episodes))
+    keys = jax.random.split(jax.random.key(0), episodes)
+    return jax.vmap(lambda box: _starts(env, box, keys))(boxes)
 
 
 @partial(jax.jit, static_argnums=(0, 1))
 def evaluate_together(
     env: Environment, num_envs: int, policies: Policy, starts: Starts
 ) -> Evaluation:
-    """Evaluates P policies, all on the same episodes, which devices share.
+    """Evaluates P policies, each on episodes of its own, which devices share.
 
     Args:
         env: task and control structure; static.
@@ -97,9 +99,9 @@ def evaluate_together(
     """
 
     def fly(policies: Policy, starts: Starts) -> _Episode:
-        return jax.vmap(lambda policy: _flown(env, policy, starts))(policies)
+        return jax.vmap(partial(_flown, env))(policies, starts)
 
-    flown = over_devices(fly, num_envs, starts.keys.shape[0])(policies, starts)
+    flown = over_devices(fly, num_envs, starts.keys.shape[1])(policies, starts)
     return jax.vmap(_means)(flown)
 
 

@@ -72,10 +72,10 @@ class _Period(NamedTuple):
 
 
 @partial(jax.jit, static_argnums=0)
-def begin(env: Environment, settings: PPO, box: Distribution, keys: Array) -> _Learner:
-    """Untrained learners, one per key, stacked."""
+def begin(env: Environment, settings: PPO, boxes: Distribution, keys: Array) -> _Learner:
+    """Untrained learners, one per key and distribution of drones, all stacked."""
 
-    def one(key: Array) -> _Learner:
+    def one(box: Distribution, key: Array) -> _Learner:
         policy_key, critic_key, key = jax.random.split(key, 3)
         policy = untrained(
             policy_key,
@@ -101,7 +101,7 @@ def begin(env: Environment, settings: PPO, box: Distribution, keys: Array) -> _L
         discounted = jnp.zeros(observations.shape[0])
         return _Learner(policy, critic, optimisers, moments, returns, instances, discounted)  # type: ignore[arg-type]
 
-    return begun(one, SHARDING, settings.num_envs, keys)
+    return begun(one, SHARDING, settings.num_envs, boxes, keys)
 
 
 _CRITIC_PARAMETERS = (*PAPER_FIELDS, "latency")

@@ -6,13 +6,13 @@ interruption changes the result.
 """
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import Field, asdict, replace
+from dataclasses import replace
 from functools import partial
 from os import PathLike
 from threading import Thread
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -30,7 +30,7 @@ from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.look_ahead import NONE, LookAhead
 from maidenflight.simulator.position_pid import EXCITATION
-from maidenflight.simulator.randomization import Distribution
+from maidenflight.simulator.randomization import Distribution, stacked
 from maidenflight.simulator.tasks import Task
 from maidenflight.training import analytic_gradient, checkpoint, distillation, ppo
 from maidenflight.training.analytic_gradient import AnalyticGradient
@@ -38,50 +38,7 @@ from maidenflight.training.devices import placed
 from maidenflight.training.distillation import Distillation
 from maidenflight.training.evaluation import Evaluation, Starts, evaluate_together, starts_of
 from maidenflight.training.ppo_settings import PPO
-
-
-class Settings(Protocol):
-    """Settings that every method has; frozen dataclasses and pytrees."""
-
-    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
-
-    @property
-    def updates(self) -> int:
-        """Gradient steps, or epochs."""
-        ...
-
-    @property
-    def evaluations(self) -> int:
-        """How often the policy is evaluated; the best one is kept."""
-        ...
-
-    @property
-    def episodes(self) -> int:
-        """Episodes per evaluation."""
-        ...
-
-    @property
-    def num_envs(self) -> int:
-        """Environments simulated in parallel."""
-        ...
-
-    @property
-    def hidden(self) -> tuple[int, ...]:
-        """Sizes of the policy's hidden layers."""
-        ...
-
-    @property
-    def horizon(self) -> int:
-        """Control periods per environment and update."""
-        ...
-
-
-def recorded(settings: Settings) -> dict[str, Any]:
-    """Settings as plain values, for records."""
-    return {
-        name: list(value) if isinstance(value, tuple) else value
-        for name, value in asdict(settings).items()
-    }
+from maidenflight.training.settings import Settings, recorded
 
 
 class Method(NamedTuple):
@@ -91,10 +48,11 @@ class Method(NamedTuple):
     """
 
     begin: Wrapped
-    """(environment, settings, drones, P keys) to P stacked learners, each with a field `policy`."""
+    """(environment, settings, P stacked distributions of drones, P keys) to P stacked learners,
+    each with a field `policy`."""
     learn: Wrapped
-    """(environment, settings, drones, learners, P keys, first, end) to the learners after updates
-    `first` to `end` - 1."""
+    """(environment, settings, distributions, learners, P keys, first, end) to the learners after
+    updates `first` to `end` - 1."""
     sharding: Any
     """Of each part of a learner over the devices."""
 
@@ -136,7 +94,7 @@ class _State(NamedTuple):
 def train(
     task: Task,
     controller: Controller,
-    box: Distribution,
+    box: Distribution | Sequence[Distribution],
     keys: Array,
     settings: Settings | None = None,
     on_progress: Callable[[Progress], None] | None = None,
@@ -152,7 +110,8 @@ def train(
     Args:
         task: the task to fly.
         controller: control structure that the policy commands.
-        box: distribution of drones to train over.
+        box: distribution of drones to train over; or one for each key, of one kind, whose drones
+            have the same frame and time step.
         keys: random keys, one per policy.
         settings: of the method, which is chosen by their class; default `AnalyticGradient()`. With
             RAPTOR's form in them, hidden layers, history, look-ahead and memory are that form's.
@@ -175,10 +134,10 @@ def train(
 
     Raises:
         InputError: policies cannot be made for this control structure or history; the drones' time
-            step does not divide its period; the checkpoint is of another training, of more updates,
-            or of fewer that have not ended, or cannot be written; the initial policy commands
-            another control structure, or the method is not by gradients; or the scores of a policy
-            are no longer finite.
+            step does not divide its period, or they differ in frame or time step; the checkpoint is
+            of another training, of more updates, or of fewer that have not ended, or cannot be
+            written; the initial policy commands another control structure, or the method is not by
+            gradients; or the scores of a policy are no longer finite.
     """
     settings = AnalyticGradient() if settings is None else settings
     if type(settings) not in METHODS:
@@ -192,19 +151,16 @@ def train(
     for given, kind, way in ((task, Task, "mf.circle()"), (controller, Controller, "mf.pwm()")):
         if not isinstance(given, kind):
             raise InputError(f"{str(given)[:60]} is no {kind.__name__}; expected what {way} gives.")
-    if not hasattr(box, "centre"):
-        raise InputError(
-            f"{type(box).__name__} is no distribution of drones; expected what "
-            "mf.relative_box(DRONE) gives."
-        )
     if not (
         isinstance(keys, jax.Array)
         and jnp.issubdtype(keys.dtype, jax.dtypes.prng_key)
         and keys.ndim == 1
+        and keys.size
     ):
         raise InputError(
             "keys must be random keys, one a policy: jax.random.split(jax.random.key(0), 3)."
         )
+    boxes = _one_each(box, len(keys))
     if controller.interface.name == EXCITATION.name:
         raise InputError(
             f"control structure {EXCITATION.name} cannot be trained for: it flies by itself. Give "
@@ -225,14 +181,23 @@ def train(
     from_zero = initial is not None
     if not 0 <= memory <= MOST_MEMORY:
         raise InputError(f"memory = {memory}; expected 0 to {MOST_MEMORY} numbers.")
-    env = Environment.matching(
-        box.centre, task, controller, history=history, look_ahead=look_ahead, memory=memory
+    env, *others = (
+        Environment.matching(
+            one.centre, task, controller, history=history, look_ahead=look_ahead, memory=memory
+        )
+        for one in boxes
     )
+    if any(other != env for other in others):
+        raise InputError(
+            "distributions of drones of different frames or time steps; expected drones that one "
+            "program simulates. Train them in calls of their own."
+        )
+    drones = stacked(boxes)
 
     def start(stages: tuple[int, ...]) -> _State:
         # Of a checkpoint, which has stages, shapes alone are asked for.
         begin = method.begin if stages else partial(_begun, method.begin)
-        learners = begin(env, settings, box, keys)
+        learners = begin(env, settings, drones, keys)
         if initial is not None:
             learners = learners._replace(policy=_repeated(initial, len(keys)))
         count = len(checkpoint.ends(stages or (settings.updates,), settings.evaluations, from_zero))
@@ -253,19 +218,19 @@ def train(
                 )
             )
 
-    fingerprint = _fingerprint(env, settings, box, keys, initial)
+    fingerprint = _fingerprint(env, settings, drones, keys, initial)
     with ThreadPoolExecutor(1) as beside:
         if saved is None or anew or not os.path.lexists(saved):
             # Meanwhile XLA compiles what makes learners and starts, which takes as long.
-            shapes = jax.eval_shape(partial(method.begin, env), settings, box, keys)
+            shapes = jax.eval_shape(partial(method.begin, env), settings, drones, keys)
             shapes = placed(shapes, method.sharding, settings.num_envs)
-            beside.submit(method.learn.trace, env, settings, box, shapes, keys, 0, 1)
+            beside.submit(method.learn.trace, env, settings, drones, shapes, keys, 0, 1)
         state, stages = (
             (start(()), ())
             if saved is None or anew
             else checkpoint.restored(saved, start, fingerprint)
         )
-        starts = starts_of(env, settings.episodes, box)
+        starts = starts_of(env, settings.episodes, drones)
     state = state._replace(learners=placed(state.learners, method.sharding, settings.num_envs))
     stages = checkpoint.extended(
         saved, stages, settings.updates, settings.evaluations, int(state.scored), from_zero
@@ -282,7 +247,7 @@ def train(
     beside = _compiling_scores(env, settings, state.learners.policy, starts) if to_score else None
     for number in to_score:
         first = ends[number - 1] if number else 0
-        learners = method.learn(env, settings, box, state.learners, keys, first, ends[number])
+        learners = method.learn(env, settings, drones, state.learners, keys, first, ends[number])
         if beside is not None:
             beside.join()
         scores = evaluate_together(env, settings.num_envs, learners.policy, starts)
@@ -304,12 +269,33 @@ def train(
     return tuple(_one_of(state.best, number) for number in range(len(keys)))
 
 
+def _one_each(box: Distribution | Sequence[Distribution], count: int) -> Sequence[Distribution]:
+    """A distribution of drones for each of so many keys.
+
+    Raises:
+        InputError: there is another number of them, or one is none.
+    """
+    boxes = box if isinstance(box, Sequence) else [box] * count
+    for one in boxes:
+        if not hasattr(one, "centre"):
+            raise InputError(
+                f"{type(one).__name__} is no distribution of drones; expected what "
+                "mf.relative_box(DRONE) gives."
+            )
+    if len(boxes) != count:
+        raise InputError(
+            f"{len(boxes)} distributions of drones for {count} keys; expected one for each key, or "
+            "one for all."
+        )
+    return boxes
+
+
 @partial(jax.jit, static_argnums=(0, 1), compiler_options=compiler.ONCE)
 def _begun(
-    begin: Wrapped, env: Environment, settings: Settings, box: Distribution, keys: Array
+    begin: Wrapped, env: Environment, settings: Settings, drones: Distribution, keys: Array
 ) -> Any:
     """What a method begins with; JAX takes options of the compiler for an outermost `jit` alone."""
-    return begin(env, settings, box, keys)
+    return begin(env, settings, drones, keys)
 
 
 def _advanced(state: _State, learners: Any, scores: Evaluation) -> _State:
@@ -358,7 +344,7 @@ def _check_initial(initial: Policy, controller: Controller, settings: Settings) 
 
 
 def _fingerprint(
-    env: Environment, settings: Settings, box: Distribution, keys: Array, initial: Policy | None
+    env: Environment, settings: Settings, drones: Distribution, keys: Array, initial: Policy | None
 ) -> str:
     task, controller = env.task, env.controller
     words = {
@@ -378,7 +364,7 @@ def _fingerprint(
         **({"memory": env.memory} if env.memory else {}),
     }
     reference = jax.vmap(task.reference)(jnp.linspace(0.0, task.duration, 50))
-    return checkpoint.fingerprint(words, (reference, jax.random.key_data(keys), box, initial))
+    return checkpoint.fingerprint(words, (reference, jax.random.key_data(keys), drones, initial))
 
 
 def _compiling_scores(

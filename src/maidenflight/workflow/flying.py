@@ -1,7 +1,8 @@
 """Flights of policies from files: in unseen realities, as a matrix, and as on the real drone."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+import functools
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from maidenflight.deployment.authors_json import read_policy
 from maidenflight.experiments import matrix
 from maidenflight.experiments.as_flown import FIRMWARE, controller_as_flown
 from maidenflight.experiments.flight_times import predict_flight_times
-from maidenflight.experiments.matrix import Cell, Matrix
+from maidenflight.experiments.matrix import Cell, Matrix, Row
 from maidenflight.experiments.transfer import LIMIT_CYCLE, Transfer, transfer
 from maidenflight.flights import log
 from maidenflight.flights.log import Flight
@@ -78,7 +79,7 @@ def transfer_to(
 def transfer_matrix(
     asked: Matrix,
     folder: StrPath,
-    on_cell: Callable[[int, int, str], None] | None = None,
+    on_row: Callable[[int, int, str], None] | None = None,
     restart: bool = False,
     accept_bounds: bool = False,
 ) -> polars.DataFrame:
@@ -86,13 +87,13 @@ def transfer_matrix(
 
     Writes a folder of policies for each cell, and `flights.csv` with a row a flight.
 
-    Cells whose policies are in the folder already are not trained again, so what was interrupted
+    Rows whose policies are in the folder already are not trained again, so what was interrupted
     goes on.
 
     Args:
         asked: the matrix.
         folder: where to write.
-        on_cell: called with (cells done, cells, what is next).
+        on_row: called with (rows done, rows, what is next).
         restart: use nothing of what an earlier run wrote there.
         accept_bounds: see `drone_to_fly`.
 
@@ -123,46 +124,51 @@ def transfer_matrix(
     if results.read_record(table) == made and not restart:
         return polars.read_csv(table, comment_prefix="#")
     policies: dict[Cell, Sequence[Policy]] = {}
-    for done, cell in enumerate(asked.cells):
-        if on_cell is not None:
-            on_cell(done, len(asked.cells), f"training {cell.name}")
-        policies[cell] = _policies_of(
-            asked, cell, drone, Path(folder, run_folder.POLICIES, cell.name), restart
-        )
-    if on_cell is not None:
-        on_cell(len(asked.cells), len(asked.cells), "flying")
+    for done, row in enumerate(asked.rows):
+        if on_row is not None:
+            on_row(done, len(asked.rows), f"training {row.name}")
+        policies |= _policies_of(asked, row, drone, Path(folder, run_folder.POLICIES), restart)
+    if on_row is not None:
+        on_row(len(asked.rows), len(asked.rows), "flying")
     flights = matrix.fly(asked, policies, realities)
     run_folder.MATRIX_FLIGHTS.write(table, flights, made)
     return flights
 
 
-def matrix_cell(
-    asked: Matrix, cell: Cell, folder: StrPath, accept_bounds: bool = False
-) -> Sequence[Policy]:
-    """Trains the policies of one cell of a matrix, as `transfer_matrix` does.
+def matrix_row(
+    asked: Matrix, row: Row, folder: StrPath, accept_bounds: bool = False
+) -> dict[Cell, Sequence[Policy]]:
+    """Trains the policies of one row of a matrix, as `transfer_matrix` does.
 
-    Writes them to the folder.
+    Writes them to the folder, those of each cell to one named after it.
 
     Raises:
         InputError: the drone is unknown, or see `drone_to_fly`.
     """
     drone = drone_to_fly(asked.drone, accept_bounds)
-    return _policies_of(asked, cell, drone, Path(folder), restart=False)
+    return _policies_of(asked, row, drone, Path(folder), restart=False)
 
 
 def _policies_of(
-    asked: Matrix, cell: Cell, drone: DroneFile, folder: Path, restart: bool
-) -> Sequence[Policy]:
+    asked: Matrix, row: Row, drone: DroneFile, folder: Path, restart: bool
+) -> dict[Cell, Sequence[Policy]]:
     """Those that the folder holds, or new ones that it holds then."""
     inputs = [asked.drone] if Path(asked.drone).is_file() else []
-    made = results.record(seed=asked.seed, inputs=inputs, settings=asked.said(cell))
-    return policy_file.kept(
-        folder,
-        asked.policies,
-        made,
-        lambda: matrix.train_cell(asked, cell, drone.parameters, drone.full_scale_counts),
-        restart,
-    )
+
+    @functools.cache
+    def learned() -> Mapping[Cell, Sequence[Policy]]:
+        return matrix.train_row(asked, row, drone.parameters, drone.full_scale_counts)
+
+    return {
+        cell: policy_file.kept(
+            Path(folder, cell.name),
+            asked.policies,
+            results.record(seed=asked.seed, inputs=inputs, settings=asked.said(cell)),
+            lambda cell=cell: learned()[cell],
+            restart,
+        )
+        for cell in row.cells
+    }
 
 
 def predict_with(

@@ -24,7 +24,8 @@ from maidenflight.simulator.virtual_drone import VirtualDrone
 from maidenflight.training import checkpoint, loggers
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.evaluation import Evaluation
-from maidenflight.training.train import Progress, Settings, recorded, train
+from maidenflight.training.settings import Settings, recorded
+from maidenflight.training.train import Progress, train
 from maidenflight.workflow.deployment import check_export
 from maidenflight.workflow.drones import drone_to_fly, randomized
 

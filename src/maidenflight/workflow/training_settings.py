@@ -11,7 +11,7 @@ from maidenflight.training import distillation
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.distillation import Distillation
 from maidenflight.training.ppo_settings import PPO
-from maidenflight.training.train import Settings
+from maidenflight.training.settings import Settings
 from maidenflight.workflow.drones import ANY_DAY, WIDE
 
 SETTINGS: dict[str, AnalyticGradient] = {

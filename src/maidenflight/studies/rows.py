@@ -1,11 +1,11 @@
-"""The cells of a matrix as tasks of a study, so that many machines train them."""
+"""The rows of a matrix as tasks of a study, so that many machines train them."""
 
 from collections.abc import Callable
 from pathlib import Path
 
 from maidenflight import results, run_folder
 from maidenflight.errors import InputError
-from maidenflight.experiments import matrix
+from maidenflight.experiments import matrix_file
 from maidenflight.experiments.matrix import Matrix
 from maidenflight.inputs import StrPath
 from maidenflight.studies import store as stores
@@ -15,34 +15,34 @@ from maidenflight.studies.kinds import Kind, Row, Work, flag, text
 from maidenflight.studies.status import Progress
 from maidenflight.studies.study import of
 
-STORE = "cells"
-"""In the folder of a matrix: the study of its cells."""
+STORE = "rows"
+"""In the folder of a matrix: the study of its rows."""
 
 
 def _train(work: Work) -> list[Row]:
     from maidenflight import cores, workflow
 
     cores.as_devices(work.cpus)
-    asked = matrix.read(work.settings["matrix"])
-    (cell,) = (cell for cell in asked.cells if cell.name == work.settings["cell"])
-    policies = workflow.matrix_cell(asked, cell, work.folder, work.settings["accept_bounds"])
-    return [{"policies": len(policies)}]
+    asked = matrix_file.read(work.settings["matrix"])
+    (row,) = (row for row in asked.rows if row.name == work.settings["row"])
+    made = workflow.matrix_row(asked, row, work.folder, work.settings["accept_bounds"])
+    return [{"policies": sum(map(len, made.values()))}]
 
 
-cell = Kind(
+row = Kind(
     _train,
     {
         "matrix": text("settings of a matrix", files=True),
         "drone": text("a drone's name or TOML file", files=True),
-        "cell": text("a cell's name"),
+        "row": text("a row's name"),
         "accept_bounds": flag(),
     },
 )
-"""Trains the policies of one cell."""
+"""Trains the policies of one row."""
 
 
 def forget(folder: StrPath) -> None:
-    """Removes the policies and cells of an earlier run from the folder of a matrix."""
+    """Removes the policies and rows of an earlier run from the folder of a matrix."""
     for path in Path(folder, run_folder.POLICIES).glob(f"*/{run_folder.POLICY.stem}_*"):
         path.unlink()
     store = stores.opened(Path(folder, STORE))
@@ -50,7 +50,7 @@ def forget(folder: StrPath) -> None:
         store.remove(key)
 
 
-def train_cells(
+def train_rows(
     settings: StrPath,
     asked: Matrix,
     folder: StrPath,
@@ -60,7 +60,7 @@ def train_cells(
     accept_bounds: bool = False,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> None:
-    """Trains the cells of a matrix whose policies its folder does not hold yet.
+    """Trains the rows of a matrix whose policies its folder does not hold yet.
 
     Args:
         settings: file of the matrix, at a path that all machines have.
@@ -74,26 +74,33 @@ def train_cells(
     Raises:
         InputError: see `sweeping.sweep`.
     """
-    places = {one.name: Path(folder, run_folder.POLICIES, one.name) for one in asked.cells}
-    left = [name for name, at in places.items() if len(run_folder.POLICY.find(at)) < asked.policies]
+    policies = Path(folder, run_folder.POLICIES)
+    left = [
+        one.name
+        for one in asked.rows
+        if any(
+            len(run_folder.POLICY.find(policies / cell.name)) < asked.policies for cell in one.cells
+        )
+    ]
     if not left:
         return
     entry = {
-        "name": "cell",
-        "kind": "maidenflight.studies.cells:cell",
+        "name": "row",
+        "kind": "maidenflight.studies.rows:row",
         "settings": {
             "matrix": str(settings),
             "drone": asked.drone,
             "accept_bounds": accept_bounds,
         },
-        "grid": {"cell": left},
+        "grid": {"row": left},
     }
     study = of([entry], where=str(settings))
     store = stores.opened(Path(folder, STORE))
     failures = sweeping.compute(study, store, on, resources or Resources(), 1, on_progress)
     for task in study.tasks:
         if task.key not in failures:
-            for made in run_folder.POLICY.find(store.folder(task.key)):
-                results.write(places[task.settings["cell"]] / made.name, made.read_bytes())
+            made = store.folder(task.key)
+            for path in made.glob(f"*/{run_folder.POLICY.stem}_*"):
+                results.write(policies / path.relative_to(made), path.read_bytes())
     if failures:
         raise InputError(sweeping.told(study, failures, store.address))
