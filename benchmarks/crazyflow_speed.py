@@ -38,6 +38,7 @@ def simulation(series: str, batch: int, devices: int = 1) -> Any:
         integrator=Integrator.euler,
         freq=500,
         mesh=mesh,
+        device=jax.default_backend(),
     )
     if series == "motor":
         sim.rotor_vel_control(np.full((batch, 1, 4), 15000.0, np.float32))

@@ -1,7 +1,8 @@
-"""Answers requests of `simulator.py`, one JSON object per line, without packages."""
+"""Answers requests of `simulator.py` and `gpu.py`, one JSON object per line."""
 
 import json
 import os
+import resource
 import sys
 import time
 from collections.abc import Callable
@@ -21,9 +22,9 @@ def rate(call: Callable[[], Any], steps: int, seconds: float) -> float:
 
 
 def serve(prepare: Callable[[str, int, str], Prepared | None]) -> None:
-    """Answers `{"series", "batch", "layout", "seconds"}` with a rate until there are no more.
+    """Answers `{"series", "batch", "layout", "seconds"}` until there are no more.
 
-    `null` where the layout does not fit.
+    With a rate, `null` where the layout does not fit, and the peak memory of the process.
 
     What was prepared for another batch is forgotten, and what others print goes to the standard
     error.
@@ -39,10 +40,19 @@ def serve(prepare: Callable[[str, int, str], Prepared | None]) -> None:
             prepared[name] = prepare(*name)
             warm(prepared[name])
         ready = prepared[name]
-        answers.write(
-            json.dumps({"rate": rate(*ready, asked["seconds"]) if ready else None}) + "\n"
-        )
+        told = {"rate": rate(*ready, asked["seconds"]) if ready else None, "peak": peak()}
+        answers.write(json.dumps(told) + "\n")
         answers.flush()
+
+
+def peak() -> int:
+    """Most memory [bytes] that this process has held, where it has a GPU of the GPU's."""
+    import jax
+
+    of_device = jax.local_devices()[0].memory_stats()
+    if of_device is None:
+        return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return of_device["peak_bytes_in_use"]
 
 
 def warm(prepared: Prepared | None) -> None:

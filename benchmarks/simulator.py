@@ -27,14 +27,16 @@ import click
 from maidenflight_speed import LAYOUTS
 from page import write
 
-from maidenflight.compiler import FUSED, SMALLEST
+from maidenflight.compiler import FUSED, SMALLEST, has_older_emitter
 
 FOLDER = Path(__file__).parent
 VERSION = "0.4.0"
 BATCHES = [4**power for power in range(9)]
 SERIES = {"motor": "motors", "rate": "rate PID", "training": "training"}
 THEIR_LAYOUTS = ("one core", "all cores")
-COMPILERS = {"XLA's own choice": "", "fused loops": FUSED, "the older emitter": SMALLEST}
+COMPILERS = {"XLA's own choice": "", "fused loops": FUSED} | (
+    {"the older emitter": SMALLEST} if has_older_emitter() else {}
+)
 """Flags by which the memory of a process is measured; what is compiled decides it."""
 IS_FUSED = ", fused loops"
 """Ending of the layouts of a process that compiles by `FUSED`."""

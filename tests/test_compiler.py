@@ -64,7 +64,7 @@ def computed(path: Path, flags: str) -> Any:
 @pytest.mark.slow
 def test_flags_change_rounding_alone(tmp_path: Path) -> None:
     ours = computed(tmp_path / "ours.npz", compiler.FUSED)
-    others = computed(tmp_path / "others.npz", compiler.QUICKEST)
+    others = computed(tmp_path / "others.npz", compiler.quickest())
     assert set(ours) == set(others)
     for name in ours:
         assert np.all(np.isfinite(ours[name])), name
@@ -74,7 +74,7 @@ def test_flags_change_rounding_alone(tmp_path: Path) -> None:
 
 def test_the_latest_flags_count_but_ones_own_stay(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("XLA_FLAGS")
-    for flags in (compiler.QUICK, compiler.FUSED, compiler.QUICK, compiler.QUICKEST):
+    for flags in (compiler.QUICK, compiler.FUSED, compiler.QUICK):
         compiler.set_flags(flags)
         assert os.environ["XLA_FLAGS"] == flags
     for own in ("--xla_force_host_platform_device_count=2", ""):
@@ -112,6 +112,6 @@ def test_where_jax_runs_already_its_devices_stay(monkeypatch: pytest.MonkeyPatch
 def test_programs_that_run_once_are_compiled_for_the_same_result() -> None:
     box, keys = mf.relative_box(mf.crazyflie()), jax.random.split(jax.random.key(3), 4)
     begun = jax.vmap(partial(randomized_reset, Environment(), box))
-    plain, once = jax.jit(begun)(keys), jax.jit(begun, compiler_options=compiler.ONCE)(keys)
+    plain, once = jax.jit(begun)(keys), jax.jit(begun, compiler_options=compiler.once())(keys)
     for one, other in zip(jax.tree.leaves(plain), jax.tree.leaves(once), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-6)

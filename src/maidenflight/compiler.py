@@ -1,6 +1,8 @@
 """How XLA compiles the programs that JAX runs here."""
 
+import functools
 import os
+from typing import Any
 
 from maidenflight import cache, cores
 
@@ -10,13 +12,7 @@ and compute little."""
 SMALLEST = "--xla_cpu_use_fusion_emitters=false"
 """Takes a third less memory to compile, by XLA's older emitter of loops: a process that flies 1,000
 drones has 290 MB for 418. Environments are as fast as by XLA's own choice, motors alone a quarter
-slower."""
-QUICKEST = f"{QUICK} {SMALLEST}"
-"""Compiles a third sooner still; programs take up to half as long again. For tests, whose programs
-run for moments."""
-ONCE = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
-"""Options of `jax.jit` for a program that runs once and for a moment: compiles in a fifth to a
-quarter of the time, without optimization."""
+slower. Where XLA has none (`has_older_emitter`) this flag ends the process."""
 FUSED = "--xla_backend_extra_options=xla_cpu_use_multi_output_fusion,xla_cpu_disable_tiled_emitter"
 """Trains and identifies up to twice as fast on CPUs, and compiles sooner.
 
@@ -29,12 +25,37 @@ physics computes the first again for each use of the next and takes for ever
 """
 
 
+@functools.cache
+def has_older_emitter() -> bool:
+    """Whether XLA still has its older emitter of loops: up to jaxlib 0.10, Python 3.11's last."""
+    from jaxlib.version import __version__
+
+    return tuple(map(int, __version__.split(".")[:2])) < (0, 11)
+
+
+def quickest() -> str:
+    """Flags that compile a third sooner than `QUICK`; programs take up to half as long again.
+
+    For tests, whose programs run for moments. Where XLA has no older emitter, `QUICK`.
+    """
+    return f"{QUICK} {SMALLEST}" if has_older_emitter() else QUICK
+
+
+def once() -> dict[str, Any]:
+    """Options of `jax.jit` for a program that runs once and for a moment.
+
+    It compiles in a fifth to a quarter of the time, without optimization.
+    """
+    older = {"xla_cpu_use_fusion_emitters": False} if has_older_emitter() else {}
+    return {"xla_backend_optimization_level": 0} | older
+
+
 def set_flags(flags: str) -> None:
     """Has XLA compile by flags of this module, unless the user's own `XLA_FLAGS` are set.
 
     To be called before JAX compiles anything; a later call takes the place of an earlier one.
     """
-    if os.environ.get("XLA_FLAGS") in (None, QUICK, QUICKEST, FUSED):
+    if os.environ.get("XLA_FLAGS") in (None, QUICK, FUSED):
         os.environ["XLA_FLAGS"] = flags
 
 

@@ -11,7 +11,7 @@ import pytest
 from maidenflight import parameters, policy_file, results, workflow
 from maidenflight.errors import InputError
 from maidenflight.experiments import matrix, matrix_file
-from maidenflight.experiments.matrix import Row
+from maidenflight.experiments.matrix import Cell
 
 pytestmark = pytest.mark.usefixtures("without_optimizations")
 
@@ -107,20 +107,20 @@ def test_what_was_interrupted_goes_on_to_the_same_table(
     folder, _, _ = flown
     asked, table = matrix_file.read(folder / "matrix.toml"), folder / "made" / "flights.csv"
     before = table.read_bytes()
-    trained: list[Row] = []
-    train_row = matrix.train_row
+    trained: list[Cell] = []
+    train_cells = matrix.train_cells
 
-    def counted(asked: Any, row: Row, *rest: Any) -> Any:
-        trained.append(row)
-        return train_row(asked, row, *rest)
+    def counted(asked: Any, cells: list[Cell], *rest: Any) -> Any:
+        trained.extend(cells)
+        return train_cells(asked, cells, *rest)
 
-    monkeypatch.setattr(matrix, "train_row", counted)
+    monkeypatch.setattr(matrix, "train_cells", counted)
     workflow.transfer_matrix(asked, folder / "made")
     assert trained == [], "the table is there"
     table.unlink()
     (folder / "made" / "policies" / "attitude_80ms_0ms" / "policy_2.json").unlink()
     workflow.transfer_matrix(asked, folder / "made")
-    assert trained == [Row("attitude", 0.08, (0.0,))]
+    assert trained == [Cell("attitude", 0.08, 0.0)]
     assert table.read_bytes() == before
 
 

@@ -174,7 +174,7 @@ def test_what_flies_or_trains_refuses_it_in_one_line_unless_it_is_accepted(
     words = ["maidenflight", *(word.format(**given) for word in command.split())]
     for stage in ("training.train", "flying.transfer", "logs.recording.record"):
         monkeypatch.setattr(f"maidenflight.workflow.{stage}", reached)
-    for stage in ("predict_flight_times", "matrix.train_row"):
+    for stage in ("predict_flight_times", "matrix.train_cells"):
         monkeypatch.setattr(f"maidenflight.workflow.flying.{stage}", reached)
     monkeypatch.setattr("sys.argv", words)
     with pytest.raises(SystemExit) as ended:

@@ -8,7 +8,7 @@ from test_sweeping import Here
 from maidenflight import policy, workflow
 from maidenflight.errors import InputError
 from maidenflight.experiments import matrix, matrix_file
-from maidenflight.experiments.matrix import Cell, Row
+from maidenflight.experiments.matrix import Cell
 from maidenflight.studies import rows
 
 MATRIX = """
@@ -27,15 +27,15 @@ updates = 1
 def settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A matrix whose training is short."""
 
-    def untrained(asked: Any, row: Row, *_: Any) -> dict[Cell, list[policy.Policy]]:
+    def untrained(asked: Any, given: list[Cell], *_: Any) -> dict[Cell, list[policy.Policy]]:
         made = {}
-        for number, cell in enumerate(row.cells):
+        for number, cell in enumerate(given):
             seed = len(cell.name) + round(1e3 * cell.motor_time_constant) + 1000 * number
             keys = jax.random.split(jax.random.key(seed), 2)
             made[cell] = [policy.untrained(key, (3,)) for key in keys]
         return made
 
-    monkeypatch.setattr(matrix, "train_row", untrained)
+    monkeypatch.setattr(matrix, "train_cells", untrained)
     path = tmp_path / "matrix.toml"
     path.write_text(MATRIX)
     return path
@@ -53,7 +53,7 @@ def test_rows_that_workers_train_are_those_that_the_matrix_takes(
     rows.train_rows(settings, asked, folder, again)
     assert again.submitted == []
     trained: list[Any] = []
-    monkeypatch.setattr(matrix, "train_row", lambda *given: trained.append(given))
+    monkeypatch.setattr(matrix, "train_cells", lambda *given: trained.append(given))
     for row in asked.rows:
         kept = workflow.matrix_row(asked, row, folder / "policies")
         assert [(cell, len(own)) for cell, own in kept.items()] == [(cell, 2) for cell in row.cells]
@@ -68,6 +68,6 @@ def test_a_row_that_fails_is_told(
     def fail(*_: Any) -> None:
         raise InputError("no such drone")
 
-    monkeypatch.setattr(matrix, "train_row", fail)
+    monkeypatch.setattr(matrix, "train_cells", fail)
     with pytest.raises(InputError, match="4 of 4 tasks failed"):
         rows.train_rows(settings, matrix_file.read(settings), tmp_path / "out", Here())

@@ -148,29 +148,29 @@ def controller_at(kind: str, rate: int, full_scale_counts: float = COUNTS) -> Co
     return control.CONTROLLERS[kind](action_rate=rate, full_scale_counts=full_scale_counts)
 
 
-def train_row(
-    matrix: Matrix, row: Row, nominal: Parameters, full_scale_counts: float = COUNTS
+def train_cells(
+    matrix: Matrix, cells: Sequence[Cell], nominal: Parameters, full_scale_counts: float = COUNTS
 ) -> dict[Cell, tuple[Policy, ...]]:
-    """Trains the policies of a row's cells; they do not depend on the other rows.
+    """Trains the policies of cells in one call, such as those of a row.
 
     Args:
         matrix: settings.
-        row: one of its rows.
+        cells: of one control structure. With others beside it a cell's policies differ by rounding.
         nominal: drone with all other parameters.
         full_scale_counts: of that drone; see `ControlInterface`.
     """
-    controller = controller_at(row.control, matrix.rates[row.control], full_scale_counts)
+    (kind,) = {cell.control for cell in cells}
+    controller = controller_at(kind, matrix.rates[kind], full_scale_counts)
     count = matrix.policies
     trained = train(
         tasks.circle(),
         controller,
-        [_drones(matrix, cell, nominal, controller) for cell in row.cells for _ in range(count)],
-        jnp.concatenate([jax.random.split(_key(matrix, cell), count) for cell in row.cells]),
-        matrix.controls[row.control],
+        [_drones(matrix, cell, nominal, controller) for cell in cells for _ in range(count)],
+        jnp.concatenate([jax.random.split(_key(matrix, cell), count) for cell in cells]),
+        matrix.controls[kind],
     )
     return {
-        cell: trained[number * count : (number + 1) * count]
-        for number, cell in enumerate(row.cells)
+        cell: trained[number * count : (number + 1) * count] for number, cell in enumerate(cells)
     }
 
 

@@ -69,7 +69,7 @@ class Starts(NamedTuple):
     """Of the flights' noise."""
 
 
-@partial(jax.jit, static_argnums=(0, 1), compiler_options=compiler.ONCE)
+@partial(jax.jit, static_argnums=(0, 1), compiler_options=compiler.once())
 def starts_of(env: Environment, episodes: int, boxes: Distribution) -> Starts:
     """What `evaluate_together` flies from: the same episodes for every evaluation of a training.
 

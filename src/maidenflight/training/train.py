@@ -290,7 +290,7 @@ def _one_each(box: Distribution | Sequence[Distribution], count: int) -> Sequenc
     return boxes
 
 
-@partial(jax.jit, static_argnums=(0, 1), compiler_options=compiler.ONCE)
+@partial(jax.jit, static_argnums=(0, 1), compiler_options=compiler.once())
 def _begun(
     begin: Wrapped, env: Environment, settings: Settings, drones: Distribution, keys: Array
 ) -> Any:

@@ -157,7 +157,7 @@ def _policies_of(
 
     @functools.cache
     def learned() -> Mapping[Cell, Sequence[Policy]]:
-        return matrix.train_row(asked, row, drone.parameters, drone.full_scale_counts)
+        return matrix.train_cells(asked, row.cells, drone.parameters, drone.full_scale_counts)
 
     return {
         cell: policy_file.kept(

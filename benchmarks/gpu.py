@@ -1,0 +1,250 @@
+"""Measures the simulator and the training of the paper's 81 policies on a GPU.
+
+Beside crazyflow on the same card. Writes the tables of docs/studies/benchmarks.md.
+
+Every figure is of a process of its own. All compile at once, wait, and are asked in turn.
+"""
+
+import json
+import os
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import chart
+import click
+import jax
+from page import write
+from serving import peak
+
+from maidenflight import policy_file, results, run_folder
+from maidenflight.experiments import matrix, matrix_file
+from maidenflight.parameters import crazyflie
+from simulator import FOLDER, SERIES, VERSION, figure
+
+BATCHES = [16**power for power in range(6)]
+SCRIPTS = {"maidenflight": "maidenflight_speed.py", "crazyflow": "crazyflow_speed.py"}
+MATRIX = FOLDER.parent / "paper" / "zero_shot.toml"
+SAMPLE = 100
+"""Updates by which numbers of cells in a call are compared."""
+TOGETHER = (1, 9)
+"""Cells in a call: one, and all of a control structure."""
+
+
+class Waiting:
+    """A process that compiles, and then answers a JSON object a line."""
+
+    def __init__(self, command: Sequence[Any], first: Any) -> None:
+        """Starts it and asks it for the first time."""
+        self._process = subprocess.Popen(
+            list(map(str, command)), stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        self._send(first)
+
+    def _send(self, question: Any) -> None:
+        assert self._process.stdin is not None
+        self._process.stdin.write(json.dumps(question) + "\n")
+        self._process.stdin.flush()
+
+    def answer(self) -> dict[str, Any]:
+        """What it answers to the oldest question without an answer."""
+        assert self._process.stdout is not None
+        # A package may print while it is imported.
+        line = next((line for line in self._process.stdout if line.startswith("{")), None)
+        if line is None:
+            raise click.ClickException(f"{self._process.args} ended.")
+        return json.loads(line)
+
+    def ask(self, question: Any) -> dict[str, Any]:
+        """Asks and waits."""
+        self._send(question)
+        return self.answer()
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """A simulator, what it simulates and how many drones."""
+
+    name: str
+    series: str
+    batch: int
+
+    def question(self, seconds: float) -> dict[str, Any]:
+        """As `serving.serve` takes it."""
+        return {
+            "series": self.series,
+            "batch": self.batch,
+            "layout": "one core",  # one device
+            "seconds": seconds,
+        }
+
+
+def train(structure: str, together: int, updates: int, folder: Path | None) -> None:
+    """Trains the first cells of a control structure in one call whenever it is asked.
+
+    Prints the seconds of compiling, then for each line that it reads the seconds of so many updates
+    and the peak memory [bytes]. Policies go to the folder.
+    """
+    paper = matrix_file.read(MATRIX)
+    own = paper.controls[structure]
+    cells = [cell for cell in paper.cells if cell.control == structure][:together]
+
+    def trained(updates: int, evaluations: int) -> dict[matrix.Cell, Any]:
+        settings = replace(own, updates=updates, evaluations=evaluations)
+        asked = replace(paper, controls={**paper.controls, structure: settings})
+        return jax.block_until_ready(matrix.train_cells(asked, cells, crazyflie()))
+
+    def tell(**what: Any) -> None:
+        print(json.dumps(what), flush=True)
+
+    start = time.perf_counter()
+    sys.stdin.readline()
+    trained(1, 1)
+    tell(seconds=time.perf_counter() - start)
+    for _ in sys.stdin:
+        start = time.perf_counter()
+        made = trained(updates, own.evaluations if updates == own.updates else 1)
+        seconds = time.perf_counter() - start
+        if folder is not None:
+            for cell, policies in made.items():
+                record = results.record(seed=paper.seed, inputs=[], settings=paper.said(cell))
+                for number, policy in enumerate(policies, 1):
+                    policy_file.write(
+                        run_folder.POLICY.path(folder / cell.name, number), policy, record
+                    )
+        tell(seconds=seconds, peak=peak())
+
+
+def measure_simulators(processes: dict[Simulated, Waiting], rounds: int) -> dict[str, str]:
+    """The table of rates and memory, and the chart of the rates."""
+    memory = {one: process.answer()["peak"] for one, process in processes.items()}
+    rates: dict[Simulated, list[float]] = {one: [] for one in processes}
+    for _ in range(rounds):
+        for one, process in processes.items():
+            answer = process.ask(one.question(0.3))
+            rates[one].append(answer["rate"])
+            memory[one] = answer["peak"]
+    middle = {one: statistics.median(values) for one, values in rates.items()}
+    columns = list(dict.fromkeys((one.name, one.series) for one in processes))
+    rows = [
+        "| drones | " + " | ".join(f"{SERIES[series]}, {name}" for name, series in columns) + " |",
+        "|---:" * (len(columns) + 1) + "|",
+    ]
+    for batch in BATCHES:
+        cells = [figure(middle[Simulated(*column, batch)]) for column in columns]
+        rows.append(f"| {batch:,} | " + " | ".join(cells) + " |")
+    held = [figure(memory[Simulated(*column, BATCHES[-1])] / 1e6) for column in columns]
+    rows.append(f"| peak memory with {BATCHES[-1]:,} [MB] | " + " | ".join(held) + " |")
+    curves = {
+        f"{SERIES[series]}, {name}": {
+            batch: middle[Simulated(name, series, batch)] for batch in BATCHES
+        }
+        for name, series in columns
+    }
+    return {"gpu-sweep": "\n".join(rows), "chart": chart.lines(curves, "drones", "steps a second")}
+
+
+def measure_training(processes: dict[tuple[str, int], Waiting]) -> str:
+    """The table of the 81 policies, and what policies in one call save."""
+    compiling = {asked: process.answer()["seconds"] for asked, process in processes.items()}
+    paper = matrix_file.read(MATRIX)
+    rows = [
+        f"| | one update of {paper.policies} policies [ms] | of {TOGETHER[1] * paper.policies} | "
+        "all updates of these [s] | before, once [s] | peak memory [MB] |",
+        "|---|---:|---:|---:|---:|---:|",
+    ]
+    total = 0.0
+    for structure, settings in paper.controls.items():
+        few = processes[structure, TOGETHER[0]].ask(None)
+        all_of_them = processes[structure, TOGETHER[1]].ask(None)
+        total += all_of_them["seconds"]
+        rows.append(
+            f"| {structure} | {1e3 * few['seconds'] / SAMPLE:.1f} | "
+            f"{1e3 * all_of_them['seconds'] / settings.updates:.1f} | "
+            f"{all_of_them['seconds']:.0f} | {compiling[structure, TOGETHER[1]]:.0f} | "
+            f"{figure(all_of_them['peak'] / 1e6)} |"
+        )
+        click.echo(rows[-1])
+    rows.append(f"| {len(paper.cells) * paper.policies} policies | | | {total:.0f} | | |")
+    return "\n".join(rows)
+
+
+def card() -> str:
+    """The GPU, its driver, and JAX's version."""
+    told = subprocess.run(
+        ["nvidia-smi", "--query-gpu=name,driver_version", "--format=csv,noheader"],
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+    )
+    name, driver = told.stdout.strip().split(", ")
+    return f"One {name}, driver {driver}; JAX {jax.__version__}, crazyflow {VERSION}."
+
+
+@click.command()
+@click.option("--train", "words", nargs=3, type=str, hidden=True)
+@click.argument("policies", type=click.Path(path_type=Path), required=False)
+@click.option(
+    "--output",
+    type=click.Path(path_type=Path, exists=True),
+    default=FOLDER.parent / "docs" / "studies" / "benchmarks.md",
+    show_default=True,
+)
+@click.option("--crazyflow", default=sys.executable, help=f"A Python that has crazyflow {VERSION}.")
+@click.option("--rounds", default=5, show_default=True, help="Answers a process.")
+def main(
+    words: tuple[str, str, str] | None,
+    policies: Path | None,
+    output: Path,
+    crazyflow: str,
+    rounds: int,
+) -> None:
+    """Measures all and writes the tables into the page OUTPUT; trained POLICIES go to a folder."""
+    if words:
+        structure, together, updates = words
+        train(structure, int(together), int(updates), policies)
+        return
+    os.environ["XLA_PYTHON_CLIENT_PREALLOCATE"] = "false"  # many processes share the card
+    start = time.perf_counter()
+    pythons = {"maidenflight": sys.executable, "crazyflow": crazyflow}
+    simulated = [
+        Simulated(name, series, batch)
+        for series in SERIES
+        for name in SCRIPTS
+        for batch in BATCHES
+        if (series, name) != ("training", "crazyflow")
+    ]
+    simulators = {
+        one: Waiting([pythons[one.name], FOLDER / SCRIPTS[one.name]], one.question(0.0))
+        for one in simulated
+    }
+    trainings = {
+        (structure, cells): Waiting(
+            [
+                sys.executable,
+                __file__,
+                "--train",
+                structure,
+                cells,
+                settings.updates if cells == TOGETHER[1] else SAMPLE,
+                *([policies] if policies and cells == TOGETHER[1] else []),
+            ],
+            None,
+        )
+        for structure, settings in matrix_file.read(MATRIX).controls.items()
+        for cells in TOGETHER
+    }
+    parts = {"gpu": card()} | measure_simulators(simulators, rounds)
+    output.with_name("gpu.svg").write_text(parts.pop("chart"))
+    write(output, parts)
+    click.echo(f"{parts['gpu-sweep']}\nafter {time.perf_counter() - start:.0f} s")
+    write(output, {"gpu-training": measure_training(trainings)})
+
+
+if __name__ == "__main__":
+    main()
