@@ -97,6 +97,8 @@ def figure(value: float | None) -> str:
     """Three digits that count."""
     if value is None:
         return "-"
+    if value >= 1e9:
+        return f"{value / 1e9:.3g} G"
     if value >= 1e6:
         return f"{value / 1e6:.3g} M"
     if value >= 1e4:

@@ -115,3 +115,20 @@ def test_programs_that_run_once_are_compiled_for_the_same_result() -> None:
     plain, once = jax.jit(begun)(keys), jax.jit(begun, compiler_options=compiler.once())(keys)
     for one, other in zip(jax.tree.leaves(plain), jax.tree.leaves(once), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("version", "has"), [("0.10.2", True), ("0.11.2", False), ("0.12.0.1", False)]
+)
+def test_options_are_those_that_xla_knows(
+    monkeypatch: pytest.MonkeyPatch, version: str, has: bool
+) -> None:
+    monkeypatch.setattr("jaxlib.version.__version__", version)
+    known = compiler.has_older_emitter.__wrapped__
+    monkeypatch.setattr(compiler, "has_older_emitter", known)
+    assert ("xla_cpu_use_fusion_emitters" in compiler.once()) is has
+    assert ("xla_cpu_use_fusion_emitters" in compiler.quickest()) is has
+
+
+def test_xla_takes_the_options_here() -> None:
+    assert jax.jit(lambda value: value + 1.0, compiler_options=compiler.once())(1.0) == 2.0
