@@ -1,5 +1,7 @@
 """Domain randomization draws inside its box, and only what it names."""
 
+from typing import Any
+
 import jax
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from maidenflight.simulator.randomization import (
     ensemble,
     randomize,
     relative_box,
+    stacked,
     uniform_box,
     wide_box,
 )
@@ -170,3 +173,18 @@ def test_a_wide_box_is_milliseconds_wide_in_latency_even_where_none_was_identifi
     box = wide_box(replace(PAPER, latency=latency), "pwm")
     assert float(box.lower.latency) == pytest.approx(0.8 * latency)
     assert float(box.upper.latency) == pytest.approx(latest)
+
+
+def test_stacked_distributions_draw_what_each_draws() -> None:
+    boxes = [relative_box(replace(PAPER, mass=mass), 0.1) for mass in (0.02, 0.04)]
+    key = jax.random.key(3)
+    drawn = jax.vmap(lambda box: box.draw(key))(stacked(boxes))
+    for number, box in enumerate(boxes):
+        for one, alone in zip(jax.tree.leaves(drawn), jax.tree.leaves(box.draw(key)), strict=True):
+            np.testing.assert_array_equal(one[number], alone)
+
+
+@pytest.mark.parametrize("other", [relative_box(PAPER), ensemble([PAPER] * 3)])
+def test_distributions_of_different_kinds_or_sizes_are_not_stacked(other: Any) -> None:
+    with pytest.raises(InputError, match="different kinds or sizes"):
+        stacked([ensemble([PAPER] * 2), other])

@@ -94,7 +94,7 @@ def test_each_policy_is_trained_and_scored_over_the_drones_of_its_key(trained: A
     [
         ([BOX], "1 distributions of drones for 2 keys"),
         ([BOX, "crazyflie"], "str is no distribution"),
-        ([BOX, ensemble([BOX.centre])], "different kinds .Ensemble, RelativeBox"),
+        ([BOX, ensemble([BOX.centre])], "different kinds or sizes .Ensemble, RelativeBox"),
         (
             [BOX, relative_box(replace(BOX.centre, time_step=BOX.centre.time_step / 2))],
             "different frames or time steps",

@@ -36,8 +36,7 @@ from maidenflight.training.train import train
 class Row(NamedTuple):
     """Control structure and motor time constant, whose cells' policies are trained in one call.
 
-    Together they take a third less time a policy than three at a time where arrays are small
-    (docs/studies/roofline.md).
+    There they share XLA's calls (docs/studies/roofline.md).
     """
 
     control: str

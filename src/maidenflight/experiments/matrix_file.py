@@ -1,11 +1,13 @@
-"""The TOML file of a matrix.
+"""The TOML file of a matrix, which says what to train for and where to fly.
 
-drone = "crazyflie"                     # nominal parameters: a name or a TOML file
-realities = ["virtual:7"]               # where to fly
-motor_time_constant = [0.04, 0.08]      # T_m to train for [s]
-latency = [0.0, 0.015]                  # latency to train for [s]
-[control.pwm]                           # a control structure: fields of AnalyticGradient, rate
-updates = 800
+Such as:
+
+    drone = "crazyflie"                     # nominal parameters: a name or a TOML file
+    realities = ["virtual:7"]               # where to fly
+    motor_time_constant = [0.04, 0.08]      # T_m to train for [s]
+    latency = [0.0, 0.015]                  # latency to train for [s]
+    [control.pwm]                           # a control structure: fields of AnalyticGradient, rate
+    updates = 800
 """
 
 import dataclasses

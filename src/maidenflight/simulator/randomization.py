@@ -281,13 +281,16 @@ def stacked(distributions: Sequence[Distribution]) -> Distribution:
     """Distributions of one kind as one pytree, each leaf with a first axis of them, for `vmap`.
 
     Raises:
-        InputError: they are of different kinds.
+        InputError: they are of different kinds, or ensembles of different numbers of drones.
     """
-    if len({jax.tree.structure(one) for one in distributions}) > 1:
+    forms = {
+        (jax.tree.structure(one), *map(np.shape, jax.tree.leaves(one))) for one in distributions
+    }
+    if len(forms) > 1:
         kinds = sorted({type(one).__name__ for one in distributions})
         raise InputError(
-            f"distributions of different kinds ({', '.join(kinds)}); expected all of one kind, "
-            "such as what mf.relative_box gives for each drone."
+            f"distributions of different kinds or sizes ({', '.join(kinds)}); expected all of one "
+            "kind, such as what mf.relative_box gives for each drone."
         )
     return jax.tree.map(lambda *leaves: np.stack(leaves), *distributions)
 
