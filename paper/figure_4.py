@@ -183,7 +183,7 @@ def run(settings: Path, small: bool, authors: Path | None, output: Path) -> None
     real = None if authors is None else published(authors)
     asked = matrix_file.read(settings)
     asked = asked.sketch() if small else asked
-    with terminal.progress("figure 4", len(asked.cells)) as move:
+    with terminal.progress("figure 4", len(asked.rows)) as move:
         flights = workflow.transfer_matrix(asked, output, move)
     drawn = {str(name): part for (name,), part in flights.group_by("reality", maintain_order=True)}
     results.write(

@@ -74,7 +74,7 @@ def test_flags_change_rounding_alone(tmp_path: Path) -> None:
 
 def test_the_latest_flags_count_but_ones_own_stay(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("XLA_FLAGS")
-    for flags in (compiler.QUICK, compiler.FUSED, compiler.QUICK):
+    for flags in (compiler.QUICK, compiler.FUSED, compiler.QUICK, compiler.quickest()):
         compiler.set_flags(flags)
         assert os.environ["XLA_FLAGS"] == flags
     for own in ("--xla_force_host_platform_device_count=2", ""):
