@@ -11,7 +11,6 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from typing import Any
 import chart
 import click
 import jax
+from asking import Waiting
 from page import write
 from serving import peak
 
@@ -34,36 +34,6 @@ SAMPLE = 100
 """Updates by which numbers of cells in a call are compared."""
 TOGETHER = (1, 9)
 """Cells in a call: one, and all of a control structure."""
-
-
-class Waiting:
-    """A process that compiles, and then answers a JSON object a line."""
-
-    def __init__(self, command: Sequence[Any], first: Any) -> None:
-        """Starts it and asks it for the first time."""
-        self._process = subprocess.Popen(
-            list(map(str, command)), stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
-        self._send(first)
-
-    def _send(self, question: Any) -> None:
-        assert self._process.stdin is not None
-        self._process.stdin.write(json.dumps(question) + "\n")
-        self._process.stdin.flush()
-
-    def answer(self) -> dict[str, Any]:
-        """What it answers to the oldest question without an answer."""
-        assert self._process.stdout is not None
-        # A package may print while it is imported.
-        line = next((line for line in self._process.stdout if line.startswith("{")), None)
-        if line is None:
-            raise click.ClickException(f"{self._process.args} ended.")
-        return json.loads(line)
-
-    def ask(self, question: Any) -> dict[str, Any]:
-        """Asks and waits."""
-        self._send(question)
-        return self.answer()
 
 
 @dataclass(frozen=True)
@@ -220,8 +190,7 @@ def main(
         if (series, name) != ("training", "crazyflow")
     ]
     simulators = {
-        one: Waiting([pythons[one.name], FOLDER / SCRIPTS[one.name]], one.question(0.0))
-        for one in simulated
+        one: Waiting([pythons[one.name], FOLDER / SCRIPTS[one.name]]) for one in simulated
     }
     trainings = {
         (structure, cells): Waiting(
@@ -233,12 +202,15 @@ def main(
                 cells,
                 settings.updates if cells == TOGETHER[1] else SAMPLE,
                 *([policies] if policies and cells == TOGETHER[1] else []),
-            ],
-            None,
+            ]
         )
         for structure, settings in matrix_file.read(MATRIX).controls.items()
         for cells in TOGETHER
     }
+    for one, process in simulators.items():
+        process.send(one.question(0.0))
+    for process in trainings.values():
+        process.send(None)
     parts = {"gpu": card()} | measure_simulators(simulators, rounds)
     output.with_name("gpu.svg").write_text(parts.pop("chart"))
     write(output, parts)

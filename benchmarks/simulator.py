@@ -8,7 +8,6 @@ first and measured anew. Both are compiled as XLA does by itself and with fused 
 (`maidenflight.compiler.FUSED`), which is a layout like others.
 """
 
-import json
 import os
 import re
 import statistics
@@ -24,6 +23,7 @@ from typing import Any
 
 import chart
 import click
+from asking import Waiting
 from maidenflight_speed import LAYOUTS
 from page import write
 
@@ -115,33 +115,19 @@ class Side:
         """Starts a process at the first question to it."""
         self.command, self.series = [python, str(FOLDER / script)], series
         self.layouts = [layout + ending for ending in ("", IS_FUSED) for layout in layouts]
-        self._processes: dict[str, subprocess.Popen[str]] = {}
+        self._processes: dict[str, Waiting] = {}
 
     def ask(self, series: str, batch: int, layout: str, seconds: float) -> float | None:
         """Steps a second; nothing where the layout does not fit the batch."""
         layout, ending, _ = layout.partition(IS_FUSED)
         if ending not in self._processes:
-            self._processes[ending] = subprocess.Popen(
+            self._processes[ending] = Waiting(
                 self.command,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
-                text=True,
                 env=environment() | ({"XLA_FLAGS": FUSED} if ending else {}),
             )
-        process = self._processes[ending]
-        assert process.stdin is not None
-        assert process.stdout is not None
-        process.stdin.write(
-            json.dumps({"series": series, "batch": batch, "layout": layout, "seconds": seconds})
-            + "\n"
-        )
-        process.stdin.flush()
-        # A package may print while it is imported.
-        answer = next((line for line in process.stdout if line.startswith("{")), None)
-        if answer is None:
-            raise RuntimeError(f"{self.command} ended; run it by hand to see why.")
-        return json.loads(answer)["rate"]
+        question = {"series": series, "batch": batch, "layout": layout, "seconds": seconds}
+        return self._processes[ending].ask(question)["rate"]
 
     def once(self, what: str, flags: str = "") -> tuple[float, float]:
         """What a fresh process tells in its last line, and the seconds until then."""
@@ -163,9 +149,7 @@ class Side:
     def close(self) -> None:
         """Ends the processes."""
         for process in self._processes.values():
-            assert process.stdin is not None
-            process.stdin.close()
-            process.wait()
+            process.close()
 
 
 def environment() -> dict[str, str]:
