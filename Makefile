@@ -23,7 +23,8 @@ demo: $(VENV)/.installed
 	$(BIN)/maidenflight demo
 	@echo 'To go on: . $(BIN)/activate && maidenflight --help'
 
-PYTEST := $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
+# A test that ended its process is begun again by another, which it may end too.
+PYTEST := $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder --max-worker-restart 2
 
 test: $(VENV)/.installed-dev
 	$(PYTEST) -m 'not slow'

@@ -47,6 +47,9 @@ PATIENCE = 30.0
 it."""
 LINE = 2000
 """Characters that an error may have."""
+AGAIN = 0.5
+"""Time after which a reader that still runs is told again [s]: what is raised in a callback of the
+garbage collector, or in Python that a compiled module calls, can be dropped there."""
 SPECIAL = 0.03
 """Share of inputs that are no ordinary files."""
 
@@ -87,8 +90,8 @@ def at_most(seconds: float) -> Iterator[None]:
         raise Late
 
     before = signal.signal(signal.SIGALRM, late)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
     try:
+        signal.setitimer(signal.ITIMER_REAL, seconds, AGAIN)
         yield
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
