@@ -80,7 +80,9 @@ class Recipe(NamedTuple):
             f"maidenflight train --drone {drone} --policies {SEEDS} -o {self.name} "
             f"--control {self.control} --task {self.task} --randomize 0.1"
         )
-        return command if self.history == 2 else f"{command} --history {self.history}"
+        if self.history != 2:
+            command += f" --history {self.history}"
+        return f"{command} --paper-scales" if self.control == "attitude" else command
 
 
 RECIPES = {
