@@ -22,8 +22,7 @@ from maidenflight.policy import Policy, untrained
 from maidenflight.simulator import control, tasks
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.look_ahead import LookAhead
-from maidenflight.simulator.position_pid import position_pid
-from maidenflight.simulator.randomization import ensemble, relative_box, stacked
+from maidenflight.simulator.randomization import relative_box, stacked
 from maidenflight.simulator.virtual_drone import virtual_drone
 from maidenflight.training import analytic_gradient, checkpoint
 from maidenflight.training import train as module
@@ -89,25 +88,6 @@ def test_each_policy_is_trained_and_scored_over_the_drones_of_its_key(trained: A
         assert after.score.episode_return[1] != before.score.episode_return[1]
 
 
-@pytest.mark.parametrize(
-    ("box", "words"),
-    [
-        ([BOX], "1 distributions of drones for 2 keys"),
-        ([BOX, "crazyflie"], "str is no distribution"),
-        ([BOX, ensemble([BOX.centre])], "different kinds or sizes .Ensemble, RelativeBox"),
-        (
-            [BOX, relative_box(replace(BOX.centre, time_step=BOX.centre.time_step / 2))],
-            "different frames or time steps",
-        ),
-    ],
-)
-def test_distributions_that_cannot_be_trained_over_together_are_refused(
-    box: Any, words: str
-) -> None:
-    with pytest.raises(InputError, match=words):
-        learn(box=box)
-
-
 @pytest.mark.slow
 def test_the_best_scored_policy_is_kept_not_the_last(flying: Any) -> None:
     policies, heard = flying
@@ -162,17 +142,6 @@ def test_training_from_a_policy_begins_with_its_score_and_ends_no_worse(
     assert_same(tuned(None), policies)
     with pytest.raises(InputError, match="another training"):
         tuned(None, trained[0][1])
-
-
-@pytest.mark.parametrize(
-    ("controller", "settings", "words"),
-    [(control.attitude(), TINY, "control structure"), (CONTROLLER, module.PPO(), "by gradients")],
-)
-def test_training_from_a_policy_is_of_its_control_structure_and_by_gradients(
-    controller: Any, settings: Any, words: str
-) -> None:
-    with pytest.raises(InputError, match=words):
-        train(TASK, controller, BOX, KEYS, settings, initial=untrained(KEYS[0]))
 
 
 @pytest.mark.slow
@@ -522,41 +491,9 @@ def test_a_policy_sees_and_remembers_as_much_as_asked_and_else_it_is_another_tra
     ):
         with pytest.raises(InputError, match="a checkpoint of another training"):
             train(*asked, saved=saved, **other)
-    with pytest.raises(InputError, match="memory = -1"):
-        train(tasks.circle(), control.pwm(), BOX, KEYS[:1], settings, memory=-1)
-    with pytest.raises(InputError, match="history = 0; expected 1 or more"):
-        train(tasks.circle(), control.pwm(), BOX, KEYS[:1], settings, history=0)
 
 
-def test_what_cannot_be_trained_is_refused() -> None:
-    with pytest.raises(InputError, match="position_pid cannot be trained for"):
-        train(tasks.circle(), position_pid(), BOX, KEYS, TINY)
-    keys = jax.random.split(jax.random.key(0), 2)
-    for given, words in (
-        (
-            (tasks.circle, control.pwm(), BOX, keys),
-            r"is no Task; expected what mf\.circle\(\) gives",
-        ),
-        (
-            (tasks.circle(), "pwm", BOX, keys),
-            r"pwm is no Controller; expected what mf\.pwm\(\) gives",
-        ),
-        (
-            (tasks.circle(), control.pwm(), crazyflie(), keys),
-            "Parameters is no distribution of drones",
-        ),
-        (
-            (tasks.circle(), control.pwm(), BOX, jax.random.key(0)),
-            "keys must be random keys, one a policy",
-        ),
-        ((tasks.circle(), control.pwm(), BOX, 0), "keys must be random keys, one a policy"),
-        (
-            (tasks.circle(), control.pwm(), BOX, keys, AnalyticGradient(updates=0)),
-            "updates = 0; expected 1 or more",
-        ),
-    ):
-        with pytest.raises(InputError, match=words):
-            train(*given)  # type: ignore[arg-type]
+def test_settings_of_no_method_are_refused() -> None:
     with pytest.raises(InputError, match="dict are not settings of a method"):
         train(tasks.circle(), control.pwm(), BOX, KEYS, {})  # type: ignore[arg-type]
 

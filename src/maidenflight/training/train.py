@@ -8,7 +8,6 @@ interruption changes the result.
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from functools import partial
 from os import PathLike
 from threading import Thread
@@ -23,22 +22,20 @@ from jaxtyping import Array
 
 from maidenflight import compiler
 from maidenflight.errors import InputError
-from maidenflight.gru import MOST_MEMORY
 from maidenflight.policy import Policy
-from maidenflight.simulator import raptor_form
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.look_ahead import NONE, LookAhead
-from maidenflight.simulator.position_pid import EXCITATION
-from maidenflight.simulator.randomization import Distribution, stacked
+from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.tasks import Task
 from maidenflight.training import analytic_gradient, checkpoint, distillation, ppo
 from maidenflight.training.analytic_gradient import AnalyticGradient
+from maidenflight.training.asked import checked
 from maidenflight.training.devices import placed
 from maidenflight.training.distillation import Distillation
 from maidenflight.training.evaluation import Evaluation, Starts, evaluate_together, starts_of
 from maidenflight.training.ppo_settings import PPO
-from maidenflight.training.settings import Settings, recorded
+from maidenflight.training.settings import Settings
 
 
 class Method(NamedTuple):
@@ -146,53 +143,10 @@ def train(
             f"{type(settings).__name__} are not settings of a method of training; known are "
             f"{known}."
         )
-    if settings.updates < 1:
-        raise InputError(f"updates = {settings.updates}; expected 1 or more.")
-    for given, kind, way in ((task, Task, "mf.circle()"), (controller, Controller, "mf.pwm()")):
-        if not isinstance(given, kind):
-            raise InputError(f"{str(given)[:60]} is no {kind.__name__}; expected what {way} gives.")
-    if not (
-        isinstance(keys, jax.Array)
-        and jnp.issubdtype(keys.dtype, jax.dtypes.prng_key)
-        and keys.ndim == 1
-        and keys.size
-    ):
-        raise InputError(
-            "keys must be random keys, one a policy: jax.random.split(jax.random.key(0), 3)."
-        )
-    boxes = _one_each(box, len(keys))
-    if controller.interface.name == EXCITATION.name:
-        raise InputError(
-            f"control structure {EXCITATION.name} cannot be trained for: it flies by itself. Give "
-            "what mf.pwm() gives."
-        )
-    if history < 1:
-        raise InputError(
-            f"history = {history}; expected 1 or more instants. The paper's policies see 2."
-        )
     method = METHODS[type(settings)]
-    if initial is not None:
-        _check_initial(initial, controller, settings)
-        settings = replace(settings, hidden=initial.layer_sizes[1:-1], form=initial.form)
-        history, look_ahead, memory = initial.history, initial.look_ahead, initial.memory
-    elif isinstance(settings, AnalyticGradient) and settings.form == raptor_form.RAPTOR:
-        settings = replace(settings, hidden=raptor_form.HIDDEN)
-        history, look_ahead, memory = raptor_form.SEEN
+    asked = checked(task, controller, box, keys, settings, history, look_ahead, memory, initial)
+    env, settings, drones = asked.env, asked.settings, asked.drones
     from_zero = initial is not None
-    if not 0 <= memory <= MOST_MEMORY:
-        raise InputError(f"memory = {memory}; expected 0 to {MOST_MEMORY} numbers.")
-    env, *others = (
-        Environment.matching(
-            one.centre, task, controller, history=history, look_ahead=look_ahead, memory=memory
-        )
-        for one in boxes
-    )
-    if any(other != env for other in others):
-        raise InputError(
-            "distributions of drones of different frames or time steps; expected drones that one "
-            "program simulates. Train them in calls of their own."
-        )
-    drones = stacked(boxes)
 
     def start(stages: tuple[int, ...]) -> _State:
         # Of a checkpoint, which has stages, shapes alone are asked for.
@@ -218,7 +172,7 @@ def train(
                 )
             )
 
-    fingerprint = _fingerprint(env, settings, drones, keys, initial)
+    fingerprint = asked.fingerprint()
     with ThreadPoolExecutor(1) as beside:
         if saved is None or anew or not os.path.lexists(saved):
             # Meanwhile XLA compiles what makes learners and starts, which takes as long.
@@ -269,27 +223,6 @@ def train(
     return tuple(_one_of(state.best, number) for number in range(len(keys)))
 
 
-def _one_each(box: Distribution | Sequence[Distribution], count: int) -> Sequence[Distribution]:
-    """A distribution of drones for each of so many keys.
-
-    Raises:
-        InputError: there is another number of them, or one is none.
-    """
-    boxes = box if isinstance(box, Sequence) else [box] * count
-    for one in boxes:
-        if not hasattr(one, "centre"):
-            raise InputError(
-                f"{type(one).__name__} is no distribution of drones; expected what "
-                "mf.relative_box(DRONE) gives."
-            )
-    if len(boxes) != count:
-        raise InputError(
-            f"{len(boxes)} distributions of drones for {count} keys; expected one for each key, or "
-            "one for all."
-        )
-    return boxes
-
-
 @partial(jax.jit, static_argnums=(0, 1), compiler_options=compiler.once())
 def _begun(
     begin: Wrapped, env: Environment, settings: Settings, drones: Distribution, keys: Array
@@ -320,51 +253,6 @@ def _one_of(stacked: Policy, number: int) -> Policy:
 
 def _repeated(policy: Policy, count: int) -> Policy:
     return tree.map(lambda leaf: jnp.repeat(jnp.asarray(leaf)[None], count, axis=0), policy)
-
-
-def _check_initial(initial: Policy, controller: Controller, settings: Settings) -> None:
-    """Checks that training can start from a policy.
-
-    PPO's running moments would change what the policy does before its first step.
-
-    Raises:
-        InputError: see `train`.
-    """
-    if type(settings) is not AnalyticGradient:
-        raise InputError(
-            f"training from a policy with {type(settings).__name__}; only training by gradients "
-            "starts from one."
-        )
-    if initial.interface != controller.interface:
-        raise InputError(
-            f"the initial policy commands {initial.interface.name} at {initial.interface.rate} Hz "
-            f"and not {controller.interface.name} at {controller.interface.rate} Hz of the same "
-            "centre and span. Give the control structure that it was trained for."
-        )
-
-
-def _fingerprint(
-    env: Environment, settings: Settings, drones: Distribution, keys: Array, initial: Policy | None
-) -> str:
-    task, controller = env.task, env.controller
-    words = {
-        "method": type(settings).__name__,
-        # Their number is in the checkpoint's stages.
-        "settings": {
-            name: value for name, value in recorded(settings).items() if name != "updates"
-        },
-        "task": [task.name, task.duration, task.floor],
-        "control": [
-            controller.interface.to_dict(),
-            controller.command_rate,
-            env.steps_per_command,
-        ],
-        "history": env.history,
-        **({"look_ahead": env.look_ahead.to_dict()} if env.look_ahead.points else {}),
-        **({"memory": env.memory} if env.memory else {}),
-    }
-    reference = jax.vmap(task.reference)(jnp.linspace(0.0, task.duration, 50))
-    return checkpoint.fingerprint(words, (reference, jax.random.key_data(keys), drones, initial))
 
 
 def _compiling_scores(

@@ -1,0 +1,167 @@
+"""What a training is asked for: checked, with a fingerprint that tells it from others."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from maidenflight.errors import InputError
+from maidenflight.gru import MOST_MEMORY
+from maidenflight.policy import Policy
+from maidenflight.simulator import raptor_form
+from maidenflight.simulator.control import Controller
+from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.position_pid import EXCITATION
+from maidenflight.simulator.randomization import Distribution, stacked
+from maidenflight.simulator.tasks import Task
+from maidenflight.training import checkpoint
+from maidenflight.training.analytic_gradient import AnalyticGradient
+from maidenflight.training.settings import Settings, recorded
+
+
+class Asked(NamedTuple):
+    """A training of P policies."""
+
+    env: Environment
+    """The program's: task, control structure, and what the policies see and remember."""
+    settings: Settings
+    """Of the method, with the layers that the policies have."""
+    drones: Distribution
+    """The P distributions of drones, stacked."""
+    keys: Array
+    """P random keys."""
+    initial: Policy | None
+    """Where training starts, instead of random weights."""
+
+    def fingerprint(self) -> str:
+        """Tells one training from another, but not from the same with more updates."""
+        task, controller = self.env.task, self.env.controller
+        words = {
+            "method": type(self.settings).__name__,
+            # Their number is in the checkpoint's stages.
+            "settings": {
+                name: value for name, value in recorded(self.settings).items() if name != "updates"
+            },
+            "task": [task.name, task.duration, task.floor],
+            "control": [
+                controller.interface.to_dict(),
+                controller.command_rate,
+                self.env.steps_per_command,
+            ],
+            "history": self.env.history,
+            **({"look_ahead": self.env.look_ahead.to_dict()} if self.env.look_ahead.points else {}),
+            **({"memory": self.env.memory} if self.env.memory else {}),
+        }
+        reference = jax.vmap(task.reference)(jnp.linspace(0.0, task.duration, 50))
+        return checkpoint.fingerprint(
+            words, (reference, jax.random.key_data(self.keys), self.drones, self.initial)
+        )
+
+
+def checked(
+    task: Task,
+    controller: Controller,
+    box: Distribution | Sequence[Distribution],
+    keys: Array,
+    settings: Settings,
+    history: int,
+    look_ahead: LookAhead,
+    memory: int,
+    initial: Policy | None,
+) -> Asked:
+    """What `train` is asked for by its arguments of these names.
+
+    Raises:
+        InputError: see `train`; not for settings of no known method.
+    """
+    if settings.updates < 1:
+        raise InputError(f"updates = {settings.updates}; expected 1 or more.")
+    for given, kind, way in ((task, Task, "mf.circle()"), (controller, Controller, "mf.pwm()")):
+        if not isinstance(given, kind):
+            raise InputError(f"{str(given)[:60]} is no {kind.__name__}; expected what {way} gives.")
+    if not (
+        isinstance(keys, jax.Array)
+        and jnp.issubdtype(keys.dtype, jax.dtypes.prng_key)
+        and keys.ndim == 1
+        and keys.size
+    ):
+        raise InputError(
+            "keys must be random keys, one a policy: jax.random.split(jax.random.key(0), 3)."
+        )
+    boxes = _one_each(box, len(keys))
+    if controller.interface.name == EXCITATION.name:
+        raise InputError(
+            f"control structure {EXCITATION.name} cannot be trained for: it flies by itself. Give "
+            "what mf.pwm() gives."
+        )
+    if history < 1:
+        raise InputError(
+            f"history = {history}; expected 1 or more instants. The paper's policies see 2."
+        )
+    if initial is not None:
+        _check_initial(initial, controller, settings)
+        settings = replace(settings, hidden=initial.layer_sizes[1:-1], form=initial.form)
+        history, look_ahead, memory = initial.history, initial.look_ahead, initial.memory
+    elif isinstance(settings, AnalyticGradient) and settings.form == raptor_form.RAPTOR:
+        settings = replace(settings, hidden=raptor_form.HIDDEN)
+        history, look_ahead, memory = raptor_form.SEEN
+    if not 0 <= memory <= MOST_MEMORY:
+        raise InputError(f"memory = {memory}; expected 0 to {MOST_MEMORY} numbers.")
+    env, *others = (
+        Environment.matching(
+            one.centre, task, controller, history=history, look_ahead=look_ahead, memory=memory
+        )
+        for one in boxes
+    )
+    if any(other != env for other in others):
+        raise InputError(
+            "distributions of drones of different frames or time steps; expected drones that one "
+            "program simulates. Train them in calls of their own."
+        )
+    return Asked(env, settings, stacked(boxes), keys, initial)
+
+
+def _one_each(box: Distribution | Sequence[Distribution], count: int) -> Sequence[Distribution]:
+    """A distribution of drones for each of so many keys.
+
+    Raises:
+        InputError: there is another number of them, or one is none.
+    """
+    boxes = box if isinstance(box, Sequence) else [box] * count
+    for one in boxes:
+        if not hasattr(one, "centre"):
+            raise InputError(
+                f"{type(one).__name__} is no distribution of drones; expected what "
+                "mf.relative_box(DRONE) gives."
+            )
+    if len(boxes) != count:
+        raise InputError(
+            f"{len(boxes)} distributions of drones for {count} keys; expected one for each key, or "
+            "one for all."
+        )
+    return boxes
+
+
+def _check_initial(initial: Policy, controller: Controller, settings: Settings) -> None:
+    """Checks that training can start from a policy.
+
+    PPO's running moments would change what the policy does before its first step.
+
+    Raises:
+        InputError: see `train`.
+    """
+    if type(settings) is not AnalyticGradient:
+        raise InputError(
+            f"training from a policy with {type(settings).__name__}; only training by gradients "
+            "starts from one."
+        )
+    if initial.interface != controller.interface:
+        raise InputError(
+            f"the initial policy commands {initial.interface.name} at {initial.interface.rate} Hz "
+            f"and not {controller.interface.name} at {controller.interface.rate} Hz of the same "
+            "centre and span. Give the control structure that it was trained for."
+        )

@@ -1,0 +1,111 @@
+from dataclasses import replace as changed
+from typing import Any
+
+import jax
+import pytest
+
+from maidenflight.errors import InputError
+from maidenflight.parameters import crazyflie, replace
+from maidenflight.policy import untrained
+from maidenflight.simulator import control, raptor_form, tasks
+from maidenflight.simulator.look_ahead import NONE, LookAhead
+from maidenflight.simulator.position_pid import position_pid
+from maidenflight.simulator.randomization import ensemble, relative_box
+from maidenflight.training.analytic_gradient import AnalyticGradient
+from maidenflight.training.asked import Asked, checked
+from maidenflight.training.ppo_settings import PPO
+
+BOX = relative_box(crazyflie(), 0.10)
+KEYS = jax.random.split(jax.random.key(5), 2)
+INITIAL = untrained(KEYS[0], (8,), history=3, memory=4)
+
+
+def asked(**others: Any) -> Asked:
+    usual = {
+        "task": tasks.circle(),
+        "controller": control.pwm(),
+        "box": BOX,
+        "keys": KEYS,
+        "settings": AnalyticGradient(),
+        "history": 2,
+        "look_ahead": NONE,
+        "memory": 0,
+        "initial": None,
+    }
+    return checked(**usual | others)
+
+
+@pytest.mark.parametrize(
+    ("box", "words"),
+    [
+        ([BOX], "1 distributions of drones for 2 keys"),
+        ([BOX, "crazyflie"], "str is no distribution"),
+        ([BOX, ensemble([BOX.centre])], "different kinds or sizes .Ensemble, RelativeBox"),
+        (
+            [BOX, relative_box(replace(BOX.centre, time_step=BOX.centre.time_step / 2))],
+            "different frames or time steps",
+        ),
+    ],
+)
+def test_distributions_that_cannot_be_trained_over_together_are_refused(
+    box: Any, words: str
+) -> None:
+    with pytest.raises(InputError, match=words):
+        asked(box=box)
+
+
+@pytest.mark.parametrize(
+    ("others", "words"),
+    [
+        ({"task": tasks.circle}, r"is no Task; expected what mf\.circle\(\) gives"),
+        ({"controller": "pwm"}, r"pwm is no Controller; expected what mf\.pwm\(\) gives"),
+        ({"controller": position_pid()}, "position_pid cannot be trained for"),
+        ({"box": crazyflie()}, "Parameters is no distribution of drones"),
+        ({"keys": jax.random.key(0)}, "keys must be random keys, one a policy"),
+        ({"keys": 0}, "keys must be random keys, one a policy"),
+        ({"settings": AnalyticGradient(updates=0)}, "updates = 0; expected 1 or more"),
+        ({"memory": -1}, "memory = -1"),
+        ({"history": 0}, "history = 0; expected 1 or more"),
+        ({"initial": INITIAL, "controller": control.attitude()}, "control structure"),
+        ({"initial": INITIAL, "settings": PPO()}, "by gradients"),
+    ],
+)
+def test_what_cannot_be_trained_is_refused(others: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        asked(**others)
+
+
+def test_what_policies_see_and_remember_is_as_asked_or_that_of_where_they_come_from() -> None:
+    ahead = LookAhead(2, 0.2)
+    env = asked(history=3, look_ahead=ahead, memory=4).env
+    assert (env.history, env.look_ahead, env.memory) == (3, ahead, 4)
+    begun = asked(initial=INITIAL, look_ahead=ahead)
+    assert (begun.env.history, begun.env.look_ahead, begun.env.memory) == (3, NONE, 4)
+    assert begun.settings.hidden == (8,)
+    raptor = asked(settings=AnalyticGradient(form=raptor_form.RAPTOR))
+    assert raptor.settings.hidden == raptor_form.HIDDEN
+    env = raptor.env
+    assert (env.history, env.look_ahead, env.memory) == raptor_form.SEEN
+
+
+def test_more_updates_are_the_same_training_and_all_else_is_another() -> None:
+    usual, settings = asked().fingerprint(), AnalyticGradient()
+    assert asked().fingerprint() == usual
+    assert asked(settings=changed(settings, updates=9)).fingerprint() == usual
+    assert asked(box=[BOX, BOX]).fingerprint() == usual
+    others = [
+        {"task": tasks.hover()},
+        {"controller": control.pwm(50)},
+        {"box": relative_box(crazyflie(), 0.11)},
+        {"box": [BOX, relative_box(crazyflie(), 0.11)]},
+        {"keys": KEYS[::-1]},
+        {"settings": changed(settings, tilt_penalty=3.0)},
+        {"settings": PPO()},
+        {"history": 3},
+        {"look_ahead": LookAhead(2, 0.2)},
+        {"look_ahead": LookAhead(2, 0.1)},
+        {"memory": 4},
+        {"initial": INITIAL},
+    ]
+    found = {asked(**other).fingerprint() for other in others}
+    assert len(found | {usual}) == len(others) + 1
