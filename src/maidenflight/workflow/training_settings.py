@@ -17,7 +17,7 @@ from maidenflight.workflow.drones import ANY_DAY, WIDE
 SETTINGS: dict[str, AnalyticGradient] = {
     "pwm": AnalyticGradient(),
     "attitude_rate": AnalyticGradient(
-        num_envs=128, horizon=40, hidden=(75, 75), failure_penalty=10.0, reset_fraction=0.5
+        num_envs=160, horizon=36, hidden=(75, 75), failure_penalty=10.0, reset_fraction=0.5
     ),
     "attitude": AnalyticGradient(updates=800, num_envs=128, horizon=16),
 }
