@@ -42,14 +42,14 @@ from maidenflight.errors import InputError
 
 LONGEST = 5.0
 """Time that a reader may take [s]."""
+AGAIN = 0.5
+"""Time after which a reader that still runs is told again [s]: what is raised in a callback of the
+garbage collector, or in Python that a compiled module calls, can be dropped there."""
 PATIENCE = 30.0
 """Time after which a process that says nothing is ended [s]: it waits where no signal reaches
 it."""
 LINE = 2000
 """Characters that an error may have."""
-AGAIN = 0.5
-"""Time after which a reader that still runs is told again [s]: what is raised in a callback of the
-garbage collector, or in Python that a compiled module calls, can be dropped there."""
 SPECIAL = 0.03
 """Share of inputs that are no ordinary files."""
 

@@ -82,7 +82,9 @@ class Recipe(NamedTuple):
         )
         if self.history != 2:
             command += f" --history {self.history}"
-        return f"{command} --paper-scales" if self.control == "attitude" else command
+        if self.control == "attitude":
+            command += " --paper-scales"
+        return command
 
 
 RECIPES = {
