@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from maidenflight import __version__, results
+from maidenflight import __version__, names, results
 from maidenflight.deployment.c import digest, export_c
 from maidenflight.deployment.commands import level_in_c
 from maidenflight.deployment.look_ahead import in_app
@@ -29,11 +29,17 @@ MAIN_LOOP = 1000
 MOST_MULTIPLICATIONS = 12_000
 """Of a network: half a millisecond of the drone's processor at 7 cycles a multiplication (counted
 on an emulated Cortex-M4), which leaves the other half of a stabilizer's step to the firmware."""
-PROPELLERS = {
-    "2.1+": "",
-    "legacy": "CONFIG_CRAZYFLIE_LEGACY_PROPELLERS=y\n",
-    "thrust-upgrade": "CONFIG_CRAZYFLIE_THRUST_UPGRADE_KIT=y\n",
-}
+PROPELLERS = dict(
+    zip(
+        names.PROPELLERS,
+        (
+            "",
+            "CONFIG_CRAZYFLIE_LEGACY_PROPELLERS=y\n",
+            "CONFIG_CRAZYFLIE_THRUST_UPGRADE_KIT=y\n",
+        ),
+        strict=True,
+    )
+)
 """What the firmware's configuration says of the drone's propellers, on which its battery
 compensation depends; nothing for those that it assumes (firmware 2026.08, Kconfig)."""
 _README_AHEAD = (

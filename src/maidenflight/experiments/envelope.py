@@ -17,6 +17,7 @@ import numpy as np
 import polars
 from jaxtyping import Array, Float
 
+from maidenflight import names as known
 from maidenflight.errors import InputError
 from maidenflight.experiments import transfer
 from maidenflight.flights import flying
@@ -107,15 +108,21 @@ def _grades(step: float, count: int) -> tuple[float, ...]:
     return tuple(round(step * number, 6) for number in range(count + 1))
 
 
-AXES: dict[str, Pace | Condition] = {
-    "circle": Pace("m/s", trajectories.quickening_circle, 3.0, 0.5),
-    "figure_eight": Pace("m/s", trajectories.quickening_figure_eight, 3.0, 1.0 / 3.0),
-    "gusts": Condition("m/s", _grades(1.0, 12), _in_wind, gust),
-    "payload": Condition("of mass", _grades(0.05, 12), _loaded),
-    "battery": Condition("V less", _grades(0.1, 12), _drained),
-    "propeller": Condition("of a rotor's thrust", _grades(0.05, 10), _damaged),
-    "latency": Condition("s more", _grades(0.0025, 12), _late),
-}
+AXES: dict[str, Pace | Condition] = dict(
+    zip(
+        known.AXES,
+        (
+            Pace("m/s", trajectories.quickening_circle, 3.0, 0.5),
+            Pace("m/s", trajectories.quickening_figure_eight, 3.0, 1.0 / 3.0),
+            Condition("m/s", _grades(1.0, 12), _in_wind, gust),
+            Condition("of mass", _grades(0.05, 12), _loaded),
+            Condition("V less", _grades(0.1, 12), _drained),
+            Condition("of a rotor's thrust", _grades(0.05, 10), _damaged),
+            Condition("s more", _grades(0.0025, 12), _late),
+        ),
+        strict=True,
+    )
+)
 """What grows harder, by name."""
 
 

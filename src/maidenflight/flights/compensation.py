@@ -20,22 +20,23 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 
+from maidenflight import names
 from maidenflight.errors import InputError
 from maidenflight.simulator import battery
 from maidenflight.simulator.battery import MOST_COUNTS
 
 PLUS = battery.PLUS.name
 """The law of today's Crazyflie, taken where a log cannot decide."""
-NONE = "firmware of 2021, before it compensates"
+NONE = names.UNCOMPENSATED_2021
 """`motor.m1` of that firmware is the command itself."""
 
 
-BRUSHLESS = "2.1 Brushless"
+BRUSHLESS = names.BRUSHLESS
 """Its firmware maps forces to PWM without the battery, so that thrust falls with it. Here u is what
 the motors' voltage gives: by the measured speeds of 16 flights (15,012 rpm at 1.534 V, 16,290 rpm
 at 1.690 V) the rotor speed is affine in it, (volts + 0.30 V) / 2.85 V of the 23,200 rpm that a
 thrust stand shows at full PWM (IMRCLab 2026, cf21bl_guards)."""
-UNKNOWN = "unknown, PWM squared"
+UNKNOWN = names.UNKNOWN_LAW
 """Where the battery was not logged: rotor speed proportional to PWM."""
 HOVER_VOLTS = 1.9
 """Mean voltage of the motors in flight [V] below which they are taken for brushless: those hover at

@@ -11,7 +11,7 @@ import numpy as np
 import polars
 from jaxtyping import Float
 
-from maidenflight import results
+from maidenflight import names, results
 from maidenflight.errors import InputError
 from maidenflight.flights import tables
 from maidenflight.flights.tables import Table
@@ -21,7 +21,7 @@ from maidenflight.simulator.battery import COUNTS, MOST_COUNTS
 FAMILY = "# maidenflight flight"
 MARK = f"{FAMILY} 3"
 """How a file in our format begins."""
-ZERO_ORDER_HOLD, SUBSAMPLED = "zero-order-hold", "subsampled"
+ZERO_ORDER_HOLD, SUBSAMPLED = names.COMMANDS
 """What logged commands stand for: each acts until the next row, or is one of a faster loop."""
 
 ACCELEROMETER_DELAY, GYRO_DELAY = 0.0075, 0.0028
@@ -42,10 +42,16 @@ GROUPS: dict[str, tuple[str, ...]] = {
 }
 """Columns of our format, by the field of `Flight` that they fill."""
 
-OPTIONAL: dict[str, tuple[str, ...]] = {
-    "accelerometer": ("acceleration_x", "acceleration_y", "acceleration_z"),
-    "rotor_speed": ("rotor_speed_1", "rotor_speed_2", "rotor_speed_3", "rotor_speed_4"),
-}
+OPTIONAL: dict[str, tuple[str, ...]] = dict(
+    zip(
+        names.OPTIONAL_SIGNALS,
+        (
+            ("acceleration_x", "acceleration_y", "acceleration_z"),
+            ("rotor_speed_1", "rotor_speed_2", "rotor_speed_3", "rotor_speed_4"),
+        ),
+        strict=True,
+    )
+)
 """Columns that a log may have or not, likewise."""
 
 TRUTH: dict[str, tuple[str, ...]] = {

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
-from maidenflight import run_folder
+from maidenflight import names, run_folder
 from maidenflight.errors import InputError
 from maidenflight.flights import checking, compensation, foreign, formats, log
 from maidenflight.flights.formats import Logged
@@ -70,7 +70,7 @@ class Flights:
         return sum(flight.duration for flight in self.flights)
 
 
-COMMANDS = (ZERO_ORDER_HOLD, SUBSAMPLED)
+COMMANDS = names.COMMANDS
 """What a logged command may stand for; see docs/flight-log.md."""
 
 

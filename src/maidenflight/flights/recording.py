@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from maidenflight import names
 from maidenflight.errors import InputError
 from maidenflight.flights import flying
 from maidenflight.flights.flying import Pilot, Rows
@@ -26,10 +27,13 @@ from maidenflight.simulator.tasks import Task
 from maidenflight.simulator.trajectories import Trajectory
 from maidenflight.simulator.virtual_drone import VirtualDrone
 
-CONTROLLERS: dict[str, Callable[[Trajectory, str, float], Controller]] = {
-    "pid": lambda _, firmware, counts: position_pid(firmware, counts),
-    "mellinger": mellinger.mellinger,
-}
+CONTROLLERS: dict[str, Callable[[Trajectory, str, float], Controller]] = dict(
+    zip(
+        names.CONTROLLERS,
+        (lambda _, firmware, counts: position_pid(firmware, counts), mellinger.mellinger),
+        strict=True,
+    )
+)
 """What flies: (reference, firmware, counts of full scale) to controllers of the firmware."""
 RATE = EXCITATION.rate
 """Rows a second of a recorded flight, as of a Crazyflie's micro-SD card [Hz]: the PID's rate."""

@@ -22,6 +22,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
+from maidenflight import names
 from maidenflight.parameters import Parameters
 
 Numbers = TypeVar("Numbers", jax.Array, np.ndarray)
@@ -116,17 +117,17 @@ def _cubic(name: str, force: tuple[float, ...], full: float) -> ThrustLaw:
 
 
 FIRMWARE_2021 = ThrustLaw(
-    "firmware of 2021", _volts_of_2021, _counts_of_2021, 0.0, capped_together=False
+    names.FIRMWARE_2021, _volts_of_2021, _counts_of_2021, 0.0, capped_together=False
 )
 """The authors' flights."""
-PLUS = _cubic("2.1+ propellers", (-0.024765379, 0.065237935, -0.026792505, 0.006776789), 0.12)
+PLUS = _cubic(names.PLUS_PROPELLERS, (-0.024765379, 0.065237935, -0.026792505, 0.006776789), 0.12)
 """Today's Crazyflie, unless its configuration says otherwise."""
 LAWS: Mapping[str, ThrustLaw] = {
     law.name: law
     for law in (
         PLUS,
-        _cubic("legacy propellers", (-0.014830745, 0.047244652, -0.018473644, 0.005960924), 0.12),
-        _cubic("thrust upgrade", (0.006728128, 0.010115576, 0.010263198, 0.002835864), 0.18),
+        _cubic(names.LEGACY_PROPELLERS, (-0.014830745, 0.047244652, -0.018473644, 0.005960924), 0.12),
+        _cubic(names.THRUST_UPGRADE, (0.006728128, 0.010115576, 0.010263198, 0.002835864), 0.18),
         FIRMWARE_2021,
     )
 }

@@ -209,12 +209,8 @@ def attitude(
     return controller_for(interfaces.attitude(action_rate, full_scale_counts, hover), firmware)
 
 
-CONTROLLERS: dict[str, Callable[..., Controller]] = {
-    "pwm": pwm,
-    "attitude_rate": attitude_rate,
-    "attitude": attitude,
-}
-"""The paper's control structures by name; all take `action_rate` and `full_scale_counts`, those of
+CONTROLLERS: dict[str, Callable[..., Controller]] = {name: globals()[name] for name in CONTROLS}
+"""The paper's control structures by name, each a function of this module; all take `action_rate` and `full_scale_counts`, those of
 the firmware also `firmware`."""
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from maidenflight.errors import InputError
+from maidenflight.names import CONTROLS
 from maidenflight.simulator.battery import COUNTS, MOST_COUNTS
 
 Four = tuple[float, float, float, float]
@@ -29,14 +30,18 @@ LARGEST_ANGLE_DEG = 10.0
 THRUST_REACH = 0.25
 """Share of full thrust by which attitude control reaches to both sides of hovering, where it does
 not have the paper's range."""
-UNITS: dict[str, tuple[str, str, str, str]] = {
-    "pwm": (THRUST, THRUST, THRUST, THRUST),
-    "attitude_rate": (THRUST, "rad/s", "rad/s", "rad/s"),
-    "attitude": (THRUST, "rad", "rad", "rad"),
-}
+UNITS: dict[str, tuple[str, str, str, str]] = dict(
+    zip(
+        CONTROLS,
+        (
+            (THRUST, THRUST, THRUST, THRUST),
+            (THRUST, "rad/s", "rad/s", "rad/s"),
+            (THRUST, "rad", "rad", "rad"),
+        ),
+        strict=True,
+    )
+)
 """Units of the paper's control structures by their names, which mean nothing else."""
-CONTROLS = tuple(UNITS)
-"""Names of the paper's control structures (Gronauer et al. 2022, sec. Control Structures)."""
 
 NOTE = "maidenflight"
 """Attribute of the space of observations of a Gymnasium environment of ours, which learners keep
@@ -246,11 +251,9 @@ def attitude(
 
 
 INTERFACES: dict[str, Callable[..., ControlInterface]] = {
-    "pwm": pwm,
-    "attitude_rate": attitude_rate,
-    "attitude": attitude,
+    name: globals()[name] for name in CONTROLS
 }
-"""The paper's interfaces by name; all take `action_rate` and `full_scale_counts`."""
+"""The paper's interfaces by name, each a function of this module; all take `action_rate` and `full_scale_counts`."""
 
 
 def _is_number(value: Any) -> bool:

@@ -3,16 +3,17 @@
 `firmware` runs them one after the other and tells how the two generations differ.
 """
 
-from typing import Literal, NamedTuple, cast, get_args
+from typing import NamedTuple, cast, get_args
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from maidenflight.errors import InputError
+from maidenflight.names import Firmware
 from maidenflight.simulator.vectors import each
 
-Generation = Literal["2021.10", "2026.08"]
+Generation = Firmware
 
 ATTITUDE_RATE = 500
 """Attitude and rate PIDs [Hz]."""

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from maidenflight import names
 from maidenflight.errors import InputError
 from maidenflight.parameters import Parameters
 from maidenflight.simulator import dynamics, noise, rotations, trajectories
@@ -324,12 +325,5 @@ def _fast(name: str, reference: Trajectory, fastest: float) -> Task:
     return task._replace(name=name if usual else f"{name} up to {fastest:g} m/s", tilt_margin=STEEP)
 
 
-TASKS: dict[str, Callable[[], Task]] = {
-    "circle": circle,
-    "figure_eight": figure_eight,
-    "fast_circle": fast_circle,
-    "fast_figure_eight": fast_figure_eight,
-    "hover": hover,
-    "take_off": take_off,
-}
-"""Tasks by name, as the command line offers them."""
+TASKS: dict[str, Callable[[], Task]] = {name: globals()[name] for name in names.TASKS}
+"""Tasks by name; each is a function of this module."""

@@ -4,7 +4,7 @@ A study is a TOML file, or a list of the same tables in Python:
 
     [[task]]
     name = "policy"                     # of your choice
-    kind = "train"                      # identify, train, transfer, predict, envelope
+    kind = "train"                      # a verb of the command line, or MODULE:NAME of your own
     settings = { drone = "crazyflie", policies = 8, updates = 800 }
     grid = { control = ["pwm", "attitude"], seed = { first = 0, count = 20 } }
 
@@ -31,8 +31,8 @@ from typing import Any
 from maidenflight import __version__, inputs, results
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
-from maidenflight.studies import kinds
-from maidenflight.studies.kinds import REQUIRED, Kind
+from maidenflight.settings import PENDING, REQUIRED, Setting, plain
+from maidenflight.verb import VERBS, Verb, find_verb
 
 MOST = 1_000_000
 """Tasks of a study at most."""
@@ -58,7 +58,7 @@ class Task:
     @property
     def label(self) -> str:
         """For people."""
-        swept = ", ".join(f"{name} {plain(value)}" for name, value in self.point.items())
+        swept = ", ".join(f"{name} {to_cell(value)}" for name, value in self.point.items())
         return f"{self.name} ({swept})" if swept else self.name
 
 
@@ -80,16 +80,23 @@ class _Entry:
     name: str
     label: str
     """For errors."""
-    kind_name: str
-    kind: Kind
+    kind: str
+    verb: type[Verb]
     settings: dict[str, Any]
     grid: dict[str, list[Any]]
     inputs: dict[str, str]
 
 
-def plain(value: Any) -> Any:
-    """A setting as a table shows it."""
+def to_cell(value: Any) -> Any:
+    """Converts a setting to what a table shows."""
+    if isinstance(value, dict):
+        return ", ".join(f"{name}={one}" for name, one in value.items())
     return ", ".join(map(str, value)) if isinstance(value, list) else value
+
+
+def settings_of(verb: type[Verb]) -> dict[str, Setting]:
+    """Returns the settings of a verb that a study may set: all on which its results depend."""
+    return {name: one for name, (_, one) in verb.settings().items() if one.recorded}
 
 
 def read(path: StrPath, cpus: int = 1, gpus: int = 0) -> Study:
@@ -161,11 +168,11 @@ def _entry(content: Any, where: str, known: Mapping[str, _Entry]) -> _Entry:
     if not isinstance(called, str) or not called or "." in called or called in known:
         raise InputError(f"{where}: name = {called!r}; expected a text of its own without a dot.")
     label = f"{where} ({called})"
-    kind_name = content.get("kind")
-    if not isinstance(kind_name, str):
-        raise InputError(f"{label}: kind = {kind_name!r}; expected {', '.join(kinds.KINDS)}.")
+    kind = content.get("kind")
+    if not isinstance(kind, str):
+        raise InputError(f"{label}: kind = {kind!r}; expected {', '.join(VERBS)}.")
     try:
-        kind = kinds.kind(kind_name)
+        verb = find_verb(kind)
     except InputError as error:
         raise InputError(f"{label}: {error}") from error
     parts = {name: content.get(name, {}) for name in ("settings", "grid", "inputs")}
@@ -173,32 +180,27 @@ def _entry(content: Any, where: str, known: Mapping[str, _Entry]) -> _Entry:
         if not isinstance(part, dict):
             raise InputError(f"{label}: {name} = {str(part)[:40]!r}; expected a table.")
     given = [*parts["settings"], *parts["grid"], *parts["inputs"]]
+    settings = settings_of(verb)
     for name in given:
-        if name not in kind.settings:
-            raise InputError(
-                f"{label}: {name} is no setting of {kind_name}. Expected "
-                f"{', '.join(kind.settings)}."
-            )
+        if name not in settings:
+            expected = ", ".join(settings)
+            raise InputError(f"{label}: {name} is no setting of {kind}. Expected {expected}.")
         if given.count(name) > 1:
             raise InputError(f"{label}: {name} is given twice. Give it in one place.")
-    for name, setting in kind.settings.items():
-        if setting.default is REQUIRED and name not in given:
-            raise InputError(f"{label}: {name} is missing; expected {setting.expected}.")
+    for name, setting in settings.items():
+        if name not in given:
+            setting.check(setting.default, f"{label}: {name}")
     for name, value in parts["settings"].items():
-        _must_fit(kind, name, value, label)
-    grid = {name: _values(kind, name, value, label) for name, value in parts["grid"].items()}
+        settings[name].check(value, f"{label}: {name}")
+    grid = {
+        name: _values(settings[name], name, value, label) for name, value in parts["grid"].items()
+    }
     for name, source in parts["inputs"].items():
-        _must_be_made(kind, kind_name, name, source, known, label)
-    return _Entry(called, label, kind_name, kind, parts["settings"], grid, parts["inputs"])
+        _must_be_made(verb, name, source, known, label)
+    return _Entry(called, label, kind, verb, parts["settings"], grid, parts["inputs"])
 
 
-def _must_fit(kind: Kind, name: str, value: Any, label: str) -> None:
-    setting = kind.settings[name]
-    if not setting.fits(value):
-        raise InputError(f"{label}: {name} = {str(value)[:60]!r}; expected {setting.expected}.")
-
-
-def _values(kind: Kind, name: str, given: Any, label: str) -> list[Any]:
+def _values(setting: Setting, name: str, given: Any, label: str) -> list[Any]:
     """The values of an axis: a list, or whole numbers from a first one on."""
     if isinstance(given, dict) and given.keys() == {"first", "count"}:
         first, count = given["first"], given["count"]
@@ -210,30 +212,30 @@ def _values(kind: Kind, name: str, given: Any, label: str) -> list[Any]:
             "{ first = 0, count = 10 }."
         )
     for value in given:
-        _must_fit(kind, name, value, label)
+        setting.check(value, f"{label}: {name}")
     if len({json.dumps(value) for value in given}) < len(given):
         raise InputError(f"{label}: grid {name} has a value twice. Give each once.")
     return given
 
 
 def _must_be_made(
-    kind: Kind, kind_name: str, name: str, source: Any, known: Mapping[str, _Entry], label: str
+    verb: type[Verb], name: str, source: Any, known: Mapping[str, _Entry], label: str
 ) -> None:
     if source not in known:
         raise InputError(
             f"{label}: input {name} = {source!r}; expected the name of an entry above it"
             f"{': ' + ', '.join(known) if known else ''}."
         )
-    if name not in kind.takes:
-        taken = ", ".join(kind.takes) or "no setting"
+    makers = {name: one.made_by for name, one in settings_of(verb).items() if one.made_by}
+    if name not in makers:
+        made = ", ".join(makers) or "no setting"
         raise InputError(
-            f"{label}: no task makes {name} of {kind_name}; tasks make {taken}. Give it in "
-            "settings."
+            f"{label}: no task makes {name} of {verb.name}; tasks make {made}. Give it in settings."
         )
-    if known[source].kind_name != kind.takes[name]:
+    if known[source].kind != makers[name]:
         raise InputError(
-            f"{label}: input {name} is made by {source!r}, which is {known[source].kind_name}; "
-            f"expected a task that is {kind.takes[name]}."
+            f"{label}: input {name} is made by {source!r}, which is {known[source].kind}; "
+            f"expected a task that is {makers[name]}."
         )
 
 
@@ -259,9 +261,9 @@ def _expanded(
     if len(joined) * len(own) > MOST:
         raise InputError(f"{entry.label}: more than {MOST} tasks. Make several studies of it.")
     defaults = {
-        name: setting.default
-        for name, setting in entry.kind.settings.items()
-        if name not in entry.inputs
+        name: plain(setting.default)
+        for name, setting in settings_of(entry.verb).items()
+        if name not in entry.inputs and setting.default is not REQUIRED
     }
     chosen = []
     for at in own:
@@ -271,9 +273,9 @@ def _expanded(
     for point, keys in joined:
         for at, settings, content in chosen:
             swept = {**point, **{f"{entry.name}.{name}": value for name, value in at.items()}}
-            named = [entry.kind_name, entry.kind.version, __version__, content, keys, devices]
+            named = [entry.kind, entry.verb.version, __version__, content, keys, devices]
             key = hashlib.sha256(json.dumps(named, sort_keys=True).encode()).hexdigest()[:20]
-            tasks.append(Task(entry.name, entry.kind_name, settings, swept, keys, key))
+            tasks.append(Task(entry.name, entry.kind, settings, swept, keys, key))
     return tasks
 
 
@@ -286,7 +288,7 @@ def _content(
         InputError: a file is not there, or the settings do not go together.
     """
     content = dict(settings)
-    for name, setting in entry.kind.settings.items():
+    for name, setting in settings_of(entry.verb).items():
         value = settings.get(name)
         if setting.files and value is not None:
             values = value if isinstance(value, list) else [value]
@@ -294,7 +296,9 @@ def _content(
                 [one, _digests(one, f"{entry.label}: {name}", digests)] for one in values
             ]
     try:
-        entry.kind.check(settings)
+        verb = entry.verb.from_settings({**settings, **dict.fromkeys(entry.inputs, PENDING)})
+        verb.check_early()
+        verb.check()
     except InputError as error:
         raise InputError(f"{entry.label}: {error}") from error
     return content

@@ -14,12 +14,13 @@ from maidenflight import results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
 from maidenflight.studies import engine as engines
-from maidenflight.studies import kinds, status
+from maidenflight.studies import status
 from maidenflight.studies.engine import Engine, Resources
 from maidenflight.studies.status import Progress
 from maidenflight.studies.store import Folder, Store, opened
-from maidenflight.studies.study import Study, Task, of, plain, read
-from maidenflight.studies.worker import DONE, LOST, Ending, Order
+from maidenflight.studies.study import Study, Task, of, read, to_cell
+from maidenflight.studies.worker import DONE, LOST, Ending, Order, product_of
+from maidenflight.verb import find_verb
 
 LOSSES = 5
 """How often a task may be lost with its process or node before it counts as failed."""
@@ -190,7 +191,7 @@ class _Driving:
         task = self._tasks[self._ready.popleft()]
         self._running[task.key] = None
         products = {
-            name: (key, kinds.kind(self._tasks[key].kind).product)
+            name: (key, product_of(find_verb(self._tasks[key].kind)))
             for name, key in task.inputs.items()
         }
         return Order(
@@ -211,7 +212,7 @@ class _Driving:
         del self._running[key]
         if ending.how == DONE:
             self._there.add(key)
-            counted = kinds.kind(task.kind).counts
+            counted = find_verb(task.kind).counted
             self._policies += task.settings[counted] if counted else 0
             self._store.drop(_place(task))
             for later in self._after.get(key, ()):
@@ -279,7 +280,7 @@ def gather(study: Study, store: Store, skipped: AbstractSet[str] = frozenset()) 
     rows: list[dict[str, Any]] = []
     for task in study.tasks:
         if task.key not in skipped:
-            point = {name: plain(value) for name, value in task.point.items()}
+            point = {name: to_cell(value) for name, value in task.point.items()}
             rows += [
                 {"task": task.name, "kind": task.kind, **point, **row}
                 for row in store.result(task.key)["rows"]

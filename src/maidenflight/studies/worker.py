@@ -10,9 +10,10 @@ from contextlib import chdir
 from dataclasses import dataclass
 from typing import Any
 
-from maidenflight import __version__, cache, compiler, results
+from maidenflight import __version__, cache, compiler, cores, results
 from maidenflight.errors import InputError
-from maidenflight.studies import kinds, store
+from maidenflight.studies import store
+from maidenflight.verb import Verb, find_verb
 
 DONE, FAILED, LOST = "done", "failed", "lost"
 """How a task ends: its result is there, its function raised, or its process or node is gone."""
@@ -55,13 +56,18 @@ def perform(order: Order) -> Ending:
             return Ending(order.key, DONE)
         compiler.set_flags(compiler.QUICK)
         cache.keep_compiled()
-        kind = kinds.kind(order.kind)
-        taken = {
+        verb = find_verb(order.kind)
+        if verb.parallel:
+            cores.as_devices(order.cpus)
+        made = {
             name: str(kept.folder(key) / product) for name, (key, product) in order.inputs.items()
         }
         with kept.making(order.key) as folder, chdir(order.home):
-            rows = kind.run(kinds.Work({**order.settings, **taken}, folder, order.cpus))
-            made = {
+            task = verb.from_settings({**order.settings, **_by_kind(verb, made)})
+            place = folder / product_of(verb)
+            rows = task.run(place).rows
+            task.discard_state(place)
+            record = {
                 "version": __version__,
                 "kind": order.kind,
                 "settings": order.settings,
@@ -69,13 +75,24 @@ def perform(order: Order) -> Ending:
                 "cpus": order.cpus,
                 "gpus": order.gpus,
             }
-            content = json.dumps({"record": made, "rows": list(rows)}, indent=1)
+            content = json.dumps({"record": record, "rows": list(rows)}, indent=1)
             results.write(folder / store.RESULT, f"{content}\n")
     except InputError as error:
         return Ending(order.key, FAILED, f"{error}\n")
     except (Exception, SystemExit):
         return Ending(order.key, FAILED, traceback.format_exc())
     return Ending(order.key, DONE)
+
+
+def product_of(verb: type[Verb]) -> str:
+    """Returns where a task writes, in its folder; later tasks take it from there."""
+    return verb.output.default or "output"
+
+
+def _by_kind(verb: type[Verb], made: dict[str, str]) -> dict[str, Any]:
+    """Returns what other tasks made, alone in a list where a setting takes lists."""
+    repeats = {name for name, (_, one) in verb.settings().items() if one.values.repeats}
+    return {name: [path] if name in repeats else path for name, path in made.items()}
 
 
 def begin(driver: int, gpus: str) -> None:

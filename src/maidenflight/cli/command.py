@@ -1,0 +1,235 @@
+"""Click's commands, derived from the fields of verbs."""
+
+import gc
+import json
+import shlex
+import sys
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import click
+from click.core import ParameterSource
+from click.shell_completion import CompletionItem
+
+from maidenflight import cache, compiler, cores, results, terminal
+from maidenflight.cli.interruption import resumable
+from maidenflight.errors import InputError
+from maidenflight.settings import REQUIRED, Setting
+from maidenflight.verb import VERBS, Result, Verb, find_verb
+
+_KEYWORDS = ("from", "for")
+_PLAIN = "Output"
+"""Heading of the options that every verb has."""
+
+
+class _Values(click.ParamType):
+    """The values of a setting as Click reads them."""
+
+    name = "value"
+
+    def __init__(self, setting: Setting) -> None:
+        self.values = setting.values
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Reads one word of the command line."""
+        with suppress(ValueError, TypeError, OverflowError):
+            read = self.values.parse(value)
+            if self.values.accepts([read] if self.values.repeats else read):
+                return read
+        self.fail(f"{value!r}; expected {self.values.expected}.", param, ctx)
+
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
+        """Completes names in a shell, and paths where there are none."""
+        words = [word for word in self.values.choices if word.startswith(incomplete)]
+        if words:
+            return [CompletionItem(word) for word in words]
+        return [CompletionItem(incomplete, type="file")]
+
+
+class VerbCommand(click.Command):
+    """A verb as a command: its options by group, those that are rare only by `--help-all`."""
+
+    def __init__(self, verb: type[Verb]) -> None:
+        self.verb, self.declared = verb, {k: v for k, (_, v) in verb.settings().items()}
+        rare = any(setting.rare for setting in self.declared.values())
+        super().__init__(
+            verb.name,
+            params=[_parameter(name, one) for name, one in self.declared.items()]
+            + _common_options(verb, rare),
+            callback=self._run,
+            help=verb.__doc__,
+        )
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Writes the options of each group below its heading."""
+        every = ctx.meta.get("every_option", False)
+        groups: dict[str, list[tuple[str, str]]] = {}
+        hidden = False
+        for parameter in self.get_params(ctx):
+            setting = self.declared.get((parameter.name or "").rstrip("_"))
+            if setting is not None and setting.rare and not every:
+                hidden = True
+            elif not isinstance(parameter, click.Argument) and (
+                row := parameter.get_help_record(ctx)
+            ):
+                groups.setdefault(setting.group if setting else _PLAIN, []).append(row)
+        common = groups.pop(_PLAIN, [])
+        for title, rows in {**groups, _PLAIN: common}.items():
+            with formatter.section(title):
+                formatter.write_dl(rows, col_max=26)
+        if hidden:
+            formatter.write_paragraph()
+            formatter.write_text(f"More options: {ctx.command_path} --help-all")
+
+    def _run(self, output: str | None, as_json: bool, overwrite: bool, **words: Any) -> None:
+        context = click.get_current_context()
+        given = {
+            name.rstrip("_"): value
+            for name, value in words.items()
+            if context.get_parameter_source(name) is not ParameterSource.DEFAULT
+        }
+        run_verb(self.verb.from_settings(given), output, as_json, overwrite)
+
+
+def _parameter(name: str, setting: Setting) -> click.Parameter:
+    values = setting.values
+    variable = f"{name}_" if name in _KEYWORDS else name
+    required = setting.default is REQUIRED
+    if setting.argument:
+        many = -1 if values.repeats else 1
+        shown = f"{name.upper()}..." if values.repeats else name.upper()
+        return click.Argument(
+            [variable], type=_Values(setting), nargs=many, required=required, metavar=shown
+        )
+    option = f"--{name.replace('_', '-')}"
+    if isinstance(setting.default, bool):
+        return click.Option([variable, option], is_flag=True, help=setting.help)
+    words = setting.default_text
+    return click.Option(
+        [variable, option],
+        type=_Values(setting),
+        required=required,
+        multiple=values.repeats,
+        metavar=values.metavar if setting.bare is None else f"[{values.metavar}]",
+        help=f"{setting.help} [default: {words}]" if words else setting.help,
+        **({} if setting.bare is None else {"is_flag": False, "flag_value": setting.bare}),
+    )
+
+
+def _common_options(verb: type[Verb], rare: bool) -> list[click.Parameter]:
+    """Returns the options that every verb has."""
+
+    def show_every_option(context: click.Context, _: click.Parameter, given: bool) -> None:
+        if given:
+            context.meta["every_option"] = True
+            click.echo(context.get_help(), color=context.color)
+            context.exit()
+
+    shown = f" [default: {verb.output.default}]" if verb.output.default else ""
+    json_help = "Print one JSON object, and nothing else, on standard output."
+    every = click.Option(
+        ["--help-all"],
+        is_flag=True,
+        is_eager=True,
+        expose_value=False,
+        callback=show_every_option,
+        help="Show all options and exit.",
+    )
+    return [
+        click.Option(
+            ["-o", "--output"],
+            type=click.Path(),
+            metavar="PATH",
+            help=f"{verb.output.help}{shown}",
+        ),
+        click.Option(["as_json", "--json"], is_flag=True, help=json_help),
+        click.Option(["--overwrite"], is_flag=True, help="Replace results of an earlier run."),
+        *([every] if rare else []),
+    ]
+
+
+class Commands(click.Group):
+    """All verbs, each imported when it is asked for."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Returns the names of the verbs in the order of the flow."""
+        return list(VERBS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Returns a verb's command."""
+        return VerbCommand(find_verb(cmd_name)) if cmd_name in VERBS else None
+
+
+def run_verb(verb: Verb, output: str | None, as_json: bool, overwrite: bool) -> None:
+    """Runs a verb as a command: claims its places, shows how far it is, prints the result.
+
+    Raises:
+        InputError: a place is taken, or see `Verb.run`.
+    """
+    _set_up_jax(verb)
+    verb.check_early()
+    place, resume = verb.choose_output(output), getattr(verb, "resume", None)
+    for each in [] if place is None else verb.places(place):
+        _claim(each, overwrite or verb.may_replace(each), resume)
+    state = None
+    if place is not None and verb.resumable_from is not None:
+        state = place / verb.resumable_from
+    with (
+        terminal.Bar(verb.name, remaining=verb.steady) as bar,
+        resumable(state, "" if resume is None else "--resume"),
+    ):
+        result = verb.run(place, bar)
+    bar.print_notes(result.notes)
+    _print(result, as_json)
+    if result.error:
+        sys.stdout.flush()
+        raise InputError(result.error)
+    if result.exit_code:
+        sys.exit(result.exit_code)
+
+
+def _set_up_jax(verb: Verb) -> None:
+    """Sets how JAX compiles and runs, before anything imports it."""
+    compiler.set_flags(compiler.FUSED if verb.fused else compiler.QUICK)
+    cache.keep_compiled()
+    # JAX traces a program in some hundred thousand objects, and to look for cycles among them as
+    # often as Python does by itself takes a fifth of the time.
+    gc.set_threshold(100_000)
+    if verb.parallel:
+        cores.as_devices()
+
+
+def _claim(place: Path, overwrite: bool, resume: bool | None) -> None:
+    """Refuses a place where something is or another process writes, and locks it for this one.
+
+    Args:
+        place: where the command is to write.
+        overwrite: whether it may replace what is there.
+        resume: whether it is to go on with what is there; None for a verb that cannot.
+
+    Raises:
+        InputError: something is there, or another process writes there.
+    """
+    click.get_current_context().call_on_close(results.claim(place))
+    # What a killed run leaves of a file that it was writing is nothing to keep.
+    leftovers = set(results.leftovers(place))
+    taken = set(place.iterdir()) > leftovers if place.is_dir() else place.exists()
+    if taken and not (overwrite or resume):
+        ways = ["Choose another place with -o", "or allow it with --overwrite"]
+        if resume is not None:
+            ways.insert(1, "go on with what was interrupted there by --resume")
+        raise InputError(f"{place}: already there. {', '.join(ways)}.")
+
+
+def _print(result: Result, as_json: bool) -> None:
+    """Prints the result as JSON, or as text with the command that comes next."""
+    if as_json:
+        print(json.dumps(result.content))
+        return
+    result.show()
+    if result.next and not result.error:
+        command = shlex.join(["maidenflight", *map(str, result.next)])
+        print(f"next: {command}{f'  ({result.next_remark})' if result.next_remark else ''}")

@@ -1,0 +1,48 @@
+"""Checks before a training, and before an export, that what is written flies the drone."""
+
+from tempfile import TemporaryDirectory
+
+import jax
+
+from maidenflight.deployment import EXPORTERS
+from maidenflight.errors import InputError
+from maidenflight.parameters import Parameters
+from maidenflight.policy import untrained
+from maidenflight.simulator.interface import ControlInterface
+from maidenflight.simulator.mixing import mixer_of
+from maidenflight.simulator.policy_spec import PolicySpec
+
+
+def check_frame(to: str, interface: ControlInterface, drone: Parameters) -> None:
+    """Refuses a policy whose commands the Crazyflie's firmware would mix for another frame.
+
+    Raises:
+        InputError: as above.
+    """
+    if to == "crazyflie" and interface.name != "pwm" and mixer_of(drone) is not None:
+        raise InputError(
+            f"policy: {interface.name} control of rotors at x = {drone.rotor_x.tolist()} m, y = "
+            f"{drone.rotor_y.tolist()} m with directions {drone.rotor_direction.tolist()}, but the "
+            "Crazyflie's firmware mixes for an X whose front right rotor turns counter-clockwise. "
+            "Train PWM control, which commands the motors themselves, or export to c or onnx."
+        )
+
+
+def check_export(
+    to: str, interface: ControlInterface, spec: PolicySpec, drone: Parameters
+) -> None:
+    """Checks before a training that its policies can be exported: exports an untrained one.
+
+    Args:
+        to: a name in `deployment.EXPORTERS`.
+        interface: of the policies.
+        spec: of the policies.
+        drone: that they are trained for.
+
+    Raises:
+        InputError: what is written could not hold them, or not fly the drone.
+    """
+    check_frame(to, interface, drone)
+    with TemporaryDirectory() as folder:
+        policy = untrained(jax.random.key(0), interface, spec)
+        EXPORTERS[to](policy, folder, name="policy", seed=0)

@@ -1,0 +1,146 @@
+"""Drones and realities by the words of a command: what to train over, fly in and predict for."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from maidenflight.errors import InputError
+from maidenflight.flights.reading import read_flights
+from maidenflight.identification import drone_file
+from maidenflight.identification.bounds import must_lie_within_bounds
+from maidenflight.identification.drone_file import DroneFile
+from maidenflight.identification.ensembles import (
+    TRIM,
+    drone_of_the_day,
+    posterior_ensemble,
+    trim_ensemble,
+)
+from maidenflight.inputs import StrPath
+from maidenflight.names import ANY, ANY_DAY, POSTERIOR, TRIMS, WIDE
+from maidenflight.parameters import Parameters
+from maidenflight.simulator import additions, control
+from maidenflight.simulator.any_drone import AnyDay, AnyDrone
+from maidenflight.simulator.control import Controller
+from maidenflight.simulator.randomization import (
+    Distribution,
+    Ensemble,
+    randomize,
+    relative_box,
+    wide_box,
+)
+from maidenflight.simulator.reality import AnyReality, is_drone
+from maidenflight.simulator.reality import reality as named_reality
+
+POSSIBLE = 256
+"""Drones drawn from a box, of which each predicted flight flies one."""
+
+
+def distribution_of(
+    drone: StrPath | DroneFile, randomization: float | str, controller: Controller
+) -> Distribution:
+    """Returns drones to train over, simulated in steps that divide the controller's period.
+
+    Args:
+        drone: a drone file, its path, or a named drone.
+        randomization: half width of the box about the drone as a share of each parameter, or
+            `POSTERIOR`, `WIDE`, `ANY_DAY` or `ANY`.
+        controller: its period is what physics steps must divide.
+    """
+    file = read_file(drone)
+    centre = control.in_fitting_steps(file.parameters, controller)
+    if randomization == POSTERIOR:
+        return posterior_ensemble(centre, file.posterior, file.name)
+    if randomization in (WIDE, ANY_DAY):
+        trims = [file.estimates.get(name) for name in TRIM]
+        deviations = [0.0 if trim is None else trim.between_sd for trim in trims]
+        box = wide_box(centre, controller.interface.name, deviations)
+        return box if randomization == WIDE else AnyDay(box)
+    if randomization == ANY:
+        return AnyDrone(centre)
+    return relative_box(centre, float(randomization))
+
+
+def read_drone(drone: StrPath, accept_bounds: bool = False) -> DroneFile:
+    """Reads a drone that is to be flown or trained for.
+
+    Args:
+        drone: TOML file or name.
+        accept_bounds: take it even if an identified parameter lies at a bound of its search.
+
+    Raises:
+        InputError: it cannot be read, or such a parameter is in it.
+    """
+    file = drone_file.read(drone)
+    if not accept_bounds:
+        must_lie_within_bounds(file)
+    return file
+
+
+def find_reality(name: str, accept_bounds: bool = False) -> AnyReality:
+    """Returns a reality by name; see `simulator.reality.reality`.
+
+    Raises:
+        InputError: no such reality, or `read_drone` refuses the drone.
+    """
+    drone = drone_of(name)
+    if Path(drone).is_file():
+        read_drone(drone, accept_bounds)
+    return named_reality(name)
+
+
+def drone_of(name: str) -> str:
+    """Returns the drone that a reality is about: `drone.toml` of `virtual:7@drone.toml+10ms`."""
+    plain = name if is_drone(name) else additions.split(name)[0]
+    return plain.partition("@")[2] or plain
+
+
+def choose_prediction(drone: StrPath | DroneFile) -> float | str:
+    """Returns what predictions are randomized over by default."""
+    return TRIMS if set(TRIM) & set(read_file(drone).estimates) else 0.0
+
+
+def possible_drones(
+    drone: StrPath | DroneFile, randomization: float | str, seed: int, today: StrPath | None = None
+) -> Parameters:
+    """Returns the drones that predicted flights fly: a point, or drones along a first axis.
+
+    Args:
+        drone: a drone file, its path, or a named drone.
+        randomization: half width of a box about the drone; `POSTERIOR`: each flight is of another
+            posterior sample; `TRIMS`: constant torques differ between flights as between those that
+            the drone was identified from.
+        seed: random seed.
+        today: logs of the day, from which the constant torques and the thrust are estimated.
+
+    Raises:
+        InputError: see `drone_of_the_day` and `trim_ensemble`; or a randomization that the day's
+            logs do not narrow.
+    """
+    file = read_file(drone)
+    if today is not None:
+        if randomization not in (0.0, TRIMS):
+            raise InputError(
+                f"randomization {randomization} with logs of the day, which tell trims and thrust; "
+                f"leave it out, or give {TRIMS} or 0."
+            )
+        flights = read_flights(today).flights
+        parameters, estimates = drone_of_the_day(
+            file.parameters, file.estimates, flights, file.name
+        )
+        file = replace(file, parameters=parameters, estimates=estimates)
+    if not randomization:
+        return file.parameters
+    if randomization == TRIMS:
+        return trim_ensemble(file.parameters, file.estimates, file.name).drones
+    distribution = distribution_of(file, randomization, control.pwm())
+    if isinstance(distribution, Ensemble):
+        return distribution.drones
+    keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), 1), POSSIBLE)
+    return jax.tree.map(np.asarray, jax.vmap(lambda key: randomize(distribution, key))(keys))
+
+
+def read_file(drone: StrPath | DroneFile) -> DroneFile:
+    """Reads a drone, unless it is read already."""
+    return drone if isinstance(drone, DroneFile) else drone_file.read(drone)

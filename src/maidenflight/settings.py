@@ -1,0 +1,254 @@
+"""Settings of a verb: which values each takes, its default, its unit and its help.
+
+A setting is declared once, as a field of a `verb.Verb`. The command line's options, the checks of a
+study, records and the arguments in Python are derived from it.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from maidenflight.errors import InputError
+from maidenflight.inputs import is_number
+
+REQUIRED: Any = object()
+"""Default of a setting that must be given."""
+PENDING: Any = object()
+"""Value of a setting that another task of a study has yet to make."""
+
+
+@dataclass(frozen=True)
+class Values:
+    """The values that a setting takes, as typed values and as words of a command line."""
+
+    expected: str
+    """What a value is, for errors."""
+    accepts: Callable[[Any], bool]
+    """Whether a typed value, as of TOML or Python, is one."""
+    parse: Callable[[str], Any] = str
+    """Reads a value from a word of the command line; raises ValueError where it cannot."""
+    convert: Callable[[Any], Any] = lambda value: value
+    """Converts a value that is accepted into the one that the verb sees."""
+    metavar: str = "TEXT"
+    """What the command line's help shows in its place."""
+    choices: tuple[str, ...] = ()
+    """All values, where these are a few texts."""
+    repeats: bool = False
+    """Whether the command line's option is repeated, a word each."""
+
+    def check(self, value: Any) -> Any:
+        """Returns the value that the verb sees.
+
+        Raises:
+            ValueError: it is none of these values.
+        """
+        if not self.accepts(value):
+            raise ValueError(value)
+        return self.convert(value)
+
+
+def whole(low: int, high: int) -> Values:
+    """Takes whole numbers within two others."""
+    return Values(
+        f"a whole number from {low} to {high}",
+        lambda value: type(value) is int and low <= value <= high,
+        int,
+        metavar="INTEGER",
+    )
+
+
+def number(low: float, high: float) -> Values:
+    """Takes numbers within two others."""
+    return Values(
+        f"a number from {low:g} to {high:g}",
+        lambda value: is_number(value) and low <= value <= high,
+        float,
+        float,
+        "NUMBER",
+    )
+
+
+def choice(*names: str) -> Values:
+    """Takes one of some texts."""
+    return Values(
+        f"one of {', '.join(names)}",
+        lambda value: isinstance(value, str) and value in names,
+        metavar=f"[{'|'.join(names)}]",
+        choices=names,
+    )
+
+
+def text(expected: str = "a text", metavar: str = "TEXT") -> Values:
+    """Takes texts that are not empty."""
+    return Values(expected, lambda value: isinstance(value, str) and value != "", metavar=metavar)
+
+
+def path(expected: str = "a path", metavar: str = "PATH") -> Values:
+    """Takes paths of files or folders."""
+    return Values(
+        expected,
+        lambda value: isinstance(value, str | Path) and str(value) != "",
+        convert=Path,
+        metavar=metavar,
+    )
+
+
+def flag() -> Values:
+    """Takes true and false."""
+    return Values("true or false", lambda value: isinstance(value, bool), metavar="")
+
+
+def several(one: Values, expected: str = "", empty: bool = False) -> Values:
+    """Takes lists of values; the command line repeats the option.
+
+    Args:
+        one: of the list's entries.
+        expected: what they are, for errors.
+        empty: whether the list may be empty.
+    """
+    return Values(
+        expected or f"a list, each {one.expected}",
+        lambda value: (
+            isinstance(value, list | tuple)
+            and (empty or len(value) > 0)
+            and all(map(one.accepts, value))
+        ),
+        one.parse,
+        lambda value: tuple(map(one.convert, value)),
+        one.metavar,
+        one.choices,
+        repeats=True,
+    )
+
+
+def listed(one: Values, expected: str, metavar: str, separator: str = ",") -> Values:
+    """Takes lists of values; the command line has one word, with separators between them."""
+    values = several(one, expected)
+    return dataclasses.replace(
+        values,
+        parse=lambda word: [one.parse(part.strip()) for part in word.split(separator)],
+        metavar=metavar,
+        choices=(),
+        repeats=False,
+    )
+
+
+def either(values: Values, *words: str) -> Values:
+    """Takes some words, and other values beside them."""
+
+    def parse(word: str) -> Any:
+        return word if word in words else values.parse(word)
+
+    def is_word(value: Any) -> bool:
+        return isinstance(value, str) and value in words
+
+    return dataclasses.replace(
+        values,
+        expected=f"{', '.join(words)}, or {values.expected}",
+        accepts=lambda value: is_word(value) or values.accepts(value),
+        parse=parse,
+        convert=lambda value: value if is_word(value) else values.convert(value),
+        metavar=f"[{'|'.join(words)}|{values.metavar}]",
+    )
+
+
+def table(one: Values, expected: str, metavar: str = "NAME=VALUE") -> Values:
+    """Takes a value by name, each; the command line repeats `NAME=VALUE`."""
+
+    def parse(word: str) -> tuple[str, Any]:
+        name, mark, value = word.partition("=")
+        if not name or not mark:
+            raise ValueError(word)
+        return name, one.parse(value)
+
+    def pairs(value: Any) -> Sequence[tuple[str, Any]]:
+        return list(value.items()) if isinstance(value, Mapping) else value
+
+    return Values(
+        expected,
+        lambda value: (
+            isinstance(value, Mapping | list | tuple)
+            and all(isinstance(name, str) and one.accepts(each) for name, each in pairs(value))
+        ),
+        parse,
+        lambda value: {name: one.convert(each) for name, each in pairs(value)},
+        metavar,
+        repeats=True,
+    )
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A setting of a verb."""
+
+    values: Values
+    default: Any
+    help: str
+    name: str = ""
+    """As users write it, where the field's own name would be a keyword of Python."""
+    group: str = ""
+    """Heading of the command line's help under which it stands; that of the setting before it
+    unless given."""
+    usual: str = ""
+    """What help shows as its default, where that depends on others."""
+    argument: bool = False
+    """Whether the command line takes it by its place."""
+    rare: bool = False
+    """Whether only `--help-all` shows it."""
+    files: bool = False
+    """Whether its values name files or folders, or may; their content then names a result."""
+    made_by: str = ""
+    """The verb whose task in a study may make it."""
+    recorded: bool = True
+    """Whether results depend on it: records hold it, and a study may set it."""
+    bare: Any = None
+    """Its value where the command line gives the option alone."""
+
+    @property
+    def default_text(self) -> str:
+        """Returns its default as help shows it; nothing where that says nothing."""
+        if self.usual or self.default in (None, REQUIRED, "", (), {}):
+            return self.usual
+        shown = self.default
+        return ", ".join(map(str, shown)) if isinstance(shown, list | tuple) else str(shown)
+
+    def check(self, value: Any, where: str) -> Any:
+        """Returns the value that the verb sees.
+
+        Raises:
+            InputError: the setting takes no such value, or has none; `where` names it.
+        """
+        if value is REQUIRED:
+            raise InputError(f"{where} is missing; expected {self.values.expected}.")
+        if value is PENDING or (type(value) is type(self.default) and value == self.default):
+            return value
+        try:
+            return self.values.check(value)
+        except (ValueError, TypeError, OverflowError):
+            raise InputError(
+                f"{where} = {str(value)[:60]!r}; expected {self.values.expected}."
+            ) from None
+
+
+def setting(
+    values: Values, default: Any = REQUIRED, help: str = "", group: str = "", **more: Any
+) -> Any:
+    """Declares a setting, a field of a verb; see `Setting` for the arguments."""
+    metadata = {"setting": Setting(values, default, help, group=group, **more)}
+    if isinstance(default, dict):
+        return dataclasses.field(default_factory=lambda: dict(default), metadata=metadata)
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def plain(value: Any) -> Any:
+    """Converts a setting's value to what JSON and TOML hold; numbers without end become None."""
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, Mapping):
+        return {name: plain(one) for name, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,184 @@
+"""What policies are trained with and over by default, by control structure and task."""
+
+import dataclasses
+from typing import Any
+
+from maidenflight.errors import InputError
+from maidenflight.names import ANY_DAY, WIDE
+from maidenflight.parameters import Parameters
+from maidenflight.policy import Policy
+from maidenflight.simulator import control, dynamics, tasks
+from maidenflight.simulator.battery import COUNTS
+from maidenflight.simulator.control import Controller
+from maidenflight.simulator.policy_spec import PolicySpec
+from maidenflight.simulator.raptor_form import RAPTOR
+from maidenflight.training import distillation
+from maidenflight.training.analytic_gradient import AnalyticGradient
+from maidenflight.training.distillation import Distillation
+from maidenflight.training.ppo_settings import PPO
+from maidenflight.training.settings import Settings
+
+SETTINGS: dict[str, AnalyticGradient] = {
+    "pwm": AnalyticGradient(),
+    "attitude_rate": AnalyticGradient(
+        num_envs=160, horizon=36, failure_penalty=10.0, reset_fraction=0.5
+    ),
+    "attitude": AnalyticGradient(updates=800, num_envs=128, horizon=16),
+}
+"""Default settings by control structure. At a lower rate the same time ahead is fewer periods
+(docs/studies/training.md#how-far-ahead). To separate initial states that can be saved from those
+that cannot takes more environments."""
+
+HIDDEN: dict[str, tuple[int, ...]] = {"attitude_rate": (75, 75)}
+"""Hidden layers by control structure where they are others than a spec's. At 50 Hz, where most
+episodes depend on it, attitude rate takes a larger network; it fits a Crazyflie with up to four
+instants."""
+
+REMEMBERING_BY_CONTROL: dict[str, dict[str, int]] = {
+    "attitude_rate": {"horizon": 32},
+    "attitude": {"updates": 1200, "horizon": 32},
+}
+"""What further differs for policies with a memory, by control structure: they were measured with
+these alone."""
+
+REMEMBERING: dict[str, Any] = {
+    "num_envs": 256,
+    "learning_rate": 1e-3,
+    "hidden_learning_rate": 0.006,
+    "reset_fraction": 0.1,
+}
+"""What differs for policies with a memory. Resets are rarer, because memories begin empty; steps
+are smaller, because with those of the others training over unlike drones gets worse after some
+hundred updates."""
+
+RAPTORS_FORM: dict[str, Any] = {**REMEMBERING, "learning_rate": 2e-3}
+"""What differs in RAPTOR's form. Its few values bear no larger steps of their weights."""
+
+FINE_TUNING: dict[str, Any] = {"updates": 200, "evaluations": 8}
+"""What differs where training starts from a policy, beside learning rates of a quarter: the policy
+flies already, and steps as large as from random weights would first undo what it knows."""
+
+FASTEST_BOX = 0.1
+"""Half width of the box for tasks at the limit of a drone: many drones of the wide box cannot fly
+them."""
+
+HOVER_STEP = 0.05
+"""Shares at which drones hover are rounded to this for the range of thrust in attitude control, so
+that drones alike have one range and one compiled program."""
+
+
+def choose_randomization(task: str, structure: str) -> float | str:
+    """Returns what policies for a task and a control structure are trained over by default.
+
+    An attitude-rate policy turns slowly in flight, and falls after some seconds if it has not
+    learned to fly turned: trims in yaw teach it (docs/studies/adaptation.md).
+    """
+    if task in tasks.FASTEST:
+        return FASTEST_BOX
+    return ANY_DAY if structure == "attitude_rate" else WIDE
+
+
+def choose_method(spec: PolicySpec, initial: bool) -> str:
+    """Returns the default method, a name in `names.METHODS`.
+
+    Policies with a memory are distilled, except from a policy, and except those of RAPTOR's form,
+    whose few values learn little from a teacher.
+    """
+    distilled = spec.memory and not initial and spec.form != RAPTOR
+    return "distillation" if distilled else "gradient"
+
+
+def choose_settings(
+    structure: str, task: str, method: str, spec: PolicySpec, initial: bool = False
+) -> Settings:
+    """Returns the default settings of a method.
+
+    Args:
+        structure: a control structure, in `names.CONTROLS`.
+        task: a name in `names.TASKS`.
+        method: a name in `names.METHODS`.
+        spec: of the policies.
+        initial: whether training starts from a policy.
+
+    Raises:
+        InputError: policies of RAPTOR's form by PPO; or distillation of policies without a memory,
+            or from a policy.
+    """
+    raptor = spec.form == RAPTOR
+    if method == "ppo":
+        if raptor:
+            raise InputError(
+                "policies of RAPTOR's form are trained by gradients or distillation, not by PPO."
+            )
+        return PPO()
+    settings = _by_gradient(structure, task, bool(spec.memory))
+    if method == "distillation":
+        return _by_distillation(settings, spec, initial)
+    if spec.memory:
+        settings = dataclasses.replace(settings, **(RAPTORS_FORM if raptor else REMEMBERING))
+    if initial:
+        rates = {
+            name: getattr(settings, name) / 4 for name in ("learning_rate", "hidden_learning_rate")
+        }
+        settings = dataclasses.replace(settings, **FINE_TUNING, **rates)
+    return settings
+
+
+def _by_distillation(like: AnalyticGradient, spec: PolicySpec, initial: bool) -> Distillation:
+    if not spec.memory or initial:
+        raise InputError(
+            "distillation trains policies with a memory, from random weights: give a memory, such "
+            "as 16, and no policy to start from; or train by gradients."
+        )
+    return Distillation(
+        updates=len(distillation.PHASES) * like.updates,
+        horizon=like.horizon,
+        failure_penalty=like.failure_penalty,
+        body_rate_margin=like.body_rate_margin,
+    )
+
+
+def _by_gradient(structure: str, task: str, remembering: bool) -> AnalyticGradient:
+    settings = SETTINGS[structure]
+    if remembering:
+        settings = dataclasses.replace(settings, **REMEMBERING_BY_CONTROL.get(structure, {}))
+    if task == "hover":  # which fails beyond 5.2 rad/s
+        return dataclasses.replace(settings, updates=2 * settings.updates, body_rate_margin=4.0)
+    if task in ("figure_eight", "fast_figure_eight"):  # far larger than the circle, and faster
+        return dataclasses.replace(settings, updates=3 * settings.updates)
+    return settings
+
+
+def choose_controller(
+    structure: str,
+    drone: Parameters,
+    full_scale_counts: float = COUNTS,
+    initial: Policy | None = None,
+    paper_scales: bool = False,
+    rate: int | None = None,
+) -> Controller:
+    """Returns the control structure that policies are trained for.
+
+    The paper's range of thrust in attitude control lifts drones whose thrust-to-weight ratio is
+    above 1.71, so unless `paper_scales` it is set about the share at which the drone hovers.
+
+    Args:
+        structure: a name in `names.CONTROLS`.
+        drone: to train for.
+        full_scale_counts: of the drone; see `ControlInterface`.
+        initial: where training starts, if given; the range of thrust is then its own.
+        paper_scales: whether all actions are scaled as the paper does.
+        rate: actions a second [Hz]; the structure's own unless given.
+    """
+    at = {} if rate is None else {"action_rate": rate}
+    papers = control.CONTROLLERS[structure](full_scale_counts=full_scale_counts, **at)
+    if structure != "attitude" or paper_scales:
+        return papers
+    if initial is not None and initial.interface.name == structure:
+        theirs = initial.interface
+        return control.controller_for(
+            dataclasses.replace(papers.interface, centre=theirs.centre, span=theirs.span)
+        )
+    share = float(dynamics.hover_command(drone))
+    hover = min(max(round(share / HOVER_STEP), 1) * HOVER_STEP, 1.0)
+    return control.attitude(full_scale_counts=full_scale_counts, hover=round(hover, 6), **at)

@@ -1,0 +1,271 @@
+"""`Verb`, a stage of the pipeline: its settings declared once, and `run`, which does it.
+
+The command line, studies, the demo and Python call the same object. A verb is one class in one
+file, and a line in `VERBS`.
+"""
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any, ClassVar, dataclass_transform
+
+from maidenflight import results
+from maidenflight.errors import InputError
+from maidenflight.inputs import StrPath
+from maidenflight.settings import PENDING, REQUIRED, Setting, plain, setting
+
+Row = dict[str, Any]
+"""A row of a study's table: numbers and texts by column."""
+
+
+class Progress:
+    """Receives how far a verb is; this one stays silent."""
+
+    def move(self, done: int, total: int | None, remark: str = "") -> None:
+        """Moves the bar; no total means that none is known."""
+
+    def log(self, line: str, always: bool = False) -> None:
+        """Writes a line where there is no bar to move, or always."""
+
+    def note(self, text: str) -> None:
+        """Tells the user something before the result is there."""
+
+
+SILENT = Progress()
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a verb computed and wrote."""
+
+    content: Mapping[str, Any] = field(default_factory=dict)
+    """Plain values, for `--json`."""
+    show: Callable[[], None] = lambda: None
+    """Prints it for people."""
+    written: Mapping[str, Sequence[Path]] = field(default_factory=dict)
+    """The files, by kind."""
+    record: Mapping[str, Any] = field(default_factory=dict)
+    """How they were made; see `results.record`."""
+    rows: Sequence[Row] = ()
+    """Of a study's table."""
+    notes: Sequence[str] = ()
+    """What the user should know of it."""
+    next: Sequence[object] = ()
+    """The words of the command that comes next."""
+    next_remark: str = ""
+    """What they should know of that command."""
+    value: Any = None
+    """What Python works on with, such as policies."""
+    error: str = ""
+    """Why a part of it failed, for the last line of a command that then exits with 2."""
+    exit_code: int = 0
+
+
+@dataclass(frozen=True)
+class Output:
+    """Where a verb writes."""
+
+    default: str | None
+    """Path unless given; `None`: nothing is written, or the verb chooses."""
+    help: str
+
+
+@dataclass_transform(field_specifiers=(setting,), kw_only_default=True, frozen_default=True)
+class Verb:
+    """A stage of the pipeline; its fields are settings, declared by `setting`.
+
+    A verb of your own, such as `MODULE:NAME` in a study, is a subclass with `compute`.
+    """
+
+    output: ClassVar[Output] = Output("output", "Folder for the results.")
+    name: ClassVar[str]
+    """Of its command; the class's own in lower case unless given."""
+    fused: ClassVar[bool] = False
+    """Whether its programs are compiled by `compiler.FUSED`: those that train or identify are."""
+    parallel: ClassVar[bool] = False
+    """Whether JAX lays its drones over all cores."""
+    steady: ClassVar[bool] = True
+    """Whether a part of the work tells how long the rest takes."""
+    resumable_from: ClassVar[str | None] = None
+    """The file in its output, "." for the output itself, by which `--resume` goes on."""
+    version: ClassVar[str] = ""
+    """Of a verb of your own; a study computes results of another version again."""
+    counted: ClassVar[str] = ""
+    """The setting that says how many policies it trains, for a study's pace."""
+
+    def __init_subclass__(cls, **keywords: Any) -> None:
+        super().__init_subclass__(**keywords)
+        dataclass(frozen=True, kw_only=True)(cls)
+        cls.name = cls.__dict__.get("name", cls.__name__.lower())
+
+    def __post_init__(self) -> None:
+        for name, (attribute, one) in self.settings().items():
+            value = one.check(getattr(self, attribute), name)
+            object.__setattr__(self, attribute, value)
+
+    @classmethod
+    def settings(cls) -> dict[str, tuple[str, Setting]]:
+        """Returns the settings by the names that users write, each with its field's name."""
+        found: dict[str, tuple[str, Setting]] = {}
+        group = "Options"
+        for one in dataclasses.fields(cls):  # type: ignore[arg-type]
+            declared: Setting = one.metadata["setting"]
+            group = declared.group or group
+            found[declared.name or one.name] = one.name, replace(declared, group=group)
+        return found
+
+    @classmethod
+    def from_settings(cls, settings: Mapping[str, Any]) -> "Verb":
+        """Makes the verb from settings by the names that users write.
+
+        Raises:
+            InputError: a setting is unknown, missing or out of its range.
+        """
+        known = cls.settings()
+        for name in settings:
+            if name not in known:
+                expected = ", ".join(known)
+                raise InputError(f"{name} is no setting of {cls.name}. Expected {expected}.")
+        return cls(**{known[name][0]: value for name, value in settings.items()})
+
+    def get(self, attribute: str) -> Any:
+        """Returns a setting's value; None where another task of a study has yet to make it."""
+        value = getattr(self, attribute)
+        return None if value is PENDING else value
+
+    def check(self) -> None:
+        """Refuses settings that do not go together or name what is not there.
+
+        Raises:
+            InputError: as above.
+        """
+
+    def check_early(self) -> None:
+        """Refuses what can be refused before anything heavy is imported.
+
+        Raises:
+            InputError: as of `check`, which calls it too.
+        """
+
+    def choose_output(self, output: StrPath | None) -> Any:
+        """Returns where to write: a path, or an address such as s3://BUCKET; None: nowhere.
+
+        Args:
+            output: as given.
+        """
+        place = self.output.default if output is None else output
+        return place if place is None or "://" in str(place) else Path(place)
+
+    def places(self, output: Path) -> list[Path]:
+        """Returns the files and folders that are written, the output first."""
+        return [output]
+
+    def may_replace(self, place: Path) -> bool:
+        """Returns whether what is there may be replaced unasked."""
+        return False
+
+    def compute(self, output: Any, progress: Progress) -> Result:
+        """Does the stage and writes its files.
+
+        Args:
+            output: what `choose_output` returned.
+            progress: told how far it is.
+        """
+        raise NotImplementedError
+
+    def discard_state(self, output: Path) -> None:
+        """Removes what only `--resume` needs: a study resumes by tasks."""
+
+    def run(self, output: StrPath | None = None, progress: Progress = SILENT) -> Result:
+        """Does the stage: checks the settings, computes, and writes the files.
+
+        Args:
+            output: where to write; the verb's own default unless given.
+            progress: told how far it is.
+
+        Raises:
+            InputError: the settings do not go together, or an input is wrong.
+            WriteError: a file cannot be written.
+        """
+        self.check_early()
+        self.check()
+        return self.compute(self.choose_output(output), progress)
+
+    def make_record(self, inputs: Sequence[StrPath] = (), **more: Any) -> dict[str, Any]:
+        """Returns how a result is made, for its files; see `results.record`.
+
+        Settings are the fields, without folders, and without those that take no part in the result.
+
+        Args:
+            inputs: files that are read.
+            more: further settings, or others in place of the fields' own.
+        """
+        settings: dict[str, Any] = {}
+        for name, (attribute, one) in self.settings().items():
+            if one.recorded and name != "seed":
+                value = getattr(self, attribute)
+                settings[name] = _without_folders(value) if one.files else plain(value)
+        chosen = {name: value for name, value in (settings | more).items() if value not in ([], {})}
+        return results.record(seed=getattr(self, "seed", None), inputs=inputs, settings=chosen)
+
+
+def _without_folders(value: Any) -> Any:
+    """Returns names of files; results are the same wherever these are."""
+    if isinstance(value, list | tuple):
+        return [_without_folders(one) for one in value]
+    return None if value is None else Path(value).name
+
+
+VERBS: dict[str, str] = {
+    name: f"maidenflight.verbs.{module}"
+    for name, module in (
+        ("log", "log:Log"),
+        ("plan", "plan:Plan"),
+        ("record", "record:Record"),
+        ("fly", "fly:Fly"),
+        ("drone", "drone:Drone"),
+        ("identify", "identify:Identify"),
+        ("match", "match:Match"),
+        ("validate", "validate:Validate"),
+        ("train", "train:Train"),
+        ("transfer", "transfer:Transfer"),
+        ("predict", "predict:Predict"),
+        ("envelope", "envelope:Envelope"),
+        ("sweep", "sweep:Sweep"),
+        ("export", "export:Export"),
+        ("report", "report:Report"),
+        ("demo", "demo:Demo"),
+    )
+}
+"""Verbs by their command, in the order of the flow; each with its module and class."""
+
+
+def find_verb(name: str) -> type[Verb]:
+    """Returns the verb of a name, one of `VERBS` or `MODULE:NAME`.
+
+    Raises:
+        InputError: there is no such verb.
+    """
+    if name in VERBS:
+        module, _, attribute = VERBS[name].partition(":")
+        return getattr(import_module(module), attribute)
+    module, mark, attribute = name.partition(":")
+    if not mark:
+        raise InputError(
+            f"{name!r} is no verb. Expected {', '.join(VERBS)}, or MODULE:NAME of your own."
+        )
+    try:
+        found = getattr(import_module(module), attribute)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise InputError(
+            f"{name}: cannot be imported ({error}). Give MODULE:NAME of a Verb in a module that "
+            "Python finds, as by PYTHONPATH, on every machine."
+        ) from error
+    if not (isinstance(found, type) and issubclass(found, Verb)):
+        raise InputError(f"{name}: is a {type(found).__name__}; expected a maidenflight.verb.Verb.")
+    return found
+
+
+__all__ = ["PENDING", "REQUIRED", "SILENT", "Output", "Progress", "Result", "Verb", "find_verb"]

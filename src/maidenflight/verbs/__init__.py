@@ -1,0 +1,1 @@
+"""The verbs: a class each, with its settings, what it computes and what it prints."""

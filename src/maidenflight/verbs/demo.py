@@ -1,0 +1,227 @@
+"""`Demo`: the full pipeline on a virtual drone, by the verbs."""
+
+import dataclasses
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+from maidenflight import run_folder
+from maidenflight.inputs import StrPath
+from maidenflight.verb import Output, Progress, Result, Verb
+from maidenflight.verbs import shared
+from maidenflight.verbs.export import Export
+from maidenflight.verbs.identify import Identify
+from maidenflight.verbs.record import Record
+from maidenflight.verbs.report import Report
+from maidenflight.verbs.train import Train
+from maidenflight.verbs.transfer import Transfer, show_flights
+
+DRONE = "crazyflie"
+"""Named drone that training is compiled with."""
+
+
+@dataclass(frozen=True)
+class Stages:
+    """The verbs of a demo, but for their inputs and seeds."""
+
+    record: Record = Record()
+    identify: Identify = Identify(logs=Path("."), trials=1)
+    train: Train = Train(
+        randomize=0.1,  # as the paper's
+        accept_bounds=True,
+        updates=600,
+        learner={"evaluations": 6},
+    )
+    transfer: Transfer = Transfer(policies=(".",), accept_bounds=True)
+
+
+class Demo(Verb):
+    """Run the full pipeline on a virtual drone, in minutes.
+
+    It records flights, identifies the drone from them, trains policies, flies them unseen, exports
+    the best one and writes a report.
+    """
+
+    output = Output(None, "Folder; the first free of run, run-2, ... unless given.")
+    fused, parallel, steady = True, True, False
+
+    seed: int = shared.seed(7)
+
+    def choose_output(self, output: StrPath | None) -> Path:
+        """Returns the folder; the first that is free unless given."""
+        if output is not None:
+            return Path(output)
+        names = (Path("run" if number == 1 else f"run-{number}") for number in range(1, 10**6))
+        return next(path for path in names if not path.exists())
+
+    def compute(
+        self, output: Path, progress: Progress, stages: Stages = Stages()  # noqa: B008
+    ) -> Result:
+        """Runs every stage on the virtual drone of the seed.
+
+        Identification and training see only the recorded flights; the truth is read again only for
+        the summary.
+        """
+        Thread(target=_compile_training, args=(stages.train,), daemon=True).start()
+        seconds: dict[str, float] = {}
+        found: dict[str, Result] = {}
+
+        def run(verb: Verb, place: str, summary: str) -> None:
+            progress.log(f"{verb.name:<9} {summary}", always=True)
+            progress.move(0, None, f"{verb.name}: compiling and running")
+            began = time.perf_counter()
+            found[verb.name] = verb.run(output / place, _Stage(progress, verb.name))
+            seconds[verb.name] = round(time.perf_counter() - began, 2)
+
+        def configure(verb: Any, **settings: Any) -> Any:
+            return dataclasses.replace(verb, seed=self.seed, **settings)
+
+        recorded, drone, reality = run_folder.RECORDED[0], output / run_folder.DRONE, self._reality
+        record = configure(stages.record, reality=reality)
+        flights = f"{record.flights or 4} flights of {record.duration:g} s"
+        run(record, recorded, f"{flights} on a virtual drone (simulated), by the firmware's PID")
+        run(
+            configure(stages.identify, logs=output / recorded),
+            run_folder.DRONE,
+            "motors, delays and whatever else these flights determine",
+        )
+        train = configure(stages.train, drone=str(drone))
+        run(
+            train,
+            run_folder.POLICIES,
+            f"{train.policies} policies by gradients through the simulator",
+        )
+        transfer = configure(
+            stages.transfer, policies=(str(output / run_folder.POLICIES),), reality=(reality,)
+        )
+        run(
+            transfer,
+            run_folder.TRANSFER,
+            f"{train.policies * transfer.trials} zero-shot flights in the virtual reality they have "
+            "not seen",
+        )
+        best = Path(found["transfer"].content["best"])
+        run(configure(Export(policy=best)), run_folder.FIRMWARE, "the best policy to C99")
+        stage_file = run_folder.write_stages(output, self.seed, seconds)
+        run(Report(source=output), run_folder.REPORT, "one page to look at")
+        truth = _read_truth(output, found["identify"].value)
+        return Result(
+            content={
+                "parameters": {
+                    name: {"value": one.value, "interval": list(one.interval)}
+                    for name, one in found["identify"].value.estimates.items()
+                },
+                "truth": truth,
+                "notes": found["identify"].notes,
+                "flights": found["transfer"].value.table.to_dicts(),
+                "stages": seconds,
+                "best": str(best),
+                "report": str(output / run_folder.REPORT),
+                "simulated": True,
+            },
+            show=lambda: _show(found, truth, seconds, best, output),
+            written={"stages": [stage_file]},
+            record=self.make_record(),
+            notes=found["identify"].notes,
+            value=found,
+        )
+
+    @property
+    def _reality(self) -> str:
+        return f"virtual:{self.seed}"
+
+
+class _Stage(Progress):
+    """Shows how far a stage is on the bar of the demo."""
+
+    def __init__(self, progress: Progress, name: str) -> None:
+        self._progress, self._name = progress, name
+
+    def move(self, done: int, total: int | None, remark: str = "") -> None:
+        """Moves the bar."""
+        self._progress.move(done, total, f"{self._name}: {remark}")
+
+    def log(self, line: str, always: bool = False) -> None:
+        """Passes a line on."""
+        self._progress.log(line, always)
+
+
+def _compile_training(train: Train) -> None:
+    """Compiles training while flights are recorded and identified, by one update of it.
+
+    The compiled program is that of any drone: its parameters are arguments.
+    """
+    import jax
+
+    from maidenflight.experiments.drones import distribution_of
+    from maidenflight.simulator import control, tasks
+    from maidenflight.training.train import train as train_policies
+
+    controller, spec = control.pwm(), train.choose_spec(None)
+    learner: Any = train.choose_learner(spec, None)
+    train_policies(
+        tasks.circle(),
+        controller,
+        distribution_of(DRONE, train.randomize or 0.0, controller),
+        jax.random.split(jax.random.key(0), train.policies),
+        dataclasses.replace(learner, updates=1, evaluations=1),
+        spec=spec,
+    )
+
+
+def _read_truth(folder: Path, found: Any) -> dict[str, str | float]:
+    """Reads the true parameters of what was identified; the drone has two delays, the model one.
+
+    Returns:
+        By parameter: its value in SI units, or text in milliseconds.
+    """
+    from maidenflight.parameters import component, read
+
+    true = read(folder / run_folder.RECORDED[0] / run_folder.REALITY)
+    plain: dict[str, str | float] = {
+        name: float(component(true, name)) for name in found.estimates
+    }
+    if "latency" in plain:
+        late = float(true.estimator_delay + true.gyro_time_constant)
+        plain["latency"] = f"{1e3 * float(true.latency):.2g} + {1e3 * late:.2g} sensors"
+    lag = float(true.motor_time_constant)
+    if "motor_time_constant" in plain and "spin_down_ratio" not in plain:
+        slow = lag * float(true.spin_down_ratio)
+        plain["motor_time_constant"] = f"{1e3 * lag:.4g}, slowing {1e3 * slow:.4g}"
+    return plain
+
+
+def _show(
+    found: dict[str, Result],
+    truth: dict[str, str | float],
+    seconds: dict[str, float],
+    best: Path,
+    folder: Path,
+) -> None:
+    """Prints what the demo found, beside what is true of its virtual drone."""
+    from maidenflight.verbs.estimates_output import show_estimates, show_unidentifiable
+
+    table = found["transfer"].value.table
+    show_estimates(found["identify"].value, truth)
+    show_unidentifiable(found["identify"].value)
+    print(
+        "Intervals show how much values depend on these flights, not on the model: the truth may "
+        "lie outside where this drone has\nwhat the model lacks, such as late sensors and a battery "
+        "that sags."
+    )
+    show_flights(table)
+    reached = table.filter(table["end_reason"] == "time limit").height
+    error = float(table["position_error"].to_numpy().mean())
+    print(
+        f"{reached} of {table.height} flights reached the time limit; median "
+        f"{table['duration'].median():.1f} s, mean position error {error * 100:.1f} cm. Flights "
+        "and drone are simulated."
+    )
+    print("wall time: " + ", ".join(f"{name} {spent:.0f} s" for name, spent in seconds.items()))
+    print(f"\n  drone      {folder / run_folder.DRONE}")
+    print(f"  policies   {folder / run_folder.POLICIES}/")
+    print(f"  flights    {folder / run_folder.TRANSFER}/")
+    print(f"  C code     {folder / run_folder.FIRMWARE}/    <- of the best policy, {best.stem}")
+    print(f"  report     {folder / run_folder.REPORT}    <- open this in a browser")

@@ -1,0 +1,90 @@
+"""`Export`: a policy for other programs."""
+
+from pathlib import Path
+from typing import Any
+
+from maidenflight import names, run_folder
+from maidenflight.deployment import EXPORTERS
+from maidenflight.errors import InputError
+from maidenflight.inputs import StrPath
+from maidenflight.settings import REQUIRED, choice, path, setting
+from maidenflight.verb import Output, Progress, Result, Verb
+from maidenflight.verbs import shared
+
+
+class Export(Verb):
+    """Export a POLICY file to C, ONNX or a Crazyflie app.
+
+    The policy is ours or of Gronauer et al., whose JSON can be written too.
+    """
+
+    output = Output(
+        None,
+        "Folder; "
+        + ", ".join(f"{exporter.folder} for {to}" for to, exporter in EXPORTERS.items())
+        + " unless given.",
+    )
+
+    policy: Path = setting(path("a policy file"), REQUIRED, argument=True, files=True)
+    to: str = setting(
+        choice(*EXPORTERS),
+        "c",
+        "; ".join(f"{to}: {exporter.help}" for to, exporter in EXPORTERS.items()) + ".",
+    )
+    control: str | None = shared.control_of_authors()
+    propellers: str | None = setting(
+        choice(*names.PROPELLERS),
+        None,
+        "Of the drone, for crazyflie: the firmware compensates the battery by them; 2.1+ unless "
+        "given.",
+    )
+    seed: int = shared.seed()
+
+    def choose_output(self, output: StrPath | None) -> Path:
+        """Returns the folder; the exporter's own unless given."""
+        return Path(EXPORTERS[self.to].folder if output is None else output)
+
+    def check_early(self) -> None:
+        """Refuses propellers where nothing depends on them."""
+        if self.propellers is not None and "propellers" not in EXPORTERS[self.to].takes:
+            raise InputError(
+                f"--propellers: --to {self.to} does not depend on the propellers; leave it out."
+            )
+
+    def compute(self, output: Path, progress: Progress) -> Result:
+        """Writes the policy for other programs.
+
+        Raises:
+            InputError: the file is no policy, or one of ours of another structure; or what is
+                written cannot hold it, or not fly the frame that it was trained for.
+        """
+        from maidenflight import parameters, policy_file
+        from maidenflight.deployment.check import check_frame
+
+        exporter, file = EXPORTERS[self.to], policy_file.read(self.policy, self.control)
+        interface, rotors = file.interface, file.rotors
+        if rotors is not None:
+            drone = parameters.replace(parameters.crazyflie(), **rotors)
+            check_frame(self.to, interface, parameters.check(drone, str(self.policy)))
+        record = self.make_record(
+            [self.policy], policy=None, control=interface.name, rotors=rotors
+        )
+        if "seed" not in exporter.takes:
+            record.pop("seed")
+        given: dict[str, Any] = {
+            "name": self.policy.stem,
+            "hover": file.hover,
+            "seed": self.seed,
+            "record": record,
+        }
+        given |= {} if self.propellers is None else {"propellers": self.propellers}
+        written = exporter(file.policy, output, **given)
+        folder = self.policy.parent
+        return Result(
+            content={"files": [str(path) for path in written]},
+            show=lambda: print("written " + ", ".join(map(str, written))),
+            written={"exported": written},
+            record=record,
+            next=("report", folder.parent if folder.name == run_folder.POLICIES else folder),
+            value=written,
+        )

@@ -1,0 +1,152 @@
+"""`Fly`: flights of a real Crazyflie."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+from maidenflight import cache, names
+from maidenflight.errors import InputError
+from maidenflight.settings import choice, flag, number, path, setting, text, whole
+from maidenflight.verb import Output, Progress, Result, Verb
+from maidenflight.verbs import shared
+
+
+class Fly(Verb):
+    """Fly a real Crazyflie, and log its flights.
+
+    The policy on board flies, as an exported app, or the firmware's PID, or a --plan. Read
+    docs/pilot.md first. The firmware's PID takes off before it and lands after it; the log comes by
+    radio at 100 Hz. Ctrl-C hands back to the PID and lands, a second Ctrl-C stops the motors. Every
+    row is on disk as soon as it has come; logs are added to the folder and never replaced.
+    """
+
+    output = Output("flown", "Folder for the logs.")
+    shared_output = True
+
+    uri: str | None = setting(
+        text("an address", "URI"),
+        None,
+        f"Address of the Crazyflie, such as {shared.URI}.",
+        shared.FLIGHTS,
+    )
+    pilot: str = setting(
+        choice("policy", "pid"),
+        "policy",
+        "What flies: the policy on board, or the firmware's PID, whose logs are for identify.",
+    )
+    flights: int | None = setting(
+        whole(1, 999), None, "How many flights; 1 unless given, 4 by the PID."
+    )
+    duration: float | None = setting(
+        number(1.0, 600.0),
+        None,
+        "Seconds of each; 10 unless given, 30 by the PID.",
+    )
+    task: str = setting(choice(*names.FLOWN_TASKS), "circle", "What is flown.")
+    height: float = setting(
+        number(0.3, 1.6),
+        1.0,
+        "Metres above the ground; a policy was trained for 1.",
+    )
+    steps: float | None = setting(
+        number(0.0, 0.2),
+        None,
+        "Random steps of the PID's set-point, in metres, twice a second, which make lag and "
+        "latency visible; 0.1 unless given, 0: the plain reference.",
+    )
+    plan: Path | None = setting(
+        path("a plan", "FILE"), None, "Fly this plan of maidenflight plan by the PID.", files=True
+    )
+    full_scale_counts: float | None = setting(
+        number(30000.0, 65535.0),
+        None,
+        "Firmware counts of a thrust command of 1, if not those of the exported policy.",
+        rare=True,
+    )
+    recover: bool = setting(
+        flag(),
+        False,
+        "Fly nothing; make the logs that a crash has left as rows in the folder.",
+        recorded=False,
+    )
+    seed: int = shared.seed()
+
+    def check_early(self) -> None:
+        """Refuses settings that mean nothing for what flies."""
+        by_plan = ("pilot", "duration", "task", "height", "steps", "full_scale_counts", "recover")
+        shared.must_be_default(self, by_plan if self.plan else (), "the plan says what is flown")
+        by_policy = ("steps",) if self.pilot == "policy" else ("full_scale_counts",)
+        shared.must_be_default(self, by_policy, f"it means nothing for --pilot {self.pilot}")
+        if self.uri is None and not self.recover:
+            raise InputError(
+                f"--uri is missing; expected the address of a Crazyflie, such as {shared.URI}."
+            )
+
+    def compute(self, output: Path, progress: Progress) -> Result:
+        """Flies; writes a log a flight. Says on standard error what the drone does."""
+        if self.recover:
+            return _recover(output)
+        from maidenflight.flights import flight_plan
+        from maidenflight.link import session
+        from maidenflight.link.flying import COMPLETE
+
+        pid = self.pilot == "pid"
+        given: dict[str, Any] = {
+            "task": self.task,
+            "duration": self.duration or (30.0 if pid else 10.0),
+            "height": self.height,
+            "steps": (0.1 if self.steps is None else self.steps) if pid else 0.0,
+            "policy": not pid,
+            "full_scale_counts": self.full_scale_counts,
+        }
+        if self.plan is not None:
+            given = {"plan": flight_plan.read(self.plan)}
+        count = self.flights or (4 if pid and self.plan is None else 1)
+        flown = session.record(
+            self.uri or "",
+            output,
+            count=count,
+            seed=self.seed,
+            cache=cache.folder() / "crazyflie",
+            say=lambda line: print(line, file=sys.stderr, flush=True),
+            **given,
+        )
+        simulated = not (self.uri or "").startswith(("radio://", "usb://"))
+        complete = all(one.ending.reason == COMPLETE for one in flown) and len(flown) == count
+        written = [one.log for one in flown if one.log]
+        return Result(
+            content={
+                "flights": [
+                    {
+                        "flight": one.name,
+                        "ended": one.ending.reason,
+                        "packets": one.rows,
+                        "log": str(one.log) if one.log else None,
+                    }
+                    for one in flown
+                ],
+                "simulated": simulated,
+            },
+            show=lambda: print(f"{len(flown)} flights in {output}/"),
+            written={"logs": written},
+            record=self.make_record(uri=None),
+            notes=[note for one in flown for note in one.notes],
+            next=("identify", output),
+            exit_code=0 if complete else 1,
+            value=flown,
+        )
+
+
+def _recover(folder: Path) -> Result:
+    """Makes logs of the rows that a crash has left."""
+    from maidenflight.link import rows
+
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder. Give the one that was recorded into, with -o.")
+    made, refused = rows.recover(folder)
+    return Result(
+        content={"logs": [str(path) for path in made], "refused": refused},
+        show=lambda: print(f"{len(made)} logs made of rows in {folder}/"),
+        notes=refused,
+        next=("identify", folder) if made else (),
+    )

@@ -1,0 +1,149 @@
+"""Policies of a command: files and folders of ours and the authors', and policies by others."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from maidenflight import names, policy_file
+from maidenflight.errors import InputError
+from maidenflight.foreign.policies import ForeignPolicy, foreign_policy
+from maidenflight.inputs import StrPath
+from maidenflight.policy import Policy
+from maidenflight.policy_file import PolicyFile
+from maidenflight.simulator.raptor_form import RAPTOR
+
+USUAL_TASK = "circle"
+"""Task of policies that do not say what they were trained for, as the authors' do not."""
+
+
+@dataclass(frozen=True)
+class Policies:
+    """The policies that a verb flies."""
+
+    paths: tuple[Path, ...]
+    """Of the files, ours and the authors'."""
+    files: tuple[PolicyFile, ...]
+    foreign: tuple[ForeignPolicy, ...]
+    """Policies by others."""
+    described: tuple[Path, ...]
+    """Files that describe policies by others."""
+
+    @property
+    def own(self) -> list[Policy]:
+        """Returns ours and the authors', in the order of the files."""
+        return [file.policy for file in self.files]
+
+    @property
+    def every(self) -> list[Policy | ForeignPolicy]:
+        """Returns all, those by others last."""
+        return [*self.own, *self.foreign]
+
+    @property
+    def own_names(self) -> list[str]:
+        """Returns what tables call the files."""
+        return shortest_names(self.paths)
+
+    @property
+    def names(self) -> list[str]:
+        """Returns what tables call all."""
+        return [*self.own_names, *(one.name for one in self.foreign)]
+
+    @property
+    def inputs(self) -> list[Path]:
+        """Returns the files that were read, for records."""
+        return [*self.paths, *self.described]
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """Returns the policies by others, for records."""
+        return {"policies": None, "foreign": [one.name for one in self.foreign] or None}
+
+    def path_of(self, name: str) -> Path:
+        """Returns the file that tables call so."""
+        return self.paths[self.own_names.index(name)]
+
+    def policy_of(self, path: Path) -> Policy:
+        """Returns the policy of a file."""
+        return self.files[self.paths.index(path)].policy
+
+    def choose_task(self, task: str | None) -> tuple[str, list[str]]:
+        """Returns what they fly, and notes for the user.
+
+        Args:
+            task: name of a task; unless given, the one that all the files that say so were trained
+                for.
+
+        Returns:
+            The name of a task, and a note where policies were trained for another.
+        """
+        trained = {
+            name: file.task
+            for name, file in zip(self.own_names, self.files, strict=True)
+            if file.task is not None
+        }
+        alike = set(trained.values())
+        flown = task or (
+            alike.pop() if len(alike) == 1 and alike <= set(names.TASKS) else USUAL_TASK
+        )
+        others = {name: task for name, task in trained.items() if task != flown}
+        if not others:
+            return flown, []
+        first = ", ".join(f"{name} for {task}" for name, task in list(others.items())[:3])
+        more = f" and {len(others) - 3} more for others" if len(others) > 3 else ""
+        return flown, [f"they fly the task {flown}, but were trained for another: {first}{more}."]
+
+
+def find_policies(given: Sequence[StrPath]) -> list[Path]:
+    """Returns the policy files among files and folders, each once.
+
+    Raises:
+        InputError: a folder holds no policy.
+    """
+    files: list[Path] = []
+    for path in map(Path, given):
+        inside = sorted(path.glob("*.json")) if path.is_dir() else [path]
+        if not inside:
+            raise InputError(
+                f"{path}: no policies (.json) in this folder. Train some: maidenflight train -o "
+                f"{path}."
+            )
+        files += inside
+    return list(dict.fromkeys(files))
+
+
+def read_policies(given: Sequence[StrPath], control: str | None = None) -> Policies:
+    """Reads policies.
+
+    Args:
+        given: files and folders of policies, and policies by others.
+        control: what the authors' policies command; what their files' names say unless given.
+
+    Raises:
+        InputError: one is no policy, or commands something else; or one by others needs a package
+            that is not installed, or its file is wrong.
+    """
+    foreign = {path: foreign_policy(Path(path)) for path in given}
+    paths = find_policies([path for path, policy in foreign.items() if policy is None])
+    others = {path: policy for path, policy in foreign.items() if policy is not None}
+    return Policies(
+        tuple(paths),
+        tuple(policy_file.read(path, control) for path in paths),
+        tuple(others.values()),
+        tuple(Path(path) for path in others if Path(path).suffix in (".toml", ".zip")),
+    )
+
+
+def shortest_names(files: Sequence[Path]) -> list[str]:
+    """Returns files without their ending, with as many folders as tell all of them apart."""
+    parts = [path.absolute().with_suffix("").parts for path in files]
+    for depth in range(1, max(map(len, parts), default=0) + 1):
+        short = ["/".join(part[-depth:]) for part in parts]
+        if len(set(short)) == len(short):
+            return short
+    return [str(path) for path in files]
+
+
+def export_command(path: Path, policy: Policy) -> tuple[object, ...]:
+    """Returns the words of the command that exports a policy, with what its form needs."""
+    return ("export", path, *(("--to", RAPTOR) if policy.spec.form == RAPTOR else ()))

@@ -1,0 +1,107 @@
+"""`Record`: flight logs of a simulated drone."""
+
+from pathlib import Path
+from typing import Any
+
+from maidenflight import names, run_folder
+from maidenflight.settings import choice, number, path, setting, text, whole
+from maidenflight.verb import Output, Progress, Result, Verb
+from maidenflight.verbs import logs, shared
+
+
+class Record(Verb):
+    """Record flights of a simulated drone.
+
+    The firmware's position PID or --controller flies it, or a --plan of maidenflight plan. fly
+    records a real drone.
+    """
+
+    output = Output("flights", "Folder for the logs.")
+
+    reality: str = setting(
+        text("a reality", "REALITY"),
+        "virtual:7",
+        f"What flies: {shared.REALITIES}.",
+        shared.FLIGHTS,
+        files=True,
+    )
+    flights: int | None = setting(
+        whole(1, 999), None, "How many flights; 4 unless given, 1 of a plan."
+    )
+    duration: float = setting(number(2.0, 600.0), 30.0, "Seconds of each, but of a plan.")
+    excitation: float = setting(
+        number(0.0, 0.3),
+        0.06,
+        "Random thrust on each motor, as a share of full thrust; it makes lag and latency visible. "
+        "0: plain PID.",
+    )
+    plan: Path | None = setting(
+        path("a plan", "FILE"), None, "Fly this plan of maidenflight plan instead.", files=True
+    )
+    rate: int = shared.rate()
+    controller: str = setting(
+        choice(*names.CONTROLLERS), "pid", "Controller of the firmware that flies."
+    )
+    firmware: str = shared.firmware(
+        "Firmware whose PID flies and compensates for the battery: that of the paper's flights, or "
+        "today's, which lets thrust commands exceed 1."
+    )
+    accept_bounds: bool = shared.accept_bounds()
+    seed: int = shared.seed()
+
+    def check_early(self) -> None:
+        """Refuses what a plan settles."""
+        settled = ("duration", "controller", "excitation") if self.plan else ()
+        shared.must_be_default(self, settled, "the plan says what is flown")
+
+    def compute(self, output: Path, progress: Progress) -> Result:
+        """Flies; writes a CSV a flight, and the true parameters where they are known."""
+        import jax
+
+        from maidenflight import results
+        from maidenflight.experiments.drones import find_reality
+        from maidenflight.flights import flight_plan, log, planned, recording
+        from maidenflight.identification.drone_file import DroneFile
+        from maidenflight.parameters import Parameters
+
+        progress.move(0, None, "compiling and flying")
+        drone, key = find_reality(self.reality, self.accept_bounds), jax.random.key(self.seed)
+        plan = None if self.plan is None else flight_plan.read(self.plan)
+        count = self.flights or (4 if plan is None else 1)
+        settled: dict[str, Any] = {"reality": drone.name, "flights": count}
+        if plan is not None:
+            settled |= {"duration": plan.seconds, "controller": None, "excitation": None}
+            flown = planned.record(drone, plan, key, count, self.rate, self.firmware)
+        else:
+            flown = recording.record(
+                *(drone, key, count, self.duration, self.excitation),
+                rate=self.rate,
+                firmware=self.firmware,
+                controller=self.controller,
+            )
+        record = self.make_record(logs.own_files(self.plan), **settled)
+        written = [log.write(output / f"{one.name}.csv", one, record) for one in flown]
+        results.remove_older(written, record)
+        truth, own = output / run_folder.REALITY, getattr(drone, "parameters", None)
+        if isinstance(own, Parameters):
+            DroneFile(own, record=record).write(truth)
+        else:
+            truth.unlink(missing_ok=True)
+        known = [truth] if truth.exists() else []
+        seconds = self.duration if plan is None else plan.seconds
+        where = f"; the true parameters are in {truth.name}" if known else ""
+        return Result(
+            content={
+                "flights": [str(path) for path in written],
+                "truth": str(truth) if known else None,
+                "simulated": True,
+            },
+            show=lambda: print(
+                f"{count} simulated flight{'s' * (count > 1)} of {seconds:g} s in {output}/{where}"
+            ),
+            written={"logs": written, "truth": known},
+            record=record,
+            rows=[{"flight": one.name, "seconds": one.duration} for one in flown],
+            next=("identify", output),
+            value=flown,
+        )

@@ -1,0 +1,101 @@
+"""`Report`: one page of a run, or its flights in rerun."""
+
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from maidenflight import run_folder
+from maidenflight.inputs import StrPath
+from maidenflight.settings import path, setting, several, text
+from maidenflight.verb import Output, Progress, Result, Verb
+
+_MARK = b"<footer>Written by maidenflight "
+"""What every report holds."""
+
+
+def _file(help: str) -> Any:
+    return setting(path(), None, help, "Other files", files=True)
+
+
+class Report(Verb):
+    """Make one self-contained HTML page of a RUN.
+
+    RUN is a folder with run.json, which commands write beside their output, or a file or folder
+    that it lists; this folder unless given. Files that are renamed, moved or by others are given by
+    options, with or without a RUN.
+    """
+
+    output = Output(None, "HTML file; report.html unless given, in the folder where RUN is one.")
+
+    source: Path | None = setting(path("a run"), None, argument=True, files=True, name="run")
+    view: str | None = setting(
+        text(metavar="FILE"),
+        None,
+        "Show the flights in rerun's viewer instead, or write them to an .rrd FILE for it; needs "
+        "the extra viewer.",
+        bare=".",
+    )
+    logs: tuple[Path, ...] = setting(
+        several(path(), empty=True),
+        (),
+        "Flight logs of any format that identify reads, a file or a folder; may be repeated.",
+        "Other files",
+        files=True,
+    )
+    drone: Path | None = _file("Identified drone (TOML).")
+    truth: Path | None = _file("Parameters of the virtual drone that was recorded (TOML).")
+    policies: Path | None = _file("Policy or folder of policies.")
+    flights: Path | None = _file("Table of test flights; logs flight_*.csv beside it are shown too.")
+    validation: Path | None = _file("Table of prediction errors.")
+    prediction: Path | None = _file("Table of predicted flights.")
+    study: Path | None = _file("Table of a study.")
+
+    def choose_output(self, output: StrPath | None) -> Path | None:
+        """Returns the page, or the file for rerun; None for its viewer."""
+        if self.view is not None:
+            return None if self.view == "." else Path(self.view)
+        if output is not None:
+            return Path(output)
+        folder = self._find_source()
+        return (folder if folder is not None and folder.is_dir() else Path()) / run_folder.REPORT
+
+    def may_replace(self, place: Path) -> bool:
+        """Returns whether an earlier report is there."""
+        with suppress(OSError):
+            return place.is_file() and _MARK in place.read_bytes()
+        return False
+
+    @property
+    def _files(self) -> dict[str, Any]:
+        """Returns the files that are given."""
+        names = ("logs", "drone", "truth", "policies", "flights", "validation", "prediction")
+        given = {name: getattr(self, name) for name in (*names, "study")}
+        return {name: value for name, value in given.items() if value}
+
+    def _find_source(self) -> Path | None:
+        return Path() if self.source is None and not self._files else self.source
+
+    def compute(self, output: Path | None, progress: Progress) -> Result:
+        """Writes the page, or shows the flights."""
+        progress.move(0, None, "reading the run")
+        if self.view is not None:
+            from maidenflight.reporting import live
+            from maidenflight.reporting.run import read_flights_of
+
+            flights = read_flights_of(self._find_source(), self._files)
+            live.show_flights(flights, output)
+            said = "sent to the viewer" if output is None else f"written to {output}"
+            return Result(
+                content={"flights": len(flights), "file": None if output is None else str(output)},
+                show=lambda: print(f"{len(flights)} flights {said}"),
+                value=flights,
+            )
+        from maidenflight.reporting.page import report
+
+        assert output is not None
+        page = report(self._find_source(), output, **self._files)
+        return Result(
+            content={"report": str(page)},
+            show=lambda: print(f"written {page}; open it in a browser"),
+            value=page,
+        )

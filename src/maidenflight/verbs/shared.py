@@ -1,0 +1,186 @@
+"""Settings that several verbs have, and what the command line says of them."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from maidenflight import names
+from maidenflight.errors import InputError
+from maidenflight.settings import (
+    PENDING,
+    choice,
+    either,
+    flag,
+    listed,
+    number,
+    path,
+    setting,
+    several,
+    text,
+    whole,
+)
+from maidenflight.verb import Verb
+
+URI = "radio://0/80/2M/E7E7E7E7E7"
+"""Address of a Crazyflie, for example."""
+REALITIES = (
+    "near:SEED, virtual:SEED or far:SEED, with growing mismatch to the training model; "
+    "near:SEED@DRONE and so on, about a drone of your own; "
+    "pybullet:SEED (virtual:SEED in PyBullet); l2f:DRONE or crazyflow:DRONE, in those simulators; "
+    "MODULE:FACTORY of your own; or a drone's TOML file; +sensors, +10ms, +yaw6000, +weak10 and "
+    "+payload15 behind any of them"
+)
+PARAMETERS = listed(text(metavar="NAME"), "names of parameters, such as latency,inertia_x", "NAMES")
+DRONES = "Drone"
+"""Heading of settings that say which drone it is."""
+FLIGHTS = "Flights"
+"""Heading of settings that say how flights are flown."""
+LOGS = "Logs"
+"""Heading of settings that say how logs are read."""
+
+
+def seed(default: int = 0) -> Any:
+    """Declares the random seed."""
+    return setting(
+        whole(0, 2**31 - 1),
+        default,
+        "Random seed; equal seeds give equal results.",
+        group="Output",
+    )
+
+
+def logs() -> Any:
+    """Declares the logs that a verb reads."""
+    return setting(path("a flight log or a folder of them"), argument=True, files=True)
+
+
+def policies(least: int = 1) -> Any:
+    """Declares the policies that a verb flies."""
+    return setting(
+        several(text("a policy file or a folder of them")),
+        argument=True,
+        files=True,
+        made_by="train",
+    )
+
+
+def drone(default: Any, help: str = "", **more: Any) -> Any:
+    """Declares the drone of a verb."""
+    values = text("a drone's name or TOML file", "DRONE")
+    return setting(values, default, help, group=DRONES, files=True, made_by="identify", **more)
+
+
+def realities(default: Any, help: str) -> Any:
+    """Declares where policies fly."""
+    return setting(
+        several(text("a reality", "REALITY")), default, help, group=FLIGHTS, files=True
+    )
+
+
+def accept_bounds() -> Any:
+    """Declares whether drones at a search bound are taken."""
+    return setting(
+        flag(),
+        False,
+        "Take a drone although an identified parameter lies at a bound of its search, where its "
+        "interval is too narrow.",
+        group=DRONES,
+        rare=True,
+    )
+
+
+def mass() -> Any:
+    """Declares the mass of what flies."""
+    return setting(
+        number(5.0, 5000.0),
+        None,
+        "Mass of what flies [g], battery and decks included; that of the drone unless given. "
+        "Inertia and thrust-to-weight ratio follow it.",
+        group=DRONES,
+    )
+
+
+def commands() -> Any:
+    """Declares what logged commands stand for."""
+    return setting(
+        choice(*names.COMMANDS),
+        None,
+        "What commands stand for in logs that do not say it: each acts until the next row, as a "
+        "policy's, or the log is subsampled from the firmware's faster PID, which is assumed "
+        "unless given. Taken the wrong way, latency is half a row off.",
+        group=LOGS,
+        rare=True,
+    )
+
+
+def battery_law() -> Any:
+    """Declares the law by which logged PWM is read as thrust."""
+    laws = ", ".join(repr(law) for law in names.BATTERY_LAWS)
+    return setting(
+        text("a battery law", "NAME"),
+        None,
+        f"Battery compensation by which logged PWM is read as thrust: {laws}. The logs decide "
+        "unless given.",
+        group=LOGS,
+        rare=True,
+    )
+
+
+def rate() -> Any:
+    """Declares the rate of a simulated log."""
+    return setting(
+        whole(1, 500),
+        500,
+        "Rows a second of the log [Hz], a divisor of 500: 500 as on a micro-SD card, 100 as by "
+        "radio, which holds one command in five.",
+    )
+
+
+def firmware(help: str) -> Any:
+    """Declares the generation of the firmware."""
+    return setting(choice(*names.FIRMWARES), names.FIRMWARES[0], help, rare=True)
+
+
+def control_of_authors() -> Any:
+    """Declares what the authors' policies command."""
+    return setting(
+        choice(*names.CONTROLS),
+        None,
+        "What the authors' policies command; unless given, what their files' names begin with or "
+        "their folder is called. Ours say it.",
+        rare=True,
+    )
+
+
+def width_or(*words: str) -> Any:
+    """Takes a half width of a box, or a word."""
+    return either(number(0.0, 0.9), *words)
+
+
+def must_exist(drone: Any) -> None:
+    """Refuses a drone's TOML file that is not there, before anything heavy is imported.
+
+    Raises:
+        InputError: there is no such file.
+    """
+    if drone not in (None, PENDING) and drone.endswith(".toml") and not Path(drone).exists():
+        raise InputError(
+            f"{drone}: no such drone. Identify one (maidenflight identify LOGS -o {drone}), or "
+            "give another file or a name (maidenflight drone --list)."
+        )
+
+
+def must_be_default(verb: Verb, settled: Sequence[str], reason: str) -> None:
+    """Refuses settings that something else settles.
+
+    Args:
+        verb: that has them.
+        settled: their fields.
+        reason: what settles them.
+
+    Raises:
+        InputError: one of them is not as by default.
+    """
+    for name, (attribute, declared) in verb.settings().items():
+        if attribute in settled and getattr(verb, attribute) != declared.default:
+            raise InputError(f"--{name.replace('_', '-')}: {reason}. Leave it out.")
