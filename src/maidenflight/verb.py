@@ -90,6 +90,10 @@ class Verb:
     """Whether a part of the work tells how long the rest takes."""
     resumable_from: ClassVar[str | None] = None
     """The file in its output, "." for the output itself, by which `--resume` goes on."""
+    replaces: ClassVar[bool] = True
+    """Whether `--overwrite` means anything: some only add to what is there."""
+    in_studies: ClassVar[bool] = True
+    """Whether it may be a task of a study."""
     version: ClassVar[str] = ""
     """Of a verb of your own; a study computes results of another version again."""
     counted: ClassVar[str] = ""
@@ -161,6 +165,9 @@ class Verb:
     def places(self, output: Path) -> list[Path]:
         """Returns the files and folders that are written, the output first."""
         return [output]
+
+    def discard(self, output: Any) -> None:
+        """Removes results of an earlier run that would not be computed again."""
 
     def may_replace(self, place: Path) -> bool:
         """Returns whether what is there may be replaced unasked."""
@@ -254,7 +261,7 @@ def find_verb(name: str) -> type[Verb]:
     module, mark, attribute = name.partition(":")
     if not mark:
         raise InputError(
-            f"{name!r} is no verb. Expected {', '.join(VERBS)}, or MODULE:NAME of your own."
+            f"{name!r}: no such verb. Expected {', '.join(VERBS)}, or MODULE:NAME of your own."
         )
     try:
         found = getattr(import_module(module), attribute)

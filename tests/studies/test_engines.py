@@ -157,7 +157,7 @@ def test_jobs_of_submitit_give_the_same_bytes_and_one_that_is_killed_is_begun_ag
     monkeypatch.setenv("PYTHONPATH", environment()["PYTHONPATH"])
     ran = {"ran": str(tmp_path / "ran")}
     entries: list[dict[str, Any]] = [
-        {"name": "dying", "kind": "toy_kinds:killed", "settings": ran},
+        {"name": "dying", "kind": "toy_kinds:Killed", "settings": ran},
         *toy_kinds.study(count=2, more=1),
     ]
     jobs = Slurm(Resources(workers=3), str(tmp_path / "jobs"), cluster="local")

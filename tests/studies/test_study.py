@@ -5,11 +5,8 @@ from typing import Any
 import pytest
 import toy_kinds
 
-from maidenflight.cli import envelope as cli_envelope
-from maidenflight.cli import options
 from maidenflight.errors import InputError
-from maidenflight.parameters import DRONES
-from maidenflight.studies import kinds, study
+from maidenflight.studies import study
 from maidenflight.studies.study import Task
 
 
@@ -102,7 +99,8 @@ GOOD: dict[str, Any] = {"name": "a", "kind": "train", "settings": {"drone": "cra
         ([{**GOOD, "grids": {}}], "grids is unknown"),
         ([{"kind": "train"}], "name = None"),
         ([GOOD, GOOD], "name = 'a'"),
-        ([{**GOOD, "kind": "fly"}], "'fly' is no kind"),
+        ([{**GOOD, "kind": "soar"}], "'soar': no such verb"),
+        ([{**GOOD, "kind": "fly"}], "fly is no task of a study"),
         ([{**GOOD, "kind": "toy_kinds:none"}], "cannot be imported"),
         ([{**GOOD, "kind": "toy_kinds:another"}], "is a int"),
         ([{**GOOD, "settings": 3}], "expected a table"),
@@ -151,7 +149,7 @@ GOOD: dict[str, Any] = {"name": "a", "kind": "train", "settings": {"drone": "cra
                     "name": "b",
                     "kind": "transfer",
                     "inputs": {"policies": "a"},
-                    "settings": {"realities": ["nowhere"]},
+                    "settings": {"reality": ["nowhere"]},
                 },
             ],
             "nowhere",
@@ -175,15 +173,3 @@ def test_a_file_that_is_no_study_is_refused(content: str, tmp_path: Path) -> Non
         study.read(path)
     with pytest.raises(InputError):
         study.read(tmp_path / "none.toml")
-
-
-def test_kinds_know_the_names_that_the_command_line_knows() -> None:
-    assert kinds.CONTROLS == options.CONTROLS
-    assert kinds.TASKS == options.TASKS
-    assert kinds.AXES == cli_envelope.AXES
-    assert "crazyflie" in DRONES
-    for kind in kinds.KINDS.values():
-        assert kind.takes.keys() <= kind.settings.keys()
-        assert set(kind.takes.values()) <= kinds.KINDS.keys()
-        for setting in kind.settings.values():
-            assert setting.default in (kinds.REQUIRED, None) or setting.fits(setting.default)

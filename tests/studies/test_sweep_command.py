@@ -52,7 +52,7 @@ def test_the_report_shows_the_table_of_a_study_by_its_entries(
 def test_failures_are_one_line_and_the_table_of_the_others_is_there(
     study: Path, monkeypatch: Any, capsys: Any
 ) -> None:
-    entries = [{"name": "bad", "kind": "toy_kinds:wrong"}, *toy_kinds.study(count=1)]
+    entries = [{"name": "bad", "kind": "toy_kinds:Wrong"}, *toy_kinds.study(count=1)]
     study.write_text(tomlkit.dumps({"task": entries}))
     code, _, err = run(monkeypatch, capsys, "sweep", study, "--retries", 0)
     assert code == 2

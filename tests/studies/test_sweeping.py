@@ -84,8 +84,8 @@ def test_processes_of_this_machine_give_the_same_bytes(tmp_path: Path) -> None:
 def test_a_task_that_fails_is_tried_as_told_and_the_others_are_done(tmp_path: Path) -> None:
     ran = str(tmp_path / "ran")
     entries: list[dict[str, Any]] = [
-        {"name": "bad", "kind": "toy_kinds:wrong", "settings": {"ran": ran}},
-        {"name": "worse", "kind": "toy_kinds:wrong", "settings": {"how": "input"}},
+        {"name": "bad", "kind": "toy_kinds:Wrong", "settings": {"ran": ran}},
+        {"name": "worse", "kind": "toy_kinds:Wrong", "settings": {"how": "input"}},
         *toy_kinds.study(count=2),
     ]
     heard: list[Progress] = []
@@ -130,7 +130,7 @@ def test_a_task_that_is_lost_is_begun_again_but_not_for_ever(tmp_path: Path) -> 
 
 def test_a_process_that_is_killed_loses_its_own_task_alone(tmp_path: Path) -> None:
     entries: list[dict[str, Any]] = [
-        {"name": "dying", "kind": "toy_kinds:killed", "settings": {"ran": str(tmp_path / "ran")}},
+        {"name": "dying", "kind": "toy_kinds:Killed", "settings": {"ran": str(tmp_path / "ran")}},
         *toy_kinds.study(count=2, more=1, ran=str(tmp_path / "others")),
     ]
     heard: list[Progress] = []
@@ -166,7 +166,7 @@ def test_an_interrupted_study_goes_on(tmp_path: Path) -> None:
 
 def test_the_end_of_local_ends_its_processes(tmp_path: Path) -> None:
     (task,) = study.of(
-        [{"name": "long", "kind": "toy_kinds:square", "settings": {"value": 1, "seconds": 50}}]
+        [{"name": "long", "kind": "toy_kinds:Square", "settings": {"value": 1, "seconds": 50}}]
     ).tasks
     order = Order(task.key, task.kind, "", dict(task.settings), {}, ".", str(tmp_path))
     working = local.Local(Resources(workers=1))

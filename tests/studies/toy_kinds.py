@@ -1,78 +1,86 @@
-"""Kinds of task that need no JAX; each run of one leaves a line in the file `ran`."""
+"""Verbs that need no JAX; each run of one leaves a line in the file `ran`."""
 
 import os
 import signal
 import time
 from pathlib import Path
+from typing import Any
 
 from maidenflight.errors import InputError
-from maidenflight.studies.kinds import Kind, Row, Work, number, optional, text, whole
-
-_RAN = {"ran": optional(text("a file")), "seconds": number(0, 60, 0.0)}
-
-
-def _note(work: Work, *words: object) -> None:
-    if work.settings["ran"]:
-        with open(work.settings["ran"], "a") as file:
-            file.write(" ".join(map(str, words)) + "\n")
+from maidenflight.settings import number, setting, text, whole
+from maidenflight.verb import Output, Progress, Result, Verb
 
 
-def _square(work: Work) -> list[Row]:
-    value = work.settings["value"]
-    _note(work, "begun", value)
-    time.sleep(work.settings["seconds"])
-    (work.folder / "squared.txt").write_text(str(value * value))
-    _note(work, "ended", value)
-    return [{"square": value * value, "third": value / 3}]
+class Toy(Verb):
+    ran: str | None = setting(text("a file"), None)
+    seconds: float = setting(number(0, 60), 0.0)
+
+    def note(self, *words: object) -> None:
+        if self.ran:
+            with open(self.ran, "a") as file:
+                file.write(" ".join(map(str, words)) + "\n")
 
 
-def _sum(work: Work) -> list[Row]:
-    time.sleep(work.settings["seconds"])
-    found = int(Path(work.settings["square"]).read_text()) + work.settings["more"]
-    _note(work, "added", found)
-    return [{"sum": found, "word": "odd" if found % 2 else "even"}]
+class Square(Toy):
+    output = Output("squared.txt", "")
+    value: int = setting(whole(0, 10**6))
+
+    def compute(self, output: Path, progress: Progress) -> Result:
+        self.note("begun", self.value)
+        time.sleep(self.seconds)
+        output.write_text(str(self.value * self.value))
+        self.note("ended", self.value)
+        return Result(rows=[{"square": self.value * self.value, "third": self.value / 3}])
 
 
-def _wrong(work: Work) -> list[Row]:
-    _note(work, "tried")
-    raise {"value": ValueError, "input": InputError}[work.settings["how"]]("it went wrong")
+class Add(Toy):
+    square: str = setting(text("a file"), made_by="toy_kinds:Square")
+    more: int = setting(whole(0, 10**6), 0)
+
+    def compute(self, output: Path, progress: Progress) -> Result:
+        time.sleep(self.seconds)
+        found = int(Path(self.square).read_text()) + self.more
+        self.note("added", found)
+        return Result(rows=[{"sum": found, "word": "odd" if found % 2 else "even"}])
 
 
-def _killed(work: Work) -> list[Row]:
+class Wrong(Toy):
+    how: str = setting(text("an error"), "value")
+
+    def compute(self, output: Path, progress: Progress) -> Result:
+        self.note("tried")
+        raise {"value": ValueError, "input": InputError}[self.how]("it went wrong")
+
+
+class Killed(Toy):
     """Kills its process the first time."""
-    _note(work, "killed")
-    if len(Path(work.settings["ran"]).read_text().splitlines()) < 2:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return [{"survived": 1}]
+
+    def compute(self, output: Path, progress: Progress) -> Result:
+        self.note("killed")
+        if len(Path(str(self.ran)).read_text().splitlines()) < 2:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return Result(rows=[{"survived": 1}])
 
 
-square = Kind(_square, {"value": whole(0, 10**6), **_RAN}, product="squared.txt")
-add = Kind(
-    _sum,
-    {"square": text("a file"), "more": whole(0, 10**6, 0), **_RAN},
-    takes={"square": "toy_kinds:square"},
-)
-wrong = Kind(_wrong, {"how": text("an error", "value"), **_RAN})
-killed = Kind(_killed, dict(_RAN))
 another = 3
 
 
 def study(
     count: int = 4, more: int = 2, seconds: float = 0.0, ran: str | None = None
-) -> list[dict[str, object]]:
+) -> list[dict[str, Any]]:
     """Squares of numbers, and sums with each."""
-    told = {} if ran is None else {"ran": ran}
+    noted = {} if ran is None else {"ran": ran}
     return [
         {
             "name": "squared",
-            "kind": "toy_kinds:square",
-            "settings": {"seconds": seconds, **told},
+            "kind": "toy_kinds:Square",
+            "settings": {"seconds": seconds, **noted},
             "grid": {"value": {"first": 1, "count": count}},
         },
         {
             "name": "added",
-            "kind": "toy_kinds:add",
-            "settings": {"seconds": seconds, **told},
+            "kind": "toy_kinds:Add",
+            "settings": {"seconds": seconds, **noted},
             "grid": {"more": list(range(more))},
             "inputs": {"square": "squared"},
         },

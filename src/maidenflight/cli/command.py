@@ -84,7 +84,9 @@ class VerbCommand(click.Command):
             formatter.write_paragraph()
             formatter.write_text(f"More options: {ctx.command_path} --help-all")
 
-    def _run(self, output: str | None, as_json: bool, overwrite: bool, **words: Any) -> None:
+    def _run(
+        self, output: str | None, as_json: bool, overwrite: bool = False, **words: Any
+    ) -> None:
         context = click.get_current_context()
         given = {
             name.rstrip("_"): value
@@ -138,6 +140,9 @@ def _common_options(verb: type[Verb], rare: bool) -> list[click.Parameter]:
         callback=show_every_option,
         help="Show all options and exit.",
     )
+    replace = click.Option(
+        ["--overwrite"], is_flag=True, help="Replace results of an earlier run."
+    )
     return [
         click.Option(
             ["-o", "--output"],
@@ -146,7 +151,7 @@ def _common_options(verb: type[Verb], rare: bool) -> list[click.Parameter]:
             help=f"{verb.output.help}{shown}",
         ),
         click.Option(["as_json", "--json"], is_flag=True, help=json_help),
-        click.Option(["--overwrite"], is_flag=True, help="Replace results of an earlier run."),
+        *([replace] if verb.replaces else []),
         *([every] if rare else []),
     ]
 
@@ -174,6 +179,8 @@ def run_verb(verb: Verb, output: str | None, as_json: bool, overwrite: bool) -> 
     place, resume = verb.choose_output(output), getattr(verb, "resume", None)
     for each in [] if place is None else verb.places(place):
         _claim(each, overwrite or verb.may_replace(each), resume)
+    if overwrite:
+        verb.discard(place)
     state = None
     if place is not None and verb.resumable_from is not None:
         state = place / verb.resumable_from

@@ -31,6 +31,7 @@ from maidenflight.simulator.firmware import (
     switched_on,
     tick,
 )
+from maidenflight.names import CONTROLS
 from maidenflight.simulator.interface import HIGHEST_RATE_DEG, ControlInterface, Four
 from maidenflight.simulator.mixing import Mixer, mixer_of
 from maidenflight.simulator.pid import ATTITUDE_RATE, Generation, checked

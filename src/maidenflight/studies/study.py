@@ -32,7 +32,7 @@ from maidenflight import __version__, inputs, results
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
 from maidenflight.settings import PENDING, REQUIRED, Setting, plain
-from maidenflight.verb import VERBS, Verb, find_verb
+from maidenflight.verb import Verb, find_verb
 
 MOST = 1_000_000
 """Tasks of a study at most."""
@@ -169,12 +169,12 @@ def _entry(content: Any, where: str, known: Mapping[str, _Entry]) -> _Entry:
         raise InputError(f"{where}: name = {called!r}; expected a text of its own without a dot.")
     label = f"{where} ({called})"
     kind = content.get("kind")
-    if not isinstance(kind, str):
-        raise InputError(f"{label}: kind = {kind!r}; expected {', '.join(VERBS)}.")
     try:
-        verb = find_verb(kind)
+        verb = find_verb(str(kind))
     except InputError as error:
-        raise InputError(f"{label}: {error}") from error
+        raise InputError(f"{label}: kind = {error}") from error
+    if not isinstance(kind, str) or not verb.in_studies:
+        raise InputError(f"{label}: kind = {kind!r}; {verb.name} is no task of a study.")
     parts = {name: content.get(name, {}) for name in ("settings", "grid", "inputs")}
     for name, part in parts.items():
         if not isinstance(part, dict):

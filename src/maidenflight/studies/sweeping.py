@@ -33,11 +33,8 @@ def sweep(
     output: StrPath = "study",
     on: str | Engine = "local",
     *,
-    workers: int | None = None,
-    cpus: int = 1,
-    gpus: int = 0,
+    resources: Resources | None = None,
     retries: int = 1,
-    slurm: Mapping[str, str] | None = None,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> polars.DataFrame:
     """Computes a study: what is not there yet, on one machine or many.
@@ -49,11 +46,9 @@ def sweep(
         tasks: a study's TOML file, or its tables as dictionaries.
         output: folder that all machines share, or an address of fsspec such as s3://BUCKET/STUDY.
         on: `local`, `ray`, `ray:ADDRESS`, `slurm`, `slurm:PARTITION`, or an engine.
-        workers: tasks at once at most.
-        cpus: cores of each task.
-        gpus: GPUs of each task.
+        resources: tasks at once, cores and GPUs of each, options of sbatch; one core each unless
+            given.
         retries: how often a task that fails is begun again.
-        slurm: options of sbatch, such as `{"account": "lab"}`.
         on_progress: called with how far it is, about each second.
 
     Returns:
@@ -65,13 +60,14 @@ def sweep(
             task runs; or tasks have failed, after all others are done. Their tracebacks are in
             `failures` beside the results; the same call tries them again.
     """
+    resources = resources or Resources()
+    cpus, gpus = resources.cpus, resources.gpus
     study = (
         read(tasks, cpus, gpus)
         if isinstance(tasks, str | os.PathLike)
         else of(list(tasks), cpus=cpus, gpus=gpus)
     )
     store = opened(output)
-    resources = Resources(workers, cpus, gpus, dict(slurm or {}))
     release = results.claim(output) if isinstance(store, Folder) else lambda: None
     try:
         failures = compute(study, store, on, resources, retries, on_progress)

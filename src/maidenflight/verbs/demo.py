@@ -45,7 +45,7 @@ class Demo(Verb):
     """
 
     output = Output(None, "Folder; the first free of run, run-2, ... unless given.")
-    fused, parallel, steady = True, True, False
+    fused, parallel, steady, in_studies = True, True, False, False
 
     seed: int = shared.seed(7)
 

@@ -15,6 +15,7 @@ class Drone(Verb):
     DRONE is a named drone (--list prints them) or a TOML file, which is checked.
     """
 
+    in_studies = False
     output = Output(None, "File to write; standard output unless given.")
 
     drone: str = shared.drone("crazyflie", argument=True)

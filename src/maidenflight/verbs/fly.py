@@ -21,7 +21,7 @@ class Fly(Verb):
     """
 
     output = Output("flown", "Folder for the logs.")
-    shared_output = True
+    replaces, in_studies = False, False
 
     uri: str | None = setting(
         text("an address", "URI"),
@@ -70,6 +70,10 @@ class Fly(Verb):
         recorded=False,
     )
     seed: int = shared.seed()
+
+    def places(self, output: Path) -> list[Path]:
+        """Returns none: logs are added to what is there."""
+        return []
 
     def check_early(self) -> None:
         """Refuses settings that mean nothing for what flies."""

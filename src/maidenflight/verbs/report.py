@@ -25,6 +25,7 @@ class Report(Verb):
     options, with or without a RUN.
     """
 
+    in_studies = False
     output = Output(None, "HTML file; report.html unless given, in the folder where RUN is one.")
 
     source: Path | None = setting(path("a run"), None, argument=True, files=True, name="run")
@@ -34,6 +35,7 @@ class Report(Verb):
         "Show the flights in rerun's viewer instead, or write them to an .rrd FILE for it; needs "
         "the extra viewer.",
         bare=".",
+        recorded=False,
     )
     logs: tuple[Path, ...] = setting(
         several(path(), empty=True),

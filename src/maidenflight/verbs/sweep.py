@@ -26,6 +26,7 @@ class Sweep(Verb):
     )
     steady = False
     resumable_from = "."
+    in_studies = False
 
     study: Path = setting(path("a study's TOML file"), REQUIRED, argument=True, files=True)
     on: str = setting(
