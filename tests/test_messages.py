@@ -22,7 +22,7 @@ from maidenflight.training import checkpoint
 from maidenflight.training.evaluation import Evaluation
 from maidenflight.training.train import Progress
 from maidenflight.workflow import policies
-from test_cli import run
+from commands import run
 
 
 @pytest.fixture

@@ -21,7 +21,7 @@ import pytest
 import maidenflight
 from maidenflight import parameters, policy, policy_file, results, workflow
 from maidenflight.errors import InputError
-from test_cli import run
+from commands import run
 
 SOURCE = Path(maidenflight.__file__).parent
 FREE = {

@@ -38,7 +38,7 @@ from maidenflight.training.ppo_settings import PPO
 from maidenflight.training.train import Progress
 from maidenflight.workflow import logs
 from maidenflight.workflow.deployment import check_export
-from test_cli import run
+from commands import run
 
 
 def test_how_logs_were_read_stands_in_the_drone_file_s_record(

@@ -104,7 +104,7 @@ GOOD: dict[str, Any] = {"name": "a", "kind": "train", "settings": {"drone": "cra
         ([{**GOOD, "kind": "toy_kinds:none"}], "cannot be imported"),
         ([{**GOOD, "kind": "toy_kinds:another"}], "is a int"),
         ([{**GOOD, "settings": 3}], "expected a table"),
-        ([{**GOOD, "settings": {}}], "drone is missing"),
+        ([{**GOOD, "settings": {}}], "no file drone.toml"),
         ([{**GOOD, "settings": {"drone": "crazyflie", "sed": 1}}], "sed is no setting"),
         ([{**GOOD, "settings": {"drone": "crazyflie", "policies": 0}}], "policies = '0'"),
         ([{**GOOD, "settings": {"drone": "crazyflie", "policies": True}}], "policies = 'True'"),
@@ -173,3 +173,24 @@ def test_a_file_that_is_no_study_is_refused(content: str, tmp_path: Path) -> Non
         study.read(path)
     with pytest.raises(InputError):
         study.read(tmp_path / "none.toml")
+
+
+def test_a_grid_sweeps_values_of_a_table(tmp_path: Path) -> None:
+    entry: dict[str, Any] = {
+        "name": "policy",
+        "kind": "train",
+        "settings": {"drone": "crazyflie", "set": {"drag_x": 0.1}},
+        "grid": {"set.latency": [0.0, 0.02], "learner.num_envs": [8]},
+    }
+    found = tasks([entry], tmp_path)
+    assert [task.settings["set"] for task in found] == [
+        {"drag_x": 0.1, "latency": 0.0},
+        {"drag_x": 0.1, "latency": 0.02},
+    ]
+    assert found[1].point == {"policy.set.latency": 0.02, "policy.learner.num_envs": 8}
+    assert found[1].settings["learner"] == {"num_envs": 8}
+    for wrong in ("set.", "seed.latency", "sets.latency"):
+        with pytest.raises(InputError):
+            tasks([{**entry, "grid": {wrong: [0.02]}}], tmp_path)
+    with pytest.raises(InputError, match="latency"):
+        tasks([{**entry, "grid": {"set.latency": ["late"]}}], tmp_path)

@@ -6,7 +6,7 @@ import pytest
 import tomlkit
 import toy_kinds
 
-from test_cli import run
+from commands import run
 
 
 @pytest.fixture

@@ -76,7 +76,7 @@ def test_a_study_is_one_table_and_is_computed_once(tmp_path: Path) -> None:
 def test_processes_of_this_machine_give_the_same_bytes(tmp_path: Path) -> None:
     entries = toy_kinds.study(count=3)
     mf.sweep(entries, tmp_path / "here", Here())
-    mf.sweep(entries, tmp_path / "local", "local", workers=2)
+    mf.sweep(entries, tmp_path / "local", "local", resources=Resources(2))
     for name in ("study.csv",):
         assert (tmp_path / "here" / name).read_bytes() == (tmp_path / "local" / name).read_bytes()
 
@@ -135,7 +135,12 @@ def test_a_process_that_is_killed_loses_its_own_task_alone(tmp_path: Path) -> No
     ]
     heard: list[Progress] = []
     table = mf.sweep(
-        entries, tmp_path / "out", "local", workers=2, retries=0, on_progress=heard.append
+        entries,
+        tmp_path / "out",
+        "local",
+        resources=Resources(2),
+        retries=0,
+        on_progress=heard.append,
     )
     assert table["survived"].to_list()[0] == 1
     assert lines(tmp_path / "ran") == {"killed": 2}

@@ -15,7 +15,7 @@ A study is a TOML file, or a list of the same tables in Python:
     inputs = { policies = "policy" }    # for each point of its grid
 
 A task takes its inputs' points of the grid: where two inputs have an entry behind them in common,
-their points agree.
+their points agree. A grid may sweep one value of a table, as in `"set.latency" = [0.0, 0.02]`.
 """
 
 import hashlib
@@ -182,7 +182,7 @@ def _entry(content: Any, where: str, known: Mapping[str, _Entry]) -> _Entry:
     given = [*parts["settings"], *parts["grid"], *parts["inputs"]]
     settings = settings_of(verb)
     for name in given:
-        if name not in settings:
+        if name not in settings and not _is_in_table(name, settings, parts["grid"]):
             expected = ", ".join(settings)
             raise InputError(f"{label}: {name} is no setting of {kind}. Expected {expected}.")
         if given.count(name) > 1:
@@ -193,11 +193,27 @@ def _entry(content: Any, where: str, known: Mapping[str, _Entry]) -> _Entry:
     for name, value in parts["settings"].items():
         settings[name].check(value, f"{label}: {name}")
     grid = {
-        name: _values(settings[name], name, value, label) for name, value in parts["grid"].items()
+        name: _values(settings[name.partition(".")[0]], name, value, label)
+        for name, value in parts["grid"].items()
     }
     for name, source in parts["inputs"].items():
         _must_be_made(verb, name, source, known, label)
     return _Entry(called, label, kind, verb, parts["settings"], grid, parts["inputs"])
+
+
+def _is_in_table(name: str, settings: Mapping[str, Setting], grid: Mapping[str, Any]) -> bool:
+    """Returns whether a grid's name, such as set.latency, is of a value in a table."""
+    table, _, inner = name.partition(".")
+    return bool(inner) and name in grid and isinstance(getattr(settings.get(table), "default", 0), dict)
+
+
+def _put(settings: dict[str, Any], point: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns settings at a point of a grid."""
+    chosen = dict(settings)
+    for name, value in point.items():
+        table, dot, inner = name.partition(".")
+        chosen[table] = {**chosen.get(table, {}), inner: value} if dot else value
+    return chosen
 
 
 def _values(setting: Setting, name: str, given: Any, label: str) -> list[Any]:
@@ -211,8 +227,9 @@ def _values(setting: Setting, name: str, given: Any, label: str) -> list[Any]:
             f"{label}: grid {name} = {str(given)[:60]}; expected a list of values, or "
             "{ first = 0, count = 10 }."
         )
+    inner = name.partition(".")[2]
     for value in given:
-        setting.check(value, f"{label}: {name}")
+        setting.check({inner: value} if inner else value, f"{label}: {name}")
     if len({json.dumps(value) for value in given}) < len(given):
         raise InputError(f"{label}: grid {name} has a value twice. Give each once.")
     return given
@@ -267,7 +284,7 @@ def _expanded(
     }
     chosen = []
     for at in own:
-        settings = {**defaults, **entry.settings, **at}
+        settings = _put({**defaults, **entry.settings}, at)
         chosen.append((at, settings, _content(entry, settings, digests)))
     tasks = []
     for point, keys in joined:
