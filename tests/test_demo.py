@@ -1,9 +1,9 @@
 import json
 
 import pytest
+from maidenflight.demo import Demo, Listener, Plan, demo
 
 import quick
-from maidenflight.demo import Demo, Listener, Plan, demo
 from maidenflight.identification.likelihood import Likelihood
 from maidenflight.terminal import demo_output
 

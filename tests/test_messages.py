@@ -11,7 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 import polars
 import pytest
+from maidenflight.workflow import policies
 
+from commands import run
 from maidenflight import cli, parameters, policy, policy_file, terminal, workflow
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import Transfer
@@ -21,8 +23,6 @@ from maidenflight.terminal import drone_output, flight_output
 from maidenflight.training import checkpoint
 from maidenflight.training.evaluation import Evaluation
 from maidenflight.training.train import Progress
-from maidenflight.workflow import policies
-from commands import run
 
 
 @pytest.fixture

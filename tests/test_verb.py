@@ -22,8 +22,8 @@ from maidenflight.verb import VERBS, Verb, find_verb
 ROOT = Path(maidenflight.__file__).parent
 ONLY_OF_COMMANDS = {"resume", "view", "status", "list", "recover"}
 """Settings on which no result depends: how work is resumed, watched or only looked at."""
-OPTION = '''    patience: int = setting(whole(1, 9), 2, "How long to wait [h].")
-'''
+OPTION = """    patience: int = setting(whole(1, 9), 2, "How long to wait [h].")
+"""
 SOURCE = '''"""`Wait`: nothing."""
 
 from pathlib import Path

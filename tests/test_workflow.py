@@ -12,8 +12,11 @@ import jax.numpy as jnp
 import numpy as np
 import polars
 import pytest
+from maidenflight.workflow import logs
+from maidenflight.workflow.deployment import check_export
 
 import maidenflight as mf
+from commands import run
 from flights.made_flights import calm, driven
 from flying_policy import flown, flying_policy
 from maidenflight import policy, policy_file, results, workflow
@@ -36,9 +39,6 @@ from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.evaluation import Evaluation
 from maidenflight.training.ppo_settings import PPO
 from maidenflight.training.train import Progress
-from maidenflight.workflow import logs
-from maidenflight.workflow.deployment import check_export
-from commands import run
 
 
 def test_how_logs_were_read_stands_in_the_drone_file_s_record(

@@ -87,9 +87,7 @@ def main(words: Sequence[str] | None = None) -> None:
         sys.exit(130)
 
 
-def _serve(
-    given: argparse.Namespace, begin: Callable[[], RunningPlant], steps: int | None
-) -> None:
+def _serve(given: argparse.Namespace, begin: Callable[[], RunningPlant], steps: int | None) -> None:
     began = time.monotonic()
 
     def say(line: str) -> None:

@@ -52,7 +52,9 @@ class Bar(Progress):
             *([TimeRemainingColumn()] if self._remaining else []),
             remark,
         )
-        self._bar = Progress(*columns, console=console, disable=not console.is_terminal, expand=True)
+        self._bar = Progress(
+            *columns, console=console, disable=not console.is_terminal, expand=True
+        )
         self._bar.add_task(self._title, total=None, remark="")
         self._bar.start()
         return self

@@ -21,9 +21,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import lax
+from maidenflight.cli.options import PROPELLERS
 from test_c import restless
 
-from maidenflight.cli.options import PROPELLERS
 from maidenflight.deployment import crazyflie as crazyflie_app
 from maidenflight.deployment.crazyflie import MOST_MULTIPLICATIONS, export_crazyflie
 from maidenflight.errors import InputError

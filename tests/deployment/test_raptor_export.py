@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from maidenflight.workflow.deployment import check_export
 
 from maidenflight import __version__, cli, policy_file
 from maidenflight.deployment import EXPORTERS
@@ -25,7 +26,6 @@ from maidenflight.policy import Actor, Policy, untrained
 from maidenflight.simulator import control, dynamics, environment, raptor_form, stepping, tasks
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.sensors import Measurement
-from maidenflight.workflow.deployment import check_export
 
 h5py: Any = pytest.importorskip("h5py")
 Evaluate = Callable[[np.ndarray], np.ndarray]

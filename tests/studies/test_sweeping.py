@@ -1,5 +1,4 @@
 import dataclasses
-import time
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -179,10 +178,8 @@ def test_the_end_of_local_ends_its_processes(tmp_path: Path) -> None:
     assert working.room() == 0
     while not list((tmp_path / "results").glob(".*.part")):
         assert not working.ended(0.05)
-    began = time.monotonic()
     working.close()
-    assert time.monotonic() - began < 10
-    assert Folder(tmp_path).keys() == set()
+    assert Folder(tmp_path).keys() == set(), "it waited for a task of 50 s"
 
 
 def test_each_process_gets_gpus_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from maidenflight.workflow.training_settings import settings_for
 
 from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, replace
@@ -13,7 +14,6 @@ from maidenflight.simulator.rollout import randomized_reset
 from maidenflight.training import distillation
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.distillation import Distillation, Teacher, known
-from maidenflight.workflow.training_settings import settings_for
 
 pytestmark = pytest.mark.usefixtures("without_optimizations")
 

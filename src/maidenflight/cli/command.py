@@ -140,9 +140,7 @@ def _common_options(verb: type[Verb], rare: bool) -> list[click.Parameter]:
         callback=show_every_option,
         help="Show all options and exit.",
     )
-    replace = click.Option(
-        ["--overwrite"], is_flag=True, help="Replace results of an earlier run."
-    )
+    replace = click.Option(["--overwrite"], is_flag=True, help="Replace results of an earlier run.")
     return [
         click.Option(
             ["-o", "--output"],

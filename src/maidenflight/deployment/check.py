@@ -28,9 +28,7 @@ def check_frame(to: str, interface: ControlInterface, drone: Parameters) -> None
         )
 
 
-def check_export(
-    to: str, interface: ControlInterface, spec: PolicySpec, drone: Parameters
-) -> None:
+def check_export(to: str, interface: ControlInterface, spec: PolicySpec, drone: Parameters) -> None:
     """Checks before a training that its policies can be exported: exports an untrained one.
 
     Args:

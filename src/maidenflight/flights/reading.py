@@ -17,7 +17,7 @@ from maidenflight import names, run_folder
 from maidenflight.errors import InputError
 from maidenflight.flights import checking, compensation, foreign, formats, log
 from maidenflight.flights.formats import Logged
-from maidenflight.flights.log import SUBSAMPLED, ZERO_ORDER_HOLD, Flight
+from maidenflight.flights.log import ZERO_ORDER_HOLD, Flight
 from maidenflight.flights.sampling import sampled
 from maidenflight.flights.windows import LEAD_IN
 from maidenflight.inputs import StrPath

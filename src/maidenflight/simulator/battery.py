@@ -126,7 +126,9 @@ LAWS: Mapping[str, ThrustLaw] = {
     law.name: law
     for law in (
         PLUS,
-        _cubic(names.LEGACY_PROPELLERS, (-0.014830745, 0.047244652, -0.018473644, 0.005960924), 0.12),
+        _cubic(
+            names.LEGACY_PROPELLERS, (-0.014830745, 0.047244652, -0.018473644, 0.005960924), 0.12
+        ),
         _cubic(names.THRUST_UPGRADE, (0.006728128, 0.010115576, 0.010263198, 0.002835864), 0.18),
         FIRMWARE_2021,
     )

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from maidenflight.errors import InputError
+from maidenflight.names import CONTROLS
 from maidenflight.parameters import Parameters, replace
 from maidenflight.simulator import interface as interfaces
 from maidenflight.simulator import rotations
@@ -31,7 +32,6 @@ from maidenflight.simulator.firmware import (
     switched_on,
     tick,
 )
-from maidenflight.names import CONTROLS
 from maidenflight.simulator.interface import HIGHEST_RATE_DEG, ControlInterface, Four
 from maidenflight.simulator.mixing import Mixer, mixer_of
 from maidenflight.simulator.pid import ATTITUDE_RATE, Generation, checked

@@ -204,7 +204,11 @@ def _entry(content: Any, where: str, known: Mapping[str, _Entry]) -> _Entry:
 def _is_in_table(name: str, settings: Mapping[str, Setting], grid: Mapping[str, Any]) -> bool:
     """Returns whether a grid's name, such as set.latency, is of a value in a table."""
     table, _, inner = name.partition(".")
-    return bool(inner) and name in grid and isinstance(getattr(settings.get(table), "default", 0), dict)
+    return (
+        bool(inner)
+        and name in grid
+        and isinstance(getattr(settings.get(table), "default", 0), dict)
+    )
 
 
 def _put(settings: dict[str, Any], point: Mapping[str, Any]) -> dict[str, Any]:

@@ -57,7 +57,10 @@ class Demo(Verb):
         return next(path for path in names if not path.exists())
 
     def compute(
-        self, output: Path, progress: Progress, stages: Stages = Stages()  # noqa: B008
+        self,
+        output: Path,
+        progress: Progress,
+        stages: Stages = Stages(),
     ) -> Result:
         """Runs every stage on the virtual drone of the seed.
 
@@ -180,9 +183,7 @@ def _read_truth(folder: Path, found: Any) -> dict[str, str | float]:
     from maidenflight.parameters import component, read
 
     true = read(folder / run_folder.RECORDED[0] / run_folder.REALITY)
-    plain: dict[str, str | float] = {
-        name: float(component(true, name)) for name in found.estimates
-    }
+    plain: dict[str, str | float] = {name: float(component(true, name)) for name in found.estimates}
     if "latency" in plain:
         late = float(true.estimator_delay + true.gyro_time_constant)
         plain["latency"] = f"{1e3 * float(true.latency):.2g} + {1e3 * late:.2g} sensors"

@@ -11,9 +11,7 @@ if TYPE_CHECKING:
     from maidenflight.identification.estimates import Identification
 
 
-def show_estimates(
-    found: "Identification", truth: Mapping[str, str | float] | None = None
-) -> None:
+def show_estimates(found: "Identification", truth: Mapping[str, str | float] | None = None) -> None:
     """Prints identified parameters, beside the truth where it is known.
 
     Args:

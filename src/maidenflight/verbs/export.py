@@ -66,9 +66,7 @@ class Export(Verb):
         if rotors is not None:
             drone = parameters.replace(parameters.crazyflie(), **rotors)
             check_frame(self.to, interface, parameters.check(drone, str(self.policy)))
-        record = self.make_record(
-            [self.policy], policy=None, control=interface.name, rotors=rotors
-        )
+        record = self.make_record([self.policy], policy=None, control=interface.name, rotors=rotors)
         if "seed" not in exporter.takes:
             record.pop("seed")
         given: dict[str, Any] = {

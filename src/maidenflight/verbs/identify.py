@@ -30,7 +30,9 @@ _SEARCH = "Search"
 _PAIR = dataclasses.replace(
     listed(number(-1e9, 1e9), "LOWER,UPPER", "LOWER,UPPER"),
     accepts=lambda pair: (
-        isinstance(pair, list | tuple) and len(pair) == 2 and all(map(number(-1e9, 1e9).accepts, pair))
+        isinstance(pair, list | tuple)
+        and len(pair) == 2
+        and all(map(number(-1e9, 1e9).accepts, pair))
     ),
 )
 SHARES = {
@@ -94,7 +96,11 @@ class Identify(Verb):
         rare=True,
     )
     length: int | None = setting(
-        whole(1, 500), None, "T, rows of a replayed window; 30 unless given.", group=_SEARCH, rare=True
+        whole(1, 500),
+        None,
+        "T, rows of a replayed window; 30 unless given.",
+        group=_SEARCH,
+        rare=True,
     )
     lead_in: int = setting(
         whole(1, 500), 100, "Rows before a window that set its motors.", group=_SEARCH, rare=True
@@ -180,8 +186,7 @@ class Identify(Verb):
         results.write(picture, identification_picture(found, start.parameters))
         places = dict(zip(("drone", "evaluations", "picture"), self.places(output), strict=True))
         return Result(
-            content=_to_content(flights, found)
-            | {"output": str(output), "picture": str(picture)},
+            content=_to_content(flights, found) | {"output": str(output), "picture": str(picture)},
             show=lambda: self._show(flights, found, output, picture),
             written={kind: [path] for kind, path in places.items()},
             record=record,

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from maidenflight import terminal
 from maidenflight.verb import Output, Progress, Result, Verb
-from maidenflight.verbs import shared
 from maidenflight.verbs import logs as read
+from maidenflight.verbs import shared
 
 if TYPE_CHECKING:
     from maidenflight.flights.reading import Flights

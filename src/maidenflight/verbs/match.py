@@ -59,12 +59,12 @@ class Match(Verb):
         import jax
 
         from maidenflight.experiments.as_flown import controller_as_flown
+        from maidenflight.experiments.drones import choose_prediction, possible_drones
         from maidenflight.flights.reading import read_flights
         from maidenflight.identification.behaviour import flown_by
         from maidenflight.identification.closed_loop import ClosedLoop, match
         from maidenflight.identification.drone_file import CLOSED_LOOP
         from maidenflight.identification.estimates import source_of
-        from maidenflight.experiments.drones import choose_prediction, possible_drones
         from maidenflight.verbs.policies import read_policies
 
         progress.move(0, None, "compiling")

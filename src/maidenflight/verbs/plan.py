@@ -31,9 +31,7 @@ class Plan(Verb):
 
     drone: str = shared.drone("crazyflie", argument=True)
     room: tuple[float, float, float] = setting(
-        dataclasses.replace(
-            _ROOM, accepts=lambda room: _ROOM.accepts(room) and len(room) == 3
-        ),
+        dataclasses.replace(_ROOM, accepts=lambda room: _ROOM.accepts(room) and len(room) == 3),
         (2.0, 2.0, 1.5),
         "Width x depth x height in metres; the drone takes off in the middle of the floor, and 0.2 "
         "m at walls and ceiling are kept free.",

@@ -47,7 +47,9 @@ class Report(Verb):
     drone: Path | None = _file("Identified drone (TOML).")
     truth: Path | None = _file("Parameters of the virtual drone that was recorded (TOML).")
     policies: Path | None = _file("Policy or folder of policies.")
-    flights: Path | None = _file("Table of test flights; logs flight_*.csv beside it are shown too.")
+    flights: Path | None = _file(
+        "Table of test flights; logs flight_*.csv beside it are shown too."
+    )
     validation: Path | None = _file("Table of prediction errors.")
     prediction: Path | None = _file("Table of predicted flights.")
     study: Path | None = _file("Table of a study.")

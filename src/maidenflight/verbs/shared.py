@@ -72,9 +72,7 @@ def drone(default: Any, help: str = "", **more: Any) -> Any:
 
 def realities(default: Any, help: str) -> Any:
     """Declares where policies fly."""
-    return setting(
-        several(text("a reality", "REALITY")), default, help, group=FLIGHTS, files=True
-    )
+    return setting(several(text("a reality", "REALITY")), default, help, group=FLIGHTS, files=True)
 
 
 def accept_bounds() -> Any:

@@ -41,9 +41,7 @@ class Sweep(Verb):
     cpus: int = setting(
         whole(1, 1024), 1, "Cores of each task. Results of another number are others."
     )
-    gpus: int = setting(
-        whole(0, 64), 0, "GPUs of each task, likewise; without them JAX sees none."
-    )
+    gpus: int = setting(whole(0, 64), 0, "GPUs of each task, likewise; without them JAX sees none.")
     retries: int = setting(
         whole(0, 100),
         1,

@@ -316,10 +316,10 @@ class Train(Verb):
 
         from maidenflight import parameters
         from maidenflight.deployment.check import check_export
-        from maidenflight.simulator import tasks
-        from maidenflight.training.train import train
         from maidenflight.experiments import drones
+        from maidenflight.simulator import tasks
         from maidenflight.training import defaults
+        from maidenflight.training.train import train
 
         file = drones.read_drone(self.drone, self.accept_bounds)
         changed = {name: np.float32(value) for name, value in self.changes.items()}

@@ -58,7 +58,9 @@ class Transfer(InRealities):
         own = policies.own
         if self.rate is not None:
             own = [
-                dataclasses.replace(one, interface=dataclasses.replace(one.interface, rate=self.rate))
+                dataclasses.replace(
+                    one, interface=dataclasses.replace(one.interface, rate=self.rate)
+                )
                 for one in own
             ]
         flown = transfer(
@@ -201,5 +203,7 @@ def _show_summary(summary: "DataFrame") -> None:
         for row in summary.iter_rows(named=True)
     ]
     columns = ["policy", "reality", "reached the time limit", "mean duration", "mean error"]
-    title = "Zero-shot flights by policy, simulated; error: distance from the set-point; u: in 10 ms"
+    title = (
+        "Zero-shot flights by policy, simulated; error: distance from the set-point; u: in 10 ms"
+    )
     terminal.print_table(title, [*columns, "change of u"], rows, numbers_from=2)
