@@ -9,6 +9,7 @@ from maidenflight import policy, workflow
 from maidenflight.errors import InputError
 from maidenflight.experiments import matrix, matrix_file
 from maidenflight.experiments.matrix import Cell
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.studies import rows
 
 MATRIX = """
@@ -32,7 +33,7 @@ def settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         for number, cell in enumerate(given):
             seed = len(cell.name) + round(1e3 * cell.motor_time_constant) + 1000 * number
             keys = jax.random.split(jax.random.key(seed), 2)
-            made[cell] = [policy.untrained(key, (3,)) for key in keys]
+            made[cell] = [policy.untrained(key, spec=PolicySpec(hidden=(3,))) for key in keys]
         return made
 
     monkeypatch.setattr(matrix, "train_cells", untrained)

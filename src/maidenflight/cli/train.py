@@ -208,8 +208,9 @@ def train(
     options.must_exist(drone_)
     options.must_be_new(output, overwrite, resume)
     compiler.prepare_jax(fused=True)
-    from maidenflight import policy, policy_file, workflow
+    from maidenflight import policy_file, workflow
     from maidenflight.simulator.look_ahead import LookAhead
+    from maidenflight.simulator.policy_spec import INSTANTS
     from maidenflight.training.distillation import Distillation, phase
 
     if resume and updates is None:
@@ -217,11 +218,15 @@ def train(
     start = None
     if initial is not None:
         _refuse(context, _OF_A_POLICY, "the policy of --from")
-        start = policy_file.read(initial)
+        start = policy_file.read(initial).policy
         control = start.interface.name
-    if form != policy.INSTANTS:
+    if form != INSTANTS:
         _refuse(context, _OF_RAPTOR, "--form raptor")
-    settings = workflow.settings_for(control, task, method, updates, hidden, memory, start, form)
+    ahead = LookAhead(points, spacing)
+    policy = {"history": history, "look_ahead": ahead, "memory": memory, "form": form}
+    settings, spec = workflow.settings_for(
+        control, task, method, updates, start, hidden=hidden, **policy
+    )
     distilled = isinstance(settings, Distillation)
     heard: list[Progress] = []
     first: Progress | None = None
@@ -259,12 +264,10 @@ def train(
             task,
             resume,
             logger_names,
-            history,
+            spec,
             yaw_penalty,
             accept_bounds,
             target,
-            LookAhead(points, spacing),
-            memory,
             initial,
             paper_scales,
         )

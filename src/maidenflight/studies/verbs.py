@@ -46,8 +46,9 @@ def train(work: Work) -> list[Row]:
     given = work.settings
     control, task, count = given["control"], given["task"], given["policies"]
     hidden = None if given["hidden"] is None else tuple(given["hidden"])
-    settings = workflow.settings_for(
-        control, task, given["method"], given["updates"], hidden, given["memory"]
+    policy = {"history": given["history"], "memory": given["memory"], "hidden": hidden}
+    settings, spec = workflow.settings_for(
+        control, task, given["method"], given["updates"], **policy
     )
     randomize = given["randomize"]
     folder = work.folder / run_folder.POLICIES
@@ -62,10 +63,9 @@ def train(work: Work) -> list[Row]:
         heard.append,
         control,
         task,
-        history=given["history"],
+        spec=spec,
         yaw_penalty=given["yaw_penalty"],
         accept_bounds=given["accept_bounds"],
-        memory=given["memory"],
     )
     # The study is resumed by tasks, and the state of a training is larger than its policies.
     (folder / run_folder.CHECKPOINT).unlink(missing_ok=True)

@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from maidenflight import parameters, results
+from maidenflight import parameters, policy_file, results
 from maidenflight.errors import InputError
 from maidenflight.experiments.as_flown import controller_as_flown
 from maidenflight.flights.reading import Flights
@@ -25,7 +25,7 @@ from maidenflight.identification.estimates import source_of
 from maidenflight.inputs import StrPath
 from maidenflight.workflow.drones import possible_drones, usual_randomization
 from maidenflight.workflow.logs import Reading, Start
-from maidenflight.workflow.policies import names, policy_files, read_as
+from maidenflight.workflow.policies import names, policy_files
 
 
 def match_loops(
@@ -60,7 +60,9 @@ def match_loops(
     reading, start = reading or Reading(), start or Start()
     begun = start.read()
     files = policy_files(given)
-    policies = dict(zip(names(files), (read_as(path, None) for path in files), strict=True))
+    policies = dict(
+        zip(names(files), (policy_file.read(path).policy for path in files), strict=True)
+    )
     flights = reading.flights(logs, 0)
     flown = flown_by(flights.flights, policies)
     if not flown:

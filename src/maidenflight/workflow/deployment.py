@@ -6,17 +6,16 @@ from typing import Any
 
 import jax
 
-from maidenflight import parameters, results
+from maidenflight import parameters, policy_file, results
 from maidenflight.deployment import EXPORTERS
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
 from maidenflight.parameters import Parameters
-from maidenflight.policy import INSTANTS, untrained
+from maidenflight.policy import untrained
 from maidenflight.simulator.interface import ControlInterface
-from maidenflight.simulator.look_ahead import NONE, LookAhead
 from maidenflight.simulator.mixing import mixer_of
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.raptor_form import RAPTOR
-from maidenflight.workflow.policies import frame_of, hover_of, read_as
 
 
 def export(
@@ -45,30 +44,30 @@ def export(
             cannot hold it, or not fly the frame that it was trained for.
     """
     exporter = EXPORTERS[to]
-    policy = read_as(path, structure)
+    file = policy_file.read(path, structure)
     chosen = {} if propellers is None else {"propellers": propellers}
-    frame = frame_of(path)
+    frame = file.rotors
     if frame is not None:
         drone = parameters.replace(parameters.crazyflie(), **frame)
-        _must_be_mixed(to, policy.interface, parameters.check(drone, str(path)))
+        _must_be_mixed(to, file.interface, parameters.check(drone, str(path)))
     record = results.record(
         seed=seed if "seed" in exporter.takes else None,
         inputs=[path],
         settings={
             "to": to,
-            "control": policy.interface.name,
+            "control": file.interface.name,
             **chosen,
             **({} if frame is None else {"rotors": frame}),
         },
     )
     given: dict[str, Any] = {
-        "name": Path(path).stem,
-        "hover": hover_of(path),
+        "name": file.name,
+        "hover": file.hover,
         "seed": seed,
         "record": record,
         **chosen,
     }
-    return exporter(policy, folder, **given)
+    return exporter(file.policy, folder, **given)
 
 
 def export_options(path: StrPath, structure: str | None = None) -> tuple[str, ...]:
@@ -81,7 +80,7 @@ def export_options(path: StrPath, structure: str | None = None) -> tuple[str, ..
     Raises:
         InputError: the file is no policy.
     """
-    return ("--to", RAPTOR) if read_as(path, structure).form == RAPTOR else ()
+    return ("--to", RAPTOR) if policy_file.read(path, structure).spec.form == RAPTOR else ()
 
 
 def _must_be_mixed(to: str, interface: ControlInterface, drone: Parameters) -> None:
@@ -95,32 +94,19 @@ def _must_be_mixed(to: str, interface: ControlInterface, drone: Parameters) -> N
         )
 
 
-def check_export(
-    to: str,
-    interface: ControlInterface,
-    hidden: tuple[int, ...],
-    history: int,
-    drone: Parameters,
-    look_ahead: LookAhead = NONE,
-    memory: int = 0,
-    form: str = INSTANTS,
-) -> None:
+def check_export(to: str, interface: ControlInterface, spec: PolicySpec, drone: Parameters) -> None:
     """Checks before a training that its policies can be exported: exports an untrained one.
 
     Args:
         to: a name in `deployment.EXPORTERS`.
         interface: of the policies.
-        hidden: sizes of their hidden layers.
-        history: number of instants in their observation.
+        spec: theirs.
         drone: that they are trained for.
-        look_ahead: points of the reference ahead of time in it.
-        memory: numbers that they remember.
-        form: theirs, one of `policy.FORMS`.
 
     Raises:
         InputError: what is written could not hold them, or not fly the drone.
     """
     _must_be_mixed(to, interface, drone)
-    policy = untrained(jax.random.key(0), hidden, history, interface, look_ahead, memory, form)
+    policy = untrained(jax.random.key(0), interface, spec)
     with TemporaryDirectory() as folder:
         EXPORTERS[to](policy, folder, name="policy", seed=0)

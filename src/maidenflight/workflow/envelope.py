@@ -6,8 +6,7 @@ from pathlib import Path
 import jax
 import polars
 
-from maidenflight import results, run_folder
-from maidenflight.deployment.authors_json import read_policy
+from maidenflight import policy_file, results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.experiments import envelope
 from maidenflight.inputs import StrPath
@@ -52,7 +51,7 @@ def envelope_of(
     """
     own, others = own_and_foreign(given)
     files = policy_files(own)
-    policies = [*(read_policy(path) for path in files), *others]
+    policies = [*(policy_file.read(path).policy for path in files), *others]
     called = [*names(files), *(one.name for one in others)]
     settings = {
         **({"foreign": [one.name for one in others]} if others else {}),

@@ -10,7 +10,6 @@ import jax
 import polars
 
 from maidenflight import policy_file, results, run_folder
-from maidenflight.deployment.authors_json import read_policy
 from maidenflight.experiments import matrix
 from maidenflight.experiments.as_flown import FIRMWARE, controller_as_flown
 from maidenflight.experiments.flight_times import predict_flight_times
@@ -31,7 +30,7 @@ from maidenflight.workflow.drones import (
     reality,
     usual_randomization,
 )
-from maidenflight.workflow.policies import names, own_and_foreign, policy_files, read_as
+from maidenflight.workflow.policies import names, own_and_foreign, policy_files
 
 
 def transfer_to(
@@ -49,7 +48,7 @@ def transfer_to(
     """
     own, others = own_and_foreign(given)
     files = policy_files(own)
-    policies = [read_policy(path) for path in files]
+    policies = [policy_file.read(path).policy for path in files]
     flown = transfer(
         [*policies, *others],
         realities,
@@ -110,7 +109,7 @@ def transfer_matrix(
     settings = {
         name: value
         for name, value in dataclasses.asdict(asked).items()
-        if name not in ("controls", "rates", "seed")
+        if name not in ("controls", "rates", "specs", "seed")
     }
     settings |= {
         "drone": Path(asked.drone).name,
@@ -220,7 +219,7 @@ def predict_with(
     randomization = usual_randomization(drone) if randomization is None else randomization
     drones = possible_drones(drone, randomization, seed, today)
     files = policy_files(given)
-    policies = [read_as(path, structure) for path in files]
+    policies = [policy_file.read(path, structure).policy for path in files]
     flown = predict_flight_times(
         policies,
         drones,

@@ -10,19 +10,18 @@ from typing import Any
 import jax
 import polars
 
-from maidenflight import parameters, policy, policy_file, results, run_folder
+from maidenflight import parameters, policy_file, results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import transfer
 from maidenflight.flights.log import Flight
 from maidenflight.identification.drone_file import DroneFile
 from maidenflight.inputs import StrPath
 from maidenflight.policy import Policy
-from maidenflight.simulator import control, dynamics, raptor_form, tasks
+from maidenflight.simulator import control, dynamics, tasks
 from maidenflight.simulator.control import Controller
-from maidenflight.simulator.look_ahead import NONE, LookAhead
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.virtual_drone import VirtualDrone
 from maidenflight.training import checkpoint, loggers
-from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.evaluation import Evaluation
 from maidenflight.training.settings import Settings, recorded
 from maidenflight.training.train import Progress, train
@@ -86,12 +85,10 @@ def train_for(
     task: str = "circle",
     resume: bool = False,
     logger_names: Sequence[str] = (),
-    history: int = 2,
+    spec: PolicySpec = PolicySpec(),
     yaw_penalty: float = 0.0,
     accept_bounds: bool = False,
     target: str | None = None,
-    look_ahead: LookAhead = NONE,
-    memory: int = 0,
     initial: StrPath | None = None,
     paper_scales: bool = False,
 ) -> tuple[Policy, ...]:
@@ -105,8 +102,7 @@ def train_for(
         seed: random seed.
         folder: where to write. `run_folder.CHECKPOINT` in it is the state at the last evaluation.
         count: number of policies.
-        settings: of the method. With RAPTOR's form in them, history, look-ahead and memory are that
-            form's.
+        settings: of the method.
         randomization: half width of a box about the drone; `POSTERIOR`: samples of its posterior;
             `WIDE`: a wide box about it; `ANY_DAY`: also trims, payloads and more that no log told;
             or `ANY`: drones of any make with its sensors.
@@ -116,15 +112,13 @@ def train_for(
         resume: resume from the checkpoint in the folder, with the same result as without the
             interruption; or extend the training that has ended there to more updates.
         logger_names: names in `loggers.LOGGERS`.
-        history: H, number of last instants in an observation.
+        spec: what the policies see and remember, and their hidden layers.
         yaw_penalty: cost of a radian of yaw, per control period; see `tasks.with_yaw_penalty`.
         accept_bounds: see `drone_to_fly`.
         target: name in `deployment.EXPORTERS` of what the policies are to be exported to, which is
             checked before training.
-        look_ahead: points of the reference ahead of time in an observation.
-        memory: M, numbers that a policy remembers; 0: none.
-        initial: file of the policy that training starts from, instead of random weights; layers,
-            history, look-ahead and memory are then its own.
+        initial: file of the policy that training starts from, instead of random weights; the spec
+            is then its own.
         paper_scales: see `controller_to_train`; so it is for the target `"authors"`, whose format
             holds no other scales.
 
@@ -139,17 +133,12 @@ def train_for(
     if resume and not saved.exists():
         raise InputError(f"{saved}: no training to resume. {_how_to_start(Path(folder))}")
     file = drone_to_fly(drone, accept_bounds)
-    start = None if initial is None else policy_file.read(initial)
+    start = None if initial is None else policy_file.read(initial).policy
     paper_scales = paper_scales or target == "authors"
     controller = controller_to_train(structure, file, start, paper_scales)
-    if start is not None:
-        history, look_ahead, memory = start.history, start.look_ahead, start.memory
-    form = settings.form if isinstance(settings, AnalyticGradient) else policy.INSTANTS
-    if form == raptor_form.RAPTOR:
-        history, look_ahead, memory = raptor_form.SEEN
+    spec = spec if start is None else start.spec
     if target is not None:
-        network = settings.hidden, history, file.parameters, look_ahead, memory, form
-        check_export(target, controller.interface, *network)
+        check_export(target, controller.interface, spec, file.parameters)
     box = randomized(file, randomization, controller)
     rows: list[dict[str, Any]] = []
 
@@ -172,9 +161,7 @@ def train_for(
         "method": type(settings).__name__,
         "randomization": randomization,
         "policies": count,
-        "history": history,
-        "look_ahead": look_ahead.to_dict() if look_ahead.points else None,
-        "memory": memory or None,
+        **spec.to_dict(),
         "yaw_penalty": yaw_penalty or None,
         "initial": None if initial is None else Path(initial).name,
         "paper_scales": paper_scales or None,
@@ -197,12 +184,10 @@ def train_for(
             box,
             keys,
             settings,
+            spec,
             on_progress=note,
             saved=saved,
-            history=history,
             anew=not resume,
-            look_ahead=look_ahead,
-            memory=memory,
             initial=start,
         )
     stages = checkpoint.stages(saved)
@@ -254,7 +239,7 @@ def _remove_older(folder: Path, count: int) -> None:
             if (
                 number.isdecimal()
                 and int(number) > count
-                and policy_file.record(path).get("number") == int(number)
+                and policy_file.read(path).record.get("number") == int(number)
             ):
                 path.unlink()
 

@@ -3,10 +3,10 @@
 import dataclasses
 from typing import Any
 
-from maidenflight import policy
 from maidenflight.errors import InputError
 from maidenflight.policy import Policy
 from maidenflight.simulator import raptor_form, tasks
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.training import distillation
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.distillation import Distillation
@@ -17,14 +17,21 @@ from maidenflight.workflow.drones import ANY_DAY, WIDE
 SETTINGS: dict[str, AnalyticGradient] = {
     "pwm": AnalyticGradient(),
     "attitude_rate": AnalyticGradient(
-        num_envs=160, horizon=36, hidden=(75, 75), failure_penalty=10.0, reset_fraction=0.5
+        num_envs=160, horizon=36, failure_penalty=10.0, reset_fraction=0.5
     ),
     "attitude": AnalyticGradient(updates=800, num_envs=128, horizon=16),
 }
 """Default settings by control structure. At a lower rate the same time ahead is fewer periods
 (docs/studies/training.md#how-far-ahead). To separate initial states that can be saved from those
-that cannot takes more environments, and at 50 Hz, where most episodes depend on it, a larger
-network; it fits a Crazyflie with up to four instants."""
+that cannot takes more environments."""
+
+HIDDEN_BY_CONTROL = {"attitude_rate": (75, 75)}
+"""Hidden layers of policies by gradients, by control structure, where they are not the usual ones.
+At 50 Hz most episodes depend on separating initial states, which takes a larger network; it fits a
+Crazyflie with up to four instants."""
+
+DISTILLED_HIDDEN = (32, 32)
+"""Hidden layers of policies by distillation (docs/studies/adaptation.md)."""
 
 REMEMBERING_BY_CONTROL: dict[str, dict[str, int]] = {
     "attitude_rate": {"horizon": 32},
@@ -71,12 +78,10 @@ def settings_for(
     task: str,
     method: str | None = None,
     updates: int | None = None,
-    hidden: tuple[int, ...] | None = None,
-    memory: int = 0,
     initial: Policy | None = None,
-    form: str = policy.INSTANTS,
-) -> Settings:
-    """Default settings for a control structure, a task and a method, all by name.
+    **given: Any,
+) -> tuple[Settings, PolicySpec]:
+    """Default settings and spec for a control structure, a task and a method, all by name.
 
     Args:
         structure: name of a control structure in `control.CONTROLLERS`.
@@ -85,43 +90,35 @@ def settings_for(
             with a memory that begin with random weights, and gradients for others and for those of
             RAPTOR's form, whose few values learn little from a teacher.
         updates: replaces the number of updates if given.
-        hidden: replaces the sizes of the policy's hidden layers if given.
-        memory: numbers that policies remember.
-        initial: where training starts instead of random weights, if given; its layers and memory
-            replace those above.
-        form: of the policies, one of `policy.FORMS`; so do those of RAPTOR's.
+        initial: where training starts instead of random weights, if given; its spec replaces what
+            is given.
+        given: fields of `PolicySpec`; those that are missing or None are as usual.
 
     Raises:
-        InputError: policies of RAPTOR's form by PPO; or distillation of policies without a memory,
-            or from a policy.
+        InputError: a field is out of range; or distillation of policies without a memory, or from a
+            policy.
     """
-    if initial is not None:
-        hidden, memory, form = initial.layer_sizes[1:-1], initial.memory, initial.form
-    raptor = form == raptor_form.RAPTOR
-    if raptor:
-        hidden, (_, _, memory) = raptor_form.HIDDEN, raptor_form.SEEN
+    spec = PolicySpec(**{name: value for name, value in given.items() if value is not None})
+    spec = spec if initial is None else initial.spec
+    raptor = spec.form == raptor_form.RAPTOR
     if method is None:
-        distilled = memory and initial is None and not raptor
+        distilled = spec.memory and initial is None and not raptor
         method = "distillation" if distilled else "gradient"
-    if raptor and method == "ppo":
-        raise InputError(
-            "policies of RAPTOR's form are trained by gradients or distillation, not by PPO."
-        )
-    settings: Any = PPO() if method == "ppo" else _by_gradient(structure, task, bool(memory))
+    settings: Any = PPO() if method == "ppo" else _by_gradient(structure, task, bool(spec.memory))
     if method == "distillation":
-        settings = _by_distillation(settings, memory, initial)
-    elif method == "gradient" and memory:
+        settings = _by_distillation(settings, spec.memory, initial)
+    elif method == "gradient" and spec.memory:
         settings = dataclasses.replace(settings, **(RAPTORS_FORM if raptor else REMEMBERING))
-    if raptor:
-        settings = dataclasses.replace(settings, form=form)
     if initial is not None and method == "gradient":
         rates = {
             name: getattr(settings, name) / 4 for name in ("learning_rate", "hidden_learning_rate")
         }
         settings = dataclasses.replace(settings, **FINE_TUNING, **rates)
-    given = {"updates": updates, "hidden": hidden}
-    chosen = {name: value for name, value in given.items() if value is not None}
-    return dataclasses.replace(settings, **chosen)
+    if initial is None and given.get("hidden") is None and method != "ppo":
+        usual = HIDDEN_BY_CONTROL.get(structure, spec.hidden)
+        hidden = DISTILLED_HIDDEN if method == "distillation" else usual
+        spec = dataclasses.replace(spec, hidden=hidden)
+    return settings if updates is None else dataclasses.replace(settings, updates=updates), spec
 
 
 def _by_distillation(like: AnalyticGradient, memory: int, initial: Policy | None) -> Distillation:
