@@ -25,8 +25,9 @@ from maidenflight.identification.drone_file import DroneFile, Estimate, Search, 
 from maidenflight.link import rows
 from maidenflight.link.blocks import MOTORS, STATE
 from maidenflight.parameters import QUANTITIES, Parameters
-from maidenflight.policy import INSTANTS, Policy, untrained
+from maidenflight.policy import Policy, untrained
 from maidenflight.simulator.interface import INTERFACES, ControlInterface
+from maidenflight.simulator.policy_spec import INSTANTS, PolicySpec
 from maidenflight.simulator.trajectories import read_waypoints
 from maidenflight.training import checkpoint
 
@@ -84,7 +85,9 @@ def unsound_drone(read: Parameters) -> str:
 
 def small_policy(control: str = "pwm", history: int = 1) -> Policy:
     """A policy with few numbers."""
-    return untrained(jax.random.key(0), (3,), history, INTERFACES[control]())
+    return untrained(
+        jax.random.key(0), INTERFACES[control](), PolicySpec(history=history, hidden=(3,))
+    )
 
 
 def policy_told(read: Policy) -> list[np.ndarray]:

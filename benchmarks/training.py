@@ -36,6 +36,7 @@ from maidenflight.parameters import crazyflie, noiseless, replace
 from maidenflight.policy import Policy
 from maidenflight.simulator import control, environment, failures, stepping, tasks
 from maidenflight.simulator.environment import Environment, EnvState
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import RelativeBox, relative_box
 from maidenflight.simulator.rollout import randomized_reset
 from maidenflight.training.evaluation import evaluate
@@ -231,7 +232,9 @@ def measure(recipe: Recipe, updates: int | None) -> Measured:
     jax.config.update("jax_num_cpu_devices", CORES)
     drones = box(recipe)
     task, controller = tasks.TASKS[recipe.task](), control.CONTROLLERS[recipe.control]()
-    env = Environment.matching(drones.centre, task, controller, history=recipe.history)
+    env = Environment.matching(
+        drones.centre, task, controller, spec=PolicySpec(history=recipe.history)
+    )
     policies, heard = trained(recipe, drones, updates)
     memory = (
         resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20

@@ -28,6 +28,7 @@ from maidenflight.policy import Policy
 from maidenflight.simulator import control, tasks
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.interface import CONTROLS
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import RelativeBox, relative_box
 from maidenflight.simulator.virtual_drone import virtual_drone
 from maidenflight.training.evaluation import evaluate
@@ -83,7 +84,9 @@ def studied(kind: Kind, plan: argparse.Namespace) -> Studied:
     began = time.perf_counter()
     policies = train(task, controller, drones, keys, settings, history=kind.history)
     seconds = time.perf_counter() - began
-    env = Environment.matching(drones.centre, task, controller, history=kind.history)
+    env = Environment.matching(
+        drones.centre, task, controller, spec=PolicySpec(history=kind.history)
+    )
     scores = [
         evaluate(env, policy, drones, jax.random.key(1234), plan.episodes) for policy in policies
     ]

@@ -4,11 +4,12 @@ import jax
 
 from maidenflight.policy import untrained
 from maidenflight.simulator.look_ahead import NONE
+from maidenflight.simulator.policy_spec import PolicySpec
 
 
 def noisy(key, hidden, history, look_ahead=NONE):
     """A policy in which no number is round."""
-    made = untrained(key, hidden, history, look_ahead=look_ahead)
+    made = untrained(key, spec=PolicySpec(history=history, look_ahead=look_ahead, hidden=hidden))
     leaves, structure = jax.tree.flatten(made)
     keys = jax.random.split(key, len(leaves))
     leaves = [

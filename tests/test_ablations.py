@@ -13,6 +13,7 @@ from maidenflight import policy
 from maidenflight.experiments.transfer import transfer
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.simulator import control, dynamics, tasks
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.virtual_drone import VirtualDrone
 from test_paper import script
 
@@ -54,7 +55,7 @@ def test_actions_are_told_from_a_flights_log(ablations: Any) -> None:
     """With PWM control commands are the actions, cut off at [-1, 1] and known to the step of the
     motors' timers."""
     drone = VirtualDrone("itself", replace(crazyflie(), time_step=0.001))
-    untrained = policy.untrained(jax.random.key(1), (8,))
+    untrained = policy.untrained(jax.random.key(1), spec=PolicySpec(hidden=(8,)))
     lively = untrained.with_network(
         ((untrained.weights[0], 3.0 * untrained.weights[1]), untrained.biases, None)
     )
@@ -153,7 +154,8 @@ def test_variants_are_trained_flown_and_drawn_and_nothing_twice(
     ) -> list[policy.Policy]:
         asked.append((task, controller, float(box.centre.latency), settings))
         return [
-            policy.untrained(key, settings.hidden, interface=controller.interface) for key in keys
+            policy.untrained(key, controller.interface, PolicySpec(hidden=settings.hidden))
+            for key in keys
         ]
 
     monkeypatch.setattr(ablations, "train", train)

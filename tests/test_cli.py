@@ -17,6 +17,7 @@ from maidenflight import cache, parameters, policy, policy_file, results
 from maidenflight.flights import compensation, log, reading
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import DroneFile, Estimate, Search, Source
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.training import defaults
 from maidenflight.verbs import training_files
 from quick import QUICK
@@ -251,7 +252,7 @@ def test_an_export_names_the_report_that_shows_its_policy(
     tmp_path: Path, monkeypatch: Any, capsys: Any
 ) -> None:
     file = tmp_path / "my runs" / "policies" / "policy_1.json"
-    policy_file.write(file, policy.untrained(jax.random.key(0), (4,)))
+    policy_file.write(file, policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(4,))))
     code, out, _ = run(monkeypatch, capsys, "export", file, "-o", tmp_path / "firmware")
     assert code == 0
     assert next_of(out) == ["report", str(tmp_path / "my runs")]
@@ -359,7 +360,8 @@ def test_flight_times_of_ours_and_the_authors_policies_are_predicted(
     )
     for number in range(3):
         policy_file.write(
-            ours / f"policy_{number}.json", policy.untrained(jax.random.key(number), (8,))
+            ours / f"policy_{number}.json",
+            policy.untrained(jax.random.key(number), spec=PolicySpec(hidden=(8,))),
         )
     still = {"type": "standard", "weights": [[0.0] * 40] * 4, "biases": [0.0] * 4}
     theirs.write_text(

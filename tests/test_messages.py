@@ -19,6 +19,7 @@ from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.identification.drone_file import Estimate, GroupGain
 from maidenflight.simulator import tasks
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.terminal import drone_output, flight_output
 from maidenflight.training import checkpoint
 from maidenflight.training.evaluation import Evaluation
@@ -37,7 +38,9 @@ def trained(tmp_path: Path) -> Path:
     ):
         made = {"settings": {"task": task}} if task else {}
         policy_file.write(
-            tmp_path / f"{place}.json", policy.untrained(jax.random.key(0), (3,)), made
+            tmp_path / f"{place}.json",
+            policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(3,))),
+            made,
         )
     return tmp_path
 

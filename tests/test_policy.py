@@ -13,6 +13,7 @@ from maidenflight.policy import Actor, untrained
 from maidenflight.simulator import dynamics, environment, interface
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.look_ahead import NONE, LookAhead
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.rollout import rollout
 from maidenflight.simulator.sensors import Measurement
 from noisy_policy import noisy
@@ -66,8 +67,11 @@ def test_a_policy_checks_itself():
 def test_an_actor_does_what_the_simulator_does_with_the_same_policy(history, look_ahead):
     """Measurements of a simulated episode, one instant at a time: the same actions, and commands
     that the simulated motors were given."""
-    made, drone = untrained(KEY, (8,), history, look_ahead=look_ahead), crazyflie()
-    env = Environment(history=history, look_ahead=look_ahead)
+    made, drone = (
+        untrained(KEY, spec=PolicySpec(history=history, look_ahead=look_ahead, hidden=(8,))),
+        crazyflie(),
+    )
+    env = Environment(spec=PolicySpec(history=history, look_ahead=look_ahead))
     first = environment.reset(env, drone, KEY)
     _, (states, _) = rollout(env, made, first, drone, KEY, 21)
     actor = Actor(made, 1 / float(drone.thrust_to_weight))
@@ -87,8 +91,8 @@ def test_an_actor_does_what_the_simulator_does_with_the_same_policy(history, loo
 def test_an_actor_is_given_the_points_that_its_policy_looks_ahead_at_and_no_others():
     drone = dynamics.at_hover(jnp.zeros(3), crazyflie())
     seen = Measurement(drone.position, drone.velocity, drone.quaternion, drone.body_rates)
-    plain = Actor(untrained(KEY, (8,)), 0.6)
-    ahead = Actor(untrained(KEY, (8,), look_ahead=LookAhead(2)), 0.6)
+    plain = Actor(untrained(KEY, spec=PolicySpec(hidden=(8,))), 0.6)
+    ahead = Actor(untrained(KEY, spec=PolicySpec(look_ahead=LookAhead(2), hidden=(8,))), 0.6)
     first = ahead.act(seen, np.zeros(3), np.zeros((2, 3)))
     wrong = [(plain, np.zeros((2, 3))), (ahead, None), (ahead, np.zeros((3, 3)))]
     for actor, points in [*wrong, (ahead, np.zeros(6)), (ahead, np.full((2, 3), np.nan))]:
@@ -102,7 +106,7 @@ def test_an_actor_is_given_the_points_that_its_policy_looks_ahead_at_and_no_othe
 def test_an_actor_refuses_numbers_that_are_not_finite_and_goes_on_as_before():
     drone = dynamics.at_hover(jnp.zeros(3), crazyflie())
     seen = Measurement(drone.position, drone.velocity, drone.quaternion, drone.body_rates)
-    actors = [Actor(untrained(KEY, (8,)), 0.6) for _ in range(2)]
+    actors = [Actor(untrained(KEY, spec=PolicySpec(hidden=(8,))), 0.6) for _ in range(2)]
     for actor in actors:
         actor.act(seen, np.zeros(3))
     with pytest.raises(InputError, match="nan"):
@@ -111,4 +115,4 @@ def test_an_actor_refuses_numbers_that_are_not_finite_and_goes_on_as_before():
     np.testing.assert_array_equal(again.action, other.action)
     for wrong in (0.0, 1.1, float("nan")):
         with pytest.raises(InputError, match="hover"):
-            Actor(untrained(KEY, (8,)), wrong)
+            Actor(untrained(KEY, spec=PolicySpec(hidden=(8,))), wrong)

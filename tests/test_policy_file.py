@@ -15,6 +15,7 @@ from maidenflight.policy_file import from_json, read, to_json, write
 from maidenflight.simulator import interface
 from maidenflight.simulator.interface import ControlInterface
 from maidenflight.simulator.look_ahead import NONE, LookAhead
+from maidenflight.simulator.policy_spec import PolicySpec
 from noisy_policy import noisy
 
 KEY = jax.random.key(0)
@@ -57,7 +58,7 @@ def test_a_policy_reads_back_with_what_its_outputs_mean(meaning):
 
 
 def test_extreme_float32_numbers_survive():
-    made = untrained(KEY, (), 1)
+    made = untrained(KEY, spec=PolicySpec(history=1, hidden=()))
     values = np.array(
         [np.finfo(np.float32).max, np.finfo(np.float32).tiny, -0.0, 1e-45, 1 / 3], np.float32
     )

@@ -22,6 +22,7 @@ import maidenflight
 from commands import run
 from maidenflight import parameters, policy, policy_file, results, workflow
 from maidenflight.errors import InputError
+from maidenflight.simulator.policy_spec import PolicySpec
 
 SOURCE = Path(maidenflight.__file__).parent
 FREE = {
@@ -56,7 +57,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("small")
     policy_file.write(
         folder / "policies" / "policy_1.json",
-        policy.untrained(jax.random.key(0), (3,)),
+        policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(3,))),
         {"seed": 1},
     )
     parameters.write(folder / "drone.toml", parameters.crazyflie())

@@ -34,6 +34,7 @@ from maidenflight.simulator import control, dynamics, tasks
 from maidenflight.simulator.any_drone import AnyDay, AnyDrone
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.virtual_drone import virtual_drone
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.evaluation import Evaluation
@@ -139,7 +140,7 @@ def no_training(
 ) -> tuple[Policy]:
     """In the place of training: a policy that knows nothing."""
     on_progress(Progress(1, 1, Evaluation(*jnp.zeros((3, 1)))))
-    return (policy.untrained(jax.random.key(0), (8, 8), interface=controller.interface),)
+    return (policy.untrained(jax.random.key(0), controller.interface, PolicySpec(hidden=(8, 8))),)
 
 
 def test_what_a_command_of_one_is_goes_from_the_drone_s_logs_to_the_exported_code(
@@ -179,7 +180,9 @@ def test_a_look_ahead_is_trained_with_and_recorded(
     def untrained(*_: Any, on_progress: Any, look_ahead: LookAhead, **__: Any) -> tuple[Policy]:
         on_progress(Progress(1, 1, Evaluation(*jnp.zeros((3, 1)))))
         assert look_ahead == ahead
-        return (policy.untrained(jax.random.key(0), (8,), look_ahead=ahead),)
+        return (
+            policy.untrained(jax.random.key(0), spec=PolicySpec(look_ahead=ahead, hidden=(8,))),
+        )
 
     monkeypatch.setattr("maidenflight.workflow.training.train", untrained)
     workflow.train_for("crazyflie", 0, tmp_path, 1, workflow.SETTINGS["pwm"], 0.1, look_ahead=ahead)
@@ -277,7 +280,7 @@ def test_drones_of_any_make_are_trained_over_with_a_memory_and_its_own_settings(
     assert own.hidden_learning_rate < usual.hidden_learning_rate
     assert own.updates == usual.updates
     assert workflow.settings_for("pwm", "circle", "ppo", memory=16) == PPO()
-    start = untrained(jax.random.key(0), (24, 12), memory=16)
+    start = untrained(jax.random.key(0), spec=PolicySpec(memory=16, hidden=(24, 12)))
     tuned = workflow.settings_for("pwm", "circle", initial=start)
     assert isinstance(tuned, AnalyticGradient)
     assert (tuned.hidden, tuned.num_envs) == ((24, 12), own.num_envs)
@@ -305,7 +308,10 @@ def test_an_app_for_the_firmwares_mixer_is_not_made_of_a_policy_for_another_fram
 ) -> None:
     interface = control.CONTROLLERS[structure]().interface
     own, other = crazyflie(), replace(crazyflie(), **plus_frame(0.05))
-    path, made = tmp_path / "policy.json", policy.untrained(jax.random.key(0), (8,), 2, interface)
+    path, made = (
+        tmp_path / "policy.json",
+        policy.untrained(jax.random.key(0), interface, PolicySpec(history=2, hidden=(8,))),
+    )
     for drone in (own, other):
         rotors = {name: plain(getattr(drone, name)) for name in GEOMETRY}
         policy_file.write(path, made, {"rotors": rotors})
@@ -356,10 +362,10 @@ RECORDED = [name for name, exporter in EXPORTERS.items() if "record" in exporter
 @pytest.mark.parametrize("to", RECORDED)
 def test_what_is_exported_says_how_it_was_made(to: str, tmp_path: Path) -> None:
     """Of a policy's file whose structure nobody names."""
-    made = policy.untrained(jax.random.key(0), (8, 8))
+    made = policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(8, 8)))
     if to == "raptor":
         pytest.importorskip("h5py")
-        made = policy.untrained(jax.random.key(0), form=to)
+        made = policy.untrained(jax.random.key(0), spec=PolicySpec(form=to))
     policy_file.write(tmp_path / "policy_1.json", made)
     written = workflow.export(tmp_path / "policy_1.json", tmp_path / "out", 0, to)
     texts = [b" ".join(path.read_bytes().replace(b"\n *", b" ").split()) for path in written]
@@ -500,5 +506,5 @@ def test_a_plant_is_refused_at_once_where_the_drone_changes_in_flight() -> None:
 def test_a_policy_of_raptors_form_is_exported_for_its_programs(tmp_path: Path) -> None:
     for form, options in (("raptor", ("--to", "raptor")), ("instants", ())):
         path = tmp_path / f"{form}.json"
-        policy_file.write(path, policy.untrained(jax.random.key(0), form=form))
+        policy_file.write(path, policy.untrained(jax.random.key(0), spec=PolicySpec(form=form)))
         assert workflow.export_options(path) == options

@@ -24,6 +24,7 @@ from .simulator.control import pwm as pwm
 from .simulator.environment import Environment as Environment
 from .simulator.environment import reset as reset
 from .simulator.look_ahead import LookAhead as LookAhead
+from .simulator.policy_spec import PolicySpec as PolicySpec
 from .simulator.randomization import randomize as randomize
 from .simulator.randomization import relative_box as relative_box
 from .simulator.randomization import wide_box as wide_box

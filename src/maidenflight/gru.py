@@ -13,8 +13,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-MOST_MEMORY = 256
-"""Numbers of a memory at most."""
 _GATES = 3
 
 

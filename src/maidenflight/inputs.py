@@ -12,9 +12,12 @@ import tomllib
 from collections.abc import Sequence
 from itertools import takewhile
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from maidenflight.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
 
 LARGEST = 3.4e38
 """What no number of a file exceeds; float32 reaches a little further."""
@@ -111,6 +114,22 @@ def from_json(text: str) -> Any:
         return json.loads(text, object_pairs_hook=_once)
     except RecursionError as error:
         raise ValueError("nested too deep") from error
+
+
+def numbers(nested: Any) -> "np.ndarray":
+    """Nested lists as an array, in which true and false do not pass for 1 and 0.
+
+    Raises:
+        ValueError: a list holds one of them, or lists of different lengths.
+    """
+    import numpy as np
+
+    array = np.asarray(nested)
+    if array.dtype.kind in "fiu" and any(
+        type(entry) is bool for entry in np.asarray(nested, object).flat
+    ):
+        raise ValueError("expected numbers, not true or false")
+    return array
 
 
 def from_toml(text: str) -> dict[str, Any]:

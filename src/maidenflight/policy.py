@@ -10,36 +10,14 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from maidenflight.errors import InputError
-from maidenflight.gru import MOST_MEMORY, Gru, untrained_gru
+from maidenflight.gru import Gru, untrained_gru
 from maidenflight.simulator import interface as interfaces
-from maidenflight.simulator import look_ahead as ahead_of
 from maidenflight.simulator import raptor_form
-from maidenflight.simulator.environment import ACTION_SIZE, OBSERVATION_SIZE, observe, remember
+from maidenflight.simulator.environment import observe, remember
 from maidenflight.simulator.interface import ControlInterface
-from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.policy_spec import ACTION_SIZE, OBSERVATION_SIZE, PolicySpec
 from maidenflight.simulator.raptor_form import RAPTOR
 from maidenflight.simulator.sensors import Measurement
-
-INSTANTS = "instants"
-"""Form of a policy whose network sees observations as they are, and gives actions."""
-FORMS = (INSTANTS, RAPTOR)
-
-_MEAN = (
-    *(0.25, 0.0, 1.0),  # position
-    *(0.0, 0.0, 0.0, 1.0),  # quaternion
-    *(0.0, 0.0, 0.0),  # velocity
-    *(0.0, 0.0, 0.0),  # body rates
-    *(0.0, 0.0, 0.0),  # setpoint - position
-    *(0.2, 0.2, 0.2, 0.2),  # last action
-)
-_DEVIATION = (
-    *(0.2, 0.2, 0.2),
-    *(0.1, 0.1, 0.1, 0.05),
-    *(0.4, 0.4, 0.4),
-    *(1.0, 1.0, 1.0),
-    *(0.1, 0.1, 0.1),
-    *(0.5, 0.5, 0.5, 0.5),
-)
 
 
 @jax.tree_util.register_dataclass
@@ -65,22 +43,17 @@ class Policy:
         default=interfaces.pwm(), metadata={"static": True}
     )
     """What the actions command, and how often."""
-    history: int = dataclasses.field(default=2, metadata={"static": True})
-    """H, observed instants in the input."""
-    look_ahead: LookAhead = dataclasses.field(default=ahead_of.NONE, metadata={"static": True})
-    """The K points of the reference ahead of time, behind the last instant of the input."""
     gru: Gru | None = None
     """Behind the first layer, of M numbers; none: the policy remembers nothing but its history."""
-    form: str = dataclasses.field(default=INSTANTS, metadata={"static": True})
-    """One of `FORMS`."""
+    spec: PolicySpec = dataclasses.field(default=PolicySpec(), metadata={"static": True})
+    """What it sees and remembers, and its hidden layers, which `check` compares with the arrays."""
 
     def __call__(self, observation: Float[Array, "20H+3K+M"]) -> Float[Array, "4+M"]:
         """Action, and memory if there is any, for an observation.
 
         Not clipped, because the next observation holds it as it is.
         """
-        raptor = self.form == RAPTOR
-        size = OBSERVATION_SIZE * self.history + self.look_ahead.size
+        raptor, size = self.spec.form == RAPTOR, self.spec.seen_size
         seen, memory = observation[:size], observation[size:]
         seen = raptor_form.observed(seen) if raptor else seen
         values = (seen - self.observation_mean) / self.observation_std
@@ -93,11 +66,6 @@ class Policy:
                 values = memory if raptor else jnp.concatenate([values, memory])
         output = self.weights[-1] @ values + self.biases[-1]
         return jnp.concatenate([raptor_form.action_of(output) if raptor else output, memory])
-
-    @property
-    def memory(self) -> int:
-        """M, numbers that it remembers."""
-        return 0 if self.gru is None else self.gru.size
 
     @property
     def multiplications(self) -> int:
@@ -139,13 +107,7 @@ class Policy:
 
 
 def untrained(
-    key: Array,
-    hidden: tuple[int, ...] = (50, 50),
-    history: int = 2,
-    interface: ControlInterface | None = None,
-    look_ahead: LookAhead = ahead_of.NONE,
-    memory: int = 0,
-    form: str = INSTANTS,
+    key: Array, interface: ControlInterface | None = None, spec: PolicySpec = PolicySpec()
 ) -> Policy:
     """A policy with Kaiming-uniform weights and zero biases; those of RAPTOR's first layer are 1.
 
@@ -156,30 +118,20 @@ def untrained(
 
     Args:
         key: random key.
-        hidden: sizes of the hidden layers.
-        history: H, observed instants in the input.
         interface: what its actions command; PWM at 100 Hz unless given.
-        look_ahead: points of the reference ahead of time in the input; none unless given.
-        memory: M, size of a gated recurrent unit behind the first layer; 0: none.
-        form: one of `FORMS`. With RAPTOR's, hidden layers, history, look-ahead and memory are those
-            of `raptor_form`, whatever the arguments say.
+        spec: what it sees and remembers, and its hidden layers.
 
     Raises:
-        InputError: a memory without a hidden layer; no such form, or its policies command another
-            interface.
+        InputError: policies of the form command another interface.
 
     Source: Gronauer et al. 2022, sec. Zero-Shot Experiments (layer sizes and initial weights).
     """
-    _check_form(form, "policy")
-    interface, raptor = interface or interfaces.pwm(), form == RAPTOR
+    interface, raptor = interface or interfaces.pwm(), spec.form == RAPTOR
     if raptor:
-        hidden, (history, look_ahead, memory) = raptor_form.HIDDEN, raptor_form.SEEN
-        raptor_form.check(interface, history, look_ahead, hidden, memory)
-    sizes = (_seen(form, history, look_ahead), *hidden, ACTION_SIZE)
+        raptor_form.check(interface)
+    sizes, memory = spec.layer_sizes, spec.memory
     inputs_of = list(sizes[:-1])
     if memory:
-        if not hidden:
-            raise InputError("memory without a hidden layer; give hidden layers, such as (50, 50).")
         inputs_of[1] = memory if raptor else inputs_of[1] + memory
     weights = []
     for key_, fan_in, outputs in zip(
@@ -188,24 +140,12 @@ def untrained(
         bound = np.float32(np.sqrt(6.0 / fan_in) * (0.1 if outputs == ACTION_SIZE else 1.0))
         weights.append(jax.random.uniform(key_, (outputs, fan_in), minval=-bound, maxval=bound))
     biases = tuple(jnp.zeros(outputs) for outputs in sizes[1:])
-    mean = [np.tile(np.array(_MEAN, np.float32), history), np.zeros(look_ahead.size, np.float32)]
-    deviation = [np.tile(np.array(_DEVIATION, np.float32), history), look_ahead.deviations]
     if raptor:
         # Nothing goes past the 16 values, so none of them begins at 0.
         biases = (biases[0] + 1.0, *biases[1:])
-        mean, deviation = [raptor_form.MEAN], [raptor_form.DEVIATION]
-    gru = untrained_gru(jax.random.fold_in(key, 1), hidden[0], memory) if memory else None
-    return Policy(
-        tuple(weights),
-        biases,
-        jnp.array(np.concatenate(mean)),
-        jnp.array(np.concatenate(deviation)),
-        interface,
-        history,
-        look_ahead,
-        gru,
-        form,
-    )
+    gru = untrained_gru(jax.random.fold_in(key, 1), spec.hidden[0], memory) if memory else None
+    mean, deviation = map(jnp.array, spec.scaling)
+    return Policy(tuple(weights), biases, mean, deviation, interface, gru, spec)
 
 
 class Act(NamedTuple):
@@ -245,7 +185,7 @@ class Actor:
     def reset(self) -> None:
         """Begins another flight: forgets history, memory and last action."""
         self._history: Array | None = None
-        self._memory: Any = np.zeros(self.policy.memory, np.float32)
+        self._memory: Any = np.zeros(self.policy.spec.memory, np.float32)
         self._action: Any = self._level
 
     def act(
@@ -256,25 +196,26 @@ class Actor:
         Args:
             measurement: what is known of the drone now.
             setpoint: where it shall be now [m], world, (3,).
-            ahead: where it shall be at the K instants of `policy.look_ahead` [m], world, (K, 3);
-                to be given where the policy looks ahead, and only there.
+            ahead: where it shall be at the K instants that the policy looks ahead at [m], world,
+                (K, 3); to be given where it looks ahead, and only there.
 
         Raises:
             InputError: a number that is given, or an action, is not finite, or there are not K
                 points ahead. What is remembered stays as it was.
         """
         points = np.zeros((0, 3), np.float32) if ahead is None else np.asarray(ahead, np.float32)
-        if points.shape != (self.policy.look_ahead.points, 3):
+        wanted = self.policy.spec.look_ahead
+        if points.shape != (wanted.points, 3):
             told = "no points" if ahead is None else f"an array of shape {points.shape}"
             raise InputError(
-                f"ahead: {told}; the policy looks ahead at {self.policy.look_ahead.points} points, "
-                f"{self.policy.look_ahead.spacing:g} s apart. Give where the drone shall be then, "
-                f"({self.policy.look_ahead.points}, 3) in m."
+                f"ahead: {told}; the policy looks ahead at {wanted.points} points, "
+                f"{wanted.spacing:g} s apart. Give where the drone shall be then, "
+                f"({wanted.points}, 3) in m."
             )
         seen = Measurement(*(jnp.asarray(part, jnp.float32) for part in measurement))
         history = self._history
         if history is None:
-            history = np.zeros((self.policy.history, OBSERVATION_SIZE), np.float32)
+            history = np.zeros((self.policy.spec.history, OBSERVATION_SIZE), np.float32)
         history, action, memory, command = _act(
             self.policy,
             history,
@@ -310,23 +251,20 @@ def _act(
     instant = observe(measurement, setpoint, last_action)
     filled = jnp.broadcast_to(instant, history.shape)
     history = jnp.where(first, filled, remember(history, instant))
-    seen = jnp.concatenate([ahead_of.joined(history, ahead, measurement.position), memory])
+    seen = policy.spec.observation(history, ahead, measurement.position, memory)
     action, memory = jnp.split(policy(seen), [ACTION_SIZE])
     return history, action, memory, policy.interface.command(action)
 
 
 def _check_sizes(policy: Policy, where: str) -> None:
-    history = policy.history
-    if not isinstance(history, int) or isinstance(history, bool) or not 1 <= history <= 1000:
-        raise InputError(f"{where}: history = {history!r}, expected a whole number from 1 to 1000.")
+    spec = policy.spec
     if not policy.weights or len(policy.weights) != len(policy.biases):
         raise InputError(
             f"{where}: {len(policy.weights)} layers of weights and {len(policy.biases)} of biases; "
             "expected as many, and one or more."
         )
-    _check_form(policy.form, where)
-    raptor = policy.form == RAPTOR
-    size = _seen(policy.form, history, policy.look_ahead)
+    raptor = spec.form == RAPTOR
+    size = spec.layer_sizes[0]
     if policy.observation_mean.shape != (size,) or policy.observation_std.shape != (size,):
         raise InputError(
             f"{where}: the normaliser has {policy.observation_mean.shape} values, expected {size} "
@@ -340,34 +278,25 @@ def _check_sizes(policy: Policy, where: str) -> None:
             )
         size = weight.shape[0]
         if number == 1 and policy.gru is not None:
-            _check_gru(policy.gru, size, len(policy.weights), where)
-            size = policy.memory if raptor else size + policy.memory
+            _check_gru(policy.gru, size, where)
+            size = policy.gru.size if raptor else size + policy.gru.size
     if size != ACTION_SIZE:
         raise InputError(f"{where}: {size} outputs, expected {ACTION_SIZE}.")
-    if raptor:
-        hidden = policy.layer_sizes[1:-1]
-        raptor_form.check(
-            policy.interface, history, policy.look_ahead, hidden, policy.memory, where
+    memory = 0 if policy.gru is None else policy.gru.size
+    if (policy.layer_sizes, memory) != (spec.layer_sizes, spec.memory):
+        raise InputError(
+            f"{where}: layers {policy.layer_sizes} and a memory of {memory}, but its spec says "
+            f"{spec.layer_sizes} and {spec.memory}."
         )
+    if raptor:
+        raptor_form.check(policy.interface, where)
 
 
-def _check_form(form: Any, where: str) -> None:
-    if form not in FORMS:
-        raise InputError(f"{where}: form = {form!r}, expected one of {', '.join(FORMS)}.")
-
-
-def _seen(form: str, history: int, look_ahead: LookAhead) -> int:
-    """Numbers that a network sees."""
-    return raptor_form.INPUTS if form == RAPTOR else OBSERVATION_SIZE * history + look_ahead.size
-
-
-def _check_gru(gru: Gru, inputs: int, layers: int, where: str) -> None:
-    if layers < 2:
-        raise InputError(f"{where}: a memory, but one layer; expected a hidden layer before it.")
+def _check_gru(gru: Gru, inputs: int, where: str) -> None:
     shapes = gru.shapes_for(inputs) if np.ndim(gru.recurrent) == 2 else {}
     wrong = {name: pair for name, pair in shapes.items() if pair[0] != pair[1]}
-    if wrong or not shapes or not 1 <= gru.size <= MOST_MEMORY:
+    if wrong or not shapes:
         raise InputError(
             f"{where}: recurrent unit of {np.shape(gru.recurrent)} with shapes {wrong}; expected "
-            f"the second of each, and 1 to {MOST_MEMORY} numbers of memory."
+            "the second of each."
         )

@@ -1,10 +1,11 @@
 """The policy file: a network and all that is needed to fly it, as JSON.
 
-It is exact to the last bit of float32.
+It is exact to the last bit of float32. `read` also reads the files of Gronauer et al.
 """
 
 import json
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,19 +15,71 @@ from jaxtyping import Array
 
 from maidenflight import inputs, results, run_folder
 from maidenflight.errors import InputError
+from maidenflight.foreign import authors_policy
 from maidenflight.gru import Gru, fields_of
 from maidenflight.inputs import StrPath
-from maidenflight.policy import INSTANTS, Policy
-from maidenflight.simulator import look_ahead as ahead_of
-from maidenflight.simulator.interface import ControlInterface
-from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.parameters import GEOMETRY
+from maidenflight.policy import Policy
+from maidenflight.simulator.interface import CONTROLS, ControlInterface
+from maidenflight.simulator.policy_spec import INSTANT, OBSERVATION_SIZE, PolicySpec
 
 FORMAT = "maidenflight policy 2"
-INSTANT = (
-    "position 3, quaternion xyzw 4, velocity 3, body rates 3, setpoint - position 3, last "
-    "action 4; oldest first"
-)
-"""What a file says of the order of an observation."""
+_SUCH_AS = "Give a policy file, such as policies/policy_1.json, which maidenflight train writes."
+
+
+@dataclass(frozen=True, eq=False)
+class PolicyFile:
+    """A policy and what its file says of how it was made."""
+
+    policy: Policy
+    record: Mapping[str, Any] = field(default_factory=dict)
+    """As `results.record` makes it, with `hover`, `rotors` and `number`; empty if unknown."""
+    name: str = "policy"
+    """Of the file, without its ending."""
+
+    @property
+    def spec(self) -> PolicySpec:
+        """What the policy sees and remembers."""
+        return self.policy.spec
+
+    @property
+    def interface(self) -> ControlInterface:
+        """What the policy commands."""
+        return self.policy.interface
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """Settings with which the policy was trained; empty if unknown."""
+        settings = self.record.get("settings")
+        return settings if isinstance(settings, dict) else {}
+
+    @property
+    def task(self) -> str | None:
+        """Name of the task that the policy was trained for; None if unknown."""
+        task = self.settings.get("task")
+        return None if task is None else str(task)
+
+    @property
+    def hover(self) -> float | None:
+        """Share of full thrust at which the policy's drone hovers; None if unknown."""
+        share = self.record.get("hover")
+        return share if isinstance(share, float) and 0.0 < share <= 1.0 else None
+
+    @property
+    def rotors(self) -> dict[str, list[float]] | None:
+        """Places [m] and directions of the rotors that the policy was trained for.
+
+        By field of `parameters.Parameters`; None if unknown.
+        """
+        rotors = self.record.get("rotors")
+        if not isinstance(rotors, dict) or rotors.keys() != set(GEOMETRY):
+            return None
+        rows = [rotors[name] for name in GEOMETRY]
+        numbers = all(
+            isinstance(row, list) and len(row) == 4 and all(isinstance(one, float) for one in row)
+            for row in rows
+        )
+        return dict(zip(GEOMETRY, rows, strict=True)) if numbers else None
 
 
 def _decimals(array: Any) -> Any:
@@ -49,9 +102,11 @@ def to_json(policy: Policy, record: Mapping[str, Any] | None = None) -> str:
         {
             "format": FORMAT,
             "interface": policy.interface.to_dict(),
-            "history": policy.history,
-            **_look_ahead_told(policy.look_ahead),
-            **({} if policy.form == INSTANTS else {"form": policy.form}),
+            **{
+                name: value
+                for name, value in policy.spec.to_dict().items()
+                if name not in PolicySpec.OF_NETWORK
+            },
             "instant": INSTANT,
             "activation": "relu",
             "record": dict(record or {}),
@@ -70,48 +125,68 @@ def _gru_told(gru: Gru | None) -> dict[str, Any]:
     return {"gru": {name: _decimals(array) for name, array in fields_of(gru).items()}}
 
 
-def _look_ahead_told(look_ahead: LookAhead) -> dict[str, Any]:
-    """What a file says of a look-ahead; nothing where there is none."""
-    return {"look_ahead": look_ahead.to_dict()} if look_ahead.points else {}
+def from_json(text: str, where: str = "policy", control: str | None = None) -> PolicyFile:
+    """Reads the text of a policy file, ours or the authors', told apart by content.
 
-
-def from_json(text: str, where: str = "policy") -> Policy:
-    """Reads a policy.
+    Args:
+        text: content of the file.
+        where: what errors name, usually the file.
+        control: what the authors' policy commands, one of `interface.CONTROLS`, which also sets the
+            rate; unless given, what `where` begins with or its folder is called. Ours say it
+            themselves.
 
     Raises:
-        InputError: not a policy file, or its shapes or numbers make no sense.
+        InputError: neither kind of policy; it is damaged, or its shapes or numbers make no sense;
+            ours commands something else; or nothing says what the authors' policy commands.
     """
     try:
         content = inputs.from_json(text)
     except ValueError as error:
         raise InputError(
-            f"{where}: not valid JSON ({error}). Expected a policy file written by maidenflight "
-            "train."
+            f"{where}: not a policy, ours or the authors': not valid JSON ({error}). {_SUCH_AS}"
         ) from error
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
+    keys = content.keys() if isinstance(content, dict) else set()
+    ours = "format" in keys and content["format"] == FORMAT
+    if not ours and not keys >= authors_policy.MARKS:
         raise InputError(
-            f"{where}: not a maidenflight policy (format is not {FORMAT!r}). Give a file written "
-            "by maidenflight train."
+            f"{where}: not a policy, neither ours (format is not {FORMAT!r}) nor the authors' (no "
+            f"check_sum and layers). {_SUCH_AS}"
         )
+    policy = _own(content, where) if ours else _authors(content, where, control)
+    policy.check(where)
+    if control not in (None, policy.interface.name):
+        raise InputError(
+            f"{where}: a {policy.interface.name} policy, as its file says, not {control}. Leave "
+            "out --control, which is for the authors' policies."
+        )
+    return PolicyFile(policy, content["record"] if ours else {}, Path(where).stem)
+
+
+def _own(content: Mapping[str, Any], where: str) -> Policy:
+    """The policy of a file of ours.
+
+    Raises:
+        InputError: it is damaged.
+    """
     try:
+        weights, biases = (
+            tuple(_numbers(layer[name]) for layer in content["layers"])
+            for name in ("weights", "biases")
+        )
+        gru = None
+        if "gru" in content:
+            gru = Gru(**{name: _numbers(array) for name, array in content["gru"].items()})
+        seen = {"history": content["history"], **content}
+        seen["hidden"] = tuple(bias.size for bias in biases[:-1])
+        seen["memory"] = gru.size if gru is not None and gru.recurrent.ndim == 2 else 0
         policy = Policy(
-            weights=tuple(_numbers(layer["weights"]) for layer in content["layers"]),
-            biases=tuple(_numbers(layer["biases"]) for layer in content["layers"]),
+            weights=weights,
+            biases=biases,
             observation_mean=_numbers(content["observation_mean"]),
             observation_std=_numbers(content["observation_std"]),
             interface=ControlInterface.from_dict(content["interface"]),
-            history=content["history"],
-            look_ahead=(
-                LookAhead.from_dict(content["look_ahead"])
-                if "look_ahead" in content
-                else ahead_of.NONE
-            ),
-            gru=(
-                Gru(**{name: _numbers(array) for name, array in content["gru"].items()})
-                if "gru" in content
-                else None
-            ),
-            form=content.get("form", INSTANTS),
+            gru=gru,
+            spec=PolicySpec.from_dict(seen),
         )
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
@@ -120,22 +195,37 @@ def from_json(text: str, where: str = "policy") -> Policy:
             f"{where}: damaged policy ({type(error).__name__}: {error}). Export it again."
         ) from error
     _check_rest(content, where)
-    policy.check(where)
     return policy
 
 
-def numbers(nested: Any) -> np.ndarray:
-    """Nested lists as an array, in which true and false do not pass for 1 and 0.
+def _authors(content: Mapping[str, Any], where: str, control: str | None) -> Policy:
+    """The policy of a file of the authors.
 
     Raises:
-        ValueError: a list holds one of them, or lists of different lengths.
+        InputError: it is damaged, or what it commands is not known.
     """
-    array = np.asarray(nested)
-    if array.dtype.kind in "fiu" and any(
-        type(entry) is bool for entry in np.asarray(nested, object).flat
-    ):
-        raise ValueError("expected numbers, not true or false")
-    return array
+    control = control or authors_policy.control_of(Path(where))
+    if control is None:
+        raise authors_policy.UnknownControl(
+            f"{where}: one of the authors' policies, which do not say what they command. Begin its "
+            f"name, or call its folder, with one of {', '.join(CONTROLS)}, or give --control."
+        )
+    if control not in CONTROLS:
+        raise InputError(f"{where}: control = {control!r}, expected one of {', '.join(CONTROLS)}.")
+    network = authors_policy.network(content, where)
+    hidden = tuple(bias.size for bias in network.biases[:-1])
+    try:
+        spec = PolicySpec(history=len(network.mean) // OBSERVATION_SIZE, hidden=hidden)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
+    return Policy(
+        weights=tuple(map(jnp.asarray, network.weights)),
+        biases=tuple(map(jnp.asarray, network.biases)),
+        observation_mean=jnp.asarray(network.mean),
+        observation_std=jnp.asarray(network.deviation),
+        interface=authors_policy.interface_of(control),
+        spec=spec,
+    )
 
 
 def _numbers(nested: Any) -> Array:
@@ -143,7 +233,7 @@ def _numbers(nested: Any) -> Array:
 
     Text, true and false, missing numbers and what float32 cannot hold are refused.
     """
-    array = numbers(nested)
+    array = inputs.numbers(nested)
     if array.dtype.kind not in "fi" or np.any(
         np.isfinite(array) & (np.abs(array) > float(np.finfo(np.float32).max) * (1 + 1e-7))
     ):
@@ -168,24 +258,28 @@ def write(path: StrPath, policy: Policy, record: Mapping[str, Any] | None = None
     return results.write(path, to_json(policy, record) + "\n")
 
 
-def read(path: StrPath) -> Policy:
-    """Reads a policy file.
+def read(path: StrPath, control: str | None = None) -> PolicyFile:
+    """Reads a policy file, ours or the authors', told apart by content.
+
+    Args:
+        path: the file.
+        control: what the authors' policy commands; unless given, the control structure that the
+            file's name begins with, such as `attitude_rate_066.json`, or that its folder is called.
+            Ours say it themselves.
 
     Raises:
-        InputError: no such file, or not a valid policy.
+        InputError: no such file; or see `from_json`.
     """
-    return from_json(text_of(path), str(path))
-
-
-def record(path: StrPath) -> dict[str, Any]:
-    """How the policy of a file was made, as `results.record` tells it.
-
-    Raises:
-        InputError: see `read`.
-    """
-    text = text_of(path)
-    from_json(text, str(path))
-    return inputs.from_json(text)["record"]
+    path = Path(path)
+    if path.is_dir():
+        first = min(path.glob("*.json"), default=None)
+        raise InputError(
+            f"{path}: a folder, not a policy. "
+            f"{f'Give one file of it, such as {first}.' if first else _SUCH_AS}"
+        )
+    if not path.exists():
+        raise InputError(f"{path}: cannot be read as a policy: no such file. {_SUCH_AS}")
+    return from_json(inputs.readable(path, "a policy"), str(path), control)
 
 
 def kept(
@@ -213,19 +307,11 @@ def kept(
             path.unlink(missing_ok=True)
         for path, one in zip(files, learn(), strict=True):
             write(path, one, made)
-    for path in files:
-        if record(path) != results.plain(made):
+    found = [read(path) for path in files]
+    for path, one in zip(files, found, strict=True):
+        if one.record != results.plain(made):
             raise InputError(
                 f"{path}: from a run with other settings or of another version. Choose another "
                 "folder with -o."
             )
-    return [read(path) for path in files]
-
-
-def text_of(path: StrPath) -> str:
-    """Text of a policy file, of whatever format.
-
-    Raises:
-        InputError: it cannot be read.
-    """
-    return inputs.readable(path, "a policy")
+    return [one.policy for one in found]

@@ -29,6 +29,7 @@ from maidenflight.errors import InputError
 from maidenflight.flights import authors, tables
 from maidenflight.simulator import interface, rotations
 from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.sensors import Measurement
 
 GENERATOR = np.random.default_rng(0)
@@ -237,7 +238,9 @@ def test_a_name_a_folder_or_the_caller_says_what_an_authors_policy_commands(
 
 
 def test_our_policies_are_told_from_the_authors_by_content(tmp_path):
-    path = policy_file.write(tmp_path / "pwm.json", policy.untrained(jax.random.key(0), (8,)))
+    path = policy_file.write(
+        tmp_path / "pwm.json", policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(8,)))
+    )
     assert read_policy(path, "attitude").interface.name == "pwm"
     for text, message in (
         (json.dumps(MADE), "model.json: one of the authors' policies, which do not say"),
@@ -345,7 +348,9 @@ def test_what_the_authors_json_cannot_hold_is_refused(tmp_path):
         (acting(fine, interface.pwm(full_scale_counts=65535.0)), "full_scale_counts = 65535"),
         (made(history=3), "history = 3, but the authors' policies see 2 instants"),
         (
-            policy.untrained(jax.random.key(0), (8,), look_ahead=LookAhead(3)),
+            policy.untrained(
+                jax.random.key(0), spec=PolicySpec(look_ahead=LookAhead(3), hidden=(8,))
+            ),
             "looks ahead at 3 points",
         ),
         (made((4,) * 7), "8 layers, but the authors' firmware takes at most 7"),

@@ -27,6 +27,7 @@ from maidenflight.policy_file import to_json
 from maidenflight.simulator import environment
 from maidenflight.simulator.interface import INTERFACES
 from maidenflight.simulator.look_ahead import NONE, LookAhead
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.rollout import rollout
 from maidenflight.simulator.sensors import Measurement
 
@@ -132,7 +133,11 @@ class Flown:
 def restless(hidden=(50, 50), history=2, interface=None, look_ahead=NONE, memory=0):
     """A policy with biases, whose actions are of order 1, sometimes beyond; weak in the last
     action, lest a flight run away."""
-    policy = untrained(jax.random.key(3), hidden, history, interface, look_ahead, memory)
+    policy = untrained(
+        jax.random.key(3),
+        interface,
+        PolicySpec(history=history, look_ahead=look_ahead, memory=memory, hidden=hidden),
+    )
     keys = jax.random.split(jax.random.key(4), len(policy.biases))
     biases = tuple(
         jax.random.normal(key, bias.shape) * 0.3
@@ -342,7 +347,7 @@ def test_commands_are_clipped_and_the_remembered_action_is_not(flown):
 def test_set_points_are_those_that_the_simulated_pids_are_given(
     flown, structure, action, thrust, turns
 ):
-    policy = untrained(jax.random.key(0), (), interface=INTERFACES[structure]())
+    policy = untrained(jax.random.key(0), INTERFACES[structure](), PolicySpec(hidden=()))
     still = tuple(0 * weight for weight in policy.weights)
     drone, (measurements, setpoints) = (
         flown(dataclasses.replace(policy, weights=still, biases=(jnp.array(action),))),
@@ -357,7 +362,7 @@ def test_set_points_are_those_that_the_simulated_pids_are_given(
 
 @pytest.mark.parametrize("structure", ["attitude_rate", "attitude"])
 def test_the_action_that_keeps_level_asks_for_hover_and_nothing_else(flown, structure):
-    policy = untrained(jax.random.key(0), (), interface=INTERFACES[structure]())
+    policy = untrained(jax.random.key(0), INTERFACES[structure](), PolicySpec(hidden=()))
     level = policy.interface.level(jnp.float32(0.6))
     still = tuple(0 * weight for weight in policy.weights)
     drone, (measurements, setpoints) = (
@@ -421,7 +426,7 @@ def test_checksum_sees_a_change_of_the_last_bit():
 
 
 def test_golden_observations_have_unit_quaternions_and_change_with_the_seed():
-    policy = untrained(jax.random.key(0), history=3)
+    policy = untrained(jax.random.key(0), spec=PolicySpec(history=3))
     golden = golden_observations(policy, 0)
     assert golden.shape == (GOLDEN_COUNT, 60)
     np.testing.assert_allclose(np.linalg.norm(golden.reshape(-1, 20)[:, 3:7], axis=1), 1, rtol=1e-6)
@@ -455,7 +460,9 @@ def test_every_compiler_and_level_is_silent_and_agrees(tmp_path, compiler, level
 )
 def test_the_header_s_example_compiles(tmp_path, structure, act, hover):
     header, _ = export_c(
-        untrained(jax.random.key(0), (8,), interface=INTERFACES[structure]()), tmp_path, hover=hover
+        untrained(jax.random.key(0), INTERFACES[structure](), PolicySpec(hidden=(8,))),
+        tmp_path,
+        hover=hover,
     )
     share = re.search(r"^#define MF_HOVER (\S+)f ", header.read_text(), re.MULTILINE)
     assert (None if share is None else float(share[1])) == hover

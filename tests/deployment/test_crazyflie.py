@@ -43,6 +43,7 @@ from maidenflight.simulator import (
 from maidenflight.simulator.control import CONTROLLERS
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.position_pid import position_pid
 from maidenflight.simulator.rollout import rollout
 from maidenflight.simulator.sensors import Measurement
@@ -288,7 +289,7 @@ def test_the_app_compiles_for_the_drone_s_processor_and_is_small(
 def test_the_self_test_fits_on_the_stack_of_start_up_however_wide_the_network(
     tmp_path: Path,
 ) -> None:
-    wide = untrained(jax.random.key(0), (270,))
+    wide = untrained(jax.random.key(0), spec=PolicySpec(hidden=(270,)))
     assert sum(weight.size for weight in wide.weights) > 0.9 * MOST_MULTIPLICATIONS
     stacks = stacks_of(wide, tmp_path)
     called = ("controllerOutOfTreeInit", "mf_policy_self_test", "mf_network", "apply")
@@ -895,7 +896,7 @@ def test_the_page_and_the_tables_name_the_same(load: Load) -> None:
 
 def test_what_the_drone_cannot_fly_is_refused(tmp_path: Path) -> None:
     policy = policy_of("pwm")
-    large = untrained(jax.random.key(0), (90, 90), 2)
+    large = untrained(jax.random.key(0), spec=PolicySpec(history=2, hidden=(90, 90)))
     assert sum(weight.size for weight in large.weights) > MOST_MULTIPLICATIONS
     for wrong, message in (
         (dataclasses.replace(policy, interface=interface.pwm(30)), "rate = 30 Hz does not divide"),

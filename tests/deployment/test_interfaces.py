@@ -21,6 +21,7 @@ from maidenflight.policy import Actor, Policy
 from maidenflight.simulator import control, dynamics, environment, interface
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.interface import THRUST, ControlInterface
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.rollout import rollout
 from maidenflight.simulator.sensors import Measurement
 
@@ -37,7 +38,9 @@ WINCH = ControlInterface(
 
 def constant(meaning: ControlInterface, action: list[float]) -> Policy:
     """A policy that always does the same."""
-    made = jax.tree.map(jnp.zeros_like, policy.untrained(KEY, (), 1, meaning))
+    made = jax.tree.map(
+        jnp.zeros_like, policy.untrained(KEY, meaning, PolicySpec(history=1, hidden=()))
+    )
     return dataclasses.replace(
         made, biases=(jnp.array(action, jnp.float32),), observation_std=jnp.ones(20)
     )
@@ -71,7 +74,7 @@ def test_exported_code_asks_for_the_body_rate_that_the_simulated_drone_reaches(t
     drone = replace(noiseless(crazyflie()), latency=0.005, time_step=0.002)
     level = controller.interface.level(dynamics.hover_command(drone))
     made = constant(controller.interface, [float(level[0]), ROLL, 0.0, 0.0])
-    env = Environment.matching(drone, controller=controller, history=1)
+    env = Environment.matching(drone, controller=controller, spec=PolicySpec(history=1))
     first = environment.begin(
         env, dynamics.at_hover(LEVEL.position, drone), jnp.zeros(()), drone, KEY
     )
@@ -134,10 +137,10 @@ def test_what_a_target_cannot_express_is_refused(tmp_path):
 def test_every_exporter_takes_the_same_call(name, tmp_path):
     if name == "onnx":
         pytest.importorskip("onnx")
-    made = policy.untrained(KEY, (3,))
+    made = policy.untrained(KEY, spec=PolicySpec(hidden=(3,)))
     if name == "raptor":
         pytest.importorskip("h5py")
-        made = policy.untrained(KEY, form=name)
+        made = policy.untrained(KEY, spec=PolicySpec(form=name))
     files = EXPORTERS[name](made, tmp_path, name="mine", seed=3, record={"seed": 3})
     assert files
     assert all(file.is_relative_to(tmp_path) and file.stat().st_size for file in files)

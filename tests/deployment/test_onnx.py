@@ -27,6 +27,7 @@ from maidenflight.policy import untrained
 from maidenflight.policy_file import to_json
 from maidenflight.simulator.interface import ControlInterface
 from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.policy_spec import PolicySpec
 
 onnx = pytest.importorskip("onnx")
 onnxruntime = pytest.importorskip("onnxruntime")
@@ -134,7 +135,9 @@ def test_the_model_is_sound_and_says_what_it_is():
 
 
 def test_a_policy_that_looks_ahead_has_a_wider_input_and_says_so():
-    one = policy.untrained(jax.random.key(0), (8,), look_ahead=LookAhead(3, 0.2))
+    one = policy.untrained(
+        jax.random.key(0), spec=PolicySpec(look_ahead=LookAhead(3, 0.2), hidden=(8,))
+    )
     model = onnx.load_from_string(to_onnx(one))
     told = {entry.key: entry.value for entry in model.metadata_props}
     assert json.loads(told["look_ahead"]) == {"points": 3, "spacing": 0.2}
@@ -147,7 +150,7 @@ def test_a_policy_that_looks_ahead_has_a_wider_input_and_says_so():
 
 
 def test_a_policy_that_remembers_is_given_its_memory_and_gives_the_next():
-    one = policy.untrained(jax.random.key(0), (8, 6), memory=5)
+    one = policy.untrained(jax.random.key(0), spec=PolicySpec(memory=5, hidden=(8, 6)))
     model = to_onnx(one)
     onnx.checker.check_model(onnx.load_from_string(model), full_check=True)
     told = {entry.key: entry.value for entry in onnx.load_from_string(model).metadata_props}
@@ -218,7 +221,7 @@ def test_what_makes_no_sense_is_refused(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-OURS = json.loads(to_json(untrained(jax.random.key(0), (3,), 1)))
+OURS = json.loads(to_json(untrained(jax.random.key(0), spec=PolicySpec(history=1, hidden=(3,)))))
 THEIRS = {
     "check_sum": "0.0",
     "scaling_parameters": [[0.0] * 40, [1.0] * 40],
@@ -275,7 +278,7 @@ def said(monkeypatch, capsys, *arguments):
 
 def test_the_command_exports_both_kinds_of_policies_to_everything(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    policy_file.write("mine.json", untrained(jax.random.key(0), (8,)))
+    policy_file.write("mine.json", untrained(jax.random.key(0), spec=PolicySpec(hidden=(8,))))
     Path("theirs.json").write_text(json.dumps(THEIRS))
     for arguments, files in (
         (["mine.json"], ["firmware/policy.h", "firmware/policy.c"]),
@@ -304,7 +307,9 @@ def test_the_command_exports_both_kinds_of_policies_to_everything(tmp_path, monk
 
 
 def test_c_is_what_is_exported_unless_told_and_as_before(tmp_path):
-    path = policy_file.write(tmp_path / "policy_1.json", untrained(jax.random.key(0), (8,)))
+    path = policy_file.write(
+        tmp_path / "policy_1.json", untrained(jax.random.key(0), spec=PolicySpec(hidden=(8,)))
+    )
     given = workflow.export(path, tmp_path / "given", 7)
     expected = export_c(
         policy_file.read(path),

@@ -25,6 +25,7 @@ from maidenflight.parameters import crazyflie
 from maidenflight.policy import Actor, Policy, untrained
 from maidenflight.simulator import control, dynamics, environment, raptor_form, stepping, tasks
 from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.sensors import Measurement
 
 h5py: Any = pytest.importorskip("h5py")
@@ -34,7 +35,7 @@ Evaluate = Callable[[np.ndarray], np.ndarray]
 
 def made() -> Policy:
     """A policy whose rotor speeds differ, some beyond their range."""
-    one = untrained(jax.random.key(0), form="raptor")
+    one = untrained(jax.random.key(0), spec=PolicySpec(form="raptor"))
     weights, (first, last), gru = one.network
     return one.with_network(
         ((weights[0], 8.0 * weights[1]), (first + 0.3, last + jnp.array([0.4, 0.5, 0.6, 0.7])), gru)
@@ -86,7 +87,10 @@ def test_a_reader_commands_what_we_command_in_flight(
     (path,) = export_raptor(one, tmp_path)
     evaluate, hover = read(path), float(dynamics.hover_command(drone))
     env = Environment.matching(
-        drone, task, control.pwm(), history=1, look_ahead=one.look_ahead, memory=one.memory
+        drone,
+        task,
+        control.pwm(),
+        spec=PolicySpec(history=1, look_ahead=one.look_ahead, memory=one.memory),
     )
     step = jax.jit(lambda state, output, key: stepping.step(env, state, output, drone, key)[0])
     state = environment.reset(env, drone, jax.random.key(1))
@@ -178,7 +182,9 @@ def test_a_file_of_the_form_reads_back_bit_by_bit_and_others_do_not_name_it(tmp_
     assert jax.tree.structure(back) == jax.tree.structure(one)
     for old, new in zip(jax.tree.leaves(one), jax.tree.leaves(back), strict=True):
         np.testing.assert_array_equal(old, new)
-    assert "form" not in json.loads(policy_file.to_json(untrained(jax.random.key(0), (8,))))
+    assert "form" not in json.loads(
+        policy_file.to_json(untrained(jax.random.key(0), spec=PolicySpec(hidden=(8,))))
+    )
 
 
 def test_a_damaged_form_is_refused() -> None:

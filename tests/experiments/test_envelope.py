@@ -20,6 +20,7 @@ from maidenflight.policy import untrained
 from maidenflight.reporting.envelope_picture import envelope_picture
 from maidenflight.simulator import dynamics
 from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.virtual_drone import virtual_drone
 from numpy_drone import NumpyDrone
 
@@ -144,7 +145,8 @@ def short(monkeypatch: Any) -> None:
 def test_flights_of_every_policy_and_grade_have_the_same_starts(short: None) -> None:
     """In a tenth of a second nothing is lost, so that the hardest grade is reached."""
     policies = [
-        untrained(jax.random.key(number), look_ahead=LookAhead(2, 0.2)) for number in range(2)
+        untrained(jax.random.key(number), spec=PolicySpec(look_ahead=LookAhead(2, 0.2)))
+        for number in range(2)
     ]
     found = envelope.envelope(policies, DRONE, "latency", flights=3)
     assert found["reached"].to_list() == [AXES["latency"].grades[-1]] * 6  # type: ignore[union-attr]

@@ -32,6 +32,7 @@ from maidenflight.simulator import (
 )
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.look_ahead import NONE, LookAhead
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.sensors import Measurement
 
 KEY = jax.random.key(0)
@@ -43,7 +44,7 @@ SHORT = {"trials": 3, "duration": 3.0}
 
 def constant(action: tuple[float, ...], kind: str = "pwm") -> Policy:
     """A policy that always does the same."""
-    made = jax.tree.map(jnp.zeros_like, untrained(KEY, (8,)))
+    made = jax.tree.map(jnp.zeros_like, untrained(KEY, spec=PolicySpec(hidden=(8,))))
     made = dataclasses.replace(
         made,
         biases=(made.biases[0], jnp.array(action, jnp.float32)),
@@ -54,7 +55,7 @@ def constant(action: tuple[float, ...], kind: str = "pwm") -> Policy:
 
 def restless(kind: str, number: int, look_ahead: LookAhead = NONE) -> Policy:
     """A policy that feels what it sees, its last actions among it, and loses control."""
-    made = untrained(jax.random.key(number), (8,), look_ahead=look_ahead)
+    made = untrained(jax.random.key(number), spec=PolicySpec(look_ahead=look_ahead, hidden=(8,)))
     weights = (made.weights[0], made.weights[1] * 8)
     return dataclasses.replace(made, weights=weights, interface=interface.INTERFACES[kind]())
 
@@ -171,7 +172,9 @@ def test_policies_see_the_history_and_hold_the_actions_of_their_own_rate(
     structure = as_flown.controller_as_flown(interface.attitude())
     policies = [restless("attitude", number, look_ahead) for number in range(4)]
     drone = replace(noiseless(crazyflie()), time_step=control.time_step(structure))
-    env = Environment.matching(drone, tasks.circle(), structure, look_ahead=look_ahead)
+    env = Environment.matching(
+        drone, tasks.circle(), structure, spec=PolicySpec(look_ahead=look_ahead)
+    )
     state = guarded_flights._first_state(env, drone, STILL, KEY)
 
     @jax.jit

@@ -15,6 +15,7 @@ from maidenflight.policy import untrained
 from maidenflight.simulator.battery import Supply
 from maidenflight.simulator.control import attitude_rate
 from maidenflight.simulator.look_ahead import NONE, LookAhead
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.reality import reality as named
 from maidenflight.simulator.virtual_drone import virtual_drone
 from numpy_drone import TWIN, NumpyDrone
@@ -133,8 +134,14 @@ def test_an_untrained_policy_ends_by_a_guard() -> None:
 
 def test_policies_of_different_shapes_and_empty_lists_are_refused() -> None:
     with pytest.raises(InputError, match="different kinds"):
-        transfer([POLICIES[0], untrained(jax.random.key(0), hidden=(8,))], [virtual_drone(1)])
-    others = [untrained(jax.random.key(0), look_ahead=LookAhead(2, step)) for step in (0.1, 0.2)]
+        transfer(
+            [POLICIES[0], untrained(jax.random.key(0), spec=PolicySpec(hidden=(8,)))],
+            [virtual_drone(1)],
+        )
+    others = [
+        untrained(jax.random.key(0), spec=PolicySpec(look_ahead=LookAhead(2, step)))
+        for step in (0.1, 0.2)
+    ]
     with pytest.raises(InputError, match="different kinds"):
         transfer(others, [virtual_drone(1)])
     with pytest.raises(InputError, match="at least one"):
@@ -183,8 +190,8 @@ def test_a_reality_in_numpy_is_flown_as_the_same_drone_in_jax(controller) -> Non
     policies = [
         untrained(
             jax.random.key(number),
-            interface=controller and controller.interface,
-            look_ahead=NONE if controller else LookAhead(2, 0.4),
+            controller and controller.interface,
+            PolicySpec(look_ahead=NONE if controller else LookAhead(2, 0.4)),
         )
         for number in range(2)
     ]

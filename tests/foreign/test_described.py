@@ -16,6 +16,7 @@ from maidenflight.foreign.policies import ForeignPolicy, foreign_policy
 from maidenflight.policy import untrained
 from maidenflight.simulator import tasks
 from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.policy_spec import PolicySpec
 from numpy_drone import NumpyDrone
 
 PAGE = Path(__file__).parents[2] / "docs" / "realities.md"
@@ -45,7 +46,7 @@ def test_our_policy_flies_as_itself(file: Path) -> None:
 
 
 def test_our_policy_that_looks_ahead_flies_as_itself(file: Path) -> None:
-    ahead = untrained(jax.random.key(3), look_ahead=LookAhead(2, 0.4))
+    ahead = untrained(jax.random.key(3), spec=PolicySpec(look_ahead=LookAhead(2, 0.4)))
     strong = ahead.observation_std.at[40:].mul(0.1)
     ahead = dataclasses.replace(ahead, observation_std=strong)
     export_onnx(ahead, file.parent)

@@ -15,6 +15,7 @@ from maidenflight.parameters import crazyflie
 from maidenflight.policy import Policy, untrained
 from maidenflight.simulator import control
 from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.policy_spec import PolicySpec
 
 POLICIES = {
     "soft": flying_policy(crazyflie(), 0.7),
@@ -34,11 +35,11 @@ def test_a_log_tells_which_policy_flew_it() -> None:
     names = {name: [flight.name for flight in own] for name, own in found.items()}
     assert names == {"soft": ["flight 1"], "stiff": ["flight 2"]}
     # A last action is all that history holds of what the log does not.
-    random = untrained(jax.random.key(1), (16,), history=3, memory=4)
+    random = untrained(jax.random.key(1), spec=PolicySpec(history=3, memory=4, hidden=(16,)))
     random = random.with_network(
         ((random.weights[0], 5.0 * random.weights[1]), random.biases, random.gru)
     )
-    other = untrained(jax.random.key(2), (16,), history=3, memory=4)
+    other = untrained(jax.random.key(2), spec=PolicySpec(history=3, memory=4, hidden=(16,)))
     assert list(flown_by([flown(random, 1)], {"other": other, "own": random})) == ["own"]
 
 
@@ -46,9 +47,12 @@ def test_a_log_tells_which_policy_flew_it() -> None:
     ("policies", "words"),
     [
         ({"a": untrained(jax.random.key(0), interface=control.attitude().interface)}, "pwm"),
-        ({"a": untrained(jax.random.key(0), look_ahead=LookAhead(2))}, "look"),
+        ({"a": untrained(jax.random.key(0), spec=PolicySpec(look_ahead=LookAhead(2)))}, "look"),
         (
-            {"a": untrained(jax.random.key(0), (8,)), "b": untrained(jax.random.key(0), (9,))},
+            {
+                "a": untrained(jax.random.key(0), spec=PolicySpec(hidden=(8,))),
+                "b": untrained(jax.random.key(0), spec=PolicySpec(hidden=(9,))),
+            },
             "different",
         ),
     ],

@@ -23,6 +23,7 @@ from maidenflight.identification.box import LOGARITHMIC, PAPER_BOUNDS, physical_
 from maidenflight.identification.drone_file import DroneFile, Estimate, Search, Source
 from maidenflight.identification.motor_response import LAGS, SEEN_LAGS
 from maidenflight.parameters import COMPONENTS, QUANTITIES, crazyflie
+from maidenflight.simulator.policy_spec import PolicySpec
 
 SEARCHED = [
     (name, bounds)
@@ -136,7 +137,10 @@ def test_a_drone_at_a_bound_is_refused_by_parameter_and_bound():
 
 @pytest.fixture
 def folder(tmp_path):
-    policy_file.write(tmp_path / "p" / "policy_1.json", policy.untrained(jax.random.key(0), (3,)))
+    policy_file.write(
+        tmp_path / "p" / "policy_1.json",
+        policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(3,))),
+    )
     identified(2.5).write(tmp_path / "narrow.toml")
     settings = (
         f'drone = "{tmp_path / "narrow.toml"}"\nrealities = ["near:7"]\nlatency = [0.0]\n'

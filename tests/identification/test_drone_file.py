@@ -21,6 +21,7 @@ from maidenflight.identification.drone_file import (
 )
 from maidenflight.parameters import QUANTITIES, crazyflie
 from maidenflight.reporting.page import report
+from maidenflight.simulator.policy_spec import PolicySpec
 
 WHOLE = DroneFile(
     crazyflie(),
@@ -197,7 +198,9 @@ def test_a_policy_is_neither_trained_nor_predicted_for_a_damaged_file(damaged, t
 @pytest.fixture(scope="module")
 def policies(tmp_path_factory):
     folder = tmp_path_factory.mktemp("policies")
-    policy_file.write(folder / "policy_1.json", policy.untrained(jax.random.key(0), (3,)))
+    policy_file.write(
+        folder / "policy_1.json", policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(3,)))
+    )
     return folder
 
 

@@ -16,6 +16,7 @@ from maidenflight.flights import log
 from maidenflight.reporting import run as runs
 from maidenflight.reporting import sources
 from maidenflight.reporting.sources import kind_of
+from maidenflight.simulator.policy_spec import PolicySpec
 
 run = _run
 
@@ -32,7 +33,10 @@ def mine(run: Path, tmp_path: Path) -> Path:
     shutil.copy(run / "drone.toml", folder / "my_drone.toml")
     shutil.copy(run / "reality.toml", folder / "truth of it.toml")
     shutil.copy(run / "identification.csv", folder / "my_drone_identification.csv")
-    policy_file.write(folder / "my policies" / "a.json", policy.untrained(jax.random.key(0), (4,)))
+    policy_file.write(
+        folder / "my policies" / "a.json",
+        policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(4,))),
+    )
     shutil.copy(run / "policies" / "training.csv", folder / "my policies" / "scores.csv")
     written(folder / "predicted.csv", run_folder.VALIDATION, errors())
     written(folder / "predicted_windows.csv", run_folder.WINDOWS, windows())

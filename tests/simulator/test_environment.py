@@ -28,6 +28,7 @@ from maidenflight.simulator import (
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.latency import DelayLine
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import relative_box
 from maidenflight.simulator.rollout import (
     EnvInstance,
@@ -297,7 +298,7 @@ def test_a_failure_in_the_last_step_is_a_failure_and_not_the_end_of_time(
 
 @pytest.mark.parametrize("history", [1, 2])
 def test_an_observation_holds_instants_from_oldest_to_newest_each_with_its_last_action(history):
-    env = Environment(history=history)
+    env = Environment(spec=PolicySpec(history=history))
     env_state = start(env, PAPER, KEY)
     instants = [np.asarray(environment.observation(env, env_state))[-20:]]
     np.testing.assert_array_equal(

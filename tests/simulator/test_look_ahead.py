@@ -12,6 +12,7 @@ from maidenflight.parameters import crazyflie, noiseless
 from maidenflight.simulator import dynamics, environment, tasks, trajectories
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.rollout import rollout
 
 KEY = jax.random.key(0)
@@ -47,7 +48,10 @@ def expected(where, time, position):
 @pytest.mark.parametrize(("task", "where"), [(tasks.circle(), circle_at), (tasks.hover(), held_at)])
 @pytest.mark.parametrize("time", [0.0, 1.234, 40.0])
 def test_an_observation_ends_with_the_reference_to_come(task, where, time):
-    env, place = Environment(task=task, look_ahead=POINTS), jnp.array([0.1, -0.2, 0.9])
+    env, place = (
+        Environment(task=task, spec=PolicySpec(look_ahead=POINTS)),
+        jnp.array([0.1, -0.2, 0.9]),
+    )
     state = dynamics.at_hover(place, noiseless(crazyflie()))
     begun = environment.begin(env, state, jnp.float32(time), noiseless(crazyflie()), KEY)
     seen = np.asarray(environment.observation(env, begun))
@@ -58,7 +62,8 @@ def test_an_observation_ends_with_the_reference_to_come(task, where, time):
 
 def test_in_flight_it_is_relative_to_what_is_measured_and_stays_at_a_trajectory_s_last_point():
     env = Environment(
-        task=tasks.tracking(trajectories.zigzag(LINE), 0.2), look_ahead=POINTS, history=3
+        task=tasks.tracking(trajectories.zigzag(LINE), 0.2),
+        spec=PolicySpec(look_ahead=POINTS, history=3),
     )
     drone = crazyflie()
     first = environment.reset(env, drone, KEY)
@@ -74,7 +79,7 @@ def test_in_flight_it_is_relative_to_what_is_measured_and_stays_at_a_trajectory_
 
 def test_no_look_ahead_adds_nothing_and_changes_nothing():
     """Bit by bit, and a look-ahead does not change what flies."""
-    plain, ahead = Environment(), Environment(look_ahead=POINTS)
+    plain, ahead = Environment(), Environment(spec=PolicySpec(look_ahead=POINTS))
     assert plain.look_ahead.points == 0
     first = environment.reset(plain, crazyflie(), KEY)
     seen = environment.observation(plain, first)

@@ -14,6 +14,7 @@ from maidenflight.foreign.raptor import observed as seen_by_raptor
 from maidenflight.policy import untrained
 from maidenflight.simulator import interface, raptor_form
 from maidenflight.simulator.look_ahead import NONE, LookAhead
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.sensors import Measurement
 
 OBSERVED = jax.jit(raptor_form.observed)
@@ -94,14 +95,14 @@ def test_any_other_combination_is_refused(other: dict[str, Any]) -> None:
 
 
 def test_a_policy_of_the_form_has_its_shape_whatever_the_arguments_say() -> None:
-    made = untrained(jax.random.key(0), (50, 50), 2, form="raptor")
+    made = untrained(jax.random.key(0), spec=PolicySpec(history=2, hidden=(50, 50), form="raptor"))
     made.check()
     assert (made.history, made.look_ahead, made.memory) == raptor_form.SEEN
     assert made.layer_sizes == (22, 16, 4)
     with pytest.raises(InputError, match="pwm at 100 Hz"):
-        untrained(jax.random.key(0), interface=interface.attitude_rate(), form="raptor")
+        untrained(jax.random.key(0), interface.attitude_rate(), PolicySpec(form="raptor"))
     with pytest.raises(InputError, match="form = 'foundation'"):
-        untrained(jax.random.key(0), form="foundation")
+        untrained(jax.random.key(0), spec=PolicySpec(form="foundation"))
 
 
 def test_full_thrust_may_be_any_number_of_counts() -> None:

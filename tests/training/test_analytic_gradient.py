@@ -10,6 +10,7 @@ from maidenflight.parameters import crazyflie, noiseless, replace
 from maidenflight.policy import untrained
 from maidenflight.simulator import control, environment
 from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import relative_box, stacked
 from maidenflight.simulator.rollout import EnvInstance
 from maidenflight.training import analytic_gradient
@@ -85,7 +86,7 @@ def test_muons_iterations_as_a_loop_are_those_that_optax_writes_out() -> None:
 
 def test_without_a_rate_for_hidden_layers_adam_steps_everywhere_and_its_steps_shrink() -> None:
     settings = AnalyticGradient(updates=50, learning_rate=0.01, hidden_learning_rate=0.0)
-    network = untrained(jax.random.key(0), (8, 8), 2).network
+    network = untrained(jax.random.key(0), spec=PolicySpec(history=2, hidden=(8, 8))).network
     rule = analytic_gradient.optimiser_of(settings)
     with jax.numpy_dtype_promotion("standard"):
         state, steps, update = rule.init(network), [], jax.jit(rule.update)

@@ -9,6 +9,7 @@ from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import untrained
 from maidenflight.simulator import control, raptor_form, tasks
 from maidenflight.simulator.look_ahead import NONE, LookAhead
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.position_pid import position_pid
 from maidenflight.simulator.randomization import ensemble, relative_box
 from maidenflight.training.analytic_gradient import AnalyticGradient
@@ -18,7 +19,7 @@ from maidenflight.training.train import train
 
 BOX = relative_box(crazyflie(), 0.10)
 KEYS = jax.random.split(jax.random.key(5), 2)
-INITIAL = untrained(KEYS[0], (8,), history=3, memory=4)
+INITIAL = untrained(KEYS[0], spec=PolicySpec(history=3, memory=4, hidden=(8,)))
 
 
 USUAL: dict[str, Any] = {

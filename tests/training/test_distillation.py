@@ -9,6 +9,7 @@ from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import Policy, untrained
 from maidenflight.simulator.any_drone import AnyDrone
 from maidenflight.simulator.environment import Environment, observation
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import stacked
 from maidenflight.simulator.rollout import randomized_reset
 from maidenflight.training import distillation
@@ -18,7 +19,7 @@ from maidenflight.training.distillation import Distillation, Teacher, known
 pytestmark = pytest.mark.usefixtures("without_optimizations")
 
 BOX = AnyDrone(crazyflie())
-WORLD = Environment.matching(crazyflie(), memory=4)
+WORLD = Environment.matching(crazyflie(), spec=PolicySpec(memory=4))
 SETTINGS = Distillation(updates=120, num_envs=4, horizon=4, hidden=(8, 8), learning_rate=0.02)
 
 
@@ -46,7 +47,7 @@ def test_what_a_teacher_knows_does_not_depend_on_the_weight_of_a_drone() -> None
 
 def test_a_teacher_heeds_the_drone_and_hands_the_memory_on() -> None:
     drones = [replace(crazyflie(), motor_time_constant=np.float32(lag)) for lag in (0.03, 0.09)]
-    policy = untrained(jax.random.key(1), (8, 8))
+    policy = untrained(jax.random.key(1), spec=PolicySpec(hidden=(8, 8)))
     told = jax.random.normal(jax.random.key(2), (8, len(known(drones[0]))))
     teacher = Teacher(policy, told, jnp.zeros(told.shape[1]), jnp.ones(told.shape[1]))
     seen = observation(WORLD, randomized_reset(WORLD, BOX, jax.random.key(3)).env_state)
@@ -109,7 +110,9 @@ def test_settings_by_name_are_of_each_third_those_of_gradients() -> None:
     assert settings_for("pwm", "circle", memory=16) == settings
     assert type(settings_for("pwm", "circle", form="raptor")) is AnalyticGradient
     assert isinstance(settings_for("pwm", "circle", "distillation", form="raptor"), Distillation)
-    begun = settings_for("pwm", "circle", initial=untrained(jax.random.key(0), memory=4))
+    begun = settings_for(
+        "pwm", "circle", initial=untrained(jax.random.key(0), spec=PolicySpec(memory=4))
+    )
     assert type(begun) is type(settings_for("pwm", "circle")) is AnalyticGradient
 
 

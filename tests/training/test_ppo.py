@@ -12,6 +12,7 @@ from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import untrained
 from maidenflight.simulator import tasks
 from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import relative_box, stacked
 from maidenflight.simulator.rollout import randomized_reset
 from maidenflight.training import ppo
@@ -215,9 +216,9 @@ def test_the_value_at_an_end_is_of_the_drone_before_another_takes_over() -> None
 def test_a_memory_is_carried_through_a_rollout_as_it_was_flown() -> None:
     """What an update computes anew, from the first memory on and over resets, is what was done."""
     short = tasks.circle()._replace(duration=0.05)
-    simulated = Environment.matching(BOX.centre, short, memory=3)
+    simulated = Environment.matching(BOX.centre, short, spec=PolicySpec(memory=3))
     settings = PPO(horizon=16)
-    policy = untrained(jax.random.key(1), (8,), memory=3)
+    policy = untrained(jax.random.key(1), spec=PolicySpec(memory=3, hidden=(8,)))
     drone = randomized_reset(simulated, BOX, jax.random.key(2))
     deviation = jnp.float32(0.1)
     fly = jax.jit(partial(ppo._rollout, simulated, settings))

@@ -22,6 +22,7 @@ from maidenflight.policy import Policy, untrained
 from maidenflight.simulator import control, tasks
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import relative_box, stacked
 from maidenflight.simulator.virtual_drone import virtual_drone
 from maidenflight.training import analytic_gradient, checkpoint
@@ -229,7 +230,7 @@ def test_another_number_of_updates_or_another_weight_compiles_nothing_anew(train
 
 
 def test_an_extension_is_recorded(tmp_path: Path, monkeypatch: Any) -> None:
-    made = policy.untrained(jax.random.key(0), (3,))
+    made = policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(3,)))
     stub = training_that_gives(made)
 
     def extended(*arguments: Any, saved: Path, **further: Any) -> tuple[Policy, ...]:
@@ -250,7 +251,7 @@ def test_an_extension_is_recorded(tmp_path: Path, monkeypatch: Any) -> None:
 
 def test_the_rates_of_further_updates_are_those_of_a_training_of_so_many() -> None:
     """Half of twice as many updates: 2 % and half of the other 98 % of the initial rate."""
-    network: Any = untrained(jax.random.key(0), (8,)).network
+    network: Any = untrained(jax.random.key(0), spec=PolicySpec(hidden=(8,))).network
     gradient = jax.tree.map(jnp.ones_like, network)
 
     def change(updates: int, done: int) -> float:
@@ -370,7 +371,7 @@ def test_what_a_killed_run_left_is_cleared_and_does_not_stand_in_the_way(
 
 
 def test_policies_of_an_earlier_training_of_more_go(tmp_path: Path, monkeypatch: Any) -> None:
-    older = policy.untrained(jax.random.key(0), (3,))
+    older = policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(3,)))
     for number in (1, 2, 3):
         policy_file.write(tmp_path / f"policy_{number}.json", older, {"number": number})
     policy_file.write(tmp_path / "policy_4.json", older, {"note": "put here by somebody"})
@@ -394,7 +395,7 @@ def test_an_earlier_training_stays_until_the_first_checkpoint_of_the_one_in_its_
 
     monkeypatch.setattr(
         "maidenflight.workflow.training.train",
-        training_that_gives(policy.untrained(jax.random.key(0), (3,))),
+        training_that_gives(policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(3,)))),
     )
     workflow.train_for("crazyflie", 7, tmp_path, 1, TINY, 0.1)
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}

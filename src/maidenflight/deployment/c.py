@@ -28,7 +28,7 @@ from maidenflight.gru import Gru
 from maidenflight.inputs import StrPath
 from maidenflight.policy import Policy
 from maidenflight.policy_file import to_json
-from maidenflight.simulator.environment import ACTION_SIZE, OBSERVATION_SIZE
+from maidenflight.simulator.policy_spec import ACTION_SIZE, OBSERVATION_SIZE
 
 GOLDEN_COUNT = 4
 """Observations that the self test recomputes."""
@@ -91,7 +91,7 @@ def export_c(
     if not reentrant:
         storage, shared = "static ", " /* not on the stack: one task at a time */"
     content = {
-        **look_ahead.in_policy(policy.look_ahead),
+        **look_ahead.in_policy(policy.spec),
         **memory.in_policy(policy.gru, storage, shared),
         "version": __version__,
         "hash": digest(policy),
@@ -103,16 +103,16 @@ def export_c(
         "hover": "" if hover is None else _hover(hover),
         "drive": "drive_motors" if interface.name == "pwm" else "follow",
         "rate": interface.rate,
-        "history": policy.history,
+        "history": policy.spec.history,
         "layer_sizes": "-".join(str(size) for size in policy.layer_sizes),
         "multiplications": policy.multiplications,
         "constants": sum(numbers.nbytes for numbers in tables.values()) + 16 * len(layers),
-        "state": 4 * (policy.layer_sizes[0] + policy.memory + ACTION_SIZE + 1),
+        "state": 4 * (policy.spec.size + ACTION_SIZE + 1),
         "storage": storage,
         "shared": shared,
         "tasks": "several tasks may compute at a time" if reentrant else "one task at a time",
         "variables": 0 if reentrant else 8 * widest + gates,
-        "stack": 250 + 4 * policy.memory + (8 * widest + gates if reentrant else 0),
+        "stack": 250 + 4 * policy.spec.memory + (8 * widest + gates if reentrant else 0),
         "instant_size": OBSERVATION_SIZE,
         "action_size": ACTION_SIZE,
         "layer_count": len(layers),
@@ -149,7 +149,7 @@ def golden_observations(policy: Policy, seed: int) -> Numbers:
         seed: random seed.
     """
     random = np.random.default_rng(seed)
-    shape = (GOLDEN_COUNT, policy.history, OBSERVATION_SIZE)
+    shape = (GOLDEN_COUNT, policy.spec.history, OBSERVATION_SIZE)
     place = random.uniform(-1.8, 1.8, (GOLDEN_COUNT, 1, OBSERVATION_SIZE)) + random.uniform(
         -0.2, 0.2, shape
     )
@@ -157,15 +157,14 @@ def golden_observations(policy: Policy, seed: int) -> Numbers:
         np.asarray(numbers, np.float64)
         for numbers in (policy.observation_mean, policy.observation_std)
     )
-    size = OBSERVATION_SIZE * policy.history
+    size = OBSERVATION_SIZE * policy.spec.history
     instants = middle[:size].reshape(shape[1:]) + spread[:size].reshape(shape[1:]) * place
     instants[..., _QUATERNION] /= np.linalg.norm(instants[..., _QUATERNION], axis=-1, keepdims=True)
     flat = instants.reshape(GOLDEN_COUNT, -1)
-    if policy.look_ahead.points:
-        place = random.uniform(-2.0, 2.0, (GOLDEN_COUNT, policy.look_ahead.size))
-        flat = np.concatenate([flat, middle[size:] + spread[size:] * place], axis=1)
-    remembered = random.uniform(-1.0, 1.0, (GOLDEN_COUNT, policy.memory))
-    return np.concatenate([flat, remembered], axis=1).astype(np.float32)
+    place = random.uniform(-2.0, 2.0, (GOLDEN_COUNT, len(middle) - size))
+    ahead = middle[size:] + spread[size:] * place
+    remembered = random.uniform(-1.0, 1.0, (GOLDEN_COUNT, policy.spec.memory))
+    return np.concatenate([flat, ahead, remembered], axis=1).astype(np.float32)
 
 
 def digest(policy: Policy) -> str:

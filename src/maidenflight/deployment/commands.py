@@ -3,8 +3,9 @@
 import numpy as np
 
 from maidenflight.errors import InputError
-from maidenflight.policy import INSTANTS, Policy
+from maidenflight.policy import Policy
 from maidenflight.simulator.interface import THRUST, ControlInterface
+from maidenflight.simulator.policy_spec import INSTANTS
 
 _FOLLOWED = (
     "The firmware's PIDs follow them. Its commander takes degrees, and its pitch has the other "
@@ -58,10 +59,11 @@ def check_form(policy: Policy) -> None:
     Raises:
         InputError: it does not.
     """
-    if policy.form != INSTANTS:
+    form = policy.spec.form
+    if form != INSTANTS:
         raise InputError(
-            f"policy: of the form {policy.form}, which is exported --to {policy.form} only. Train "
-            "without --form to export to another target."
+            f"policy: of the form {form}, which is exported --to {form} only. Train without "
+            "--form to export to another target."
         )
 
 

@@ -42,10 +42,6 @@ PROPELLERS = dict(
 )
 """What the firmware's configuration says of the drone's propellers, on which its battery
 compensation depends; nothing for those that it assumes (firmware 2026.08, Kconfig)."""
-_README_AHEAD = (
-    " This policy looks ahead: it flies `mf.task` 0 and 1, whose future the app knows. With "
-    "`mf.task` 2 it\ndoes not start, and `mf.why` is 10."
-)
 _FOLDER = resources.files("maidenflight.deployment").joinpath("crazyflie")
 _VERBATIM = ("Makefile", "Kbuild", "app-config", "src/Kbuild")
 
@@ -99,8 +95,7 @@ def export_crazyflie(
         raise InputError(f"propellers = {propellers!r}; expected {', '.join(PROPELLERS)}.")
     drive = _text(f"src/{interface.name}.drive")
     content = {
-        **in_app(policy.look_ahead),
-        "ahead_readme": _README_AHEAD if policy.look_ahead.points else "",
+        **in_app(policy.spec),
         "version": __version__,
         "hash": digest(policy),
         "control": interface.name,

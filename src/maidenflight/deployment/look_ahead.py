@@ -5,7 +5,7 @@ Where it does not, every piece is empty, and the files have no word of it.
 
 import numpy as np
 
-from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.policy_spec import PolicySpec
 
 _TIMES = "MF_AHEAD_SPACING, 2 MF_AHEAD_SPACING, ... later"
 _IN_POLICY = {
@@ -40,6 +40,8 @@ static bool look_ahead(mf_policy_state *state, const mf_observation *now)
 }
 """Pieces of `policy.h` and `policy.c`."""
 _IN_APP = {
+    "ahead_readme": " This policy looks ahead: it flies `mf.task` 0 and 1, whose future the app "
+    "knows. With `mf.task` 2 it\ndoes not start, and `mf.why` is 10.",
     "ahead_why": ",\n           MF_NO_FUTURE",
     "ahead_here": "    foresee(step);\n",
     "ahead_step": "stabilizerStep_t step",
@@ -70,8 +72,9 @@ static void foresee(stabilizerStep_t step)
 _WITHOUT = {"ahead_step": "void"}
 
 
-def in_policy(look_ahead: LookAhead) -> dict[str, str]:
+def in_policy(spec: PolicySpec) -> dict[str, str]:
     """What the templates of `policy.h` and `policy.c` take, by name."""
+    look_ahead = spec.look_ahead
     if not look_ahead.points:
         return dict.fromkeys(_IN_POLICY, "")
     spacing = f"{np.float32(look_ahead.spacing)!s}f"
@@ -82,8 +85,8 @@ def in_policy(look_ahead: LookAhead) -> dict[str, str]:
     return pieces
 
 
-def in_app(look_ahead: LookAhead) -> dict[str, str]:
-    """What the template of the Crazyflie app takes, by name."""
-    if not look_ahead.points:
+def in_app(spec: PolicySpec) -> dict[str, str]:
+    """What the templates of the Crazyflie app take, by name."""
+    if not spec.look_ahead.points:
         return {**dict.fromkeys(_IN_APP, ""), **_WITHOUT}
     return dict(_IN_APP)

@@ -18,9 +18,7 @@ from maidenflight.deployment.commands import check_form, check_hover, described
 from maidenflight.errors import InputError, not_installed
 from maidenflight.inputs import StrPath
 from maidenflight.policy import Policy
-from maidenflight.policy_file import INSTANT
-from maidenflight.simulator.environment import ACTION_SIZE
-from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.policy_spec import ACTION_SIZE, INSTANT
 
 NAME = "policy.onnx"
 OPSET = 17
@@ -34,7 +32,7 @@ def to_onnx(
 ) -> bytes:
     """The bytes of an ONNX model. The same arguments give the same bytes.
 
-    Input: `observation`, float32 (batch, 20 H + 3 K), SI units, laid out as `policy_file.INSTANT`,
+    Input: `observation`, float32 (batch, 20 H + 3 K), SI units, laid out as `policy_spec.INSTANT`,
     oldest instant first, then the K points of a look-ahead. Outputs: `command`, float32 (batch, 4),
     centre + span clip(a, -1, 1) of the policy's interface; and `action`, float32 (batch, 4), the
     unclipped a, which the next observation holds. Both are NaN in rows whose observation or action
@@ -59,7 +57,7 @@ def to_onnx(
         raise not_installed("onnx", "onnx", "an ONNX export") from error
     _check(policy)
     check_hover(hover)
-    command = described(policy.interface)
+    command, memory = described(policy.interface), policy.spec.memory
 
     def table(name: str, columns: int, told: str) -> Any:
         return helper.make_tensor_value_info(
@@ -69,25 +67,21 @@ def to_onnx(
     graph = helper.make_graph(
         [
             helper.make_node(operator, given.split(), made.split(), **how)
-            for operator, given, made, how in _steps(len(policy.weights), policy.memory > 0)
+            for operator, given, made, how in _steps(len(policy.weights), policy.gru is not None)
         ],
         "policy",
         [
             table(
                 "observation",
                 policy.layer_sizes[0],
-                f"{policy.history} instants of 20 numbers: {INSTANT}{_ahead(policy.look_ahead)}",
+                policy.spec.layout,
             ),
-            *([table("memory", policy.memory, "zeros in the first step")] if policy.gru else []),
+            *([table("memory", memory, "zeros in the first step")] if memory else []),
         ],
         [
             table("command", ACTION_SIZE, command),
             table("action", ACTION_SIZE, "not clipped; the next observation holds it"),
-            *(
-                [table("next_memory", policy.memory, "the next step's memory")]
-                if policy.gru
-                else []
-            ),
+            *([table("next_memory", memory, "the next step's memory")] if memory else []),
         ],
         [numpy_helper.from_array(numbers, name) for name, numbers in _constants(policy).items()],
     )
@@ -102,16 +96,12 @@ def to_onnx(
     metadata = {
         "version": __version__,
         "interface": json.dumps(policy.interface.to_dict()),
-        "history": str(policy.history),
+        **{name: json.dumps(value) for name, value in policy.spec.to_dict().items()},
         "instant": INSTANT,
         "command": command,
         "sha256": digest(policy),
         "record": json.dumps(dict(record or {})),
     }
-    if policy.look_ahead.points:
-        metadata["look_ahead"] = json.dumps(policy.look_ahead.to_dict())
-    if policy.memory:
-        metadata["memory"] = str(policy.memory)
     metadata |= {} if hover is None else {"hover": f"{np.float32(hover)!s}"}
     helper.set_model_props(model, metadata)
     return model.SerializeToString(deterministic=True)
@@ -140,16 +130,6 @@ def export_onnx(
             the directory cannot be written.
     """
     return [results.write(Path(directory) / NAME, to_onnx(policy, record, hover))]
-
-
-def _ahead(look_ahead: LookAhead) -> str:
-    """What the input's description says of a look-ahead."""
-    if not look_ahead.points:
-        return ""
-    return (
-        f"; then {look_ahead.points} x 3: where the set-point will be {look_ahead.spacing:g} s, "
-        f"{2 * look_ahead.spacing:g} s, ... later - position"
-    )
 
 
 def _check(policy: Policy) -> None:
@@ -237,7 +217,7 @@ def _constants(policy: Policy) -> dict[str, np.ndarray]:
         "span": policy.interface.span,
         "centre": policy.interface.centre,
     }
-    whole = {"columns": [1], **({"thirds": [policy.memory] * 3} if policy.gru else {})}
+    whole = {"columns": [1], **({"thirds": [policy.spec.memory] * 3} if policy.gru else {})}
     return {name: np.asarray(value, np.float32) for name, value in numbers.items()} | {
         name: np.array(value, np.int64) for name, value in whole.items()
     }

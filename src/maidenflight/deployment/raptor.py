@@ -62,10 +62,10 @@ def to_raptor(
     except ImportError as error:
         raise not_installed("h5py", "raptor", "a checkpoint of RL-tools") from error
     policy.check()
-    if policy.form != RAPTOR:
+    if policy.spec.form != RAPTOR:
         raise InputError(
-            f"policy: of the form {policy.form}; a program for RAPTOR flies policies of its form "
-            "only. Train one: maidenflight train --form raptor."
+            f"policy: of the form {policy.spec.form}; a program for RAPTOR flies policies of its "
+            "form only. Train one: maidenflight train --form raptor."
         )
     layers = layers_of(policy)
     seen, outputs = example(policy, seed)

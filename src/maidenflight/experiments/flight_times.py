@@ -110,16 +110,7 @@ def predict_flight_times(
     drones = drone if np.ndim(drone.mass) else tree.map(lambda leaf: np.asarray(leaf)[None], drone)
     kinds: dict[tuple, list[int]] = {}
     for place, policy in enumerate(policies):
-        kinds.setdefault(
-            (
-                policy.interface,
-                policy.history,
-                policy.look_ahead,
-                policy.layer_sizes,
-                policy.memory,
-            ),
-            [],
-        ).append(place)
+        kinds.setdefault((policy.interface, policy.spec), []).append(place)
     steps, reasons = (np.zeros((len(policies), trials), np.int32) for _ in Flights._fields)
     done = 0
     for places in kinds.values():
@@ -176,8 +167,7 @@ def _fly_kind(
         tasks.circle(),
         structure,
         estimator_memory=_MEMORY if late else 0,
-        look_ahead=policies[0].look_ahead,
-        memory=policies[0].memory,
+        spec=policies[0].spec,
     )
     laid = NamedSharding(guarded_flights.mesh(), PartitionSpec(guarded_flights.POLICIES))
     size = laid.mesh.size * AT_ONCE.get(jax.default_backend(), AT_ONCE_ELSEWHERE)
@@ -243,10 +233,7 @@ def _landed(begun: Iterable[Flights]) -> Iterator[Flights]:
 
 def _identity(policy: Policy) -> int:
     """A number of 32 bits that stands for what a policy is, so that its flights are its own."""
-    kind = f"{policy.interface.name} {policy.interface.rate} {policy.history} {policy.layer_sizes}"
-    ahead = policy.look_ahead
-    kind += f" {ahead.points} {ahead.spacing}" if ahead.points else ""
-    kind += f" memory {policy.memory}" if policy.memory else ""
+    kind = f"{policy.interface.name} {policy.interface.rate} {policy.spec.identity}"
     known = hashlib.sha256(kind.encode())
     for leaf in tree.leaves(policy):
         known.update(np.asarray(leaf, "<f4").tobytes())

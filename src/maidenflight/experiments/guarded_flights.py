@@ -27,6 +27,7 @@ from maidenflight.simulator import (
 )
 from maidenflight.simulator.balance import balanced
 from maidenflight.simulator.environment import Environment, EnvState
+from maidenflight.simulator.policy_spec import OBSERVATION_SIZE
 
 
 class Start(NamedTuple):
@@ -130,7 +131,7 @@ def fly_together(
             env, environment.begin(env, state, jnp.zeros(()), drone, begin_key), drone
         )
         return env_state, jnp.broadcast_to(
-            env_state.history[-1], (policy.history, environment.OBSERVATION_SIZE)
+            env_state.history[-1], (policy.spec.history, OBSERVATION_SIZE)
         )
 
     def fly(

@@ -26,6 +26,7 @@ from maidenflight.simulator import control, tasks
 from maidenflight.simulator.battery import COUNTS
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.interface import CONTROLS, INTERFACES
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import Distribution, relative_box
 from maidenflight.simulator.reality import AnyReality
 from maidenflight.training.analytic_gradient import AnalyticGradient
@@ -80,6 +81,8 @@ class Matrix:
     rates: Mapping[str, int]
     """Actions per second in training [Hz], by control structure. All fly at their structure's own
     rate."""
+    specs: Mapping[str, PolicySpec]
+    """Of the policies, by control structure."""
     motor_time_constant: tuple[float, ...]
     """[s]."""
     latency: tuple[float, ...]
@@ -129,6 +132,7 @@ class Matrix:
             **cell._asdict(),
             "drone": Path(self.drone).name,
             **own,
+            **self.specs[cell.control].to_dict(),
             **recorded(self.controls[cell.control]),
         }
 
@@ -167,6 +171,7 @@ def train_cells(
         [_drones(matrix, cell, nominal, controller) for cell in cells for _ in range(count)],
         jnp.concatenate([jax.random.split(_key(matrix, cell), count) for cell in cells]),
         matrix.controls[kind],
+        matrix.specs[kind],
     )
     return {
         cell: trained[number * count : (number + 1) * count] for number, cell in enumerate(cells)

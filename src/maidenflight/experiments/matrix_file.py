@@ -22,6 +22,7 @@ from maidenflight.experiments.transfer import MAX_DURATION_S
 from maidenflight.inputs import StrPath
 from maidenflight.parameters import QUANTITIES
 from maidenflight.simulator.interface import CONTROLS, INTERFACES
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.training.analytic_gradient import AnalyticGradient
 
 _PLAIN = {
@@ -85,8 +86,9 @@ def read(path: StrPath) -> Matrix:
         raise InputError(f"{path}: seed = {plain['seed']}; expected a number of 64 bits.")
     settings = {kind: _settings(path, kind, own) for kind, own in structures.items()}
     return Matrix(
-        {kind: one for kind, (one, _) in settings.items()},
-        {kind: rate for kind, (_, rate) in settings.items()},
+        {kind: one for kind, (one, _, _) in settings.items()},
+        {kind: rate for kind, (_, rate, _) in settings.items()},
+        {kind: spec for kind, (_, _, spec) in settings.items()},
         **plain,
     )
 
@@ -127,8 +129,10 @@ def _times(path: StrPath, name: str, given: tuple[Any, ...]) -> tuple[float, ...
     return tuple(map(float, given))
 
 
-def _settings(path: StrPath, kind: str, content: Mapping[str, Any]) -> tuple[AnalyticGradient, int]:
-    """Settings of training and rate of a control structure."""
+def _settings(
+    path: StrPath, kind: str, content: Mapping[str, Any]
+) -> tuple[AnalyticGradient, int, PolicySpec]:
+    """Settings of training, rate and spec of a control structure."""
     if kind not in CONTROLS:
         raise InputError(f"{path}: [control.{kind}] is unknown. Expected {', '.join(CONTROLS)}.")
     rate = content.get("rate", INTERFACES[kind]().rate)
@@ -137,11 +141,8 @@ def _settings(path: StrPath, kind: str, content: Mapping[str, Any]) -> tuple[Ana
             f"{path}: [control.{kind}] rate = {rate!r}; expected a whole number from 1 to 1000."
         )
     controller_at(kind, rate)
-    defaults = {
-        entry.name: entry.default
-        for entry in dataclasses.fields(AnalyticGradient)
-        if entry.name != "form"  # which is not the paper's
-    }
+    defaults = {entry.name: entry.default for entry in dataclasses.fields(AnalyticGradient)}
+    defaults["hidden"] = PolicySpec.hidden
     own = {name: value for name, value in content.items() if name != "rate"}
     for name, value in own.items():
         if name not in defaults:
@@ -159,7 +160,8 @@ def _settings(path: StrPath, kind: str, content: Mapping[str, Any]) -> tuple[Ana
                 f"{path}: [control.{kind}] {name} = {value!r}; expected numbers from 0, whole "
                 f"ones from 1, to {_MOST}."
             )
-    return AnalyticGradient(**own), rate
+    spec = PolicySpec(hidden=own.pop("hidden", PolicySpec.hidden))
+    return AnalyticGradient(**own), rate, spec
 
 
 def _sensible(value: Any) -> bool:

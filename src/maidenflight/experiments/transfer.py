@@ -4,7 +4,7 @@ Source of the experiment and its guards: Gronauer et al. 2022, sec. Zero-Shot Ex
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from itertools import count
 from typing import Any, NamedTuple
@@ -22,11 +22,12 @@ from maidenflight.flights.log import Flight
 from maidenflight.foreign.policies import ForeignPolicy
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Act, Actor, Policy
-from maidenflight.simulator import control, look_ahead, rotations, tasks
+from maidenflight.simulator import control, rotations, tasks
 from maidenflight.simulator.battery import Supply
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.failures import MAX_POSITION_ERROR_M
+from maidenflight.simulator.policy_spec import PolicySpec, points_at
 from maidenflight.simulator.reality import MOTORS, AnyReality, Reality, Truth, checked
 from maidenflight.simulator.sensors import Measurement
 from maidenflight.simulator.stepped import Stepped
@@ -212,10 +213,10 @@ def controller_of(policies: Sequence[Policy], controller: Controller | None) -> 
     """The controller that all policies are for."""
     kinds = {
         "control structure": [policy.interface for policy in policies],
-        "history": [policy.history for policy in policies],
-        "look-ahead": [policy.look_ahead for policy in policies],
-        "layers": [policy.layer_sizes for policy in policies],
-        "memory": [policy.memory for policy in policies],
+        **{
+            field.name: [getattr(policy.spec, field.name) for policy in policies]
+            for field in fields(PolicySpec)
+        },
     }
     for kind, values in kinds.items():
         if len(set(values)) > 1:
@@ -236,7 +237,7 @@ def controller_of(policies: Sequence[Policy], controller: Controller | None) -> 
 
 def as_seen_by(policy: Policy, env: Environment) -> Environment:
     """The environment with the observations of a policy."""
-    return replace(env, history=policy.history, look_ahead=policy.look_ahead, memory=policy.memory)
+    return replace(env, spec=policy.spec)
 
 
 class _Logged(NamedTuple):
@@ -370,10 +371,7 @@ def _acting(
     actor, calls = Actor(policy, hover), count()
 
     def act(measurement: Measurement, setpoint: Float[np.ndarray, "3"]) -> Act:
-        if not policy.look_ahead.points:
-            return actor.act(measurement, setpoint)
         time = next(calls) / policy.interface.rate
-        ahead = look_ahead.points_at(policy.look_ahead, task.reference, time)
-        return actor.act(measurement, setpoint, ahead)
+        return actor.act(measurement, setpoint, points_at(policy.spec, task.reference, time))
 
     return act

@@ -30,7 +30,7 @@ from maidenflight import inputs
 from maidenflight.errors import InputError
 from maidenflight.foreign.policies import Fly, reference_velocity
 from maidenflight.inputs import StrPath
-from maidenflight.simulator.look_ahead import NONE, LookAhead, points_at
+from maidenflight.simulator.policy_spec import PolicySpec, points_at
 from maidenflight.simulator.sensors import Measurement
 from maidenflight.simulator.tasks import Task
 
@@ -69,6 +69,7 @@ INPUTS: Mapping[str, Callable[[Instant], Any]] = {
 }
 """What an input may be, SI units, world z up, body x forward and y left; `rotation_matrix` row by
 row."""
+OBSERVED = PolicySpec.OBSERVED
 _KEYS = {
     "network",
     "rate",
@@ -76,12 +77,11 @@ _KEYS = {
     "range",
     "commands",
     "motors",
-    "history",
     "mean",
     "std",
     "output",
-    "look_ahead",
     "normalization",
+    *OBSERVED,
 }
 
 
@@ -104,11 +104,11 @@ class DescribedPolicy:
         self.name, self._where = name, where
         self.rate = self.command_rate = told["rate"]
         self._parts = [INPUTS[name] for name in told["inputs"]]
-        self._history, self._lowest, self._highest = told["history"], *told["range"]
+        self._lowest, self._highest = told["range"]
         self._power = 2 if told["commands"] == "rotor_speed" else 1
         self._motors = np.array(told["motors"]) - 1
         self._mean, self._std = told["mean"], told["std"]
-        self._look_ahead = told["look_ahead"]
+        self._spec: PolicySpec = told["spec"]
         self._network = network
 
     def begin(self, hover: float, task: Task) -> Fly:
@@ -116,7 +116,7 @@ class DescribedPolicy:
         velocity_at, calls = reference_velocity(task), 0
         span = self._highest - self._lowest
         last = np.full(4, self._lowest + span * hover ** (1 / self._power))
-        past: deque[np.ndarray] = deque(maxlen=self._history)
+        past: deque[np.ndarray] = deque(maxlen=self._spec.history)
 
         def fly(
             measurement: Measurement, setpoint: Float[np.ndarray, "3"]
@@ -125,12 +125,9 @@ class DescribedPolicy:
             seen = [np.asarray(part, np.float64) for part in measurement]
             now = Instant._make([*seen, setpoint, velocity_at(calls / self.rate), last])
             instant = (np.concatenate([part(now) for part in self._parts]) - self._mean) / self._std
-            past.extend([instant] * (1 if past else self._history))
-            ahead = []
-            if self._look_ahead.points:
-                points = points_at(self._look_ahead, task.reference, calls / self.rate)
-                ahead = [np.ravel(np.asarray(points) - now.position)]
-            last = self._run(np.concatenate([*past, *ahead]))
+            past.extend([instant] * (1 if past else self._spec.history))
+            points = np.asarray(points_at(self._spec, task.reference, calls / self.rate))
+            last = self._run(np.concatenate([*past, np.ravel(points - now.position)]))
             calls += 1
             command = np.empty(4)
             command[self._motors] = (last - self._lowest) / span
@@ -222,10 +219,10 @@ def checked(path: StrPath, given: Mapping[str, Any]) -> dict[str, Any]:
         raise InputError(
             f"{path}: {', '.join(sorted(lacking)) or 'nothing'} is lacking and "
             f"{', '.join(sorted(given.keys() - known)) or 'nothing'} is unknown; expected network, "
-            "rate, inputs, range, commands, and perhaps motors, history, mean, std, look_ahead, "
+            f"rate, inputs, range, commands, and perhaps motors, {', '.join(OBSERVED)}, mean, std, "
             f"{'normalization' if zipped else 'output'}."
         )
-    usual: Any = {"motors": [1, 2, 3, 4], "history": 1, "output": None, "look_ahead": None}
+    usual: Any = {"motors": [1, 2, 3, 4], "history": 1, "output": None}
     told: dict[str, Any] = {**usual, **given}
     for name in ("inputs", "range", "motors", "mean", "std"):
         if name in told and not (isinstance(told[name], list) and told[name]):
@@ -236,7 +233,6 @@ def checked(path: StrPath, given: Mapping[str, Any]) -> dict[str, Any]:
     wrong = {
         f"inputs {unknown}, of {', '.join(INPUTS)}": bool(unknown),
         "rate, a divisor of 500": not _whole(told["rate"]) or 500 % told["rate"] != 0,
-        "history, a whole number from 1": not _whole(told["history"]),
         "range, two growing numbers": not _growing(told["range"]),
         "commands, thrust or rotor_speed": told["commands"] not in ("thrust", "rotor_speed"),
         "motors, 1 to 4 in any order": sorted(map(str, told["motors"])) != list("1234"),
@@ -246,14 +242,12 @@ def checked(path: StrPath, given: Mapping[str, Any]) -> dict[str, Any]:
     }
     if said := [what for what, is_wrong in wrong.items() if is_wrong]:
         raise InputError(f"{path}: expected {'; '.join(said)}.")
-    ahead = NONE
-    if told["look_ahead"] is not None:
-        try:
-            ahead = LookAhead.from_dict(told["look_ahead"])
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from error
+    try:
+        spec = PolicySpec.from_dict({name: told[name] for name in OBSERVED if name in told})
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
     arrays = {name: np.array(told[name]) for name in ("mean", "std")}
-    return told | arrays | {"look_ahead": ahead}
+    return told | arrays | {"spec": spec}
 
 
 _EXAMPLE = Instant._make(

@@ -21,6 +21,7 @@ from jaxtyping import Float
 from maidenflight.errors import InputError, not_installed
 from maidenflight.inputs import StrPath
 from maidenflight.simulator.interface import NOTE
+from maidenflight.simulator.policy_spec import PolicySpec
 
 SCALING = "vecnormalize.pkl"
 """Name of the file of `VecNormalize` that is looked for beside a policy of our environments."""
@@ -130,8 +131,7 @@ def layout(path: StrPath, model: Model) -> dict[str, Any]:
         "inputs": INSTANT,
         "range": list(model.range),
         "commands": "thrust",
-        "history": note["history"],
-        "look_ahead": note["look_ahead"],
+        **{name: note[name] for name in PolicySpec.OBSERVED if note.get(name) is not None},
     }
 
 

@@ -13,7 +13,7 @@ from maidenflight.parameters import DRONES, Parameters, crazyflie, read
 from maidenflight.simulator import control, failures, tasks, trajectories
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.look_ahead import NONE, LookAhead
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import Distribution, relative_box
 from maidenflight.simulator.tasks import Task
 from maidenflight.simulator.trajectories import Trajectory
@@ -34,10 +34,9 @@ def world(
     control: str,
     parameters: Drones,
     firmware: str,
-    history: int,
+    spec: PolicySpec,
     reward: str,
     options: dict[str, Any],
-    look_ahead: LookAhead = NONE,
 ) -> tuple[Environment, Distribution]:
     """What to simulate and which drones to draw.
 
@@ -46,30 +45,22 @@ def world(
         control: `"pwm"`, `"attitude_rate"` or `"attitude"`.
         parameters: see `Drones`; a file or a point is exactly that drone in every episode.
         firmware: generation of the PIDs, of no consequence to PWM.
-        history: instants in an observation.
+        spec: what is observed.
         reward: `"task"` or `"shaped"`, see `rewards`.
         options: arguments of the task.
-        look_ahead: points of the reference ahead of time in an observation.
 
     Raises:
         InputError: one of them is not what it should be.
     """
-    if isinstance(history, bool) or not isinstance(history, int) or history < 1:
-        raise InputError(
-            f"history = {history!r}; expected a whole number of instants, 1 or more. The paper "
-            "uses 2."
-        )
+    if not isinstance(spec, PolicySpec):
+        raise InputError(f"spec = {spec!r}; expected such as PolicySpec(history=2).")
+    if beyond := spec.beyond(*PolicySpec.OBSERVED, "hidden"):
+        raise InputError(f"spec: {beyond}, which a learner's own network would have to have.")
     controller = _controller(control, firmware)
     drones = _drones(parameters, controller)
     flown = _task(task, options)
     flown = rewards.shaped(flown) if rewards.checked(reward) == "shaped" else flown
-    return Environment.matching(
-        drones.centre,
-        task=flown,
-        controller=controller,
-        history=history,
-        look_ahead=look_ahead,
-    ), drones
+    return Environment.matching(drones.centre, flown, controller, spec=spec), drones
 
 
 def checked_render_mode(mode: str | None) -> str | None:

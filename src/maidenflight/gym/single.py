@@ -12,10 +12,9 @@ from jaxtyping import Float
 from maidenflight.errors import InputError
 from maidenflight.gym import arguments, flying
 from maidenflight.gym.drawing import Scene, View
-from maidenflight.simulator.environment import ACTION_SIZE, OBSERVATION_SIZE
 from maidenflight.simulator.failures import TIME_LIMIT
 from maidenflight.simulator.interface import NOTE, ControlInterface
-from maidenflight.simulator.look_ahead import SPACING, LookAhead
+from maidenflight.simulator.policy_spec import ACTION_SIZE, PolicySpec
 
 # A step takes less time than to hand it to another thread, which JAX does on a CPU unless it is
 # told not to before its first use.
@@ -29,19 +28,13 @@ _LARGEST = np.finfo(np.float32).max
 Step = tuple[np.ndarray, float, bool, bool, dict[str, Any]]
 
 
-def spaces(interface: ControlInterface, history: int, look_ahead: LookAhead) -> tuple[Box, Box]:
+def spaces(interface: ControlInterface, spec: PolicySpec) -> tuple[Box, Box]:
     """Observations, which have no bounds but those of float32, and actions.
 
     What an observation is stands in the first of them, which learners keep beside their policies.
     """
-    size = OBSERVATION_SIZE * history + look_ahead.size
-    seen = Box(-_LARGEST, _LARGEST, (size,), np.float32)
-    vars(seen)[NOTE] = {
-        "control": interface.name,
-        "rate": interface.rate,
-        "history": history,
-        "look_ahead": look_ahead.to_dict() if look_ahead.points else None,
-    }
+    seen = Box(-_LARGEST, _LARGEST, (spec.size,), np.float32)
+    vars(seen)[NOTE] = {"control": interface.name, "rate": interface.rate, **spec.to_dict()}
     return seen, Box(-1.0, 1.0, (ACTION_SIZE,), np.float32)
 
 
@@ -61,11 +54,9 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         control: str = "pwm",
         parameters: arguments.Drones = None,
         firmware: str = "2026.08",
-        history: int = 2,
+        spec: PolicySpec = PolicySpec(),
         reward: str = "task",
         render_mode: str | None = None,
-        look_ahead: int = 0,
-        look_ahead_spacing: float = SPACING,
         **options: Any,
     ) -> None:
         """Checks the arguments; compiles at the first reset.
@@ -75,12 +66,11 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             control: `"pwm"` (100 Hz), `"attitude_rate"` (50 Hz) or `"attitude"` (25 Hz).
             parameters: see `arguments.Drones`; a box is drawn from anew for each episode.
             firmware: generation of the PIDs.
-            history: H, instants in an observation.
+            spec: what is observed: instants, and points of the reference ahead of time. The
+                learner's networks are its own.
             reward: `"task"`, the task's own, or `"shaped"`, with which methods such as PPO learn;
                 see `rewards.shaped`.
             render_mode: `"rgb_array"`, or none.
-            look_ahead: K, points of the reference ahead of time in an observation.
-            look_ahead_spacing: time between two of them [s].
             options: arguments of the task: height, diameter, period [m, s]; for tracking,
                 trajectory, waypoints and others.
 
@@ -88,14 +78,11 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             InputError: an argument is not what it should be.
         """
         self.render_mode = arguments.checked_render_mode(render_mode)
-        ahead = LookAhead(look_ahead, look_ahead_spacing)
         self._env, self._drones = arguments.world(
-            task, control, parameters, firmware, history, reward, options, ahead
+            task, control, parameters, firmware, spec, reward, options
         )
         self.metadata = {**self.metadata, "render_fps": self._env.controller.interface.rate}
-        self.observation_space, self.action_space = spaces(
-            self._env.controller.interface, history, ahead
-        )
+        self.observation_space, self.action_space = spaces(self._env.controller.interface, spec)
         self._program = flying.program(self._env)
         self._key: np.ndarray | None = None
         self._number = 0

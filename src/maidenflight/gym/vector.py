@@ -15,7 +15,7 @@ from maidenflight.gym import arguments, flying
 from maidenflight.gym.drawing import Scene, View
 from maidenflight.gym.single import spaces
 from maidenflight.simulator.failures import TIME_LIMIT
-from maidenflight.simulator.look_ahead import SPACING, LookAhead
+from maidenflight.simulator.policy_spec import PolicySpec
 
 Steps = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
 
@@ -41,11 +41,9 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         control: str = "pwm",
         parameters: arguments.Drones = None,
         firmware: str = "2026.08",
-        history: int = 2,
+        spec: PolicySpec = PolicySpec(),
         reward: str = "task",
         render_mode: str | None = None,
-        look_ahead: int = 0,
-        look_ahead_spacing: float = SPACING,
         **options: Any,
     ) -> None:
         """Checks the arguments, which besides `num_envs` are those of `QuadrotorEnv`.
@@ -58,14 +56,13 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 f"num_envs = {num_envs!r}; expected a whole number of drones, 1 or more."
             )
         self.render_mode = arguments.checked_render_mode(render_mode)
-        ahead = LookAhead(look_ahead, look_ahead_spacing)
         self._env, self._drones = arguments.world(
-            task, control, parameters, firmware, history, reward, options, ahead
+            task, control, parameters, firmware, spec, reward, options
         )
         self.metadata = {**self.metadata, "render_fps": self._env.controller.interface.rate}
         self.num_envs = num_envs
         self.single_observation_space, self.single_action_space = spaces(
-            self._env.controller.interface, history, ahead
+            self._env.controller.interface, spec
         )
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)

@@ -14,7 +14,7 @@ from maidenflight.flights.log import Flight
 from maidenflight.parameters import Parameters, levers
 from maidenflight.policy import Policy
 from maidenflight.simulator import control, environment
-from maidenflight.simulator.environment import OBSERVATION_SIZE
+from maidenflight.simulator.policy_spec import OBSERVATION_SIZE
 from maidenflight.simulator.sensors import Measurement
 
 BEHAVIOUR = (
@@ -52,11 +52,11 @@ def flown_by(
         InputError: policies that do not command the motors, or look ahead.
     """
     for name, policy in policies.items():
-        if policy.interface.name != control.pwm().interface.name or policy.look_ahead.points:
+        beyond = policy.spec.beyond("history", "memory", "hidden")
+        if policy.interface.name != control.pwm().interface.name or beyond:
             raise InputError(
-                f"{name}: a policy for {policy.interface.name}"
-                f"{' that looks ahead' if policy.look_ahead.points else ''}; only flights of pwm "
-                "policies without look-ahead tell by their commands which policy flew."
+                f"{name}: a policy for {policy.interface.name}{beyond and f' with {beyond}'}; only "
+                "flights of pwm policies without such tell by their commands which policy flew."
             )
     found: dict[str, list[Flight]] = {}
     names = list(policies)
@@ -74,7 +74,7 @@ def flown_by(
             body_rates=jnp.asarray(_filled(rows.body_rates)),
         )
         told = np.asarray(_commands(together, seen, _filled(rows.setpoint), _filled(rows.command)))
-        first = policies[names[0]].history + 3
+        first = policies[names[0]].spec.history + 3
         differences = np.abs(told[:, first : len(rows)] - np.clip(rows.command[first:], 0.0, 1.0))
         off = np.median(differences, axis=(1, 2))
         if off.min() < SAME:
@@ -112,8 +112,8 @@ def _commands(
 
         level = policy.interface.level(jnp.mean(jnp.clip(logged[0], 0.0, 1.0)))
         begin = environment.observe(Measurement(*(part[0] for part in seen)), setpoint[0], level)
-        history = jnp.broadcast_to(begin, (policy.history, OBSERVATION_SIZE))
-        start = history, level, jnp.zeros(policy.memory)
+        history = jnp.broadcast_to(begin, (policy.spec.history, OBSERVATION_SIZE))
+        start = history, level, jnp.zeros(policy.spec.memory)
         return lax.scan(step, start, (seen, setpoint))[1]
 
     return jax.vmap(one)(policies)
@@ -125,9 +125,7 @@ def stacked(policies: Sequence[Policy]) -> Policy:
     Raises:
         InputError: they are of different kinds.
     """
-    if len({tree.structure(policy) for policy in policies}) > 1 or (
-        len({policy.layer_sizes for policy in policies}) > 1
-    ):
+    if len({tree.structure(policy) for policy in policies}) > 1:
         raise InputError(
             "policies of different layers, histories or memories; compare each kind by itself."
         )

@@ -265,8 +265,7 @@ def _simulation(
         nominal,
         tasks.circle(),
         controller,
-        history=policies[0].history,
-        memory=policies[0].memory,
+        spec=policies[0].spec,
         estimator_memory=2 + int(np.ceil(oldest * Environment.estimate_rate)) if oldest else 0,
     )
     draw_key, flight_key = jax.random.split(key)

@@ -22,7 +22,7 @@ from maidenflight.flights.reading import read_flights, whole_flights
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import DroneFile, Estimate
 from maidenflight.parameters import COMPONENTS, Parameters, component
-from maidenflight.reporting import identified, sources
+from maidenflight.reporting import identified, sources, trained
 from maidenflight.reporting.identified import SIMULATED, UNKNOWN, Kinds
 from maidenflight.run_folder import Table
 
@@ -138,9 +138,9 @@ def read(*given: Path) -> Run:
     reality = None if truth is None else truth.parameters
     recorded, refused = _recorded(found.logs[:MOST], given, records)
     drone = _drone(found.drone, records)
-    policies = {path: run_folder.json_object(path) for path in found.policies}
-    for path, content in policies.items():
-        _keep(records, path, content.get("record"))
+    policies = trained.read_policies(found.policies)
+    for path, file in policies.items():
+        _keep(records, path, file.record)
     flights = tuple(_own(path, records) for path in found.tested) if table is not None else ()
     if table is not None and flights and len(flights) != table.height:
         raise InputError(
@@ -165,12 +165,8 @@ def read(*given: Path) -> Run:
         predicted=predicted,
         used=used,
         judged=judged,
-        policies=len(policies),
-        controls={
-            path.stem: str(content["control"])
-            for path, content in policies.items()
-            if "control" in content
-        },
+        policies=len(found.policies),
+        controls={} if table is None else trained.controls(policies, table["policy"]),
         training=_table(found.training, run_folder.TRAINING)[0],
         table=table,
         flights=flights,

@@ -19,7 +19,6 @@ from maidenflight.simulator import (
     control,
     dynamics,
     latency,
-    look_ahead,
     noise,
     sensors,
     tasks,
@@ -28,14 +27,9 @@ from maidenflight.simulator.actuators import Actuators
 from maidenflight.simulator.battery import MOST_COUNTS, PLUS, Supply, ThrustLaw
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.dynamics import Integrator, State
-from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.policy_spec import OBSERVATION_SIZE, PolicySpec
 from maidenflight.simulator.sensors import Measurement
 from maidenflight.simulator.tasks import Task
-
-ACTION_SIZE = 4
-OBSERVATION_SIZE = 20
-"""Size of one instant's observation: position 3, quaternion 4, velocity 3, body rates 3, position
-error 3, last action 4."""
 
 
 @dataclass(frozen=True)
@@ -51,8 +45,6 @@ class Environment:
     steps_per_command: int = 2
     """Physics steps a command: the command period is `steps_per_command` x `time_step`, 10 ms by
     default."""
-    history: int = 2
-    """H, instants in an observation (Gronauer et al. 2022, sec. Simulation Environment)."""
     thrust_law: ThrustLaw | None = None
     """By which the firmware compensates for the battery; see `Supply`."""
     battery: bool = False
@@ -62,11 +54,8 @@ class Environment:
     command (Crazyflie: 100 Hz, 500 Hz)."""
     estimator_memory: int = 0
     """Estimates that a late estimator remembers; 0: the estimator is not late."""
-    look_ahead: LookAhead = look_ahead.NONE
-    """Points of the reference ahead of time in an observation."""
-    memory: int = 0
-    """M, numbers that the policy remembers: an observation ends with them, and an action with what
-    it remembers next."""
+    spec: PolicySpec = PolicySpec()
+    """What the policy sees and remembers."""
 
     def __post_init__(self) -> None:
         if self.battery and self.thrust_law is None:
@@ -180,7 +169,7 @@ class EnvState(NamedTuple):
 def observe(
     measurement: Measurement, setpoint: Float[Array, "3"], action: Float[Array, "4"]
 ) -> Float[Array, "20"]:
-    """One instant of an observation, in the order of `policy_file.INSTANT`.
+    """One instant of an observation, in the order of `policy_spec.INSTANT`.
 
     Source: Gronauer et al. 2022, sec. Simulation Environment; the order and the sign of the error
     are those of the authors' code and firmware (the paper writes e = r - t).
@@ -205,11 +194,10 @@ def observation(environment: Environment, env_state: EnvState) -> Float[Array, "
 
     The last H instants, oldest first, the K points of a look-ahead, and what it remembers.
     """
-    seen = env_state.history.reshape(-1)
-    if environment.look_ahead.points:
-        ahead = environment.look_ahead.of(environment.task.reference, env_state.time)
-        seen = look_ahead.joined(env_state.history, ahead, env_state.measurement.position)
-    return jnp.concatenate([seen, env_state.memory]) if environment.memory else seen
+    spec = environment.spec
+    points = spec.points(environment.task.reference, env_state.time)
+    position, memory = env_state.measurement.position, env_state.memory
+    return spec.observation(env_state.history, points, position, memory)
 
 
 def begin(
@@ -257,9 +245,9 @@ def begin(
         estimator=estimator,
         drift=jnp.zeros(6),
         measurement=measurement,
-        history=jnp.broadcast_to(instant, (environment.history, OBSERVATION_SIZE)),
+        history=jnp.broadcast_to(instant, (environment.spec.history, OBSERVATION_SIZE)),
         action=action,
-        memory=jnp.zeros(environment.memory),
+        memory=jnp.zeros(environment.spec.memory),
         time=jnp.asarray(time, jnp.float32),
         elapsed=jnp.zeros(()),
     )

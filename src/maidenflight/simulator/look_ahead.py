@@ -6,13 +6,12 @@ drone.
 """
 
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, Self
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from maidenflight.errors import InputError
 from maidenflight.simulator.trajectories import Trajectory
@@ -93,14 +92,6 @@ class LookAhead:
         if not isinstance(content, dict) or content.keys() != fields:
             raise InputError(f"look-ahead: {str(content)[:80]!r}; expected {', '.join(fields)}.")
         return cls(**content)
-
-
-@partial(jax.jit, static_argnums=(0, 1))
-def points_at(
-    look_ahead: LookAhead, reference: Trajectory, time: Float[ArrayLike, ""]
-) -> Float[Array, "K 3"]:
-    """`LookAhead.of`, compiled, for policies that fly one instant at a time."""
-    return look_ahead.of(reference, jnp.asarray(time, jnp.float32))
 
 
 NONE = LookAhead()

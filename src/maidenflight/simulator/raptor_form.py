@@ -23,13 +23,10 @@ from maidenflight.simulator.look_ahead import LookAhead
 
 RAPTOR = "raptor"
 """Name of the form."""
-HISTORY = 1
 LOOK_AHEAD = LookAhead(1, 0.01)
 """The set-point one period later."""
-HIDDEN = (16,)
-MEMORY = 16
-SEEN = HISTORY, LOOK_AHEAD, MEMORY
-"""What shapes an observation."""
+SETTLED = {"history": 1, "look_ahead": LOOK_AHEAD, "memory": 16, "hidden": (16,)}
+"""Fields of a `PolicySpec` that the form settles."""
 INPUTS = 22
 """Numbers that the network sees."""
 MAX_POSITION_ERROR_M = 0.5
@@ -75,35 +72,19 @@ def output_of(action: Float[ArrayLike, "4"]) -> Float[Array, "4"]:
     return 2.0 * jnp.sqrt(jnp.maximum(share, _LEAST_SHARE)) - 1.0
 
 
-def check(
-    commanded: ControlInterface,
-    history: int,
-    look_ahead: LookAhead,
-    hidden: tuple[int, ...],
-    memory: int,
-    where: str = "policy",
-) -> None:
-    """Checks that a policy is as this form has it.
+def check(commanded: ControlInterface, where: str = "policy") -> None:
+    """Checks that policies of this form can command an interface.
 
     Args:
-        commanded: what it commands.
-        history: instants in its observation.
-        look_ahead: points ahead in it.
-        hidden: sizes of its hidden layers.
-        memory: numbers that it remembers.
+        commanded: what they command.
         where: what errors name, such as the file.
 
     Raises:
-        InputError: it is not.
+        InputError: they cannot.
     """
     usual = interface.pwm(full_scale_counts=commanded.full_scale_counts)
-    if commanded != usual or (
-        (history, look_ahead, tuple(hidden), memory) != (HISTORY, LOOK_AHEAD, HIDDEN, MEMORY)
-    ):
+    if commanded != usual:
         raise InputError(
-            f"{where}: {commanded.name} at {commanded.rate} Hz, history {history}, "
-            f"{look_ahead.points} points {look_ahead.spacing:g} s ahead, hidden layers "
-            f"{tuple(hidden)}, memory {memory}; a policy of the form {RAPTOR} has pwm at "
-            f"{usual.rate} Hz, history {HISTORY}, {LOOK_AHEAD.points} point "
-            f"{LOOK_AHEAD.spacing:g} s ahead, hidden layers {HIDDEN}, memory {MEMORY}."
+            f"{where}: {commanded.name} at {commanded.rate} Hz; a policy of the form {RAPTOR} has "
+            f"pwm at {usual.rate} Hz."
         )

@@ -14,8 +14,9 @@ from jaxtyping import Array, Bool, Float, Int
 from maidenflight.parameters import Parameters
 from maidenflight.simulator import actuators, dynamics, failures, latency, noise, sensors, vectors
 from maidenflight.simulator.dynamics import Integrator, State
-from maidenflight.simulator.environment import ACTION_SIZE, Environment, EnvState, observe, remember
+from maidenflight.simulator.environment import Environment, EnvState, observe, remember
 from maidenflight.simulator.latency import DelayLine
+from maidenflight.simulator.policy_spec import ACTION_SIZE
 
 
 class StepResult(NamedTuple):

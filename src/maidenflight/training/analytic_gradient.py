@@ -20,7 +20,7 @@ from jax import lax, tree
 from jaxtyping import Array, Bool, Float
 
 from maidenflight.parameters import Parameters
-from maidenflight.policy import INSTANTS, Policy, untrained
+from maidenflight.policy import Policy, untrained
 from maidenflight.simulator import dynamics, environment, raptor_form, rotations, stepping
 from maidenflight.simulator.environment import Environment, EnvState
 from maidenflight.simulator.randomization import Distribution
@@ -57,11 +57,6 @@ class AnalyticGradient:
     (Jordan et al. 2024); 0: Adam for them too."""
     gradient_norm: float = 1.0
     """Gradients are clipped to this global norm."""
-    hidden: tuple[int, ...] = field(default=(50, 50), metadata=STATIC)
-    """Sizes of the hidden layers (Gronauer et al. 2022, sec. Zero-Shot Experiments)."""
-    form: str = field(default=INSTANTS, metadata=STATIC)
-    """One of `policy.FORMS`; with RAPTOR's, hidden layers, history, look-ahead and memory are those
-    of `raptor_form`."""
     position_margin: float = 0.15
     """Distance from the set-point [m] beyond which `position_penalty` acts; the task's terminal
     penalty is a step and has no gradient."""
@@ -165,16 +160,7 @@ def untaught(
         own(jax.random.split(key, settings.num_envs))
     )
     policy = hovering(
-        untrained(
-            policy_key,
-            settings.hidden,
-            env.history,
-            env.controller.interface,
-            env.look_ahead,
-            env.memory,
-            settings.form,
-        ),
-        instances.parameters,
+        untrained(policy_key, env.controller.interface, env.spec), instances.parameters
     )
     return Learner(policy, optimiser_of(settings).init(policy.network), instances)
 
@@ -188,7 +174,7 @@ def hovering(policy: Policy, drones: Parameters) -> Policy:
     share = lax.pmean(jnp.mean(jax.vmap(dynamics.hover_command)(drones)), DRONES)
     weights, (*biases, last), gru = policy.network
     level = policy.interface.level(jnp.clip(share, 0.0, 1.0))
-    if policy.form == raptor_form.RAPTOR:
+    if policy.spec.form == raptor_form.RAPTOR:
         level = raptor_form.output_of(level)
     return policy.with_network((weights, (*biases, last + level), gru))
 

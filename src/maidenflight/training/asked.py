@@ -1,7 +1,6 @@
 """What a training is asked for: checked, with a fingerprint that tells it from others."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import jax
@@ -9,17 +8,17 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from maidenflight.errors import InputError
-from maidenflight.gru import MOST_MEMORY
 from maidenflight.policy import Policy
-from maidenflight.simulator import raptor_form
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.position_pid import EXCITATION
 from maidenflight.simulator.randomization import Distribution, stacked
+from maidenflight.simulator.raptor_form import RAPTOR
 from maidenflight.simulator.tasks import Task
 from maidenflight.training import checkpoint
 from maidenflight.training.analytic_gradient import AnalyticGradient
+from maidenflight.training.ppo_settings import PPO
 from maidenflight.training.settings import Settings, recorded
 
 
@@ -29,7 +28,7 @@ class Asked(NamedTuple):
     env: Environment
     """The program's: task, control structure, and what the policies see and remember."""
     settings: Settings
-    """Of the method, with the layers that the policies have."""
+    """Of the method."""
     drones: Distribution
     """The P distributions of drones, stacked."""
     keys: Array
@@ -52,9 +51,7 @@ class Asked(NamedTuple):
                 controller.command_rate,
                 self.env.steps_per_command,
             ],
-            "history": self.env.history,
-            **({"look_ahead": self.env.look_ahead.to_dict()} if self.env.look_ahead.points else {}),
-            **({"memory": self.env.memory} if self.env.memory else {}),
+            **self.env.spec.to_dict(),
         }
         reference = jax.vmap(task.reference)(jnp.linspace(0.0, task.duration, 50))
         return checkpoint.fingerprint(
@@ -68,9 +65,7 @@ def checked(
     box: Distribution | Sequence[Distribution],
     keys: Array,
     settings: Settings,
-    history: int,
-    look_ahead: LookAhead,
-    memory: int,
+    spec: PolicySpec,
     initial: Policy | None,
 ) -> Asked:
     """What `train` is asked for by its arguments of these names.
@@ -80,7 +75,11 @@ def checked(
     """
     if settings.updates < 1:
         raise InputError(f"updates = {settings.updates}; expected 1 or more.")
-    for given, kind, way in ((task, Task, "mf.circle()"), (controller, Controller, "mf.pwm()")):
+    for given, kind, way in (
+        (task, Task, "mf.circle()"),
+        (controller, Controller, "mf.pwm()"),
+        (spec, PolicySpec, "mf.PolicySpec()"),
+    ):
         if not isinstance(given, kind):
             raise InputError(f"{str(given)[:60]} is no {kind.__name__}; expected what {way} gives.")
     if not (
@@ -98,25 +97,14 @@ def checked(
             f"control structure {EXCITATION.name} cannot be trained for: it flies by itself. Give "
             "what mf.pwm() gives."
         )
-    if history < 1:
-        raise InputError(
-            f"history = {history}; expected 1 or more instants. The paper's policies see 2."
-        )
     if initial is not None:
         _check_initial(initial, controller, settings)
-        settings = replace(settings, hidden=initial.layer_sizes[1:-1], form=initial.form)
-        history, look_ahead, memory = initial.history, initial.look_ahead, initial.memory
-    elif isinstance(settings, AnalyticGradient) and settings.form == raptor_form.RAPTOR:
-        settings = replace(settings, hidden=raptor_form.HIDDEN)
-        history, look_ahead, memory = raptor_form.SEEN
-    if not 0 <= memory <= MOST_MEMORY:
-        raise InputError(f"memory = {memory}; expected 0 to {MOST_MEMORY} numbers.")
-    env, *others = (
-        Environment.matching(
-            one.centre, task, controller, history=history, look_ahead=look_ahead, memory=memory
+        spec = initial.spec
+    if isinstance(settings, PPO) and spec.form == RAPTOR:
+        raise InputError(
+            "policies of RAPTOR's form are trained by gradients or distillation, not by PPO."
         )
-        for one in boxes
-    )
+    env, *others = (Environment.matching(one.centre, task, controller, spec=spec) for one in boxes)
     if any(other != env for other in others):
         raise InputError(
             "distributions of drones of different frames or time steps; expected drones that one "

@@ -29,10 +29,13 @@ SETTINGS: dict[str, AnalyticGradient] = {
 (docs/studies/training.md#how-far-ahead). To separate initial states that can be saved from those
 that cannot takes more environments."""
 
-HIDDEN: dict[str, tuple[int, ...]] = {"attitude_rate": (75, 75)}
-"""Hidden layers by control structure where they are others than a spec's. At 50 Hz, where most
-episodes depend on it, attitude rate takes a larger network; it fits a Crazyflie with up to four
-instants."""
+HIDDEN_BY_CONTROL: dict[str, tuple[int, ...]] = {"attitude_rate": (75, 75)}
+"""Hidden layers of policies by gradients, by control structure, where they are not the usual ones.
+At 50 Hz most episodes depend on separating initial states, which takes a larger network; it fits a
+Crazyflie with up to four instants."""
+
+DISTILLED_HIDDEN = (32, 32)
+"""Hidden layers of policies by distillation (docs/studies/adaptation.md)."""
 
 REMEMBERING_BY_CONTROL: dict[str, dict[str, int]] = {
     "attitude_rate": {"horizon": 32},
@@ -86,6 +89,14 @@ def choose_method(spec: PolicySpec, initial: bool) -> str:
     """
     distilled = spec.memory and not initial and spec.form != RAPTOR
     return "distillation" if distilled else "gradient"
+
+
+def choose_hidden(structure: str, method: str) -> tuple[int, ...]:
+    """Returns the default sizes of hidden layers of a control structure and a method, by name."""
+    if method == "distillation":
+        return DISTILLED_HIDDEN
+    usual = PolicySpec().hidden
+    return HIDDEN_BY_CONTROL.get(structure, usual) if method == "gradient" else usual
 
 
 def choose_settings(

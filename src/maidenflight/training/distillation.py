@@ -24,7 +24,8 @@ from jaxtyping import Array, Float
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy, untrained
 from maidenflight.simulator import environment, stepping
-from maidenflight.simulator.environment import ACTION_SIZE, Environment, EnvState
+from maidenflight.simulator.environment import Environment, EnvState
+from maidenflight.simulator.policy_spec import ACTION_SIZE, INSTANTS
 from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.rollout import EnvInstance
 from maidenflight.simulator.vectors import squared
@@ -49,7 +50,7 @@ _DRAWN = 256
 class Distillation(AnalyticGradient):
     """Settings of distillation: those of training by analytic gradients, for each third.
 
-    Learning rates, resets and layers were chosen by returns over drones of any make
+    Learning rates and resets were chosen by returns over drones of any make
     (docs/studies/adaptation.md).
     """
 
@@ -57,8 +58,6 @@ class Distillation(AnalyticGradient):
     """Gradient steps of all three thirds."""
     learning_rate: float = 2e-3
     hidden_learning_rate: float = field(default=0.012, metadata=STATIC)
-    hidden: tuple[int, ...] = field(default=(32, 32), metadata=STATIC)
-    """Sizes of the policy's hidden layers."""
     reset_fraction: float = 0.1
     """Resets are rarer than without a memory, because memories begin empty."""
     going_on: float = field(default=0.5, metadata=STATIC)
@@ -166,9 +165,8 @@ def _teacher(
 ) -> Teacher:
     """An untrained teacher, which does not heed yet what it is told."""
     drawn = jax.vmap(lambda key: known(box.draw(key)))(jax.random.split(key, _DRAWN))
-    policy = untrained(
-        key, settings.teacher_hidden, env.history, env.controller.interface, env.look_ahead
-    )
+    spec = dataclasses.replace(env.spec, memory=0, hidden=settings.teacher_hidden, form=INSTANTS)
+    policy = untrained(key, env.controller.interface, spec)
     spread = jnp.std(drawn, axis=0)
     return Teacher(
         analytic_gradient.hovering(policy, drones.parameters),

@@ -19,7 +19,8 @@ from jaxtyping import Array, Bool, Float
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy, untrained
 from maidenflight.simulator import environment, stepping
-from maidenflight.simulator.environment import ACTION_SIZE, Environment
+from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.policy_spec import ACTION_SIZE
 from maidenflight.simulator.randomization import PAPER_FIELDS, Distribution
 from maidenflight.simulator.rollout import EnvInstance, randomized_reset
 from maidenflight.training.critic import (
@@ -77,14 +78,7 @@ def begin(env: Environment, settings: PPO, boxes: Distribution, keys: Array) -> 
 
     def one(box: Distribution, key: Array) -> _Learner:
         policy_key, critic_key, key = jax.random.split(key, 3)
-        policy = untrained(
-            policy_key,
-            settings.hidden,
-            env.history,
-            env.controller.interface,
-            env.look_ahead,
-            env.memory,
-        )
+        policy = untrained(policy_key, env.controller.interface, env.spec)
         instances = jax.vmap(partial(randomized_reset, env, box))(
             own(jax.random.split(key, settings.num_envs))
         )
@@ -278,7 +272,7 @@ def _update(
     )
     samples = flown, *_advantages_and_targets(settings, learner, flown)
     # A memory's gradient goes through the periods of a rollout; else each stands for itself.
-    length = settings.horizon if env.memory else 1
+    length = settings.horizon if env.spec.memory else 1
     sequences = tree.map(lambda leaf: leaf.reshape(-1, length, *leaf.shape[2:]), samples[:2])
     flown, _, targets = tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), samples)
 
@@ -340,7 +334,7 @@ def _actions(policy: Policy, periods: _Period) -> Float[Array, "L 4"]:
         action, memory = jnp.split(policy(seen), [ACTION_SIZE])
         return jnp.where(period.terminated | period.truncated, 0.0, memory), action
 
-    first = periods.critic_observation[0, size : size + policy.memory]
+    first = periods.critic_observation[0, size : size + policy.spec.memory]
     return lax.scan(one, first, periods)[1]
 
 

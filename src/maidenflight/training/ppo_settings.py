@@ -23,8 +23,6 @@ class PPO:
     """Environments simulated in parallel, each with a drone of its own."""
     horizon: int = field(default=32, metadata=STATIC)
     """Control periods per environment and update; episodes continue in the next update."""
-    hidden: tuple[int, ...] = field(default=(50, 50), metadata=STATIC)
-    """Sizes of the actor's hidden layers, ReLU."""
     critic_hidden: tuple[int, ...] = field(default=(64, 64), metadata=STATIC)
     """Sizes of the critic's hidden layers, tanh."""
     critic_sees_truth: bool = field(default=True, metadata=STATIC)

@@ -30,11 +30,6 @@ class Settings(Protocol):
         ...
 
     @property
-    def hidden(self) -> tuple[int, ...]:
-        """Sizes of the policy's hidden layers."""
-        ...
-
-    @property
     def horizon(self) -> int:
         """Control periods per environment and update."""
         ...

@@ -25,7 +25,7 @@ from maidenflight.errors import InputError
 from maidenflight.policy import Policy
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.look_ahead import NONE, LookAhead
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.tasks import Task
 from maidenflight.training import analytic_gradient, checkpoint, distillation, ppo
@@ -94,12 +94,11 @@ def train(
     box: Distribution | Sequence[Distribution],
     keys: Array,
     settings: Settings | None = None,
+    spec: PolicySpec = PolicySpec(),
+    *,
     on_progress: Callable[[Progress], None] | None = None,
     saved: str | PathLike[str] | None = None,
-    history: int = 2,
     anew: bool = False,
-    look_ahead: LookAhead = NONE,
-    memory: int = 0,
     initial: Policy | None = None,
 ) -> tuple[Policy, ...]:
     """Trains one policy per key, all in one call.
@@ -110,27 +109,23 @@ def train(
         box: distribution of drones to train over; or one for each key, of one kind, whose drones
             have the same frame and time step.
         keys: random keys, one per policy.
-        settings: of the method, which is chosen by their class; default `AnalyticGradient()`. With
-            RAPTOR's form in them, hidden layers, history, look-ahead and memory are that form's.
+        settings: of the method, which is chosen by their class; default `AnalyticGradient()`.
+        spec: what the policies see and remember, and their hidden layers.
         on_progress: called after each evaluation; first with those of the checkpoint.
         saved: checkpoint, written after each evaluation. If it exists, training resumes from it and
             ends with the same policies as without the interruption. If it is of a training that
             has ended and `settings.updates` is larger than its number, training is extended: its
             further updates have the learning rates that they have in a training of that many.
-        history: H, number of last instants in an observation. The first layer grows with it.
         anew: do not resume; an earlier checkpoint stays until this training's first replaces it.
-        look_ahead: points of the reference ahead of time in an observation, such as
-            `LookAhead(5)`; none unless given. The first layer grows with them.
-        memory: M, numbers of a gated recurrent unit behind the first layer, such as 32; 0: none.
-        initial: where training starts, instead of random weights. Layers, history, look-ahead and
-            memory are then its own, whatever the arguments say, and the first score is its own.
+        initial: where training starts, instead of random weights. The spec is then its own,
+            whatever is given, and so is the first score.
 
     Returns:
         For each key, in order, the policy at its best evaluation (`Evaluation.beats`). Time grows
         linearly with keys and updates.
 
     Raises:
-        InputError: policies cannot be made for this control structure or history; the drones' time
+        InputError: policies cannot be made for this control structure; the drones' time
             step does not divide its period, or they differ in frame or time step; the checkpoint is
             of another training, of more updates, or of fewer that have not ended, or cannot be
             written; the initial policy commands another control structure, or the method is not by
@@ -144,8 +139,8 @@ def train(
             f"{known}."
         )
     method = METHODS[type(settings)]
-    asked = checked(task, controller, box, keys, settings, history, look_ahead, memory, initial)
-    env, settings, drones = asked.env, asked.settings, asked.drones
+    asked = checked(task, controller, box, keys, settings, spec, initial)
+    env, drones = asked.env, asked.drones
     from_zero = initial is not None
 
     def start(stages: tuple[int, ...]) -> _State:

@@ -218,15 +218,15 @@ class Train(Verb):
         """Returns what the policies see and remember, and their layers."""
         from maidenflight.simulator.look_ahead import LookAhead
         from maidenflight.simulator.policy_spec import PolicySpec
-        from maidenflight.training.defaults import HIDDEN
+        from maidenflight.training import defaults
 
         if start is not None:
             return start.spec
         ahead = LookAhead(self.look_ahead, self.look_ahead_spacing)
-        by_gradients = self.method == "gradient" or (self.method is None and not self.memory)
-        usual = HIDDEN.get(self.control) if by_gradients else None
-        hidden = self.hidden or usual or PolicySpec().hidden
-        return PolicySpec(self.history, ahead, self.memory, hidden, self.form)
+        spec = PolicySpec(self.history, ahead, self.memory, form=self.form)
+        method = self.method or defaults.choose_method(spec, initial=False)
+        hidden = self.hidden or defaults.choose_hidden(self.control, method)
+        return dataclasses.replace(spec, hidden=hidden)
 
     def choose_learner(self, spec: "PolicySpec", start: "PolicyFile | None") -> "Settings":
         """Returns the settings of the method.
@@ -268,8 +268,13 @@ class Train(Verb):
             learner = dataclasses.replace(learner, updates=max(checkpoint.stages(saved)))
         keys = jax.random.split(jax.random.key(self.seed), self.policies)
         scores = files.Scores(progress, learner, self.resume)
-        settings = {"method": type(learner).__name__, **recorded(learner)}
-        record = self.make_record(self._inputs, **settings)
+        record = self.make_record(
+            self._inputs,
+            control=self.control if start is None else start.interface.name,
+            method=type(learner).__name__,
+            **(spec.to_dict() | {"look_ahead": spec.look_ahead.points}),
+            **recorded(learner),
+        )
         for left in results.leftovers(output) if output.is_dir() else ():
             left.unlink(missing_ok=True)
         with (

@@ -1,0 +1,138 @@
+"""Reads the JSON policy files of Gronauer et al.
+
+Such a file holds layers "0", "1", ..., means and standard deviations of the inputs, and a checksum:
+the sum of the outputs for an unscaled input of ones. It does not hold the control structure, the
+rate or the number of instants.
+
+Source: github SvenGronauer/phoenix-drone-simulation c5d6907, described from reading, not copied.
+"""
+
+import math
+from collections.abc import Mapping
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from maidenflight import inputs
+from maidenflight.errors import InputError
+from maidenflight.simulator.interface import CONTROLS, INTERFACES, ControlInterface
+
+EPSILON = 1e-5
+"""What the authors' scaling adds to a standard deviation; one that is zero divides all the same."""
+RATES = {"pwm": 100, "attitude_rate": 50, "attitude": 25}
+"""Actions a second [Hz] of the authors' drone (Gronauer et al. 2022, sec. Control Structures;
+measured on the published logs)."""
+TOLERANCE = 1e-6
+"""How far a check sum may be off, relative to the sum of the sizes of what it adds up: some ten
+roundings of float32."""
+MARKS = {"check_sum", "scaling_parameters", "activation", "0"}
+"""What all of the authors' policies have."""
+
+
+class UnknownControl(InputError):
+    """Nothing says what one of the authors' policies commands."""
+
+
+class Network(NamedTuple):
+    """What a file holds, float32."""
+
+    weights: list[Float[np.ndarray, "outputs inputs"]]
+    biases: list[Float[np.ndarray, "outputs"]]
+    mean: Float[np.ndarray, "inputs"]
+    deviation: Float[np.ndarray, "inputs"]
+
+
+def network(content: Mapping[str, Any], where: str) -> Network:
+    """Reads the network of one of the authors' policies.
+
+    Args:
+        content: the object in the file, with all of `MARKS`.
+        where: what errors name, usually the file.
+
+    Raises:
+        InputError: it is damaged, or its check sum does not hold.
+    """
+    if content["activation"] != "relu":
+        raise InputError(f"{where}: activation = {content['activation']!r}, expected 'relu'.")
+    try:
+        layers = [content[str(number)] for number in range(sum(key.isdecimal() for key in content))]
+        if any(layer["type"] != "standard" for layer in layers):
+            raise ValueError("expected layers of type 'standard'")
+        weights, biases = (
+            [_numbers(layer[name]) for layer in layers] for name in ("weights", "biases")
+        )
+        mean, deviation = _numbers(content["scaling_parameters"])
+        expected = float(content["check_sum"])
+        _verify(weights, biases, expected, where)
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise InputError(
+            f"{where}: damaged policy ({type(error).__name__}: {error}). Export it again."
+        ) from error
+    return Network(weights, biases, mean, deviation + np.float32(EPSILON))
+
+
+def interface_of(control: str) -> ControlInterface:
+    """What policies of the authors' drone command, by the name of the control structure."""
+    return INTERFACES[control](action_rate=RATES[control])
+
+
+def control_of(path: Path) -> str | None:
+    """Finds the control structure that a file's name, or its folder's, says.
+
+    "attitude_rate" before "attitude", with which it begins.
+    """
+    names = path.stem.lower(), path.absolute().parent.name.lower()
+    longest = sorted(CONTROLS, key=len, reverse=True)
+    return next(
+        (
+            control
+            for name in names
+            for control in longest
+            if name == control or name.startswith(f"{control}_")
+        ),
+        None,
+    )
+
+
+def _numbers(nested: Any) -> np.ndarray:
+    array = inputs.numbers(nested)
+    if array.dtype.kind not in "fi" or array.ndim < 1:
+        raise ValueError("expected lists of numbers")
+    with np.errstate(
+        over="ignore"
+    ):  # what float32 cannot hold is infinite, and so is its check sum
+        return array.astype(np.float32)
+
+
+def _verify(
+    weights: list[np.ndarray], biases: list[np.ndarray], expected: float, where: str
+) -> None:
+    """Compares the check sum with that of the layers, in float64."""
+    for number, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
+        if weight.ndim != 2 or bias.shape != weight.shape[:1]:
+            raise ValueError(f"layer {number} has weights {weight.shape} and biases {bias.shape}")
+    if any(after.shape[1] != before.shape[0] for before, after in pairwise(weights)):
+        raise ValueError("a layer's inputs are not the outputs of the layer before")
+    with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is no check sum
+        found, size = check_sum(weights, biases)
+    if not math.isfinite(expected) or not abs(found - expected) <= TOLERANCE * max(1.0, size):
+        raise InputError(
+            f"{where}: check sum {found:.7g}, but the file says {expected:.7g}: a weight was "
+            "changed. Export it again."
+        )
+
+
+def check_sum(weights: list[np.ndarray], biases: list[np.ndarray]) -> tuple[float, float]:
+    """Computes the checksum in float64, and the sum of the magnitudes of its terms."""
+    values = np.ones(weights[0].shape[1])
+    size = 0.0
+    for number, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
+        values = np.maximum(values, 0.0) if number > 0 else values
+        size = float(
+            np.abs(weight.astype(np.float64)).sum(axis=0) @ np.abs(values) + np.abs(bias).sum()
+        )
+        values = weight.astype(np.float64) @ values + bias
+    return float(values.sum()), size

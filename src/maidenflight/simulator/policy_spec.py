@@ -1,0 +1,233 @@
+"""`PolicySpec`: what a policy sees and remembers, and the hidden layers of its network.
+
+Whatever trains, flies or exports policies takes it as one value, beside the `ControlInterface`,
+which says what they command.
+"""
+
+from dataclasses import asdict, dataclass, fields
+from functools import partial
+from typing import Any, ClassVar, Self
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from maidenflight.errors import InputError
+from maidenflight.simulator import look_ahead, raptor_form
+from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.raptor_form import RAPTOR
+from maidenflight.simulator.trajectories import Trajectory
+
+ACTION_SIZE = 4
+OBSERVATION_SIZE = 20
+"""Size of one instant's observation: position 3, quaternion 4, velocity 3, body rates 3, position
+error 3, last action 4."""
+INSTANT = (
+    "position 3, quaternion xyzw 4, velocity 3, body rates 3, setpoint - position 3, last "
+    "action 4; oldest first"
+)
+"""Order of the numbers of an instant, for files."""
+INSTANTS = "instants"
+"""Form of a policy whose network sees observations as they are, and gives actions."""
+FORMS = (INSTANTS, RAPTOR)
+MOST_INSTANTS = 1000
+MOST_MEMORY = 256
+"""Numbers of a memory at most."""
+
+_MEAN = (
+    *(0.25, 0.0, 1.0),  # position
+    *(0.0, 0.0, 0.0, 1.0),  # quaternion
+    *(0.0, 0.0, 0.0),  # velocity
+    *(0.0, 0.0, 0.0),  # body rates
+    *(0.0, 0.0, 0.0),  # setpoint - position
+    *(0.2, 0.2, 0.2, 0.2),  # last action
+)
+_DEVIATION = (
+    *(0.2, 0.2, 0.2),
+    *(0.1, 0.1, 0.1, 0.05),
+    *(0.4, 0.4, 0.4),
+    *(1.0, 1.0, 1.0),
+    *(0.1, 0.1, 0.1),
+    *(0.5, 0.5, 0.5, 0.5),
+)
+
+
+@dataclass(frozen=True)
+class PolicySpec:
+    """Describes a kind of policies; hashable, for use as a static argument.
+
+    With RAPTOR's form all other fields are those of `raptor_form`, whatever is given.
+
+    Raises:
+        InputError: a field is out of range, or there is a memory without a hidden layer.
+    """
+
+    history: int = 2
+    """H, observed instants in an observation (Gronauer et al. 2022, sec. Simulation
+    Environment)."""
+    look_ahead: LookAhead = look_ahead.NONE
+    """The K points of the reference ahead of time, behind the last instant."""
+    memory: int = 0
+    """M, numbers of a gated recurrent unit behind the first layer; 0: none. An observation ends
+    with them, and an output with what is remembered next."""
+    hidden: tuple[int, ...] = (50, 50)
+    """Sizes of the hidden layers (Gronauer et al. 2022, sec. Zero-Shot Experiments)."""
+    form: str = INSTANTS
+    """One of `FORMS`."""
+
+    OF_NETWORK: ClassVar = ("memory", "hidden")
+    """Fields that the arrays of a network tell, so that policy files do not repeat them."""
+    OBSERVED: ClassVar = ("history", "look_ahead")
+    """Fields that say what is observed of a flight, whatever the network."""
+
+    def __post_init__(self) -> None:
+        """Settles what the form settles, and checks all fields."""
+        if self.form not in FORMS:
+            raise InputError(f"form = {self.form!r}, expected one of {', '.join(FORMS)}.")
+        if not isinstance(self.look_ahead, LookAhead):
+            raise InputError(f"look_ahead = {self.look_ahead!r}; expected such as LookAhead(5).")
+        settled: dict[str, Any] = {} if self.look_ahead.points else {"look_ahead": look_ahead.NONE}
+        settled |= raptor_form.SETTLED if self.form == RAPTOR else {}
+        for name, value in settled.items():
+            object.__setattr__(self, name, value)
+        if type(self.history) is not int or not 1 <= self.history <= MOST_INSTANTS:
+            raise InputError(
+                f"history = {self.history!r}; expected a whole number of instants, 1 to "
+                f"{MOST_INSTANTS}. The paper's policies see 2."
+            )
+        if type(self.memory) is not int or not 0 <= self.memory <= MOST_MEMORY:
+            raise InputError(
+                f"memory = {self.memory!r}; expected a whole number, 0 to {MOST_MEMORY}."
+            )
+        sizes = self.hidden
+        if type(sizes) is not tuple or any(type(size) is not int or size < 1 for size in sizes):
+            raise InputError(f"hidden = {sizes!r}; expected sizes of layers, such as (50, 50).")
+        if self.memory and not self.hidden:
+            raise InputError("memory without a hidden layer; give hidden layers, such as (50, 50).")
+
+    @property
+    def size(self) -> int:
+        """Numbers of an observation, what is remembered included."""
+        return self.seen_size + self.memory
+
+    @property
+    def seen_size(self) -> int:
+        """Numbers of an observation before what is remembered."""
+        return OBSERVATION_SIZE * self.history + self.look_ahead.size
+
+    @property
+    def layer_sizes(self) -> tuple[int, ...]:
+        """Sizes of input, hidden layers and output, such as (40, 50, 50, 4)."""
+        inputs = raptor_form.INPUTS if self.form == RAPTOR else self.seen_size
+        return (inputs, *self.hidden, ACTION_SIZE)
+
+    @property
+    def scaling(self) -> tuple[Float[np.ndarray, "inputs"], Float[np.ndarray, "inputs"]]:
+        """Means and deviations by which a new policy scales what its network sees [SI]."""
+        if self.form == RAPTOR:
+            return raptor_form.MEAN, raptor_form.DEVIATION
+        mean, deviation = (
+            np.tile(np.array(one, np.float32), self.history) for one in (_MEAN, _DEVIATION)
+        )
+        ahead = self.look_ahead.deviations
+        return np.concatenate([mean, np.zeros_like(ahead)]), np.concatenate([deviation, ahead])
+
+    @property
+    def layout(self) -> str:
+        """Order of an observation, in words for a file."""
+        ahead = self.look_ahead
+        text = f"{self.history} instants of {OBSERVATION_SIZE} numbers: {INSTANT}"
+        return text + (
+            f"; then {ahead.points} x 3: where the set-point will be {ahead.spacing:g} s, "
+            f"{2 * ahead.spacing:g} s, ... later - position"
+            if ahead.points
+            else ""
+        )
+
+    @property
+    def identity(self) -> str:
+        """Text that tells it from others; random numbers of predicted flights depend on it."""
+        ahead = self.look_ahead
+        text = f"{self.history} {self.layer_sizes}"
+        text += f" {ahead.points} {ahead.spacing}" if ahead.points else ""
+        return text + (f" memory {self.memory}" if self.memory else "")
+
+    def points(self, reference: Trajectory, time: Float[Array, ""]) -> Float[Array, "K 3"]:
+        """Where a reference will be at the points ahead of a time [s], world [m]."""
+        return self.look_ahead.of(reference, time) if self.look_ahead.points else jnp.zeros((0, 3))
+
+    def observation(
+        self,
+        history: Float[Array, "H 20"],
+        points: Float[Array, "K 3"],
+        position: Float[Array, "3"],
+        memory: Float[Array, "M"],
+    ) -> Float[Array, "20H+3K+M"]:
+        """Joins an observation.
+
+        Args:
+            history: the last H instants, oldest first.
+            points: see `points`.
+            position: measured, world [m].
+            memory: what the policy remembers.
+        """
+        seen = history.reshape(-1)
+        if self.look_ahead.points:
+            seen = look_ahead.joined(history, points, position)
+        return jnp.concatenate([seen, memory]) if self.memory else seen
+
+    def beyond(self, *known: str) -> str:
+        """Names what sets it apart from the paper's policies, with values; empty if nothing does.
+
+        For consumers that can do without some of it: what is added to this class later they refuse.
+
+        Args:
+            known: names of fields that may differ.
+        """
+        found = {name: value for name, value in self._unusual().items() if name not in known}
+        return ", ".join(f"{name} = {value}" for name, value in found.items())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for files and records.
+
+        History and hidden layers, and what the paper's policies do not have.
+        """
+        return {"history": self.history, **self._unusual(), "hidden": list(self.hidden)}
+
+    def _unusual(self) -> dict[str, Any]:
+        usual = PolicySpec()
+        return {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in asdict(self).items()
+            if getattr(self, name) != getattr(usual, name)
+        }
+
+    @classmethod
+    def from_dict(cls, content: Any) -> Self:
+        """Reads what `to_dict` gave; entries of other names are left alone.
+
+        Raises:
+            InputError: a field is not what it should be, or not what the form has.
+        """
+        given = {field.name: content[field.name] for field in fields(cls) if field.name in content}
+        if "look_ahead" in given:
+            given["look_ahead"] = LookAhead.from_dict(given["look_ahead"])
+        if isinstance(given.get("hidden"), list):
+            given["hidden"] = tuple(given["hidden"])
+        spec = cls(**given)
+        wrong = [name for name, value in given.items() if getattr(spec, name) != value]
+        if wrong and spec.form == RAPTOR:
+            raise InputError(
+                f"{', '.join(f'{name} = {given[name]}' for name in wrong)}; a policy of the form "
+                f"{RAPTOR} has {', '.join(f'{name} = {getattr(spec, name)}' for name in wrong)}."
+            )
+        return spec
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def points_at(
+    spec: PolicySpec, reference: Trajectory, time: Float[ArrayLike, ""]
+) -> Float[Array, "K 3"]:
+    """Computes `PolicySpec.points`, compiled, for policies that fly one instant at a time."""
+    return spec.points(reference, jnp.asarray(time, jnp.float32))
