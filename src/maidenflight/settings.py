@@ -223,8 +223,10 @@ class Setting:
         """
         if value is REQUIRED:
             raise InputError(f"{where} is missing; expected {self.values.expected}.")
-        if value is PENDING or (type(value) is type(self.default) and value == self.default):
+        if value is PENDING:
             return value
+        if self.default is not REQUIRED and plain(value) == plain(self.default):
+            return self.default
         try:
             return self.values.check(value)
         except (ValueError, TypeError, OverflowError):

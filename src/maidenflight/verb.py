@@ -14,7 +14,7 @@ from typing import Any, ClassVar, dataclass_transform
 from maidenflight import results
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
-from maidenflight.settings import PENDING, REQUIRED, Setting, plain, setting
+from maidenflight.settings import PENDING, Setting, plain
 
 Row = dict[str, Any]
 """A row of a study's table: numbers and texts by column."""
@@ -72,7 +72,7 @@ class Output:
     help: str
 
 
-@dataclass_transform(field_specifiers=(setting,), kw_only_default=True, frozen_default=True)
+@dataclass_transform(kw_only_default=True, frozen_default=True)
 class Verb:
     """A stage of the pipeline; its fields are settings, declared by `setting`.
 
@@ -273,6 +273,3 @@ def find_verb(name: str) -> type[Verb]:
     if not (isinstance(found, type) and issubclass(found, Verb)):
         raise InputError(f"{name}: is a {type(found).__name__}; expected a maidenflight.verb.Verb.")
     return found
-
-
-__all__ = ["PENDING", "REQUIRED", "SILENT", "Output", "Progress", "Result", "Verb", "find_verb"]

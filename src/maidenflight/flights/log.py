@@ -11,17 +11,18 @@ import numpy as np
 import polars
 from jaxtyping import Float
 
-from maidenflight import names, results
+from maidenflight import results
 from maidenflight.errors import InputError
 from maidenflight.flights import tables
 from maidenflight.flights.tables import Table
 from maidenflight.inputs import StrPath
+from maidenflight.names import COMMANDS, OPTIONAL_SIGNALS
 from maidenflight.simulator.battery import COUNTS, MOST_COUNTS
 
 FAMILY = "# maidenflight flight"
 MARK = f"{FAMILY} 3"
 """How a file in our format begins."""
-ZERO_ORDER_HOLD, SUBSAMPLED = names.COMMANDS
+ZERO_ORDER_HOLD, SUBSAMPLED = COMMANDS
 """What logged commands stand for: each acts until the next row, or is one of a faster loop."""
 
 ACCELEROMETER_DELAY, GYRO_DELAY = 0.0075, 0.0028
@@ -44,7 +45,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
 
 OPTIONAL: dict[str, tuple[str, ...]] = dict(
     zip(
-        names.OPTIONAL_SIGNALS,
+        OPTIONAL_SIGNALS,
         (
             ("acceleration_x", "acceleration_y", "acceleration_z"),
             ("rotor_speed_1", "rotor_speed_2", "rotor_speed_3", "rotor_speed_4"),

@@ -211,8 +211,8 @@ def attitude(
 
 
 CONTROLLERS: dict[str, Callable[..., Controller]] = {name: globals()[name] for name in CONTROLS}
-"""The paper's control structures by name, each a function of this module; all take `action_rate` and `full_scale_counts`, those of
-the firmware also `firmware`."""
+"""The paper's control structures by name, each a function of this module; all take `action_rate`
+and `full_scale_counts`, those of the firmware also `firmware`."""
 
 
 @cache

@@ -253,7 +253,8 @@ def attitude(
 INTERFACES: dict[str, Callable[..., ControlInterface]] = {
     name: globals()[name] for name in CONTROLS
 }
-"""The paper's interfaces by name, each a function of this module; all take `action_rate` and `full_scale_counts`."""
+"""The paper's interfaces by name, each a function of this module; all take `action_rate` and
+`full_scale_counts`."""
 
 
 def _is_number(value: Any) -> bool:

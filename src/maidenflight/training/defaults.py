@@ -181,7 +181,7 @@ def choose_controller(
         paper_scales: whether all actions are scaled as the paper does.
         rate: actions a second [Hz]; the structure's own unless given.
     """
-    at = {} if rate is None else {"action_rate": rate}
+    at: dict[str, Any] = {} if rate is None else {"action_rate": rate}
     papers = control.CONTROLLERS[structure](full_scale_counts=full_scale_counts, **at)
     if structure != "attitude" or paper_scales:
         return papers

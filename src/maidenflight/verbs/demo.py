@@ -102,8 +102,8 @@ class Demo(Verb):
         run(
             transfer,
             run_folder.TRANSFER,
-            f"{train.policies * transfer.trials} zero-shot flights in the virtual reality they have "
-            "not seen",
+            f"{train.policies * transfer.trials} zero-shot flights in the virtual reality they "
+            "have not seen",
         )
         best = Path(found["transfer"].content["best"])
         run(configure(Export(policy=best)), run_folder.FIRMWARE, "the best policy to C99")
@@ -209,8 +209,8 @@ def _show(
     show_unidentifiable(found["identify"].value)
     print(
         "Intervals show how much values depend on these flights, not on the model: the truth may "
-        "lie outside where this drone has\nwhat the model lacks, such as late sensors and a battery "
-        "that sags."
+        "lie outside where this drone has\nwhat the model lacks, such as late sensors and a "
+        "battery that sags."
     )
     show_flights(table)
     reached = table.filter(table["end_reason"] == "time limit").height

@@ -209,7 +209,7 @@ class Identify(Verb):
         from maidenflight.identification.likelihood import Likelihood
         from maidenflight.identification.replay import Replay
 
-        common = {
+        common: dict[str, Any] = {
             "lead_in": self.lead_in,
             "evaluations": self.evaluations,
             "trials": self.trials,

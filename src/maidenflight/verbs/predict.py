@@ -57,12 +57,15 @@ class Predict(Verb):
     def check(self) -> None:
         """Refuses what is no drone or no policy."""
         from maidenflight.experiments.drones import read_drone
+        from maidenflight.identification.ensembles import posterior_ensemble
         from maidenflight.verbs.policies import read_policies
 
+        if self.get("drone"):
+            file = read_drone(self.drone, self.accept_bounds)
+            if self.randomize == names.POSTERIOR:
+                posterior_ensemble(file.parameters, file.posterior, file.name)
         if self.get("policies"):
             read_policies(self.policies, self.control)
-        if self.get("drone"):
-            read_drone(self.drone, self.accept_bounds)
 
     def compute(self, output: Path, progress: Progress) -> Result:
         """Predicts; writes a row a flight."""

@@ -1,7 +1,6 @@
-"""The kinds of maidenflight, each done once: tasks are what the commands would make."""
+"""Verbs as tasks of a study, each run once: tasks are what the commands would make."""
 
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import polars
@@ -9,8 +8,11 @@ import pytest
 from test_sweeping import Here
 
 import maidenflight as mf
-from maidenflight import run_folder, workflow
+from maidenflight import run_folder
 from maidenflight.identification.drone_file import DroneFile
+from maidenflight.training import defaults
+from maidenflight.verb import Progress, Result
+from maidenflight.verbs.identify import Identify
 from quick import QUICK
 
 pytestmark = pytest.mark.slow
@@ -20,23 +22,21 @@ pytestmark = pytest.mark.slow
 def less_work(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("maidenflight.simulator.trajectories.QUICKENING", 1.0)
     monkeypatch.setattr("maidenflight.experiments.envelope.DURATION_S", 0.1)
-    monkeypatch.setattr(workflow, "settings_for", lambda *_: QUICK)
+    monkeypatch.setattr(defaults, "choose_settings", lambda *_: QUICK)
 
 
-def test_a_study_of_every_kind_goes_from_logs_to_flights(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_study_goes_from_logs_to_flights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "logs").mkdir()
     (tmp_path / "logs" / "flight_1.csv").write_text("a log")
 
-    def identify(*given: Any, **settings: Any) -> tuple[None, SimpleNamespace]:
+    def identify(self: Identify, output: Path, progress: Progress) -> Result:
         """Identification is tested elsewhere, and is long."""
-        DroneFile(mf.crazyflie()).write(given[2])
-        estimate = SimpleNamespace(value=0.03, interval=(0.02, 0.04))
-        assert settings["over"] == ["thrust_to_weight", "latency"]
-        return None, SimpleNamespace(estimates=dict.fromkeys(settings["over"], estimate))
+        DroneFile(mf.crazyflie()).write(output)
+        assert self.over == ("thrust_to_weight", "latency")
+        assert (self.objective, self.bounds) == ("replay", {"latency": (0.0, 0.03)})
+        return Result(rows=[{"parameter": name, "value": 0.03} for name in self.over])
 
-    monkeypatch.setattr(workflow, "identify_from", identify)
+    monkeypatch.setattr(Identify, "compute", identify)
     entries: list[dict[str, Any]] = [
         {
             "name": "drone",
@@ -44,15 +44,21 @@ def test_a_study_of_every_kind_goes_from_logs_to_flights(
             "settings": {
                 "logs": str(tmp_path / "logs"),
                 "over": ["thrust_to_weight", "latency"],
-                "trials": 1,
-                "evaluations": 15,
+                "objective": "replay",
+                "bounds": {"latency": [0.0, 0.03]},
+                "battery_law": "thrust upgrade",
             },
         },
         {
             "name": "policy",
             "kind": "train",
-            "settings": {"policies": 3},
+            "settings": {"policies": 3, "set": {"latency": 0.01}},
             "inputs": {"drone": "drone"},
+        },
+        {
+            "name": "ahead",
+            "kind": "train",
+            "settings": {"drone": "crazyflie", "policies": 3, "look_ahead": 2, "for": "c"},
         },
         {
             "name": "flown",
@@ -75,12 +81,16 @@ def test_a_study_of_every_kind_goes_from_logs_to_flights(
     ]
     table = mf.sweep(entries, tmp_path / "out", Here(), retries=0)
     counts = dict(table.group_by("task").len().iter_rows())
-    assert counts == {"drone": 2, "policy": 3, "flown": 3, "times": 3, "hard": 3}
-    folder = Path(next((tmp_path / "out" / "results").glob("*/policies")))
-    assert len(run_folder.POLICY.find(folder)) == 3
-    assert not (folder / run_folder.CHECKPOINT).exists()
+    assert counts == {"drone": 2, "policy": 3, "ahead": 3, "flown": 3, "times": 3, "hard": 3}
+    folders = sorted((tmp_path / "out" / "results").glob("*/policies"))
+    assert len(folders) == 2
+    for folder in folders:
+        assert len(run_folder.POLICY.find(folder)) == 3
+        assert not (folder / run_folder.CHECKPOINT).exists()
+    policies = [mf.read_policy(folder / "policy_1.json") for folder in folders]
+    assert {one.spec.look_ahead.points for one in policies} == {0, 2}
     rows = run_folder.STUDY.read(tmp_path / "out" / "study.csv")[0]
-    assert rows.height == 14
+    assert rows.height == 17
     flown = table.filter(polars.col("task") == "flown")
     assert set(flown["policy"]) == {"policy_1", "policy_2", "policy_3"}
     assert flown["duration"].is_between(0.0, 0.5).all()
