@@ -11,7 +11,7 @@ A study is a TOML file, or a list of the same tables in Python:
     [[task]]
     name = "flown"
     kind = "transfer"
-    settings = { realities = ["virtual:7"] }
+    settings = { reality = ["virtual:7"] }
     inputs = { policies = "policy" }    # for each point of its grid
 
 A task takes its inputs' points of the grid: where two inputs have an entry behind them in common,
