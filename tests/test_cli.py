@@ -414,7 +414,7 @@ def test_the_line_from_logs_to_report_in_json(
     trained = said("train", "--drone", drone, "-o", policies, "--yaw-penalty", 0.1, "--updates", 2)
     names = [f"policy_{number}.json" for number in (1, 2, 3)]
     assert [Path(path).name for path in trained["policies"]] == names
-    assert policy_file.read(trained["policies"][0]).layer_sizes == (40, 50, 50, 4)
+    assert policy_file.read(trained["policies"][0]).policy.layer_sizes == (40, 50, 50, 4)
 
     flown = said(
         "transfer",

@@ -4,6 +4,7 @@ Whatever trains, flies or exports policies takes it as one value, beside the `Co
 which says what they command.
 """
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from functools import partial
 from typing import Any, ClassVar, Self
@@ -204,16 +205,16 @@ class PolicySpec:
         }
 
     @classmethod
-    def from_dict(cls, content: Any) -> Self:
-        """Reads what `to_dict` gave; entries of other names are left alone.
+    def from_dict(cls, content: Mapping[str, Any]) -> Self:
+        """Reads what `to_dict` gave; a mapping may hold entries of other names, too.
 
         Raises:
             InputError: a field is not what it should be, or not what the form has.
         """
-        given = {field.name: content[field.name] for field in fields(cls) if field.name in content}
-        if "look_ahead" in given:
+        given = {field.name: content.get(field.name, field.default) for field in fields(cls)}
+        if "look_ahead" in content:
             given["look_ahead"] = LookAhead.from_dict(given["look_ahead"])
-        if isinstance(given.get("hidden"), list):
+        if isinstance(given["hidden"], list):
             given["hidden"] = tuple(given["hidden"])
         spec = cls(**given)
         wrong = [name for name, value in given.items() if getattr(spec, name) != value]
