@@ -193,7 +193,7 @@ def test_a_damaged_form_is_refused() -> None:
         with pytest.raises(InputError, match="here: "):
             policy_file.from_json(json.dumps({**content, **wrong}), "here")
     del content["gru"]
-    with pytest.raises(InputError, match="here: memory = 0; .* raptor has memory = 16"):
+    with pytest.raises(InputError, match=r"here: memory = 0; .* raptor has memory = 16"):
         policy_file.from_json(json.dumps(content), "here")
 
 

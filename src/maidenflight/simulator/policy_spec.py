@@ -173,10 +173,19 @@ class PolicySpec:
             position: measured, world [m].
             memory: what the policy remembers.
         """
-        seen = history.reshape(-1)
-        if self.look_ahead.points:
-            seen = look_ahead.joined(history, points, position)
+        seen = self.seen(history, points, position)
         return jnp.concatenate([seen, memory]) if self.memory else seen
+
+    def seen(
+        self,
+        history: Float[Array, "H 20"],
+        points: Float[Array, "K 3"],
+        position: Float[Array, "3"],
+    ) -> Float[Array, "20H+3K"]:
+        """Joins what an observation holds before what is remembered; see `observation`."""
+        if self.look_ahead.points:
+            return look_ahead.joined(history, points, position)
+        return history.reshape(-1)
 
     def beyond(self, *known: str) -> str:
         """Names what sets it apart from the paper's policies, with values; empty if nothing does.
@@ -197,7 +206,7 @@ class PolicySpec:
         return {"history": self.history, **self._unusual(), "hidden": list(self.hidden)}
 
     def _unusual(self) -> dict[str, Any]:
-        usual = PolicySpec()
+        usual = type(self)()
         return {
             name: list(value) if isinstance(value, tuple) else value
             for name, value in asdict(self).items()
