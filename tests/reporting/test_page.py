@@ -563,7 +563,7 @@ def test_box_plots_of_policies_are_grouped_by_the_control_structures_that_their_
     names = [*structures, "pwm/pwm_024"]
     rows = [
         {"policy": name, "reality": "near-7", "trial": trial, "duration": trial}
-        | {"end_reason": "tilt", "position_error": 0.01}
+        | {"end_reason": "tilt", "position_error": 0.01, "at_limits": 0.1, "command_change": 0.1}
         for name in names
         for trial in range(1, 6)
     ]

@@ -183,9 +183,10 @@ class PolicySpec:
         position: Float[Array, "3"],
     ) -> Float[Array, "20H+3K"]:
         """Joins what an observation holds before what is remembered; see `observation`."""
+        seen = history.reshape(-1)
         if self.look_ahead.points:
-            return look_ahead.joined(history, points, position)
-        return history.reshape(-1)
+            return jnp.concatenate([seen, (points - position[None]).reshape(-1)])
+        return seen
 
     def beyond(self, *known: str) -> str:
         """Names what sets it apart from the paper's policies, with values; empty if nothing does.
