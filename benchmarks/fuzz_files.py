@@ -18,7 +18,7 @@ from fuzz_damage import ANY, REFUSED, SAME, Damaged, Kind
 from fuzz_reader import Good, Reader, table_damaged, tree_damaged
 
 from maidenflight import parameters, policy_file, results, workflow
-from maidenflight.deployment.authors_json import read_policy, to_authors_json
+from maidenflight.deployment.authors_json import to_authors_json
 from maidenflight.experiments import matrix, matrix_file
 from maidenflight.flights import log
 from maidenflight.identification.drone_file import DroneFile, Estimate, Search, Source
@@ -27,7 +27,7 @@ from maidenflight.link.blocks import MOTORS, STATE
 from maidenflight.parameters import QUANTITIES, Parameters
 from maidenflight.policy import Policy, untrained
 from maidenflight.simulator.interface import INTERFACES, ControlInterface
-from maidenflight.simulator.policy_spec import INSTANTS, PolicySpec
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.trajectories import read_waypoints
 from maidenflight.training import checkpoint
 
@@ -91,7 +91,7 @@ def small_policy(control: str = "pwm", history: int = 1) -> Policy:
 
 
 def policy_told(read: Policy) -> list[np.ndarray]:
-    words = np.array([str(read.interface), str(read.history), str(read.look_ahead)])
+    words = np.array([str(read.interface), str(read.spec)])
     return [
         words,
         *map(
@@ -103,7 +103,7 @@ def policy_told(read: Policy) -> list[np.ndarray]:
 
 def unsound_policy(read: Policy) -> str:
     arrays = policy_told(read)[1:]
-    sizes = (20 * read.history + read.look_ahead.size, *(len(bias) for bias in read.biases))
+    sizes = (read.spec.size, *(len(bias) for bias in read.biases))
     faults = {
         "a number that is none": not all(
             np.isfinite(array).all() and array.dtype == np.float32 for array in arrays
@@ -173,8 +173,6 @@ def unsound_matrix(read: matrix.Matrix) -> str:
 def _sensible(value: Any) -> bool:
     if isinstance(value, tuple):
         return all(type(entry) is int and 1 <= entry < 2**31 for entry in value)
-    if isinstance(value, str):
-        return value == INSTANTS
     return np.isfinite(value) and 0 <= value < 2**31
 
 
@@ -218,7 +216,7 @@ def file_readers() -> list[Reader]:
                     tree_damaged(json.loads, lambda path: path[0] != "record", "json", whole),
                 ),
             ),
-            lambda _, path: (read_policy(path), policy_file.record(path))[0],
+            lambda _, path: policy_file.read(path).policy,
             policy_told,
             unsound_policy,
         ),
@@ -232,7 +230,7 @@ def file_readers() -> list[Reader]:
                     tree_damaged(json.loads, lambda _: True, "json", whole),
                 ),
             ),
-            lambda _, path: read_policy(path),
+            lambda _, path: policy_file.read(path).policy,
             policy_told,
             unsound_policy,
         ),

@@ -36,7 +36,6 @@ from maidenflight.parameters import crazyflie, noiseless, replace
 from maidenflight.policy import Policy
 from maidenflight.simulator import control, environment, failures, stepping, tasks
 from maidenflight.simulator.environment import Environment, EnvState
-from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import RelativeBox, relative_box
 from maidenflight.simulator.rollout import randomized_reset
 from maidenflight.training.evaluation import evaluate
@@ -128,14 +127,16 @@ def trained(
     """Policies of all seeds in one call, and when which score was heard [s]."""
     heard: list[tuple[float, Progress]] = []
     began = time.perf_counter()
-    settings = settings_for(recipe.control, recipe.task, updates=updates)
+    settings, spec = settings_for(
+        recipe.control, recipe.task, updates=updates, history=recipe.history
+    )
     task, controller = tasks.TASKS[recipe.task](), control.CONTROLLERS[recipe.control]()
     keys = jax.random.split(jax.random.key(0), SEEDS)
 
     def hear(progress: Progress) -> None:
         heard.append((time.perf_counter() - began, progress))
 
-    return train(task, controller, drones, keys, settings, hear, history=recipe.history), heard
+    return train(task, controller, drones, keys, settings, spec, on_progress=hear), heard
 
 
 def curves(heard: list[tuple[float, Progress]]) -> polars.DataFrame:
@@ -232,10 +233,8 @@ def measure(recipe: Recipe, updates: int | None) -> Measured:
     jax.config.update("jax_num_cpu_devices", CORES)
     drones = box(recipe)
     task, controller = tasks.TASKS[recipe.task](), control.CONTROLLERS[recipe.control]()
-    env = Environment.matching(
-        drones.centre, task, controller, spec=PolicySpec(history=recipe.history)
-    )
     policies, heard = trained(recipe, drones, updates)
+    env = Environment.matching(drones.centre, task, controller, spec=policies[0].spec)
     memory = (
         resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     )  # GiB, before the scores add theirs

@@ -267,7 +267,7 @@ def actions(
     for row in seen.swapaxes(0, 1):
         instant = np.concatenate([row, action], axis=1)
         history = (
-            np.tile(instant, flown.history)
+            np.tile(instant, flown.spec.history)
             if history is None
             else np.concatenate([history[:, instant.shape[1] :], instant], axis=1)
         )

@@ -78,15 +78,13 @@ def box(plan: argparse.Namespace) -> RelativeBox:
 def studied(kind: Kind, plan: argparse.Namespace) -> Studied:
     """Trains policies of one kind, scores them and flies them."""
     drones, task, controller = box(plan), tasks.circle(), control.CONTROLLERS[plan.control]()
-    settings = replace(SETTINGS[plan.control], hidden=kind.hidden)
+    settings, spec = SETTINGS[plan.control], PolicySpec(history=kind.history, hidden=kind.hidden)
     settings = settings if plan.updates is None else replace(settings, updates=plan.updates)
     keys = jax.random.split(jax.random.key(plan.seed), plan.seeds)
     began = time.perf_counter()
-    policies = train(task, controller, drones, keys, settings, history=kind.history)
+    policies = train(task, controller, drones, keys, settings, spec)
     seconds = time.perf_counter() - began
-    env = Environment.matching(
-        drones.centre, task, controller, spec=PolicySpec(history=kind.history)
-    )
+    env = Environment.matching(drones.centre, task, controller, spec=spec)
     scores = [
         evaluate(env, policy, drones, jax.random.key(1234), plan.episodes) for policy in policies
     ]

@@ -83,7 +83,7 @@ def trained(
     """Policies of one training, made unless they are there."""
     files = [folder / f"policy_{number}.json" for number in range(1, policies + 1)]
     if not all(file.exists() for file in files):
-        settings = workflow.settings_for("pwm", TASK, memory=memory)
+        settings, spec = workflow.settings_for("pwm", TASK, memory=memory)
         workflow.train_for(
             drone,
             0,
@@ -93,9 +93,9 @@ def trained(
             kind,
             task=TASK,
             accept_bounds=True,
-            memory=memory,
+            spec=spec,
         )
-    return [read(file) for file in files]
+    return [read(file).policy for file in files]
 
 
 def identified(folder: Path, drone: VirtualDrone, seed: int) -> Path:

@@ -1,5 +1,6 @@
 """Every snippet in the README and the docs runs: the real functions, with less work each."""
 
+import ast
 import dataclasses
 import importlib.util
 import json
@@ -19,12 +20,16 @@ from jaxtyping import Array
 
 import maidenflight as mf
 from maidenflight import cli, deployment, parameters, policy, policy_file, workflow
+from maidenflight.errors import InputError
+from maidenflight.experiments.transfer import as_seen_by
 from maidenflight.flights import log
 from maidenflight.identification.drone_file import DroneFile
+from maidenflight.parameters import noiseless
 from maidenflight.policy import Policy
-from maidenflight.simulator import control
+from maidenflight.simulator import control, dynamics, environment
 from maidenflight.simulator import reality as registry
 from maidenflight.simulator.control import Controller
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.tasks import Task
 from maidenflight.simulator.virtual_drone import VirtualDrone
@@ -395,24 +400,28 @@ def less_work(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def traced_training(
-    task: Task, controller: Controller, box: Distribution, keys: Array
+    task: Task,
+    controller: Controller,
+    box: Distribution,
+    keys: Array,
+    spec: PolicySpec = PolicySpec(),
 ) -> list[Policy]:
     """In the place of training: the slope of a control period is traced, not compiled, and policies
     that know nothing come back."""
-    env = mf.Environment.matching(box.centre, task, controller)
+    env = mf.Environment.matching(box.centre, task, controller, spec=spec)
 
     def value(action: Array, key: Array) -> Array:
         return mf.step(env, mf.reset(env, box.draw(key), key), action, box.draw(key), key)[1].reward
 
     jax.eval_shape(jax.grad(value), np.zeros(4, np.float32), keys[0])
-    return [policy.untrained(key, interface=controller.interface) for key in keys]
+    return [policy.untrained(key, controller.interface, spec) for key in keys]
 
 
 def traced_flights(policies: list[Policy], realities: list[VirtualDrone], **given: Any) -> None:
     """In the place of flights: their first half second is traced, not compiled."""
     task, controller = given.get("task", mf.circle()), given.get("controller", mf.pwm())
     for reality in realities:
-        env = reality.environment(task, controller)
+        env = as_seen_by(policies[0], reality.environment(task, controller))
 
         def fly(key: Array, drone: mf.Parameters, env: mf.Environment = env) -> Any:
             return mf.rollout(env, policies[0], mf.reset(env, drone, key), drone, key, steps=50)
@@ -558,6 +567,78 @@ def test_a_control_structure_is_added_in_three_places(monkeypatch: pytest.Monkey
     assert read.interface == names["TORQUES"]
     assert control.controller_for(read.interface).interface == names["TORQUES"]
     assert '#define MF_CONTROL "torques"' in Path("firmware/policy.h").read_text()
+
+
+@pytest.mark.usefixtures("less_work")
+def test_a_property_of_a_policy_s_input_is_one_class(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("onnx")
+    monkeypatch.setattr(mf, "train", traced_training)
+    monkeypatch.setattr(mf, "transfer", traced_flights)
+    (snippet,) = extensions("A property of a policy's input")
+    names: dict[str, Any] = {}
+    exec(compile(snippet, "docs/extending.md", "exec"), names)
+    (one, _), spec = names["policies"], names["spec"]
+    one.check()
+    assert (one.spec, one.layer_sizes) == (spec, (41, 50, 50, 4))
+    with pytest.raises(InputError, match="log_height = True, which the templates of the C"):
+        mf.export_c(one, "firmware")
+    with pytest.raises(InputError, match="log_height = True, but the authors' policies"):
+        deployment.EXPORTERS["authors"](one, "authors")
+    with pytest.raises(InputError, match=r"\(41,\) values, expected 40"):
+        policy_file.from_json(policy_file.to_json(one))
+    # What it sees in flight is what training shows it.
+    state = dynamics.at_hover(np.array([0.1, 0.2, 0.5]), noiseless(mf.crazyflie()))
+    env = mf.Environment(spec=spec)
+    begun = environment.begin(
+        env, state, np.float32(0), noiseless(mf.crazyflie()), jax.random.key(0)
+    )
+    seen = environment.observation(env, begun)
+    assert float(seen[-1]) == pytest.approx(np.log(0.5))
+    act = policy.Actor(one, 0.5).act(begun.measurement, mf.circle().reference(np.float32(0)))
+    assert np.isfinite(act.action).all()
+
+
+def named_in_source(*words: str) -> set[str]:
+    """The source files in whose code one of some words is an identifier or a text by itself."""
+    kinds = (ast.Name, "id"), (ast.Attribute, "attr"), (ast.arg, "arg"), (ast.keyword, "arg")
+    kinds = (*kinds, (ast.Constant, "value"), (ast.AnnAssign, "target"))
+    found = set()
+    for path in (ROOT / "src").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if any(isinstance(node, kind) and getattr(node, at) in words for kind, at in kinds):
+                found.add(str(path.relative_to(ROOT / "src/maidenflight")))
+    return found
+
+
+def test_a_property_of_a_policy_s_input_is_named_in_five_files_and_its_own() -> None:
+    """Look-ahead, which touched 33 when it came; its own are its arithmetic and its C."""
+    own = {"simulator/look_ahead.py", "deployment/look_ahead.py"}
+    assert named_in_source("look_ahead", "LookAhead") - own == {
+        "simulator/policy_spec.py",
+        "simulator/raptor_form.py",
+        "policy.py",
+        "deployment/c.py",
+        "cli/train.py",
+    }
+
+
+def test_no_function_takes_properties_of_policies_one_by_one() -> None:
+    """But the command line, whose options they are."""
+    plain = {field.name: str(field.type) for field in dataclasses.fields(PolicySpec)}
+    several = [
+        f"{path.name}: {node.name}"
+        for path in (ROOT / "src").rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.FunctionDef)
+        and path.parent.name != "cli"
+        and sum(
+            one.annotation is not None
+            and ast.unparse(one.annotation).replace(" | None", "") == plain.get(one.arg)
+            for one in [*node.args.args, *node.args.kwonlyargs]
+        )
+        > 1
+    ]
+    assert several == []
 
 
 def test_an_exporter_is_a_file_and_a_line(monkeypatch: pytest.MonkeyPatch) -> None:

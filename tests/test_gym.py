@@ -19,6 +19,8 @@ from maidenflight.errors import InputError  # noqa: E402
 from maidenflight.gym import arguments, rewards  # noqa: E402
 from maidenflight.parameters import crazyflie, noiseless, replace  # noqa: E402
 from maidenflight.simulator import dynamics, tasks, trajectories  # noqa: E402
+from maidenflight.simulator.look_ahead import LookAhead  # noqa: E402
+from maidenflight.simulator.policy_spec import PolicySpec  # noqa: E402
 from maidenflight.simulator.randomization import relative_box  # noqa: E402
 
 IDS = [f"maidenflight/{name}-v0" for name in maidenflight.gym.TASKS]
@@ -86,7 +88,7 @@ def test_without_a_seed_the_next_episode_of_the_same_seed_begins():
 
 
 def test_a_look_ahead_is_seen_by_one_drone_and_by_many():
-    given = {"look_ahead": 2, "look_ahead_spacing": 0.5, "parameters": QUIET}
+    given = {"spec": PolicySpec(look_ahead=LookAhead(2, 0.5)), "parameters": QUIET}
     alone, many = gymnasium.make(CIRCLE, **given), gymnasium.make_vec(CIRCLE, num_envs=2, **given)
     assert alone.observation_space.shape == many.single_observation_space.shape == (46,)
     first, both = alone.reset(seed=3)[0], many.reset(seed=3)[0]
@@ -311,10 +313,10 @@ def test_way_points_of_a_file_are_a_task(tmp_path):
         ("Circle", {"control": "attitude", "parameters": crazyflie()}, "time_step=0.002"),
         ("Circle", {"parameters": "no.toml"}, "give a TOML file or one of: crazyflie"),
         ("Circle", {"parameters": 0.028}, "Give Parameters"),
-        ("Circle", {"history": 0}, "1 or more"),
+        ("Circle", {"spec": 2}, "expected such as PolicySpec(history=2)"),
         ("Circle", {"reward": "dense"}, "reward = 'dense'; expected 'task' or 'shaped'"),
-        ("Circle", {"history": 2.0}, "whole number"),
-        ("Circle", {"look_ahead": -1}, "whole number from 0"),
+        ("Circle", {"spec": PolicySpec(memory=4)}, "memory = 4, which a learner's own network"),
+        ("Circle", {"spec": PolicySpec(form="raptor")}, "form = raptor, which a learner's own"),
         ("Circle", {"diameter": "wide"}, "expected a number"),
         ("Circle", {"period": -1}, "expected a number"),
         ("Circle", {"radius": 0.5}, "It has diameter, period, height"),

@@ -128,7 +128,7 @@ def test_what_is_no_policy_is_told_without_the_words_of_a_parser(tmp_path: Path)
     path = tmp_path / "drone.toml"
     path.write_text("mass = 1")
     with pytest.raises(InputError, match=r"not valid JSON\. Give a policy file"):
-        policies.read_as(path, None)
+        policy_file.read(path)
 
 
 def test_policies_fly_what_they_were_trained_for(trained: Path) -> None:
@@ -258,10 +258,10 @@ def test_the_help_of_training_tells_how_many_updates_are_usual() -> None:
     assert isinstance(option, click.Option)
     told = option.help or ""
     usual = {
-        structure: workflow.settings_for(structure, "circle").updates
+        structure: workflow.settings_for(structure, "circle")[0].updates
         for structure in ("pwm", "attitude_rate", "attitude")
     }
-    remembering = workflow.settings_for("attitude", "circle", "gradient", memory=16).updates
+    remembering = workflow.settings_for("attitude", "circle", "gradient", memory=16)[0].updates
     assert (
         f"{usual['pwm']} for pwm and attitude_rate, {usual['attitude']} for attitude "
         f"({remembering} with a --memory);"
@@ -272,9 +272,9 @@ def test_the_help_of_training_tells_how_many_updates_are_usual() -> None:
             ("hover", 2, "twice as many for hover"),
             ("figure_eight", 3, "three times for figure_eight"),
         ):
-            assert workflow.settings_for(structure, task).updates == times * count
+            assert workflow.settings_for(structure, task)[0].updates == times * count
             assert word in told
-    assert f"{workflow.settings_for('pwm', 'circle', 'ppo').updates} for PPO" in told
+    assert f"{workflow.settings_for('pwm', 'circle', 'ppo')[0].updates} for PPO" in told
 
 
 def test_the_help_of_training_tells_the_usual_randomization() -> None:
@@ -300,7 +300,7 @@ def test_the_help_of_training_tells_the_usual_hidden_layers() -> None:
     assert isinstance(option, click.Option)
     told = re.findall(r"\d+,\d+", option.help or "")
     usual = {
-        (structure, method): workflow.settings_for(structure, "circle", method).hidden
+        (structure, method): workflow.settings_for(structure, "circle", method)[1].hidden
         for structure in ("pwm", "attitude_rate", "attitude")
         for method in ("gradient", "ppo")
     }

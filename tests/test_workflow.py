@@ -177,19 +177,19 @@ def test_what_a_command_of_one_is_goes_from_the_drone_s_logs_to_the_exported_cod
 def test_a_look_ahead_is_trained_with_and_recorded(
     tmp_path: Path, monkeypatch: Any, ahead: LookAhead
 ) -> None:
-    def untrained(*_: Any, on_progress: Any, look_ahead: LookAhead, **__: Any) -> tuple[Policy]:
+    spec = PolicySpec(look_ahead=ahead, hidden=(8,))
+
+    def untrained(*given: Any, on_progress: Any, **__: Any) -> tuple[Policy]:
         on_progress(Progress(1, 1, Evaluation(*jnp.zeros((3, 1)))))
-        assert look_ahead == ahead
-        return (
-            policy.untrained(jax.random.key(0), spec=PolicySpec(look_ahead=ahead, hidden=(8,))),
-        )
+        assert given[-1] == spec
+        return (policy.untrained(jax.random.key(0), spec=spec),)
 
     monkeypatch.setattr("maidenflight.workflow.training.train", untrained)
-    workflow.train_for("crazyflie", 0, tmp_path, 1, workflow.SETTINGS["pwm"], 0.1, look_ahead=ahead)
+    workflow.train_for("crazyflie", 0, tmp_path, 1, workflow.SETTINGS["pwm"], 0.1, spec=spec)
     file = tmp_path / "policy_1.json"
-    assert policy_file.read(file).look_ahead == ahead
+    assert policy_file.read(file).spec.look_ahead == ahead
     told = {"look_ahead": {"points": 2, "spacing": 0.2}} if ahead.points else {}
-    settings = policy_file.record(file)["settings"]
+    settings = policy_file.read(file).record["settings"]
     assert {name: settings[name] for name in settings if "ahead" in name} == told
 
 
@@ -199,11 +199,9 @@ def test_the_usual_network_of_every_structure_can_be_exported_to_everything(
     structure: str, method: str
 ) -> None:
     for task in tasks.TASKS:
-        settings = workflow.settings_for(structure, task, method)
+        _, spec = workflow.settings_for(structure, task, method)
         for to in set(EXPORTERS) - {"raptor"}:
-            check_export(
-                to, control.CONTROLLERS[structure]().interface, settings.hidden, 2, crazyflie()
-            )
+            check_export(to, control.CONTROLLERS[structure]().interface, spec, crazyflie())
 
 
 def test_attitude_control_is_trained_about_hovering_unless_the_papers_scales_are_asked_for() -> (
@@ -247,20 +245,21 @@ def test_policies_for_the_authors_format_have_the_papers_scales(
         paper_scales=paper_scales,
     )
     assert (made.interface == control.attitude().interface) == papers
-    said = policy_file.record(tmp_path / "policy_1.json")["settings"]
+    said = policy_file.read(tmp_path / "policy_1.json").record["settings"]
     assert said.get("paper_scales") == (papers or None)
 
 
 def test_attitude_rate_fits_a_crazyflie_with_four_instants() -> None:
-    hidden = workflow.settings_for("attitude_rate", "circle").hidden
-    check_export("crazyflie", control.attitude_rate().interface, hidden, 4, crazyflie())
+    _, spec = workflow.settings_for("attitude_rate", "circle", history=4)
+    assert (spec.history, spec.hidden) == (4, (75, 75))
+    check_export("crazyflie", control.attitude_rate().interface, spec, crazyflie())
 
 
 @pytest.mark.parametrize("structure", control.CONTROLLERS)
 def test_gradients_see_most_of_a_second_ahead_and_with_a_memory_no_less(structure: str) -> None:
     rate = control.CONTROLLERS[structure]().interface.rate
     usual, remembering = (
-        workflow.settings_for(structure, "circle", "gradient", memory=size) for size in (0, 16)
+        workflow.settings_for(structure, "circle", "gradient", memory=size)[0] for size in (0, 16)
     )
     assert 0.6 < usual.horizon / rate < 0.85
     assert remembering.horizon / rate > 0.6
@@ -273,33 +272,35 @@ def test_drones_of_any_make_are_trained_over_with_a_memory_and_its_own_settings(
     assert float(drones.centre.mass) == pytest.approx(float(crazyflie().mass))
     assert isinstance(workflow.randomized("crazyflie", workflow.ANY_DAY, control.pwm()), AnyDay)
     usual, own = (
-        workflow.settings_for("pwm", "circle", "gradient", memory=size) for size in (0, 16)
+        workflow.settings_for("pwm", "circle", "gradient", memory=size)[0] for size in (0, 16)
     )
     assert isinstance(usual, AnalyticGradient)
     assert isinstance(own, AnalyticGradient)
     assert own.hidden_learning_rate < usual.hidden_learning_rate
     assert own.updates == usual.updates
-    assert workflow.settings_for("pwm", "circle", "ppo", memory=16) == PPO()
+    assert workflow.settings_for("pwm", "circle", "ppo", memory=16) == (
+        PPO(),
+        PolicySpec(memory=16),
+    )
     start = untrained(jax.random.key(0), spec=PolicySpec(memory=16, hidden=(24, 12)))
-    tuned = workflow.settings_for("pwm", "circle", initial=start)
+    tuned, spec = workflow.settings_for("pwm", "circle", initial=start)
     assert isinstance(tuned, AnalyticGradient)
-    assert (tuned.hidden, tuned.num_envs) == ((24, 12), own.num_envs)
+    assert (spec, tuned.num_envs) == (start.spec, own.num_envs)
     assert tuned.learning_rate < own.learning_rate
-    raptor = workflow.settings_for("pwm", "circle", "gradient", form="raptor")
-    assert raptor == dataclasses.replace(own, hidden=(16,), form="raptor", learning_rate=2e-3)
-    with pytest.raises(InputError, match="gradients"):
-        workflow.settings_for("pwm", "circle", "ppo", form="raptor")
+    raptor, spec = workflow.settings_for("pwm", "circle", "gradient", form="raptor")
+    assert raptor == dataclasses.replace(own, learning_rate=2e-3)
+    assert (spec, spec.hidden) == (PolicySpec(form="raptor"), (16,))
     assert tuned.updates < own.updates
 
 
 def test_a_crazyflie_takes_a_policy_that_remembers_16_numbers_and_the_authors_file_none() -> None:
     interface = control.pwm().interface
     for target in ("crazyflie", "c", "onnx"):
-        check_export(target, interface, (50, 50), 2, crazyflie(), memory=16)
-    with pytest.raises(InputError, match="remembers 16 numbers"):
-        check_export("authors", interface, (50, 50), 2, crazyflie(), memory=16)
+        check_export(target, interface, PolicySpec(memory=16), crazyflie())
+    with pytest.raises(InputError, match="memory = 16, but the authors' policies"):
+        check_export("authors", interface, PolicySpec(memory=16), crazyflie())
     with pytest.raises(InputError, match="multiplications"):
-        check_export("crazyflie", interface, (50, 50), 2, crazyflie(), memory=64)
+        check_export("crazyflie", interface, PolicySpec(memory=64), crazyflie())
 
 
 @pytest.mark.parametrize("structure", control.CONTROLLERS)
@@ -308,21 +309,19 @@ def test_an_app_for_the_firmwares_mixer_is_not_made_of_a_policy_for_another_fram
 ) -> None:
     interface = control.CONTROLLERS[structure]().interface
     own, other = crazyflie(), replace(crazyflie(), **plus_frame(0.05))
-    path, made = (
-        tmp_path / "policy.json",
-        policy.untrained(jax.random.key(0), interface, PolicySpec(history=2, hidden=(8,))),
-    )
+    path, spec = tmp_path / "policy.json", PolicySpec(hidden=(8,))
+    made = policy.untrained(jax.random.key(0), interface, spec)
     for drone in (own, other):
         rotors = {name: plain(getattr(drone, name)) for name in GEOMETRY}
         policy_file.write(path, made, {"rotors": rotors})
         if drone is own or structure == "pwm":
             assert workflow.export(path, tmp_path / f"app{drone is own}", 0, "crazyflie")
-            check_export("crazyflie", interface, (8,), 2, drone)
+            check_export("crazyflie", interface, spec, drone)
             continue
         with pytest.raises(InputError, match="mixes for an X"):
             workflow.export(path, tmp_path / "no", 0, "crazyflie")
         with pytest.raises(InputError, match="mixes for an X"):
-            check_export("crazyflie", interface, (8,), 2, drone)
+            check_export("crazyflie", interface, spec, drone)
         written = workflow.export(path, tmp_path / "c", 0, "c")
         assert any("rotor_x" in file.read_text() for file in written)
 
@@ -332,18 +331,15 @@ def test_what_the_target_could_not_hold_is_not_trained(tmp_path: Path, monkeypat
         raise AssertionError("training began")
 
     monkeypatch.setattr("maidenflight.workflow.training.train", trained)
-    settings = workflow.settings_for("pwm", "circle", hidden=(128, 128))
-    assert settings.hidden == (128, 128)
+    settings, spec = workflow.settings_for("pwm", "circle", hidden=(128, 128))
+    assert spec.hidden == (128, 128)
+    asked: Any = ("crazyflie", 0, tmp_path, 1, settings, 0.1)
     with pytest.raises(InputError, match="22016 multiplications"):
-        workflow.train_for("crazyflie", 0, tmp_path, 1, settings, 0.1, target="crazyflie")
-    with pytest.raises(InputError, match="looks ahead at 2 points"):
-        workflow.train_for(
-            *("crazyflie", 0, tmp_path, 1, workflow.settings_for("pwm", "circle"), 0.1),
-            target="authors",
-            look_ahead=LookAhead(2),
-        )
+        workflow.train_for(*asked, spec=spec, target="crazyflie")
+    with pytest.raises(InputError, match=r"look_ahead = .*2.*, but the authors' policies"):
+        workflow.train_for(*asked, spec=PolicySpec(look_ahead=LookAhead(2)), target="authors")
     with pytest.raises(AssertionError, match="training began"):
-        workflow.train_for("crazyflie", 0, tmp_path, 1, settings, 0.1, target="c")
+        workflow.train_for(*asked, spec=spec, target="c")
     assert not list(tmp_path.iterdir())
 
 

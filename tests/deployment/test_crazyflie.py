@@ -197,8 +197,8 @@ AHEAD = "pwm_looking_ahead"
 
 def policy_of(structure: str) -> Policy:
     if structure == AHEAD:
-        return restless((8,), 2, look_ahead=LookAhead(3, 0.2))
-    return restless((8,), 2, CONTROLLERS[structure]().interface)
+        return restless(PolicySpec(look_ahead=LookAhead(3, 0.2), hidden=(8,)))
+    return restless(PolicySpec(hidden=(8,)), CONTROLLERS[structure]().interface)
 
 
 Load = Callable[..., App]
@@ -444,7 +444,7 @@ def actions_in_python(
             observe(Measurement(*(part[row] for part in flight)), setpoints[row], action)
         )
         memory = (
-            np.tile(instant, (policy.history, 1))
+            np.tile(instant, (policy.spec.history, 1))
             if memory is None
             else np.vstack([memory[1:], instant])
         )

@@ -65,7 +65,7 @@ def made(control="pwm", hidden=(50, 50), history=2):
         observation_mean=drawn(1.0, sizes[0]),
         observation_std=jnp.exp(drawn(1.0, sizes[0])),
         interface=interface_of(control),
-        history=history,
+        spec=PolicySpec(history=history, hidden=hidden),
     )
 
 
@@ -312,7 +312,7 @@ def test_c_is_what_is_exported_unless_told_and_as_before(tmp_path):
     )
     given = workflow.export(path, tmp_path / "given", 7)
     expected = export_c(
-        policy_file.read(path),
+        policy_file.read(path).policy,
         tmp_path / "expected",
         seed=7,
         record=results.record(

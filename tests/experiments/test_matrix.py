@@ -92,12 +92,12 @@ def test_policies_are_kept_as_they_were_trained(flown: Any) -> None:
     folder, _, _ = flown
     files = sorted((folder / "made" / "policies").glob("*/*.json"))
     assert len(files) == 4
-    kept = [policy_file.read(file) for file in files]
+    kept = [policy_file.read(file).policy for file in files]
     assert {(one.interface.name, one.interface.rate, one.layer_sizes) for one in kept} == {
         ("attitude", 100, (40, 8, 4))
     }
     assert len({np.asarray(one.weights[0]).tobytes() for one in kept}) == 4
-    assert policy_file.record(files[0])["settings"]["training_rate"] == 100
+    assert policy_file.read(files[0]).record["settings"]["training_rate"] == 100
 
 
 @pytest.mark.slow

@@ -13,11 +13,13 @@ from os import environ
 from pathlib import Path
 from urllib.parse import unquote
 
+import jax
 import numpy as np
 import polars
 import pytest
 
-from maidenflight import parameters, results
+from maidenflight import parameters, policy_file, results, run_folder
+from maidenflight.deployment.authors_json import export_authors_json
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.flights import log
@@ -30,9 +32,14 @@ from maidenflight.identification.drone_file import (
     Search,
     Source,
 )
+from maidenflight.policy import untrained
 from maidenflight.reporting import page as page_module
-from maidenflight.reporting import text
+from maidenflight.reporting import run as runs
+from maidenflight.reporting import sections, text
+from maidenflight.reporting.flight_tables import NAMES as STRUCTURES
 from maidenflight.reporting.page import report
+from maidenflight.simulator.interface import INTERFACES
+from maidenflight.simulator.policy_spec import PolicySpec
 
 CHROMIUM = (
     shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -541,6 +548,41 @@ def test_a_matrix_has_box_plots_and_its_cells(matrix, tmp_path):
     assert cells.filter(control="pwm", latency=0.015, reality="far-7")["mean"].item() == 7.0
     assert file(content, "flights").height == 48
     assert content.count('"title":"near-7"') == 1
+
+
+def test_box_plots_of_policies_are_grouped_by_the_control_structures_that_their_files_say(tmp_path):
+    """Policies of two trainings whose files have the same names, and one of the authors'."""
+    structures = {"b/policy_1": "attitude", "a/policy_1": "pwm", "b/policy_2": "attitude"}
+    for name, structure in structures.items():
+        commanded = INTERFACES[structure]()
+        made = untrained(jax.random.key(0), commanded, PolicySpec(hidden=(3,)))
+        policy_file.write(tmp_path / f"{name}.json", made, {**RECORD, "seed": 3})
+    theirs = untrained(jax.random.key(0), spec=PolicySpec(hidden=(3,)))
+    export_authors_json(theirs, tmp_path / "pwm", name="pwm_024")
+    export_authors_json(theirs, tmp_path / "unknown", name="pwm_025")[0].rename(tmp_path / "x.json")
+    names = [*structures, "pwm/pwm_024"]
+    rows = [
+        {"policy": name, "reality": "near-7", "trial": trial, "duration": trial}
+        | {"end_reason": "tilt", "position_error": 0.01, "at_limits": 0.1, "command_change": 0.1}
+        for name in names
+        for trial in range(1, 6)
+    ]
+    table = polars.DataFrame(rows).with_columns(
+        polars.int_range(1, len(rows) + 1).alias("flight"), polars.col("duration").cast(float)
+    )
+    run_folder.FLIGHTS.write(tmp_path / "flights.csv", table, RECORD)
+    files = [*(tmp_path / f"{name}.json" for name in names), tmp_path / "x.json"]
+    run = runs.read(tmp_path / "flights.csv", *files)
+    assert {name: run.controls[name] for name in names} == structures | {"pwm/pwm_024": "pwm"}
+    assert run.policies == 5
+    assert run.records["a/policy_1.json"]["seed"] == 3
+    drawn = sections.flights(run)
+    grouped = ["b/policy_1", "b/policy_2", "a/policy_1", "pwm/pwm_024"]
+    assert f'"sort":{json.dumps(grouped, separators=(",", ":"))}' in drawn
+    assert all(STRUCTURES[structure] in drawn for structure in ("pwm", "attitude"))
+    # Where the structure of one is not known they stand as they flew.
+    unknown = sections.flights(runs.read(tmp_path / "flights.csv", *files[1:]))
+    assert f'"sort":{json.dumps(names, separators=(",", ":"))}' in unknown
 
 
 def test_predicted_flights_have_their_own_section(tmp_path):

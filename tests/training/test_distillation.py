@@ -19,8 +19,8 @@ from maidenflight.training.distillation import Distillation, Teacher, known
 pytestmark = pytest.mark.usefixtures("without_optimizations")
 
 BOX = AnyDrone(crazyflie())
-WORLD = Environment.matching(crazyflie(), spec=PolicySpec(memory=4))
-SETTINGS = Distillation(updates=120, num_envs=4, horizon=4, hidden=(8, 8), learning_rate=0.02)
+WORLD = Environment.matching(crazyflie(), spec=PolicySpec(memory=4, hidden=(8, 8)))
+SETTINGS = Distillation(updates=120, num_envs=4, horizon=4, learning_rate=0.02)
 
 
 def test_what_a_teacher_knows_is_all_that_differs_between_drones_of_any_make() -> None:
@@ -102,18 +102,19 @@ def _difference(policies: Policy, learners: distillation._Learner) -> float:
 
 
 def test_settings_by_name_are_of_each_third_those_of_gradients() -> None:
-    settings = settings_for("pwm", "circle", "distillation", memory=16)
+    settings, spec = settings_for("pwm", "circle", "distillation", memory=16)
     assert isinstance(settings, Distillation)
+    assert spec == PolicySpec(memory=16, hidden=(32, 32))
     assert settings.updates == 3 * AnalyticGradient().updates
-    assert settings_for("pwm", "circle", "distillation", 300, memory=16).updates == 300
+    assert settings_for("pwm", "circle", "distillation", 300, memory=16)[0].updates == 300
     # Without a word of it, what has a memory is distilled, unless it begins with a policy.
-    assert settings_for("pwm", "circle", memory=16) == settings
-    assert type(settings_for("pwm", "circle", form="raptor")) is AnalyticGradient
-    assert isinstance(settings_for("pwm", "circle", "distillation", form="raptor"), Distillation)
-    begun = settings_for(
+    assert settings_for("pwm", "circle", memory=16) == (settings, spec)
+    assert type(settings_for("pwm", "circle", form="raptor")[0]) is AnalyticGradient
+    assert isinstance(settings_for("pwm", "circle", "distillation", form="raptor")[0], Distillation)
+    begun, _ = settings_for(
         "pwm", "circle", initial=untrained(jax.random.key(0), spec=PolicySpec(memory=4))
     )
-    assert type(begun) is type(settings_for("pwm", "circle")) is AnalyticGradient
+    assert type(begun) is type(settings_for("pwm", "circle")[0]) is AnalyticGradient
 
 
 def test_distillation_needs_a_memory_and_starts_from_random_weights() -> None:
