@@ -129,6 +129,6 @@ def test_settings_by_name_are_of_each_third_those_of_gradients() -> None:
 def test_distillation_needs_a_memory_and_starts_from_random_weights() -> None:
     with pytest.raises(InputError):
         chosen(method="distillation")
+    start = PolicyFile(untrained(jax.random.key(0), spec=PolicySpec(memory=4)))
     with pytest.raises(InputError):
-        start = PolicyFile(untrained(jax.random.key(0), spec=PolicySpec(memory=4)))
         Train(method="distillation").choose_learner(start.spec, start)
