@@ -10,7 +10,7 @@ from typing import Any
 import jax
 import polars
 
-from maidenflight import run_folder, workflow
+from maidenflight import manifest, results, run_folder, workflow
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.identification.estimates import Identification
 from maidenflight.identification.identify import AUTO
@@ -137,7 +137,9 @@ def demo(folder: Path, seed: int, plan: Plan, listener: Listener) -> Demo:
     )
     best = workflow.best_policy(flown, workflow.policy_files([policies]))
     run("export", lambda: workflow.export(best, folder / run_folder.FIRMWARE, seed))
-    run_folder.write_stages(folder, seed, seconds)
+    stages = run_folder.write_stages(folder, seed, seconds)
+    made = results.record(seed=seed, inputs=[], settings={"drone": drone.name})
+    manifest.append(stages, "demo", {"stages": [stages]}, made)
     page = run("report", lambda: report(folder, folder / run_folder.REPORT))
     return Demo(drone.parameters, found, flown, seconds, folder, page, best)
 

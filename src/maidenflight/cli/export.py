@@ -1,7 +1,9 @@
 """export, report and view: a policy for the drone, a page of a run, flights to look at."""
 
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -75,8 +77,30 @@ _REPORT = b"<footer>Written by maidenflight "
 """What every report holds."""
 
 
+_FILES = {
+    "logs": "Flight logs of any format that identify reads, a file or a folder; again for more.",
+    "drone": "Identified drone (TOML).",
+    "truth": "Parameters of the virtual drone that was recorded (TOML).",
+    "policies": "Policy or folder of policies.",
+    "flights": "Table of test flights; logs flight_*.csv beside it are shown too.",
+    "validation": "Table of prediction errors.",
+    "prediction": "Table of predicted flights.",
+    "study": "Table of a study.",
+}
+"""Help of the options that name files; see `run_files.FileOptions`."""
+
+
+def _file_options(command: Callable[..., None]) -> Callable[..., None]:
+    for name, text in reversed(_FILES.items()):
+        command = click.option(f"--{name}", type=options.PATH, multiple=name == "logs", help=text)(
+            command
+        )
+    return command
+
+
 @click.command()
-@click.argument("runs", metavar="RUN...", nargs=-1, required=True, type=options.PATH)
+@click.argument("run", required=False, type=options.PATH)
+@_file_options
 @options.output("HTML file; report.html unless given, in the folder where RUN is one.")
 @options.as_json
 @click.option(
@@ -84,20 +108,25 @@ _REPORT = b"<footer>Written by maidenflight "
     is_flag=True,
     help="Replace a file that is no report; an earlier report is replaced anyway.",
 )
-def report(runs: tuple[Path, ...], output: Path | None, as_json: bool, overwrite: bool) -> None:
+def report(
+    run: Path | None, output: Path | None, as_json: bool, overwrite: bool, **files: Any
+) -> None:
     """Make one self-contained HTML page of a RUN.
 
-    RUN is a folder, or files and folders of it: a drone, policies, flight logs of any format that
-    identify reads, and tables of results. They are known by what they hold, whatever their names.
+    RUN is a folder with run.json, which commands write beside their output, or a file or folder
+    that it lists; this folder unless given. Files that are renamed, moved or by others are given
+    by options, with or without a RUN.
     """
-    home = runs[0] if len(runs) == 1 and runs[0].is_dir() else Path()
+    given = {name: value for name, value in files.items() if value}
+    source = run if run is not None or given else Path()
+    home = source if source is not None and source.is_dir() else Path()
     output = output or home / run_folder.REPORT
     with suppress(OSError):
         overwrite = overwrite or (output.is_file() and _REPORT in output.read_bytes())
     options.must_be_new(output, overwrite)
     from maidenflight.reporting.page import report as make
 
-    page = make(runs, output)
+    page = make(source, output, **given)
     said = f"written {page}; open it in a browser"
     options.emit(as_json, {"report": str(page)}, lambda: print(said))
 
@@ -108,7 +137,7 @@ def report(runs: tuple[Path, ...], output: Path | None, as_json: bool, overwrite
 @options.as_json
 @options.overwrite
 def view(flights: Path, output: Path | None, as_json: bool, overwrite: bool) -> None:
-    """View FLIGHTS in rerun: a log, a folder of logs or a run.
+    """View FLIGHTS in rerun: a log, a folder of logs, or a run and what its run.json lists.
 
     Needs the extra viewer: pip install '.[viewer]' in the source folder.
     """

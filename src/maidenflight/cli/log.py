@@ -77,4 +77,4 @@ def _show(
     log_output.held(flights, found)
     if output is not None:
         print(f"written to {output}/: {len(flights)} logs in our format")
-    print(f"pictures: maidenflight report {logs} -o look.html")
+    print(f"pictures: maidenflight report --logs {logs} -o look.html")

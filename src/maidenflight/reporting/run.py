@@ -1,6 +1,6 @@
-"""A run as the report shows it, read from a folder or from a `Transfer` in memory.
+"""A run as the report shows it, read from a run folder, from files or from a `Transfer` in memory.
 
-Each part is optional: a folder may be that of the demo, of one stage or of a matrix.
+Each part is optional: a run may be that of the demo, of one stage or of a matrix.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,14 +16,21 @@ from maidenflight import inputs, results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.flights import log
-from maidenflight.flights.formats import is_known
 from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import read_flights, whole_flights
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import DroneFile, Estimate
+from maidenflight.inputs import StrPath
 from maidenflight.parameters import COMPONENTS, Parameters, component
-from maidenflight.reporting import identified, sources
+from maidenflight.reporting import identified
 from maidenflight.reporting.identified import SIMULATED, UNKNOWN, Kinds
+from maidenflight.reporting.run_files import (
+    FileOptions,
+    RunFiles,
+    find_files,
+    nothing_here,
+    to_paths,
+)
 from maidenflight.run_folder import Table
 
 MOST = 300
@@ -81,8 +88,10 @@ class Run:
     """How each file was made, by the file's name."""
     seconds: Mapping[str, float] = field(default_factory=dict)
     """Wall time of each stage."""
+    missing_files: Sequence[str] = ()
+    """Names of files that the run's manifest lists and that are no longer there."""
     other_files: Mapping[str, list[str]] = field(default_factory=dict)
-    """Names of what else the folder holds, by kind."""
+    """Names of what else the manifest lists, by kind."""
 
     @property
     def estimates(self) -> Mapping[str, Estimate]:
@@ -124,42 +133,47 @@ def of_transfer(flown: Transfer) -> Run:
     )
 
 
-def read(*given: Path) -> Run:
-    """Reads what there is in files and folders, known by what they hold.
+def read(source: StrPath | None = None, options: FileOptions | None = None) -> Run:
+    """Reads a run from its folder, from what its manifest lists, and from files of a user.
+
+    Args:
+        source: see `find_files`.
+        options: see `find_files`.
 
     Raises:
-        InputError: see `sources.find`; nothing known is there, or a file is not what it seems to
-            be.
+        InputError: see `find_files`; nothing is there, or a file is not what it should be.
     """
-    found = sources.find(given)
+    options = options or {}
+    found = find_files(source, options)
     records: dict[str, Mapping[str, Any]] = {}
-    table = _test_flights(found.table, records)
-    truth = _drone(found.truth, records)
-    reality = None if truth is None else truth.parameters
-    recorded, refused = _recorded(found.logs[:MOST], given, records)
-    drone = _drone(found.drone, records)
-    policies = {path: run_folder.json_object(path) for path in found.policies}
+    table = _test_flights(found.first("flights"), records)
+    truth = _drone(found.first("truth"), records)
+    recorded, refused = _recorded(found, options, records)
+    drone = _drone(found.first("drone"), records)
+    policies = {path: run_folder.json_object(path) for path in found.files.get("policies", ())}
     for path, content in policies.items():
         _keep(records, path, content.get("record"))
-    flights = tuple(_own(path, records) for path in found.tested) if table is not None else ()
+    tested = found.files.get("flight_logs", ()) if table is not None else ()
+    flights = tuple(_own(path, records) for path in tested)
     if table is not None and flights and len(flights) != table.height:
         raise InputError(
-            f"{found.table}: {len(flights)} flight logs, but {table.height} rows. Run the transfer "
-            "again."
+            f"{found.first('flights')}: {len(flights)} flight logs, but {table.height} rows. Run "
+            "the transfer again."
         )
     logs = {results.digest(path): bool(flight.simulated) for path, flight in recorded}
-    validation, said = _table(found.validation, run_folder.VALIDATION, records)
-    windows, said_too = _table(found.windows, run_folder.WINDOWS, records)
-    used = _digests({} if drone is None else drone.record, found.drone)
-    judged = _digests(said or said_too, found.validation or found.windows)
-    kinds, predicted = _kinds(logs, drone, used, judged, reality is not None)
+    validation, said = _table(found.first("validation"), run_folder.VALIDATION, records)
+    windows, said_too = _table(found.first("windows"), run_folder.WINDOWS, records)
+    used = _digests({} if drone is None else drone.record, found.first("drone"))
+    judged = _digests(said or said_too, found.first("validation") or found.first("windows"))
+    kinds, predicted = _kinds(logs, drone, used, judged, truth is not None)
+    stages = found.first("stages")
     run = Run(
-        reality=reality,
+        reality=None if truth is None else truth.parameters,
         recorded=tuple(flight for _, flight in recorded),
-        logs=len(found.logs) - len(refused),
+        logs=len(found.files.get("logs", ())) - len(refused),
         drone=drone,
         kinds=kinds,
-        search=_search(found.evaluations),
+        search=_search(found.first("evaluations")),
         validation=validation,
         windows=windows,
         predicted=predicted,
@@ -171,18 +185,19 @@ def read(*given: Path) -> Run:
             for path, content in policies.items()
             if "control" in content
         },
-        training=_table(found.training, run_folder.TRAINING)[0],
+        training=_table(found.first("training"), run_folder.TRAINING)[0],
         table=table,
         flights=flights,
-        prediction=_table(found.prediction, run_folder.PREDICTION, records)[0],
-        study=_table(found.study, run_folder.STUDY, records)[0],
+        prediction=_table(found.first("prediction"), run_folder.PREDICTION, records)[0],
+        study=_table(found.first("study"), run_folder.STUDY, records)[0],
         records=records,
-        seconds={} if found.stages is None else run_folder.read_stages(found.stages),
+        seconds={} if stages is None else run_folder.read_stages(stages),
         refused=tuple(refused),
+        missing_files=found.missing,
         other_files=found.others,
     )
     if not run.known:
-        raise InputError(sources.nothing(given))
+        raise nothing_here(Path(source or ""), found)
     return run
 
 
@@ -215,12 +230,6 @@ def _digests(record: Mapping[str, Any], path: Path | None) -> frozenset[str]:
     return frozenset(digest for digest, file in found.items() if not file.endswith(".toml"))
 
 
-def holds_flights(folder: Path) -> bool:
-    """Whether a folder is that of a run with test flights or recorded ones."""
-    names = (run_folder.FLIGHTS.name, run_folder.TRANSFER, *run_folder.RECORDED)
-    return any((folder / name).exists() for name in names)
-
-
 def _keep(records: dict[str, Mapping[str, Any]], path: Path, record: Any) -> None:
     if isinstance(record, dict) and record:
         name = (
@@ -240,9 +249,9 @@ def _drone(path: Path | None, records: dict[str, Mapping[str, Any]]) -> DroneFil
 
 
 def _recorded(
-    paths: Sequence[Path], given: Sequence[Path], records: dict[str, Mapping[str, Any]]
+    found: RunFiles, options: FileOptions, records: dict[str, Mapping[str, Any]]
 ) -> tuple[list[tuple[Path, Flight]], list[str]]:
-    """The flights in logs of any format, and why others in folders cannot be used.
+    """The flights in logs of any format, and why others cannot be used.
 
     Our own logs are shown whole, of others the gapless pieces in which the drone flies, if any.
 
@@ -251,17 +260,15 @@ def _recorded(
     """
     flights: list[tuple[Path, Flight]] = []
     refused = []
-    for path in paths:
-        if _is_own(path):
+    for path in found.files.get("logs", ())[:MOST]:
+        if path in found.own_logs or _is_own(path):
             flights.append((path, _own(path, records)))
             continue
         try:
             flights += [(path, flight) for flight in _pieces(path)]
         except InputError as error:
-            if path in given:
+            if path in to_paths(options.get("logs", ())):
                 raise
-            if _numbered(path) and path.parent.name in run_folder.RECORDED and not is_known(path):
-                _own(path, records)
             refused.append(str(error))
     return flights, refused
 
@@ -283,17 +290,12 @@ def _pieces(path: Path) -> Sequence[Flight]:
 
 
 def _is_own(path: Path) -> bool:
-    """Whether a file is a log of ours, by its first line; where it has none, by its name."""
+    """Whether a file is a log of ours, by its first line."""
     try:
         first = next(iter(inputs.comments(path)), "") if path.suffix == ".csv" else ""
     except (OSError, UnicodeDecodeError):
-        return _numbered(path)
+        return False
     return first.startswith(log.FAMILY)
-
-
-def _numbered(path: Path) -> bool:
-    """Whether a log has a name that a command gives."""
-    return path.match(f"{run_folder.LOG.stem}_*{run_folder.LOG.suffix}")
 
 
 def _own(path: Path, records: dict[str, Mapping[str, Any]]) -> Flight:

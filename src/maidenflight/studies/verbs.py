@@ -83,7 +83,7 @@ def transfer(work: Work) -> list[Row]:
         _policies(given),
         _places(given),
         given["seed"],
-        work.folder,
+        work.folder / run_folder.TRANSFER,
         given["trials"],
         given["duration"],
         given["task"] or task,
@@ -119,7 +119,7 @@ def envelope(work: Work) -> list[Row]:
         _places(given),
         given["along"],
         given["seed"],
-        work.folder,
+        work.folder / "envelope",
         flights=given["flights"],
         task=task,
     )

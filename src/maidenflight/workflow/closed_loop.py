@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from maidenflight import parameters, results
+from maidenflight import manifest, parameters, results
 from maidenflight.errors import InputError
 from maidenflight.experiments.as_flown import controller_as_flown
 from maidenflight.flights.reading import Flights
@@ -91,6 +91,8 @@ def match_loops(
     )
     used = [flight for own in flown.values() for flight in own]
     _drone_file(begun, found, source_of(used), made).write(output)
+    read: manifest.Files = {"logs": flights.paths, "policies": files}
+    manifest.append(output, "identify", {"drone": [output]}, made, read)
     return flights, found
 
 

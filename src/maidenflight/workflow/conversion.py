@@ -3,7 +3,7 @@
 from collections import Counter
 from pathlib import Path
 
-from maidenflight import results
+from maidenflight import manifest, results
 from maidenflight.flights import log
 from maidenflight.flights.reading import Flights
 from maidenflight.inputs import StrPath
@@ -31,4 +31,5 @@ def convert(flights: Flights, folder: StrPath, reading: Reading) -> list[Path]:
         number = f"_{seen[name]}" if several[name] > 1 else ""
         written.append(log.write(Path(folder, f"{name}{number}.csv"), flight, made))
     results.remove_older(written, made)
+    manifest.append(folder, "log", {"logs": written}, made, {"logs": flights.paths})
     return written

@@ -6,7 +6,7 @@ from typing import Any
 
 import jax
 
-from maidenflight import parameters, results
+from maidenflight import manifest, parameters, results
 from maidenflight.deployment import EXPORTERS
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
@@ -68,7 +68,9 @@ def export(
         "record": record,
         **chosen,
     }
-    return exporter(policy, folder, **given)
+    written = exporter(policy, folder, **given)
+    manifest.append(folder, "export", {"exported": written}, record, {"policies": [path]})
+    return written
 
 
 def export_options(path: StrPath, structure: str | None = None) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ from pathlib import Path
 import jax
 import polars
 
-from maidenflight import results, run_folder
+from maidenflight import manifest, results, run_folder
 from maidenflight.deployment.authors_json import read_policy
 from maidenflight.errors import InputError
 from maidenflight.experiments import envelope
@@ -84,7 +84,10 @@ def envelope_of(
         run_folder.ENVELOPE.write(path, polars.concat(parts.values()), made)
     flown = polars.concat(parts[place.name, axis] for place, axis in plan)
     run_folder.ENVELOPE.write(path, flown, made)
-    results.write(path.with_suffix(".svg"), envelope_picture(envelope.summary(flown)))
+    picture = path.with_suffix(".svg")
+    results.write(picture, envelope_picture(envelope.summary(flown)))
+    written: manifest.Files = {"envelope": [path], "picture": [picture]}
+    manifest.append(folder, "envelope", written, made, {"policies": [*files, *described]})
     return flown
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import jax
 import polars
 
-from maidenflight import policy_file, results, run_folder
+from maidenflight import manifest, policy_file, results, run_folder
 from maidenflight.deployment.authors_json import read_policy
 from maidenflight.experiments import matrix
 from maidenflight.experiments.as_flown import FIRMWARE, controller_as_flown
@@ -72,7 +72,9 @@ def transfer_to(
         log.write(Path(folder) / f"{flight.name}.csv", flight, made) for flight in flown.flights
     ]
     results.remove_older(written, made)
-    run_folder.FLIGHTS.write(Path(folder, run_folder.FLIGHTS.name), flown.table)
+    table = run_folder.FLIGHTS.write(Path(folder, run_folder.FLIGHTS.name), flown.table)
+    wrote: manifest.Files = {"flights": [table], "flight_logs": written}
+    manifest.append(folder, "transfer", wrote, made, {"policies": [*files, *described]})
     return flown
 
 
@@ -132,6 +134,11 @@ def transfer_matrix(
         on_row(len(asked.rows), len(asked.rows), "flying")
     flights = matrix.fly(asked, policies, realities)
     run_folder.MATRIX_FLIGHTS.write(table, flights, made)
+    cells = (Path(folder, run_folder.POLICIES, cell.name) for cell in policies)
+    written = [path for cell in cells for path in run_folder.POLICY.find(cell)]
+    manifest.append(
+        folder, "transfer", {"flights": [table], "policies": written}, made, {"drone": inputs}
+    )
     return flights
 
 
@@ -244,6 +251,7 @@ def predict_with(
     settings |= {"firmware": firmware, "today": None if today is None else Path(today).name}
     made = results.record(seed=seed, inputs=inputs, settings=settings)
     run_folder.PREDICTION.write(output, flown, made)
+    manifest.append(output, "predict", {"prediction": [output]}, made, {"policies": inputs})
     return files, flown
 
 
@@ -294,12 +302,13 @@ def limit_cycles(summary: polars.DataFrame) -> list[str]:
 
 
 def flights_to_view(path: StrPath) -> Sequence[Flight]:
-    """Flights of a run folder: test flights, or else those that were recorded.
+    """Flights of a run folder or of an output that it lists: test flights, else recorded ones.
 
     Or of a log or a folder of logs, of any known kind.
 
     Raises:
         InputError: nothing there, or a log cannot be used.
     """
-    flights = run.shown(run.read(Path(path))) if run.holds_flights(Path(path)) else ()
-    return flights or read_flights(path).flights
+    place = Path(path)
+    known = place.is_dir() and manifest.find_manifest(place) is not None
+    return (run.shown(run.read(place)) if known else ()) or read_flights(place).flights

@@ -9,7 +9,7 @@ from typing import Any
 import jax
 import polars
 
-from maidenflight import parameters, results, run_folder
+from maidenflight import manifest, parameters, results, run_folder
 from maidenflight.flights import log, recording
 from maidenflight.flights.reading import COMMANDS, MOST, Flights, read_flights
 from maidenflight.flights.windows import LEAD_IN
@@ -72,6 +72,7 @@ def record(
         Path(truth).unlink(missing_ok=True)
     written = [log.write(Path(folder) / f"{flight.name}.csv", flight, made) for flight in flown]
     results.remove_older(written, made)
+    manifest.append(folder, "record", {"logs": written, "truth": [truth]}, made)
     return written
 
 
@@ -194,6 +195,12 @@ def identify_from(
     run_folder.EVALUATIONS.write(run_folder.beside(output), found.search)
     picture = identification_picture(found, begun.parameters)
     results.write(run_folder.picture_beside(output), picture)
+    written: manifest.Files = {
+        "drone": [output],
+        "evaluations": [run_folder.beside(output)],
+        "picture": [run_folder.picture_beside(output)],
+    }
+    manifest.append(output, "identify", written, made, {"logs": flights.paths})
     return flights, found
 
 
@@ -249,6 +256,11 @@ def validate_with(
     made = results.record(seed=seed, inputs=[*inputs, *flights.paths], settings=settings)
     run_folder.VALIDATION.write(output, errors, made)
     run_folder.WINDOWS.write(run_folder.windows_beside(output), drawn, made)
+    written: manifest.Files = {
+        "validation": [output],
+        "windows": [run_folder.windows_beside(output)],
+    }
+    manifest.append(output, "validate", written, made, {"drone": inputs, "logs": flights.paths})
     likelihoods = {name: log_likelihood(flights.flights, model) for name, model in models.items()}
     notes = [*_not_held_out(file, flights), *_other_law(file, reading)]
     return Validation(flights, likelihoods, errors, (*notes, *at_bounds(file.estimates).values()))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import jax
 
-from maidenflight import parameters, results
+from maidenflight import manifest, parameters, results
 from maidenflight.errors import InputError
 from maidenflight.flights import log, planned, recording
 from maidenflight.flights.flight_plan import FlightPlan
@@ -85,6 +85,8 @@ def plan_for(
     found = replace(found, plan=replace(found.plan, record=made))
     if output is not None:
         found.plan.write(output)
+        read = [drone] if Path(drone).is_file() else []
+        manifest.append(output, "plan", {"plan": [output]}, made, {"drone": read})
     return found
 
 
@@ -115,4 +117,6 @@ def record_planned(
         Path(truth).unlink(missing_ok=True)
     written = [log.write(Path(folder) / f"{flight.name}.csv", flight, made) for flight in flown]
     results.remove_older(written, made)
+    files: manifest.Files = {"logs": written, "truth": [truth]}
+    manifest.append(folder, "record", files, made, {"plan": inputs})
     return written

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from maidenflight import inputs, policy_file
+from maidenflight import inputs, policy_file, run_folder
 from maidenflight.deployment.authors_json import read_policy
 from maidenflight.errors import InputError
 from maidenflight.foreign.policies import ForeignPolicy, foreign_policy
@@ -36,7 +36,7 @@ def policy_files(given: Sequence[StrPath]) -> list[Path]:
     """
     files: list[Path] = []
     for path in map(Path, given):
-        found = sorted(path.glob("*.json")) if path.is_dir() else [path]
+        found = run_folder.find_policies(path) if path.is_dir() else [path]
         if not found:
             raise InputError(
                 f"{path}: no policies (.json) in this folder. Train some: maidenflight train -o "

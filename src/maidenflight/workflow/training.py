@@ -10,7 +10,7 @@ from typing import Any
 import jax
 import polars
 
-from maidenflight import parameters, policy, policy_file, results, run_folder
+from maidenflight import manifest, parameters, policy, policy_file, results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import transfer
 from maidenflight.flights.log import Flight
@@ -221,8 +221,12 @@ def train_for(
         policy_file.write(
             path, trained, {**made, "hover": hover, "rotors": rotors, "number": number}
         )
-    run_folder.TRAINING.write(Path(folder, run_folder.TRAINING.name), polars.DataFrame(rows))
+    table = Path(folder, run_folder.TRAINING.name)
+    run_folder.TRAINING.write(table, polars.DataFrame(rows))
     _remove_older(Path(folder), count)
+    written = [run_folder.POLICY.path(folder, number) for number in range(1, count + 1)]
+    files: manifest.Files = {"policies": written, "training": [table]}
+    manifest.append(folder, "train", files, made, {"drone": inputs})
     return policies
 
 
