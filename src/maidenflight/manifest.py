@@ -43,10 +43,7 @@ Files = Mapping[Kind, Sequence[StrPath]]
 _LOCK_TIMEOUT = 30.0
 """Longest wait for another process that appends to the same manifest [s]."""
 _DIGEST = " sha256:"
-_CURE = (
-    f"Restore it, or remove it and give files by options, as in maidenflight report --drone FILE; "
-    f"commands write a new {NAME}."
-)
+_CURE = f"Restore it, or remove it: commands write a new {NAME}, and report takes files by options."
 
 
 @dataclass(frozen=True)
@@ -79,9 +76,9 @@ class Manifest:
         return [path for path in paths if os.path.lexists(path)]
 
     def read_files(self, entry: Entry, kind: Kind) -> list[Path]:
-        """Lists the files of a kind that an entry was made from and that are still here."""
+        """Lists the files of a kind that an entry was made from and that are here unchanged."""
         named = (text.rpartition(_DIGEST) for text in entry.inputs.get(kind, ()))
-        paths = ((self.folder / name, digest) for name, mark, digest in named if mark)
+        paths = ((self.folder / name, digest) for name, _, digest in named)
         return [path for path, it in paths if path.is_file() and results.digest(path) == it]
 
     @property
@@ -92,26 +89,20 @@ class Manifest:
 
 
 def append(
-    output: StrPath,
-    verb: str,
-    written: Files,
-    record: Mapping[str, Any],
-    read: Files | None = None,
+    output: StrPath, verb: str, written: Files, record: Mapping[str, Any], read: Files | None = None
 ) -> Path:
-    """Appends what a verb wrote to the manifest of its run folder.
+    """Appends what a verb wrote to the manifest of its run folder, the parent of its output.
 
-    Replaces the entry of the same verb and output. A file that an older entry lists too is from now
-    on listed by this one only. Call it once all files are written, so that a damaged manifest costs
-    no results.
+    Replaces the entry of the same verb and output, and takes over files that older entries list.
+    Call it once all files are written, so that a damaged manifest costs no results.
 
     Args:
-        output: the file or folder that the verb was given to write to; its parent is the run
-            folder.
+        output: the file or folder that the verb was given to write to.
         verb: the command's name.
         written: the files by kind; those outside the run folder and those that are not there are
             left out.
         record: how they were made, as `results.record` gives it.
-        read: the files that they were made from, which `record` names, by kind.
+        read: the files that they were made from by kind, in the order in which `record` has them.
 
     Returns:
         The manifest's path.
@@ -122,23 +113,28 @@ def append(
     """
     output = Path(output)
     folder = output if output.name in ("", "..") else output.parent
+    names = {
+        kind: [name for path in paths if os.path.lexists(path) and (name := _name(path, folder))]
+        for kind, paths in written.items()
+    }
+    inputs: dict[str, list[str]] = {}
+    listed = [(kind, path) for kind, paths in (read or {}).items() for path in paths]
+    for (kind, path), text in zip(listed, record.get("inputs", ()), strict=False):
+        name = _name(path, folder) or Path(path).name
+        inputs.setdefault(kind, []).append(_DIGEST.join((name, text.rpartition(_DIGEST)[2])))
     entry = Entry(
         verb,
-        _relative(output, folder) or ".",
-        {
-            kind: names
-            for kind, paths in written.items()
-            if (names := [name for path in paths if (name := _written(path, folder))])
-        },
-        _with_digests(read or {}, record, folder),
+        _name(output, folder) or ".",
+        {kind: files for kind, files in names.items() if files},
+        inputs,
         str(record.get("version", "")),
         record.get("seed"),
         record.get("settings", {}),
     )
     release = results.claim(folder / NAME, _LOCK_TIMEOUT)
     try:
-        older = _without(read_manifest(folder).entries, entry)
-        content = {"format": FORMAT, "entries": [asdict(one) for one in (*older, entry)]}
+        entries = _replace(read_manifest(folder).entries, entry)
+        content = {"format": FORMAT, "entries": [asdict(one) for one in entries]}
         return results.write(folder / NAME, f"{json.dumps(content, indent=1)}\n")
     except InputError as error:
         said = f"{error} The results of {verb} in {output} are whole, but not listed there."
@@ -173,8 +169,8 @@ def find_manifest(place: StrPath) -> Manifest | None:
         place: a run folder; or a file or folder that the nearest manifest above it lists.
 
     Returns:
-        All entries of a run folder; else those that wrote `place` or something in it. Of logs, only
-        those at `place` are in them. Nothing where no manifest lists it.
+        All entries of a run folder; else those that wrote `place` or something in it, of a log that
+        alone. Nothing where no manifest lists it.
 
     Raises:
         InputError: the manifest is damaged.
@@ -188,98 +184,63 @@ def find_manifest(place: StrPath) -> Manifest | None:
         return None
     # As the user wrote it, where that is possible, for messages.
     shown = place.parent if Path(os.path.abspath(place.parent)) == home else home
-    name = _relative(place, home) or ""
-    found = tuple(filter(None, (_about(entry, name) for entry in read_manifest(shown).entries)))
-    return Manifest(shown, found) if found else None
+    name = _name(place, home) or ""
+    found = []
+    for entry in read_manifest(shown).entries:
+        kinds = [kind for kind, names in entry.written.items() if name in names]
+        if kinds and set(kinds) <= {"logs", "flight_logs"}:
+            found.append(replace(entry, written={"logs": [name]}, inputs={}))
+        elif any(
+            PurePosixPath(each).is_relative_to(name)
+            for each in (entry.output, *(one for names in entry.written.values() for one in names))
+        ):
+            found.append(entry)
+    return Manifest(shown, tuple(found)) if found else None
 
 
-def _about(entry: Entry, name: str) -> Entry | None:
-    """Narrows an entry to a path; nothing where it wrote nothing there."""
-    if _within(entry.output, name):
-        return entry
-    held = [kind for kind, names in entry.written.items() if any(_within(n, name) for n in names)]
-    if not held:
-        return None
-    if set(held) <= {"logs", "flight_logs"}:
-        logs = [one for kind in held for one in entry.written[kind] if _within(one, name)]
-        return replace(entry, written={"logs": logs}, inputs={})
-    return entry
-
-
-def _within(name: str, folder: str) -> bool:
-    return PurePosixPath(name).is_relative_to(folder)
-
-
-def _without(entries: Sequence[Entry], new: Entry) -> list[Entry]:
-    """Leaves out what a new entry replaces."""
+def _replace(entries: Sequence[Entry], new: Entry) -> list[Entry]:
+    """Adds an entry, without what it replaces."""
     own = {name for names in new.written.values() for name in names}
     kept = []
     for old in entries:
         left = {
-            kind: [name for name in names if name not in own] for kind, names in old.written.items()
+            kind: rest
+            for kind, names in old.written.items()
+            if (rest := [name for name in names if name not in own])
         }
-        left = {kind: names for kind, names in left.items() if names}
         if left and (old.verb, old.output) != (new.verb, new.output):
             kept.append(replace(old, written=left))
-    return kept
+    return [*kept, new]
 
 
-def _relative(path: StrPath, folder: StrPath) -> str | None:
+def _name(path: StrPath, folder: StrPath) -> str | None:
     """Gives a path relative to a folder; nothing where it lies outside."""
-    whole, home = os.path.abspath(path), Path(os.path.abspath(folder))
-    return Path(whole).relative_to(home).as_posix() if Path(whole).is_relative_to(home) else None
-
-
-def _written(path: StrPath, folder: StrPath) -> str | None:
-    """Gives a file's path relative to a folder; nothing where it is not there."""
-    return _relative(path, folder) if os.path.lexists(path) else None
-
-
-def _with_digests(read: Files, record: Mapping[str, Any], folder: Path) -> dict[str, list[str]]:
-    """Names files read, with the digests that the record has of them in the same order."""
-    digests: dict[str, list[str]] = {}
-    for text in record.get("inputs", ()):
-        name, mark, digest = text.rpartition(_DIGEST)
-        digests.setdefault(name, []).append(mark + digest)
-    found: dict[str, list[str]] = {}
-    for kind, paths in read.items():
-        for path in map(Path, paths):
-            known = digests.get(path.name)
-            name = _relative(path, folder) or path.name
-            found.setdefault(kind, []).append(name + (known.pop(0) if known else ""))
-    return found
+    whole, home = Path(os.path.abspath(path)), os.path.abspath(folder)
+    return whole.relative_to(home).as_posix() if whole.is_relative_to(home) else None
 
 
 def _entry(fields: Fields) -> Entry:
     """Reads an entry.
 
     Raises:
-        InputError: it is damaged.
+        InputError: it is damaged, or lists a file outside the run folder.
     """
-    seed = fields.get("seed")
-    if seed is not None and type(seed) is not int:
+    seed, written, read = fields.get("seed"), fields.table("written"), fields.table("inputs")
+    if type(seed) not in (int, type(None)):
         raise fields.refused("seed", "a whole number")
+    for table in (written, read):
+        for kind, names in table.content.items():
+            if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+                raise table.refused(kind, "a list of files")
+            paths = map(PurePosixPath, names)
+            if any(path.is_absolute() or ".." in path.parts for path in paths):
+                raise table.refused(kind, "files in the run folder")
     return Entry(
         fields.text("verb"),
         fields.text("output"),
-        _lists(fields.table("written"), inside=True),
-        _lists(fields.table("inputs"), inside=False),
+        written.content,
+        read.content,
         fields.text("version"),
         seed,
         fields.table("settings").content,
     )
-
-
-def _lists(fields: Fields, inside: bool) -> dict[str, list[str]]:
-    """Reads lists of files by kind.
-
-    Raises:
-        InputError: one is no list of texts, or names a file outside the run folder.
-    """
-    for kind, names in fields.content.items():
-        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-            raise fields.refused(kind, "a list of files")
-        paths = map(PurePosixPath, names if inside else ())
-        if any(path.is_absolute() or ".." in path.parts for path in paths):
-            raise fields.refused(kind, "files in the run folder")
-    return fields.content

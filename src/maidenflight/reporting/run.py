@@ -12,7 +12,7 @@ import numpy as np
 import polars
 from jaxtyping import Float
 
-from maidenflight import inputs, results, run_folder
+from maidenflight import inputs, manifest, results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.flights import log
@@ -29,7 +29,6 @@ from maidenflight.reporting.run_files import (
     RunFiles,
     find_files,
     nothing_here,
-    to_paths,
 )
 from maidenflight.run_folder import Table
 
@@ -133,6 +132,17 @@ def of_transfer(flown: Transfer) -> Run:
     )
 
 
+_TABLES: Mapping[manifest.Kind, Table] = {
+    "evaluations": run_folder.EVALUATIONS,
+    "validation": run_folder.VALIDATION,
+    "windows": run_folder.WINDOWS,
+    "training": run_folder.TRAINING,
+    "prediction": run_folder.PREDICTION,
+    "study": run_folder.STUDY,
+}
+"""Tables of a run but that of test flights, by kind."""
+
+
 def read(source: StrPath | None = None, options: FileOptions | None = None) -> Run:
     """Reads a run from its folder, from what its manifest lists, and from files of a user.
 
@@ -143,39 +153,34 @@ def read(source: StrPath | None = None, options: FileOptions | None = None) -> R
     Raises:
         InputError: see `find_files`; nothing is there, or a file is not what it should be.
     """
-    options = options or {}
-    found = find_files(source, options)
-    records: dict[str, Mapping[str, Any]] = {}
-    table = _test_flights(found.first("flights"), records)
-    truth = _drone(found.first("truth"), records)
-    recorded, refused = _recorded(found, options, records)
-    drone = _drone(found.first("drone"), records)
+    found = find_files(source, options or {})
+    first = {kind: path for kind in found.files if (path := found.first(kind)) is not None}
+    tables = {kind: table.read(first[kind]) for kind, table in _TABLES.items() if kind in first}
+    rows = {kind: rows for kind, (rows, _) in tables.items()}
+    drones = {kind: drone_file.read(first[kind]) for kind in ("truth", "drone") if kind in first}
+    records: dict[str, Mapping[str, Any]] = {
+        first[kind].name: drones[kind].record for kind in drones
+    }
+    records |= {first[kind].name: record for kind, (_, record) in tables.items()}
     policies = {path: run_folder.json_object(path) for path in found.files.get("policies", ())}
-    for path, content in policies.items():
-        _keep(records, path, content.get("record"))
-    tested = found.files.get("flight_logs", ()) if table is not None else ()
-    flights = tuple(_own(path, records) for path in tested)
-    if table is not None and flights and len(flights) != table.height:
-        raise InputError(
-            f"{found.first('flights')}: {len(flights)} flight logs, but {table.height} rows. Run "
-            "the transfer again."
-        )
+    records |= {_name(path): content.get("record") or {} for path, content in policies.items()}
+    table, flights = _test_flights(found, records)
+    recorded, refused = _recorded(found, records)
     logs = {results.digest(path): bool(flight.simulated) for path, flight in recorded}
-    validation, said = _table(found.first("validation"), run_folder.VALIDATION, records)
-    windows, said_too = _table(found.first("windows"), run_folder.WINDOWS, records)
-    used = _digests({} if drone is None else drone.record, found.first("drone"))
-    judged = _digests(said or said_too, found.first("validation") or found.first("windows"))
+    drone, truth = drones.get("drone"), drones.get("truth")
+    used = _digests({} if drone is None else drone.record, first.get("drone"))
+    judging = "validation" if "validation" in tables else "windows"
+    judged = _digests(tables[judging][1], first[judging]) if judging in tables else frozenset()
     kinds, predicted = _kinds(logs, drone, used, judged, truth is not None)
-    stages = found.first("stages")
     run = Run(
         reality=None if truth is None else truth.parameters,
         recorded=tuple(flight for _, flight in recorded),
         logs=len(found.files.get("logs", ())) - len(refused),
         drone=drone,
         kinds=kinds,
-        search=_search(found.first("evaluations")),
-        validation=validation,
-        windows=windows,
+        search=_search(rows.get("evaluations"), first.get("evaluations")),
+        validation=rows.get("validation"),
+        windows=rows.get("windows"),
         predicted=predicted,
         used=used,
         judged=judged,
@@ -185,19 +190,19 @@ def read(source: StrPath | None = None, options: FileOptions | None = None) -> R
             for path, content in policies.items()
             if "control" in content
         },
-        training=_table(found.first("training"), run_folder.TRAINING)[0],
+        training=rows.get("training"),
         table=table,
         flights=flights,
-        prediction=_table(found.first("prediction"), run_folder.PREDICTION, records)[0],
-        study=_table(found.first("study"), run_folder.STUDY, records)[0],
-        records=records,
-        seconds={} if stages is None else run_folder.read_stages(stages),
+        prediction=rows.get("prediction"),
+        study=rows.get("study"),
+        records={name: one for name, one in records.items() if isinstance(one, dict) and one},
+        seconds=run_folder.read_stages(first["stages"]) if "stages" in first else {},
         refused=tuple(refused),
         missing_files=found.missing,
         other_files=found.others,
     )
     if not run.known:
-        raise nothing_here(Path(source or ""), found)
+        raise nothing_here(Path(source or ""), found.missing)
     return run
 
 
@@ -230,26 +235,13 @@ def _digests(record: Mapping[str, Any], path: Path | None) -> frozenset[str]:
     return frozenset(digest for digest, file in found.items() if not file.endswith(".toml"))
 
 
-def _keep(records: dict[str, Mapping[str, Any]], path: Path, record: Any) -> None:
-    if isinstance(record, dict) and record:
-        name = (
-            path.name
-            if path.suffix == ".toml"
-            else "/".join(filter(None, (path.parent.name, path.name)))
-        )
-        records[name] = record
-
-
-def _drone(path: Path | None, records: dict[str, Mapping[str, Any]]) -> DroneFile | None:
-    if path is None:
-        return None
-    found = drone_file.read(path)
-    _keep(records, path, found.record)
-    return found
+def _name(path: Path) -> str:
+    """A file of a folder, as records name it."""
+    return "/".join(filter(None, (path.parent.name, path.name)))
 
 
 def _recorded(
-    found: RunFiles, options: FileOptions, records: dict[str, Mapping[str, Any]]
+    found: RunFiles, records: dict[str, Mapping[str, Any]]
 ) -> tuple[list[tuple[Path, Flight]], list[str]]:
     """The flights in logs of any format, and why others cannot be used.
 
@@ -261,13 +253,11 @@ def _recorded(
     flights: list[tuple[Path, Flight]] = []
     refused = []
     for path in found.files.get("logs", ())[:MOST]:
-        if path in found.own_logs or _is_own(path):
-            flights.append((path, _own(path, records)))
-            continue
+        own = _is_own(path)
         try:
-            flights += [(path, flight) for flight in _pieces(path)]
+            flights += [(path, one) for one in ([_own(path, records)] if own else _pieces(path))]
         except InputError as error:
-            if path in to_paths(options.get("logs", ())):
+            if path in found.required_logs or own:
                 raise
             refused.append(str(error))
     return flights, refused
@@ -305,58 +295,52 @@ def _own(path: Path, records: dict[str, Mapping[str, Any]]) -> Flight:
             f"{path}: not a flight log of maidenflight; its first line should begin with "
             f"'{log.MARK}'."
         )
-    flight = log.from_csv(text, f"{path.parent.name}/{path.name}")
+    flight = log.from_csv(text, _name(path))
     if not 0 < flight.period < 1:
         raise InputError(
             f"{path}: rows are {flight.period:g} s apart; expected a time that increases, in "
             "seconds. Log it again."
         )
-    _keep(records, path, run_folder.record_of(text, path))
+    records[_name(path)] = run_folder.record_of(text, path)
     return flight
 
 
-def _search(path: Path | None) -> polars.DataFrame | None:
+def _search(search: polars.DataFrame | None, path: Path | None) -> polars.DataFrame | None:
     """Evaluations of an objective; every parameter that was searched has a column of numbers."""
-    search, _ = _table(path, run_folder.EVALUATIONS)
-    if path is None or search is None:
+    if search is None:
         return None
     searched = {name: float for name in search.columns if name in COMPONENTS}
     return Table(run_folder.EVALUATIONS.name, searched).checked(search, str(path))
 
 
 def _test_flights(
-    path: Path | None, records: dict[str, Mapping[str, Any]]
-) -> polars.DataFrame | None:
-    """The rows of test flights.
+    found: RunFiles, records: dict[str, Mapping[str, Any]]
+) -> tuple[polars.DataFrame | None, tuple[Flight, ...]]:
+    """The rows of test flights, and their logs.
 
     Those of a matrix say what each policy was trained for, and its name is made of that.
+
+    Raises:
+        InputError: a file is broken, or there are not as many logs as rows.
     """
+    path = found.first("flights")
     if path is None:
-        return None
-    rows, record = run_folder.read_flights(path)
-    _keep(records, Path(path.name), record)
+        return None, ()
+    rows, records[path.name] = run_folder.read_flights(path)
+    flights = tuple(_own(each, records) for each in found.files.get("flight_logs", ()))
+    if flights and len(flights) != rows.height:
+        raise InputError(
+            f"{path}: {len(flights)} flight logs, but {rows.height} rows. Run the transfer again."
+        )
     if "policy" in rows.columns:
-        return rows
+        return rows, flights
     names = [
         f"{row['control']}_{1e3 * row['motor_time_constant']:g}ms_"
         f"{1e3 * row['latency']:g}ms/{row['number']}"
         for row in rows.iter_rows(named=True)
     ]
-    return rows.with_columns(
-        polars.Series("policy", names), polars.int_range(1, rows.height + 1).alias("flight")
-    )
-
-
-def _table(
-    path: Path | None, table: Table, records: dict[str, Mapping[str, Any]] | None = None
-) -> tuple[polars.DataFrame | None, dict[str, Any]]:
-    """Reads a table and its record, which is kept in `records`."""
-    if path is None:
-        return None, {}
-    rows, record = table.read(path)
-    if records is not None:
-        _keep(records, Path(path.name), record)
-    return rows, record
+    numbers = polars.int_range(1, rows.height + 1).alias("flight")
+    return rows.with_columns(polars.Series("policy", names), numbers), flights
 
 
 def truth(run: Run) -> tuple[tuple[float, float], ...]:

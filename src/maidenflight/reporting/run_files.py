@@ -14,24 +14,20 @@ from maidenflight.manifest import Entry, Kind, Manifest
 
 
 class FileOptions(TypedDict, total=False):
-    """Files that a user gives, of any name and place, in place of a run's."""
+    """Files that a user gives in place of a run's; `maidenflight report --help` says what each is.
+
+    What commands write beside such files is shown too: evaluations beside a drone, windows beside
+    a validation, `training.csv` beside policies, and logs `flight_*.csv` beside test flights.
+    """
 
     logs: StrPath | Sequence[StrPath]
-    """Flight logs of any format that `identify` reads, and folders of them."""
     drone: StrPath
-    """An identified drone; `NAME_identification.csv` beside it is shown too."""
     truth: StrPath
-    """The parameters of a virtual drone."""
     policies: StrPath
-    """A policy, or a folder of policies; `training.csv` beside them is shown too."""
     flights: StrPath
-    """A table of test flights; logs `flight_*.csv` beside it are shown too."""
     validation: StrPath
-    """Prediction errors; `NAME_windows.csv` beside them are shown too."""
     prediction: StrPath
-    """Predicted flights."""
     study: StrPath
-    """The table of a study."""
 
 
 _GROUPS: tuple[tuple[Kind, ...], ...] = (
@@ -66,8 +62,8 @@ class RunFiles:
     """The files of a report."""
 
     files: Mapping[Kind, Sequence[Path]]
-    own_logs: frozenset[Path]
-    """Those of `logs` that a command of maidenflight wrote."""
+    required_logs: frozenset[Path]
+    """Those of `logs` that a command of maidenflight wrote or a user named."""
     missing: Sequence[str]
     """Names of files that the manifest lists and that are no longer there."""
     others: Mapping[str, list[str]]
@@ -91,8 +87,11 @@ def find_files(source: StrPath | None, options: FileOptions) -> RunFiles:
         InputError: a path does not exist, no manifest lists `source`, or a manifest is damaged.
     """
     values = cast(dict[Kind, StrPath | Sequence[StrPath]], options)
-    given = {kind: _checked_paths(kind, value) for kind, value in values.items() if value}
-    run = Manifest(Path()) if source is None else _manifest(Path(source), bool(given))
+    given = {kind: _given(kind, value) for kind, value in values.items() if value}
+    run = manifest.find_manifest(source) if source is not None else None
+    if run is None and not given:
+        raise nothing_here(Path(source or ""))
+    run = run or Manifest(Path(source or ""))
     files: dict[Kind, list[Path]] = {}
     logs_read: list[Path] = []
     for group in _GROUPS:
@@ -101,72 +100,50 @@ def find_files(source: StrPath | None, options: FileOptions) -> RunFiles:
         elif (entry := _entry_to_show(run, group)) is not None:
             files |= {kind: run.files(entry, kind) for kind in group}
             logs_read += run.read_files(entry, "logs")
-    files |= {kind: given[kind] for kind in ("truth",) if kind in given}
-    own = frozenset() if "logs" in given else frozenset(files.get("logs", ()))
+    files["truth"] = given.get("truth", files.get("truth", []))
+    required = frozenset(given.get("logs", files.get("logs", ())))
     if "logs" not in given:
         files["logs"] = list(dict.fromkeys((*files.get("logs", ()), *logs_read)))
     used = {path for paths in files.values() for path in paths}
-    return RunFiles(files, own, run.missing, _others(run, used))
+    return RunFiles(files, required, run.missing, _others(run, used))
 
 
-def nothing_here(place: Path, files: RunFiles | None = None) -> InputError:
+def nothing_here(place: Path, missing: Sequence[str] = ()) -> InputError:
     """The error where there is nothing for a report, with what may hold flights."""
-    gone = f" It lists {', '.join(files.missing[:5])}, no longer there." if files else ""
     kinds = foreign.below(place)[0] if place.is_dir() else None
+    wrong = "nothing of a run here" if os.path.lexists(place) else "no such file or folder"
     return InputError(
-        f"{place}: nothing of a run here that {manifest.NAME} lists.{gone} Expected a folder with "
-        f"{manifest.NAME}, which commands write beside their output, or files by options, such as "
-        f"--logs {place} if it holds flight logs, --drone FILE, --policies FOLDER, --flights TABLE."
-        + (f" Found: {foreign.told(kinds)}" if kinds else "")
+        f"{place}: {wrong}. "
+        + (f"{manifest.NAME} lists {missing[0]}, which is no longer there. " if missing else "")
+        + f"Give a folder with {manifest.NAME}, which commands write beside their output, a file "
+        f"or folder that it lists, or others by options: --logs {place} for flight logs, "
+        "--drone FILE, --policies FOLDER, --flights TABLE." + (f" Found: {foreign.told(kinds)}" if kinds else "")
     )
 
 
-def _manifest(source: Path, optional: bool) -> Manifest:
-    found = manifest.find_manifest(source)
-    if found is not None:
-        return found
-    if not os.path.lexists(source):
-        raise _no_such(source)
-    if not optional:
-        raise nothing_here(source)
-    return Manifest(source)
-
-
-def _no_such(path: Path) -> InputError:
-    return InputError(
-        f"{path}: no such file or folder. Give the folder of a run, such as maidenflight demo "
-        "writes, or files by options, such as --logs and --drone."
-    )
-
-
-def to_paths(value: StrPath | Sequence[StrPath]) -> list[Path]:
-    """Converts one path or several to a list."""
-    return [Path(one) for one in ([value] if isinstance(value, str | os.PathLike) else value)]
-
-
-def _checked_paths(kind: str, value: StrPath | Sequence[StrPath]) -> list[Path]:
+def _given(kind: str, value: StrPath | Sequence[StrPath]) -> list[Path]:
     """The paths of an option.
 
     Raises:
         InputError: one does not exist, or is a folder where a file is expected.
     """
-    paths = to_paths(value)
+    paths = [Path(one) for one in ([value] if isinstance(value, str | os.PathLike) else value)]
     for path in paths:
-        if not os.path.lexists(path):
-            raise _no_such(path)
-        if path.is_dir() and kind not in ("logs", "policies"):
-            raise InputError(f"{path}: a folder; expected a file for {kind}. Give the file.")
+        if not path.exists() or (path.is_dir() and kind not in ("logs", "policies")):
+            problem = "is a folder" if path.exists() else "no such file or folder"
+            raise InputError(f"{path}: {problem}. Give the file after --{kind}.")
     return paths
 
 
 def _with_companions(kind: Kind, paths: Sequence[Path]) -> dict[Kind, list[Path]]:
     """Adds to a user's files what commands write beside such files."""
     path = paths[0]
-    if kind == "logs":
-        logs = [reading.log_files(each) if each.is_dir() else [each] for each in paths]
-        return {"logs": [log for each in logs for log in each]}
     found: dict[Kind, list[Path]] = {kind: [path]}
-    if kind == "drone":
+    if kind == "logs":
+        found[kind] = [
+            log for each in paths for log in (reading.log_files(each) if each.is_dir() else [each])
+        ]
+    elif kind == "drone":
         found["evaluations"] = [run_folder.beside(path)]
     elif kind == "validation":
         found["windows"] = [run_folder.windows_beside(path)]
