@@ -13,12 +13,22 @@ import polars
 import pytest
 
 from event_files import scalars
-from maidenflight import cache, cli, parameters, policy, policy_file, results, workflow
+from maidenflight import (
+    cache,
+    cli,
+    manifest,
+    parameters,
+    policy,
+    policy_file,
+    results,
+    workflow,
+)
 from maidenflight.flights import compensation, log, reading
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import DroneFile, Estimate, Search, Source
 from maidenflight.terminal import flight_output
 from quick import QUICK
+from run_listing import entries, unlisted
 
 
 @pytest.fixture(autouse=True)
@@ -343,6 +353,7 @@ def test_an_export_names_the_report_that_shows_its_policy(
 ) -> None:
     file = tmp_path / "my runs" / "policies" / "policy_1.json"
     policy_file.write(file, policy.untrained(jax.random.key(0), (4,)))
+    manifest.append(file.parent, "train", {"policies": [file]}, {})
     code, out, _ = run(monkeypatch, capsys, "export", file, "-o", tmp_path / "firmware")
     assert code == 0
     assert next_of(out) == ["report", str(tmp_path / "my runs")]
@@ -379,6 +390,9 @@ def test_each_command_names_the_next_which_runs(
     assert code == 0, err
     assert (tmp_path / "report.html").exists()
     assert (tmp_path / "identification.svg").read_text().startswith("<svg")
+    assert unlisted(tmp_path) == {"report.html", "policies/training.npz"}
+    assert entries(tmp_path)["validate", "validation.csv"] == {"validation", "windows"}
+    assert "no longer there" not in (tmp_path / "report.html").read_text()
 
 
 @pytest.mark.slow
@@ -436,6 +450,12 @@ def test_the_line_from_logs_to_report_in_json(
     page = Path(said("report", tmp_path)["report"])
     assert page == tmp_path / "report.html"
     assert "simulated" in page.read_text()
+    assert unlisted(tmp_path) == {"report.html", "policies/training.npz"}
+
+    others = ("--logs", logs, "--drone", drone, "--policies", policies)
+    look = Path(said("report", *others, "-o", tmp_path / "look.html")["report"])
+    assert "3 policies" in look.read_text()
+    assert said("report", policies)["report"] == str(policies / "report.html")
 
 
 @pytest.mark.slow
@@ -489,6 +509,7 @@ def test_flight_times_of_ours_and_the_authors_policies_are_predicted(
     assert code == 0, err
     said = json.loads(out)
     assert (said["simulated"], said["output"]) == (True, str(output))
+    assert entries(tmp_path) == {("predict", "p.csv"): {"prediction"}}
     assert [entry["file"] for entry in said["policies"]] == [
         str(theirs),
         *(str(ours / f"policy_{number}.json") for number in range(3)),

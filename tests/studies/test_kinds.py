@@ -9,6 +9,7 @@ import pytest
 from test_sweeping import Here
 
 import maidenflight as mf
+import run_listing
 from maidenflight import run_folder, workflow
 from maidenflight.identification.drone_file import DroneFile
 from quick import QUICK
@@ -81,6 +82,17 @@ def test_a_study_of_every_kind_goes_from_logs_to_flights(
     assert not (folder / run_folder.CHECKPOINT).exists()
     rows = run_folder.STUDY.read(tmp_path / "out" / "study.csv")[0]
     assert rows.height == 14
+    assert run_listing.entries(tmp_path) == {("sweep", "out"): {"study"}}
+    made = [run_listing.entries(place) for place in (tmp_path / "out" / "results").iterdir()]
+    assert [list(one.values()) for one in sorted(made, key=str)] == [
+        [],  # of the stand-in
+        [{"envelope", "picture"}],
+        [{"prediction"}],
+        [{"policies", "training"}],
+        [{"flights", "flight_logs"}],
+    ]
+    for place in (tmp_path / "out" / "results").iterdir():
+        assert run_listing.unlisted(place) <= {"result.json", "drone.toml"}
     flown = table.filter(polars.col("task") == "flown")
     assert set(flown["policy"]) == {"policy_1", "policy_2", "policy_3"}
     assert flown["duration"].is_between(0.0, 0.5).all()

@@ -117,7 +117,8 @@ def nothing_here(place: Path, missing: Sequence[str] = ()) -> InputError:
         + (f"{manifest.NAME} lists {missing[0]}, which is no longer there. " if missing else "")
         + f"Give a folder with {manifest.NAME}, which commands write beside their output, a file "
         f"or folder that it lists, or others by options: --logs {place} for flight logs, "
-        "--drone FILE, --policies FOLDER, --flights TABLE." + (f" Found: {foreign.told(kinds)}" if kinds else "")
+        "--drone FILE, --policies FOLDER, --flights TABLE."
+        + (f" Found: {foreign.told(kinds)}" if kinds else "")
     )
 
 

@@ -78,9 +78,10 @@ def match_loops(
         controller_as_flown,
         on_step,
     )
+    own = [start.drone] if Path(start.drone).is_file() else []
     made = results.record(
         seed=seed,
-        inputs=[*flights.paths, *files, *([start.drone] if Path(start.drone).is_file() else [])],
+        inputs=[*flights.paths, *files, *own],
         settings={
             "start": Path(start.drone).name,
             "mass": start.mass,
@@ -91,7 +92,7 @@ def match_loops(
     )
     used = [flight for own in flown.values() for flight in own]
     _drone_file(begun, found, source_of(used), made).write(output)
-    read: manifest.Files = {"logs": flights.paths, "policies": files}
+    read: manifest.Files = {"logs": flights.paths, "policies": files, "drone": own}
     manifest.append(output, "identify", {"drone": [output]}, made, read)
     return flights, found
 

@@ -251,7 +251,8 @@ def predict_with(
     settings |= {"firmware": firmware, "today": None if today is None else Path(today).name}
     made = results.record(seed=seed, inputs=inputs, settings=settings)
     run_folder.PREDICTION.write(output, flown, made)
-    manifest.append(output, "predict", {"prediction": [output]}, made, {"policies": inputs})
+    read: manifest.Files = {"drone": inputs[: -len(files)], "policies": files}
+    manifest.append(output, "predict", {"prediction": [output]}, made, read)
     return files, flown
 
 
@@ -302,7 +303,7 @@ def limit_cycles(summary: polars.DataFrame) -> list[str]:
 
 
 def flights_to_view(path: StrPath) -> Sequence[Flight]:
-    """Flights of a run folder or of an output that it lists: test flights, else recorded ones.
+    """Flights of a run, or of what its manifest lists: test flights, else recorded ones.
 
     Or of a log or a folder of logs, of any known kind.
 
@@ -310,5 +311,5 @@ def flights_to_view(path: StrPath) -> Sequence[Flight]:
         InputError: nothing there, or a log cannot be used.
     """
     place = Path(path)
-    known = place.is_dir() and manifest.find_manifest(place) is not None
-    return (run.shown(run.read(place)) if known else ()) or read_flights(place).flights
+    listed = manifest.find_manifest(place) is not None
+    return (run.shown(run.read(place)) if listed else ()) or read_flights(place).flights
