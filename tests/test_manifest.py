@@ -78,7 +78,7 @@ def test_the_same_verb_and_output_replaces_its_entry_and_the_bytes_are_the_same(
     for _ in range(3):
         append(tmp_path, "a.toml")
         append(tmp_path, "b.toml", "identify", "b.toml", seed=3)
-        before = (tmp_path / "run.json").read_bytes()
+    before = (tmp_path / "run.json").read_bytes()
     assert outputs(tmp_path) == [("identify", "a.toml"), ("identify", "b.toml")]
     append(tmp_path, "a.toml")
     assert outputs(tmp_path) == [("identify", "b.toml"), ("identify", "a.toml")]

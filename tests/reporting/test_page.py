@@ -111,7 +111,9 @@ ENTRIES: tuple[tuple[str, str, dict[manifest.Kind, list[str]]], ...] = (
 def list_files(folder: Path) -> None:
     """Writes the manifest of a run folder, of what is there."""
     for verb, output, written in ENTRIES:
-        files = {kind: [folder / name for name in names] for kind, names in written.items()}
+        files: dict[manifest.Kind, list[Path]] = {
+            kind: [folder / name for name in names] for kind, names in written.items()
+        }
         if any(path.exists() for paths in files.values() for path in paths):
             manifest.append(folder / output, verb, files, RECORD)
 
@@ -398,12 +400,11 @@ def test_what_does_no_better_than_persistence_is_marked_and_explained(run, tmp_p
 
 def test_what_the_page_leaves_out_is_named(run, tmp_path):
     assert "not on this page" not in page(run, tmp_path)
-    for kind, old, new in (
-        ("policies", "policies", "hover"),
-        ("flights", "transfer", "transfer_<b>"),
-    ):
+    for old, new in (("policies", "hover"), ("transfer", "transfer_<b>")):
         shutil.copytree(run / old, run / new)
-        manifest.append(run / new, "again", {kind: sorted((run / new).iterdir())}, {})
+    manifest.append(run / "hover", "train", {"policies": [*(run / "hover").iterdir()]}, {})
+    flights = run / "transfer_<b>" / "flights.csv"
+    manifest.append(flights.parent, "transfer", {"flights": [flights]}, {})
     shutil.copy(run / "drone.toml", run / "held.toml")
     manifest.append(run / "held.toml", "identify", {"drone": [run / "held.toml"]}, {})
     for name in ("prediction", "prediction_hover", "prediction_more"):
