@@ -23,7 +23,7 @@ ORDER = [
     "cli",
 ]
 RANK = {name: rank for rank, names in enumerate(ORDER) for name in names.split()}
-FREE = {"cache", "compiler", "cores", "errors", "inputs", "results", "run_folder"}
+FREE = {"cache", "compiler", "cores", "errors", "inputs", "manifest", "results", "run_folder"}
 """May be imported by all, and import no stage."""
 APART = {"identification", "training", "deployment"}
 """Never import each other, whatever their rank."""

@@ -6,6 +6,7 @@ from maidenflight.demo import Demo, Listener, Plan, demo
 import quick
 from maidenflight.identification.likelihood import Likelihood
 from maidenflight.terminal import demo_output
+from run_listing import entries, unlisted
 
 QUICK = Plan(
     flights=2,
@@ -44,6 +45,7 @@ def test_every_stage_runs_in_order_and_leaves_its_results(runs: tuple[Demo, Demo
             "identification.csv",
             "identification.svg",
             "demo.json",
+            "run.json",
             "report.html",
         ),
         *(f"recorded/flight_0{number}.csv" for number in (1, 2)),
@@ -52,6 +54,15 @@ def test_every_stage_runs_in_order_and_leaves_its_results(runs: tuple[Demo, Demo
         *(f"transfer/flight_0{number}.csv" for number in range(1, 7)),
         "transfer/flights.csv",
         *("firmware/policy.h", "firmware/policy.c"),
+    }
+    assert unlisted(result.folder) == {"report.html", "policies/training.npz"}
+    assert entries(result.folder) == {
+        ("record", "recorded"): {"logs", "truth"},
+        ("identify", "drone.toml"): {"drone", "evaluations", "picture"},
+        ("train", "policies"): {"policies", "training"},
+        ("transfer", "transfer"): {"flights", "flight_logs"},
+        ("export", "firmware"): {"exported"},
+        ("demo", "demo.json"): {"stages"},
     }
     assert result.transfer.table.height == 6
     assert json.loads((result.folder / "demo.json").read_text())["seed"] == 3

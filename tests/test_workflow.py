@@ -19,7 +19,7 @@ import maidenflight as mf
 from commands import run
 from flights.made_flights import calm, driven
 from flying_policy import flown, flying_policy
-from maidenflight import policy, policy_file, results, workflow
+from maidenflight import manifest, policy, policy_file, results, workflow
 from maidenflight.deployment import EXPORTERS
 from maidenflight.errors import InputError
 from maidenflight.experiments import envelope
@@ -96,6 +96,9 @@ def test_logs_of_any_format_are_told_and_converted(
     record = results.read_record(Path(written))
     assert record is not None
     assert "one.csv" in str(results.recorded_inputs(record, "one.csv"))
+    assert unlisted(tmp_path) == {"logs/one.csv", "logs/bad.csv"}
+    (entry,) = manifest.read_manifest(tmp_path).entries
+    assert entry.inputs["logs"][0].startswith("logs/one.csv sha256:")
     code, _, err = run(monkeypatch, capsys, "log", tmp_path / "logs", "-o", converted)
     assert code == 2
     assert "--overwrite" in err
@@ -399,6 +402,7 @@ def test_an_envelope_goes_on_where_it_was_interrupted(tmp_path: Path, monkeypatc
     ]
     assert list(zip(table["reality"], table["axis"], strict=True)) == first + flown
     assert (tmp_path / "out" / "envelope.svg").read_text().startswith("<svg")
+    assert entries(tmp_path) == {("envelope", "out"): {"envelope", "picture"}}
     with pytest.raises(InputError, match="of other policies, settings"):
         asked(resume=True, flights=5)
     best = workflow.best_by_envelope(envelope.summary(table), [tmp_path / "policy_1.json"])
@@ -455,6 +459,8 @@ def test_the_closed_loop_moves_what_it_found_in_the_drone_file_and_keeps_the_res
     np.testing.assert_allclose(file.posterior["drag_x"], np.linspace(0.1, 0.2, 50), rtol=1e-5)
     assert file.search == Search("closed_loop", 1.0, 1, 15)
     assert len(results.recorded_inputs(file.record, "x")) == 3
+    assert entries(tmp_path) == {("identify", "matched.toml"): {"drone"}}
+    assert set(manifest.read_manifest(tmp_path).entries[0].inputs) == {"logs", "policies", "drone"}
     code, out, _ = run(monkeypatch, capsys, *arguments, "--overwrite")
     assert code == 0
     assert "latency" in out

@@ -12,6 +12,7 @@ from maidenflight import parameters, policy_file, results, workflow
 from maidenflight.errors import InputError
 from maidenflight.experiments import matrix, matrix_file
 from maidenflight.experiments.matrix import Cell
+from run_listing import entries, unlisted
 
 pytestmark = pytest.mark.usefixtures("without_optimizations")
 
@@ -122,6 +123,8 @@ def test_what_was_interrupted_goes_on_to_the_same_table(
     workflow.transfer_matrix(asked, folder / "made")
     assert trained == [Cell("attitude", 0.08, 0.0)]
     assert table.read_bytes() == before
+    assert unlisted(folder, but=["matrix.toml"]) == set()
+    assert entries(folder) == {("transfer", "made"): {"flights", "policies"}}
 
 
 @pytest.mark.slow

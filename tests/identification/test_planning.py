@@ -14,6 +14,7 @@ from maidenflight.identification import optimal_design, planning
 from maidenflight.identification.planning import CHUNK, LOWEST, MARGIN, Allowed
 from maidenflight.simulator.virtual_drone import virtual_drone
 from maidenflight.verbs.record import Record
+from run_listing import entries, unlisted
 
 ROOM = (2.0, 2.0, 1.5)
 SAFE = Extremes(0.3, 0.3, 0.6, 1.1, 0.3, 1.0, 0.3, 0.2, 0.0)
@@ -123,3 +124,5 @@ def test_a_plan_that_is_written_is_recorded_from_its_file(proposed, tmp_path):
     assert [log.name for log in logs] == ["flight_01.csv"]
     assert "plan.toml sha256:" in logs[0].read_text()
     assert (tmp_path / "flights" / "reality.toml").exists()
+    assert entries(tmp_path) == {("record", "flights"): {"logs", "truth"}}
+    assert unlisted(tmp_path) == {"plan.toml"}

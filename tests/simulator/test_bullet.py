@@ -383,8 +383,10 @@ def test_a_reality_in_pybullet_needs_a_seed():
 
 
 def test_nothing_imports_pybullet_before_a_drone_flies_in_it():
-    program = "import sys, maidenflight.experiments.drones, maidenflight.cli; "
+    program = (
+        "import sys, maidenflight.experiments.drones, maidenflight.cli; "
         "print('pybullet' in sys.modules)"
+    )
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     )

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 from maidenflight import names, results, run_folder, terminal
 from maidenflight.deployment import EXPORTERS
 from maidenflight.errors import InputError
-from maidenflight.inputs import StrPath
 from maidenflight.settings import (
     PENDING,
     choice,
@@ -27,6 +26,7 @@ from maidenflight.settings import (
 from maidenflight.training.loggers import LOGGERS
 from maidenflight.verb import Output, Progress, Result, Verb
 from maidenflight.verbs import shared
+from maidenflight.verbs.logs import own_files
 
 if TYPE_CHECKING:
     from maidenflight.identification.drone_file import DroneFile
@@ -269,7 +269,7 @@ class Train(Verb):
         keys = jax.random.split(jax.random.key(self.seed), self.policies)
         scores = files.Scores(progress, learner, self.resume)
         record = self.make_record(
-            self._inputs,
+            own_files(self.drone, self.initial),
             control=self.control if start is None else start.interface.name,
             method=type(learner).__name__,
             **(spec.to_dict() | {"look_ahead": spec.look_ahead.points}),
@@ -296,16 +296,12 @@ class Train(Verb):
             content={"policies": [str(path) for path in written["policies"]], "scores": best},
             show=lambda: _show(best, output),
             written=written,
+            read={"drone": own_files(self.drone)},
             record=record,
             rows=[{"policy": f"policy_{number}", **one} for number, one in enumerate(best, 1)],
             next=("transfer", output, "--drone", self.drone),
             value=policies,
         )
-
-    @property
-    def _inputs(self) -> list[StrPath]:
-        """Returns the files that are read."""
-        return [one for one in (self.drone, self.initial) if one and Path(one).is_file()]
 
     def _train(
         self,
