@@ -14,9 +14,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from maidenflight import manifest, policy, policy_file, results, workflow
+from maidenflight import manifest, policy, policy_file, results
 from maidenflight.errors import InputError
 from maidenflight.manifest import Entry, Manifest
+from maidenflight.simulator.policy_spec import PolicySpec
+from maidenflight.verbs.export import Export
 
 RECORD: dict[str, Any] = {"version": "0.1.0", "seed": 7, "settings": {"trials": 2}}
 
@@ -180,10 +182,10 @@ def test_a_damaged_manifest_is_one_clear_error(tmp_path: Path, content: Any, mes
 
 def test_what_a_verb_wrote_is_whole_where_the_manifest_is_damaged(tmp_path: Path) -> None:
     file = tmp_path / "policy_1.json"
-    policy_file.write(file, policy.untrained(jax.random.key(0), (4,)))
+    policy_file.write(file, policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(4,))))
     (tmp_path / "run.json").write_text("{")
     with pytest.raises(InputError, match=r"The results of export in .*code are whole"):
-        workflow.export(file, tmp_path / "code", 0)
+        Export(policy=file).run(tmp_path / "code")
     assert {path.name for path in (tmp_path / "code").iterdir()} == {"policy.h", "policy.c"}
 
 

@@ -625,7 +625,9 @@ def test_box_plots_of_policies_are_grouped_by_the_control_structures_that_their_
     )
     run_folder.FLIGHTS.write(tmp_path / "flights.csv", table, RECORD)
     files = [*(tmp_path / f"{name}.json" for name in names), tmp_path / "x.json"]
-    run = runs.read(tmp_path / "flights.csv", *files)
+    manifest.append(tmp_path / "p", "train", {"policies": files}, RECORD)
+    manifest.append(tmp_path / "t", "transfer", {"flights": [tmp_path / "flights.csv"]}, RECORD)
+    run = runs.read(tmp_path)
     assert {name: run.controls[name] for name in names} == structures | {"pwm/pwm_024": "pwm"}
     assert run.policies == 5
     assert run.records["a/policy_1.json"]["seed"] == 3
@@ -634,7 +636,8 @@ def test_box_plots_of_policies_are_grouped_by_the_control_structures_that_their_
     assert f'"sort":{json.dumps(grouped, separators=(",", ":"))}' in drawn
     assert all(STRUCTURES[structure] in drawn for structure in ("pwm", "attitude"))
     # Where the structure of one is not known they stand as they flew.
-    unknown = sections.flights(runs.read(tmp_path / "flights.csv", *files[1:]))
+    manifest.append(tmp_path / "p", "train", {"policies": files[1:]}, RECORD)
+    unknown = sections.flights(runs.read(tmp_path))
     assert f'"sort":{json.dumps(names, separators=(",", ":"))}' in unknown
 
 

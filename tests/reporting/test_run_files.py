@@ -6,7 +6,6 @@ from pathlib import Path
 import jax
 import polars
 import pytest
-from maidenflight.workflow import flights_to_view
 from test_page import RECORD, circling, errors, page, windows
 from test_page import run as _run
 
@@ -18,6 +17,7 @@ from maidenflight.reporting import run as runs
 from maidenflight.reporting.page import report
 from maidenflight.reporting.run import Run
 from maidenflight.reporting.run_files import FileOptions, find_files
+from maidenflight.simulator.policy_spec import PolicySpec
 
 run = _run
 
@@ -34,7 +34,10 @@ def mine(run: Path, tmp_path: Path) -> Path:
     shutil.copy(run / "drone.toml", folder / "my_drone.toml")
     shutil.copy(run / "reality.toml", folder / "truth of it.toml")
     shutil.copy(run / "identification.csv", folder / "my_drone_identification.csv")
-    policy_file.write(folder / "my policies" / "a.json", policy.untrained(jax.random.key(0), (4,)))
+    policy_file.write(
+        folder / "my policies" / "a.json",
+        policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(4,))),
+    )
     shutil.copy(run / "policies" / "training.csv", folder / "my policies")
     written(folder / "predicted.csv", run_folder.VALIDATION, errors())
     written(folder / "predicted_windows.csv", run_folder.WINDOWS, windows())
@@ -118,14 +121,14 @@ def test_a_log_that_a_run_lists_is_shown_alone(run: Path) -> None:
 def test_flights_to_view_are_those_of_a_run_of_its_output_or_of_logs(run: Path) -> None:
     tested = [f"transfer/flight_0{number}.csv" for number in (1, 2, 3)]
     for place in (run, run / "transfer"):
-        assert [flight.name for flight in flights_to_view(place)] == tested
-    assert len(flights_to_view(run / "recorded")) == 1
-    assert len(flights_to_view(run / "transfer" / "flight_02.csv")) == 1
+        assert [flight.name for flight in runs.read_flights_of(place, {})] == tested
+    assert len(runs.read_flights_of(run / "recorded", {})) == 1
+    assert len(runs.read_flights_of(run / "transfer" / "flight_02.csv", {})) == 1
     others = [run / "others" / name for name in ("monday.csv", "tuesday.csv")]
     for number, path in enumerate(others):
         results.write(path, authors_text(authors_columns(120 + number)))
-    assert len(flights_to_view(run / "others")) == 2
-    assert [flight.name for flight in flights_to_view(others[0])] == ["others/monday.csv"]
+    assert len(runs.read_flights_of(run / "others", {})) == 2
+    assert [flight.name for flight in runs.read_flights_of(others[0], {})] == ["others/monday.csv"]
 
 
 @pytest.mark.parametrize("name", ["nowhere", "notes.txt"])
