@@ -52,13 +52,16 @@ def names(files: Sequence[Path]) -> list[str]:
     return [str(path) for path in files]
 
 
-def task_to_fly(files: Sequence[Path], asked: str | None) -> tuple[str, list[str]]:
+def task_to_fly(
+    files: Sequence[Path], asked: str | None, structure: str | None = None
+) -> tuple[str, list[str]]:
     """What policies are to fly, and notes for the user.
 
     Args:
         files: policy files.
         asked: name of a task; unless given, the one that all the files that say so were trained
             for.
+        structure: what the authors' policies command; what their files' names say unless given.
 
     Returns:
         The name of a task, and a note where policies were trained for another.
@@ -69,7 +72,7 @@ def task_to_fly(files: Sequence[Path], asked: str | None) -> tuple[str, list[str
     told = {
         name: task
         for name, path in zip(names(files), files, strict=True)
-        if (task := policy_file.read(path).task) is not None
+        if (task := policy_file.read(path, structure).task) is not None
     }
     trained = set(told.values())
     flown = asked or (
