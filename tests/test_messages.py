@@ -15,6 +15,7 @@ from maidenflight.workflow import policies
 
 from commands import run
 from maidenflight import cli, parameters, policy, policy_file, terminal, workflow
+from maidenflight.deployment.authors_json import to_authors_json
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.identification.drone_file import Estimate, GroupGain
@@ -139,6 +140,12 @@ def test_policies_fly_what_they_were_trained_for(trained: Path) -> None:
     assert workflow.task_to_fly(hover, None) == ("hover", [])
     assert workflow.task_to_fly(mute, None) == ("circle", [])
     assert workflow.task_to_fly([*mute, *hover], None) == ("hover", [])
+    # Of an authors' policy whose name does not say what it commands.
+    theirs = trained / "model.json"
+    theirs.write_text(to_authors_json(policy.untrained(jax.random.key(0))))
+    assert workflow.task_to_fly([theirs], "circle", "pwm") == ("circle", [])
+    with pytest.raises(InputError, match="do not say what they command"):
+        workflow.task_to_fly([theirs], "circle")
     for files, asked, task, note in (
         (hover, "circle", "circle", "policy_1 for hover"),
         ([*circle, *hover], None, "circle", "hover/policy_1 for hover"),
