@@ -19,7 +19,7 @@ import jax
 import pytest
 
 import maidenflight
-from maidenflight import parameters, policy, policy_file, results, workflow
+from maidenflight import manifest, parameters, policy, policy_file, results, workflow
 from maidenflight.errors import InputError
 from test_cli import run
 
@@ -60,6 +60,9 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
         {"seed": 1},
     )
     parameters.write(folder / "drone.toml", parameters.crazyflie())
+    policies = [folder / "policies" / "policy_1.json"]
+    manifest.append(folder / "policies", "train", {"policies": policies}, {"seed": 1})
+    manifest.append(folder / "drone.toml", "identify", {"drone": [folder / "drone.toml"]}, {})
     return folder
 
 

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 import pytest
 
-from maidenflight import cli, parameters, policy, policy_file, workflow
+from maidenflight import cli, manifest, parameters, policy, policy_file, workflow
 from maidenflight.errors import InputError
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import (
@@ -177,6 +177,9 @@ def test_a_file_that_is_no_text_or_not_there_is_refused(tmp_path):
 
 
 def test_a_report_of_a_damaged_file_is_refused(damaged, tmp_path):
+    with pytest.raises(InputError, match=re.escape(str(damaged))):
+        report(None, tmp_path / "report.html", drone=damaged)
+    manifest.append(damaged, "identify", {"drone": [damaged]}, {})
     with pytest.raises(InputError, match=re.escape(str(damaged))):
         report(tmp_path, tmp_path / "report.html")
 

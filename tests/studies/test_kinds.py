@@ -85,11 +85,11 @@ def test_a_study_of_every_kind_goes_from_logs_to_flights(
     assert run_listing.entries(tmp_path) == {("sweep", "out"): {"study"}}
     made = [run_listing.entries(place) for place in (tmp_path / "out" / "results").iterdir()]
     assert [list(one.values()) for one in sorted(made, key=str)] == [
-        [],  # of the stand-in
         [{"envelope", "picture"}],
         [{"prediction"}],
         [{"policies", "training"}],
         [{"flights", "flight_logs"}],
+        [],  # of the stand-in
     ]
     for place in (tmp_path / "out" / "results").iterdir():
         assert run_listing.unlisted(place) <= {"result.json", "drone.toml"}
