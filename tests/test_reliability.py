@@ -20,7 +20,7 @@ import pytest
 
 import maidenflight
 from commands import run
-from maidenflight import parameters, policy, policy_file, results, workflow
+from maidenflight import manifest, parameters, policy, policy_file, results, workflow
 from maidenflight.errors import InputError
 from maidenflight.simulator.policy_spec import PolicySpec
 
@@ -61,6 +61,9 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
         {"seed": 1},
     )
     parameters.write(folder / "drone.toml", parameters.crazyflie())
+    policies = [folder / "policies" / "policy_1.json"]
+    manifest.append(folder / "policies", "train", {"policies": policies}, {"seed": 1})
+    manifest.append(folder / "drone.toml", "identify", {"drone": [folder / "drone.toml"]}, {})
     return folder
 
 

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 import pytest
 
-from maidenflight import cli, names, parameters, policy, policy_file
+from maidenflight import cli, manifest, names, parameters, policy, policy_file
 from maidenflight.errors import InputError
 from maidenflight.experiments.drones import choose_prediction, find_reality, possible_drones
 from maidenflight.identification import drone_file
@@ -180,6 +180,9 @@ def test_a_file_that_is_no_text_or_not_there_is_refused(tmp_path):
 
 
 def test_a_report_of_a_damaged_file_is_refused(damaged, tmp_path):
+    with pytest.raises(InputError, match=re.escape(str(damaged))):
+        report(None, tmp_path / "report.html", drone=damaged)
+    manifest.append(damaged, "identify", {"drone": [damaged]}, {})
     with pytest.raises(InputError, match=re.escape(str(damaged))):
         report(tmp_path, tmp_path / "report.html")
 
