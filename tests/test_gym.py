@@ -244,14 +244,19 @@ def test_every_drone_has_its_picture():
 
 
 def test_drones_are_drawn_from_a_box_unless_one_is_named(tmp_path):
-    world, drones = arguments.world("circle", "attitude_rate", None, "2026.08", 2, "task", {})
+    world, drones = arguments.world(
+        "circle", "attitude_rate", None, "2026.08", PolicySpec(), "task", {}
+    )
     assert str(drones) == str(relative_box(replace(crazyflie(), time_step=0.002)))
     assert world.steps_per_command == 1
     file = parameters.write(tmp_path / "mine.toml", replace(crazyflie(), mass=0.031))
     for given in ("crazyflie", str(file), file, replace(crazyflie(), mass=0.031)):
-        assert str(arguments.world("circle", "pwm", given, "2026.08", 2, "task", {})[1]) == ""
+        assert (
+            str(arguments.world("circle", "pwm", given, "2026.08", PolicySpec(), "task", {})[1])
+            == ""
+        )
     box = relative_box(crazyflie(), 0.3)
-    assert arguments.world("circle", "pwm", box, "2026.08", 2, "task", {})[1] is box
+    assert arguments.world("circle", "pwm", box, "2026.08", PolicySpec(), "task", {})[1] is box
 
 
 def test_the_shaped_reward_pays_for_every_period_that_is_flown():
@@ -292,15 +297,21 @@ def test_equal_environments_share_their_compiled_functions():
 def test_way_points_of_a_file_are_a_task(tmp_path):
     (tmp_path / "way.csv").write_text("time,x,y,z\n0,0,0,1\n2,0.5,0,1\n3.5,0.5,0.5,1\n")
     task = arguments.world(
-        "tracking", "pwm", None, "2026.08", 2, "task", {"waypoints": tmp_path / "way.csv"}
+        "tracking",
+        "pwm",
+        None,
+        "2026.08",
+        PolicySpec(),
+        "task",
+        {"waypoints": tmp_path / "way.csv"},
     )[0].task
     assert task.duration == 3.5
     np.testing.assert_allclose(task.reference(jnp.float32(1.0)), [0.25, 0, 1], atol=1e-6)
     curve = trajectories.pentagram()
     assert (
-        arguments.world("tracking", "pwm", None, "2026.08", 2, "task", {"trajectory": curve})[
-            0
-        ].task.reference
+        arguments.world(
+            "tracking", "pwm", None, "2026.08", PolicySpec(), "task", {"trajectory": curve}
+        )[0].task.reference
         is curve
     )
 

@@ -21,13 +21,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import lax
-from maidenflight.cli.options import PROPELLERS
 from test_c import restless
 
 from maidenflight.deployment import crazyflie as crazyflie_app
 from maidenflight.deployment.crazyflie import MOST_MULTIPLICATIONS, export_crazyflie
 from maidenflight.errors import InputError
 from maidenflight.link.blocks import ACTIVE, ENABLE, REASONS
+from maidenflight.names import PROPELLERS
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import Policy, untrained
 from maidenflight.simulator import (

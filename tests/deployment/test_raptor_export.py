@@ -14,10 +14,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from maidenflight.workflow.deployment import check_export
 
 from maidenflight import __version__, cli, policy_file
 from maidenflight.deployment import EXPORTERS
+from maidenflight.deployment.check import check_export
 from maidenflight.deployment.raptor import export_raptor, to_raptor
 from maidenflight.errors import InputError
 from maidenflight.foreign.raptor import observed

@@ -23,7 +23,7 @@ from maidenflight.policy import Policy
 from maidenflight.simulator import environment
 from maidenflight.simulator.control import CONTROLLERS
 from maidenflight.simulator.sensors import Measurement
-from maidenflight.workflow.training_settings import DISTILLED_HIDDEN
+from maidenflight.training.defaults import DISTILLED_HIDDEN
 
 HERE = Path(__file__).parent / "target"
 TOOLS = (

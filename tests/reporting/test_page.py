@@ -126,7 +126,8 @@ def run(tmp_path):
             f"# {name}\n# record: {json.dumps(RECORD)}\n{table.write_csv()}"
         )
     (folder / "policies").mkdir()
-    (folder / "policies" / "policy_1.json").write_text(json.dumps({"record": RECORD}))
+    small = untrained(jax.random.key(0), spec=PolicySpec(hidden=(3,)))
+    policy_file.write(folder / "policies" / "policy_1.json", small, RECORD)
     steps = {
         "update": [1, 2],
         "steps": [1000000, 2000000],

@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from maidenflight import cli, policy, policy_file, results, workflow
-from maidenflight.cli import interruption, options
+from maidenflight import cli, policy, policy_file, results
+from maidenflight.cli import command, interruption
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import transfer
 from maidenflight.parameters import crazyflie, replace
@@ -25,11 +25,12 @@ from maidenflight.simulator.look_ahead import LookAhead
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import relative_box, stacked
 from maidenflight.simulator.virtual_drone import virtual_drone
-from maidenflight.training import analytic_gradient, checkpoint
+from maidenflight.training import analytic_gradient, checkpoint, defaults
 from maidenflight.training import train as module
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.evaluation import Evaluation, evaluate
 from maidenflight.training.train import Progress, train
+from maidenflight.verbs.train import Train
 
 pytestmark = pytest.mark.usefixtures("without_optimizations")
 
@@ -40,6 +41,7 @@ SMALL = AnalyticGradient(updates=200, num_envs=16, horizon=64, evaluations=4, ep
 TASK, CONTROLLER = tasks.circle(), control.pwm()
 """The same objects in every test, so that training is compiled once a file."""
 KEYS = jax.random.split(jax.random.key(5), 2)
+ONE = Train(drone="crazyflie", policies=1, updates=600, randomize=0.1)
 
 
 def learn(
@@ -240,15 +242,16 @@ def test_an_extension_is_recorded(tmp_path: Path, monkeypatch: Any) -> None:
         checkpoint.save(saved, (), "", (600, 700))
         return given
 
-    monkeypatch.setattr("maidenflight.workflow.training.train", stub)
-    workflow.train_for("crazyflie", 0, tmp_path, 1, changed(TINY, updates=600), 0.1)
+    monkeypatch.setattr("maidenflight.training.train.train", stub)
+    ONE.run(tmp_path)
     assert "extended_from" not in policy_file.read(tmp_path / "policy_1.json").record["settings"]
-    monkeypatch.setattr("maidenflight.workflow.training.train", extended)
-    workflow.train_for("crazyflie", 0, tmp_path, 1, changed(TINY, updates=700), 0.1, resume=True)
+    monkeypatch.setattr("maidenflight.training.train.train", extended)
+    changed(ONE, updates=700, resume=True).run(tmp_path)
     settings = policy_file.read(tmp_path / "policy_1.json").record["settings"]
     assert (settings["updates"], settings["extended_from"]) == (700, [600])
-    assert workflow.updates_so_far(tmp_path) == 700
-    assert workflow.updates_so_far(tmp_path / "none") is None
+    changed(ONE, updates=None, resume=True).run(tmp_path)
+    settings = policy_file.read(tmp_path / "policy_1.json").record["settings"]
+    assert settings["updates"] == 700, "unless given, those of the training that is resumed"
 
 
 def test_the_rates_of_further_updates_are_those_of_a_training_of_so_many() -> None:
@@ -280,7 +283,7 @@ def test_a_full_disk_is_said_in_a_line_and_training_goes_on_when_there_is_space(
     replace_ = os.replace
     monkeypatch.setitem(tasks.TASKS, "circle", lambda: TASK)
     monkeypatch.setitem(control.CONTROLLERS, "pwm", lambda **_: CONTROLLER)
-    monkeypatch.setattr(workflow, "settings_for", lambda *_: TINY)
+    monkeypatch.setattr(defaults, "choose_settings", lambda *_: TINY)
     what = ["maidenflight", "train", "--drone", "crazyflie", "--policies", "2", "-o"]
     written: list[str] = []
 
@@ -364,11 +367,11 @@ def test_what_a_killed_run_left_is_cleared_and_does_not_stand_in_the_way(
     left = tmp_path / ".training.npz.abcdefgh.part"
     left.write_bytes(b"half")
     with click.Context(click.Command("train")):
-        options.must_be_new(tmp_path, False)
+        command.claim(tmp_path, overwrite=False, resume=False)
     with pytest.raises(InputError, match=r"no training to resume\. Leave out --resume"):
-        workflow.train_for("crazyflie", 0, tmp_path, 1, TINY, 0.1, resume=True)
-    monkeypatch.setattr("maidenflight.workflow.training.train", training_that_gives())
-    workflow.train_for("crazyflie", 0, tmp_path, 1, TINY, 0.1)
+        changed(ONE, resume=True).run(tmp_path)
+    monkeypatch.setattr("maidenflight.training.train.train", training_that_gives())
+    ONE.run(tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["training.csv", "training.npz"]
 
 
@@ -378,8 +381,8 @@ def test_policies_of_an_earlier_training_of_more_go(tmp_path: Path, monkeypatch:
         policy_file.write(tmp_path / f"policy_{number}.json", older, {"number": number})
     policy_file.write(tmp_path / "policy_4.json", older, {"note": "put here by somebody"})
     (tmp_path / "policy_5.json").write_text("not a policy")
-    monkeypatch.setattr("maidenflight.workflow.training.train", training_that_gives(older))
-    workflow.train_for("crazyflie", 7, tmp_path, 1, TINY, 0.1)
+    monkeypatch.setattr("maidenflight.training.train.train", training_that_gives(older))
+    changed(ONE, seed=7).run(tmp_path)
     assert sorted(path.name for path in tmp_path.glob("*.json")) == [
         "policy_1.json",
         "policy_4.json",
@@ -396,14 +399,14 @@ def test_an_earlier_training_stays_until_the_first_checkpoint_of_the_one_in_its_
         raise KeyboardInterrupt
 
     monkeypatch.setattr(
-        "maidenflight.workflow.training.train",
+        "maidenflight.training.train.train",
         training_that_gives(policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(3,)))),
     )
-    workflow.train_for("crazyflie", 7, tmp_path, 1, TINY, 0.1)
+    changed(ONE, seed=7).run(tmp_path)
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    monkeypatch.setattr("maidenflight.workflow.training.train", interrupted)
+    monkeypatch.setattr("maidenflight.training.train.train", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        workflow.train_for("crazyflie", 8, tmp_path, 1, TINY, 0.1)
+        changed(ONE, seed=8).run(tmp_path)
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
@@ -427,7 +430,7 @@ def test_an_interrupted_command_says_whether_its_own_checkpoint_is_there(
 def test_a_mistake_in_the_command_keeps_an_earlier_training(tmp_path: Path) -> None:
     (tmp_path / "training.npz").touch()
     with pytest.raises(InputError, match="no such drone"):
-        workflow.train_for(tmp_path / "none.toml", 0, tmp_path, 1, TINY, 0.1)
+        changed(ONE, drone=str(tmp_path / "none.toml")).run(tmp_path)
     assert (tmp_path / "training.npz").exists()
 
 
