@@ -15,6 +15,7 @@ from typing import Any
 
 import click
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -605,14 +606,14 @@ def test_a_property_of_a_policy_s_input_is_one_class(monkeypatch: pytest.MonkeyP
     with pytest.raises(InputError, match=r"\(41,\) values, expected 40"):
         policy_file.from_json(policy_file.to_json(one))
     # What it sees in flight is what training shows it.
-    state = dynamics.at_hover(np.array([0.1, 0.2, 0.5]), noiseless(mf.crazyflie()))
+    state = dynamics.at_hover(jnp.array([0.1, 0.2, 0.5]), noiseless(mf.crazyflie()))
     env = mf.Environment(spec=spec)
     begun = environment.begin(
-        env, state, np.float32(0), noiseless(mf.crazyflie()), jax.random.key(0)
+        env, state, jnp.float32(0), noiseless(mf.crazyflie()), jax.random.key(0)
     )
     seen = environment.observation(env, begun)
     assert float(seen[-1]) == pytest.approx(np.log(0.5))
-    act = policy.Actor(one, 0.5).act(begun.measurement, mf.circle().reference(np.float32(0)))
+    act = policy.Actor(one, 0.5).act(begun.measurement, mf.circle().reference(jnp.float32(0)))
     assert np.isfinite(act.action).all()
 
 
@@ -698,7 +699,7 @@ def test_a_verb_is_a_file_and_a_line(delay: type[Verb], monkeypatch: pytest.Monk
     assert "What is added [ms]." in help_page
 
 
-def test_an_option_is_the_line_of_a_verb_that_the_page_names(delay: type[Verb]) -> None:
+def test_an_option_is_the_line_of_a_verb_that_the_page_names(delay: Any) -> None:
     assert re.findall(r"`(\w+)` above", extending("An option")) == ["more"]
     _, declared = delay.settings()["more"]
     assert (declared.default_text, declared.values.expected) == ("10.0", "a number from 0 to 100")

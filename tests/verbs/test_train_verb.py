@@ -161,7 +161,7 @@ def test_what_the_target_could_not_hold_is_not_trained(
 
     monkeypatch.setattr(TRAINING, trained)
     asked: dict[str, Any] = {"drone": "crazyflie", "policies": 1, "randomize": 0.1}
-    large = asked | {"hidden": (128, 128)}
+    large: dict[str, Any] = asked | {"hidden": (128, 128)}
     with pytest.raises(InputError, match="22016 multiplications"):
         Train(**large, target="crazyflie").run(tmp_path)
     with pytest.raises(InputError, match=r"look_ahead = .*2.*, but the authors' policies"):
