@@ -12,6 +12,7 @@ from maidenflight.errors import InputError
 from maidenflight.experiments import envelope
 from maidenflight.verbs.envelope import Envelope, best_policy
 from maidenflight.verbs.policies import read_policies
+from run_listing import entries
 
 
 def test_an_envelope_goes_on_where_it_was_interrupted(
@@ -45,6 +46,7 @@ def test_an_envelope_goes_on_where_it_was_interrupted(
     first = list(flown)
     flown.clear()
     table = asked(resume=True)
+    assert entries(tmp_path) == {("envelope", "out"): {"envelope", "picture"}}
     assert first + flown == [
         (place, axis) for place in ("virtual-7", "virtual-8") for axis in ("circle", "latency")
     ]

@@ -8,9 +8,10 @@ import numpy as np
 
 from commands import run
 from flights.made_flights import driven
-from maidenflight import results
+from maidenflight import manifest, results
 from maidenflight.flights import log
 from maidenflight.flights.reading import read_flights
+from run_listing import unlisted
 
 
 def test_logs_of_any_format_are_told_and_converted(
@@ -32,6 +33,9 @@ def test_logs_of_any_format_are_told_and_converted(
     record = results.read_record(Path(written))
     assert record is not None
     assert "one.csv" in str(results.recorded_inputs(record, "one.csv"))
+    assert unlisted(tmp_path) == {"logs/one.csv", "logs/bad.csv"}
+    (entry,) = manifest.read_manifest(tmp_path).entries
+    assert entry.inputs["logs"][0].startswith("logs/one.csv sha256:")
     code, _, err = run(monkeypatch, capsys, "log", tmp_path / "logs", "-o", converted)
     assert code == 2
     assert "--overwrite" in err

@@ -10,13 +10,14 @@ import pytest
 
 from commands import run
 from flying_policy import flown, flying_policy
-from maidenflight import policy_file, results
+from maidenflight import manifest, policy_file, results
 from maidenflight.flights import log
 from maidenflight.identification import drone_file
 from maidenflight.identification.closed_loop import Match
 from maidenflight.identification.drone_file import DroneFile, Estimate, Search, Source
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import untrained
+from run_listing import entries
 
 
 def test_the_closed_loop_moves_what_it_found_in_the_drone_file_and_keeps_the_rest(
@@ -69,6 +70,8 @@ def test_the_closed_loop_moves_what_it_found_in_the_drone_file_and_keeps_the_res
     np.testing.assert_allclose(file.posterior["drag_x"], np.linspace(0.1, 0.2, 50), rtol=1e-5)
     assert file.search == Search("closed_loop", 1.0, 1, 15)
     assert len(results.recorded_inputs(file.record, "x")) == 3
+    assert entries(tmp_path) == {("match", "matched.toml"): {"drone"}}
+    assert set(manifest.read_manifest(tmp_path).entries[0].inputs) == {"logs", "policies", "drone"}
     code, out, _ = run(monkeypatch, capsys, *arguments, "--overwrite")
     assert code == 0
     assert "latency" in out
