@@ -1,6 +1,6 @@
 """A run as the report shows it, read from a folder or from a `Transfer` in memory.
 
-Each part is optional: a folder may be that of the demo, of one stage or of a matrix.
+Each part is optional: a folder may be that of the demo or of one stage.
 """
 
 from collections.abc import Mapping, Sequence
@@ -69,8 +69,7 @@ class Run:
     training: polars.DataFrame | None = None
     """One row an evaluation of a policy in training."""
     table: polars.DataFrame | None = None
-    """One row a test flight; see `Transfer`. Those of a matrix have `control`,
-    `motor_time_constant` and `latency` too."""
+    """One row a test flight; see `Transfer`."""
     flights: tuple[Flight, ...] = ()
     """Logs of the test flights, in the table's order."""
     prediction: polars.DataFrame | None = None
@@ -321,24 +320,12 @@ def _search(path: Path | None) -> polars.DataFrame | None:
 def _test_flights(
     path: Path | None, records: dict[str, Mapping[str, Any]]
 ) -> polars.DataFrame | None:
-    """The rows of test flights.
-
-    Those of a matrix say what each policy was trained for, and its name is made of that.
-    """
+    """The rows of test flights."""
     if path is None:
         return None
-    rows, record = run_folder.read_flights(path)
+    rows, record = run_folder.FLIGHTS.read(path)
     _keep(records, Path(path.name), record)
-    if "policy" in rows.columns:
-        return rows
-    names = [
-        f"{row['control']}_{1e3 * row['motor_time_constant']:g}ms_"
-        f"{1e3 * row['latency']:g}ms/{row['number']}"
-        for row in rows.iter_rows(named=True)
-    ]
-    return rows.with_columns(
-        polars.Series("policy", names), polars.int_range(1, rows.height + 1).alias("flight")
-    )
+    return rows
 
 
 def _table(

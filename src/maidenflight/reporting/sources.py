@@ -1,6 +1,6 @@
 """What a report is made of: files and folders as a user gives them, known by what they hold.
 
-A folder may be that of a demo, of one stage, of a matrix, or of flight logs. Files that a command
+A folder may be that of a demo, of one stage, or of flight logs. Files that a command
 writes are known by their names too, so that a broken one is told and not passed over.
 """
 
@@ -22,7 +22,6 @@ _TABLES: tuple[tuple[str, Table, frozenset[str]], ...] = (
     ("windows", run_folder.WINDOWS, frozenset({"window", "model", "time"})),
     ("validation", run_folder.VALIDATION, frozenset({"model", "horizon"})),
     ("table", run_folder.FLIGHTS, frozenset({"policy", "reality", "trial", "duration"})),
-    ("table", run_folder.MATRIX_FLIGHTS, frozenset({"number", "reality", "trial", "duration"})),
     ("prediction", run_folder.PREDICTION, frozenset({"policy", "trial", "duration"})),
     ("training", run_folder.TRAINING, frozenset({"steps", "policy", "episode_return"})),
     ("evaluations", run_folder.EVALUATIONS, frozenset({"objective"})),
