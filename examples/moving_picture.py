@@ -73,7 +73,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         box,
         jax.random.split(jax.random.key(given.seed), 1),
         SETTINGS,
-        seen.append,
+        on_progress=seen.append,
     )
     films = [film(progress, given.seed) for progress in seen if progress.update in SHOWN]
     results.write(given.output, picture(films))
