@@ -15,7 +15,7 @@ from pathlib import Path
 
 import maidenflight as mf
 from maidenflight import cores
-from maidenflight.settings import setting, whole
+from maidenflight.settings import number, setting, whole
 from maidenflight.verb import Progress, Result, Verb
 
 
