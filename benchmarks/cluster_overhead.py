@@ -15,16 +15,21 @@ from pathlib import Path
 
 import maidenflight as mf
 from maidenflight import cores
-from maidenflight.studies.kinds import Kind, Row, Work, number, whole
+from maidenflight.settings import number, setting, whole
+from maidenflight.verb import Progress, Result, Verb
 
 
-def _run(work: Work) -> list[Row]:
-    began = time.perf_counter()
-    time.sleep(work.settings["seconds"])
-    return [{"took": time.perf_counter() - began}]
+class Wait(Verb):
+    """Waits."""
 
+    place: int = setting(whole(0, 10**6))
+    seconds: float = setting(number(0, 60), 1.0)
 
-second = Kind(_run, {"number": whole(0, 10**6), "seconds": number(0, 60, 1.0)})
+    def compute(self, output: Path, progress: Progress) -> Result:
+        """Waits; writes nothing."""
+        began = time.perf_counter()
+        time.sleep(self.seconds)
+        return Result(rows=[{"took": time.perf_counter() - began}])
 
 
 def main() -> None:
@@ -37,8 +42,8 @@ def main() -> None:
     os.environ["PYTHONPATH"] = os.pathsep.join(places)
     entry = {
         "name": "seconds",
-        "kind": "cluster_overhead:second",
-        "grid": {"number": {"first": 0, "count": given.tasks}},
+        "kind": "cluster_overhead:Wait",
+        "grid": {"place": {"first": 0, "count": given.tasks}},
     }
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()

@@ -17,18 +17,21 @@ import numpy as np
 from fuzz_damage import ANY, REFUSED, SAME, Damaged, Kind
 from fuzz_reader import Good, Reader, table_damaged, tree_damaged
 
-from maidenflight import parameters, policy_file, results, workflow
+from maidenflight import parameters, policy_file, results
 from maidenflight.deployment.authors_json import to_authors_json
-from maidenflight.experiments import matrix, matrix_file
+from maidenflight.experiments.drones import possible_drones
 from maidenflight.flights import log
 from maidenflight.identification.drone_file import DroneFile, Estimate, Search, Source
 from maidenflight.link import rows
 from maidenflight.link.blocks import MOTORS, STATE
+from maidenflight.names import POSTERIOR
 from maidenflight.parameters import QUANTITIES, Parameters
 from maidenflight.policy import Policy, untrained
 from maidenflight.simulator.interface import INTERFACES, ControlInterface
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.trajectories import read_waypoints
+from maidenflight.studies import study as studies
+from maidenflight.studies.study import Study
 from maidenflight.training import checkpoint
 
 ROWS = 130
@@ -117,63 +120,65 @@ def unsound_policy(read: Policy) -> str:
     return next((fault for fault, there in faults.items() if there), "")
 
 
-MATRIX = b"""# A matrix.
+STUDY = b"""# A study.
+[[task]]
+name = "policy"
+kind = "train"
+[task.settings]
+control = "attitude"
 drone = "crazyflie"
-realities = ["near:7", "virtual:7"]
-motor_time_constant = [0.04, 0.08]
-latency = [0.0, 0.015]
-randomization = 0.1
+randomize = 0.1
 policies = 3
+updates = 600
+rate = 100
+hidden = [50, 50]
+paper_scales = true
+learner = { horizon = 32, learning_rate = 0.003 }
+[task.grid]
+"set.motor_time_constant" = [0.04, 0.08]
+seed = [0, 1]
+
+[[task]]
+name = "flown"
+kind = "transfer"
+inputs = { policies = "policy" }
+[task.settings]
+reality = ["near:7", "virtual:7"]
 trials = 3
 duration = 20.0
-seed = 0
-[control.pwm]
-updates = 800
-hidden = [50, 50]
-[control.attitude]
-updates = 600
-learning_rate = 0.003
-rate = 100
 """
+RANGES = {
+    "policies": (1, 4096),
+    "updates": (1, 10**6),
+    "rate": (1, 1000),
+    "trials": (1, 1000),
+    "duration": (0.1, 600.0),
+    "seed": (0, 2**31 - 1),
+}
+"""Of numbers among the settings of a study."""
 
 
-def matrix_told(read: matrix.Matrix) -> list[np.ndarray]:
-    return [np.array(repr(read))]
+def to_arrays(read: Study) -> list[np.ndarray]:
+    """Returns the tasks of a study for comparison."""
+    return [np.array([repr(task) for task in read.tasks])]
 
 
-def unsound_matrix(read: matrix.Matrix) -> str:
-    """Checks that times, counts and settings of training are in range."""
-    lag, delay = QUANTITIES["motor_time_constant"], QUANTITIES["latency"]
-    faults = {
-        "motor_time_constant": not all(
-            lag.lower <= value <= lag.upper for value in read.motor_time_constant
-        ),
-        "latency": not all(delay.lower <= value <= delay.upper for value in read.latency),
-        "a time twice": any(
-            len(set(times)) < len(times) for times in (read.motor_time_constant, read.latency)
-        ),
-        "realities": not read.realities
-        or not all(isinstance(name, str) for name in read.realities),
-        "randomization": not 0 <= read.randomization <= 0.9,
-        "policies": not 1 <= read.policies <= 1000,
-        "trials": not 1 <= read.trials <= 1000,
-        "duration": not 0 < read.duration <= 600,
-        "seed": not -(2**63) <= read.seed < 2**63,
-    }
-    found = [fault for fault, there in faults.items() if there]
-    for kind, settings in read.controls.items():
-        found += [
-            f"{kind} {name} = {value}"
-            for name, value in vars(settings).items()
-            if not _sensible(value)
-        ]
-    return found[0] if found else ""
-
-
-def _sensible(value: Any) -> bool:
-    if isinstance(value, tuple):
-        return all(type(entry) is int and 1 <= entry < 2**31 for entry in value)
-    return np.isfinite(value) and 0 <= value < 2**31
+def unsound_study(read: Study) -> str:
+    """Checks that tasks follow those that they take, and numbers of settings are in range."""
+    made: set[str] = set()
+    for task in read.tasks:
+        if not made >= set(task.inputs.values()):
+            return f"{task.label} takes what no earlier task makes"
+        made.add(task.key)
+        for name, (low, high) in RANGES.items():
+            value = task.settings.get(name)
+            taken = isinstance(value, int | float) and low <= value <= high
+            if value is not None and (isinstance(value, bool) or not taken):
+                return f"{name} = {value}"
+        for name in ("set", "learner"):
+            if not np.isfinite(list(task.settings.get(name, {}).values())).all():
+                return f"{name} = {task.settings[name]}"
+    return ""
 
 
 def file_readers() -> list[Reader]:
@@ -202,7 +207,7 @@ def file_readers() -> list[Reader]:
                     tree_damaged(toml, lambda _: True, "toml", Kind(ANY)),
                 ),
             ),
-            lambda _, path: workflow.possible_drones(path, workflow.POSTERIOR, 0),
+            lambda _, path: possible_drones(path, POSTERIOR, 0),
             drone_told,
             unsound_drone,
         ),
@@ -235,12 +240,12 @@ def file_readers() -> list[Reader]:
             unsound_policy,
         ),
         Reader(
-            "settings of a matrix, TOML",
+            "study, TOML",
             8,
-            (Good("matrix.toml", MATRIX, tree_damaged(toml, _matrix_needs, "toml", Kind(ANY))),),
-            lambda _, path: matrix_file.read(path),
-            matrix_told,
-            unsound_matrix,
+            (Good("study.toml", STUDY, tree_damaged(toml, _study_needs, "toml", Kind(ANY))),),
+            lambda _, path: studies.read(path),
+            to_arrays,
+            unsound_study,
         ),
         Reader(
             "way-points, CSV",
@@ -282,8 +287,9 @@ def drone_needs(path: tuple[Any, ...]) -> bool:
     return path == ("format",) or path[0] in _TABLES
 
 
-def _matrix_needs(path: tuple[Any, ...]) -> bool:
-    return path in (("motor_time_constant",), ("latency",), ("control",))
+def _study_needs(path: tuple[Any, ...]) -> bool:
+    entry = path[:1] == ("task",) and path[2:] in (("name",), ("kind",), ("inputs", "policies"))
+    return entry or path == ("task",)
 
 
 def _waypoints() -> Good:

@@ -11,6 +11,7 @@ import statistics
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,18 +19,27 @@ from typing import Any
 import chart
 import click
 import jax
+import jax.numpy as jnp
+import numpy as np
 from asking import Waiting
 from page import write
 from serving import peak
 
-from maidenflight import policy_file, results, run_folder
-from maidenflight.experiments import matrix, matrix_file
+import maidenflight as mf
+from maidenflight import parameters, policy_file, run_folder
 from maidenflight.parameters import crazyflie
+from maidenflight.policy import Policy
+from maidenflight.simulator import control
+from maidenflight.simulator.randomization import relative_box
+from maidenflight.studies import study
+from maidenflight.training import defaults
+from maidenflight.training.settings import Settings
+from maidenflight.verbs.train import Train
 from simulator import FOLDER, SERIES, VERSION, figure
 
 BATCHES = [16**power for power in range(6)]
 SCRIPTS = {"maidenflight": "maidenflight_speed.py", "crazyflow": "crazyflow_speed.py"}
-MATRIX = FOLDER.parent / "paper" / "zero_shot.toml"
+STUDY = FOLDER.parent / "paper" / "zero_shot.toml"
 SAMPLE = 100
 """Updates by which numbers of cells in a call are compared."""
 TOGETHER = (1, 9)
@@ -54,38 +64,75 @@ class Simulated:
         }
 
 
+def find_cells() -> dict[str, list[Train]]:
+    """Returns what trains the paper's policies, by control structure, a cell each."""
+    cells: dict[str, list[Train]] = {}
+    for task in study.read(STUDY).tasks:
+        if task.kind == "train":
+            cells.setdefault(task.settings["control"], []).append(Train(**changes_of(task)))
+    return cells
+
+
+def changes_of(task: study.Task) -> dict[str, Any]:
+    """Returns a task's settings by the names that `Train` has for them."""
+    names = {name: attribute for name, (attribute, _) in Train.settings().items()}
+    return {names[name]: value for name, value in task.settings.items()}
+
+
+def train_cells(cells: Sequence[Train], settings: Settings) -> list[tuple[Policy, ...]]:
+    """Trains the policies of cells of one control structure in one call.
+
+    Args:
+        cells: what trains those of each.
+        settings: of the method.
+
+    Returns:
+        The policies of each cell.
+    """
+    first, count = cells[0], cells[0].policies
+    controller = defaults.choose_controller(
+        first.control, crazyflie(), paper_scales=first.paper_scales, rate=first.rate
+    )
+    boxes = []
+    for cell in cells:
+        changes = {name: np.float32(value) for name, value in cell.changes.items()}
+        drone = control.in_fitting_steps(parameters.replace(crazyflie(), **changes), controller)
+        boxes += [relative_box(drone, float(cell.randomize or 0.0))] * count
+    keys = jnp.concatenate([jax.random.split(jax.random.key(cell.seed), count) for cell in cells])
+    policies = mf.train(
+        mf.circle(), controller, boxes, keys, settings, spec=first.choose_spec(None)
+    )
+    return [policies[start : start + count] for start in range(0, len(policies), count)]
+
+
 def train(structure: str, together: int, updates: int, folder: Path | None) -> None:
     """Trains the first cells of a control structure in one call whenever it is asked.
 
     Prints the seconds of compiling, then for each line that it reads the seconds of so many updates
     and the peak memory [bytes]. Policies go to the folder.
     """
-    paper = matrix_file.read(MATRIX)
-    own = paper.controls[structure]
-    cells = [cell for cell in paper.cells if cell.control == structure][:together]
+    cells = find_cells()[structure][:together]
+    own = cells[0].choose_learner(cells[0].choose_spec(None), None)
 
-    def trained(updates: int, evaluations: int) -> dict[matrix.Cell, Any]:
-        settings = replace(own, updates=updates, evaluations=evaluations)
-        asked = replace(paper, controls={**paper.controls, structure: settings})
-        return jax.block_until_ready(matrix.train_cells(asked, cells, crazyflie()))
+    def time_training(updates: int, evaluations: int) -> tuple[list[tuple[Policy, ...]], float]:
+        start = time.perf_counter()
+        changed: Any = replace(own, updates=updates, evaluations=evaluations)
+        made = jax.block_until_ready(train_cells(cells, changed))
+        return made, time.perf_counter() - start
 
     def tell(**what: Any) -> None:
         print(json.dumps(what), flush=True)
 
-    start = time.perf_counter()
     sys.stdin.readline()
-    trained(1, 1)
-    tell(seconds=time.perf_counter() - start)
+    tell(seconds=time_training(1, 1)[1])
     for _ in sys.stdin:
-        start = time.perf_counter()
-        made = trained(updates, own.evaluations if updates == own.updates else 1)
-        seconds = time.perf_counter() - start
+        made, seconds = time_training(updates, own.evaluations if updates == own.updates else 1)
         if folder is not None:
-            for cell, policies in made.items():
-                record = results.record(seed=paper.seed, inputs=[], settings=paper.said(cell))
+            for cell, policies in zip(cells, made, strict=True):
+                place = folder / "_".join([structure, *map(str, cell.changes.values())])
                 for number, policy in enumerate(policies, 1):
                     policy_file.write(
-                        run_folder.POLICY.path(folder / cell.name, number), policy, record
+                        run_folder.POLICY.path(place, number), policy, cell.make_record()
                     )
         tell(seconds=seconds, peak=peak())
 
@@ -122,25 +169,27 @@ def measure_simulators(processes: dict[Simulated, Waiting], rounds: int) -> dict
 def measure_training(processes: dict[tuple[str, int], Waiting]) -> str:
     """The table of the 81 policies, and what policies in one call save."""
     compiling = {asked: process.answer()["seconds"] for asked, process in processes.items()}
-    paper = matrix_file.read(MATRIX)
+    cells = find_cells()
+    count = next(iter(cells.values()))[0].policies
     rows = [
-        f"| | one update of {paper.policies} policies [ms] | of {TOGETHER[1] * paper.policies} | "
+        f"| | one update of {count} policies [ms] | of {TOGETHER[1] * count} | "
         "all updates of these [s] | before, once [s] | peak memory [MB] |",
         "|---|---:|---:|---:|---:|---:|",
     ]
     total = 0.0
-    for structure, settings in paper.controls.items():
+    for structure, (first, *_) in cells.items():
         few = processes[structure, TOGETHER[0]].ask(None)
         all_of_them = processes[structure, TOGETHER[1]].ask(None)
         total += all_of_them["seconds"]
         rows.append(
             f"| {structure} | {1e3 * few['seconds'] / SAMPLE:.1f} | "
-            f"{1e3 * all_of_them['seconds'] / settings.updates:.1f} | "
+            f"{1e3 * all_of_them['seconds'] / (first.updates or 1):.1f} | "
             f"{all_of_them['seconds']:.0f} | {compiling[structure, TOGETHER[1]]:.0f} | "
             f"{figure(all_of_them['peak'] / 1e6)} |"
         )
         click.echo(rows[-1])
-    rows.append(f"| {len(paper.cells) * paper.policies} policies | | | {total:.0f} | | |")
+    every = sum(cell.policies for own in cells.values() for cell in own)
+    rows.append(f"| {every} policies | | | {total:.0f} | | |")
     return "\n".join(rows)
 
 
@@ -200,11 +249,11 @@ def main(
                 "--train",
                 structure,
                 cells,
-                settings.updates if cells == TOGETHER[1] else SAMPLE,
+                first.updates if cells == TOGETHER[1] else SAMPLE,
                 *([policies] if policies and cells == TOGETHER[1] else []),
             ]
         )
-        for structure, settings in matrix_file.read(MATRIX).controls.items()
+        for structure, (first, *_) in find_cells().items()
         for cells in TOGETHER
     }
     for one, process in simulators.items():

@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "link"))
 stand_in: Any = import_module("stand_in")
 
 SECONDS = 30
-COMMAND = [sys.executable, "-m", "maidenflight", "plant", "virtual:7", "--pipe", "--duration"]
+COMMAND = [sys.executable, "-m", "maidenflight.plant", "virtual:7", "--pipe", "--duration"]
 
 
 def times_real_time(structure: str) -> float:

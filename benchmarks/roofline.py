@@ -48,8 +48,8 @@ from maidenflight.simulator import control, tasks
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import relative_box, stacked
 from maidenflight.training import analytic_gradient
+from maidenflight.training.defaults import SETTINGS, choose_hidden
 from maidenflight.training.evaluation import evaluate_together, starts_of
-from maidenflight.workflow import SETTINGS, settings_for
 
 PAGE = Path(__file__).parents[1] / "docs" / "studies" / "roofline.md"
 KINDS = {
@@ -216,9 +216,10 @@ def simulated(name: str, series: str, batch: int) -> HotPath:
 
 def trained(name: str, structure: str) -> HotPath:
     """One update of training by gradients with its default settings."""
-    settings, spec = settings_for(structure, "circle", "gradient")
+    settings = SETTINGS[structure]
     controller = control.CONTROLLERS[structure]()
     drone = control.in_fitting_steps(crazyflie(), controller)
+    spec = mf.PolicySpec(hidden=choose_hidden(structure, "gradient"))
     env = Environment.matching(drone, mf.circle(), controller, spec=spec)
     boxes, keys = stacked([relative_box(drone)]), jax.random.split(jax.random.key(0), 1)
     learners = analytic_gradient.begin(env, settings, boxes, keys)

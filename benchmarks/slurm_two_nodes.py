@@ -19,14 +19,15 @@ import time
 from contextlib import ExitStack
 from pathlib import Path
 
-from maidenflight.studies.kinds import Kind, Row, Work, whole
+from maidenflight.settings import setting, whole
+from maidenflight.verb import Progress, Result, Verb
 
 PORTS = {"ctld": 46817, "n1": 46818, "n2": 46819}
 LONGEST_S = 480
 STUDY = """
 [[task]]
 name = "numbers"
-kind = "slurm_two_nodes:number"
+kind = "slurm_two_nodes:Third"
 grid = { value = { first = 1, count = 8 } }
 """
 CONFIGURATION = """
@@ -59,12 +60,15 @@ PartitionName=all Nodes=n1,n2 Default=YES MaxTime=INFINITE State=UP
 """
 
 
-def _number(work: Work) -> list[Row]:
-    time.sleep(2)
-    return [{"third": work.settings["value"] / 3}]
+class Third(Verb):
+    """Divides a number by three."""
 
+    value: int = setting(whole(1, 100))
 
-number = Kind(_number, {"value": whole(1, 100)})
+    def compute(self, output: Path, progress: Progress) -> Result:
+        """Divides; writes nothing."""
+        time.sleep(2)
+        return Result(rows=[{"third": self.value / 3}])
 
 
 def begin(cluster: ExitStack, place: Path, *words: str) -> None:

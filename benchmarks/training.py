@@ -38,9 +38,9 @@ from maidenflight.simulator import control, environment, failures, stepping, tas
 from maidenflight.simulator.environment import Environment, EnvState
 from maidenflight.simulator.randomization import RelativeBox, relative_box
 from maidenflight.simulator.rollout import randomized_reset
+from maidenflight.training import defaults
 from maidenflight.training.evaluation import evaluate
 from maidenflight.training.train import Progress, train
-from maidenflight.workflow import settings_for
 
 CORES = len(os.sched_getaffinity(0))
 SEEDS, EPISODES, UNSEEN, LOOK_AHEAD, IMPROVEMENTS = 5, 1000, 1234, 1.6, 200
@@ -61,6 +61,12 @@ class Recipe(NamedTuple):
     """A name in `DRONES`."""
     history: int = 2
     """Instants that a policy sees."""
+
+    @property
+    def spec(self) -> PolicySpec:
+        """Returns what its policies see, and their layers."""
+        hidden = defaults.choose_hidden(self.control, "gradient")
+        return PolicySpec(self.history, hidden=hidden)
 
     @property
     def title(self) -> str:
@@ -127,16 +133,15 @@ def trained(
     """Policies of all seeds in one call, and when which score was heard [s]."""
     heard: list[tuple[float, Progress]] = []
     began = time.perf_counter()
-    settings, spec = settings_for(
-        recipe.control, recipe.task, updates=updates, history=recipe.history
-    )
+    settings: Any = defaults.choose_settings(recipe.control, recipe.task, "gradient", recipe.spec)
+    settings = settings if updates is None else dataclasses.replace(settings, updates=updates)
     task, controller = tasks.TASKS[recipe.task](), control.CONTROLLERS[recipe.control]()
     keys = jax.random.split(jax.random.key(0), SEEDS)
 
     def hear(progress: Progress) -> None:
         heard.append((time.perf_counter() - began, progress))
 
-    return train(task, controller, drones, keys, settings, spec, on_progress=hear), heard
+    return train(task, controller, drones, keys, settings, recipe.spec, on_progress=hear), heard
 
 
 def curves(heard: list[tuple[float, Progress]]) -> polars.DataFrame:
@@ -233,8 +238,8 @@ def measure(recipe: Recipe, updates: int | None) -> Measured:
     jax.config.update("jax_num_cpu_devices", CORES)
     drones = box(recipe)
     task, controller = tasks.TASKS[recipe.task](), control.CONTROLLERS[recipe.control]()
+    env = Environment.matching(drones.centre, task, controller, spec=recipe.spec)
     policies, heard = trained(recipe, drones, updates)
-    env = Environment.matching(drones.centre, task, controller, spec=policies[0].spec)
     memory = (
         resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     )  # GiB, before the scores add theirs

@@ -30,8 +30,9 @@ from jaxtyping import Bool, Float
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from maidenflight import compiler, parameters, policy_file, results, terminal, workflow
+from maidenflight import compiler, parameters, policy_file, results, terminal
 from maidenflight.errors import InputError
+from maidenflight.experiments.drones import find_reality
 from maidenflight.experiments.transfer import MAX_DURATION_S, transfer
 from maidenflight.flights.log import Flight
 from maidenflight.identification import drone_file
@@ -706,7 +707,7 @@ def run(given: argparse.Namespace) -> None:
     home = VirtualDrone(ITSELF, replace(nominal, time_step=np.float32(0.001)))
     realities = {
         one.name: [one]
-        for one in [home, *(workflow.reality(name) for name in given.reality or ["virtual:7"])]
+        for one in [home, *(find_reality(name) for name in given.reality or ["virtual:7"])]
     }
     others = other_drones(home.parameters, given.drone, given.draws, given.seed)
     inputs = [given.drone] if Path(given.drone).is_file() else []
@@ -733,9 +734,9 @@ def run(given: argparse.Namespace) -> None:
     }
     flying |= {"realities": list(realities), "others": list(others)}
     tables = []
-    with terminal.progress("ablations", len(chosen)) as move:
+    with terminal.Bar("ablations") as bar:
         for number, one in enumerate(chosen):
-            move(number, len(chosen), f"{one.control}, {one.name}")
+            bar.move(number, len(chosen), f"{one.control}, {one.name}")
             path, wanted = (
                 given.output / "flights" / f"{one.folder}.csv",
                 record({**made[one]["settings"], **flying}),

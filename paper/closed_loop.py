@@ -27,9 +27,10 @@ from jaxtyping import Float
 from predict_flights import one_against_others, published, within_band
 from scipy.ndimage import uniform_filter1d
 
-from maidenflight import compiler, policy_file, results, workflow
+from maidenflight import compiler, policy_file, results
 from maidenflight.errors import InputError
 from maidenflight.experiments.agreement import agreement
+from maidenflight.experiments.drones import possible_drones
 from maidenflight.experiments.flight_times import predict_flight_times, summary
 from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import read_flights
@@ -38,9 +39,11 @@ from maidenflight.flights.windows import windows
 from maidenflight.identification import one_step
 from maidenflight.identification.ensembles import BETWEEN_FLIGHTS
 from maidenflight.identification.flight_signals import stride
+from maidenflight.names import TRIMS
 from maidenflight.parameters import Parameters, replace
 from maidenflight.policy import Policy
-from maidenflight.workflow import Reading, Start
+from maidenflight.verbs.identify import Identify
+from maidenflight.verbs.match import Match
 
 TODAY = "closed loop, log of the day"
 STRUCTURES = ("pwm", "attitude_rate", "attitude", "all")
@@ -69,8 +72,7 @@ def identified(authors: Path, folder: Path, policies: Mapping[str, Policy]) -> d
     flights = authors / "flights"
     dynamics, chosen = folder / "dynamics.toml", folder / "policies"
     if not dynamics.exists():
-        held = Reading(commands="zero-order-hold")
-        workflow.identify_from(flights / "pwm", 0, dynamics, reading=held)
+        Identify(logs=flights / "pwm", commands="zero-order-hold").run(dynamics)
     for name in sorted(set(policies) - held_out(list(policies))):
         structure, number = name.split("/")
         if structure == "pwm":
@@ -78,11 +80,10 @@ def identified(authors: Path, folder: Path, policies: Mapping[str, Policy]) -> d
             policy_file.write(chosen / f"pwm_{int(number):03d}.json", policies[name], made)
     varied, matched = folder / "likelihood.toml", folder / "closed_loop.toml"
     if not varied.exists():
-        workflow.identify_from(
-            flights, 0, varied, start=Start(str(dynamics)), over=list(BETWEEN_FLIGHTS)
-        )
+        Identify(logs=flights, start=str(dynamics), over=tuple(BETWEEN_FLIGHTS)).run(varied)
     if not matched.exists():
-        workflow.match_loops(flights / "pwm", [chosen], 0, matched, start=Start(str(varied)))
+        matching = Match(logs=flights / "pwm", policies=(str(chosen),), start=str(varied))
+        matching.run(matched)
     return {"likelihood": varied, "closed loop": matched}
 
 
@@ -96,7 +97,7 @@ def todays_log(authors: Path, names: Sequence[str], name: str) -> Path | None:
     for other in sorted(others, key=lambda one: abs(int(one.split("/")[1]) - int(number))):
         for file in sorted(flights_of(authors, other).glob("*.csv*")):
             try:
-                flights = workflow.Reading().flights(file, 0)
+                flights = read_flights(file, lead_in=0)
             except InputError:
                 continue
             if sum(flight.duration for flight in flights) >= 1.5:
@@ -225,14 +226,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     files = identified(given.authors, given.output, policies)
     rows: list[dict[str, object]] = []
     blind = {
-        label: workflow.possible_drones(files[label], workflow.TRIMS, 0)
-        for label in ("likelihood", "closed loop")
+        label: possible_drones(files[label], TRIMS, 0) for label in ("likelihood", "closed loop")
     }
     for label, drones in blind.items():
         rows += agreements(label, predicted(policies, drones, given.trials), flights)
     logs = {name: todays_log(given.authors, list(policies), name) for name in policies}
     own = {
-        name: workflow.possible_drones(files["closed loop"], workflow.TRIMS, 0, today=log)
+        name: possible_drones(files["closed loop"], TRIMS, 0, today=log)
         for name, log in logs.items()
     }
     rows += agreements(TODAY, predicted(policies, own, given.trials), flights)

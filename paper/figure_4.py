@@ -1,39 +1,58 @@
-"""The paper's zero-shot experiment: policies trained for many motors, flown in an unseen reality.
+"""The paper's zero-shot experiment: policies trained for many motors, flown in unseen realities.
 
 `python paper/figure_4.py -o zero_shot` trains policies of each control structure, at its own rate,
 around drones of each motor lag (40, 80 and 120 ms) and latency (0, 15 and 20 ms), three seeds each,
-and flies each of the 81 policies three times in a virtual reality: 243 flights of at most 20 s,
-ended by the paper's guards. It is what `maidenflight transfer --matrix paper/zero_shot.toml -o
-zero_shot` does, whose table `flights.csv` has a row a flight, and draws `figure_4.svg` from that
-table: flight times by lag, a panel a latency. `--authors ../shared/data/authors` draws the
-published real flights below. Stopped, it goes on where it was by the same command, and where the
-table is there already it only draws; `--small` trains one policy of each cell, for a third as long,
-for a look.
+and flies each of the 81 policies three times in each reality for at most 20 s, until the paper's
+guards end it. It computes the study `paper/zero_shot.toml`, as `maidenflight sweep
+paper/zero_shot.toml -o zero_shot` does, gathers all flights into `flights.csv` with a row a flight,
+and draws `figure_4.svg`: flight times by lag, a panel a latency. `--authors ../shared/data/authors`
+draws the published real flights below. Interrupted, it goes on by the same command; what is there
+already is not computed again. `--small` trains one policy of each cell, a third as long, for a
+look.
 
 Source: Gronauer et al. 2022, sec. Zero-Shot Experiments, fig:experiments:zero-shot.
 """
 
 import argparse
-from collections.abc import Iterator, Sequence
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import chdir
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars
 
-from maidenflight import compiler, results, terminal, workflow
+import maidenflight as mf
+from maidenflight import results, run_folder, terminal
 from maidenflight.errors import InputError
-from maidenflight.experiments import matrix, matrix_file
 from maidenflight.experiments.transfer import MAX_DURATION_S
 from maidenflight.reporting import svg
-from maidenflight.reporting.flight_figures import COLOURS
+from maidenflight.reporting.flight_figures import COLOURS, REACHED
 from maidenflight.reporting.svg import Panel
-from maidenflight.terminal import flight_output
+from maidenflight.simulator.interface import INTERFACES
+from maidenflight.studies import study as studies
+from maidenflight.studies.store import Folder
+from maidenflight.studies.study import Study, Task
 
-SETTINGS = Path(__file__).with_name("zero_shot.toml")
+STUDY = Path(__file__).with_name("zero_shot.toml")
+CELL = ("motor_time_constant", "latency")
+"""Parameters of the drone that differ between cells [s]."""
+FLIGHTS = dataclasses.replace(
+    run_folder.FLIGHTS,
+    columns={
+        **{"control": str, "training_rate": int, **dict.fromkeys(CELL, float), "number": int},
+        **run_folder.FLIGHTS.columns,
+    },
+    heading="maidenflight zero-shot flights 1: simulated, a row a flight; training_rate Hz, "
+    "motor_time_constant s and latency s of the policy's training, number of the policy in its "
+    "cell, duration s, position_error m",
+)
+"""Flights of all policies, with what each policy was trained for."""
 
 
-def published(folder: Path) -> polars.DataFrame:
-    """The paper's real flights: control, motor_time_constant, latency, duration.
+def read_published_flights(folder: Path) -> polars.DataFrame:
+    """Reads the paper's real flights: control, motor_time_constant, latency, duration.
 
     Raises:
         InputError: the folder lacks `flights.csv`.
@@ -53,14 +72,139 @@ def published(folder: Path) -> polars.DataFrame:
     return own.rename(renamed).with_columns(polars.col("duration").clip(upper_bound=MAX_DURATION_S))
 
 
+def read_study(path: Path, small: bool = False) -> Study:
+    """Reads a study whose policies are trained for a motor lag and a latency, and flown.
+
+    Args:
+        path: of its TOML file.
+        small: train one policy of each cell, with a third of the updates.
+
+    Raises:
+        InputError: see `studies.read`; or it flies no policies that it trains for both.
+    """
+    study = studies.read(path)
+    if small:
+        entries = [shorten_training(entry) for entry in study.entries]
+        study = studies.of(entries, study.home, str(path))
+    if not find_flown_tasks(study):
+        raise InputError(
+            f"{path}: no task flies policies that another one trains with set.motor_time_constant "
+            "and set.latency. Give a study such as paper/zero_shot.toml."
+        )
+    return study
+
+
+def shorten_training(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns an entry of a study that trains one policy, with a third of the updates."""
+    if entry["kind"] != "train":
+        return dict(entry)
+    settings = {**entry.get("settings", {}), "policies": 1}
+    if "updates" in settings:
+        settings["updates"] = max(1, settings["updates"] // 3)
+    return {**entry, "settings": settings}
+
+
+def find_flown_tasks(study: Study) -> list[tuple[Task, Task]]:
+    """Returns tasks that train policies of a cell, each with a task that flies them."""
+    by_key = {task.key: task for task in study.tasks}
+    pairs = [
+        (by_key[task.inputs["policies"]], task)
+        for task in study.tasks
+        if task.kind == "transfer" and "policies" in task.inputs
+    ]
+    return [pair for pair in pairs if set(CELL) <= pair[0].settings["set"].keys()]
+
+
+def gather_flights(study: Study, folder: Path) -> polars.DataFrame:
+    """Gathers the flights of a study's results; writes `flights.csv` too.
+
+    Returns:
+        A row a flight, with the columns of `FLIGHTS`; its policy is called after its cell.
+    """
+    store, parts = Folder(folder), []
+    tasks = find_flown_tasks(study)
+    for trained, flown in tasks:
+        place = store.folder(flown.key) / run_folder.TRANSFER / run_folder.FLIGHTS.name
+        rows, _ = run_folder.FLIGHTS.read(place)
+        control, drone = trained.settings["control"], trained.settings["set"]
+        rate = trained.settings["rate"] or INTERFACES[control]().rate
+        number = polars.col("policy").str.extract(r"(\d+)$").cast(polars.Int64)
+        delays = "_".join(f"{1e3 * drone[name]:g}ms" for name in CELL)
+        cell = [
+            polars.lit(control).alias("control"),
+            polars.lit(rate, polars.Int64).alias("training_rate"),
+            *(polars.lit(float(drone[name])).alias(name) for name in CELL),
+            number.alias("number"),
+        ]
+        policy = polars.lit(f"{control}_{delays}/") + number.cast(polars.String)
+        parts.append(rows.select(*cell, polars.all()).with_columns(policy.alias("policy")))
+    flights = polars.concat(parts).with_columns(
+        polars.int_range(1, polars.len() + 1).alias("flight")
+    )
+    drones = sorted({Path(trained.settings["drone"]).name for trained, _ in tasks})
+    settings = {
+        "drone": ", ".join(drones),
+        "duration": min(flown.settings["duration"] for _, flown in tasks),
+        "study": list(study.entries),
+    }
+    record = results.record(seed=None, inputs=[], settings=settings)
+    FLIGHTS.write(folder / FLIGHTS.name, flights, record)
+    return flights
+
+
+def summarize_cells(flights: polars.DataFrame) -> polars.DataFrame:
+    """Summarizes flight times by reality and cell.
+
+    Returns:
+        Policies, flights, mean and median flight time [s], and the share of flights that reach the
+        time limit.
+    """
+    duration = polars.col("duration")
+    return flights.group_by("reality", "control", *CELL, maintain_order=True).agg(
+        polars.col("number").n_unique().alias("policies"),
+        polars.len().alias("flights"),
+        duration.mean().alias("mean"),
+        duration.median().alias("median"),
+        (polars.col("end_reason") == REACHED).mean().alias("share"),
+    )
+
+
+def print_cells(cells: polars.DataFrame) -> None:
+    """Prints flight times: a row a reality, control structure and latency, a column a lag."""
+    lags = cells["motor_time_constant"].unique().sort().to_list()
+    rows = []
+    order = {name: place for place, name in enumerate(cells["reality"].unique(maintain_order=True))}
+    cells = cells.sort(polars.col("reality").replace_strict(order), maintain_order=True)
+    for names, part in cells.group_by("reality", "control", "latency", maintain_order=True):
+        reality, control, latency = names
+        found = {
+            row["motor_time_constant"]: f"{row['mean']:.1f} s  {row['share']:4.0%}"
+            for row in part.iter_rows(named=True)
+        }
+        times = (found.get(lag, "") for lag in lags)
+        rows.append([str(reality), str(control), f"{1e3 * float(str(latency)):g} ms", *times])
+    title = (
+        "Mean flight time and share of flights that reach the time limit, by what was trained for; "
+        "simulated"
+    )
+    columns = ["reality", "control", "latency", *(f"T_m {1e3 * lag:g} ms" for lag in lags)]
+    terminal.print_table(title, columns, rows, numbers_from=2)
+
+
 SIDE, HIGH = 280, 190
 """Of a panel [px]."""
 
 
-def chart(rows: dict[str, polars.DataFrame]) -> str:
-    """Box plots of flight times as SVG: a row per table, a panel per latency, colours by structure.
+def draw_chart(rows: dict[str, polars.DataFrame]) -> str:
+    """Draws box plots of flight times: a row a table, a panel a latency, a colour a structure.
 
     Boxes reach from the lower to the upper quartile, their line is the median, dots are flights.
+
+    Args:
+        rows: flights by what the row is called.
+
+    Returns:
+        A picture in SVG.
     """
     samples = [
         (svg.stroke("M0 6H24", "line", colour), kind.replace("_", " "))
@@ -114,7 +258,7 @@ def chart(rows: dict[str, polars.DataFrame]) -> str:
             )
             parts.append(
                 svg.framed(
-                    panel, _boxes(panel, flights, lags, latency), f"{named} {1e3 * latency:g}"
+                    panel, _draw_boxes(panel, flights, lags, latency), f"{named} {1e3 * latency:g}"
                 )
             )
         top += HIGH + 82
@@ -123,7 +267,7 @@ def chart(rows: dict[str, polars.DataFrame]) -> str:
     )
 
 
-def _boxes(
+def _draw_boxes(
     panel: Panel, flights: polars.DataFrame, lags: Sequence[float], latency: float
 ) -> Iterator[str]:
     for place, lag in enumerate(lags):
@@ -159,13 +303,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "--output",
         type=Path,
         required=True,
-        help="folder for policies, flights.csv and figure_4.svg",
+        help="folder of the study, for flights.csv and figure_4.svg too",
     )
     parser.add_argument(
         "--settings",
         type=Path,
-        default=SETTINGS,
-        help="of the matrix, a TOML file (default: paper/zero_shot.toml)",
+        default=STUDY,
+        help="a study, a TOML file (default: paper/zero_shot.toml)",
     )
     parser.add_argument(
         "--small", action="store_true", help="one policy of each cell, trained for a third as long"
@@ -179,19 +323,24 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def run(settings: Path, small: bool, authors: Path | None, output: Path) -> None:
-    """All of it, for given arguments."""
-    real = None if authors is None else published(authors)
-    asked = matrix_file.read(settings)
-    asked = asked.sketch() if small else asked
-    with terminal.progress("figure 4", len(asked.rows)) as move:
-        flights = workflow.transfer_matrix(asked, output, move)
-    drawn = {str(name): part for (name,), part in flights.group_by("reality", maintain_order=True)}
+    """Does all of it, for given arguments."""
+    real = None if authors is None else read_published_flights(authors)
+    study, output = read_study(settings, small), output.resolve()
+    with terminal.Bar("figure 4") as bar, chdir(study.home):
+        mf.sweep(
+            study.entries,
+            output,
+            on_progress=lambda now: bar.move(
+                now.done, now.tasks, f"{now.done} of {now.tasks} tasks"
+            ),
+        )
+    flights = gather_flights(study, output)
+    rows = {str(name): part for (name,), part in flights.group_by("reality", maintain_order=True)}
     results.write(
-        output / "figure_4.svg", chart(drawn if real is None else {**drawn, "real": real})
+        output / "figure_4.svg", draw_chart(rows if real is None else {**rows, "real": real})
     )
-    flight_output.cells(matrix.by_cell(flights, asked.duration))
+    print_cells(summarize_cells(flights))
 
 
 if __name__ == "__main__":
-    compiler.prepare_jax(fused=True)
     main()

@@ -31,9 +31,9 @@ from maidenflight.simulator.interface import CONTROLS
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import RelativeBox, relative_box
 from maidenflight.simulator.virtual_drone import virtual_drone
+from maidenflight.training.defaults import SETTINGS
 from maidenflight.training.evaluation import evaluate
 from maidenflight.training.train import train
-from maidenflight.workflow import SETTINGS
 
 HISTORY, HIDDEN = 2, (50, 50)
 """Of the paper's policies; what one study does not vary."""
@@ -78,8 +78,9 @@ def box(plan: argparse.Namespace) -> RelativeBox:
 def studied(kind: Kind, plan: argparse.Namespace) -> Studied:
     """Trains policies of one kind, scores them and flies them."""
     drones, task, controller = box(plan), tasks.circle(), control.CONTROLLERS[plan.control]()
-    settings, spec = SETTINGS[plan.control], PolicySpec(history=kind.history, hidden=kind.hidden)
+    settings = SETTINGS[plan.control]
     settings = settings if plan.updates is None else replace(settings, updates=plan.updates)
+    spec = PolicySpec(history=kind.history, hidden=kind.hidden)
     keys = jax.random.split(jax.random.key(plan.seed), plan.seeds)
     began = time.perf_counter()
     policies = train(task, controller, drones, keys, settings, spec)

@@ -1,12 +1,12 @@
 """The paper's hypothesis as a statistic: whether low-level control needs higher fidelity.
 
 `python paper/hypothesis.py zero_shot/flights.csv zero_shot_100hz/flights.csv --authors
-../shared/data/authors -o hypothesis` reads tables of zero-shot flights, as `maidenflight transfer
---matrix` writes them, and the published real ones. It asks how flight time falls with the distance
-between the drone that a policy was trained for and the one that it flies, and whether it falls more
-steeply for PWM than for attitude-rate and attitude policies: with policies that fly at the rate of
-their training, and with those trained at one rate and flown at another, as the authors' were. It
-prints tables and verdicts, and writes `statistics.csv` and `hypothesis.svg`.
+../shared/data/authors -o hypothesis` reads tables of zero-shot flights, as `figure_4.py` writes
+them, and the published real ones. It asks how flight time falls with the distance between the drone
+that a policy was trained for and the one that it flies, and whether it falls more steeply for PWM
+than for attitude-rate and attitude policies: with policies that fly at the rate of their training,
+and with those trained at one rate and flown at another, as the authors' were. It prints tables and
+verdicts, and writes `statistics.csv` and `hypothesis.svg`.
 
 Distance is told by one number, the total lag from command to thrust as a policy sees it
 (`total_lag`), because flights determine the sum of motor lag and latency well and its parts badly
@@ -18,10 +18,10 @@ slopes with each of the two stand beside them.
 
 The unit is the policy, with its mean flight time. Intervals are 95 % by bootstrap over the policies
 of each control structure (percentiles: unlike BCa they exist where a whole structure falls at once
-or never falls; on 300 made-up matrices of 9, 18 and 27 policies, cut at 20 s, they held the slope
-in 93, 90 and 91 %). Policies are not redrawn cell by cell: with three in a cell variances would
-come out a third too small, and it would not count that the means of cells need not lie on a line.
-For that the cells themselves are redrawn beside it.
+or never falls; on 300 synthetic data sets of 9, 18 and 27 policies, cut at 20 s, they held the
+slope in 93, 90 and 91 %). Policies are not redrawn cell by cell: with three in a cell variances
+would come out a third too small, and it would not count that the means of cells need not lie on a
+line. For that the cells themselves are redrawn beside it.
 
 Flights are cut at 20 s, and none is shorter than a fall takes. So mean flight times saturate at
 both ends: where most policies of a structure reach 20 s, or fall at once, its slope comes out too
@@ -41,12 +41,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import polars
-from figure_4 import published
+from figure_4 import read_published_flights
 from jaxtyping import Float
 from scipy import stats
 
-from maidenflight import parameters, results, terminal, workflow
+from maidenflight import parameters, results, terminal
 from maidenflight.errors import InputError
+from maidenflight.experiments.drones import find_reality
 from maidenflight.experiments.transfer import MAX_DURATION_S
 from maidenflight.parameters import Parameters, replace
 from maidenflight.reporting import svg
@@ -113,7 +114,7 @@ _POLICY = ["seed", *_TRAINED, "reality"]
 
 
 def simulated(path: Path, nominal: str) -> polars.DataFrame:
-    """Flights of a table: what `matrix.fly` gives, and the seed of its record.
+    """Flights of a table: what `figure_4.gather_flights` gives, and the seed of its record.
 
     A table without training_rate is one of policies that were trained at the rate at which their
     structure flies.
@@ -189,7 +190,7 @@ def real(folder: Path) -> polars.DataFrame:
         InputError: the folder lacks `flights.csv`, or that lacks a column.
     """
     try:
-        flights = published(folder)
+        flights = read_published_flights(folder)
         trained = np.floor_divide(flights["latency"].to_numpy(), AUTHORS_STEP) * AUTHORS_STEP
         told = [
             polars.lit(0).alias("seed"),
@@ -712,7 +713,7 @@ def tell(found: Sequence[Data], lines: Sequence[Told]) -> None:
             f"{data.name}; total lag of the drone flown {1e3 * data.total_lag:.1f} ms; 95 % "
             "intervals"
         )
-        terminal.table(
+        terminal.print_table(
             title, ["", *CONTROLS, *(f"{kind} - {other}" for kind, other in PAIRS)], rows
         )
     print(
@@ -754,7 +755,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "tables",
         nargs="*",
         type=Path,
-        help="flights.csv of maidenflight transfer --matrix or of figure_4.py",
+        help="flights.csv of figure_4.py",
     )
     parser.add_argument("--authors", type=Path, help="folder of the authors' data with flights.csv")
     parser.add_argument(
@@ -765,7 +766,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--nominal",
         default="crazyflie",
-        help="drone of the matrix: a name or a TOML file (default: %(default)s)",
+        help="drone of the training: a name or a TOML file (default: %(default)s)",
     )
     parser.add_argument(
         "--reality",
@@ -857,7 +858,7 @@ def lags_of(realities: Sequence[str], given: argparse.Namespace) -> dict[str, fl
                 # PyBullet is another engine for the same constants, and need not be installed to
                 # ask for them.
                 what = places.get(name, f"{'virtual' if kind == 'pybullet' else kind}:{seed}")
-                place = workflow.reality(what)
+                place = find_reality(what)
                 if not isinstance(place, VirtualDrone):
                     raise InputError(f"{what} has no parameters.")
                 found[name] = total_lag(place.parameters)

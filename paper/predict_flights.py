@@ -17,10 +17,11 @@ import jax
 import numpy as np
 import polars
 
-from maidenflight import compiler, results, workflow
+from maidenflight import compiler, results
 from maidenflight.deployment.authors_json import EPSILON, interface_of
 from maidenflight.errors import InputError
 from maidenflight.experiments.agreement import Agreement, agreement
+from maidenflight.experiments.drones import choose_prediction, possible_drones
 from maidenflight.experiments.flight_times import predict_flight_times, summary
 from maidenflight.policy import Policy
 
@@ -204,9 +205,9 @@ def main() -> None:
     given = parser.parse_args()
     try:
         policies, flights = published(given.authors)
-        drone = workflow.possible_drones(
+        drone = possible_drones(
             given.drone,
-            0.0 if given.as_it_is else workflow.usual_randomization(given.drone),
+            0.0 if given.as_it_is else choose_prediction(given.drone),
             given.seed,
         )
         flown = predict_flight_times(

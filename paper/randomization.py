@@ -36,11 +36,13 @@ import polars
 from jaxtyping import Float
 from scipy import stats
 
-from maidenflight import compiler, policy_file, results, terminal, workflow
+from maidenflight import compiler, policy_file, results, terminal
 from maidenflight.errors import InputError
 from maidenflight.experiments.as_flown import controller_as_flown
+from maidenflight.experiments.drones import distribution_of, find_reality, possible_drones
 from maidenflight.experiments.flight_times import predict_flight_times
 from maidenflight.experiments.transfer import MAX_DURATION_S, transfer
+from maidenflight.names import POSTERIOR, TRIMS, WIDE
 from maidenflight.policy import Policy
 from maidenflight.reporting import svg
 from maidenflight.reporting.svg import Panel
@@ -108,7 +110,7 @@ def settings_of(cell: Cell, updates: int | None) -> AnalyticGradient:
     return replaced(settings, updates=updates or settings.updates)
 
 
-RANDOMIZATIONS = {"none": 0.0, "box": BOX, "posterior": workflow.POSTERIOR, "recipe": workflow.WIDE}
+RANDOMIZATIONS = {"none": 0.0, "box": BOX, "posterior": POSTERIOR, "recipe": WIDE}
 """As `maidenflight train --randomize` takes them."""
 
 
@@ -122,7 +124,7 @@ def trained(
             what the cell asks for.
     """
     controller = control.CONTROLLERS[cell.control]()
-    drones = workflow.randomized(drone, RANDOMIZATIONS[cell.randomization], controller)
+    drones = distribution_of(drone, RANDOMIZATIONS[cell.randomization], controller)
     priced = {"yaw_penalty": YAW_PENALTY} if cell.randomization == "recipe" else {}
     said = {
         **cell._asdict(),
@@ -143,7 +145,7 @@ def trained(
     )
 
 
-FLOWN = {"posterior": workflow.POSTERIOR, "trim": workflow.TRIMS}
+FLOWN = {"posterior": POSTERIOR, "trim": TRIMS}
 """Places that `predict_flight_times` flies: drones about the identified one, by name."""
 OLD = " 2021.10"
 """What the names of places end in where policies fly as the authors' drone ran them, not as they
@@ -161,8 +163,7 @@ def fly(place: str, policies: Mapping[str, Policy], given: argparse.Namespace) -
     Columns: policy, trial, duration [s], end_reason.
 
     Args:
-        place: a key of `FLOWN`, with or without `OLD`; or a reality, as `workflow.reality` takes
-            it.
+        place: a key of `FLOWN`, with or without `OLD`; or a reality, as `find_reality` takes it.
         policies: by name.
         given: the command line's arguments.
 
@@ -176,7 +177,7 @@ def fly(place: str, policies: Mapping[str, Policy], given: argparse.Namespace) -
     )
     many, names = list(policies.values()), list(policies)
     if place.removesuffix(OLD) in FLOWN:
-        drones = workflow.possible_drones(given.drone, FLOWN[place.removesuffix(OLD)], given.seed)
+        drones = possible_drones(given.drone, FLOWN[place.removesuffix(OLD)], given.seed)
         controller_for = controller_as_flown if place.endswith(OLD) else control.controller_for
         table = predict_flight_times(
             many,
@@ -189,7 +190,7 @@ def fly(place: str, policies: Mapping[str, Policy], given: argparse.Namespace) -
         )
     else:
         table = transfer(
-            many, [workflow.reality(place)], given.trials, key, duration=given.duration, names=names
+            many, [find_reality(place)], given.trials, key, duration=given.duration, names=names
         ).table
     return table.select("policy", "trial", "duration", "end_reason")
 
@@ -522,7 +523,7 @@ def run(given: argparse.Namespace) -> None:
             "at least one policy, flight and trial, and a duration above 0 s, are needed."
         )
     for place in given.realities:
-        workflow.reality(place)
+        find_reality(place)
     kinds = [kind for kind in QUICK if kind in (given.control or QUICK)]
     cells = [
         cell
@@ -531,11 +532,11 @@ def run(given: argparse.Namespace) -> None:
     ]
     total = len(cells) + sum(len(places_of(kind, given.realities)) for kind in kinds)
     done, tables = 0, []
-    with terminal.progress("randomization", total) as move:
+    with terminal.Bar("randomization") as bar:
         for kind in kinds:
             own: list[tuple[Cell, int, Policy]] = []
             for cell in [cell for cell in cells if cell.control == kind]:
-                move(done, total, f"training {cell.name}")
+                bar.move(done, total, f"training {cell.name}")
                 settings = settings_of(cell, given.updates)
                 several = trained(
                     cell, given.drone, settings, given.seeds, given.seed, given.output / "policies"
@@ -548,7 +549,7 @@ def run(given: argparse.Namespace) -> None:
                 for name, (cell, number, _) in zip(policies, own, strict=True)
             ]
             for place in places_of(kind, given.realities):
-                move(done, total, f"flying {kind} in {place}")
+                bar.move(done, total, f"flying {kind} in {place}")
                 table = polars.DataFrame(told).with_columns(place=polars.lit(place))
                 tables.append(
                     table.join(

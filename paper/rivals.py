@@ -25,13 +25,14 @@ import jax.numpy as jnp
 import numpy as np
 import polars
 
-from maidenflight import results, workflow
+from maidenflight import results
 from maidenflight.deployment.authors_json import EPSILON
 from maidenflight.experiments import envelope, transfer
 from maidenflight.flights import flying
 from maidenflight.flights.flying import Rows
 from maidenflight.flights.log import thinned
 from maidenflight.foreign.policies import ForeignPolicy, foreign_policy
+from maidenflight.names import ANY, POSTERIOR, WIDE
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy
 from maidenflight.policy_file import read
@@ -41,10 +42,13 @@ from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.position_pid import position_pid
 from maidenflight.simulator.trajectories import Trajectory
 from maidenflight.simulator.virtual_drone import VirtualDrone, virtual_drone
+from maidenflight.verbs.identify import Identify
+from maidenflight.verbs.record import Record
+from maidenflight.verbs.train import Train
 
 TASK = "fast_circle"
-RANDOMIZATIONS: dict[str, float | str] = {"10 %": 0.10, "wide": workflow.WIDE}
-OF_IDENTIFIED: dict[str, float | str] = {**RANDOMIZATIONS, "posterior": workflow.POSTERIOR}
+RANDOMIZATIONS: dict[str, float | str] = {"10 %": 0.10, "wide": WIDE}
+OF_IDENTIFIED: dict[str, float | str] = {**RANDOMIZATIONS, "posterior": POSTERIOR}
 UNKNOWN = "crazyflie"
 """The drone of policies without identification."""
 MEMORY = 16
@@ -83,28 +87,28 @@ def trained(
     """Policies of one training, made unless they are there."""
     files = [folder / f"policy_{number}.json" for number in range(1, policies + 1)]
     if not all(file.exists() for file in files):
-        settings, spec = workflow.settings_for("pwm", TASK, memory=memory)
-        workflow.train_for(
-            drone,
-            0,
-            folder,
-            policies,
-            settings,
-            kind,
-            task=TASK,
+        training = Train(
+            drone=str(drone),
+            randomize=kind,
             accept_bounds=True,
-            spec=spec,
+            task=TASK,
+            memory=memory,
+            policies=policies,
         )
+        training.run(folder)
     return [read(file).policy for file in files]
 
 
-def identified(folder: Path, drone: VirtualDrone, seed: int) -> Path:
+def identified(folder: Path, seed: int) -> Path:
     """The drone file identified from recorded flights, made unless it is there."""
     file = folder / "drone.toml"
     if not file.exists():
         logs = folder / "logs"
-        workflow.record(drone, seed, logs, folder / "reality.toml", 4, 30.0, 0.06)
-        workflow.identify_from(logs, seed, file)
+        recording = Record(
+            reality=f"virtual:{seed}", flights=4, duration=30.0, excitation=0.06, seed=seed
+        )
+        recording.run(logs)
+        Identify(logs=logs, seed=seed).run(file)
     return file
 
 
@@ -137,13 +141,13 @@ def rivals_of(
 ) -> dict[str, Sequence[Policy | ForeignPolicy]]:
     """All policies that fly a drone, by their training."""
     made = partial(trained, policies=policies)
-    known = identified(folder / drone.name, drone, seed)
+    known = identified(folder / drone.name, seed)
     found: dict[str, Sequence[Policy | ForeignPolicy]] = {
         f"unidentified, {name}": made(folder / UNKNOWN / name, UNKNOWN, kind)
         for name, kind in RANDOMIZATIONS.items()
     }
     found["unidentified, any, memory"] = made(
-        folder / UNKNOWN / "any, memory", UNKNOWN, workflow.ANY, memory=MEMORY
+        folder / UNKNOWN / "any, memory", UNKNOWN, ANY, memory=MEMORY
     )
     found |= {
         f"identified, {name}": made(folder / drone.name / name, known, kind)

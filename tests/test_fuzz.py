@@ -43,7 +43,7 @@ def test_good_files_are_accepted_and_sound(name: str) -> None:
         "checkpoint",
         "flight log, ours",
         "way-points, CSV",
-        "settings of a matrix, TOML",
+        "study, TOML",
     ],
 )
 def test_what_is_no_file_is_refused_at_once(name: str, what: str, monkeypatch: Any) -> None:

@@ -1,6 +1,8 @@
 """The scripts that redo the paper's tables run, on little."""
 
+import dataclasses
 import importlib.util
+import itertools
 import json
 import shutil
 from pathlib import Path
@@ -12,9 +14,15 @@ import polars
 import pytest
 from scipy import stats
 
-from maidenflight import parameters
+from maidenflight import parameters, policy_file
 from maidenflight.flights import authors, log
 from maidenflight.simulator import battery
+from maidenflight.simulator.interface import INTERFACES
+from maidenflight.simulator.policy_spec import PolicySpec
+from maidenflight.studies import worker
+from maidenflight.studies.worker import Ending, Order
+from maidenflight.training.analytic_gradient import AnalyticGradient
+from maidenflight.verbs.train import Train
 
 pytestmark = pytest.mark.usefixtures("without_optimizations")
 
@@ -126,46 +134,145 @@ def figure_4() -> Any:
     return script("figure_4")
 
 
-@pytest.mark.slow
-def test_figure_4_draws_the_flights_of_a_matrix_and_draws_them_again_from_the_table(
-    figure_4: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    told = """
-        realities = ["near:7"]
-        motor_time_constant = [0.04, 0.08]
-        latency = [0.0, 0.015]
-        trials = 2
-        duration = 0.3
-        [control.pwm]
-        updates = 3
-        num_envs = 2
-        horizon = 2
-        hidden = [8]
-        evaluations = 1
-        episodes = 2
-    """
-    (tmp_path / "matrix.toml").write_text(told)
-    published = {
-        "in_paper": [1, 0],
-        "control": ["pwm"] * 2,
-        "trained_motor_time_constant_s": [0.08] * 2,
-        "trained_latency_s": [0.015] * 2,
+LEARNERS = {
+    "pwm": AnalyticGradient(updates=800, hidden_learning_rate=0.0, action_change_penalty=0.0),
+    "attitude_rate": AnalyticGradient(
+        updates=600, hidden_learning_rate=0.0, action_change_penalty=0.0, horizon=32
+    ),
+    "attitude": AnalyticGradient(
+        updates=600, hidden_learning_rate=0.0, action_change_penalty=0.0, horizon=32
+    ),
+}
+"""With which docs/studies/zero-shot.md was measured."""
+
+
+@pytest.mark.parametrize(("name", "rate"), [("zero_shot", None), ("zero_shot_100hz", 100)])
+def test_the_papers_studies_are_the_papers(figure_4: Any, name: str, rate: int | None) -> None:
+    study = figure_4.read_study(PAPER / f"{name}.toml")
+    pairs, kinds = figure_4.find_flown_tasks(study), list(LEARNERS)[0 if rate is None else 1 :]
+    assert len(study.tasks) == 2 * len(pairs)
+    cells = {
+        (trained.settings["control"], *(trained.settings["set"][one] for one in figure_4.CELL))
+        for trained, _ in pairs
     }
-    polars.DataFrame({**published, "flight_time_s": [26.0, 1.0]}).write_csv(
-        tmp_path / "flights.csv"
+    assert cells == set(itertools.product(kinds, (0.04, 0.08, 0.12), (0.0, 0.015, 0.02)))
+    for trained, flown in pairs:
+        assert flown.inputs == {"policies": trained.key}
+        assert flown.settings["reality"] == ["near:7", "virtual:7", "far:7"]
+        assert (flown.settings["trials"], flown.settings["duration"]) == (3, 20)
+        training = Train.from_settings(trained.settings)
+        assert isinstance(training, Train)
+        own, learner = INTERFACES[training.control]().rate, LEARNERS[training.control]
+        assert training.rate == rate
+        assert flown.settings["rate"] in (own, None if rate is None else own)
+        # As far ahead in time, whatever the rate.
+        if rate is not None:
+            learner = dataclasses.replace(learner, horizon=64)
+        spec = training.choose_spec(None)
+        assert spec == PolicySpec()
+        assert training.choose_learner(spec, None) == learner
+        assert (training.policies, training.randomize, training.paper_scales) == (3, 0.1, True)
+
+
+def test_a_small_study_trains_a_policy_a_cell_for_a_third_as_long(figure_4: Any) -> None:
+    small = figure_4.read_study(PAPER / "zero_shot.toml", small=True)
+    trained = [task.settings for task in small.tasks if task.kind == "train"]
+    assert len(trained) == 27
+    assert {one["policies"] for one in trained} == {1}
+    assert {one["control"]: one["updates"] for one in trained} == {
+        "pwm": 266,
+        "attitude_rate": 200,
+        "attitude": 200,
+    }
+
+
+def test_a_study_that_flies_no_cells_is_refused(figure_4: Any, tmp_path: Path) -> None:
+    text = (PAPER / "zero_shot.toml").read_text().replace('"set.latency"', '"set.drag_x"')
+    (tmp_path / "study.toml").write_text(text)
+    with pytest.raises(figure_4.InputError, match=r"set\.latency"):
+        figure_4.read_study(tmp_path / "study.toml")
+
+
+TINY = """
+[[task]]
+name = "trained"
+kind = "train"
+[task.settings]
+control = "attitude"
+rate = 100
+drone = "crazyflie"
+randomize = 0.1
+policies = 2
+updates = 3
+hidden = [8]
+learner = { num_envs = 2, horizon = 2, evaluations = 1, episodes = 2, hidden_learning_rate = 0 }
+[task.grid]
+"set.motor_time_constant" = [0.04, 0.08]
+"set.latency" = [0.0, 0.015]
+
+[[task]]
+name = "flown"
+kind = "transfer"
+inputs = { policies = "trained" }
+[task.settings]
+reality = ["near:7"]
+trials = 2
+duration = 0.4
+rate = 25
+"""
+
+
+class Here:
+    """An engine that does tasks in this process, where other tests compile the same."""
+
+    def __init__(self) -> None:
+        self._waiting: list[Order] = []
+
+    def room(self) -> int:
+        return 1 - len(self._waiting)
+
+    def submit(self, order: Order) -> None:
+        self._waiting.append(order)
+
+    def ended(self, timeout: float) -> list[Ending]:
+        orders, self._waiting = self._waiting, []
+        return [worker.perform(order) for order in orders]
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("small", "policies"), [(True, 1), (False, 2)])
+def test_figure_4_computes_gathers_and_draws_a_study_and_goes_on_where_it_was(
+    small: bool,
+    policies: int,
+    figure_4: Any,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    (tmp_path / "study.toml").write_text(TINY)
+    write_published_flights(tmp_path)
+    made, sweep = tmp_path / "made", figure_4.mf.sweep
+    monkeypatch.setattr(
+        figure_4.mf, "sweep", lambda *given, **more: sweep(*given, Here(), retries=0, **more)
     )
-    arguments = [
-        "--settings",
-        str(tmp_path / "matrix.toml"),
-        "--authors",
-        str(tmp_path),
-        "--small",
-        "-o",
-        str(tmp_path / "made"),
-    ]
+    arguments = ["--settings", str(tmp_path / "study.toml"), "--authors", str(tmp_path)]
+    arguments += [*(["--small"] if small else []), "-o", str(made)]
     figure_4.main(arguments)
-    assert polars.read_csv(tmp_path / "made" / "flights.csv", comment_prefix="#").height == 4 * 2
-    picture = tmp_path / "made" / "figure_4.svg"
+    table = made / "flights.csv"
+    flights, record = figure_4.FLIGHTS.read(table)
+    assert flights.height == 4 * policies * 2
+    assert set(flights["training_rate"]) == {100}
+    assert set(flights["number"]) == set(range(1, policies + 1))
+    assert flights["policy"].n_unique() == 4 * policies
+    assert "attitude_80ms_15ms/1" in set(flights["policy"])
+    assert (record["settings"]["drone"], record["settings"]["duration"]) == ("crazyflie", 0.4)
+    # At 25 Hz a flight lasts a whole number of 40 ms.
+    periods = flights["duration"].to_numpy() / 0.04
+    np.testing.assert_allclose(periods, np.round(periods), atol=1e-6)
+    picture = made / "figure_4.svg"
     drawn = picture.read_text()
     assert all(
         f'data-panel="{name} {latency}"' in drawn
@@ -173,28 +280,69 @@ def test_figure_4_draws_the_flights_of_a_matrix_and_draws_them_again_from_the_ta
         for latency in (0, 15)
     )
     assert "T_m 80 ms" in capsys.readouterr().out
+    kept = [policy_file.read(path) for path in made.glob("results/*/policies/policy_*.json")]
+    assert len(kept) == 4 * policies
+    assert {(one.interface.name, one.interface.rate, one.spec.hidden) for one in kept} == {
+        ("attitude", 100, (8,))
+    }
+    before, results = table.read_bytes(), made / "results"
+    times = {folder.name: folder.stat().st_mtime_ns for folder in results.iterdir()}
+    table.unlink()
     picture.unlink()
-    shutil.rmtree(tmp_path / "made" / "policies")
+    flown = next(folder for folder in results.iterdir() if (folder / "transfer").exists())
+    shutil.rmtree(flown)
     figure_4.main(arguments)
-    assert picture.read_text() == drawn
-    assert not (tmp_path / "made" / "policies").exists()
+    assert (table.read_bytes(), picture.read_text()) == (before, drawn)
+    again = {folder.name: folder.stat().st_mtime_ns for folder in results.iterdir()}
+    assert {name for name in times if times[name] != again[name]} == {flown.name}
+
+
+def test_the_cells_of_flights(figure_4: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    table = polars.DataFrame(
+        {
+            "reality": ["x"] * 4 + ["y"],
+            "control": ["pwm"] * 5,
+            "motor_time_constant": [0.04] * 4 + [0.08],
+            "latency": [0.0] * 5,
+            "number": [1, 1, 2, 2, 1],
+            "duration": [20.0, 1.0, 2.0, 3.0, 4.0],
+            "end_reason": ["time limit", "tilt", "tilt", "tilt", "tilt"],
+        }
+    )
+    cells = figure_4.summarize_cells(table)
+    row, _ = cells.to_dicts()
+    assert (row["policies"], row["flights"], row["mean"], row["median"], row["share"]) == (
+        2,
+        4,
+        6.5,
+        2.5,
+        0.25,
+    )
+    figure_4.print_cells(cells)
+    printed = capsys.readouterr().out
+    assert "6.5 s   25%" in printed
+    assert "T_m 80 ms" in printed
+
+
+def write_published_flights(folder: Path) -> None:
+    """Writes a flight of the paper, and another one, as the authors' data has them."""
+    flights = {
+        "in_paper": [1, 0],
+        "control": ["pwm"] * 2,
+        "trained_motor_time_constant_s": [0.08] * 2,
+        "trained_latency_s": [0.015] * 2,
+        "flight_time_s": [26.0, 1.0],
+    }
+    polars.DataFrame(flights).write_csv(folder / "flights.csv")
 
 
 def test_only_flights_of_the_paper_are_drawn_beside_ours_and_no_longer_than_20_s(
     figure_4: Any, tmp_path: Path
 ) -> None:
-    published = {
-        "in_paper": [1, 0],
-        "control": ["pwm"] * 2,
-        "trained_motor_time_constant_s": [0.08] * 2,
-        "trained_latency_s": [0.015] * 2,
-    }
-    polars.DataFrame({**published, "flight_time_s": [26.0, 1.0]}).write_csv(
-        tmp_path / "flights.csv"
-    )
-    assert figure_4.published(tmp_path)["duration"].to_list() == [20.0]
+    write_published_flights(tmp_path)
+    assert figure_4.read_published_flights(tmp_path)["duration"].to_list() == [20.0]
     with pytest.raises(figure_4.InputError, match="authors' data"):
-        figure_4.published(tmp_path / "nothing")
+        figure_4.read_published_flights(tmp_path / "nothing")
 
 
 @pytest.fixture(scope="module")

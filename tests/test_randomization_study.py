@@ -13,7 +13,8 @@ import numpy as np
 import polars
 import pytest
 
-from maidenflight import parameters, workflow
+from maidenflight import parameters
+from maidenflight.experiments.drones import distribution_of
 from maidenflight.experiments.flight_times import predict_flight_times
 from maidenflight.identification.drone_file import DroneFile, Estimate, Search, Source
 from maidenflight.policy import untrained
@@ -117,7 +118,7 @@ def test_drones_of_each_randomization_and_the_task_of_the_recipe(
     keys = jax.random.split(jax.random.key(0), 200)
 
     def drawn(name: str) -> Any:
-        distribution = workflow.randomized(file, study.RANDOMIZATIONS[name], control.attitude())
+        distribution = distribution_of(file, study.RANDOMIZATIONS[name], control.attitude())
         np.testing.assert_allclose(distribution.centre.time_step, 0.002)
         return jax.vmap(partial(randomize, distribution))(keys)
 
@@ -127,7 +128,7 @@ def test_drones_of_each_randomization_and_the_task_of_the_recipe(
     reach, most = np.array([1e-5, 0.0, 2e-5]), np.abs(drawn("recipe").torque_bias).max(axis=0)
     assert np.all((0.85 * reach <= most) & (most <= 1.0001 * reach))
     unknown = parameters.write(tmp_path / "plain.toml", drone)
-    plain = jax.vmap(partial(randomize, workflow.randomized(unknown, "wide", control.pwm())))(keys)
+    plain = jax.vmap(partial(randomize, distribution_of(unknown, "wide", control.pwm())))(keys)
     assert not np.any(plain.torque_bias)
     assert "yaw penalty" not in study.task_of("box").name
     assert "yaw penalty" in study.task_of("recipe").name

@@ -45,13 +45,6 @@ def test_a_table_without_one_of_its_columns_is_neither_written_nor_read(table, t
         table.checked(rows, table.name)
 
 
-def test_a_file_of_flights_is_that_of_policies_or_of_a_matrix(tmp_path):
-    path = tmp_path / run_folder.FLIGHTS.name
-    for table in (run_folder.FLIGHTS, run_folder.MATRIX_FLIGHTS):
-        table.write(path, rows_of(table), RECORD)
-        assert set(run_folder.read_flights(path)[0].columns) == set(table.columns)
-
-
 @pytest.mark.parametrize(
     ("rows", "value"),
     [

@@ -25,7 +25,7 @@ REALITY = "reality.toml"
 RECORDED = ("recorded", "flights")
 """Folders of recorded flights, as the demo and `maidenflight record` call them."""
 POLICIES = "policies"
-"""Folder of trained policies; in that of a matrix, one folder of policies for each cell."""
+"""Folder of trained policies."""
 TRANSFER = "transfer"
 """Folder of zero-shot flights."""
 FIRMWARE = "firmware"
@@ -156,17 +156,6 @@ FLIGHTS = Table(
     },
 )
 """Zero-shot flights, a row a flight."""
-MATRIX_FLIGHTS = Table(
-    FLIGHTS.name,
-    {
-        **{"control": str, "motor_time_constant": float, "latency": float, "number": int},
-        **{"reality": str, "trial": int, "duration": float},
-        **{"end_reason": str, "position_error": float},
-    },
-    "maidenflight zero-shot flights 1: simulated, a row a flight; training_rate Hz, "
-    "motor_time_constant s and latency s of the policy's training, duration s, position_error m",
-)
-"""The same of a matrix: what each policy was trained for, and its number in its cell."""
 ENVELOPE = Table(
     "envelope.csv",
     {
@@ -227,17 +216,6 @@ STUDY = Table(
     times=(),
 )
 """What the tasks of a study found."""
-
-
-def read_flights(path: Path) -> tuple["DataFrame", dict[str, Any]]:
-    """The rows of `FLIGHTS` or `MATRIX_FLIGHTS`, whichever the file is, and its record.
-
-    Raises:
-        InputError: see `Table.read`.
-    """
-    rows, record = Table(FLIGHTS.name, {}).read(path)
-    of_matrix = "number" in rows.columns and "policy" not in rows.columns
-    return (MATRIX_FLIGHTS if of_matrix else FLIGHTS).checked(rows, str(path)), record
 
 
 @dataclass(frozen=True)

@@ -271,7 +271,7 @@ def find_verb(name: str) -> type[Verb]:
         )
     try:
         found = getattr(import_module(module), attribute)
-    except (ImportError, AttributeError, ValueError) as error:
+    except (ImportError, AttributeError, TypeError, ValueError) as error:
         raise InputError(
             f"{name}: cannot be imported ({error}). Give MODULE:NAME of a Verb in a module that "
             "Python finds, as by PYTHONPATH, on every machine."

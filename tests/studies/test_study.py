@@ -102,6 +102,7 @@ GOOD: dict[str, Any] = {"name": "a", "kind": "train", "settings": {"drone": "cra
         ([{**GOOD, "kind": "soar"}], "'soar': no such verb"),
         ([{**GOOD, "kind": "fly"}], "fly is no task of a study"),
         ([{**GOOD, "kind": "toy_kinds:none"}], "cannot be imported"),
+        ([{**GOOD, "kind": ".toy_kinds:Square"}], "cannot be imported"),
         ([{**GOOD, "kind": "toy_kinds:another"}], "is a int"),
         ([{**GOOD, "settings": 3}], "expected a table"),
         ([{**GOOD, "settings": {}}], "no file drone.toml"),
@@ -126,6 +127,7 @@ GOOD: dict[str, Any] = {"name": "a", "kind": "train", "settings": {"drone": "cra
             "more than",
         ),
         ([GOOD, {"name": "b", "kind": "transfer", "inputs": {"policies": "c"}}], "above it"),
+        ([GOOD, {"name": "b", "kind": "transfer", "inputs": {"policies": ["a"]}}], "above it"),
         (
             [GOOD, {"name": "b", "kind": "predict", "inputs": {"policies": "a", "drone": "a"}}],
             "identify",

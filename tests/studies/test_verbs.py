@@ -9,7 +9,7 @@ from test_sweeping import Here
 
 import maidenflight as mf
 import run_listing
-from maidenflight import run_folder
+from maidenflight import policy_file, run_folder
 from maidenflight.identification.drone_file import DroneFile
 from maidenflight.training import defaults
 from maidenflight.verb import Progress, Result
@@ -33,9 +33,10 @@ def test_a_study_goes_from_logs_to_flights(tmp_path: Path, monkeypatch: pytest.M
     def identify(self: Identify, output: Path, progress: Progress) -> Result:
         """Identification is tested elsewhere, and is long."""
         DroneFile(mf.crazyflie()).write(output)
-        assert self.over == ("thrust_to_weight", "latency")
+        over = ("thrust_to_weight", "latency")
+        assert self.over == over
         assert (self.objective, self.bounds) == ("replay", {"latency": (0.0, 0.03)})
-        return Result(rows=[{"parameter": name, "value": 0.03} for name in self.over])
+        return Result(rows=[{"parameter": name, "value": 0.03} for name in over])
 
     monkeypatch.setattr(Identify, "compute", identify)
     entries: list[dict[str, Any]] = [
@@ -88,7 +89,7 @@ def test_a_study_goes_from_logs_to_flights(tmp_path: Path, monkeypatch: pytest.M
     for folder in folders:
         assert len(run_folder.POLICY.find(folder)) == 3
         assert not (folder / run_folder.CHECKPOINT).exists()
-    policies = [mf.read_policy(folder / "policy_1.json") for folder in folders]
+    policies = [policy_file.read(folder / "policy_1.json") for folder in folders]
     assert {one.spec.look_ahead.points for one in policies} == {0, 2}
     rows = run_folder.STUDY.read(tmp_path / "out" / "study.csv")[0]
     assert rows.height == 17

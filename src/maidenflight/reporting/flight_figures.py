@@ -1,4 +1,4 @@
-"""Box plots of flight times: a row a policy or cell of a matrix, a panel a reality."""
+"""Box plots of flight times: a row a policy, a panel a reality."""
 
 import numpy as np
 import polars

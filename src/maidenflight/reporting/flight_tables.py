@@ -1,9 +1,9 @@
-"""The page's tables of flights: a row a test flight, a cell of a matrix, or a predicted policy."""
+"""The page's tables of flights: a row a test flight or a predicted policy."""
 
 import polars
 from markupsafe import Markup
 
-from maidenflight.experiments import flight_times, matrix, recovery
+from maidenflight.experiments import flight_times, recovery
 from maidenflight.flights.trims import trim
 from maidenflight.identification.prediction import PERSISTENCE
 from maidenflight.parameters import crazyflie
@@ -28,7 +28,7 @@ _COLUMNS = {
     "at_limits": "Commands at a limit [%]",
 }
 _ACTIVITY = ("command_change", "at_limits")
-"""Of flights of which it was measured; tables of a matrix need not have it."""
+"""Of flights of which it was measured."""
 
 
 def _control(name: str) -> Cell:
@@ -106,37 +106,6 @@ def recorded(run: Run) -> Markup | str:
     heads += [(f"command_{motor}", f"Mean u of motor {motor}") for motor in range(1, 5)]
     heads += [("battery", "Battery [V]")]
     return tables.sortable("flights", heads, rows, file, of_flights=True)
-
-
-def is_matrix(run: Run) -> bool:
-    """Whether the test flights are those of a matrix."""
-    return run.table is not None and {"control", "motor_time_constant", "latency", "number"} <= set(
-        run.table.columns
-    )
-
-
-def cells(run: Run) -> Markup | str:
-    """A row a reality and cell of a matrix."""
-    if run.table is None or not is_matrix(run):
-        return ""
-    found = matrix.by_cell(run.table, float(run.table["duration"].to_numpy().max()))
-    lag = Markup("T<sub>m</sub> trained for [ms]")
-    heads = [("control", "Control"), ("motor_time_constant", lag)]
-    heads += [("latency", "Latency trained for [ms]"), ("reality", "Drone"), ("flights", "Flights")]
-    heads += [("mean", "Mean time [s]"), ("median", "Median time [s]"), ("share", "To the end [%]")]
-    rows = []
-    for row in found.iter_rows(named=True):
-        delays = ("motor_time_constant", "latency")
-        rows.append(
-            [
-                _control(row["control"]),
-                *(Cell(f"{1e3 * row[name]:g}", row[name]) for name in delays),
-                *(tables.plain(row[name]) for name in ("reality", "flights")),
-                *(tables.number(row[name], 2) for name in ("mean", "median")),
-                tables.number(row["share"], 0, 100.0),
-            ]
-        )
-    return tables.sortable("cells", heads, rows, found)
 
 
 def recoveries(found: polars.DataFrame) -> Markup:

@@ -9,7 +9,6 @@ from markupsafe import Markup
 from maidenflight.experiments.transfer import MAX_DURATION_S
 from maidenflight.reporting import lead, parameter_tables, text
 from maidenflight.reporting.flight_figures import REACHED
-from maidenflight.reporting.flight_tables import is_matrix
 from maidenflight.reporting.run import Run
 
 
@@ -66,9 +65,7 @@ def _of_flights(run: Run) -> list[Figure]:
         return []
     reached = run.table.filter(polars.col("end_reason") == REACHED)
     limit = reached["duration"].to_numpy().max() if reached.height else MAX_DURATION_S
-    simulated = is_matrix(run) or (
-        bool(run.flights) and all(flight.simulated for flight in run.flights)
-    )
+    simulated = bool(run.flights) and all(flight.simulated for flight in run.flights)
     word = "simulated test" if simulated else "test"
     median, error = (
         np.median(run.table["duration"].to_numpy()),

@@ -9,7 +9,6 @@ from typing import Any
 import polars
 
 from maidenflight.reporting import identified, text
-from maidenflight.reporting.flight_tables import is_matrix
 from maidenflight.reporting.identified import SIMULATED, Kinds
 from maidenflight.reporting.run import Run
 
@@ -38,14 +37,8 @@ def kind(run: Run) -> str:
 def _flown(run: Run) -> Kinds:
     """Kinds of the flights that are shown."""
     kinds = {bool(flight.simulated) for flight in (*run.recorded, *run.flights)}
-    return frozenset(
-        kinds
-        | (
-            {True}
-            if run.reality is not None or run.prediction is not None or is_matrix(run)
-            else set()
-        )
-    )
+    simulated = run.reality is not None or run.prediction is not None
+    return frozenset(kinds | ({True} if simulated else set()))
 
 
 def _drawn_from(run: Run) -> Kinds:
@@ -76,8 +69,6 @@ def _virtual(names: Iterable[str]) -> str:
 
 def title(run: Run) -> str:
     """The page's title, plain text."""
-    if run.table is not None and is_matrix(run):
-        return f"Zero-shot flights of {text.plural(run.table['policy'].n_unique(), 'policy')}"
     if run.estimates and not (run.kinds == SIMULATED and drones(run)):
         found = identified.flights(run.drone, run.kinds, ", ")
         return f"A drone identified from {found}" if found else "An identified drone"

@@ -1,6 +1,6 @@
 """A run as the report shows it, read from a run folder, from files or from a `Transfer` in memory.
 
-Each part is optional: a run may be that of the demo, of one stage or of a matrix.
+Each part is optional: a run may be that of the demo or of one stage.
 """
 
 from collections.abc import Mapping, Sequence
@@ -75,8 +75,7 @@ class Run:
     training: polars.DataFrame | None = None
     """One row an evaluation of a policy in training."""
     table: polars.DataFrame | None = None
-    """One row a test flight; see `Transfer`. Those of a matrix have `control`,
-    `motor_time_constant` and `latency` too."""
+    """One row a test flight; see `Transfer`."""
     flights: tuple[Flight, ...] = ()
     """Logs of the test flights, in the table's order."""
     prediction: polars.DataFrame | None = None
@@ -327,9 +326,7 @@ def _search(search: polars.DataFrame | None, path: Path | None) -> polars.DataFr
 def _test_flights(
     found: RunFiles, records: dict[str, Mapping[str, Any]]
 ) -> tuple[polars.DataFrame | None, tuple[Flight, ...]]:
-    """The rows of test flights, and their logs.
-
-    Those of a matrix say what each policy was trained for, and its name is made of that.
+    """Reads the rows of test flights, and their logs.
 
     Raises:
         InputError: a file is broken, or there are not as many logs as rows.
@@ -337,21 +334,13 @@ def _test_flights(
     path = found.first("flights")
     if path is None:
         return None, ()
-    rows, records[path.name] = run_folder.read_flights(path)
+    rows, records[path.name] = run_folder.FLIGHTS.read(path)
     flights = tuple(_own(each, records) for each in found.files.get("flight_logs", ()))
     if flights and len(flights) != rows.height:
         raise InputError(
             f"{path}: {len(flights)} flight logs, but {rows.height} rows. Run the transfer again."
         )
-    if "policy" in rows.columns:
-        return rows, flights
-    names = [
-        f"{row['control']}_{1e3 * row['motor_time_constant']:g}ms_"
-        f"{1e3 * row['latency']:g}ms/{row['number']}"
-        for row in rows.iter_rows(named=True)
-    ]
-    numbers = polars.int_range(1, rows.height + 1).alias("flight")
-    return rows.with_columns(polars.Series("policy", names), numbers), flights
+    return rows, flights
 
 
 def truth(run: Run) -> tuple[tuple[float, float], ...]:

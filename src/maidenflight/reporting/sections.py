@@ -161,25 +161,15 @@ def flights(run: Run) -> Markup:
     if run.table is None:
         return Markup()
     rows = run.table.with_columns(panel=polars.col("reality"))
-    if flight_tables.is_matrix(run):
-        title = "Flight times by training"
-        names = [
-            f"{row['control']}\t{1e3 * row['motor_time_constant']:g} ms, "
-            f"{1e3 * row['latency']:g} ms"
-            for row in run.table.iter_rows(named=True)
-        ]
-        rows = rows.with_columns(polars.Series("policy", names))
-    else:
-        title = "Flight times by policy"
+    if "control" not in rows.columns:
         controls = [run.controls.get(name, "") for name in run.table["policy"]]
         rows = rows.with_columns(polars.Series("control", controls))
     return render(
         "flights.html",
         where=lead.flown_on(run),
         viewer=_viewer(run),
-        times=_times(title, rows),
+        times=_times("Flight times by policy", rows),
         boxed=_boxed(rows, "policy", "reality"),
-        cells=flight_tables.cells(run),
         table=flight_tables.flights(run),
     )
 

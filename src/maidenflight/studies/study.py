@@ -242,7 +242,7 @@ def _values(setting: Setting, name: str, given: Any, label: str) -> list[Any]:
 def _must_be_made(
     verb: type[Verb], name: str, source: Any, known: Mapping[str, _Entry], label: str
 ) -> None:
-    if source not in known:
+    if not isinstance(source, str) or source not in known:
         raise InputError(
             f"{label}: input {name} = {source!r}; expected the name of an entry above it"
             f"{': ' + ', '.join(known) if known else ''}."
