@@ -8,6 +8,7 @@ from maidenflight.flights.log import Flight
 from maidenflight.parameters import Parameters, levers
 from maidenflight.policy import Actor, Policy
 from maidenflight.simulator import dynamics, rotations
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.sensors import Measurement
 
 SIZE = 20
@@ -50,6 +51,7 @@ def flying_policy(drone: Parameters, gain: float = 1.0) -> Policy:
         tuple(np.float32(bias) for bias in biases),  # type: ignore[arg-type]
         np.zeros(2 * SIZE, np.float32),  # type: ignore[arg-type]
         np.ones(2 * SIZE, np.float32),  # type: ignore[arg-type]
+        spec=PolicySpec(hidden=(8, 8)),
     )
 
 

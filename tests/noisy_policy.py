@@ -3,13 +3,11 @@
 import jax
 
 from maidenflight.policy import untrained
-from maidenflight.simulator.look_ahead import NONE
-from maidenflight.simulator.policy_spec import PolicySpec
 
 
-def noisy(key, hidden, history, look_ahead=NONE):
+def noisy(key, spec):
     """A policy in which no number is round."""
-    made = untrained(key, spec=PolicySpec(history=history, look_ahead=look_ahead, hidden=hidden))
+    made = untrained(key, spec=spec)
     leaves, structure = jax.tree.flatten(made)
     keys = jax.random.split(key, len(leaves))
     leaves = [

@@ -146,7 +146,7 @@ def test_variants_are_trained_flown_and_drawn_and_nothing_twice(
     ablations: Any, tmp_path: Path, monkeypatch: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Training itself, which takes longest to compile, is tested elsewhere."""
-    settings = ablations.AnalyticGradient(updates=1, hidden=(8,))
+    settings = ablations.AnalyticGradient(updates=1)
     asked = []
 
     def train(
@@ -154,8 +154,7 @@ def test_variants_are_trained_flown_and_drawn_and_nothing_twice(
     ) -> list[policy.Policy]:
         asked.append((task, controller, float(box.centre.latency), settings))
         return [
-            policy.untrained(key, controller.interface, PolicySpec(hidden=settings.hidden))
-            for key in keys
+            policy.untrained(key, controller.interface, PolicySpec(hidden=(8,))) for key in keys
         ]
 
     monkeypatch.setattr(ablations, "train", train)

@@ -13,7 +13,7 @@ import pytest
 
 from commands import run
 from event_files import scalars
-from maidenflight import cache, parameters, policy, policy_file, results
+from maidenflight import cache, manifest, parameters, policy, policy_file, results
 from maidenflight.flights import compensation, log, reading
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import DroneFile, Estimate, Search, Source
@@ -21,6 +21,7 @@ from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.training import defaults
 from maidenflight.verbs import training_files
 from quick import QUICK
+from run_listing import entries, unlisted
 
 
 @pytest.fixture(autouse=True)
@@ -253,6 +254,7 @@ def test_an_export_names_the_report_that_shows_its_policy(
 ) -> None:
     file = tmp_path / "my runs" / "policies" / "policy_1.json"
     policy_file.write(file, policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(4,))))
+    manifest.append(file.parent, "train", {"policies": [file]}, {})
     code, out, _ = run(monkeypatch, capsys, "export", file, "-o", tmp_path / "firmware")
     assert code == 0
     assert next_of(out) == ["report", str(tmp_path / "my runs")]
@@ -289,6 +291,9 @@ def test_each_command_names_the_next_which_runs(
     assert code == 0, err
     assert (tmp_path / "report.html").exists()
     assert (tmp_path / "identification.svg").read_text().startswith("<svg")
+    assert unlisted(tmp_path) == {"report.html", "policies/training.npz"}
+    assert entries(tmp_path)["validate", "validation.csv"] == {"validation", "windows"}
+    assert "no longer there" not in (tmp_path / "report.html").read_text()
 
 
 @pytest.mark.slow
@@ -346,6 +351,12 @@ def test_the_line_from_logs_to_report_in_json(
     page = Path(said("report", tmp_path)["report"])
     assert page == tmp_path / "report.html"
     assert "simulated" in page.read_text()
+    assert unlisted(tmp_path) == {"report.html", "policies/training.npz"}
+
+    others = ("--logs", logs, "--drone", drone, "--policies", policies)
+    look = Path(said("report", *others, "-o", tmp_path / "look.html")["report"])
+    assert "3 policies" in look.read_text()
+    assert said("report", policies)["report"] == str(policies / "report.html")
 
 
 @pytest.mark.slow
@@ -400,6 +411,7 @@ def test_flight_times_of_ours_and_the_authors_policies_are_predicted(
     assert code == 0, err
     said = json.loads(out)
     assert (said["simulated"], said["output"]) == (True, str(output))
+    assert entries(tmp_path) == {("predict", "p.csv"): {"prediction"}}
     assert [entry["file"] for entry in said["policies"]] == [
         str(theirs),
         *(str(ours / f"policy_{number}.json") for number in range(3)),

@@ -23,13 +23,14 @@ import maidenflight as mf
 from maidenflight.policy import untrained
 from maidenflight.simulator import control, environment
 from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.rollout import rollout
 
 drone = mf.parameters.read("crazyflie")
 controller = control.pwm()
 fitting = control.in_fitting_steps(drone, controller)
 env = Environment.matching(fitting, mf.circle(), controller)
-policy = untrained(jax.random.key(1), (8, 8), interface=controller.interface)
+policy = untrained(jax.random.key(1), controller.interface, PolicySpec(hidden=(8, 8)))
 
 
 def cost(fitting):

@@ -1,64 +1,99 @@
+"""The demo: every stage by its verb, the same bytes by the same seed."""
+
 import json
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
 
 import pytest
-from maidenflight.demo import Demo, Listener, Plan, demo
 
-import quick
-from maidenflight.identification.likelihood import Likelihood
-from maidenflight.terminal import demo_output
+from maidenflight.identification import identify, likelihood
+from maidenflight.training import defaults
+from maidenflight.verb import Progress, Result
+from maidenflight.verbs.demo import Demo, Stages
+from maidenflight.verbs.identify import Identify
+from maidenflight.verbs.record import Record
+from maidenflight.verbs.train import Train
+from maidenflight.verbs.transfer import Transfer
+from quick import QUICK
+from run_listing import entries, unlisted
 
-QUICK = Plan(
-    flights=2,
-    duration=4.0,
-    identification=Likelihood(
-        trials=1, evaluations=15, physics_step=0.005, coarse_physics_step=0.005
-    ),
-    policies=3,
-    learner=quick.QUICK,
-    flight_trials=2,
-    longest=0.5,
+LESS = Stages(
+    Record(flights=2, duration=4.0),
+    Identify(logs=Path("."), trials=1, evaluations=15),
+    Train(randomize=0.1, accept_bounds=True),
+    Transfer(policies=(".",), accept_bounds=True, trials=2, duration=0.5),
 )
-HEARD: list[str] = []
 pytestmark = pytest.mark.slow
 
 
+class Heard(Progress):
+    """Keeps the lines that are always written."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def log(self, line: str, always: bool = False) -> None:
+        if always:
+            self.lines.append(line)
+
+
+HEARD = Heard()
+
+
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Demo, Demo]:
-    listener = Listener(HEARD.append, lambda progress: None, lambda progress: None)
-    one, two = (tmp_path_factory.mktemp(name) / "run" for name in ("one", "two"))
-    return demo(one, 3, QUICK, listener), demo(two, 3, QUICK, listener)
+def runs(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Iterator[list[tuple[Path, Result]]]:
+    """Two demos of a seed, each with its folder."""
+    assert identify.Likelihood is likelihood.Likelihood
+    coarse = partial(likelihood.Likelihood, physics_step=0.005, coarse_physics_step=0.005)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(likelihood, "Likelihood", coarse)
+        patch.setitem(defaults.SETTINGS, "pwm", QUICK)
+        folders = [tmp_path_factory.mktemp(name) / "run" for name in ("one", "two")]
+        yield [(folder, Demo(seed=3).compute(folder, HEARD, LESS)) for folder in folders]
 
 
-def test_every_stage_runs_in_order_and_leaves_its_results(runs: tuple[Demo, Demo]) -> None:
-    result = runs[0]
+def test_every_stage_runs_in_order_and_leaves_its_results(
+    runs: list[tuple[Path, Result]],
+) -> None:
+    folder, result = runs[0]
     stages = ["record", "identify", "train", "transfer", "export", "report"]
-    assert HEARD[:6] == stages
-    assert list(result.seconds) == stages
-    written = {
-        str(path.relative_to(result.folder)) for path in result.folder.rglob("*") if path.is_file()
-    }
+    assert [line.split()[0] for line in HEARD.lines[:6]] == stages
+    assert list(result.content["stages"]) == stages
+    written = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
     assert written == {
         *(
-            "reality.toml",
             "drone.toml",
             "identification.csv",
             "identification.svg",
             "demo.json",
+            "run.json",
             "report.html",
         ),
-        *(f"recorded/flight_0{number}.csv" for number in (1, 2)),
+        *("recorded/reality.toml", *(f"recorded/flight_0{number}.csv" for number in (1, 2))),
         *(f"policies/policy_{number}.json" for number in (1, 2, 3)),
         *("policies/training.csv", "policies/training.npz"),
         *(f"transfer/flight_0{number}.csv" for number in range(1, 7)),
         "transfer/flights.csv",
         *("firmware/policy.h", "firmware/policy.c"),
     }
-    assert result.transfer.table.height == 6
-    assert json.loads((result.folder / "demo.json").read_text())["seed"] == 3
+    assert unlisted(folder) == {"report.html", "policies/training.npz"}
+    assert entries(folder) == {
+        ("record", "recorded"): {"logs", "truth"},
+        ("identify", "drone.toml"): {"drone", "evaluations", "picture"},
+        ("train", "policies"): {"policies", "training"},
+        ("transfer", "transfer"): {"flights", "flight_logs"},
+        ("export", "firmware"): {"exported"},
+        ("demo", "demo.json"): {"stages"},
+    }
+    assert len(result.content["flights"]) == 6
+    assert json.loads((folder / "demo.json").read_text())["seed"] == 3
 
 
-def test_the_same_seed_gives_the_same_bytes(runs: tuple[Demo, Demo]) -> None:
-    one, two = (result.folder for result in runs)
+def test_the_same_seed_gives_the_same_bytes(runs: list[tuple[Path, Result]]) -> None:
+    one, two = (folder for folder, _ in runs)
     different = [
         str(path.relative_to(one))
         for path in sorted(one.rglob("*"))
@@ -69,23 +104,34 @@ def test_the_same_seed_gives_the_same_bytes(runs: tuple[Demo, Demo]) -> None:
     )
 
 
-def test_results_name_no_place_and_no_time(runs: tuple[Demo, Demo]) -> None:
-    for path in runs[0].folder.rglob("*"):
+def test_results_name_no_place_and_no_time(runs: list[tuple[Path, Result]]) -> None:
+    folder, _ = runs[0]
+    for path in folder.rglob("*"):
         if path.is_file():
-            assert str(runs[0].folder.parent).encode() not in path.read_bytes(), path
+            assert str(folder.parent).encode() not in path.read_bytes(), path
 
 
-def test_the_truth_stays_hidden_from_the_identified_drone(runs: tuple[Demo, Demo]) -> None:
-    text = (runs[0].folder / "drone.toml").read_text()
+def test_the_truth_stays_hidden_from_the_identified_drone(
+    runs: list[tuple[Path, Result]],
+) -> None:
+    text = (runs[0][0] / "drone.toml").read_text()
     assert "battery_resistance = 0.0 " in text
     assert "estimator_delay = 0.0 " in text
 
 
 def test_the_summary_says_what_intervals_do_not_cover_and_which_policy_was_exported(
-    runs: tuple[Demo, Demo], capsys: pytest.CaptureFixture[str]
+    runs: list[tuple[Path, Result]], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    demo_output.summary(runs[0])
+    folder, result = runs[0]
+    result.show()
     out = capsys.readouterr().out
-    assert f"of the best policy, {runs[0].best.stem}" in out
-    assert runs[0].best.parent == runs[0].folder / "policies"
+    best = Path(result.content["best"])
+    assert f"of the best policy, {best.stem}" in out
+    assert best.parent == folder / "policies"
     assert " sensors" in out
+
+
+def test_the_page_shows_the_truth_beside_what_was_identified(
+    runs: list[tuple[Path, Result]],
+) -> None:
+    assert "truth" in (runs[0][0] / "report.html").read_text().lower()

@@ -1,5 +1,6 @@
 """Every snippet in the README and the docs runs: the real functions, with less work each."""
 
+import ast
 import dataclasses
 import importlib.util
 import json
@@ -7,27 +8,37 @@ import pkgutil
 import re
 import shlex
 import sys
+from collections import Counter
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from jaxtyping import Array
 
 import maidenflight as mf
-from maidenflight import cli, deployment, parameters, policy, policy_file, workflow
+from maidenflight import cli, deployment, parameters, policy, policy_file
+from maidenflight.errors import InputError
+from maidenflight.experiments.transfer import as_seen_by
 from maidenflight.flights import log
 from maidenflight.identification.drone_file import DroneFile
+from maidenflight.parameters import noiseless
 from maidenflight.policy import Policy
-from maidenflight.simulator import control
+from maidenflight.simulator import control, dynamics, environment
 from maidenflight.simulator import reality as registry
 from maidenflight.simulator.control import Controller
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.tasks import Task
 from maidenflight.simulator.virtual_drone import VirtualDrone
+from maidenflight.studies import study
+from maidenflight.training import defaults
+from maidenflight.verb import VERBS, Verb, find_verb
 from quick import QUICK
 
 ROOT = Path(__file__).parent.parent
@@ -49,7 +60,7 @@ def blocks(page: str, language: str) -> list[str]:
 def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """An empty folder to work in, and little training."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setitem(workflow.SETTINGS, "pwm", QUICK)
+    monkeypatch.setitem(defaults.SETTINGS, "pwm", QUICK)
 
 
 @pytest.mark.slow
@@ -312,6 +323,13 @@ def test_a_reality_of_ones_own_as_the_page_on_extending_shows_it(
     assert "mine" in Path("transfer/flights.csv").read_text()
 
 
+def must_parse(name: str, words: list[str]) -> None:
+    """Fails unless there is such a command with such options."""
+    command = cli.commands.get_command(click.Context(cli.commands), name)
+    assert command is not None, name
+    command.parse_args(click.Context(command, info_name=name), words)
+
+
 def test_every_command_that_a_page_shows_is_one_that_there_is() -> None:
     shown = 0
     for page in [str(path.relative_to(ROOT)) for path in PAGES]:
@@ -321,8 +339,7 @@ def test_every_command_that_a_page_shows_is_one_that_there_is() -> None:
             words = shlex.split(line, comments=True)
             if words[:1] != ["maidenflight"]:
                 continue
-            command = cli.commands.commands[words[1]]
-            command.parse_args(click.Context(command, info_name=words[1]), words[2:])
+            must_parse(words[1], words[2:])
             shown += 1
     assert shown > 20
 
@@ -363,10 +380,11 @@ def test_the_commands_of_the_pilots_guide_are_ones_that_there_are() -> None:
         shlex.split(line, comments=True)
         for line in re.findall(r"^maidenflight .*", (ROOT / "docs/pilot.md").read_text(), re.M)
     ]
-    assert {words[1] for words in lines} >= {"record", "fly", "identify", "train", "predict"}
+    assert {words[1] for words in lines} >= {"fly", "identify", "train", "predict"}
+    flown = [words for words in lines if words[1] == "fly"]
+    assert {"--pilot pid" in " ".join(words) for words in flown} == {True, False}
     for words in lines:
-        command = cli.commands.commands[words[1]]
-        command.parse_args(click.Context(command, info_name=words[1]), words[2:])
+        must_parse(words[1], words[2:])
 
 
 def quick_identification(identify: Any, flights: Any, settings: Any = None, **named: Any) -> Any:
@@ -395,24 +413,28 @@ def less_work(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def traced_training(
-    task: Task, controller: Controller, box: Distribution, keys: Array
+    task: Task,
+    controller: Controller,
+    box: Distribution,
+    keys: Array,
+    spec: PolicySpec = PolicySpec(),
 ) -> list[Policy]:
     """In the place of training: the slope of a control period is traced, not compiled, and policies
     that know nothing come back."""
-    env = mf.Environment.matching(box.centre, task, controller)
+    env = mf.Environment.matching(box.centre, task, controller, spec=spec)
 
     def value(action: Array, key: Array) -> Array:
         return mf.step(env, mf.reset(env, box.draw(key), key), action, box.draw(key), key)[1].reward
 
     jax.eval_shape(jax.grad(value), np.zeros(4, np.float32), keys[0])
-    return [policy.untrained(key, interface=controller.interface) for key in keys]
+    return [policy.untrained(key, controller.interface, spec) for key in keys]
 
 
 def traced_flights(policies: list[Policy], realities: list[VirtualDrone], **given: Any) -> None:
     """In the place of flights: their first half second is traced, not compiled."""
     task, controller = given.get("task", mf.circle()), given.get("controller", mf.pwm())
     for reality in realities:
-        env = reality.environment(task, controller)
+        env = as_seen_by(policies[0], reality.environment(task, controller))
 
         def fly(key: Array, drone: mf.Parameters, env: mf.Environment = env) -> Any:
             return mf.rollout(env, policies[0], mf.reset(env, drone, key), drone, key, steps=50)
@@ -534,10 +556,16 @@ def test_the_api_shows_every_module_and_its_index_every_public_name() -> None:
     assert all(f"[`{name}`]" in index for name in mf.__all__ if name != "__version__")
 
 
-def extensions(section: str) -> list[str]:
-    """The Python of a section of the page on extending."""
+def extending(section: str) -> str:
+    """A section of the page on extending."""
     page = (ROOT / "docs/extending.md").read_text()
     (own,) = re.findall(rf"^## {section}\n(.*?)(?=^## |\Z)", page, re.M | re.S)
+    return own
+
+
+def extensions(section: str) -> list[str]:
+    """The Python of a section of the page on extending."""
+    own = extending(section)
     return re.findall(r"^```python\n(.*?)^```", own, re.M | re.S)
 
 
@@ -560,6 +588,77 @@ def test_a_control_structure_is_added_in_three_places(monkeypatch: pytest.Monkey
     assert '#define MF_CONTROL "torques"' in Path("firmware/policy.h").read_text()
 
 
+@pytest.mark.usefixtures("less_work")
+def test_a_property_of_a_policy_s_input_is_one_class(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("onnx")
+    monkeypatch.setattr(mf, "train", traced_training)
+    monkeypatch.setattr(mf, "transfer", traced_flights)
+    (snippet,) = extensions("A property of a policy's input")
+    names: dict[str, Any] = {}
+    exec(compile(snippet, "docs/extending.md", "exec"), names)
+    (one, _), spec = names["policies"], names["spec"]
+    one.check()
+    assert (one.spec, one.layer_sizes) == (spec, (41, 50, 50, 4))
+    with pytest.raises(InputError, match="log_height = True, which the templates of the C"):
+        mf.export_c(one, "firmware")
+    with pytest.raises(InputError, match="log_height = True, but the authors' policies"):
+        deployment.EXPORTERS["authors"](one, "authors")
+    with pytest.raises(InputError, match=r"\(41,\) values, expected 40"):
+        policy_file.from_json(policy_file.to_json(one))
+    # What it sees in flight is what training shows it.
+    state = dynamics.at_hover(jnp.array([0.1, 0.2, 0.5]), noiseless(mf.crazyflie()))
+    env = mf.Environment(spec=spec)
+    begun = environment.begin(
+        env, state, jnp.float32(0), noiseless(mf.crazyflie()), jax.random.key(0)
+    )
+    seen = environment.observation(env, begun)
+    assert float(seen[-1]) == pytest.approx(np.log(0.5))
+    act = policy.Actor(one, 0.5).act(begun.measurement, mf.circle().reference(jnp.float32(0)))
+    assert np.isfinite(act.action).all()
+
+
+def named_in_source(*words: str) -> set[str]:
+    """The source files in whose code one of some words is an identifier or a text by itself."""
+    kinds = (ast.Name, "id"), (ast.Attribute, "attr"), (ast.arg, "arg"), (ast.keyword, "arg")
+    kinds = (*kinds, (ast.Constant, "value"), (ast.AnnAssign, "target"))
+    found = set()
+    for path in (ROOT / "src").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if any(isinstance(node, kind) and getattr(node, at) in words for kind, at in kinds):
+                found.add(str(path.relative_to(ROOT / "src/maidenflight")))
+    return found
+
+
+def test_a_property_of_a_policy_s_input_is_named_in_five_files_and_its_own() -> None:
+    """Look-ahead, which touched 33 when it came; its own are its arithmetic and its C."""
+    own = {"simulator/look_ahead.py", "deployment/look_ahead.py"}
+    assert named_in_source("look_ahead", "LookAhead") - own == {
+        "simulator/policy_spec.py",
+        "simulator/raptor_form.py",
+        "policy.py",
+        "deployment/c.py",
+        "verbs/train.py",
+    }
+
+
+def test_no_function_takes_properties_of_policies_one_by_one() -> None:
+    """Verbs have them as fields, which are their options."""
+    plain = {field.name: str(field.type) for field in dataclasses.fields(PolicySpec)}
+    several = [
+        f"{path.name}: {node.name}"
+        for path in (ROOT / "src").rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.FunctionDef)
+        and sum(
+            one.annotation is not None
+            and ast.unparse(one.annotation).replace(" | None", "") == plain.get(one.arg)
+            for one in [*node.args.args, *node.args.kwonlyargs]
+        )
+        > 1
+    ]
+    assert several == []
+
+
 def test_an_exporter_is_a_file_and_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
     file, line = extensions("An exporter")
     Path("scales.py").write_text(file)
@@ -571,6 +670,76 @@ def test_an_exporter_is_a_file_and_a_line(monkeypatch: pytest.MonkeyPatch) -> No
     (written,) = added["scales"](made, "scales", name="mine", seed=1, record={})
     assert json.loads(written.read_text())["name"] == "pwm"
     assert written == Path("scales/mine_scales.json")
+
+
+@pytest.fixture
+def delay(monkeypatch: pytest.MonkeyPatch) -> type[Verb]:
+    """The verb of the page on extending, in a module that Python finds."""
+    (file,) = extensions("A verb")
+    Path("delay.py").write_text(file)
+    monkeypatch.syspath_prepend(str(Path.cwd()))
+    monkeypatch.delitem(sys.modules, "delay", raising=False)
+    return find_verb("delay:Delay")
+
+
+def test_a_verb_is_a_file_and_a_line(delay: type[Verb], monkeypatch: pytest.MonkeyPatch) -> None:
+    page = " ".join(extending("A verb").split())
+    (line,) = re.findall(r'`(\("delay", [^`]*\))`', page)
+    monkeypatch.setitem(VERBS, *ast.literal_eval(line))
+    (command,) = re.findall(r"`maidenflight (delay [^`]*)`", page)
+    cli.commands(shlex.split(command), standalone_mode=False)
+    by_command = Path("delayed.toml").read_bytes()
+    usual = float(parameters.read("x500").latency)
+    assert float(parameters.read("delayed.toml").latency) == pytest.approx(usual + 5e-3)
+    (call,) = re.findall(r"`(Delay\([^`]*)`", page)
+    result = eval(call, {"Delay": delay})
+    assert Path("delayed.toml").read_bytes() == by_command
+    assert result.record["settings"] == {"drone": "x500", "more": 5.0}
+    help_page = CliRunner().invoke(cli.commands, ["delay", "--help"]).output
+    assert "What is added [ms]." in help_page
+
+
+def test_an_option_is_the_line_of_a_verb_that_the_page_names(delay: Any) -> None:
+    assert re.findall(r"`(\w+)` above", extending("An option")) == ["more"]
+    _, declared = delay.settings()["more"]
+    assert (declared.default_text, declared.values.expected) == ("10.0", "a number from 0 to 100")
+    with pytest.raises(InputError, match="more = '101'"):
+        delay(more=101)
+
+
+@pytest.mark.slow
+def test_a_verb_of_ones_own_is_swept_as_the_page_on_clusters_tells(delay: type[Verb]) -> None:
+    Path("study.toml").write_text(blocks("docs/clusters.md", "toml")[1])
+    (snippet,) = blocks("docs/clusters.md", "python")
+    names: dict[str, Any] = {"__name__": "__main__"}
+    exec(compile(snippet, "docs/clusters.md", "exec"), names)
+    table = names["table"]
+    usual = float(parameters.crazyflie().latency)
+    assert table["late.more"].to_list() == list(range(1, 11))
+    assert table["latency"].to_list() == pytest.approx(
+        [usual + 1e-3 * more for more in range(1, 11)]
+    )
+    assert len(list(Path("study/results").rglob("delayed.toml"))) == 10
+    assert Path("study/study.csv").exists()
+
+
+def test_the_study_of_the_page_on_clusters_has_as_many_tasks_as_it_says() -> None:
+    Path("study.toml").write_text(blocks("docs/clusters.md", "toml")[0])
+    kinds = Counter(task.kind for task in study.read("study.toml").tasks)
+    assert kinds == {"train": 40, "transfer": 40}
+    page = (ROOT / "docs/clusters.md").read_text()
+    assert "This one has 40 tasks that train and 40 that fly." in page
+
+
+@pytest.mark.slow
+def test_the_python_of_the_page_on_commands_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    parameters.write("drone.toml", parameters.crazyflie(), {})
+    (snippet,) = blocks("docs/api/index.md", "python")
+    less = snippet.replace("updates=200", "updates=2")
+    assert less != snippet
+    exec(compile(less, "docs/api/index.md", "exec"), {})
+    assert "survival" in capsys.readouterr().out
+    assert Path("policies/policy_3.json").exists()
 
 
 FIRST_HOURS = ("docs/first-hour-crazyflie.md", "docs/first-hour-px4-betaflight.md")

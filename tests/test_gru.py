@@ -59,13 +59,13 @@ def test_an_untrained_unit_keeps_most_of_its_memory() -> None:
 
 def test_a_policy_that_remembers_comes_back_from_its_file_and_adds_nothing_to_others() -> None:
     policy = untrained(KEY, spec=PolicySpec(memory=5, hidden=(8, 6)))
-    assert policy.memory == 5
+    assert policy.spec.memory == 5
     assert policy.multiplications == 40 * 8 + 15 * 8 + 15 * 5 + 13 * 6 + 6 * 4
-    back = from_json(to_json(policy))
+    back = from_json(to_json(policy)).policy
     for one, other in zip(jax.tree.leaves(policy), jax.tree.leaves(back), strict=True):
         np.testing.assert_array_equal(one, other)
     assert "gru" not in to_json(untrained(KEY, spec=PolicySpec(hidden=(8, 6))))
-    assert untrained(KEY, spec=PolicySpec(hidden=(8, 6))).memory == 0
+    assert untrained(KEY, spec=PolicySpec(hidden=(8, 6))).gru is None
 
 
 @pytest.mark.parametrize("field", ["weights", "recurrent", "biases", "recurrent_biases"])

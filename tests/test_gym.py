@@ -19,6 +19,8 @@ from maidenflight.errors import InputError  # noqa: E402
 from maidenflight.gym import arguments, rewards  # noqa: E402
 from maidenflight.parameters import crazyflie, noiseless, replace  # noqa: E402
 from maidenflight.simulator import dynamics, tasks, trajectories  # noqa: E402
+from maidenflight.simulator.look_ahead import LookAhead  # noqa: E402
+from maidenflight.simulator.policy_spec import PolicySpec  # noqa: E402
 from maidenflight.simulator.randomization import relative_box  # noqa: E402
 
 IDS = [f"maidenflight/{name}-v0" for name in maidenflight.gym.TASKS]
@@ -86,7 +88,7 @@ def test_without_a_seed_the_next_episode_of_the_same_seed_begins():
 
 
 def test_a_look_ahead_is_seen_by_one_drone_and_by_many():
-    given = {"look_ahead": 2, "look_ahead_spacing": 0.5, "parameters": QUIET}
+    given = {"spec": PolicySpec(look_ahead=LookAhead(2, 0.5)), "parameters": QUIET}
     alone, many = gymnasium.make(CIRCLE, **given), gymnasium.make_vec(CIRCLE, num_envs=2, **given)
     assert alone.observation_space.shape == many.single_observation_space.shape == (46,)
     first, both = alone.reset(seed=3)[0], many.reset(seed=3)[0]
@@ -242,14 +244,19 @@ def test_every_drone_has_its_picture():
 
 
 def test_drones_are_drawn_from_a_box_unless_one_is_named(tmp_path):
-    world, drones = arguments.world("circle", "attitude_rate", None, "2026.08", 2, "task", {})
+    world, drones = arguments.world(
+        "circle", "attitude_rate", None, "2026.08", PolicySpec(), "task", {}
+    )
     assert str(drones) == str(relative_box(replace(crazyflie(), time_step=0.002)))
     assert world.steps_per_command == 1
     file = parameters.write(tmp_path / "mine.toml", replace(crazyflie(), mass=0.031))
     for given in ("crazyflie", str(file), file, replace(crazyflie(), mass=0.031)):
-        assert str(arguments.world("circle", "pwm", given, "2026.08", 2, "task", {})[1]) == ""
+        assert (
+            str(arguments.world("circle", "pwm", given, "2026.08", PolicySpec(), "task", {})[1])
+            == ""
+        )
     box = relative_box(crazyflie(), 0.3)
-    assert arguments.world("circle", "pwm", box, "2026.08", 2, "task", {})[1] is box
+    assert arguments.world("circle", "pwm", box, "2026.08", PolicySpec(), "task", {})[1] is box
 
 
 def test_the_shaped_reward_pays_for_every_period_that_is_flown():
@@ -290,15 +297,21 @@ def test_equal_environments_share_their_compiled_functions():
 def test_way_points_of_a_file_are_a_task(tmp_path):
     (tmp_path / "way.csv").write_text("time,x,y,z\n0,0,0,1\n2,0.5,0,1\n3.5,0.5,0.5,1\n")
     task = arguments.world(
-        "tracking", "pwm", None, "2026.08", 2, "task", {"waypoints": tmp_path / "way.csv"}
+        "tracking",
+        "pwm",
+        None,
+        "2026.08",
+        PolicySpec(),
+        "task",
+        {"waypoints": tmp_path / "way.csv"},
     )[0].task
     assert task.duration == 3.5
     np.testing.assert_allclose(task.reference(jnp.float32(1.0)), [0.25, 0, 1], atol=1e-6)
     curve = trajectories.pentagram()
     assert (
-        arguments.world("tracking", "pwm", None, "2026.08", 2, "task", {"trajectory": curve})[
-            0
-        ].task.reference
+        arguments.world(
+            "tracking", "pwm", None, "2026.08", PolicySpec(), "task", {"trajectory": curve}
+        )[0].task.reference
         is curve
     )
 
@@ -311,10 +324,10 @@ def test_way_points_of_a_file_are_a_task(tmp_path):
         ("Circle", {"control": "attitude", "parameters": crazyflie()}, "time_step=0.002"),
         ("Circle", {"parameters": "no.toml"}, "give a TOML file or one of: crazyflie"),
         ("Circle", {"parameters": 0.028}, "Give Parameters"),
-        ("Circle", {"history": 0}, "1 or more"),
+        ("Circle", {"spec": 2}, "expected such as PolicySpec(history=2)"),
         ("Circle", {"reward": "dense"}, "reward = 'dense'; expected 'task' or 'shaped'"),
-        ("Circle", {"history": 2.0}, "whole number"),
-        ("Circle", {"look_ahead": -1}, "whole number from 0"),
+        ("Circle", {"spec": PolicySpec(memory=4)}, "memory = 4, which a learner's own network"),
+        ("Circle", {"spec": PolicySpec(form="raptor")}, "form = raptor, which a learner's own"),
         ("Circle", {"diameter": "wide"}, "expected a number"),
         ("Circle", {"period": -1}, "expected a number"),
         ("Circle", {"radius": 0.5}, "It has diameter, period, height"),

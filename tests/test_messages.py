@@ -11,19 +11,27 @@ import jax.numpy as jnp
 import numpy as np
 import polars
 import pytest
-from maidenflight.workflow import policies
 
 from commands import run
-from maidenflight import cli, parameters, policy, policy_file, terminal, workflow
+from maidenflight import cli, parameters, policy, policy_file
+from maidenflight.deployment.authors_json import to_authors_json
 from maidenflight.errors import InputError
-from maidenflight.experiments.transfer import Transfer
 from maidenflight.identification.drone_file import Estimate, GroupGain
-from maidenflight.simulator import tasks
+from maidenflight.names import CONTROLS, TASKS, WIDE
+from maidenflight.settings import Setting
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.terminal import drone_output, flight_output
-from maidenflight.training import checkpoint
+from maidenflight.terminal import Bar, print_file_notes
+from maidenflight.training import checkpoint, defaults
+from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.evaluation import Evaluation
+from maidenflight.training.settings import Settings
 from maidenflight.training.train import Progress
+from maidenflight.verb import VERBS
+from maidenflight.verbs import estimates_output, training_files, transfer
+from maidenflight.verbs.policies import read_policies
+from maidenflight.verbs.train import Train
+
+TRAINING_PAGE = Path(__file__).parent.parent / "docs" / "training.md"
 
 
 @pytest.fixture
@@ -45,9 +53,11 @@ def trained(tmp_path: Path) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize("name", sorted(cli.commands.commands))
+@pytest.mark.parametrize("name", VERBS)
 def test_a_summary_is_one_short_sentence_that_fits_the_list_of_commands(name: str) -> None:
-    summary = cli.commands.commands[name].get_short_help_str(limit=66)
+    command = cli.commands.get_command(click.Context(cli.commands), name)
+    assert command is not None
+    summary = command.get_short_help_str(limit=66)
     assert summary.endswith(".")
     assert "..." not in summary
 
@@ -128,30 +138,36 @@ def test_what_is_no_policy_is_told_without_the_words_of_a_parser(tmp_path: Path)
     path = tmp_path / "drone.toml"
     path.write_text("mass = 1")
     with pytest.raises(InputError, match=r"not valid JSON\. Give a policy file"):
-        policies.read_as(path, None)
+        policy_file.read(path)
 
 
 def test_policies_fly_what_they_were_trained_for(trained: Path) -> None:
-    circle, hover, mute = (
-        workflow.policy_files([trained / name]) for name in ("circle", "hover", "mute")
-    )
-    assert workflow.task_to_fly(circle, None) == ("circle", [])
-    assert workflow.task_to_fly(hover, None) == ("hover", [])
-    assert workflow.task_to_fly(mute, None) == ("circle", [])
-    assert workflow.task_to_fly([*mute, *hover], None) == ("hover", [])
-    for files, asked, task, note in (
-        (hover, "circle", "circle", "policy_1 for hover"),
-        ([*circle, *hover], None, "circle", "hover/policy_1 for hover"),
-        (circle, "hover", "hover", "policy_1 for circle, policy_2 for circle"),
+    def task_of(*folders: str, asked: str | None = None) -> tuple[str, list[str]]:
+        return read_policies([trained / name for name in folders]).choose_task(asked)
+
+    assert task_of("circle") == ("circle", [])
+    assert task_of("hover") == ("hover", [])
+    assert task_of("mute") == ("circle", [])
+    assert task_of("mute", "hover") == ("hover", [])
+    # Of an authors' policy whose name does not say what it commands.
+    theirs = trained / "model.json"
+    theirs.write_text(to_authors_json(policy.untrained(jax.random.key(0))))
+    assert read_policies([theirs], "pwm").choose_task("circle") == ("circle", [])
+    with pytest.raises(InputError, match="do not say what they command"):
+        read_policies([theirs])
+    for folders, asked, task, note in (
+        (("hover",), "circle", "circle", "policy_1 for hover"),
+        (("circle", "hover"), None, "circle", "hover/policy_1 for hover"),
+        (("circle",), "hover", "hover", "policy_1 for circle, policy_2 for circle"),
     ):
-        flown, notes = workflow.task_to_fly(files, asked)
+        flown, notes = task_of(*folders, asked=asked)
         assert flown == task
         assert notes == [f"they fly the task {task}, but were trained for another: {note}."]
 
 
 def test_the_best_policy_is_told_from_one_of_the_same_name(trained: Path) -> None:
-    files = workflow.policy_files([trained / "circle", trained / "hover", trained / "hover"])
-    assert policies.names(files) == ["circle/policy_1", "circle/policy_2", "hover/policy_1"]
+    policies = read_policies([trained / "circle", trained / "hover", trained / "hover"])
+    assert policies.own_names == ["circle/policy_1", "circle/policy_2", "hover/policy_1"]
     rows = [
         ("circle/policy_1", 3.0, 0.1, 0.01),
         ("circle/policy_2", 20.0, 0.05, 0.4),
@@ -172,9 +188,8 @@ def test_the_best_policy_is_told_from_one_of_the_same_name(trained: Path) -> Non
             for reason in ("tilt", "time limit")
         ]
     )
-    flown = Transfer(table, ())
-    assert workflow.best_policy(flown, files) == files[2]
-    summary = workflow.transfer_summary(flown)
+    assert transfer.best_policy(table, policies) == policies.paths[2]
+    summary = transfer.summarize(table)
     assert summary.columns == [
         "policy",
         "reality",
@@ -186,7 +201,7 @@ def test_the_best_policy_is_told_from_one_of_the_same_name(trained: Path) -> Non
         "at_limits",
     ]
     assert summary.row(1) == ("circle/policy_2", "virtual-7", 2, 1, 20.0, 0.05, 0.4, 0.0)
-    (note,) = workflow.limit_cycles(summary)
+    (note,) = transfer.describe_limit_cycles(summary)
     assert note.startswith("circle/policy_2 in virtual-7 changes its commands by 0.40 ")
 
 
@@ -200,12 +215,12 @@ def test_a_policy_and_reality_have_a_row(capsys: Any) -> None:
         "position_error": [0.013],
         "command_change": [0.021],
     }
-    flight_output.by_policy(polars.DataFrame(columns))
+    transfer._show_summary(polars.DataFrame(columns))
     assert re.search(r"policy_1 +far-7 +8 of 9 +19\.20 s +1\.3 cm +0\.021", capsys.readouterr().out)
 
 
 def test_equal_notes_are_said_once(capsys: Any) -> None:
-    terminal.notes(
+    print_file_notes(
         [
             "a.csv: battery assumed",
             "b.csv: battery empty",
@@ -218,7 +233,7 @@ def test_equal_notes_are_said_once(capsys: Any) -> None:
         "  b.csv: battery empty",
         "  10 of 20 s used",
     ]
-    terminal.notes([f"a.csv: {number} rows dropped" for number in range(8)])
+    print_file_notes([f"a.csv: {number} rows dropped" for number in range(8)])
     said = capsys.readouterr().out.splitlines()
     assert len(said) == 7
     assert said[-1] == "  and 2 more; --json lists them all"
@@ -239,74 +254,114 @@ def test_a_gain_has_two_digits_of_its_standard_error(
     gain: float, error: float | None, shown: list[str], capsys: Any
 ) -> None:
     found: Any = SimpleNamespace(gains=(GroupGain("drag", gain, error, True),))
-    drone_output.gains(found)
+    estimates_output.show_gains(found)
     rows = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert ["drag", *shown, "kept"] in rows
 
 
-def test_without_a_terminal_each_score_is_a_line(capsys: Any) -> None:
-    moves: list[Any] = []
+class Heard(Bar):
+    """Keeps how a bar is moved."""
+
+    def __init__(self) -> None:
+        super().__init__("train")
+        self.moves: list[tuple[int, int | None, str]] = []
+
+    def move(self, done: int, total: int | None, remark: str = "") -> None:
+        self.moves.append((done, total, remark))
+
+
+def test_without_a_terminal_each_score_is_a_line(monkeypatch: Any, capsys: Any) -> None:
+    clock = iter((0.0, 1.0, 1.0, 3.0))
+    clocks = SimpleNamespace(perf_counter=lambda: next(clock))
+    monkeypatch.setattr(training_files, "time", clocks)
     score = Evaluation(*(jnp.array([value, value]) for value in (-7.5, 1.0, 0.013)))
-    flight_output.scored(lambda *given: moves.append(given), Progress(20, 1000, score), 100, 5000.0)
-    told = "return -7.5, survival 100%, error 1.3 cm, 5 k steps/s"
-    assert moves == [(20, 100, told)]
-    assert capsys.readouterr().err == f"update 20 of 100: {told}\n"
+    best: Any = ()
+    bar = Heard()
+    scores = training_files.Scores(bar, AnalyticGradient(updates=100), resumed=False)
+    scores.add(Progress(10, 1000, score, best))
+    scores.add(Progress(20, 11000, score, best))
+    told = "return -7.5, survival 100%, error 1.3 cm"
+    assert bar.moves == [(10, 100, told), (20, 100, f"{told}, 5 k steps/s")]
+    assert capsys.readouterr().err == (
+        f"update 10 of 100: {told}\nupdate 20 of 100: {told}, 5 k steps/s\n"
+    )
 
 
-def test_the_help_of_training_tells_how_many_updates_are_usual() -> None:
-    (option,) = [one for one in cli.commands.commands["train"].params if one.name == "updates"]
-    assert isinstance(option, click.Option)
-    told = option.help or ""
-    usual = {
-        structure: workflow.settings_for(structure, "circle").updates
-        for structure in ("pwm", "attitude_rate", "attitude")
-    }
-    remembering = workflow.settings_for("attitude", "circle", "gradient", memory=16).updates
+def help_of(name: str) -> Setting:
+    """What the command line says of a setting of training."""
+    return Train.settings()[name][1]
+
+
+def usual_settings(
+    structure: str,
+    task: str = "circle",
+    method: str = "gradient",
+    memory: int = 0,
+    initial: bool = False,
+) -> Settings:
+    spec = PolicySpec(memory=memory)
+    return defaults.choose_settings(structure, task, method, spec, initial)
+
+
+def test_the_page_that_the_help_of_training_names_tells_how_many_updates_are_usual() -> None:
+    assert help_of("updates").usual == f"see docs/{TRAINING_PAGE.name}"
+    told = " ".join(TRAINING_PAGE.read_text().split())
+    usual = {structure: usual_settings(structure).updates for structure in CONTROLS}
+    remembering = usual_settings("attitude", memory=16).updates
     assert (
         f"{usual['pwm']} for pwm and attitude_rate, {usual['attitude']} for attitude "
-        f"({remembering} with a --memory);"
+        f"({remembering} with a memory);"
     ) in told
     assert usual["attitude_rate"] == usual["pwm"]
     for structure, count in usual.items():
         for task, times, word in (
             ("hover", 2, "twice as many for hover"),
-            ("figure_eight", 3, "three times for figure_eight"),
+            ("figure_eight", 3, "three times for figure_eight and fast_figure_eight"),
+            ("fast_figure_eight", 3, "three times for figure_eight and fast_figure_eight"),
         ):
-            assert workflow.settings_for(structure, task).updates == times * count
+            assert usual_settings(structure, task).updates == times * count
             assert word in told
-    assert f"{workflow.settings_for('pwm', 'circle', 'ppo').updates} for PPO" in told
+        by_gradient, distilled = (
+            usual_settings(structure, method=method, memory=16).updates
+            for method in ("gradient", "distillation")
+        )
+        assert distilled == 3 * by_gradient
+    assert "by distillation three times as many" in told
+    assert f"{usual_settings('pwm', method='ppo').updates} epochs of PPO" in told
+    assert f"{usual_settings('pwm', initial=True).updates} from a policy" in told
 
 
 def test_the_help_of_training_tells_the_usual_randomization() -> None:
-    (option,) = [one for one in cli.commands.commands["train"].params if one.name == "randomize"]
-    assert isinstance(option, click.Option)
-    told = (option.help or "").split("Unless given: ")[1]
     usual = {
-        structure: {task: workflow.usual_training_box(task, structure) for task in tasks.TASKS}
-        for structure in workflow.SETTINGS
+        structure: {task: defaults.choose_randomization(task, structure) for task in TASKS}
+        for structure in CONTROLS
     }
-    narrow = [task for task, box in usual["pwm"].items() if box != workflow.WIDE]
+    narrow = [task for task, box in usual["pwm"].items() if box != WIDE]
     slow = {structure: boxes["circle"] for structure, boxes in usual.items()}
-    assert told == (
-        f"{slow['pwm']}, {slow['attitude_rate']} for attitude_rate, and 0.1 for "
-        f"{' and '.join(narrow)}."
+    assert help_of("randomize").usual == (
+        f"{slow['pwm']}; {slow['attitude_rate']} for attitude_rate; 0.1 for fast tasks"
     )
-    assert slow["attitude"] == slow["pwm"] == workflow.WIDE
+    assert narrow == [task for task in TASKS if task.startswith("fast_")]
+    assert slow["attitude"] == slow["pwm"] == WIDE
     assert all(boxes[task] == 0.1 for boxes in usual.values() for task in narrow)
 
 
 def test_the_help_of_training_tells_the_usual_hidden_layers() -> None:
-    (option,) = [one for one in cli.commands.commands["train"].params if one.name == "hidden"]
-    assert isinstance(option, click.Option)
-    told = re.findall(r"\d+,\d+", option.help or "")
     usual = {
-        (structure, method): workflow.settings_for(structure, "circle", method).hidden
-        for structure in ("pwm", "attitude_rate", "attitude")
+        (structure, method): ",".join(map(str, defaults.choose_hidden(structure, method)))
+        for structure in CONTROLS
         for method in ("gradient", "ppo")
     }
     larger = usual.pop(("attitude_rate", "gradient"))
-    assert told == ["50,50", ",".join(map(str, larger))]
-    assert set(usual.values()) == {(50, 50)}
+    assert set(usual.values()) == {"50,50"}
+    assert help_of("hidden").usual == f"50,50; {larger} for attitude_rate"
+    distilled = {
+        ",".join(map(str, defaults.choose_hidden(structure, "distillation")))
+        for structure in CONTROLS
+    }
+    told = " ".join(TRAINING_PAGE.read_text().split())
+    assert f"{larger} for attitude_rate by gradients, {distilled.pop()} by distillation" in told
+    assert distilled == set()
 
 
 def test_a_checkpoint_of_other_settings_says_which(tmp_path: Path) -> None:
@@ -339,7 +394,7 @@ def test_ctrl_c_before_the_first_score_says_that_nothing_was_reached(
     def interrupted(*_arguments: Any, **_options: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(workflow, "train_for", interrupted)
+    monkeypatch.setattr(Train, "compute", interrupted)
     what = ["train", "--drone", "crazyflie", "-o", str(tmp_path / "made"), "--overwrite"]
     code, out, err = run(monkeypatch, capsys, *what)
     assert (code, out) == (130, "")
@@ -364,10 +419,9 @@ def test_estimates_have_units_to_read_and_say_what_they_rest_on(capsys: Any) -> 
         unidentified={"inertia_x": (9.3e-6, 2e-5), "drag_x": (0.0, 0.5)},
         **fit,
     )
-    drone_output.estimates(found)
-    drone_output.untold(found)
-    drone_output.kept(found, "crazyflie")
-    drone_output.reached_objective(found, "crazyflie")
+    estimates_output.show_estimates(found)
+    estimates_output.show_unidentifiable(found)
+    estimates_output.show_fit(found, "crazyflie")
     out = capsys.readouterr().out
     assert re.search(r"latency +7\.15 +7\.08 \.\. 7\.21 +0\.22 +ms", out)
     assert re.search(r"torque_bias_x +-58\.83 +-97\.05 \.\. -23\.16 +110 +1e-6 N m", out)
@@ -379,7 +433,7 @@ def test_estimates_have_units_to_read_and_say_what_they_rest_on(capsys: Any) -> 
         "evaluations of it in 107.2 s" in out
     )
     found.objective = "replay"
-    drone_output.estimates(found, {"latency": "7 + 3 sensors", "torque_bias_x": "-6e-05"})
+    estimates_output.show_estimates(found, {"latency": "7 + 3 sensors", "torque_bias_x": -6e-05})
     out = capsys.readouterr().out
     assert "between trials: standard deviation" in out
     assert re.search(r"torque_bias_x .* -60 +1e-6 N m", out)

@@ -12,7 +12,7 @@ from maidenflight.parameters import crazyflie
 from maidenflight.policy import Actor, untrained
 from maidenflight.simulator import dynamics, environment, interface
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.look_ahead import NONE, LookAhead
+from maidenflight.simulator.look_ahead import LookAhead
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.rollout import rollout
 from maidenflight.simulator.sensors import Measurement
@@ -22,7 +22,7 @@ KEY = jax.random.key(0)
 
 
 def test_a_policy_is_affine_layers_with_relu_between_them():
-    made = noisy(KEY, (7, 5), 1)
+    made = noisy(KEY, PolicySpec(history=1, hidden=(7, 5)))
     seen = np.asarray(jax.random.normal(KEY, (20,)))
     values = (seen - np.asarray(made.observation_mean)) / np.asarray(made.observation_std)
     for number, (weight, bias) in enumerate(zip(made.weights, made.biases, strict=True)):
@@ -35,7 +35,7 @@ def test_an_untrained_policy_has_the_papers_layers_and_bounded_weights():
     made = untrained(KEY)
     assert [weight.shape for weight in made.weights] == [(50, 40), (50, 50), (4, 50)]
     assert [bias.shape for bias in made.biases] == [(50,), (50,), (4,)]
-    assert (made.interface, made.history) == (interface.pwm(), 2)
+    assert (made.interface, made.spec) == (interface.pwm(), PolicySpec())
     for weight, bound in zip(
         made.weights, (np.sqrt(6 / 40), np.sqrt(6 / 50), 0.1 * np.sqrt(6 / 50)), strict=True
     ):
@@ -51,10 +51,12 @@ def test_different_keys_make_different_policies():
 
 
 def test_a_policy_checks_itself():
-    made = noisy(KEY, (3,), 1)
+    made = noisy(KEY, PolicySpec(history=1, hidden=(3,)))
     made.check()
     for wrong in (
-        {"history": 2},
+        {"spec": PolicySpec(history=2, hidden=(3,))},
+        {"spec": PolicySpec(history=1, hidden=(4,))},
+        {"spec": PolicySpec(history=1, hidden=(3,), memory=4)},
         {"weights": made.weights[:1]},
         {"biases": (made.biases[0], jnp.array([0, 0, jnp.nan, 0]))},
         {"observation_std": jnp.zeros(20)},
@@ -63,15 +65,17 @@ def test_a_policy_checks_itself():
             dataclasses.replace(made, **wrong).check("mine.json")
 
 
-@pytest.mark.parametrize(("history", "look_ahead"), [(1, LookAhead(2, 0.2)), (3, NONE)])
-def test_an_actor_does_what_the_simulator_does_with_the_same_policy(history, look_ahead):
+@pytest.mark.parametrize(
+    "spec",
+    [
+        PolicySpec(history=1, look_ahead=LookAhead(2, 0.2), hidden=(8,)),
+        PolicySpec(history=3, hidden=(8,)),
+    ],
+)
+def test_an_actor_does_what_the_simulator_does_with_the_same_policy(spec):
     """Measurements of a simulated episode, one instant at a time: the same actions, and commands
     that the simulated motors were given."""
-    made, drone = (
-        untrained(KEY, spec=PolicySpec(history=history, look_ahead=look_ahead, hidden=(8,))),
-        crazyflie(),
-    )
-    env = Environment(spec=PolicySpec(history=history, look_ahead=look_ahead))
+    made, drone, env = untrained(KEY, spec=spec), crazyflie(), Environment(spec=spec)
     first = environment.reset(env, drone, KEY)
     _, (states, _) = rollout(env, made, first, drone, KEY, 21)
     actor = Actor(made, 1 / float(drone.thrust_to_weight))
@@ -81,7 +85,7 @@ def test_an_actor_does_what_the_simulator_does_with_the_same_policy(history, loo
             seen, after = (
                 jax.tree.map(lambda leaf, at=at: leaf[at], states) for at in (number, number + 1)
             )
-            later = [env.task.reference(seen.time + after) for after in look_ahead.times]
+            later = [env.task.reference(seen.time + after) for after in spec.look_ahead.times]
             ahead = {"ahead": np.stack(later)} if later else {}
             command, action = actor.act(seen.measurement, env.task.reference(seen.time), **ahead)
             np.testing.assert_allclose(action, after.action, atol=1e-5)

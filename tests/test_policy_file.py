@@ -10,34 +10,58 @@ import pytest
 
 from damaged_json import damaged
 from maidenflight.errors import InputError
+from maidenflight.parameters import GEOMETRY
 from maidenflight.policy import Policy, untrained
 from maidenflight.policy_file import from_json, read, to_json, write
 from maidenflight.simulator import interface
 from maidenflight.simulator.interface import ControlInterface
-from maidenflight.simulator.look_ahead import NONE, LookAhead
+from maidenflight.simulator.look_ahead import LookAhead
 from maidenflight.simulator.policy_spec import PolicySpec
 from noisy_policy import noisy
 
 KEY = jax.random.key(0)
-SMALL = json.loads(to_json(noisy(KEY, (3,), 1)))
+SPEC = PolicySpec(history=1, hidden=(3,))
+SMALL = json.loads(to_json(noisy(KEY, SPEC)))
 
 
 @pytest.mark.parametrize(
-    ("hidden", "history", "look_ahead"),
-    [((50, 50), 2, NONE), ((3,), 1, LookAhead(4, 0.05)), ((), 3, NONE)],
+    "spec",
+    [
+        PolicySpec(),
+        PolicySpec(history=1, look_ahead=LookAhead(4, 0.05), hidden=(3,)),
+        PolicySpec(history=3, hidden=()),
+    ],
 )
-def test_a_policy_reads_back_bit_by_bit(tmp_path, hidden, history, look_ahead):
-    made = noisy(KEY, hidden, history, look_ahead)
-    back = read(write(tmp_path / "policy.json", made, {"seed": 1}))
+def test_a_policy_reads_back_bit_by_bit(tmp_path, spec):
+    made = noisy(KEY, spec)
+    file = read(write(tmp_path / "policy.json", made, {"seed": 1}))
+    back = file.policy
+    assert (file.name, file.record, file.spec, file.interface) == (
+        "policy",
+        {"seed": 1},
+        spec,
+        made.interface,
+    )
     assert jax.tree.structure(back) == jax.tree.structure(made)
     for old, new in zip(jax.tree.leaves(made), jax.tree.leaves(back), strict=True):
         assert new.dtype == np.float32
         np.testing.assert_array_equal(
             np.asarray(old).view(np.uint32), np.asarray(new).view(np.uint32)
         )
-    assert back.layer_sizes == (20 * history + 3 * look_ahead.points, *hidden, 4)
-    assert back.look_ahead == look_ahead
-    assert ("look_ahead" in json.loads(to_json(made))) == (look_ahead.points > 0)
+    points = spec.look_ahead.points
+    assert back.layer_sizes == (20 * spec.history + 3 * points, *spec.hidden, 4)
+    assert ("look_ahead" in json.loads(to_json(made))) == (points > 0)
+
+
+def test_a_file_says_what_its_policy_was_trained_for_where_its_record_does():
+    rows = {name: [0.1, -0.1, 0.1, -0.1] for name in GEOMETRY}
+    settings = {"task": "hover", "updates": 3}
+    record = {"hover": 0.5, "rotors": rows, "settings": settings}
+    file = from_json(to_json(untrained(KEY), record))
+    assert (file.task, file.hover, file.rotors, file.settings) == ("hover", 0.5, rows, settings)
+    for wrong in ({}, {"hover": 1.5, "rotors": {**rows, "rotor_x": [0.1]}, "settings": 3}):
+        file = from_json(to_json(untrained(KEY), wrong))
+        assert (file.task, file.hover, file.rotors, file.settings) == (None, None, None, {})
 
 
 @pytest.mark.parametrize(
@@ -52,7 +76,7 @@ def test_a_policy_reads_back_bit_by_bit(tmp_path, hidden, history, look_ahead):
     ],
 )
 def test_a_policy_reads_back_with_what_its_outputs_mean(meaning):
-    back = from_json(to_json(dataclasses.replace(noisy(KEY, (3,), 1), interface=meaning)))
+    back = from_json(to_json(dataclasses.replace(noisy(KEY, SPEC), interface=meaning))).policy
     assert back.interface == meaning
     assert hash(back.interface) == hash(meaning)
 
@@ -69,9 +93,9 @@ def test_extreme_float32_numbers_survive():
         made.biases,
         made.observation_mean,
         made.observation_std,
-        history=1,
+        spec=made.spec,
     )
-    back = np.asarray(from_json(to_json(made)).weights[0])
+    back = np.asarray(from_json(to_json(made)).policy.weights[0])
     np.testing.assert_array_equal(back.view(np.uint32), weight.view(np.uint32))
 
 
@@ -108,7 +132,7 @@ def test_a_damaged_layer_is_refused(field, wrong):
         pytest.param("", "not valid JSON", id="empty"),
         pytest.param(json.dumps(SMALL)[:-5], "not valid JSON", id="cut"),
         pytest.param("[" * 100_000, "not valid JSON", id="too deep"),
-        pytest.param("[]", "not a maidenflight policy", id="another file"),
+        pytest.param("[]", "not a policy, neither ours", id="another file"),
         pytest.param(
             damaged(SMALL, "interface", "name", to="attitude"),
             "commands of attitude are in",
@@ -198,14 +222,20 @@ def test_a_wrong_policy_file_is_refused_with_its_cause(text, message):
 
 def test_a_missing_policy_file_is_an_input_error(tmp_path):
     (tmp_path / "binary").write_bytes(b"\xff\xfe")
-    for place in (tmp_path / "none.json", tmp_path, tmp_path / "binary"):
-        with pytest.raises(InputError, match="cannot be read as a policy"):
+    for place, words in (
+        (tmp_path / "none.json", "cannot be read as a policy: no such file"),
+        (tmp_path, "a folder, not a policy"),
+        (tmp_path / "binary", "cannot be read as a policy"),
+    ):
+        with pytest.raises(InputError, match=words):
             read(place)
 
 
 @pytest.mark.parametrize("wrong", [None, [], {"points": 4}, {"points": 3, "spacing": 0.05}, 4])
 def test_a_damaged_look_ahead_is_refused(wrong):
-    content = json.loads(to_json(noisy(KEY, (3,), 1, LookAhead(4, 0.05))))
+    content = json.loads(
+        to_json(noisy(KEY, dataclasses.replace(SPEC, look_ahead=LookAhead(4, 0.05))))
+    )
     with pytest.raises(InputError, match=r"mine\.json"):
         from_json(json.dumps(content | {"look_ahead": wrong}), "mine.json")
     del content["look_ahead"]

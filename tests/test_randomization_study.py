@@ -138,7 +138,7 @@ def test_drones_of_each_randomization_and_the_task_of_the_recipe(
 def test_policies_train_and_fly_and_a_second_run_draws_from_the_tables(
     study: Any, tmp_path: Path, monkeypatch: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    settings = study.AnalyticGradient(updates=1, num_envs=2, horizon=2, hidden=(8,), episodes=2)
+    settings = study.AnalyticGradient(updates=1, num_envs=2, horizon=2, episodes=2)
     monkeypatch.setattr(study, "QUICK", {"pwm": settings})
     made = tmp_path / "made"
     few = [

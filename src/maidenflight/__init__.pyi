@@ -17,7 +17,6 @@ from .identification.replay import Replay as Replay
 from .parameters import Parameters as Parameters
 from .parameters import crazyflie as crazyflie
 from .policy import Policy as Policy
-from .policy_file import read as read_policy
 from .reporting.page import report as report
 from .simulator.control import attitude as attitude
 from .simulator.control import attitude_rate as attitude_rate

@@ -142,8 +142,9 @@ def from_json(text: str, where: str = "policy", control: str | None = None) -> P
     try:
         content = inputs.from_json(text)
     except ValueError as error:
+        damage = f" ({error})" if Path(where).suffix == ".json" else ""
         raise InputError(
-            f"{where}: not a policy, ours or the authors': not valid JSON ({error}). {_SUCH_AS}"
+            f"{where}: not a policy, ours or the authors': not valid JSON{damage}. {_SUCH_AS}"
         ) from error
     keys = content.keys() if isinstance(content, dict) else set()
     ours = "format" in keys and content["format"] == FORMAT

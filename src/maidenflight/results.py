@@ -60,11 +60,12 @@ def write(path: StrPath, content: str | bytes) -> Path:
     return path
 
 
-def claim(path: StrPath) -> Callable[[], None]:
+def claim(path: StrPath, timeout: float = _LOCK_TIMEOUT) -> Callable[[], None]:
     """Locks a place against other processes of this computer and user.
 
     Args:
         path: a file or a folder; it need not exist, and nothing is written to it.
+        timeout: longest wait for another process [s].
 
     Returns:
         A function that releases the lock. The end of the process releases it too, even a kill.
@@ -77,7 +78,7 @@ def claim(path: StrPath) -> Callable[[], None]:
     place = hashlib.sha256(str(Path(path).resolve()).encode()).hexdigest()[:16]
     owner = os.getuid() if hasattr(os, "getuid") else 0
     file = Path(tempfile.gettempdir(), f"maidenflight-{owner}-{place}.lock")
-    lock = FileLock(file, _LOCK_TIMEOUT, mode=0o600, thread_local=False, fallback_to_soft=False)
+    lock = FileLock(file, timeout, mode=0o600, thread_local=False, fallback_to_soft=False)
     try:
         lock.acquire()
     except Timeout:

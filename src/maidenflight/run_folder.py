@@ -1,7 +1,6 @@
-"""What a run folder holds: name, columns and heading of each table, names of the other files.
+"""The files of a run folder: name, columns and heading of each table, names of the other files.
 
-Writers and the report's reader both take them from here. A run folder is what `maidenflight demo`
-writes, or any part of it, such as the folder of a single stage.
+Writers and the report's reader both take them from here; which files a run has, `manifest` says.
 """
 
 import json
@@ -12,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from maidenflight import inputs, results
+from maidenflight import inputs, manifest, results
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
 
@@ -233,6 +232,12 @@ class Numbered:
     def find(self, folder: Path) -> list[Path]:
         """The files in a folder by their number."""
         return sorted(folder.glob(f"{self.stem}_*{self.suffix}"), key=by_number)
+
+
+def find_policies(folder: Path) -> list[Path]:
+    """Lists the files in a folder that may be policies."""
+    others = (STAGES, manifest.NAME)
+    return sorted(path for path in folder.glob("*.json") if path.name not in others)
 
 
 def by_number(path: Path) -> tuple[str, list[int], str]:

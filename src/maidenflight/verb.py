@@ -11,7 +11,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar, dataclass_transform
 
-from maidenflight import results
+from maidenflight import manifest, results
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
 from maidenflight.settings import PENDING, Setting, plain
@@ -44,8 +44,10 @@ class Result:
     """Plain values, for `--json`."""
     show: Callable[[], None] = lambda: None
     """Prints it for people."""
-    written: Mapping[str, Sequence[Path]] = field(default_factory=dict)
-    """The files, by kind."""
+    written: manifest.Files = field(default_factory=dict)
+    """The files, by kind, for the manifest of the run folder."""
+    read: manifest.Files = field(default_factory=dict)
+    """The files that they were made from, likewise."""
     record: Mapping[str, Any] = field(default_factory=dict)
     """How they were made; see `results.record`."""
     rows: Sequence[Row] = ()
@@ -198,7 +200,11 @@ class Verb:
         """
         self.check_early()
         self.check()
-        return self.compute(self.choose_output(output), progress)
+        place = self.choose_output(output)
+        result = self.compute(place, progress)
+        if result.written:
+            manifest.append(place, self.name, result.written, result.record, result.read)
+        return result
 
     def make_record(self, inputs: Sequence[StrPath] = (), **more: Any) -> dict[str, Any]:
         """Returns how a result is made, for its files; see `results.record`.

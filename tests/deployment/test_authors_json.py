@@ -13,20 +13,13 @@ from test_c import COMPILERS, Flown
 
 from damaged_json import damaged
 from maidenflight import policy, policy_file
-from maidenflight.deployment.authors_json import (
-    EPSILON,
-    RATES,
-    export_authors_json,
-    from_authors_json,
-    interface_of,
-    read_authors_json,
-    read_policy,
-    to_authors_json,
-)
+from maidenflight.deployment.authors_json import export_authors_json, to_authors_json
 from maidenflight.deployment.c import export_c
 from maidenflight.deployment.onnx import to_onnx
 from maidenflight.errors import InputError
 from maidenflight.flights import authors, tables
+from maidenflight.foreign.authors_policy import EPSILON, RATES, interface_of
+from maidenflight.policy_file import from_json, read
 from maidenflight.simulator import interface, rotations
 from maidenflight.simulator.look_ahead import LookAhead
 from maidenflight.simulator.policy_spec import PolicySpec
@@ -78,7 +71,7 @@ def made(hidden=(8,), control="pwm", history=2):
         observation_mean=jnp.asarray(random.normal(size=sizes[0]), jnp.float32),
         observation_std=jnp.asarray(random.uniform(0.01, 2.0, sizes[0]), jnp.float32),
         interface=interface_of(control),
-        history=history,
+        spec=PolicySpec(history=history, hidden=hidden),
     )
 
 
@@ -107,8 +100,8 @@ def same(one, other):
     ("control", "rate"), [("pwm", 100), ("attitude_rate", 50), ("attitude", 25)]
 )
 def test_a_policy_is_read_with_its_scaling_and_the_rate_of_its_control_structure(control, rate):
-    made = from_authors_json(json.dumps(MADE), "here", control)
-    assert (made.interface.name, made.interface.rate, made.history, made.layer_sizes) == (
+    made = from_json(json.dumps(MADE), "here", control).policy
+    assert (made.interface.name, made.interface.rate, made.spec.history, made.layer_sizes) == (
         control,
         rate,
         2,
@@ -128,8 +121,8 @@ def test_a_policy_is_read_with_its_scaling_and_the_rate_of_its_control_structure
     [
         pytest.param("", "not valid JSON", id="empty"),
         pytest.param("[" * 100_000, "not valid JSON", id="too deep"),
-        pytest.param("[]", "not one of the authors' policies", id="another file"),
-        pytest.param(damaged(MADE, "check_sum", to=...), "check_sum", id="no check sum"),
+        pytest.param("[]", "neither ours .* nor the authors'", id="another file"),
+        pytest.param(damaged(MADE, "check_sum", to=...), "no check_sum", id="no check sum"),
         pytest.param(
             damaged(MADE, "check_sum", to="nan"),
             "a weight was changed",
@@ -180,7 +173,7 @@ def test_a_policy_is_read_with_its_scaling_and_the_rate_of_its_control_structure
 )
 def test_what_is_not_such_a_policy_or_was_changed_is_refused(text, message):
     with pytest.raises(InputError, match=message) as caught:
-        from_authors_json(text, "here", "pwm")
+        from_json(text, "here", "pwm")
     assert str(caught.value).startswith("here: ")
 
 
@@ -203,7 +196,7 @@ def test_every_weight_that_counts_in_the_check_sum_is_guarded():
             )
             if differs:
                 with pytest.raises(InputError, match="a weight was changed"):
-                    from_authors_json(text, "here", "pwm")
+                    from_json(text, "here", "pwm")
             passed.append(not differs)
     assert np.mean(passed) < 0.7
 
@@ -212,9 +205,9 @@ def test_an_unknown_control_structure_or_file_is_refused(tmp_path):
     with pytest.raises(
         InputError, match="control = 'position_pid', expected one of pwm, attitude_rate, attitude"
     ):
-        from_authors_json(json.dumps(MADE), "here", "position_pid")
+        from_json(json.dumps(MADE), "here", "position_pid")
     with pytest.raises(InputError, match="cannot be read as a policy"):
-        read_authors_json(tmp_path / "none.json", "pwm")
+        read(tmp_path / "none.json", "pwm")
 
 
 @pytest.mark.parametrize(
@@ -234,14 +227,16 @@ def test_a_name_a_folder_or_the_caller_says_what_an_authors_policy_commands(
     path = tmp_path / name
     path.parent.mkdir(exist_ok=True)
     path.write_text(json.dumps(MADE))
-    assert read_policy(path, given).interface.name == control
+    assert read(path, given).interface.name == control
 
 
 def test_our_policies_are_told_from_the_authors_by_content(tmp_path):
     path = policy_file.write(
         tmp_path / "pwm.json", policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(8,)))
     )
-    assert read_policy(path, "attitude").interface.name == "pwm"
+    assert read(path).interface.name == read(path, "pwm").interface.name == "pwm"
+    with pytest.raises(InputError, match="a pwm policy, as its file says, not attitude"):
+        read(path, "attitude")
     for text, message in (
         (json.dumps(MADE), "model.json: one of the authors' policies, which do not say"),
         ("{}", "model.json: not a policy, neither ours"),
@@ -251,7 +246,7 @@ def test_our_policies_are_told_from_the_authors_by_content(tmp_path):
     ):
         (tmp_path / "model.json").write_text(text)
         with pytest.raises(InputError, match=message):
-            read_policy(tmp_path / "model.json")
+            read(tmp_path / "model.json")
 
 
 @pytest.mark.parametrize(
@@ -263,7 +258,7 @@ def test_our_policies_are_told_from_the_authors_by_content(tmp_path):
     ],
 )
 def test_published_files_hold_the_networks_that_flew(shared_data, name, control, number):
-    made = read_authors_json(shared_data / "authors/json_models" / f"{name}.json", control)
+    made = read(shared_data / "authors/json_models" / f"{name}.json", control).policy
     archive = np.load(shared_data / "authors/policies.npz")
     (place,) = np.flatnonzero((archive["control"] == control) & (archive["policy"] == number))
     expected = [archive[f"{kind}{layer}"][place] for kind in "Wb" for layer in range(3)]
@@ -279,7 +274,7 @@ def test_our_policies_read_back_from_the_authors_json_as_they_were():
     for hidden in ((50, 50), (), (3, 4, 5, 6, 7, 8)):
         for control in RATES:
             given = made(hidden, control)
-            assert same(from_authors_json(to_authors_json(given), "here", control), given)
+            assert same(from_json(to_authors_json(given), "here", control).policy, given)
 
 
 def test_deviations_read_back_to_the_last_bit_or_to_one_rounding_where_there_is_none():
@@ -292,11 +287,11 @@ def test_deviations_read_back_to_the_last_bit_or_to_one_rounding_where_there_is_
     given = made(())
     read = np.array(
         [
-            from_authors_json(
+            from_json(
                 to_authors_json(dataclasses.replace(given, observation_std=jnp.asarray(row))),
                 "here",
                 "pwm",
-            ).observation_std
+            ).policy.observation_std
             for row in drawn
         ]
     )
@@ -306,7 +301,7 @@ def test_deviations_read_back_to_the_last_bit_or_to_one_rounding_where_there_is_
 
 
 def test_what_the_authors_json_holds_is_written_as_they_write_it():
-    given = from_authors_json(json.dumps(MADE), "here", "pwm")
+    given = from_json(json.dumps(MADE), "here", "pwm").policy
     content = json.loads(to_authors_json(given))
     assert list(content) == list(MADE)
     assert [content[name] for name in ("activation", "0", "1", "2")] == [
@@ -333,7 +328,7 @@ def test_one_changed_number_of_what_we_wrote_is_refused():
         ("1", "biases", 2),
     ):
         with pytest.raises(InputError, match="a weight was changed"):
-            from_authors_json(damaged(content, *place, to=2.5), "here", "pwm")
+            from_json(damaged(content, *place, to=2.5), "here", "pwm")
 
 
 def test_what_the_authors_json_cannot_hold_is_refused(tmp_path):
@@ -351,7 +346,7 @@ def test_what_the_authors_json_cannot_hold_is_refused(tmp_path):
             policy.untrained(
                 jax.random.key(0), spec=PolicySpec(look_ahead=LookAhead(3), hidden=(8,))
             ),
-            "looks ahead at 3 points",
+            "look_ahead = .*3.*, but the authors' policies",
         ),
         (made((4,) * 7), "8 layers, but the authors' firmware takes at most 7"),
         (
@@ -392,7 +387,7 @@ def test_the_name_of_what_we_write_says_what_it_commands(tmp_path, name, control
     (path,) = export_authors_json(given, tmp_path, name=name)
     assert path.name == f"{expected}.json"
     if not expected.startswith("attitude_attitude"):
-        assert same(read_policy(path), given)
+        assert same(read(path).policy, given)
 
 
 PUBLISHED = ["pwm_024", "attitude_rate_066", "attitude_021"]
@@ -402,15 +397,15 @@ PUBLISHED = ["pwm_024", "attitude_rate_066", "attitude_021"]
 def test_published_files_are_written_byte_for_byte_and_guarded(shared_data, name):
     """But for the last digit of the check sum, which they computed in float32."""
     path = shared_data / "authors/json_models" / f"{name}.json"
-    published, given = json.loads(path.read_text()), read_policy(path)
+    published, given = json.loads(path.read_text()), read(path).policy
     written = json.loads(to_authors_json(given))
     assert damaged(written, "check_sum", to=published["check_sum"]) == path.read_text()
     assert float(written["check_sum"]) == pytest.approx(float(published["check_sum"]), abs=1e-5)
-    assert same(from_authors_json(json.dumps(written), "here", given.interface.name), given)
+    assert same(from_json(json.dumps(written), "here", given.interface.name).policy, given)
     for content in (published, written):
         changed = damaged(content, "2", "weights", 3, 49, to=content["2"]["weights"][3][49] + 1e-3)
         with pytest.raises(InputError, match="a weight was changed"):
-            from_authors_json(changed, "here", given.interface.name)
+            from_json(changed, "here", given.interface.name)
 
 
 @pytest.mark.slow
@@ -434,9 +429,9 @@ def test_published_policies_exported_give_what_their_drones_logged(
     one flight of that was not flown by it.
     """
     path = shared_data / "authors/json_models" / f"{name}.json"
-    given = read_policy(path if path.exists() else written_anew(shared_data, tmp_path, name))
+    given = read(path if path.exists() else written_anew(shared_data, tmp_path, name)).policy
     rows = 100 // given.interface.rate
-    drone = Flown(export_c(given, tmp_path)[0].parent, given.history) if COMPILERS else None
+    drone = Flown(export_c(given, tmp_path)[0].parent, given.spec.history) if COMPILERS else None
     assert drone is None or drone.self_test()
     number = name.rpartition("_")[2]
     errors, rounded = [], []

@@ -26,7 +26,7 @@ from maidenflight.policy import Actor, untrained
 from maidenflight.policy_file import to_json
 from maidenflight.simulator import environment
 from maidenflight.simulator.interface import INTERFACES
-from maidenflight.simulator.look_ahead import NONE, LookAhead
+from maidenflight.simulator.look_ahead import LookAhead
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.rollout import rollout
 from maidenflight.simulator.sensors import Measurement
@@ -130,21 +130,17 @@ class Flown:
     action = property(lambda self: np.array(self.state.action))
 
 
-def restless(hidden=(50, 50), history=2, interface=None, look_ahead=NONE, memory=0):
+def restless(spec=PolicySpec(), interface=None):
     """A policy with biases, whose actions are of order 1, sometimes beyond; weak in the last
     action, lest a flight run away."""
-    policy = untrained(
-        jax.random.key(3),
-        interface,
-        PolicySpec(history=history, look_ahead=look_ahead, memory=memory, hidden=hidden),
-    )
+    policy = untrained(jax.random.key(3), interface, spec)
     keys = jax.random.split(jax.random.key(4), len(policy.biases))
     biases = tuple(
         jax.random.normal(key, bias.shape) * 0.3
         for key, bias in zip(keys, policy.biases, strict=True)
     )
-    weaker = jnp.tile(jnp.where(jnp.arange(20) < 16, 1.0, 10.0), history)
-    deviation = policy.observation_std * jnp.concatenate([weaker, jnp.ones(look_ahead.size)])
+    weaker = jnp.tile(jnp.where(jnp.arange(20) < 16, 1.0, 10.0), spec.history)
+    deviation = policy.observation_std * jnp.concatenate([weaker, jnp.ones(spec.look_ahead.size)])
     weights = (*policy.weights[:-1], 5.0 * policy.weights[-1])
     return dataclasses.replace(policy, weights=weights, biases=biases, observation_std=deviation)
 
@@ -172,11 +168,11 @@ def flown(tmp_path):
     """Exports and compiles."""
     return lambda policy, level="-O3", compiler=None: Flown(
         export_c(policy, tmp_path)[0].parent,
-        policy.history,
+        policy.spec.history,
         level,
         compiler,
-        policy.look_ahead.points,
-        policy.memory,
+        policy.spec.look_ahead.points,
+        policy.spec.memory,
     )
 
 
@@ -187,7 +183,7 @@ def flown(tmp_path):
 def test_network_computes_what_python_computes_and_passes_its_self_test(
     flown, hidden, history, compiler, level
 ):
-    policy = restless(hidden, history)
+    policy = restless(PolicySpec(history=history, hidden=hidden))
     spread = np.random.default_rng(1).normal(size=(10_000, 20 * history)).astype(np.float32)
     observations = np.asarray(policy.observation_mean) + np.asarray(policy.observation_std) * spread
     expected = np.asarray(jax.vmap(policy)(jnp.asarray(observations)))
@@ -201,7 +197,7 @@ def test_network_computes_what_python_computes_and_passes_its_self_test(
 @pytest.mark.parametrize("compiler", COMPILERS)
 def test_a_policy_that_looks_ahead_sees_the_points_that_the_caller_gives(flown, compiler):
     """Step by step as in Python; a point that is not finite gives no command and is forgotten."""
-    policy = restless((13,), look_ahead=LookAhead(3, 0.1))
+    policy = restless(PolicySpec(look_ahead=LookAhead(3, 0.1), hidden=(13,)))
     drone, actor = flown(policy, compiler=compiler), Actor(policy, 0.5)
     assert drone.self_test()
     observations = golden_observations(policy, 1)
@@ -236,7 +232,7 @@ def test_a_policy_that_looks_ahead_sees_the_points_that_the_caller_gives(flown, 
 @pytest.mark.parametrize(("hidden", "memory", "points"), [((50, 50), 16, 0), ((13,), 5, 2)])
 def test_5000_steps_of_a_policy_that_remembers_are_pythons(flown, hidden, memory, points, compiler):
     """With the memory carried over; after a number that is not finite it begins empty."""
-    policy = restless(hidden, look_ahead=LookAhead(points, 0.1), memory=memory)
+    policy = restless(PolicySpec(2, LookAhead(points, 0.1), memory, hidden))
     drone, actor = flown(policy, compiler=compiler), Actor(policy, 0.5)
     assert drone.self_test()
     observations = golden_observations(policy, 1)
@@ -271,7 +267,7 @@ def test_5000_steps_of_a_policy_that_remembers_are_pythons(flown, hidden, memory
     [("pwm", 1), ("pwm", 2), ("pwm", 3), *((name, 2) for name in INTERFACES if name != "pwm")],
 )
 def test_500_steps_remember_what_python_remembers(flown, structure, history, compiler):
-    policy = restless(history=history, interface=INTERFACES[structure]())
+    policy = restless(PolicySpec(history=history), INTERFACES[structure]())
     commanded = policy.interface
     drone, act, observe = (
         flown(policy, compiler=compiler),
@@ -312,7 +308,7 @@ def test_an_episode_of_the_simulator_is_seen_as_the_simulator_sees_it(flown):
 
 
 def test_reset_begins_with_copies_of_the_first_instant_and_forgets_what_was(flown):
-    drone, (measurements, setpoints) = flown(restless(history=3)), walk(5)
+    drone, (measurements, setpoints) = flown(restless(PolicySpec(history=3))), walk(5)
     drone.reset([0.5, -2.0, 3.0, 0.25])
     _, first = drone.step(measurements[0], setpoints[0])
     fresh = drone.history
@@ -407,7 +403,7 @@ def test_a_number_that_is_not_finite_stops_the_motors_and_is_not_remembered(flow
     ],
 )
 def test_self_test_fails_when_one_number_is_damaged(tmp_path, table):
-    _, source = export_c(restless((13, 7)), tmp_path)
+    _, source = export_c(restless(PolicySpec(hidden=(13, 7))), tmp_path)
     text = source.read_text()
     place = text.index("{\n", text.index(f" {table}["))
     damaged = text[:place] + re.sub(r"-?[\d.]+(e-?\d+)?f", "0.8125f", text[place:], count=1)
@@ -447,7 +443,7 @@ def test_same_policy_and_seed_give_the_same_bytes(tmp_path):
 @pytest.mark.parametrize("level", ["-O0", "-O2", "-O3", "-Os"])
 def test_every_compiler_and_level_is_silent_and_agrees(tmp_path, compiler, level):
     export_c(
-        restless((6,), 1),
+        restless(PolicySpec(history=1, hidden=(6,))),
         tmp_path,
         record={"note": "ends */ /* here ??/ or not", "path": "a" * 300},
     )

@@ -21,13 +21,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import lax
-from maidenflight.cli.options import PROPELLERS
 from test_c import restless
 
 from maidenflight.deployment import crazyflie as crazyflie_app
 from maidenflight.deployment.crazyflie import MOST_MULTIPLICATIONS, export_crazyflie
 from maidenflight.errors import InputError
 from maidenflight.link.blocks import ACTIVE, ENABLE, REASONS
+from maidenflight.names import PROPELLERS
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import Policy, untrained
 from maidenflight.simulator import (
@@ -197,8 +197,8 @@ AHEAD = "pwm_looking_ahead"
 
 def policy_of(structure: str) -> Policy:
     if structure == AHEAD:
-        return restless((8,), 2, look_ahead=LookAhead(3, 0.2))
-    return restless((8,), 2, CONTROLLERS[structure]().interface)
+        return restless(PolicySpec(look_ahead=LookAhead(3, 0.2), hidden=(8,)))
+    return restless(PolicySpec(hidden=(8,)), CONTROLLERS[structure]().interface)
 
 
 Load = Callable[..., App]
@@ -444,7 +444,7 @@ def actions_in_python(
             observe(Measurement(*(part[row] for part in flight)), setpoints[row], action)
         )
         memory = (
-            np.tile(instant, (policy.history, 1))
+            np.tile(instant, (policy.spec.history, 1))
             if memory is None
             else np.vstack([memory[1:], instant])
         )

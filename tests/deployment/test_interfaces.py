@@ -49,7 +49,7 @@ def constant(meaning: ControlInterface, action: list[float]) -> Policy:
 def in_c(made: Policy, folder) -> np.ndarray:
     """The exported code's first command for a level drone."""
     mf.export_c(made, folder)
-    drone = Flown(folder, made.history)
+    drone = Flown(folder, made.spec.history)
     drone.reset(np.zeros(4))
     finite, command = drone.step(LEVEL, LEVEL.position)
     assert finite

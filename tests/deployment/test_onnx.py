@@ -18,7 +18,7 @@ import pytest
 from test_c import STRICT
 
 from damaged_json import damaged
-from maidenflight import __version__, cli, policy, policy_file, results, workflow
+from maidenflight import __version__, cli, policy, policy_file, results
 from maidenflight.deployment.authors_json import interface_of
 from maidenflight.deployment.c import export_c
 from maidenflight.deployment.onnx import IR, OPSET, export_onnx, to_onnx
@@ -28,6 +28,7 @@ from maidenflight.policy_file import to_json
 from maidenflight.simulator.interface import ControlInterface
 from maidenflight.simulator.look_ahead import LookAhead
 from maidenflight.simulator.policy_spec import PolicySpec
+from maidenflight.verbs.export import Export
 
 onnx = pytest.importorskip("onnx")
 onnxruntime = pytest.importorskip("onnxruntime")
@@ -65,7 +66,7 @@ def made(control="pwm", hidden=(50, 50), history=2):
         observation_mean=drawn(1.0, sizes[0]),
         observation_std=jnp.exp(drawn(1.0, sizes[0])),
         interface=interface_of(control),
-        history=history,
+        spec=PolicySpec(history=history, hidden=hidden),
     )
 
 
@@ -260,7 +261,7 @@ def test_a_damaged_or_truncated_policy_gives_one_error_and_no_file(tmp_path, to,
     path = tmp_path / "pwm_1.json"
     path.write_bytes(text)
     with pytest.raises(InputError, match=r"pwm_1\.json: ") as caught:
-        workflow.export(path, tmp_path / "to", 0, to)
+        Export(policy=path, to=to).run(tmp_path / "to")
     assert "\n" not in str(caught.value)
     assert not (tmp_path / "to").exists()
 
@@ -310,9 +311,9 @@ def test_c_is_what_is_exported_unless_told_and_as_before(tmp_path):
     path = policy_file.write(
         tmp_path / "policy_1.json", untrained(jax.random.key(0), spec=PolicySpec(hidden=(8,)))
     )
-    given = workflow.export(path, tmp_path / "given", 7)
+    given = Export(policy=path, seed=7).run(tmp_path / "given").value
     expected = export_c(
-        policy_file.read(path),
+        policy_file.read(path).policy,
         tmp_path / "expected",
         seed=7,
         record=results.record(

@@ -14,16 +14,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from maidenflight.workflow.deployment import check_export
 
 from maidenflight import __version__, cli, policy_file
 from maidenflight.deployment import EXPORTERS
+from maidenflight.deployment.check import check_export
 from maidenflight.deployment.raptor import export_raptor, to_raptor
 from maidenflight.errors import InputError
 from maidenflight.foreign.raptor import observed
 from maidenflight.parameters import crazyflie
 from maidenflight.policy import Actor, Policy, untrained
-from maidenflight.simulator import control, dynamics, environment, raptor_form, stepping, tasks
+from maidenflight.simulator import control, dynamics, environment, stepping, tasks
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.sensors import Measurement
@@ -90,7 +90,7 @@ def test_a_reader_commands_what_we_command_in_flight(
         drone,
         task,
         control.pwm(),
-        spec=PolicySpec(history=1, look_ahead=one.look_ahead, memory=one.memory),
+        spec=one.spec,
     )
     step = jax.jit(lambda state, output, key: stepping.step(env, state, output, drone, key)[0])
     state = environment.reset(env, drone, jax.random.key(1))
@@ -104,7 +104,7 @@ def test_a_reader_commands_what_we_command_in_flight(
         share = ((np.clip(last, -1.0, 1.0) + 1.0) / 2.0) ** 2
         np.testing.assert_allclose(act.command, share, rtol=0, atol=1e-5)
         beyond += np.sum(np.abs(last) > 1.0)
-        memory = jnp.zeros(one.memory)
+        memory = jnp.zeros(one.spec.memory)
         state = step(state, jnp.concatenate([jnp.asarray(act.action), memory]), key)
     assert beyond > 0
 
@@ -178,7 +178,7 @@ def test_the_same_policy_seed_and_record_give_the_same_bytes() -> None:
 
 def test_a_file_of_the_form_reads_back_bit_by_bit_and_others_do_not_name_it(tmp_path: Path) -> None:
     one = made()
-    back = policy_file.read(policy_file.write(tmp_path / "policy.json", one))
+    back = policy_file.read(policy_file.write(tmp_path / "policy.json", one)).policy
     assert jax.tree.structure(back) == jax.tree.structure(one)
     for old, new in zip(jax.tree.leaves(one), jax.tree.leaves(back), strict=True):
         np.testing.assert_array_equal(old, new)
@@ -193,7 +193,7 @@ def test_a_damaged_form_is_refused() -> None:
         with pytest.raises(InputError, match="here: "):
             policy_file.from_json(json.dumps({**content, **wrong}), "here")
     del content["gru"]
-    with pytest.raises(InputError, match=r"here: .* memory 0; "):
+    with pytest.raises(InputError, match=r"here: memory = 0; .* raptor has memory = 16"):
         policy_file.from_json(json.dumps(content), "here")
 
 
@@ -257,7 +257,7 @@ def test_the_command_and_the_code_of_the_page_run(
 
 def test_training_checks_before_it_begins_that_the_checkpoint_can_hold_what_comes() -> None:
     interface = control.pwm().interface
-    usual = (16,), 1, crazyflie(), raptor_form.LOOK_AHEAD, 16
-    check_export("raptor", interface, *usual, form="raptor")
+    spec = PolicySpec(form="raptor")
+    check_export("raptor", interface, spec, crazyflie())
     with pytest.raises(InputError, match="train --form raptor"):
-        check_export("raptor", interface, *usual)
+        check_export("raptor", interface, dataclasses.replace(spec, form="instants"), crazyflie())

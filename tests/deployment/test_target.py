@@ -23,8 +23,7 @@ from maidenflight.policy import Policy
 from maidenflight.simulator import environment
 from maidenflight.simulator.control import CONTROLLERS
 from maidenflight.simulator.sensors import Measurement
-from maidenflight.training.analytic_gradient import AnalyticGradient
-from maidenflight.training.distillation import Distillation
+from maidenflight.training.defaults import DISTILLED_HIDDEN
 
 HERE = Path(__file__).parent / "target"
 TOOLS = (
@@ -148,12 +147,12 @@ def flown_in_python(
         policy.interface,
     )
     memory, action, flown = None, jnp.asarray(last), []
-    remembered = jnp.zeros((len(last), policy.memory))
+    remembered = jnp.zeros((len(last), policy.spec.memory))
     for step in range(STEPS):
         now = Measurement(*(part[:, step] for part in moments))
         instant = np.asarray(observe(now, setpoints[:, step], action))[:, None]
         memory = (
-            np.repeat(instant, policy.history, axis=1)
+            np.repeat(instant, policy.spec.history, axis=1)
             if memory is None
             else np.concatenate([memory[:, 1:], instant], axis=1)
         )
@@ -178,8 +177,9 @@ def flown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     folder, random = tmp_path_factory.mktemp(request.param), np.random.default_rng(1)
     memory = MEMORY if request.param == "memory" else 0
     structure = "pwm" if memory else request.param
-    hidden = Distillation().hidden if memory else AnalyticGradient().hidden
-    policy = restless(hidden, interface=CONTROLLERS[structure]().interface, memory=memory)
+    # Of distillation, and of training by gradients.
+    spec = PolicySpec(memory=memory, hidden=DISTILLED_HIDDEN) if memory else PolicySpec()
+    policy = restless(spec, CONTROLLERS[structure]().interface)
     built(policy, folder)
     spread = random.normal(size=(OBSERVATIONS, len(policy.observation_mean)))
     instants = np.asarray(policy.observation_mean) + np.asarray(policy.observation_std) * spread

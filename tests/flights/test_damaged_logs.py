@@ -17,7 +17,7 @@ from made_flights import calm, driven
 from maidenflight.errors import InputError
 from maidenflight.flights import log
 from maidenflight.flights.reading import read_flights
-from maidenflight.terminal import log_output
+from maidenflight.verbs import logs
 
 ROWS = 900
 FIRST = 6
@@ -382,10 +382,10 @@ def test_a_folder_with_bad_logs_still_gives_the_good_ones_and_says_so(tmp_path, 
     assert all(any(f"bad_{number:02d}" in said for said in told) for number in range(len(REFUSED)))
     assert "results.csv: not a flight log" in read.notes[0]
 
-    content = log_output.content(read)
+    content = logs.to_content(read)
     assert content["refused"] == read.refused
     assert content["pieces"] == 2
-    log_output.show(read, 100)
+    logs.show_flights(read)
     printed = capsys.readouterr()
     assert f"{len(read.refused)} files refused" in printed.out + printed.err
     assert read.refused[0] in printed.out + printed.err

@@ -7,7 +7,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from maidenflight import workflow
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import transfer
 from maidenflight.foreign.policies import ForeignPolicy, foreign_policy, reference_velocity
@@ -17,6 +16,7 @@ from maidenflight.simulator import tasks
 from maidenflight.simulator.reality import reality
 from maidenflight.simulator.sensors import Measurement
 from maidenflight.simulator.virtual_drone import virtual_drone
+from maidenflight.verbs.transfer import Transfer
 
 
 @pytest.fixture(scope="module")
@@ -108,6 +108,6 @@ def test_it_flies_the_circle_in_l2f_where_it_was_trained(name: str) -> None:
 
 @pytest.mark.usefixtures("raptor")
 def test_the_command_line_flies_it(tmp_path: Path) -> None:
-    flown = workflow.transfer_to(["raptor"], [virtual_drone(7)], 0, tmp_path, 1, 0.2)
+    flown = Transfer(policies=("raptor",), trials=1, duration=0.2).run(tmp_path).value
     assert set(flown.table["policy"]) == {"raptor"}
     assert (tmp_path / "flights.csv").exists()

@@ -15,11 +15,12 @@ from maidenflight.foreign.policies import ForeignPolicy, foreign_policy
 from maidenflight.simulator import tasks
 from maidenflight.simulator.environment import observe, remember
 from maidenflight.simulator.interface import NOTE
-from maidenflight.simulator.look_ahead import LookAhead, points_at
+from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.policy_spec import PolicySpec, points_at
 from maidenflight.simulator.sensors import Measurement
 from numpy_drone import NumpyDrone
 
-AHEAD = {"look_ahead": 2, "look_ahead_spacing": 0.3}
+AHEAD = PolicySpec(history=3, look_ahead=LookAhead(2, 0.3))
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +52,7 @@ def instants(count: int) -> list[Measurement]:
     return [Measurement(*(jnp.asarray(part[row]) for part in parts)) for row in range(count)]
 
 
-def agrees(policy: ForeignPolicy, act: Any, history: int, ahead: LookAhead) -> None:
+def agrees(policy: ForeignPolicy, act: Any, spec: PolicySpec) -> None:
     """The policy commands what `act` gives of observations that our simulator makes."""
     hover, task = 0.55, tasks.circle()
     fly, seen = policy.begin(hover, task), None
@@ -59,9 +60,9 @@ def agrees(policy: ForeignPolicy, act: Any, history: int, ahead: LookAhead) -> N
     for number, measurement in enumerate(instants(5)):
         setpoint = np.array([0.1, -0.2, 1.0])
         instant = observe(measurement, jnp.asarray(setpoint), jnp.asarray(action))
-        past = jnp.stack([instant] * history) if seen is None else remember(seen, instant)
+        past = jnp.stack([instant] * spec.history) if seen is None else remember(seen, instant)
         seen = past
-        points = np.asarray(points_at(ahead, task.reference, number / 100)).reshape(-1, 3)
+        points = np.asarray(points_at(spec, task.reference, number / 100))
         near = (points - np.asarray(measurement.position)).ravel()
         action = act(np.concatenate([np.ravel(past), near]).astype(np.float32))
         made = fly(measurement, setpoint)
@@ -75,7 +76,7 @@ def test_it_acts_as_it_predicts(learners: Any, name: str, tmp_path: Path) -> Non
     assert isinstance(policy, DescribedPolicy)
     assert isinstance(policy, ForeignPolicy)
     assert (policy.name, policy.rate, policy.command_rate) == ("model", 100, 100)
-    agrees(policy, lambda seen: model.predict(seen, deterministic=True)[0], 2, LookAhead())
+    agrees(policy, lambda seen: model.predict(seen, deterministic=True)[0], PolicySpec())
 
 
 def test_scaled_with_more_history_and_look_ahead(learners: Any, tmp_path: Path) -> None:
@@ -84,7 +85,7 @@ def test_scaled_with_more_history_and_look_ahead(learners: Any, tmp_path: Path) 
         VecNormalize,
     )
 
-    model = trained(learners, "PPO", tmp_path, history=3, **AHEAD)
+    model = trained(learners, "PPO", tmp_path, spec=AHEAD)
     scaling = VecNormalize(DummyVecEnv([lambda: model.get_env().envs[0]]))
     generator = np.random.default_rng(0)
     scaling.obs_rms.mean = generator.normal(0.0, 0.2, 66)
@@ -97,7 +98,7 @@ def test_scaled_with_more_history_and_look_ahead(learners: Any, tmp_path: Path) 
     def act(seen: np.ndarray) -> np.ndarray:
         return model.predict(scaling.normalize_obs(seen), deterministic=True)[0]
 
-    agrees(policy, act, 3, LookAhead(2, 0.3))
+    agrees(policy, act, AHEAD)
 
 
 def test_one_of_another_environment_flies_as_its_description_says(
@@ -160,7 +161,8 @@ def test_without_its_package_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None
 
 def test_our_environments_say_what_an_observation_is() -> None:
     gym = pytest.importorskip("maidenflight.gym.single", reason="needs pip install '.[gym]'")
-    environment = gym.QuadrotorEnv(control="attitude", history=1, **AHEAD)
+    spec = PolicySpec(history=1, look_ahead=AHEAD.look_ahead)
+    environment = gym.QuadrotorEnv(control="attitude", spec=spec)
     assert getattr(environment.observation_space, NOTE) == {
         "control": "attitude",
         "rate": 25,

@@ -142,11 +142,6 @@ def folder(tmp_path):
         policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(3,))),
     )
     identified(2.5).write(tmp_path / "narrow.toml")
-    settings = (
-        f'drone = "{tmp_path / "narrow.toml"}"\nrealities = ["near:7"]\nlatency = [0.0]\n'
-        "motor_time_constant = [0.08]\n[control.pwm]\nupdates = 1\n"
-    )
-    (tmp_path / "matrix.toml").write_text(settings)
     return tmp_path
 
 
@@ -156,7 +151,7 @@ def folder(tmp_path):
         "train --drone {narrow} -o {made}",
         "predict {p} --drone {narrow} -o {made}.csv",
         "transfer {p} --reality {narrow} -o {made}",
-        "transfer --matrix {matrix} -o {made}",
+        "envelope {p} --drone {narrow} -o {made}",
         "record --reality {narrow} -o {made}",
     ],
 )
@@ -171,15 +166,18 @@ def test_what_flies_or_trains_refuses_it_in_one_line_unless_it_is_accepted(
 
     given = {
         "narrow": folder / "narrow.toml",
-        "matrix": folder / "matrix.toml",
         "p": folder / "p",
         "made": folder / "made",
     }
     words = ["maidenflight", *(word.format(**given) for word in command.split())]
-    for stage in ("training.train", "flying.transfer", "logs.recording.record"):
-        monkeypatch.setattr(f"maidenflight.workflow.{stage}", reached)
-    for stage in ("predict_flight_times", "matrix.train_cells"):
-        monkeypatch.setattr(f"maidenflight.workflow.flying.{stage}", reached)
+    for stage in (
+        "training.train.train",
+        "experiments.transfer.transfer",
+        "flights.recording.record",
+        "experiments.flight_times.predict_flight_times",
+        "experiments.envelope.envelope",
+    ):
+        monkeypatch.setattr(f"maidenflight.{stage}", reached)
     monkeypatch.setattr("sys.argv", words)
     with pytest.raises(SystemExit) as ended:
         cli.main()

@@ -8,8 +8,9 @@ import jax
 import numpy as np
 import pytest
 
-from maidenflight import cli, parameters, policy, policy_file, workflow
+from maidenflight import cli, manifest, names, parameters, policy, policy_file
 from maidenflight.errors import InputError
+from maidenflight.experiments.drones import choose_prediction, find_reality, possible_drones
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import (
     SAVED,
@@ -22,6 +23,7 @@ from maidenflight.identification.drone_file import (
 from maidenflight.parameters import QUANTITIES, crazyflie
 from maidenflight.reporting.page import report
 from maidenflight.simulator.policy_spec import PolicySpec
+from maidenflight.verbs.train import Train
 
 WHOLE = DroneFile(
     crazyflie(),
@@ -179,20 +181,21 @@ def test_a_file_that_is_no_text_or_not_there_is_refused(tmp_path):
 
 def test_a_report_of_a_damaged_file_is_refused(damaged, tmp_path):
     with pytest.raises(InputError, match=re.escape(str(damaged))):
+        report(None, tmp_path / "report.html", drone=damaged)
+    manifest.append(damaged, "identify", {"drone": [damaged]}, {})
+    with pytest.raises(InputError, match=re.escape(str(damaged))):
         report(tmp_path, tmp_path / "report.html")
 
 
 def test_a_policy_is_neither_trained_nor_predicted_for_a_damaged_file(damaged, tmp_path):
-    for randomization in (0.1, workflow.POSTERIOR, workflow.WIDE):
+    for randomization in (0.1, names.POSTERIOR, names.WIDE):
         with pytest.raises(InputError, match=re.escape(str(damaged))):
-            workflow.train_for(
-                damaged, 0, tmp_path / "made", 1, workflow.SETTINGS["pwm"], randomization
-            )
-    for randomization in (0.0, workflow.POSTERIOR, workflow.TRIMS):
+            Train(drone=str(damaged), policies=1, randomize=randomization).run(tmp_path / "made")
+    for randomization in (0.0, names.POSTERIOR, names.TRIMS):
         with pytest.raises(InputError, match=re.escape(str(damaged))):
-            workflow.possible_drones(damaged, randomization, 0)
+            possible_drones(damaged, randomization, 0)
     with pytest.raises(InputError, match=re.escape(str(damaged))):
-        workflow.usual_randomization(damaged)
+        choose_prediction(damaged)
 
 
 @pytest.fixture(scope="module")
@@ -236,7 +239,7 @@ def test_a_reality_of_a_damaged_file_is_refused(which, tmp_path):
     drone = tmp_path / "drone.toml"
     drone.write_text(DAMAGED[which])
     with pytest.raises(InputError, match=re.escape(str(drone))):
-        workflow.reality(str(drone))
+        find_reality(str(drone))
 
 
 def test_what_parameters_alone_read_is_the_same_drone(tmp_path):

@@ -10,7 +10,6 @@ import numpy as np
 import planted
 import pytest
 
-from maidenflight import workflow
 from maidenflight.errors import InputError
 from maidenflight.flights.log import write as write_log
 from maidenflight.flights.reading import read_flights
@@ -27,6 +26,7 @@ from maidenflight.identification.progress import FITTING, Progress
 from maidenflight.identification.replay import METHODS, Replay
 from maidenflight.identification.selection import FIRST
 from maidenflight.parameters import QUANTITIES, check, crazyflie, noiseless, replace
+from maidenflight.verbs.identify import Identify
 
 FEW = Replay("bayesian", trials=1, evaluations=12)
 QUICK = Replay("bayesian", trials=2, evaluations=14)
@@ -281,16 +281,12 @@ def test_of_a_large_folder_only_as_much_as_asked_for_reaches_the_identification(
 
     for number in range(3):
         write_log(tmp_path / f"{number}.csv", flights[number])
-    monkeypatch.setattr("maidenflight.workflow.logs.identify", seen)
+    monkeypatch.setattr("maidenflight.identification.identify.identify", seen)
     for most, duration, notes in ((3.1, 3.03, 1), (6.1, 6.0, 0)):
+        verb = Identify(logs=tmp_path, lead_in=30)
+        object.__setattr__(verb, "most_seconds", most)  # less than the command line takes
         with pytest.raises(Reached) as reached:
-            workflow.identify_from(
-                tmp_path,
-                0,
-                tmp_path / "drone.toml",
-                Likelihood(lead_in=30),
-                reading=workflow.Reading(most_seconds=most),
-            )
+            verb.run(tmp_path / "drone.toml")
         assert reached.value.args[0] == pytest.approx(duration)
         assert len(reached.value.args[1]) == notes
 

@@ -6,14 +6,15 @@ import jax
 import numpy as np
 import pytest
 
-from maidenflight import workflow
 from maidenflight.errors import InputError
-from maidenflight.flights import flight_plan, planned
+from maidenflight.flights import planned
 from maidenflight.flights.flight_plan import REST, Extremes
 from maidenflight.flights.manoeuvres import HOVER
 from maidenflight.identification import optimal_design, planning
 from maidenflight.identification.planning import CHUNK, LOWEST, MARGIN, Allowed
 from maidenflight.simulator.virtual_drone import virtual_drone
+from maidenflight.verbs.record import Record
+from run_listing import entries, unlisted
 
 ROOM = (2.0, 2.0, 1.5)
 SAFE = Extremes(0.3, 0.3, 0.6, 1.1, 0.3, 1.0, 0.3, 0.2, 0.0)
@@ -118,10 +119,10 @@ def test_the_room_is_kept_on_drones_that_it_was_not_planned_for(proposed):
 @pytest.mark.slow
 def test_a_plan_that_is_written_is_recorded_from_its_file(proposed, tmp_path):
     path = proposed[0].plan.write(tmp_path / "plan.toml")
-    read = flight_plan.read(path)
-    logs = workflow.record_planned(
-        DRONE, read, 1, tmp_path / "flights", tmp_path / "flights" / "reality.toml", 1, 100
-    )
+    recorded = Record(plan=path, reality="crazyflie", seed=1, rate=100).run(tmp_path / "flights")
+    logs = recorded.written["logs"]
     assert [log.name for log in logs] == ["flight_01.csv"]
     assert "plan.toml sha256:" in logs[0].read_text()
     assert (tmp_path / "flights" / "reality.toml").exists()
+    assert entries(tmp_path) == {("record", "flights"): {"logs", "truth"}}
+    assert unlisted(tmp_path) == {"plan.toml"}

@@ -8,14 +8,14 @@ import time
 import numpy as np
 import pytest
 
-from maidenflight import workflow
 from maidenflight.errors import InputError
 from maidenflight.link import crazysim
+from maidenflight.plant import plant as plant_of
 
 
 @pytest.fixture(scope="module")
 def plant():
-    return workflow.plant("virtual:7", 0, compensated=False)()
+    return plant_of("virtual:7", 0, compensated=False)()
 
 
 def test_at_rest_the_accelerometer_counts_one_g_and_the_pose_is_the_start(plant):

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 import stand_in
 
-from maidenflight import workflow
 from maidenflight.errors import InputError
 from maidenflight.link import lock_step
+from maidenflight.plant import plant as plant_of
 from maidenflight.simulator.tasks import STANDING_HEIGHT_M
 
 OFF = (0, 0, 0, 0)
@@ -26,7 +26,7 @@ def answers(steps, pwm=OFF):
 
 def test_by_pipe_each_message_has_its_answer_and_the_end_of_the_stream_ends_it():
     sent = io.BytesIO()
-    plant = workflow.plant("virtual:7", 0)()
+    plant = plant_of("virtual:7", 0)()
     served = lock_step.by_pipe(plant, io.BytesIO(answers(range(25))), sent, None)
     assert served.steps == 25
     assert served.position == (0.0, 0.0, np.float32(STANDING_HEIGHT_M))
@@ -42,7 +42,7 @@ def test_the_same_answers_get_the_same_bytes_and_the_duration_ends_it():
     for _ in range(2):
         sent = io.BytesIO()
         reader = io.BytesIO(answers(range(100), (40000, 40100, 40200, 40300)))
-        assert lock_step.by_pipe(workflow.plant("virtual:7", 1)(), reader, sent, 30).steps == 30
+        assert lock_step.by_pipe(plant_of("virtual:7", 1)(), reader, sent, 30).steps == 30
         assert reader.tell() == 30 * 12
         streams.append(sent.getvalue())
     assert streams[0] == streams[1]
@@ -54,7 +54,7 @@ def test_the_same_answers_get_the_same_bytes_and_the_duration_ends_it():
     ids=["twice", "cut off"],
 )
 def test_an_answer_that_is_none_is_refused(stream, words):
-    plant = workflow.plant("virtual:7", 0)()
+    plant = plant_of("virtual:7", 0)()
     with pytest.raises(InputError, match=words):
         lock_step.by_pipe(plant, io.BytesIO(stream), io.BytesIO(), None)
 
@@ -66,7 +66,7 @@ def test_by_datagrams_a_lost_answer_is_asked_for_again_and_a_late_one_passed_ove
     ended = []
 
     def serve():
-        begin = workflow.plant("virtual:7", 0)
+        begin = plant_of("virtual:7", 0)
         for flight in lock_step.by_udp(begin, address, 3):
             ended.append(flight.steps)
             if len(ended) == 2:
@@ -115,19 +115,19 @@ def test_an_address_that_is_taken_is_refused():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         with pytest.raises(InputError, match="cannot listen"):
-            next(lock_step.by_udp(workflow.plant("virtual:7", 0), taken.getsockname(), 1))
+            next(lock_step.by_udp(plant_of("virtual:7", 0), taken.getsockname(), 1))
 
 
 def test_what_has_physics_of_its_own_is_no_plant(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.py").write_text("from numpy_drone import NumpyDrone")
     with pytest.raises(InputError, match="physics of its own"):
-        workflow.plant("mine:NumpyDrone", 0)
+        plant_of("mine:NumpyDrone", 0)
 
 
 def flown(structure, seconds):
     """A flight by the command, and a digest of all that the plant said."""
-    command = [sys.executable, "-m", "maidenflight", "plant", "virtual:7", "--pipe"]
+    command = [sys.executable, "-m", "maidenflight.plant", "virtual:7", "--pipe"]
     pilot, said = stand_in.Firmware(structure), hashlib.sha256()
     with subprocess.Popen(
         [*command, "--duration", str(seconds)],

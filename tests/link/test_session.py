@@ -30,6 +30,7 @@ from maidenflight.link.crazyflie import Crazyflie
 from maidenflight.link.flying import COMPLETE, PROMISED, Plan
 from maidenflight.link.guards import GUARDS, Limits
 from maidenflight.simulator import trajectories
+from run_listing import entries, unlisted
 
 CIRCLE = trajectories.circle(0.5, 3.0, 1.0)
 
@@ -219,8 +220,9 @@ def test_the_policy_flies_between_take_off_and_landing(tmp_path, given, counts):
         active.append((fake.active, fake.plant.position[2]))
 
     asked = dataclasses.replace(plan(1.0, policy=True), full_scale_counts=given)
-    (flight,) = flown(fake, tmp_path, asked, before=note)
+    (flight,) = flown(fake, tmp_path / "flown", asked, before=note)
     assert flight.ending.reason == COMPLETE
+    assert entries(tmp_path) == {("fly", "flown"): {"logs"}}
     assert sum(on for on, _ in active) == pytest.approx(100, abs=3)
     assert all(height > 0.4 for on, height in active if on)
     assert fake.parameters["mf.enable"] == 0
@@ -305,7 +307,7 @@ def test_a_whole_session(tmp_path, monkeypatch):
     with clock.fake:
         flights = session.record(
             clock.fake.uri,
-            tmp_path,
+            tmp_path / "flights",
             task="hover",
             count=2,
             duration=0.5,
@@ -320,6 +322,8 @@ def test_a_whole_session(tmp_path, monkeypatch):
         ("flight_01", COMPLETE),
         ("flight_02", COMPLETE),
     ]
+    assert entries(tmp_path) == {("record", "flights"): {"logs"}}
+    assert unlisted(tmp_path) == {f"flights/flight_0{number}.rows" for number in (1, 2)}
     assert all(flight.ending.height < 0.05 for flight in flights)
     assert said[1:5] == ["armed", "taking off to 0.4 m", "flying for 0.5 s, the PID", "landing"]
 
@@ -352,8 +356,8 @@ def test_blocks_of_different_instants_are_interpolated_over_no_more_than_one_pac
 
 KILLED = """
 import os, signal, sys
-sys.path.insert(0, sys.argv[1])
 from pathlib import Path
+sys.path[:0] = [sys.argv[1], str(Path(sys.argv[1]).parent)]
 from fake_drone import FakeDrone
 from test_session import flown, plan
 def die(clock):

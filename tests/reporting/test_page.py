@@ -14,11 +14,13 @@ from os import environ
 from pathlib import Path
 from urllib.parse import unquote
 
+import jax
 import numpy as np
 import polars
 import pytest
 
-from maidenflight import parameters, results
+from maidenflight import manifest, parameters, policy_file, results, run_folder
+from maidenflight.deployment.authors_json import export_authors_json
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.flights import log
@@ -31,9 +33,14 @@ from maidenflight.identification.drone_file import (
     Search,
     Source,
 )
+from maidenflight.policy import untrained
 from maidenflight.reporting import page as page_module
-from maidenflight.reporting import text
+from maidenflight.reporting import run as runs
+from maidenflight.reporting import sections, text
+from maidenflight.reporting.flight_tables import NAMES as STRUCTURES
 from maidenflight.reporting.page import report
+from maidenflight.simulator.interface import INTERFACES
+from maidenflight.simulator.policy_spec import PolicySpec
 
 CHROMIUM = (
     shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -83,6 +90,42 @@ def flown(simulated: str = "virtual-1", reason: str = "tilt") -> Transfer:
     return Transfer(table, tuple(circling(duration, simulated) for duration in durations))
 
 
+ENTRIES: tuple[tuple[str, str, dict[manifest.Kind, list[str]]], ...] = (
+    ("record", "recorded", {"logs": ["recorded/flight_01.csv"], "truth": ["reality.toml"]}),
+    ("identify", "drone.toml", {"drone": ["drone.toml"], "evaluations": ["identification.csv"]}),
+    (
+        "validate",
+        "validation.csv",
+        {"validation": ["validation.csv"], "windows": ["validation_windows.csv"]},
+    ),
+    (
+        "train",
+        "policies",
+        {"policies": ["policies/policy_1.json"], "training": ["policies/training.csv"]},
+    ),
+    (
+        "transfer",
+        "transfer",
+        {
+            "flights": ["transfer/flights.csv"],
+            "flight_logs": [f"transfer/flight_0{number}.csv" for number in (1, 2, 3)],
+        },
+    ),
+    ("demo", "demo.json", {"stages": ["demo.json"]}),
+)
+"""Verb, output and files of each entry of a whole run."""
+
+
+def list_files(folder: Path) -> None:
+    """Writes the manifest of a run folder, of what is there."""
+    for verb, output, written in ENTRIES:
+        files: dict[manifest.Kind, list[Path]] = {
+            kind: [folder / name for name in names] for kind, names in written.items()
+        }
+        if any(path.exists() for paths in files.values() for path in paths):
+            manifest.append(folder / output, verb, files, RECORD)
+
+
 @pytest.fixture
 def run(tmp_path):
     """A run folder with everything in it."""
@@ -120,7 +163,8 @@ def run(tmp_path):
             f"# {name}\n# record: {json.dumps(RECORD)}\n{table.write_csv()}"
         )
     (folder / "policies").mkdir()
-    (folder / "policies" / "policy_1.json").write_text(json.dumps({"record": RECORD}))
+    small = untrained(jax.random.key(0), spec=PolicySpec(hidden=(3,)))
+    policy_file.write(folder / "policies" / "policy_1.json", small, RECORD)
     steps = {
         "update": [1, 2],
         "steps": [1000000, 2000000],
@@ -136,6 +180,7 @@ def run(tmp_path):
         log.write(folder / "transfer" / f"flight_{number:02d}.csv", flight, RECORD)
     tested.table.write_csv(folder / "transfer" / "flights.csv")
     (folder / "demo.json").write_text(json.dumps({"stages": {"record": 1.5, "train": 3.0}}))
+    list_files(folder)
     return folder
 
 
@@ -167,9 +212,9 @@ def windows() -> polars.DataFrame:
     )
 
 
-def page(source, tmp_path) -> str:
+def page(source, tmp_path, **files) -> str:
     """The page, with one space where it has any."""
-    return re.sub(r"\s+", " ", report(source, tmp_path / "page.html").read_text())
+    return re.sub(r"\s+", " ", report(source, tmp_path / "page.html", **files).read_text())
 
 
 def file(content: str, name: str) -> polars.DataFrame:
@@ -208,6 +253,7 @@ def test_a_missing_part_is_left_out_and_the_rest_stays(run, tmp_path, missing):
     (shutil.rmtree if (run / missing).is_dir() else lambda path: path.unlink())(run / missing)
     content = page(run, tmp_path)
     assert {name for name, mark in PARTS.items() if mark not in content} == {missing}
+    assert f"Listed in run.json, but no longer there: {missing}" in content
 
 
 def test_a_drone_without_draws_has_no_corner_plot(run, tmp_path):
@@ -257,6 +303,7 @@ def own(run):
     (run / "prediction.csv").write_text(
         "policy,control,end_reason,trial,duration\npolicy_1,pwm,tilt,1,2.0\n"
     )
+    manifest.append(run / "prediction.csv", "predict", {"prediction": [run / "prediction.csv"]}, {})
     return run
 
 
@@ -362,11 +409,17 @@ def test_what_does_no_better_than_persistence_is_marked_and_explained(run, tmp_p
 
 def test_what_the_page_leaves_out_is_named(run, tmp_path):
     assert "not on this page" not in page(run, tmp_path)
-    shutil.copytree(run / "policies", run / "hover")
-    shutil.copytree(run / "transfer", run / "transfer_<b>")
+    for old, new in (("policies", "hover"), ("transfer", "transfer_<b>")):
+        shutil.copytree(run / old, run / new)
+    manifest.append(run / "hover", "train", {"policies": [*(run / "hover").iterdir()]}, {})
+    flights = run / "transfer_<b>" / "flights.csv"
+    manifest.append(flights.parent, "transfer", {"flights": [flights]}, {})
     shutil.copy(run / "drone.toml", run / "held.toml")
-    for name in ("hover", "more"):
-        (run / f"prediction_{name}.csv").write_text("# maidenflight prediction 1: what\npolicy\n")
+    manifest.append(run / "held.toml", "identify", {"drone": [run / "held.toml"]}, {})
+    for name in ("prediction", "prediction_hover", "prediction_more"):
+        path = run / f"{name}.csv"
+        path.write_text("policy,control,end_reason,trial,duration\npolicy_1,pwm,tilt,1,2.0\n")
+        manifest.append(path, "predict", {"prediction": [path]}, {})
     (run / "empty").mkdir()
     (run / "odd.toml").write_bytes(b"\xff")
     content = page(run, tmp_path)
@@ -419,11 +472,11 @@ def test_a_folder_without_a_run_is_refused(tmp_path):
     [
         ("transfer/flights.csv", "flight,policy\n1,1\n", "missing column reality"),
         (
-            "transfer/flight_04.csv",
-            log.to_csv(circling(1.0)),
-            "flights.csv: 4 flight logs, but 3 rows",
+            "transfer/flights.csv",
+            polars.concat([flown().table, flown().table[:1]]).write_csv(),
+            "flights.csv: 3 flight logs, but 4 rows",
         ),
-        ("recorded/flight_02.csv", "# maidenflight flight 1\n0\n", "not a flight log"),
+        ("recorded/flight_01.csv", "# maidenflight flight 1\n0\n", "not a flight log"),
         ("demo.json", "{", "not valid JSON"),
         ("validation.csv", "model,horizon\nmine,0.1\n", "missing column position"),
         ("validation_windows.csv", "# record: {\nwindow\n1\n", "holds no valid JSON"),
@@ -476,12 +529,16 @@ ALONE = {
 @pytest.mark.parametrize("stage", ALONE)
 def test_the_folder_of_one_stage_makes_a_page(run, tmp_path, stage):
     files, title, sections = ALONE[stage]
-    (tmp_path / "alone").mkdir()
+    alone = tmp_path / "alone"
     for name in files:
-        shutil.copy(run / name, tmp_path / "alone")
-    content = page(tmp_path / "alone", tmp_path)
-    assert title in content
-    assert re.findall(r'<section id="(\w+)"', content) == sections
+        (alone / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(run / name, alone / name)
+    list_files(alone)
+    [output] = [output for verb, output, _ in ENTRIES if verb == stage]
+    for source in (alone, run / output):
+        content = page(source, tmp_path)
+        assert title in content
+        assert re.findall(r'<section id="(\w+)"', content) == sections
 
 
 @pytest.mark.parametrize(("used", "words"), [("b", "held out"), ("a", "is no test")])
@@ -499,6 +556,7 @@ def test_it_is_said_whether_flights_were_held_out(run, tmp_path, used, words):
 
 def test_flights_recorded_beside_a_drone_are_found(run, tmp_path):
     (run / "recorded").rename(run / "flights")
+    manifest.append(run / "flights", "record", {"logs": list((run / "flights").iterdir())}, RECORD)
     shutil.rmtree(run / "transfer")
     assert "recorded on virtual drone" in page(run, tmp_path)
 
@@ -527,13 +585,53 @@ def test_flights_are_drawn_in_the_colours_of_their_tables_control_structures(tmp
     ]
     folder = tmp_path / "zero_shot"
     folder.mkdir()
-    (folder / "flights.csv").write_text(
+    table = folder / "flights.csv"
+    table.write_text(
         f"# what\n# record: {json.dumps(RECORD)}\n{polars.DataFrame(rows).write_csv()}"
     )
+    manifest.append(folder, "transfer", {"flights": [table]}, RECORD)
     content = page(folder, tmp_path)
     assert file(content, "flights").height == 48
     assert content.count('"title":"near-7"') == 1
     assert '"series":"green"' in content
+
+
+def test_box_plots_of_policies_are_grouped_by_the_control_structures_that_their_files_say(tmp_path):
+    """Policies of two trainings whose files have the same names, and one of the authors'."""
+    structures = {"b/policy_1": "attitude", "a/policy_1": "pwm", "b/policy_2": "attitude"}
+    for name, structure in structures.items():
+        commanded = INTERFACES[structure]()
+        made = untrained(jax.random.key(0), commanded, PolicySpec(hidden=(3,)))
+        policy_file.write(tmp_path / f"{name}.json", made, {**RECORD, "seed": 3})
+    theirs = untrained(jax.random.key(0), spec=PolicySpec(hidden=(3,)))
+    export_authors_json(theirs, tmp_path / "pwm", name="pwm_024")
+    export_authors_json(theirs, tmp_path / "unknown", name="pwm_025")[0].rename(tmp_path / "x.json")
+    names = [*structures, "pwm/pwm_024"]
+    rows = [
+        {"policy": name, "reality": "near-7", "trial": trial, "duration": trial}
+        | {"end_reason": "tilt", "position_error": 0.01, "at_limits": 0.1, "command_change": 0.1}
+        for name in names
+        for trial in range(1, 6)
+    ]
+    table = polars.DataFrame(rows).with_columns(
+        polars.int_range(1, len(rows) + 1).alias("flight"), polars.col("duration").cast(float)
+    )
+    run_folder.FLIGHTS.write(tmp_path / "flights.csv", table, RECORD)
+    files = [*(tmp_path / f"{name}.json" for name in names), tmp_path / "x.json"]
+    manifest.append(tmp_path / "p", "train", {"policies": files}, RECORD)
+    manifest.append(tmp_path / "t", "transfer", {"flights": [tmp_path / "flights.csv"]}, RECORD)
+    run = runs.read(tmp_path)
+    assert {name: run.controls[name] for name in names} == structures | {"pwm/pwm_024": "pwm"}
+    assert run.policies == 5
+    assert run.records["a/policy_1.json"]["seed"] == 3
+    drawn = sections.flights(run)
+    grouped = ["b/policy_1", "b/policy_2", "a/policy_1", "pwm/pwm_024"]
+    assert f'"sort":{json.dumps(grouped, separators=(",", ":"))}' in drawn
+    assert all(STRUCTURES[structure] in drawn for structure in ("pwm", "attitude"))
+    # Where the structure of one is not known they stand as they flew.
+    manifest.append(tmp_path / "p", "train", {"policies": files[1:]}, RECORD)
+    unknown = sections.flights(runs.read(tmp_path))
+    assert f'"sort":{json.dumps(names, separators=(",", ":"))}' in unknown
 
 
 def test_predicted_flights_have_their_own_section(tmp_path):
@@ -545,7 +643,7 @@ def test_predicted_flights_have_their_own_section(tmp_path):
     (tmp_path / "prediction.csv").write_text(
         f"# what\n# record: {json.dumps(RECORD)}\n{polars.DataFrame(rows).write_csv()}"
     )
-    content = page(tmp_path, tmp_path)
+    content = page(None, tmp_path, prediction=tmp_path / "prediction.csv")
     assert 'id="predicted-times"' in content
     assert file(content, "prediction")["mean"].to_list() == [3.0, 3.0]
 
@@ -699,7 +797,7 @@ def test_the_charts_library_is_that_of_its_packages():
 def test_in_a_browser_a_click_on_a_dot_shows_its_flight(tmp_path):
     for number, seconds in enumerate((2.0, 3.0, 1.0), 1):
         log.write(tmp_path / "logs" / f"flight_{number}.csv", circling(seconds, simulated=""))
-    made = report(tmp_path / "logs", tmp_path / "page.html")
+    made = report(None, tmp_path / "page.html", logs=tmp_path / "logs")
     click = """<script>
 figures.forEach(drawFigure);
 setTimeout(() => {

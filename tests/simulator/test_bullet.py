@@ -12,8 +12,8 @@ import pytest
 from arrays import float32, float64
 from jax import lax
 
-from maidenflight import workflow
 from maidenflight.errors import InputError
+from maidenflight.experiments.drones import find_reality
 from maidenflight.experiments.transfer import transfer
 from maidenflight.flights import recording
 from maidenflight.parameters import crazyflie, replace
@@ -344,7 +344,7 @@ def test_the_same_settings_are_the_same_engine(pybullet):
 def test_a_reality_in_pybullet_hides_the_same_constants(pybullet):
     drone, other = bullet_drone(7), virtual_drone(7)
     assert (drone.name, other.name) == ("pybullet-7", "virtual-7")
-    assert workflow.reality("pybullet:7").name == drone.name
+    assert find_reality("pybullet:7").name == drone.name
     jax.tree.map(np.testing.assert_array_equal, drone.parameters, other.parameters)
     env = drone.environment(tasks.circle(), control.pwm())
     assert env.integrator == Bullet(linear_damping=0.04, angular_damping=0.04)
@@ -353,7 +353,7 @@ def test_a_reality_in_pybullet_hides_the_same_constants(pybullet):
 
 @pytest.mark.slow
 def test_the_firmwares_pid_flies_the_circle_in_pybullet(pybullet):
-    (flight,) = recording.record(workflow.reality("pybullet:7"), jax.random.key(0), 1, 4.0, 0.0)
+    (flight,) = recording.record(find_reality("pybullet:7"), jax.random.key(0), 1, 4.0, 0.0)
     assert flight.simulated == "pybullet-7"
     assert np.abs(flight.position[:, 2] - 1).max() < 0.3
     assert np.ptp(flight.position[200:, 1]) > 0.2
@@ -362,7 +362,7 @@ def test_the_firmwares_pid_flies_the_circle_in_pybullet(pybullet):
 def test_policies_transfer_to_pybullet(pybullet):
     policies = [untrained(jax.random.key(number)) for number in range(2)]
     flown = transfer(
-        policies, [workflow.reality("pybullet:3")], trials=2, key=jax.random.key(0), duration=0.3
+        policies, [find_reality("pybullet:3")], trials=2, key=jax.random.key(0), duration=0.3
     )
     assert flown.table["reality"].to_list() == ["pybullet-3"] * 4
     assert flown.table["position_error"].is_finite().all()
@@ -371,7 +371,7 @@ def test_policies_transfer_to_pybullet(pybullet):
 def test_without_the_package_one_error_says_how_to_get_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "pybullet", None)
     with pytest.raises(InputError, match=r"PyBullet is not installed.*pip install '.\[pybullet\]'"):
-        workflow.reality("pybullet:7")
+        find_reality("pybullet:7")
 
 
 def test_a_reality_in_pybullet_needs_a_seed():
@@ -379,12 +379,13 @@ def test_a_reality_in_pybullet_needs_a_seed():
         InputError,
         match="pybullet:x: expected pybullet:SEED with a whole number, such as pybullet:7",
     ):
-        workflow.reality("pybullet:x")
+        find_reality("pybullet:x")
 
 
 def test_nothing_imports_pybullet_before_a_drone_flies_in_it():
     program = (
-        "import sys, maidenflight.workflow, maidenflight.cli; print('pybullet' in sys.modules)"
+        "import sys, maidenflight.experiments.drones, maidenflight.cli; "
+        "print('pybullet' in sys.modules)"
     )
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True

@@ -80,7 +80,7 @@ def test_in_flight_it_is_relative_to_what_is_measured_and_stays_at_a_trajectory_
 def test_no_look_ahead_adds_nothing_and_changes_nothing():
     """Bit by bit, and a look-ahead does not change what flies."""
     plain, ahead = Environment(), Environment(spec=PolicySpec(look_ahead=POINTS))
-    assert plain.look_ahead.points == 0
+    assert plain.spec.look_ahead.points == 0
     first = environment.reset(plain, crazyflie(), KEY)
     seen = environment.observation(plain, first)
     np.testing.assert_array_equal(seen, first.history.reshape(-1))

@@ -13,7 +13,6 @@ from maidenflight.errors import InputError
 from maidenflight.foreign.raptor import observed as seen_by_raptor
 from maidenflight.policy import untrained
 from maidenflight.simulator import interface, raptor_form
-from maidenflight.simulator.look_ahead import NONE, LookAhead
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.sensors import Measurement
 
@@ -73,31 +72,38 @@ def test_every_slope_is_finite_where_motors_stop_or_saturate(action: float) -> N
         np.testing.assert_array_equal(slope, 1.0)
 
 
+@pytest.mark.parametrize("other", [interface.pwm(50), interface.attitude_rate(100)], ids=str)
+def test_another_interface_is_refused(other: interface.ControlInterface) -> None:
+    raptor_form.check(interface.pwm())
+    with pytest.raises(InputError, match=r"here: .* of the form raptor has pwm at 100 Hz"):
+        raptor_form.check(other, where="here")
+
+
 @pytest.mark.parametrize(
     "other",
     [
-        {"commanded": interface.pwm(50)},
-        {"commanded": interface.attitude_rate(100)},
         {"history": 2},
-        {"look_ahead": NONE},
-        {"look_ahead": LookAhead(1, 0.02)},
-        {"hidden": (16, 16)},
+        {"look_ahead": {"points": 1, "spacing": 0.02}},
+        {"hidden": [16, 16]},
         {"memory": 8},
     ],
     ids=str,
 )
-def test_any_other_combination_is_refused(other: dict[str, Any]) -> None:
-    usual: dict[str, Any] = {"history": 1, "look_ahead": LookAhead(1, 0.01), "memory": 16}
-    usual |= {"commanded": interface.pwm(), "hidden": (16,)}
-    raptor_form.check(**usual)
-    with pytest.raises(InputError, match=r"here: .* of the form raptor has pwm at 100 Hz"):
-        raptor_form.check(**usual | other, where="here")
+def test_a_record_of_any_other_combination_is_refused(other: dict[str, Any]) -> None:
+    settled = PolicySpec(form="raptor")
+    usual = {"history": 1, "memory": 16, "hidden": [16], "form": "raptor"}
+    usual["look_ahead"] = {"points": 1, "spacing": 0.01}
+    assert (settled.to_dict(), PolicySpec.from_dict(usual)) == (usual, settled)
+    lacking = {name: value for name, value in usual.items() if name not in other}
+    for wrong in (usual | other, lacking):
+        with pytest.raises(InputError, match=r"a policy of the form raptor has "):
+            PolicySpec.from_dict(wrong)
 
 
 def test_a_policy_of_the_form_has_its_shape_whatever_the_arguments_say() -> None:
     made = untrained(jax.random.key(0), spec=PolicySpec(history=2, hidden=(50, 50), form="raptor"))
     made.check()
-    assert (made.history, made.look_ahead, made.memory) == raptor_form.SEEN
+    assert made.spec == PolicySpec(form="raptor")
     assert made.layer_sizes == (22, 16, 4)
     with pytest.raises(InputError, match="pwm at 100 Hz"):
         untrained(jax.random.key(0), interface.attitude_rate(), PolicySpec(form="raptor"))
@@ -107,4 +113,4 @@ def test_a_policy_of_the_form_has_its_shape_whatever_the_arguments_say() -> None
 
 def test_full_thrust_may_be_any_number_of_counts() -> None:
     full = interface.pwm(full_scale_counts=57_344.0)
-    raptor_form.check(full, *raptor_form.SEEN[:2], raptor_form.HIDDEN, raptor_form.MEMORY)
+    raptor_form.check(full)

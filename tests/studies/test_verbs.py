@@ -8,6 +8,7 @@ import pytest
 from test_sweeping import Here
 
 import maidenflight as mf
+import run_listing
 from maidenflight import policy_file, run_folder
 from maidenflight.identification.drone_file import DroneFile
 from maidenflight.training import defaults
@@ -92,6 +93,18 @@ def test_a_study_goes_from_logs_to_flights(tmp_path: Path, monkeypatch: pytest.M
     assert {one.spec.look_ahead.points for one in policies} == {0, 2}
     rows = run_folder.STUDY.read(tmp_path / "out" / "study.csv")[0]
     assert rows.height == 17
+    assert run_listing.entries(tmp_path) == {("sweep", "out"): {"study"}}
+    made = [run_listing.entries(place) for place in (tmp_path / "out" / "results").iterdir()]
+    assert [list(one.values()) for one in sorted(made, key=str)] == [
+        [{"envelope", "picture"}],
+        [{"prediction"}],
+        [{"policies", "training"}],
+        [{"policies", "training"}],
+        [{"flights", "flight_logs"}],
+        [],  # of the stand-in
+    ]
+    for place in (tmp_path / "out" / "results").iterdir():
+        assert run_listing.unlisted(place) <= {"result.json", "drone.toml"}
     flown = table.filter(polars.col("task") == "flown")
     assert set(flown["policy"]) == {"policy_1", "policy_2", "policy_3"}
     assert flown["duration"].is_between(0.0, 0.5).all()

@@ -9,6 +9,7 @@ import numpy as np
 
 from maidenflight.parameters import crazyflie
 from maidenflight.simulator import control, tasks
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import relative_box
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.ppo_settings import PPO
@@ -25,7 +26,6 @@ if __name__ == "__main__":
         "horizon": 8,
         "evaluations": 2,
         "episodes": 8,
-        "hidden": (8,),
     }
     # Two devices cannot share an odd number of episodes.
     odd: dict[str, Any] = {**few, "episodes": 7}
@@ -41,6 +41,8 @@ if __name__ == "__main__":
             f"{sys.argv[4]}/{type(settings).__name__}_{count}.npz",
         )
         policies = train(
-            tasks.circle(), control.pwm(), relative_box(crazyflie()), keys, settings, saved=saved
+            *(tasks.circle(), control.pwm(), relative_box(crazyflie()), keys, settings),
+            PolicySpec(hidden=(8,)),
+            saved=saved,
         )
         np.savez(f"{sys.argv[5]}/{name}.npz", *map(np.asarray, jax.tree.leaves(policies)))

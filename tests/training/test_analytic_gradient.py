@@ -37,7 +37,11 @@ def test_an_update_changes_the_network_and_nothing_else_of_a_policy(
     before = analytic_gradient.begin(world, settings, boxes, keys)
     after = analytic_gradient.learn(world, settings, boxes, before, keys, 0, 1)
     policy = after.policy
-    assert (policy.interface.name, policy.interface.rate, policy.history) == (structure, rate, 2)
+    assert (policy.interface.name, policy.interface.rate, policy.spec.history) == (
+        structure,
+        rate,
+        2,
+    )
     np.testing.assert_array_equal(policy.observation_mean, before.policy.observation_mean)
     *hidden, last = [
         np.asarray(new - old)
@@ -187,8 +191,9 @@ def test_a_failure_costs_most_and_what_is_lost_anyway_pulls_no_more() -> None:
 def test_a_share_of_the_drones_starts_anew_after_each_update() -> None:
     keys, drones = jax.random.split(jax.random.key(5), 1), 64
     drone = crazyflie()
-    world, boxes = Environment.matching(drone), stacked([relative_box(drone)])
-    settings = AnalyticGradient(num_envs=drones, horizon=2, reset_fraction=0.3, hidden=(8,))
+    world = Environment.matching(drone, spec=PolicySpec(hidden=(8,)))
+    boxes = stacked([relative_box(drone)])
+    settings = AnalyticGradient(num_envs=drones, horizon=2, reset_fraction=0.3)
     learners = analytic_gradient.learn(
         world, settings, boxes, analytic_gradient.begin(world, settings, boxes, keys), keys, 0, 1
     )

@@ -7,8 +7,8 @@ import pytest
 from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import untrained
-from maidenflight.simulator import control, raptor_form, tasks
-from maidenflight.simulator.look_ahead import NONE, LookAhead
+from maidenflight.simulator import control, tasks
+from maidenflight.simulator.look_ahead import LookAhead
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.position_pid import position_pid
 from maidenflight.simulator.randomization import ensemble, relative_box
@@ -27,12 +27,8 @@ USUAL: dict[str, Any] = {
     "controller": control.pwm(),
     "box": BOX,
     "keys": KEYS,
-    "settings": AnalyticGradient(
-        updates=4, num_envs=4, horizon=4, hidden=(8,), evaluations=4, episodes=4
-    ),
-    "history": 2,
-    "look_ahead": NONE,
-    "memory": 0,
+    "settings": AnalyticGradient(updates=4, num_envs=4, horizon=4, evaluations=4, episodes=4),
+    "spec": PolicySpec(hidden=(8,)),
     "initial": None,
 }
 
@@ -70,8 +66,8 @@ def test_distributions_that_cannot_be_trained_over_together_are_refused(
         ({"keys": jax.random.key(0)}, "keys must be random keys, one a policy"),
         ({"keys": 0}, "keys must be random keys, one a policy"),
         ({"settings": AnalyticGradient(updates=0)}, "updates = 0; expected 1 or more"),
-        ({"memory": -1}, "memory = -1"),
-        ({"history": 0}, "history = 0; expected 1 or more"),
+        ({"spec": 3}, r"3 is no PolicySpec; expected what mf\.PolicySpec\(\) gives"),
+        ({"spec": PolicySpec(form="raptor"), "settings": PPO()}, "not by PPO"),
         ({"initial": INITIAL, "controller": control.attitude()}, "control structure"),
         ({"initial": INITIAL, "settings": PPO()}, "by gradients"),
     ],
@@ -83,15 +79,9 @@ def test_what_cannot_be_trained_is_refused(others: dict[str, Any], words: str) -
 
 def test_what_policies_see_and_remember_is_as_asked_or_that_of_where_they_come_from() -> None:
     ahead = LookAhead(2, 0.2)
-    env = asked(history=3, look_ahead=ahead, memory=4).env
-    assert (env.history, env.look_ahead, env.memory) == (3, ahead, 4)
-    begun = asked(initial=INITIAL, look_ahead=ahead)
-    assert (begun.env.history, begun.env.look_ahead, begun.env.memory) == (3, NONE, 4)
-    assert begun.settings.hidden == (8,)
-    raptor = asked(settings=AnalyticGradient(form=raptor_form.RAPTOR))
-    assert raptor.settings.hidden == raptor_form.HIDDEN
-    env = raptor.env
-    assert (env.history, env.look_ahead, env.memory) == raptor_form.SEEN
+    spec = PolicySpec(history=3, look_ahead=ahead, memory=4)
+    assert asked(spec=spec).env.spec == spec
+    assert asked(initial=INITIAL, spec=spec).env.spec == INITIAL.spec
 
 
 def test_more_updates_are_the_same_training_and_all_else_is_another() -> None:
@@ -107,10 +97,12 @@ def test_more_updates_are_the_same_training_and_all_else_is_another() -> None:
         {"keys": KEYS[::-1]},
         {"settings": changed(settings, tilt_penalty=3.0)},
         {"settings": PPO()},
-        {"history": 3},
-        {"look_ahead": LookAhead(2, 0.2)},
-        {"look_ahead": LookAhead(2, 0.1)},
-        {"memory": 4},
+        {"spec": PolicySpec(history=3, hidden=(8,))},
+        {"spec": PolicySpec(look_ahead=LookAhead(2, 0.2), hidden=(8,))},
+        {"spec": PolicySpec(look_ahead=LookAhead(2, 0.1), hidden=(8,))},
+        {"spec": PolicySpec(memory=4, hidden=(8,))},
+        {"spec": PolicySpec(hidden=(9,))},
+        {"spec": PolicySpec(form="raptor")},
         {"initial": INITIAL},
     ]
     found = {asked(**other).fingerprint() for other in others}

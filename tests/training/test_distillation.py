@@ -1,12 +1,14 @@
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from maidenflight.workflow.training_settings import settings_for
 
 from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import Policy, untrained
+from maidenflight.policy_file import PolicyFile
 from maidenflight.simulator.any_drone import AnyDrone
 from maidenflight.simulator.environment import Environment, observation
 from maidenflight.simulator.policy_spec import PolicySpec
@@ -15,12 +17,13 @@ from maidenflight.simulator.rollout import randomized_reset
 from maidenflight.training import distillation
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.distillation import Distillation, Teacher, known
+from maidenflight.verbs.train import Train
 
 pytestmark = pytest.mark.usefixtures("without_optimizations")
 
 BOX = AnyDrone(crazyflie())
-WORLD = Environment.matching(crazyflie(), spec=PolicySpec(memory=4))
-SETTINGS = Distillation(updates=120, num_envs=4, horizon=4, hidden=(8, 8), learning_rate=0.02)
+WORLD = Environment.matching(crazyflie(), spec=PolicySpec(memory=4, hidden=(8, 8)))
+SETTINGS = Distillation(updates=120, num_envs=4, horizon=4, learning_rate=0.02)
 
 
 def test_what_a_teacher_knows_is_all_that_differs_between_drones_of_any_make() -> None:
@@ -101,23 +104,31 @@ def _difference(policies: Policy, learners: distillation._Learner) -> float:
     return float(cost)
 
 
+def chosen(**settings: Any) -> tuple[Any, PolicySpec]:
+    """Settings of the learner and spec that the command would take."""
+    verb = Train(**settings)
+    spec = verb.choose_spec(None)
+    return verb.choose_learner(spec, None), spec
+
+
 def test_settings_by_name_are_of_each_third_those_of_gradients() -> None:
-    settings = settings_for("pwm", "circle", "distillation", memory=16)
+    settings, spec = chosen(method="distillation", memory=16)
     assert isinstance(settings, Distillation)
+    assert spec == PolicySpec(memory=16, hidden=(32, 32))
     assert settings.updates == 3 * AnalyticGradient().updates
-    assert settings_for("pwm", "circle", "distillation", 300, memory=16).updates == 300
+    assert chosen(method="distillation", updates=300, memory=16)[0].updates == 300
     # Without a word of it, what has a memory is distilled, unless it begins with a policy.
-    assert settings_for("pwm", "circle", memory=16) == settings
-    assert type(settings_for("pwm", "circle", form="raptor")) is AnalyticGradient
-    assert isinstance(settings_for("pwm", "circle", "distillation", form="raptor"), Distillation)
-    begun = settings_for(
-        "pwm", "circle", initial=untrained(jax.random.key(0), spec=PolicySpec(memory=4))
-    )
-    assert type(begun) is type(settings_for("pwm", "circle")) is AnalyticGradient
+    assert chosen(memory=16) == (settings, spec)
+    assert type(chosen(form="raptor")[0]) is AnalyticGradient
+    assert isinstance(chosen(method="distillation", form="raptor")[0], Distillation)
+    start = PolicyFile(untrained(jax.random.key(0), spec=PolicySpec(memory=4)))
+    begun = Train().choose_learner(start.spec, start)
+    assert type(begun) is type(chosen()[0]) is AnalyticGradient
 
 
 def test_distillation_needs_a_memory_and_starts_from_random_weights() -> None:
     with pytest.raises(InputError):
-        settings_for("pwm", "circle", "distillation")
+        chosen(method="distillation")
+    start = PolicyFile(untrained(jax.random.key(0), spec=PolicySpec(memory=4)))
     with pytest.raises(InputError):
-        settings_for("pwm", "circle", "distillation", initial=untrained(jax.random.key(0)))
+        Train(method="distillation").choose_learner(start.spec, start)

@@ -40,7 +40,6 @@ TINY = changed(
     updates=4,
     num_envs=8,
     horizon=4,
-    hidden=(8,),
     critic_hidden=(8,),
     evaluations=2,
     episodes=4,
@@ -88,7 +87,11 @@ def test_the_same_key_gives_the_same_policy_however_often_training_pauses() -> N
 @pytest.mark.slow
 def test_interrupted_training_goes_on_to_the_same_policies(tmp_path: Path) -> None:
     def learn(saved: Path | None, hear: Any) -> Any:
-        return train(SIMULATED.task, SIMULATED.controller, BOX, KEYS, TINY, hear, saved)
+        return train(
+            *(SIMULATED.task, SIMULATED.controller, BOX, KEYS, TINY, PolicySpec(hidden=(8,))),
+            on_progress=hear,
+            saved=saved,
+        )
 
     def interrupt(_: Progress) -> None:
         raise KeyboardInterrupt
@@ -216,7 +219,7 @@ def test_the_value_at_an_end_is_of_the_drone_before_another_takes_over() -> None
 def test_a_memory_is_carried_through_a_rollout_as_it_was_flown() -> None:
     """What an update computes anew, from the first memory on and over resets, is what was done."""
     short = tasks.circle()._replace(duration=0.05)
-    simulated = Environment.matching(BOX.centre, short, spec=PolicySpec(memory=3))
+    simulated = Environment.matching(BOX.centre, short, spec=PolicySpec(memory=3, hidden=(8,)))
     settings = PPO(horizon=16)
     policy = untrained(jax.random.key(1), spec=PolicySpec(memory=3, hidden=(8,)))
     drone = randomized_reset(simulated, BOX, jax.random.key(2))
@@ -286,7 +289,6 @@ def test_the_papers_settings_are_the_papers() -> None:
         "updates": 500,
         "num_envs": 64,
         "horizon": 1000,
-        "hidden": [50, 50],
         "critic_hidden": [64, 64],
         "critic_sees_truth": False,
         "learning_rate": 3e-4,

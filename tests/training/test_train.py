@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from maidenflight import cli, policy, policy_file, results, workflow
-from maidenflight.cli import interruption, options
+from maidenflight import cli, policy, policy_file, results
+from maidenflight.cli import command, interruption
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import transfer
 from maidenflight.parameters import crazyflie, replace
@@ -25,26 +25,29 @@ from maidenflight.simulator.look_ahead import LookAhead
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import relative_box, stacked
 from maidenflight.simulator.virtual_drone import virtual_drone
-from maidenflight.training import analytic_gradient, checkpoint
+from maidenflight.training import analytic_gradient, checkpoint, defaults
 from maidenflight.training import train as module
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.evaluation import Evaluation, evaluate
 from maidenflight.training.train import Progress, train
+from maidenflight.verbs.train import Train
 
 pytestmark = pytest.mark.usefixtures("without_optimizations")
 
 BOX = relative_box(replace(crazyflie(), motor_time_constant=0.08, latency=0.012), 0.10)
-TINY = AnalyticGradient(updates=4, num_envs=4, horizon=4, hidden=(8,), evaluations=4, episodes=4)
+TINY = AnalyticGradient(updates=4, num_envs=4, horizon=4, evaluations=4, episodes=4)
+SPEC = PolicySpec(hidden=(8,))
 SMALL = AnalyticGradient(updates=200, num_envs=16, horizon=64, evaluations=4, episodes=32)
 TASK, CONTROLLER = tasks.circle(), control.pwm()
 """The same objects in every test, so that training is compiled once a file."""
 KEYS = jax.random.split(jax.random.key(5), 2)
+ONE = Train(drone="crazyflie", policies=1, updates=600, randomize=0.1)
 
 
 def learn(
     saved: Path | None = None, hear: Any = None, settings: AnalyticGradient = TINY, box: Any = BOX
 ) -> tuple[Policy, ...]:
-    return train(TASK, CONTROLLER, box, KEYS, settings, hear, saved)
+    return train(TASK, CONTROLLER, box, KEYS, settings, SPEC, on_progress=hear, saved=saved)
 
 
 def assert_same(one: Any, other: Any) -> None:
@@ -114,17 +117,18 @@ def test_training_from_a_policy_begins_with_its_score_and_ends_no_worse(
     trained: Any, tmp_path: Path
 ) -> None:
     initial, heard = trained[0][0], []
-    others = changed(TINY, hidden=(50, 50))  # which a policy's own layers replace
+    other = PolicySpec(history=5)  # which a policy's own replaces
+    asked: Any = (TASK, CONTROLLER, BOX, KEYS, TINY)
     saved = tmp_path / "training.npz"
 
     def tuned(hear: Any, from_: Policy = initial) -> tuple[Policy, ...]:
-        return train(TASK, CONTROLLER, BOX, KEYS, others, hear, saved, history=5, initial=from_)
+        return train(*asked, other, on_progress=hear, saved=saved, initial=from_)
 
     def interrupt(progress: Progress) -> None:
         if progress.update == 2:
             raise KeyboardInterrupt
 
-    policies = train(TASK, CONTROLLER, BOX, KEYS, others, heard.append, initial=initial)
+    policies = train(*asked, on_progress=heard.append, initial=initial)
     assert [(one.update, one.steps > 0) for one in heard] == [
         (number, number > 0) for number in range(5)
     ]
@@ -238,15 +242,16 @@ def test_an_extension_is_recorded(tmp_path: Path, monkeypatch: Any) -> None:
         checkpoint.save(saved, (), "", (600, 700))
         return given
 
-    monkeypatch.setattr("maidenflight.workflow.training.train", stub)
-    workflow.train_for("crazyflie", 0, tmp_path, 1, changed(TINY, updates=600), 0.1)
-    assert "extended_from" not in policy_file.record(tmp_path / "policy_1.json")["settings"]
-    monkeypatch.setattr("maidenflight.workflow.training.train", extended)
-    workflow.train_for("crazyflie", 0, tmp_path, 1, changed(TINY, updates=700), 0.1, resume=True)
-    settings = policy_file.record(tmp_path / "policy_1.json")["settings"]
+    monkeypatch.setattr("maidenflight.training.train.train", stub)
+    ONE.run(tmp_path)
+    assert "extended_from" not in policy_file.read(tmp_path / "policy_1.json").record["settings"]
+    monkeypatch.setattr("maidenflight.training.train.train", extended)
+    changed(ONE, updates=700, resume=True).run(tmp_path)
+    settings = policy_file.read(tmp_path / "policy_1.json").record["settings"]
     assert (settings["updates"], settings["extended_from"]) == (700, [600])
-    assert workflow.updates_so_far(tmp_path) == 700
-    assert workflow.updates_so_far(tmp_path / "none") is None
+    changed(ONE, updates=None, resume=True).run(tmp_path)
+    settings = policy_file.read(tmp_path / "policy_1.json").record["settings"]
+    assert settings["updates"] == 700, "unless given, those of the training that is resumed"
 
 
 def test_the_rates_of_further_updates_are_those_of_a_training_of_so_many() -> None:
@@ -278,7 +283,7 @@ def test_a_full_disk_is_said_in_a_line_and_training_goes_on_when_there_is_space(
     replace_ = os.replace
     monkeypatch.setitem(tasks.TASKS, "circle", lambda: TASK)
     monkeypatch.setitem(control.CONTROLLERS, "pwm", lambda **_: CONTROLLER)
-    monkeypatch.setattr(workflow, "settings_for", lambda *_: TINY)
+    monkeypatch.setattr(defaults, "choose_settings", lambda *_: TINY)
     what = ["maidenflight", "train", "--drone", "crazyflie", "--policies", "2", "-o"]
     written: list[str] = []
 
@@ -362,11 +367,11 @@ def test_what_a_killed_run_left_is_cleared_and_does_not_stand_in_the_way(
     left = tmp_path / ".training.npz.abcdefgh.part"
     left.write_bytes(b"half")
     with click.Context(click.Command("train")):
-        options.must_be_new(tmp_path, False)
+        command.claim(tmp_path, overwrite=False, resume=False)
     with pytest.raises(InputError, match=r"no training to resume\. Leave out --resume"):
-        workflow.train_for("crazyflie", 0, tmp_path, 1, TINY, 0.1, resume=True)
-    monkeypatch.setattr("maidenflight.workflow.training.train", training_that_gives())
-    workflow.train_for("crazyflie", 0, tmp_path, 1, TINY, 0.1)
+        changed(ONE, resume=True).run(tmp_path)
+    monkeypatch.setattr("maidenflight.training.train.train", training_that_gives())
+    ONE.run(tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["training.csv", "training.npz"]
 
 
@@ -376,14 +381,14 @@ def test_policies_of_an_earlier_training_of_more_go(tmp_path: Path, monkeypatch:
         policy_file.write(tmp_path / f"policy_{number}.json", older, {"number": number})
     policy_file.write(tmp_path / "policy_4.json", older, {"note": "put here by somebody"})
     (tmp_path / "policy_5.json").write_text("not a policy")
-    monkeypatch.setattr("maidenflight.workflow.training.train", training_that_gives(older))
-    workflow.train_for("crazyflie", 7, tmp_path, 1, TINY, 0.1)
+    monkeypatch.setattr("maidenflight.training.train.train", training_that_gives(older))
+    changed(ONE, seed=7).run(tmp_path)
     assert sorted(path.name for path in tmp_path.glob("*.json")) == [
         "policy_1.json",
         "policy_4.json",
         "policy_5.json",
     ]
-    assert policy_file.record(tmp_path / "policy_1.json")["seed"] == 7
+    assert policy_file.read(tmp_path / "policy_1.json").record["seed"] == 7
 
 
 def test_an_earlier_training_stays_until_the_first_checkpoint_of_the_one_in_its_place(
@@ -394,14 +399,14 @@ def test_an_earlier_training_stays_until_the_first_checkpoint_of_the_one_in_its_
         raise KeyboardInterrupt
 
     monkeypatch.setattr(
-        "maidenflight.workflow.training.train",
+        "maidenflight.training.train.train",
         training_that_gives(policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(3,)))),
     )
-    workflow.train_for("crazyflie", 7, tmp_path, 1, TINY, 0.1)
+    changed(ONE, seed=7).run(tmp_path)
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    monkeypatch.setattr("maidenflight.workflow.training.train", interrupted)
+    monkeypatch.setattr("maidenflight.training.train.train", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        workflow.train_for("crazyflie", 8, tmp_path, 1, TINY, 0.1)
+        changed(ONE, seed=8).run(tmp_path)
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
@@ -425,7 +430,7 @@ def test_an_interrupted_command_says_whether_its_own_checkpoint_is_there(
 def test_a_mistake_in_the_command_keeps_an_earlier_training(tmp_path: Path) -> None:
     (tmp_path / "training.npz").touch()
     with pytest.raises(InputError, match="no such drone"):
-        workflow.train_for(tmp_path / "none.toml", 0, tmp_path, 1, TINY, 0.1)
+        changed(ONE, drone=str(tmp_path / "none.toml")).run(tmp_path)
     assert (tmp_path / "training.npz").exists()
 
 
@@ -456,17 +461,16 @@ def test_a_return_that_is_no_number_ends_training_and_keeps_what_was_good(
 
 @pytest.mark.slow
 def test_a_policy_of_raptors_form_learns_and_is_trained_further() -> None:
-    settings = changed(SMALL, form="raptor")
     heard: list[Progress] = []
-    (first,) = train(TASK, CONTROLLER, BOX, KEYS[:1], settings, heard.append)
-    assert (first.form, first.layer_sizes, first.memory) == ("raptor", (22, 16, 4), 16)
+    asked: Any = (TASK, CONTROLLER, BOX, KEYS[:1])
+    (first,) = train(*asked, SMALL, PolicySpec(form="raptor"), on_progress=heard.append)
+    assert (first.spec.form, first.layer_sizes) == ("raptor", (22, 16, 4))
     first.check()
     assert heard[-1].score.episode_return[0] > heard[0].score.episode_return[0] + 50.0
     flown = transfer(first, virtual_drone(7), 1, duration=0.5)
     assert np.isfinite(flown.table["position_error"][0])
-    fewer = changed(settings, updates=1, evaluations=1, form="instants")
-    (further,) = train(TASK, CONTROLLER, BOX, KEYS[:1], fewer, initial=first)
-    assert further.form == "raptor"
+    (further,) = train(*asked, changed(SMALL, updates=1, evaluations=1), initial=first)
+    assert further.spec.form == "raptor"
 
 
 @pytest.mark.slow
@@ -478,20 +482,20 @@ def test_a_policy_sees_and_remembers_as_much_as_asked_and_else_it_is_another_tra
         changed(TINY, updates=1, evaluations=1),
     )
     asked = tasks.circle(), control.pwm(), BOX, KEYS[:1], settings
-    ahead = LookAhead(2, 0.2)
-    (policy,) = train(*asked, saved=saved, history=3, look_ahead=ahead, memory=4)
-    assert (policy.history, policy.look_ahead, policy.layer_sizes) == (3, ahead, (66, 8, 4))
-    assert policy.memory == 4
+    spec = PolicySpec(history=3, look_ahead=LookAhead(2, 0.2), memory=4, hidden=(8,))
+    (policy,) = train(*asked, spec, saved=saved)
+    assert (policy.spec, policy.layer_sizes) == (spec, (66, 8, 4))
     policy.check()
-    for other in (
-        {"look_ahead": LookAhead(), "history": 3, "memory": 4},
-        {"look_ahead": LookAhead(2, 0.1), "history": 3, "memory": 4},
-        {"look_ahead": ahead, "history": 3, "memory": 5},
-        {"look_ahead": ahead, "history": 3},
-        {"look_ahead": ahead, "history": 2, "memory": 4},
+    for other, words in (
+        ({"look_ahead": LookAhead()}, "look_ahead was {.*} and is null"),
+        ({"look_ahead": LookAhead(2, 0.1)}, "look_ahead was "),
+        ({"memory": 5}, "memory was 4 and is 5"),
+        ({"memory": 0}, "memory was 4 and is null"),
+        ({"history": 2}, "history was 3 and is 2"),
+        ({"hidden": (9,)}, r"hidden was \[8\] and is \[9\]"),
     ):
-        with pytest.raises(InputError, match="a checkpoint of another training"):
-            train(*asked, saved=saved, **other)
+        with pytest.raises(InputError, match=f"a checkpoint of another training: {words}"):
+            train(*asked, changed(spec, **other), saved=saved)
 
 
 def test_settings_of_no_method_are_refused() -> None:

@@ -176,7 +176,7 @@ def run_verb(verb: Verb, output: str | None, as_json: bool, overwrite: bool) -> 
     verb.check_early()
     place, resume = verb.choose_output(output), getattr(verb, "resume", None)
     for each in [] if place is None else verb.places(place):
-        _claim(each, overwrite or verb.may_replace(each), resume)
+        claim(each, overwrite or verb.may_replace(each), resume)
     if overwrite:
         verb.discard(place)
     state = None
@@ -207,7 +207,7 @@ def _set_up_jax(verb: Verb) -> None:
         cores.as_devices()
 
 
-def _claim(place: Path, overwrite: bool, resume: bool | None) -> None:
+def claim(place: Path, overwrite: bool, resume: bool | None) -> None:
     """Refuses a place where something is or another process writes, and locks it for this one.
 
     Args:

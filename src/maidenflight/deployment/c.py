@@ -79,6 +79,8 @@ def export_c(
     policy.check()
     check_form(policy)
     check_hover(hover)
+    if beyond := policy.spec.beyond("history", "look_ahead", "memory", "hidden"):
+        raise InputError(f"policy: {beyond}, which the templates of the C code do not know.")
     interface = policy.interface
     layers = _padded(policy)
     observations = golden_observations(policy, seed)

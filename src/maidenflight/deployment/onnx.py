@@ -96,7 +96,11 @@ def to_onnx(
     metadata = {
         "version": __version__,
         "interface": json.dumps(policy.interface.to_dict()),
-        **{name: json.dumps(value) for name, value in policy.spec.to_dict().items()},
+        **{
+            name: json.dumps(value)
+            for name, value in policy.spec.to_dict().items()
+            if name != "hidden"
+        },
         "instant": INSTANT,
         "command": command,
         "sha256": digest(policy),

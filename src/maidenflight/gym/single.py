@@ -34,7 +34,8 @@ def spaces(interface: ControlInterface, spec: PolicySpec) -> tuple[Box, Box]:
     What an observation is stands in the first of them, which learners keep beside their policies.
     """
     seen = Box(-_LARGEST, _LARGEST, (spec.size,), np.float32)
-    vars(seen)[NOTE] = {"control": interface.name, "rate": interface.rate, **spec.to_dict()}
+    told = {name: value for name, value in spec.to_dict().items() if name in PolicySpec.OBSERVED}
+    vars(seen)[NOTE] = {"control": interface.name, "rate": interface.rate, **told}
     return seen, Box(-1.0, 1.0, (ACTION_SIZE,), np.float32)
 
 

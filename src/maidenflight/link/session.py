@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from maidenflight import results
+from maidenflight import manifest, results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.flights.flight_plan import FlightPlan
 from maidenflight.link import guards, rows
@@ -246,6 +246,7 @@ def flights(
             drone.write_to(None)
             file.close()
         flown.append(_filed(folder, name, ending, file.rows))
+        manifest.append(folder, "fly", {"logs": run_folder.LOG.find(folder)}, made)
         say(f"{name}: {ending.reason}, {file.rows} packets")
         if file.error is not None:
             raise InputError(

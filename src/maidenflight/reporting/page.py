@@ -1,11 +1,11 @@
 """The report of a run: one HTML file that needs nothing else, neither a network nor a server."""
 
 import json
-import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 from markupsafe import Markup
 
@@ -16,6 +16,7 @@ from maidenflight.reporting import key_figures, lead, sections, viewer
 from maidenflight.reporting import run as runs
 from maidenflight.reporting.html import asset, render
 from maidenflight.reporting.run import Run
+from maidenflight.reporting.run_files import FileOptions
 
 
 class Section(NamedTuple):
@@ -50,24 +51,29 @@ _MODULE = {
 """What makes the module a plain script."""
 
 
-def report(source: StrPath | Sequence[StrPath] | Transfer, path: StrPath) -> Path:
+def report(source: StrPath | Transfer | None, path: StrPath, **files: Unpack[FileOptions]) -> Path:
     """Writes what came of a run as one self-contained HTML file. The same run gives the same bytes.
 
     Args:
-        source: folders and files, whatever of a run they hold, or test flights. Files are known by
-            their content: drones, policies, flight logs that `identify` reads, and result tables.
+        source: the folder of a run, a file or folder that its `run.json` lists, test flights, or
+            nothing where files are given.
         path: the HTML file.
+        **files: files of any name and place, in place of those of the run: `logs` (one or several,
+            of any format that `identify` reads), `drone`, `truth`, `policies`, `flights`,
+            `validation`, `prediction`, `study`; see `FileOptions`.
 
     Returns:
         The path.
 
     Raises:
-        InputError: nothing known is there, a file is broken, or the page cannot be written.
+        InputError: nothing of a run is there, a file is broken, or the page cannot be written.
     """
-    if isinstance(source, Transfer):
-        return results.write(path, to_html(runs.of_transfer(source)))
-    given = [source] if isinstance(source, str | os.PathLike) else source
-    return results.write(path, to_html(runs.read(*map(Path, given))))
+    if not isinstance(source, Transfer):
+        return results.write(path, to_html(runs.read(source, files)))
+    flown = runs.of_transfer(source)
+    if files:
+        flown = replace(runs.read(None, files), table=flown.table, flights=flown.flights)
+    return results.write(path, to_html(flown))
 
 
 def to_html(run: Run) -> str:

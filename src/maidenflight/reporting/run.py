@@ -1,6 +1,6 @@
-"""A run as the report shows it, read from a folder or from a `Transfer` in memory.
+"""A run as the report shows it, read from a run folder, from files or from a `Transfer` in memory.
 
-Each part is optional: a folder may be that of the demo or of one stage.
+Each part is optional: a run may be that of the demo or of one stage.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,18 +12,24 @@ import numpy as np
 import polars
 from jaxtyping import Float
 
-from maidenflight import inputs, results, run_folder
+from maidenflight import inputs, manifest, results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.flights import log
-from maidenflight.flights.formats import is_known
 from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import read_flights, whole_flights
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import DroneFile, Estimate
+from maidenflight.inputs import StrPath
 from maidenflight.parameters import COMPONENTS, Parameters, component
-from maidenflight.reporting import identified, sources, trained
+from maidenflight.reporting import identified, trained
 from maidenflight.reporting.identified import SIMULATED, UNKNOWN, Kinds
+from maidenflight.reporting.run_files import (
+    FileOptions,
+    RunFiles,
+    find_files,
+    nothing_here,
+)
 from maidenflight.run_folder import Table
 
 MOST = 300
@@ -80,8 +86,10 @@ class Run:
     """How each file was made, by the file's name."""
     seconds: Mapping[str, float] = field(default_factory=dict)
     """Wall time of each stage."""
+    missing_files: Sequence[str] = ()
+    """Names of files that the run's manifest lists and that are no longer there."""
     other_files: Mapping[str, list[str]] = field(default_factory=dict)
-    """Names of what else the folder holds, by kind."""
+    """Names of what else the manifest lists, by kind."""
 
     @property
     def estimates(self) -> Mapping[str, Estimate]:
@@ -123,62 +131,89 @@ def of_transfer(flown: Transfer) -> Run:
     )
 
 
-def read(*given: Path) -> Run:
-    """Reads what there is in files and folders, known by what they hold.
+_TABLES: Mapping[manifest.Kind, Table] = {
+    "evaluations": run_folder.EVALUATIONS,
+    "validation": run_folder.VALIDATION,
+    "windows": run_folder.WINDOWS,
+    "training": run_folder.TRAINING,
+    "prediction": run_folder.PREDICTION,
+    "study": run_folder.STUDY,
+}
+"""Tables of a run but that of test flights, by kind."""
+
+
+def read(source: StrPath | None = None, options: FileOptions | None = None) -> Run:
+    """Reads a run from its folder, from what its manifest lists, and from files of a user.
+
+    Args:
+        source: see `find_files`.
+        options: see `find_files`.
 
     Raises:
-        InputError: see `sources.find`; nothing known is there, or a file is not what it seems to
-            be.
+        InputError: see `find_files`; nothing is there, or a file is not what it should be.
     """
-    found = sources.find(given)
-    records: dict[str, Mapping[str, Any]] = {}
-    table = _test_flights(found.table, records)
-    truth = _drone(found.truth, records)
-    reality = None if truth is None else truth.parameters
-    recorded, refused = _recorded(found.logs[:MOST], given, records)
-    drone = _drone(found.drone, records)
-    policies = trained.read_policies(found.policies)
-    for path, file in policies.items():
-        _keep(records, path, file.record)
-    flights = tuple(_own(path, records) for path in found.tested) if table is not None else ()
-    if table is not None and flights and len(flights) != table.height:
-        raise InputError(
-            f"{found.table}: {len(flights)} flight logs, but {table.height} rows. Run the transfer "
-            "again."
-        )
+    found = find_files(source, options or {})
+    first = {kind: path for kind in found.files if (path := found.first(kind)) is not None}
+    tables = {kind: table.read(first[kind]) for kind, table in _TABLES.items() if kind in first}
+    rows = {kind: rows for kind, (rows, _) in tables.items()}
+    drones = {kind: drone_file.read(first[kind]) for kind in ("truth", "drone") if kind in first}
+    records: dict[str, Mapping[str, Any]] = {
+        first[kind].name: drones[kind].record for kind in drones
+    }
+    records |= {first[kind].name: record for kind, (_, record) in tables.items()}
+    policies = trained.read_policies(found.files.get("policies", ()))
+    records |= {_name(path): file.record for path, file in policies.items()}
+    table, flights = _test_flights(found, records)
+    recorded, refused = _recorded(found, records)
     logs = {results.digest(path): bool(flight.simulated) for path, flight in recorded}
-    validation, said = _table(found.validation, run_folder.VALIDATION, records)
-    windows, said_too = _table(found.windows, run_folder.WINDOWS, records)
-    used = _digests({} if drone is None else drone.record, found.drone)
-    judged = _digests(said or said_too, found.validation or found.windows)
-    kinds, predicted = _kinds(logs, drone, used, judged, reality is not None)
+    drone, truth = drones.get("drone"), drones.get("truth")
+    used = _digests({} if drone is None else drone.record, first.get("drone"))
+    judging = "validation" if "validation" in tables else "windows"
+    judged = _digests(tables[judging][1], first[judging]) if judging in tables else frozenset()
+    kinds, predicted = _kinds(logs, drone, used, judged, truth is not None)
     run = Run(
-        reality=reality,
+        reality=None if truth is None else truth.parameters,
         recorded=tuple(flight for _, flight in recorded),
-        logs=len(found.logs) - len(refused),
+        logs=len(found.files.get("logs", ())) - len(refused),
         drone=drone,
         kinds=kinds,
-        search=_search(found.evaluations),
-        validation=validation,
-        windows=windows,
+        search=_search(rows.get("evaluations"), first.get("evaluations")),
+        validation=rows.get("validation"),
+        windows=rows.get("windows"),
         predicted=predicted,
         used=used,
         judged=judged,
-        policies=len(found.policies),
+        policies=len(found.files.get("policies", ())),
         controls={} if table is None else trained.controls(policies, table["policy"]),
-        training=_table(found.training, run_folder.TRAINING)[0],
+        training=rows.get("training"),
         table=table,
         flights=flights,
-        prediction=_table(found.prediction, run_folder.PREDICTION, records)[0],
-        study=_table(found.study, run_folder.STUDY, records)[0],
-        records=records,
-        seconds={} if found.stages is None else run_folder.read_stages(found.stages),
+        prediction=rows.get("prediction"),
+        study=rows.get("study"),
+        records={name: one for name, one in records.items() if isinstance(one, dict) and one},
+        seconds=run_folder.read_stages(first["stages"]) if "stages" in first else {},
         refused=tuple(refused),
+        missing_files=found.missing,
         other_files=found.others,
     )
     if not run.known:
-        raise InputError(sources.nothing(given))
+        raise nothing_here(Path(source or ""), found.missing)
     return run
+
+
+def read_flights_of(source: StrPath | None, options: FileOptions) -> Sequence[Flight]:
+    """Reads the flights of a run: test flights, else recorded ones.
+
+    Args:
+        source: see `find_files`; or a log or a folder of logs, of any known format.
+        options: see `find_files`.
+
+    Raises:
+        InputError: nothing is there, or a log cannot be used.
+    """
+    if source is not None and manifest.find_manifest(source) is None:
+        return read_flights(source).flights
+    return shown(read(source, options))
 
 
 def _kinds(
@@ -210,34 +245,15 @@ def _digests(record: Mapping[str, Any], path: Path | None) -> frozenset[str]:
     return frozenset(digest for digest, file in found.items() if not file.endswith(".toml"))
 
 
-def holds_flights(folder: Path) -> bool:
-    """Whether a folder is that of a run with test flights or recorded ones."""
-    names = (run_folder.FLIGHTS.name, run_folder.TRANSFER, *run_folder.RECORDED)
-    return any((folder / name).exists() for name in names)
-
-
-def _keep(records: dict[str, Mapping[str, Any]], path: Path, record: Any) -> None:
-    if isinstance(record, dict) and record:
-        name = (
-            path.name
-            if path.suffix == ".toml"
-            else "/".join(filter(None, (path.parent.name, path.name)))
-        )
-        records[name] = record
-
-
-def _drone(path: Path | None, records: dict[str, Mapping[str, Any]]) -> DroneFile | None:
-    if path is None:
-        return None
-    found = drone_file.read(path)
-    _keep(records, path, found.record)
-    return found
+def _name(path: Path) -> str:
+    """A file of a folder, as records name it."""
+    return "/".join(filter(None, (path.parent.name, path.name)))
 
 
 def _recorded(
-    paths: Sequence[Path], given: Sequence[Path], records: dict[str, Mapping[str, Any]]
+    found: RunFiles, records: dict[str, Mapping[str, Any]]
 ) -> tuple[list[tuple[Path, Flight]], list[str]]:
-    """The flights in logs of any format, and why others in folders cannot be used.
+    """The flights in logs of any format, and why others cannot be used.
 
     Our own logs are shown whole, of others the gapless pieces in which the drone flies, if any.
 
@@ -246,17 +262,13 @@ def _recorded(
     """
     flights: list[tuple[Path, Flight]] = []
     refused = []
-    for path in paths:
-        if _is_own(path):
-            flights.append((path, _own(path, records)))
-            continue
+    for path in found.files.get("logs", ())[:MOST]:
+        own = _is_own(path)
         try:
-            flights += [(path, flight) for flight in _pieces(path)]
+            flights += [(path, one) for one in ([_own(path, records)] if own else _pieces(path))]
         except InputError as error:
-            if path in given:
+            if path in found.required_logs or own:
                 raise
-            if _numbered(path) and path.parent.name in run_folder.RECORDED and not is_known(path):
-                _own(path, records)
             refused.append(str(error))
     return flights, refused
 
@@ -278,17 +290,12 @@ def _pieces(path: Path) -> Sequence[Flight]:
 
 
 def _is_own(path: Path) -> bool:
-    """Whether a file is a log of ours, by its first line; where it has none, by its name."""
+    """Whether a file is a log of ours, by its first line."""
     try:
         first = next(iter(inputs.comments(path)), "") if path.suffix == ".csv" else ""
     except (OSError, UnicodeDecodeError):
-        return _numbered(path)
+        return False
     return first.startswith(log.FAMILY)
-
-
-def _numbered(path: Path) -> bool:
-    """Whether a log has a name that a command gives."""
-    return path.match(f"{run_folder.LOG.stem}_*{run_folder.LOG.suffix}")
 
 
 def _own(path: Path, records: dict[str, Mapping[str, Any]]) -> Flight:
@@ -298,46 +305,42 @@ def _own(path: Path, records: dict[str, Mapping[str, Any]]) -> Flight:
             f"{path}: not a flight log of maidenflight; its first line should begin with "
             f"'{log.MARK}'."
         )
-    flight = log.from_csv(text, f"{path.parent.name}/{path.name}")
+    flight = log.from_csv(text, _name(path))
     if not 0 < flight.period < 1:
         raise InputError(
             f"{path}: rows are {flight.period:g} s apart; expected a time that increases, in "
             "seconds. Log it again."
         )
-    _keep(records, path, run_folder.record_of(text, path))
+    records[_name(path)] = run_folder.record_of(text, path)
     return flight
 
 
-def _search(path: Path | None) -> polars.DataFrame | None:
+def _search(search: polars.DataFrame | None, path: Path | None) -> polars.DataFrame | None:
     """Evaluations of an objective; every parameter that was searched has a column of numbers."""
-    search, _ = _table(path, run_folder.EVALUATIONS)
-    if path is None or search is None:
+    if search is None:
         return None
     searched = {name: float for name in search.columns if name in COMPONENTS}
     return Table(run_folder.EVALUATIONS.name, searched).checked(search, str(path))
 
 
 def _test_flights(
-    path: Path | None, records: dict[str, Mapping[str, Any]]
-) -> polars.DataFrame | None:
-    """The rows of test flights."""
-    if path is None:
-        return None
-    rows, record = run_folder.FLIGHTS.read(path)
-    _keep(records, Path(path.name), record)
-    return rows
+    found: RunFiles, records: dict[str, Mapping[str, Any]]
+) -> tuple[polars.DataFrame | None, tuple[Flight, ...]]:
+    """Reads the rows of test flights, and their logs.
 
-
-def _table(
-    path: Path | None, table: Table, records: dict[str, Mapping[str, Any]] | None = None
-) -> tuple[polars.DataFrame | None, dict[str, Any]]:
-    """Reads a table and its record, which is kept in `records`."""
+    Raises:
+        InputError: a file is broken, or there are not as many logs as rows.
+    """
+    path = found.first("flights")
     if path is None:
-        return None, {}
-    rows, record = table.read(path)
-    if records is not None:
-        _keep(records, Path(path.name), record)
-    return rows, record
+        return None, ()
+    rows, records[path.name] = run_folder.FLIGHTS.read(path)
+    flights = tuple(_own(each, records) for each in found.files.get("flight_logs", ()))
+    if flights and len(flights) != rows.height:
+        raise InputError(
+            f"{path}: {len(flights)} flight logs, but {rows.height} rows. Run the transfer again."
+        )
+    return rows, flights
 
 
 def truth(run: Run) -> tuple[tuple[float, float], ...]:

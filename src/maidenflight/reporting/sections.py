@@ -253,5 +253,6 @@ def reproduce(run: Run) -> Markup:
         longest=max(run.seconds.values(), default=0.0) or 1.0,
         records=records.records(run),
         others=run.other_files,
+        missing=run.missing_files,
         most=_NAMED,
     )

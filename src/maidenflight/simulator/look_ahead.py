@@ -96,10 +96,3 @@ class LookAhead:
 
 NONE = LookAhead()
 """No look-ahead, as in the paper."""
-
-
-def joined(
-    history: Float[Array, "H 20"], ahead: Float[Array, "K 3"], position: Float[Array, "3"]
-) -> Float[Array, "20H+3K"]:
-    """An observation: instants, oldest first, and points ahead relative to a position [m]."""
-    return jnp.concatenate([history.reshape(-1), (ahead - position[None]).reshape(-1)])

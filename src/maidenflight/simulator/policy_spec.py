@@ -4,6 +4,7 @@ Whatever trains, flies or exports policies takes it as one value, beside the `Co
 which says what they command.
 """
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from functools import partial
 from typing import Any, ClassVar, Self
@@ -172,10 +173,20 @@ class PolicySpec:
             position: measured, world [m].
             memory: what the policy remembers.
         """
+        seen = self.seen(history, points, position)
+        return jnp.concatenate([seen, memory]) if self.memory else seen
+
+    def seen(
+        self,
+        history: Float[Array, "H 20"],
+        points: Float[Array, "K 3"],
+        position: Float[Array, "3"],
+    ) -> Float[Array, "20H+3K"]:
+        """Joins what an observation holds before what is remembered; see `observation`."""
         seen = history.reshape(-1)
         if self.look_ahead.points:
-            seen = look_ahead.joined(history, points, position)
-        return jnp.concatenate([seen, memory]) if self.memory else seen
+            return jnp.concatenate([seen, (points - position[None]).reshape(-1)])
+        return seen
 
     def beyond(self, *known: str) -> str:
         """Names what sets it apart from the paper's policies, with values; empty if nothing does.
@@ -196,7 +207,7 @@ class PolicySpec:
         return {"history": self.history, **self._unusual(), "hidden": list(self.hidden)}
 
     def _unusual(self) -> dict[str, Any]:
-        usual = PolicySpec()
+        usual = type(self)()
         return {
             name: list(value) if isinstance(value, tuple) else value
             for name, value in asdict(self).items()
@@ -204,16 +215,16 @@ class PolicySpec:
         }
 
     @classmethod
-    def from_dict(cls, content: Any) -> Self:
-        """Reads what `to_dict` gave; entries of other names are left alone.
+    def from_dict(cls, content: Mapping[str, Any]) -> Self:
+        """Reads what `to_dict` gave; a mapping may hold entries of other names, too.
 
         Raises:
             InputError: a field is not what it should be, or not what the form has.
         """
-        given = {field.name: content[field.name] for field in fields(cls) if field.name in content}
-        if "look_ahead" in given:
+        given = {field.name: content.get(field.name, field.default) for field in fields(cls)}
+        if "look_ahead" in content:
             given["look_ahead"] = LookAhead.from_dict(given["look_ahead"])
-        if isinstance(given.get("hidden"), list):
+        if isinstance(given["hidden"], list):
             given["hidden"] = tuple(given["hidden"])
         spec = cls(**given)
         wrong = [name for name, value in given.items() if getattr(spec, name) != value]

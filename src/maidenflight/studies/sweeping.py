@@ -6,11 +6,12 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
+from pathlib import Path
 from typing import Any
 
 import polars
 
-from maidenflight import results, run_folder
+from maidenflight import manifest, results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
 from maidenflight.studies import engine as engines
@@ -295,4 +296,7 @@ def gather(study: Study, store: Store, skipped: AbstractSet[str] = frozenset()) 
         settings={"study": list(study.entries), "cpus": study.cpus, "gpus": study.gpus},
     )
     store.write(run_folder.STUDY.name, run_folder.STUDY.to_text(table, made))
+    if isinstance(store, Folder):
+        written = Path(store.address, run_folder.STUDY.name)
+        manifest.append(store.address, "sweep", {"study": [written]}, made)
     return table

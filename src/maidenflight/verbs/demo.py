@@ -7,7 +7,7 @@ from pathlib import Path
 from threading import Thread
 from typing import Any
 
-from maidenflight import run_folder
+from maidenflight import manifest, run_folder
 from maidenflight.inputs import StrPath
 from maidenflight.verb import Output, Progress, Result, Verb
 from maidenflight.verbs import shared
@@ -108,6 +108,7 @@ class Demo(Verb):
         best = Path(found["transfer"].content["best"])
         run(configure(Export(policy=best)), run_folder.FIRMWARE, "the best policy to C99")
         stage_file = run_folder.write_stages(output, self.seed, seconds)
+        manifest.append(stage_file, self.name, {"stages": [stage_file]}, self.make_record())
         run(Report(source=output), run_folder.REPORT, "one page to look at")
         truth = _read_truth(output, found["identify"].value)
         return Result(
@@ -125,8 +126,6 @@ class Demo(Verb):
                 "simulated": True,
             },
             show=lambda: _show(found, truth, seconds, best, output),
-            written={"stages": [stage_file]},
-            record=self.make_record(),
             notes=found["identify"].notes,
             value=found,
         )

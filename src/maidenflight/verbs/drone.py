@@ -51,10 +51,9 @@ class Drone(Verb):
             return Result(content=content, show=lambda: print(toml, end=""), value=read)
         record = self.make_record(logs.own_files(self.drone))
         toml = parameters.to_toml(read, output.stem, {"record": record}, sources)
+        results.write(output, toml)
         return Result(
             content=content | {"output": str(output)},
-            written={"drone": [results.write(output, toml)]},
-            record=record,
             value=read,
         )
 

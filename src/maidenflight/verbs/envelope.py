@@ -106,6 +106,7 @@ class Envelope(InRealities):
             },
             show=show,
             written={"envelope": [path], "picture": [picture]},
+            read={"policies": policies.inputs},
             record=record,
             rows=summary.select(polars.exclude(polars.List)).to_dicts(),
             notes=notes,

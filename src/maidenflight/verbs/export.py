@@ -82,6 +82,7 @@ class Export(Verb):
             content={"files": [str(path) for path in written]},
             show=lambda: print("written " + ", ".join(map(str, written))),
             written={"exported": written},
+            read={"policies": [self.policy]},
             record=record,
             next=("report", folder.parent if folder.name == run_folder.POLICIES else folder),
             value=written,

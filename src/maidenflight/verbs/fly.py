@@ -117,7 +117,6 @@ class Fly(Verb):
         )
         simulated = not (self.uri or "").startswith(("radio://", "usb://"))
         complete = all(one.ending.reason == COMPLETE for one in flown) and len(flown) == count
-        written = [one.log for one in flown if one.log]
         return Result(
             content={
                 "flights": [
@@ -132,8 +131,6 @@ class Fly(Verb):
                 "simulated": simulated,
             },
             show=lambda: print(f"{len(flown)} flights in {output}/"),
-            written={"logs": written},
-            record=self.make_record(uri=None),
             notes=[note for one in flown for note in one.notes],
             next=("identify", output),
             exit_code=0 if complete else 1,

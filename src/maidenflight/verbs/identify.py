@@ -184,11 +184,15 @@ class Identify(Verb):
         run_folder.EVALUATIONS.write(run_folder.beside(output), found.search)
         picture = run_folder.picture_beside(output)
         results.write(picture, identification_picture(found, start.parameters))
-        places = dict(zip(("drone", "evaluations", "picture"), self.places(output), strict=True))
         return Result(
             content=_to_content(flights, found) | {"output": str(output), "picture": str(picture)},
             show=lambda: self._show(flights, found, output, picture),
-            written={kind: [path] for kind, path in places.items()},
+            written={
+                "drone": [output],
+                "evaluations": [run_folder.beside(output)],
+                "picture": [picture],
+            },
+            read={"logs": flights.paths},
             record=record,
             rows=[
                 {

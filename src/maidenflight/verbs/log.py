@@ -63,6 +63,7 @@ class Log(Verb):
             },
             show=show,
             written={"logs": written} if written else {},
+            read={"logs": flights.paths},
             record=record,
             next=("identify", self.logs if output is None else output, "--start", "DRONE"),
             next_remark="DRONE: a name of maidenflight drone --list, or a file",

@@ -102,6 +102,11 @@ class Match(Verb):
             content=_to_content(flights, found) | {"output": str(output)},
             show=lambda: _show(found, len(flights), output),
             written={"drone": [output]},
+            read={
+                "logs": flights.paths,
+                "policies": loaded.paths,
+                "drone": read.own_files(self.start),
+            },
             record=record,
             rows=[
                 {"parameter": name, "value": value, "standard_error": error}

@@ -98,6 +98,7 @@ class Plan(Verb):
             content=_to_content(found) | {"output": str(output)},
             show=show,
             written={"plan": [output]},
+            read={"drone": logs.own_files(self.drone)},
             record=record,
             rows=[
                 {"manoeuvre": block.manoeuvre.name, "seconds": block.seconds}

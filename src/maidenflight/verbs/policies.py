@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from maidenflight import names, policy_file
+from maidenflight import names, policy_file, run_folder
 from maidenflight.errors import InputError
 from maidenflight.foreign.policies import ForeignPolicy, foreign_policy
 from maidenflight.inputs import StrPath
@@ -102,7 +102,7 @@ def find_policies(given: Sequence[StrPath]) -> list[Path]:
     """
     files: list[Path] = []
     for path in map(Path, given):
-        inside = sorted(path.glob("*.json")) if path.is_dir() else [path]
+        inside = run_folder.find_policies(path) if path.is_dir() else [path]
         if not inside:
             raise InputError(
                 f"{path}: no policies (.json) in this folder. Train some: maidenflight train -o "

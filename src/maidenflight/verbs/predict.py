@@ -124,6 +124,7 @@ class Predict(Verb):
             },
             show=show,
             written={"prediction": [output]},
+            read={"drone": logs.own_files(self.drone), "policies": policies.paths},
             record=record,
             rows=means.to_dicts(),
             notes=notes,

@@ -100,6 +100,7 @@ class Record(Verb):
                 f"{count} simulated flight{'s' * (count > 1)} of {seconds:g} s in {output}/{where}"
             ),
             written={"logs": written, "truth": known},
+            read={"plan": logs.own_files(self.plan)},
             record=record,
             rows=[{"flight": one.name, "seconds": one.duration} for one in flown],
             next=("identify", output),

@@ -70,7 +70,7 @@ class Report(Verb):
         return False
 
     @property
-    def _files(self) -> dict[str, Any]:
+    def _files(self) -> Any:
         """Returns the files that are given."""
         names = ("logs", "drone", "truth", "policies", "flights", "validation", "prediction")
         given = {name: getattr(self, name) for name in (*names, "study")}

@@ -101,7 +101,6 @@ class Sweep(Verb):
             _show_status(now, address)
             print(f"{rows.height} rows, written to {address}/{run_folder.STUDY.name}")
 
-        local = isinstance(output, Path)
         return Result(
             content={
                 "tasks": now.tasks,
@@ -113,8 +112,6 @@ class Sweep(Verb):
                 "output": address,
             },
             show=show,
-            written={"study": [output / run_folder.STUDY.name]} if local else {},
-            record=self.make_record([self.study], study=list(study.entries)),
             next=("report", address),
             error=sweeping.told(study, failures, address) if failures else "",
             value=rows,

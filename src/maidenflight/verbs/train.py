@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 from maidenflight import names, results, run_folder, terminal
 from maidenflight.deployment import EXPORTERS
 from maidenflight.errors import InputError
-from maidenflight.inputs import StrPath
 from maidenflight.settings import (
     PENDING,
     choice,
@@ -27,6 +26,7 @@ from maidenflight.settings import (
 from maidenflight.training.loggers import LOGGERS
 from maidenflight.verb import Output, Progress, Result, Verb
 from maidenflight.verbs import shared
+from maidenflight.verbs.logs import own_files
 
 if TYPE_CHECKING:
     from maidenflight.identification.drone_file import DroneFile
@@ -236,7 +236,7 @@ class Train(Verb):
         """
         from maidenflight.training import defaults
 
-        control = self.control if start is None else start.interface.name
+        control = self._choose_control(start)
         method = self.method or defaults.choose_method(spec, start is not None)
         chosen: Any = defaults.choose_settings(control, self.task, method, spec, start is not None)
         fields = {field.name: getattr(chosen, field.name) for field in dataclasses.fields(chosen)}
@@ -269,10 +269,13 @@ class Train(Verb):
         keys = jax.random.split(jax.random.key(self.seed), self.policies)
         scores = files.Scores(progress, learner, self.resume)
         record = self.make_record(
-            self._inputs,
-            control=self.control if start is None else start.interface.name,
+            own_files(self.drone, self.initial),
+            control=self._choose_control(start),
+            randomize=self._choose_randomization(start),
+            paper_scales=self._has_paper_scales,
             method=type(learner).__name__,
             **(spec.to_dict() | {"look_ahead": spec.look_ahead.points}),
+            look_ahead_spacing=spec.look_ahead.spacing,
             **recorded(learner),
         )
         for left in results.leftovers(output) if output.is_dir() else ():
@@ -296,16 +299,26 @@ class Train(Verb):
             content={"policies": [str(path) for path in written["policies"]], "scores": best},
             show=lambda: _show(best, output),
             written=written,
+            read={"drone": own_files(self.drone)},
             record=record,
             rows=[{"policy": f"policy_{number}", **one} for number, one in enumerate(best, 1)],
             next=("transfer", output, "--drone", self.drone),
             value=policies,
         )
 
+    def _choose_control(self, start: "PolicyFile | None") -> str:
+        return self.control if start is None else start.interface.name
+
+    def _choose_randomization(self, start: "PolicyFile | None") -> float | str:
+        from maidenflight.training import defaults
+
+        usual = defaults.choose_randomization(self.task, self._choose_control(start))
+        return usual if self.randomize is None else self.randomize
+
     @property
-    def _inputs(self) -> list[StrPath]:
-        """Returns the files that are read."""
-        return [one for one in (self.drone, self.initial) if one and Path(one).is_file()]
+    def _has_paper_scales(self) -> bool:
+        """Returns whether actions are scaled as the paper does, which the authors' format needs."""
+        return self.paper_scales or self.target == "authors"
 
     def _train(
         self,
@@ -331,20 +344,17 @@ class Train(Verb):
         drone = parameters.check(parameters.replace(file.parameters, **changed), self.drone)
         file = dataclasses.replace(file, parameters=drone)
         initial = None if start is None else start.policy
-        control = self.control if start is None else start.interface.name
-        scales = self.paper_scales or self.target == "authors"
         controller = defaults.choose_controller(
-            control, drone, file.full_scale_counts, initial, scales, self.rate
+            self._choose_control(start),
+            *(drone, file.full_scale_counts, initial, self._has_paper_scales, self.rate),
         )
         if self.target is not None:
             check_export(self.target, controller.interface, spec, file.parameters)
-        usual = defaults.choose_randomization(self.task, control)
-        randomization = usual if self.randomize is None else self.randomize
         task = tasks.TASKS[self.task]()
         policies = train(
             tasks.with_yaw_penalty(task, self.yaw_penalty) if self.yaw_penalty else task,
             controller,
-            drones.distribution_of(file, randomization, controller),
+            drones.distribution_of(file, self._choose_randomization(start), controller),
             keys,
             learner,
             spec=spec,

@@ -9,7 +9,7 @@ from typing import Any
 
 import polars
 
-from maidenflight import parameters, policy_file, results, run_folder
+from maidenflight import manifest, parameters, policy_file, results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import transfer
 from maidenflight.flights.log import Flight
@@ -100,7 +100,7 @@ def write_policies(
     record: dict[str, Any],
     drone: DroneFile,
     scores: polars.DataFrame,
-) -> dict[str, list[Path]]:
+) -> manifest.Files:
     """Writes policies with what an export needs to know of their drone, and their scores.
 
     Returns:

@@ -108,6 +108,7 @@ class Transfer(InRealities):
             },
             show=show,
             written={"flights": [table], "flight_logs": logs},
+            read={"policies": policies.inputs},
             record=record,
             rows=summary.to_dicts(),
             notes=notes,

@@ -121,6 +121,7 @@ class Validate(Verb):
             },
             show=show,
             written={"validation": [places[0]], "windows": [places[1]]},
+            read={"drone": read.own_files(self.drone), "logs": flights.paths},
             record=record,
             rows=[
                 {**row, "log_likelihood": likelihoods.get(row["model"])}

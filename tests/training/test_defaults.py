@@ -1,0 +1,105 @@
+"""What policies are trained with by default."""
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import jax
+import pytest
+
+from maidenflight import policy_file
+from maidenflight.deployment import EXPORTERS
+from maidenflight.deployment.check import check_export
+from maidenflight.identification.drone_file import DroneFile
+from maidenflight.parameters import crazyflie, replace
+from maidenflight.policy import untrained
+from maidenflight.simulator import control, dynamics, tasks
+from maidenflight.simulator.policy_spec import PolicySpec
+from maidenflight.training import defaults
+from maidenflight.training.analytic_gradient import AnalyticGradient
+from maidenflight.training.ppo_settings import PPO
+from maidenflight.training.settings import Settings
+from maidenflight.verbs.train import Train
+
+
+def chosen(**settings: Any) -> tuple[Settings, PolicySpec]:
+    """What a training of these settings has: the method's settings, and what policies see."""
+    train = Train(**settings)
+    start = None if train.initial is None else policy_file.read(train.initial)
+    spec = train.choose_spec(start)
+    return train.choose_learner(spec, start), spec
+
+
+@pytest.mark.parametrize("structure", control.CONTROLLERS)
+@pytest.mark.parametrize("method", ["gradient", "ppo"])
+def test_the_usual_network_of_every_structure_can_be_exported_to_everything(
+    structure: str, method: str
+) -> None:
+    for task in tasks.TASKS:
+        _, spec = chosen(control=structure, task=task, method=method)
+        for to in set(EXPORTERS) - {"raptor"}:
+            check_export(to, control.CONTROLLERS[structure]().interface, spec, crazyflie())
+
+
+def test_attitude_control_is_trained_about_hovering_unless_the_papers_scales_are_asked_for() -> (
+    None
+):
+    """A drone that hovers below 7/12 of full thrust cannot descend with the paper's."""
+    drone = replace(crazyflie(), thrust_to_weight=2.5)
+    counts = DroneFile(drone).full_scale_counts
+    hovers = float(dynamics.hover_command(drone))
+    made = defaults.choose_controller("attitude", drone, counts).interface
+    least, most = (made.centre[0] + sign * made.span[0] for sign in (-1, 1))
+    assert least < hovers - 0.2
+    assert most > hovers + 0.2
+    alike = replace(crazyflie(), thrust_to_weight=2.51)
+    assert defaults.choose_controller("attitude", alike, counts).interface == made
+    papers = defaults.choose_controller("attitude", drone, counts, paper_scales=True).interface
+    assert papers == control.attitude().interface
+    start = untrained(jax.random.key(0), interface=papers)
+    assert defaults.choose_controller("attitude", drone, counts, start).interface == papers
+    for structure in control.CONTROLLERS:  # which training then refuses
+        other = control.CONTROLLERS[structure](full_scale_counts=65535).interface
+        start = untrained(jax.random.key(0), interface=other)
+        assert defaults.choose_controller(structure, drone, counts, start).interface != other
+    assert (
+        defaults.choose_controller("pwm", drone, counts).interface
+        == control.pwm(full_scale_counts=counts).interface
+    )
+
+
+def test_attitude_rate_fits_a_crazyflie_with_four_instants() -> None:
+    _, spec = chosen(control="attitude_rate", history=4)
+    assert (spec.history, spec.hidden) == (4, (75, 75))
+    check_export("crazyflie", control.attitude_rate().interface, spec, crazyflie())
+
+
+@pytest.mark.parametrize("structure", control.CONTROLLERS)
+def test_gradients_see_most_of_a_second_ahead_and_with_a_memory_no_less(structure: str) -> None:
+    rate = control.CONTROLLERS[structure]().interface.rate
+    usual, remembering = (
+        chosen(control=structure, method="gradient", memory=size)[0] for size in (0, 16)
+    )
+    assert isinstance(usual, AnalyticGradient)
+    assert isinstance(remembering, AnalyticGradient)
+    assert 0.6 < usual.horizon / rate < 0.85
+    assert remembering.horizon / rate > 0.6
+    assert remembering.updates >= usual.updates
+
+
+def test_a_memory_is_trained_with_its_own_settings(tmp_path: Path) -> None:
+    usual, own = (chosen(method="gradient", memory=size)[0] for size in (0, 16))
+    assert isinstance(usual, AnalyticGradient)
+    assert isinstance(own, AnalyticGradient)
+    assert own.hidden_learning_rate < usual.hidden_learning_rate
+    assert own.updates == usual.updates
+    assert chosen(method="ppo", memory=16) == (PPO(), PolicySpec(memory=16))
+    start = untrained(jax.random.key(0), spec=PolicySpec(memory=16, hidden=(24, 12)))
+    tuned, spec = chosen(initial=policy_file.write(tmp_path / "start.json", start))
+    assert isinstance(tuned, AnalyticGradient)
+    assert (spec, tuned.num_envs) == (start.spec, own.num_envs)
+    assert tuned.learning_rate < own.learning_rate
+    raptor, spec = chosen(method="gradient", form="raptor")
+    assert raptor == dataclasses.replace(own, learning_rate=2e-3)
+    assert (spec, spec.hidden) == (PolicySpec(form="raptor"), (16,))
+    assert tuned.updates < own.updates

@@ -1,0 +1,70 @@
+"""`Identify`: what its record says of the logs, and the drone that it starts with."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars
+import pytest
+
+from flights.made_flights import calm
+from maidenflight.flights.reading import Flights
+from maidenflight.identification import drone_file
+from maidenflight.identification.drone_file import DroneFile, Source
+from maidenflight.identification.estimates import Identification
+from maidenflight.parameters import crazyflie
+from maidenflight.verbs.identify import Identify
+from maidenflight.verbs.logs import note_mass, read_start
+
+NOTHING = Identification(
+    *(crazyflie(), {}, {}, {}, "likelihood", 0.0, 0.0, 1),
+    *(Source(1, 9.0, True, "subsampled", 65535.0), 1, 0.0),
+    *(polars.DataFrame({"trial": [1], "objective": [0.0]}), {}, (), {}, ()),
+)
+"""What an identification found that identified nothing."""
+
+
+def test_how_logs_were_read_stands_in_the_drone_file_s_record(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[Any] = []
+
+    def read(*arguments: Any) -> Flights:
+        asked.extend(arguments)
+        return Flights((), (), ())
+
+    monkeypatch.setattr("maidenflight.flights.reading.read_flights", read)
+    monkeypatch.setattr("maidenflight.identification.identify.identify", lambda *_, **__: NOTHING)
+    monkeypatch.setattr(
+        "maidenflight.reporting.identification_picture.identification_picture", lambda *_: ""
+    )
+    reading: dict[str, Any] = {
+        "most_seconds": 60.0,
+        "commands": "subsampled",
+        "battery_law": "legacy propellers",
+        "ignore": ("rotor_speed",),
+    }
+    place = tmp_path / "drone.toml"
+    Identify(logs=tmp_path, **reading).run(place)
+    assert asked[2:] == [60.0, 100, "subsampled", "legacy propellers", ("rotor_speed",)]
+    made = drone_file.read(place).record["settings"]
+    assert {name: made[name] for name in reading} == reading | {"ignore": ["rotor_speed"]}
+    Identify(logs=tmp_path).run(place)
+    made = drone_file.read(place).record["settings"]
+    assert not {"commands", "battery_law", "ignore"} & set(made)
+
+
+def test_the_mass_is_asked_for_where_nobody_gave_it(tmp_path: Path) -> None:
+    real, simulated = (Flights((calm(simulated=name),), (), ()) for name in ("", "virtual drone 7"))
+    DroneFile(crazyflie()).write(tmp_path / "mine.toml")
+    mine = str(tmp_path / "mine.toml")
+    assert "27 g" in note_mass("crazyflie_2.0", None, real)[0]
+    for drone, grams, flights in (
+        ("crazyflie_2.0", None, simulated),
+        ("crazyflie_2.0", 30.0, real),
+        ("crazyflie_bolt", 100.0, real),
+        (mine, None, real),
+    ):
+        assert note_mass(drone, grams, flights) == []
+    assert float(read_start(mine, 31.0).parameters.mass) == np.float32(0.031)
+    assert float(read_start("crazyflie", 31.0).parameters.mass) == np.float32(0.031)

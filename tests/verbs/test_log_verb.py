@@ -1,0 +1,44 @@
+"""`Log` shows logs of any format, and converts them."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from commands import run
+from flights.made_flights import driven
+from maidenflight import manifest, results
+from maidenflight.flights import log
+from maidenflight.flights.reading import read_flights
+from run_listing import unlisted
+
+
+def test_logs_of_any_format_are_told_and_converted(
+    tmp_path: Path, monkeypatch: Any, capsys: Any
+) -> None:
+    log.write(tmp_path / "logs" / "one.csv", driven())
+    (tmp_path / "logs" / "bad.csv").write_text("x,y\n1,2\n")
+    converted = tmp_path / "converted"
+    code, out, _ = run(monkeypatch, capsys, "log", tmp_path / "logs", "-o", converted, "--json")
+    told = json.loads(out)
+    assert code == 0
+    (one,) = told["logs"]
+    assert (one["pieces"], one["rate"], one["seconds"]) == (1, 100.0, 9.0)
+    assert told["dropped"] or told["refused"]
+    (written,) = told["written"]
+    (back,), (before,) = read_flights(written), read_flights(tmp_path / "logs")
+    for group, values in before.arrays.items():
+        np.testing.assert_allclose(back.arrays[group], values, atol=1e-6)
+    record = results.read_record(Path(written))
+    assert record is not None
+    assert "one.csv" in str(results.recorded_inputs(record, "one.csv"))
+    assert unlisted(tmp_path) == {"logs/one.csv", "logs/bad.csv"}
+    (entry,) = manifest.read_manifest(tmp_path).entries
+    assert entry.inputs["logs"][0].startswith("logs/one.csv sha256:")
+    code, _, err = run(monkeypatch, capsys, "log", tmp_path / "logs", "-o", converted)
+    assert code == 2
+    assert "--overwrite" in err
+    code, out, _ = run(monkeypatch, capsys, "log", tmp_path / "logs")
+    assert code == 0
+    assert "one.csv" in out

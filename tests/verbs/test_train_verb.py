@@ -1,0 +1,171 @@
+"""`Train`: what it gives to training, checks before it, and says in its files."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import pytest
+
+import maidenflight as mf
+from maidenflight import policy, policy_file
+from maidenflight.errors import InputError
+from maidenflight.identification.drone_file import DroneFile, Search, Source
+from maidenflight.names import CONTROLS, TASKS
+from maidenflight.parameters import crazyflie
+from maidenflight.policy import Policy
+from maidenflight.simulator import control, dynamics
+from maidenflight.simulator.control import Controller
+from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.policy_spec import PolicySpec
+from maidenflight.training import defaults
+from maidenflight.training.evaluation import Evaluation
+from maidenflight.training.train import Progress
+from maidenflight.verbs.export import Export
+from maidenflight.verbs.train import Train
+
+TRAINING = "maidenflight.training.train.train"
+
+
+def no_training(
+    task: Any,
+    controller: Controller,
+    *_: Any,
+    spec: PolicySpec,
+    on_progress: Any,
+    **__: Any,
+) -> tuple[Policy]:
+    """In the place of training: a policy that knows nothing."""
+    on_progress(Progress(1, 1, Evaluation(*jnp.zeros((3, 1)))))
+    return (policy.untrained(jax.random.key(0), controller.interface, spec),)
+
+
+def test_what_a_command_of_one_is_goes_from_the_drone_s_logs_to_the_exported_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The README's `export_c` of a policy trained for an identified drone, without further words,
+    and the app of its file."""
+    source = Source(3, 90.0, False, "subsampled", 65535.0)
+    search = Search("likelihood", -15.0, 80, 3)
+    DroneFile(crazyflie(), source=source, search=search).write(tmp_path / "drone.toml")
+
+    monkeypatch.setattr(TRAINING, no_training)
+    train = Train(drone=str(tmp_path / "drone.toml"), policies=1, hidden=(8, 8))
+    (made,) = train.run(tmp_path).value
+    header, _ = mf.export_c(made, tmp_path / "c")
+    assert "65535 of the firmware's 65535 counts" in " ".join(
+        header.read_text().replace("\n *", " ").split()
+    )
+    Export(policy=tmp_path / "policy_1.json", to="crazyflie").run(tmp_path / "app")
+    app = (tmp_path / "app" / "src" / "maidenflight.c").read_text()
+    assert "static float full = 65535.0f;" in app
+    share = re.search(
+        r"^#define MF_HOVER (\S+)f ",
+        (tmp_path / "app" / "src" / "policy.h").read_text(),
+        re.MULTILINE,
+    )
+    assert share is not None
+    hovers = float(dynamics.hover_command(crazyflie()))
+    assert float(share[1]) == pytest.approx(hovers, abs=1e-6)
+
+
+@pytest.mark.parametrize("ahead", [LookAhead(), LookAhead(2, 0.2)])
+def test_a_look_ahead_is_trained_with_and_recorded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ahead: LookAhead
+) -> None:
+    asked: list[PolicySpec] = []
+
+    def training(*given: Any, spec: PolicySpec, **named: Any) -> tuple[Policy]:
+        asked.append(spec)
+        return no_training(*given, spec=spec, **named)
+
+    monkeypatch.setattr(TRAINING, training)
+    Train(
+        drone="crazyflie",
+        policies=1,
+        hidden=(8,),
+        look_ahead=ahead.points,
+        look_ahead_spacing=ahead.spacing,
+    ).run(tmp_path)
+    assert asked == [PolicySpec(look_ahead=ahead, hidden=(8,))]
+    file = policy_file.read(tmp_path / "policy_1.json")
+    assert file.spec.look_ahead == ahead
+    settings = file.record["settings"]
+    assert (settings["look_ahead"], settings["look_ahead_spacing"]) == (ahead.points, ahead.spacing)
+
+
+def test_a_record_says_what_a_policy_of_from_has_and_not_what_is_usual(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spec = PolicySpec(history=3, look_ahead=LookAhead(2, 0.2), memory=4, hidden=(6,))
+    start = policy.untrained(jax.random.key(0), control.attitude().interface, spec)
+    policy_file.write(tmp_path / "start.json", start)
+    monkeypatch.setattr(TRAINING, no_training)
+    Train(drone="crazyflie", policies=1, initial=tmp_path / "start.json").run(tmp_path)
+    settings = policy_file.read(tmp_path / "policy_1.json").record["settings"]
+    said = {
+        "control": "attitude",
+        "history": 3,
+        "look_ahead": 2,
+        "look_ahead_spacing": 0.2,
+        "memory": 4,
+        "hidden": [6],
+        "from": "start.json",
+    }
+    assert {name: settings[name] for name in said} == said
+
+
+@pytest.mark.parametrize("structure", CONTROLS)
+@pytest.mark.parametrize("task", TASKS)
+def test_a_record_says_over_which_drones_policies_were_trained_by_default(
+    structure: str, task: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(TRAINING, no_training)
+    Train(drone="crazyflie", policies=1, control=structure, task=task).run(tmp_path)
+    settings = policy_file.read(tmp_path / "policy_1.json").record["settings"]
+    assert settings["randomize"] == defaults.choose_randomization(task, structure)
+
+
+@pytest.mark.parametrize(
+    ("target", "paper_scales", "papers"),
+    [("authors", False, True), ("c", False, False), (None, True, True)],
+)
+def test_policies_for_the_authors_format_have_the_papers_scales(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    target: str | None,
+    paper_scales: bool,
+    papers: bool,
+) -> None:
+    monkeypatch.setattr(TRAINING, no_training)
+    train = Train(
+        drone="crazyflie",
+        policies=1,
+        randomize=0.1,
+        control="attitude",
+        target=target,
+        paper_scales=paper_scales,
+    )
+    (made,) = train.run(tmp_path).value
+    assert (made.interface == control.attitude().interface) == papers
+    said = policy_file.read(tmp_path / "policy_1.json").record["settings"]
+    assert said["paper_scales"] == papers
+
+
+def test_what_the_target_could_not_hold_is_not_trained(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def trained(*_: Any, **__: Any) -> None:
+        raise AssertionError("training began")
+
+    monkeypatch.setattr(TRAINING, trained)
+    asked: dict[str, Any] = {"drone": "crazyflie", "policies": 1, "randomize": 0.1}
+    large: dict[str, Any] = asked | {"hidden": (128, 128)}
+    with pytest.raises(InputError, match="22016 multiplications"):
+        Train(**large, target="crazyflie").run(tmp_path)
+    with pytest.raises(InputError, match=r"look_ahead = .*2.*, but the authors' policies"):
+        Train(**asked, look_ahead=2, target="authors").run(tmp_path)
+    with pytest.raises(AssertionError, match="training began"):
+        Train(**large, target="c").run(tmp_path)
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,21 @@
+"""`Validate` says what may make a drone's prediction differ."""
+
+from maidenflight.identification.drone_file import DroneFile, Source
+from maidenflight.parameters import crazyflie
+from maidenflight.verbs import validate
+
+LAW = "legacy propellers"
+
+
+def test_another_battery_law_than_the_drone_s_is_said() -> None:
+    """Also that a drone from anywhere else is left alone."""
+    record = {"settings": {"battery_law": LAW}}
+    source = Source(3, 90.0, False, "subsampled", 65535.0)
+    for file, law, notes in (
+        (DroneFile(crazyflie(), source=source, record=record), LAW, 0),
+        (DroneFile(crazyflie(), source=source, record=record), None, 1),
+        (DroneFile(crazyflie(), source=source), LAW, 1),
+        (DroneFile(crazyflie()), LAW, 0),
+        (DroneFile(crazyflie(), source=source, record={"settings": 3}), LAW, 1),
+    ):
+        assert len(validate._other_law(file, law)) == notes
