@@ -140,12 +140,10 @@ def test_policies_fly_what_they_were_trained_for(trained: Path) -> None:
     assert workflow.task_to_fly(hover, None) == ("hover", [])
     assert workflow.task_to_fly(mute, None) == ("circle", [])
     assert workflow.task_to_fly([*mute, *hover], None) == ("hover", [])
-    # Of an authors' policy whose name does not say what it commands.
+    # What is no policy, or one that only --control tells of, is left to whoever flies it.
     theirs = trained / "model.json"
     theirs.write_text(to_authors_json(policy.untrained(jax.random.key(0))))
-    assert workflow.task_to_fly([theirs], "circle", "pwm") == ("circle", [])
-    with pytest.raises(InputError, match="do not say what they command"):
-        workflow.task_to_fly([theirs], "circle")
+    assert workflow.task_to_fly([theirs], "circle") == ("circle", [])
     for files, asked, task, note in (
         (hover, "circle", "circle", "policy_1 for hover"),
         ([*circle, *hover], None, "circle", "hover/policy_1 for hover"),

@@ -292,7 +292,7 @@ def predict(
     cores.as_devices()
     from maidenflight import workflow
 
-    _, notes = workflow.task_to_fly(workflow.policy_files(policies), "circle", control)
+    _, notes = workflow.task_to_fly(workflow.policy_files(policies), "circle")
     options.print_notes(notes)
     with terminal.progress("predict", None) as move:
         move(0, None, "compiling")

@@ -1,6 +1,7 @@
 """Policy files of a command line: their names and the task that they fly."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from maidenflight import policy_file
@@ -52,27 +53,21 @@ def names(files: Sequence[Path]) -> list[str]:
     return [str(path) for path in files]
 
 
-def task_to_fly(
-    files: Sequence[Path], asked: str | None, structure: str | None = None
-) -> tuple[str, list[str]]:
+def task_to_fly(files: Sequence[Path], asked: str | None) -> tuple[str, list[str]]:
     """What policies are to fly, and notes for the user.
 
     Args:
         files: policy files.
         asked: name of a task; unless given, the one that all the files that say so were trained
             for.
-        structure: what the authors' policies command; what their files' names say unless given.
 
     Returns:
         The name of a task, and a note where policies were trained for another.
-
-    Raises:
-        InputError: a file is no policy.
     """
     told = {
         name: task
         for name, path in zip(names(files), files, strict=True)
-        if (task := policy_file.read(path, structure).task) is not None
+        if (task := _task_of(path)) is not None
     }
     trained = set(told.values())
     flown = asked or (
@@ -84,3 +79,10 @@ def task_to_fly(
     first = ", ".join(f"{name} for {task}" for name, task in list(others.items())[:3])
     more = f" and {len(others) - 3} more for others" if len(others) > 3 else ""
     return flown, [f"they fly the task {flown}, but were trained for another: {first}{more}."]
+
+
+def _task_of(path: Path) -> str | None:
+    """The task that a policy was trained for; None also of a file that whoever flies it refuses."""
+    with suppress(InputError):
+        return policy_file.read(path).task
+    return None
