@@ -100,7 +100,7 @@ def train_cells(cells: Sequence[Train], settings: Settings) -> list[tuple[Policy
         boxes += [relative_box(drone, float(cell.randomize or 0.0))] * count
     keys = jnp.concatenate([jax.random.split(jax.random.key(cell.seed), count) for cell in cells])
     policies = mf.train(
-        mf.circle(), controller, boxes, keys, settings, spec=first.choose_spec(None)
+        mf.simulator.circle(), controller, boxes, keys, settings, spec=first.choose_spec(None)
     )
     return [policies[start : start + count] for start in range(0, len(policies), count)]
 

@@ -23,7 +23,7 @@ from maidenflight.simulator.battery import COUNTS
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.pid import ATTITUDE_RATE
 from maidenflight.simulator.position_pid import position_pid
-from maidenflight.simulator.rollout import rollout
+from maidenflight.simulator.rollouts import rollout
 
 DRONE, MASSES_G, TILTS_DEG = "crazyflie_2.1+", (27.0, 29.0, 31.0, 33.0, 35.0), (0.0, 33.0)
 HEIGHT, SECONDS = 1.0, 4.0

@@ -32,7 +32,7 @@ from maidenflight.simulator import control, dynamics, environment, latency, step
 from maidenflight.simulator.actuators import rotor_speed_command  # noqa: E402
 from maidenflight.simulator.environment import Environment  # noqa: E402
 from maidenflight.simulator.randomization import relative_box  # noqa: E402
-from maidenflight.simulator.rollout import randomized_reset, rollout_with_auto_reset  # noqa: E402
+from maidenflight.simulator.rollouts import randomized_reset, rollout_with_auto_reset  # noqa: E402
 from maidenflight.simulator.sensors import Measurement  # noqa: E402
 
 LAYOUTS = {

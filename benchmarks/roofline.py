@@ -220,7 +220,7 @@ def trained(name: str, structure: str) -> HotPath:
     controller = control.CONTROLLERS[structure]()
     drone = control.in_fitting_steps(crazyflie(), controller)
     spec = mf.PolicySpec(hidden=choose_hidden(structure, "gradient"))
-    env = Environment.matching(drone, mf.circle(), controller, spec=spec)
+    env = Environment.matching(drone, mf.simulator.circle(), controller, spec=spec)
     boxes, keys = stacked([relative_box(drone)]), jax.random.split(jax.random.key(0), 1)
     learners = analytic_gradient.begin(env, settings, boxes, keys)
 

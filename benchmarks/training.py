@@ -36,8 +36,9 @@ from maidenflight.parameters import crazyflie, noiseless, replace
 from maidenflight.policy import Policy
 from maidenflight.simulator import control, environment, failures, stepping, tasks
 from maidenflight.simulator.environment import Environment, EnvState
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import RelativeBox, relative_box
-from maidenflight.simulator.rollout import randomized_reset
+from maidenflight.simulator.rollouts import randomized_reset
 from maidenflight.training import defaults
 from maidenflight.training.evaluation import evaluate
 from maidenflight.training.train import Progress, train

@@ -66,10 +66,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args(arguments)
     seen: list[Progress] = []
-    box = mf.relative_box(mf.crazyflie(), 0.1)
+    box = mf.simulator.relative_box(mf.crazyflie(), 0.1)
     mf.train(
-        mf.circle(),
-        mf.pwm(),
+        mf.simulator.circle(),
+        mf.simulator.pwm(),
         box,
         jax.random.split(jax.random.key(given.seed), 1),
         SETTINGS,
@@ -84,10 +84,10 @@ def film(progress: Progress, seed: int) -> Film:
     """Three flights of the best policy so far."""
     policy = jax.tree.map(lambda leaf: leaf[0], progress.best)
     reality = mf.virtual_drone(7)
-    env = as_seen_by(policy, reality.environment(mf.circle(), mf.pwm()))
+    env = as_seen_by(policy, reality.environment(mf.simulator.circle(), mf.simulator.pwm()))
     keys = jax.random.split(jax.random.key(seed + 1), len(COLOURS))
     rows = jax.tree.map(np.asarray, _fly(env, policy, reality.parameters, keys))
-    every = round(mf.pwm().interface.rate / FRAMES)
+    every = round(mf.simulator.pwm().interface.rate / FRAMES)
     # The middle of the circle becomes that of the picture.
     position, attitude = (
         rows.true_position[:, ::every] - np.array([0.25, 0.0, 0.0]),

@@ -32,7 +32,7 @@ from maidenflight.policy_file import read
 from maidenflight.simulator import additions, control, tasks
 from maidenflight.simulator.any_drone import AnyDrone
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.rollout import randomized_reset, rollout
+from maidenflight.simulator.rollouts import randomized_reset, rollout
 from maidenflight.simulator.virtual_drone import VARIANTS, virtual_drone
 
 JUMP_S, FLIGHT_S = 5.0, 12.0

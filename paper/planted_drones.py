@@ -48,7 +48,7 @@ TOTAL = "T_m + latency"
 
 def flown(policy: Policy, drone: Parameters, seed: int) -> list[Flight]:
     """The flights of one drone, from starts of their own."""
-    world = Environment.matching(drone, mf.circle(), mf.pwm())
+    world = Environment.matching(drone, mf.simulator.circle(), mf.simulator.pwm())
     keys = jax.random.split(jax.random.key(seed), FLIGHTS)
     rows = jax.tree.map(np.asarray, _fly(world, policy, drone, keys))
     return [
@@ -122,8 +122,8 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, default=Path("planted_drones"))
     given = parser.parse_args()
     policy = mf.train(
-        mf.circle(),
-        mf.pwm(),
+        mf.simulator.circle(),
+        mf.simulator.pwm(),
         uniform_box(crazyflie(), **DRAWN),
         jax.random.split(jax.random.key(0), 1),
         mf.AnalyticGradient(updates=given.updates),

@@ -14,7 +14,7 @@ import pytest
 import maidenflight as mf
 from maidenflight import compiler
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.rollout import randomized_reset
+from maidenflight.simulator.rollouts import randomized_reset
 
 PROGRAM = """
 import sys
@@ -24,12 +24,12 @@ from maidenflight.policy import untrained
 from maidenflight.simulator import control, environment
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.simulator.rollout import rollout
+from maidenflight.simulator.rollouts import rollout
 
 drone = mf.parameters.read("crazyflie")
 controller = control.pwm()
 fitting = control.in_fitting_steps(drone, controller)
-env = Environment.matching(fitting, mf.circle(), controller)
+env = Environment.matching(fitting, mf.simulator.circle(), controller)
 policy = untrained(jax.random.key(1), controller.interface, PolicySpec(hidden=(8, 8)))
 
 
@@ -111,7 +111,7 @@ def test_where_jax_runs_already_its_devices_stay(monkeypatch: pytest.MonkeyPatch
 
 @pytest.mark.slow
 def test_programs_that_run_once_are_compiled_for_the_same_result() -> None:
-    box, keys = mf.relative_box(mf.crazyflie()), jax.random.split(jax.random.key(3), 4)
+    box, keys = mf.simulator.relative_box(mf.crazyflie()), jax.random.split(jax.random.key(3), 4)
     begun = jax.vmap(partial(randomized_reset, Environment(), box))
     plain, once = jax.jit(begun)(keys), jax.jit(begun, compiler_options=compiler.once())(keys)
     for one, other in zip(jax.tree.leaves(plain), jax.tree.leaves(once), strict=True):

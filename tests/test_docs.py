@@ -23,6 +23,7 @@ from jaxtyping import Array
 
 import maidenflight as mf
 from maidenflight import cli, deployment, parameters, policy, policy_file
+from maidenflight import simulator as sim
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import as_seen_by
 from maidenflight.flights import log
@@ -162,7 +163,10 @@ def test_pages_link_only_to_what_exists_and_name_only_files_that_exist() -> None
 def test_all_public_names_resolve() -> None:
     missing: list[Any] = [name for name in mf.__all__ if not hasattr(mf, name)]
     assert missing == []
-    assert all(callable(getattr(mf, name)) for name in mf.__all__ if name != "__version__")
+    apart = ("__version__", "simulator")
+    assert all(callable(getattr(mf, name)) for name in mf.__all__ if name not in apart)
+    assert len(mf.__all__) <= 32
+    assert all(callable(getattr(sim, name)) for name in sim.__all__)
     with pytest.raises(AttributeError):
         _ = mf.nonsense  # type: ignore[attr-defined]
     assert np.isfinite(float(parameters.crazyflie().mass))
@@ -421,10 +425,12 @@ def traced_training(
 ) -> list[Policy]:
     """In the place of training: the slope of a control period is traced, not compiled, and policies
     that know nothing come back."""
-    env = mf.Environment.matching(box.centre, task, controller, spec=spec)
+    env = sim.Environment.matching(box.centre, task, controller, spec=spec)
 
     def value(action: Array, key: Array) -> Array:
-        return mf.step(env, mf.reset(env, box.draw(key), key), action, box.draw(key), key)[1].reward
+        return sim.step(env, sim.reset(env, box.draw(key), key), action, box.draw(key), key)[
+            1
+        ].reward
 
     jax.eval_shape(jax.grad(value), np.zeros(4, np.float32), keys[0])
     return [policy.untrained(key, controller.interface, spec) for key in keys]
@@ -432,12 +438,15 @@ def traced_training(
 
 def traced_flights(policies: list[Policy], realities: list[VirtualDrone], **given: Any) -> None:
     """In the place of flights: their first half second is traced, not compiled."""
-    task, controller = given.get("task", mf.circle()), given.get("controller", mf.pwm())
+    task, controller = (
+        given.get("task", sim.circle()),
+        given.get("controller", sim.pwm()),
+    )
     for reality in realities:
         env = as_seen_by(policies[0], reality.environment(task, controller))
 
-        def fly(key: Array, drone: mf.Parameters, env: mf.Environment = env) -> Any:
-            return mf.rollout(env, policies[0], mf.reset(env, drone, key), drone, key, steps=50)
+        def fly(key: Array, drone: mf.Parameters, env: sim.Environment = env) -> Any:
+            return sim.rollout(env, policies[0], sim.reset(env, drone, key), drone, key, steps=50)
 
         jax.eval_shape(fly, jax.random.key(0), reality.parameters)
 
@@ -553,7 +562,8 @@ def test_the_api_shows_every_module_and_its_index_every_public_name() -> None:
     }
     assert set().union(*(shown(page) for page in (ROOT / "docs/api").glob("*.md"))) == public
     index = (ROOT / "docs/api/index.md").read_text()
-    assert all(f"[`{name}`]" in index for name in mf.__all__ if name != "__version__")
+    names = [*mf.__all__, *sim.__all__]
+    assert all(f"[`{name}`]" in index for name in names if name != "__version__")
 
 
 def extending(section: str) -> str:
@@ -600,20 +610,20 @@ def test_a_property_of_a_policy_s_input_is_one_class(monkeypatch: pytest.MonkeyP
     one.check()
     assert (one.spec, one.layer_sizes) == (spec, (41, 50, 50, 4))
     with pytest.raises(InputError, match="log_height = True, which the templates of the C"):
-        mf.export_c(one, "firmware")
+        mf.export(one, "firmware")
     with pytest.raises(InputError, match="log_height = True, but the authors' policies"):
         deployment.EXPORTERS["authors"](one, "authors")
     with pytest.raises(InputError, match=r"\(41,\) values, expected 40"):
         policy_file.from_json(policy_file.to_json(one))
     # What it sees in flight is what training shows it.
     state = dynamics.at_hover(jnp.array([0.1, 0.2, 0.5]), noiseless(mf.crazyflie()))
-    env = mf.Environment(spec=spec)
+    env = sim.Environment(spec=spec)
     begun = environment.begin(
         env, state, jnp.float32(0), noiseless(mf.crazyflie()), jax.random.key(0)
     )
     seen = environment.observation(env, begun)
     assert float(seen[-1]) == pytest.approx(np.log(0.5))
-    act = policy.Actor(one, 0.5).act(begun.measurement, mf.circle().reference(jnp.float32(0)))
+    act = policy.Actor(one, 0.5).act(begun.measurement, sim.circle().reference(jnp.float32(0)))
     assert np.isfinite(act.action).all()
 
 

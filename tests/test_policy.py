@@ -14,7 +14,7 @@ from maidenflight.simulator import dynamics, environment, interface
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.look_ahead import LookAhead
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.simulator.rollout import rollout
+from maidenflight.simulator.rollouts import rollout
 from maidenflight.simulator.sensors import Measurement
 from noisy_policy import noisy
 

@@ -195,4 +195,4 @@ def test_unknown_verbs_and_settings_are_refused() -> None:
         find_verb("soar")
     with pytest.raises(InputError, match="is a int"):
         find_verb("os:O_RDONLY")
-    assert isinstance(train(drone="crazyflie"), verb.Verb)
+    assert isinstance(train.from_settings({"drone": "crazyflie"}), verb.Verb)

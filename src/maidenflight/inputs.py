@@ -93,17 +93,6 @@ def comments(path: StrPath) -> list[str]:
         return [line.rstrip("\n") for line in takewhile(lambda line: line.startswith("#"), file)]
 
 
-def header(path: StrPath) -> str:
-    """The first line of a file in UTF-8 that is no comment; empty where there is none.
-
-    Raises:
-        OSError: see `content`.
-        UnicodeDecodeError: not UTF-8.
-    """
-    with _ordinary(path).open(encoding="utf-8") as file:
-        return next((line for line in file if line.strip() and line[0] != "#"), "").strip()
-
-
 def from_json(text: str) -> Any:
     """The content of a JSON text.
 

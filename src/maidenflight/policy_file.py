@@ -37,6 +37,23 @@ class PolicyFile:
     name: str = "policy"
     """Of the file, without its ending."""
 
+    @classmethod
+    def read(cls, path: StrPath, control: str | None = None) -> "PolicyFile":
+        """Reads a policy file, ours or the authors'; see `read`.
+
+        Raises:
+            InputError: as of `read`.
+        """
+        return read(path, control)
+
+    def write(self, path: StrPath) -> Path:
+        """Writes the policy with its record.
+
+        Raises:
+            WriteError: the file cannot be written.
+        """
+        return write(path, self.policy, self.record)
+
     @property
     def spec(self) -> PolicySpec:
         """What the policy sees and remembers."""

@@ -28,7 +28,7 @@ from maidenflight.simulator import environment
 from maidenflight.simulator.interface import INTERFACES
 from maidenflight.simulator.look_ahead import LookAhead
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.simulator.rollout import rollout
+from maidenflight.simulator.rollouts import rollout
 from maidenflight.simulator.sensors import Measurement
 
 STRICT = (

@@ -45,7 +45,7 @@ from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.look_ahead import LookAhead
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.position_pid import position_pid
-from maidenflight.simulator.rollout import rollout
+from maidenflight.simulator.rollouts import rollout
 from maidenflight.simulator.sensors import Measurement
 
 HERE = Path(__file__).parent / "crazyflie"

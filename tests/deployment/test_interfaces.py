@@ -22,7 +22,7 @@ from maidenflight.simulator import control, dynamics, environment, interface
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.interface import THRUST, ControlInterface
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.simulator.rollout import rollout
+from maidenflight.simulator.rollouts import rollout
 from maidenflight.simulator.sensors import Measurement
 
 ROLL = 0.25
@@ -48,7 +48,7 @@ def constant(meaning: ControlInterface, action: list[float]) -> Policy:
 
 def in_c(made: Policy, folder) -> np.ndarray:
     """The exported code's first command for a level drone."""
-    mf.export_c(made, folder)
+    mf.export(made, folder)
     drone = Flown(folder, made.spec.history)
     drone.reset(np.zeros(4))
     finite, command = drone.step(LEVEL, LEVEL.position)
@@ -70,7 +70,7 @@ def in_onnx(made: Policy) -> np.ndarray:
 @pytest.mark.skipif(not COMPILERS, reason="no C compiler")
 def test_exported_code_asks_for_the_body_rate_that_the_simulated_drone_reaches(tmp_path):
     """360 deg/s: a quarter of it is 90, which was exported as 15."""
-    controller = mf.attitude_rate(highest_rate=360.0)
+    controller = mf.simulator.attitude_rate(highest_rate=360.0)
     drone = replace(noiseless(crazyflie()), latency=0.005, time_step=0.002)
     level = controller.interface.level(dynamics.hover_command(drone))
     made = constant(controller.interface, [float(level[0]), ROLL, 0.0, 0.0])
@@ -151,5 +151,5 @@ def test_a_policy_of_another_name_flies_with_its_own_controller_only():
     with pytest.raises(InputError, match="winch"):
         mf.transfer([made], [mf.virtual_drone(7)])
     with pytest.raises(InputError, match="winch"):
-        mf.transfer([made], [mf.virtual_drone(7)], controller=mf.pwm())
+        mf.transfer([made], [mf.virtual_drone(7)], controller=mf.simulator.pwm())
     assert isinstance(EXPORTERS["c"], Exporter)

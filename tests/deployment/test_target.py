@@ -22,6 +22,7 @@ from maidenflight.deployment.c import export_c
 from maidenflight.policy import Policy
 from maidenflight.simulator import environment
 from maidenflight.simulator.control import CONTROLLERS
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.sensors import Measurement
 from maidenflight.training.defaults import DISTILLED_HIDDEN
 

@@ -214,6 +214,7 @@ def policies(tmp_path_factory):
         "predict {policies} --drone {drone} -o {made}.csv",
         "train --drone {drone} -o {made}",
         "report {folder}",
+        "report --drone {drone} -o {made}.html",
         "validate {drone} {folder} -o {made}.csv",
     ],
 )
@@ -222,6 +223,7 @@ def test_a_command_ends_with_one_line_and_2(
 ) -> None:
     drone = tmp_path / "drone.toml"
     drone.write_text(DAMAGED[which])
+    manifest.append(drone, "identify", {"drone": [drone]}, {})
     given = {"policies": policies, "drone": drone, "made": tmp_path / "made", "folder": tmp_path}
     monkeypatch.setattr(
         "sys.argv", ["maidenflight", *(word.format(**given) for word in command.split())]

@@ -1,6 +1,7 @@
 """Planning: what is proposed fits the room on other drones too and tells more than a hover."""
 
 import dataclasses
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -120,7 +121,7 @@ def test_the_room_is_kept_on_drones_that_it_was_not_planned_for(proposed):
 def test_a_plan_that_is_written_is_recorded_from_its_file(proposed, tmp_path):
     path = proposed[0].plan.write(tmp_path / "plan.toml")
     recorded = Record(plan=path, reality="crazyflie", seed=1, rate=100).run(tmp_path / "flights")
-    logs = recorded.written["logs"]
+    logs = [Path(log) for log in recorded.written["logs"]]
     assert [log.name for log in logs] == ["flight_01.csv"]
     assert "plan.toml sha256:" in logs[0].read_text()
     assert (tmp_path / "flights" / "reality.toml").exists()

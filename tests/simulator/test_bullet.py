@@ -21,7 +21,7 @@ from maidenflight.policy import untrained
 from maidenflight.simulator import bullet, control, dynamics, environment, rotations, tasks
 from maidenflight.simulator.bullet import DAMPING, Bullet, bullet_drone
 from maidenflight.simulator.dynamics import State
-from maidenflight.simulator.rollout import rollout
+from maidenflight.simulator.rollouts import rollout
 from maidenflight.simulator.virtual_drone import virtual_drone
 
 UNEQUAL = replace(

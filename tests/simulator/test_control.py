@@ -25,7 +25,7 @@ from maidenflight.simulator import (
 from maidenflight.simulator.balance import balanced
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.position_pid import position_pid
-from maidenflight.simulator.rollout import rollout
+from maidenflight.simulator.rollouts import rollout
 from maidenflight.simulator.sensors import Measurement
 from maidenflight.simulator.vectors import Entries
 

@@ -30,7 +30,7 @@ from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.latency import DelayLine
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import relative_box
-from maidenflight.simulator.rollout import (
+from maidenflight.simulator.rollouts import (
     EnvInstance,
     randomized_reset,
     rollout,

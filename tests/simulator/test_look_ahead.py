@@ -13,7 +13,7 @@ from maidenflight.simulator import dynamics, environment, tasks, trajectories
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.look_ahead import LookAhead
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.simulator.rollout import rollout
+from maidenflight.simulator.rollouts import rollout
 
 KEY = jax.random.key(0)
 POINTS = LookAhead(3, 0.15)

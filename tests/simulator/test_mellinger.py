@@ -11,7 +11,7 @@ from maidenflight.parameters import crazyflie, noiseless, replace
 from maidenflight.simulator import dynamics, environment, mellinger, rotations, tasks, trajectories
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.mellinger import FullState, Memory
-from maidenflight.simulator.rollout import rollout
+from maidenflight.simulator.rollouts import rollout
 from maidenflight.simulator.sensors import Measurement
 
 STILL, UP = jnp.zeros(3), jnp.array([0.0, 0.0, 1.0])

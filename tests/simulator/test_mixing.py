@@ -14,7 +14,7 @@ from maidenflight.parameters.frames import effectiveness
 from maidenflight.simulator import control, dynamics, environment, firmware, mixing, tasks
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.position_pid import position_pid
-from maidenflight.simulator.rollout import rollout
+from maidenflight.simulator.rollouts import rollout
 
 UNEQUAL = {
     "rotor_x": (0.045, -0.03, -0.03, 0.045),

@@ -11,7 +11,7 @@ from maidenflight.parameters import QUANTITIES, check, crazyflie, replace
 from maidenflight.simulator import control, dynamics, environment, tasks
 from maidenflight.simulator.battery import FIRMWARE_2021, PLUS
 from maidenflight.simulator.position_pid import position_pid
-from maidenflight.simulator.rollout import rollout
+from maidenflight.simulator.rollouts import rollout
 from maidenflight.simulator.virtual_drone import FAR_RANGES, RANGES, VARIANTS, virtual_drone
 
 SEEDS = range(8)

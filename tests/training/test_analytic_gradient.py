@@ -12,7 +12,7 @@ from maidenflight.simulator import control, environment
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import relative_box, stacked
-from maidenflight.simulator.rollout import EnvInstance
+from maidenflight.simulator.rollouts import EnvInstance
 from maidenflight.training import analytic_gradient
 from maidenflight.training.analytic_gradient import AnalyticGradient
 

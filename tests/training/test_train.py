@@ -122,7 +122,7 @@ def test_training_from_a_policy_begins_with_its_score_and_ends_no_worse(
     saved = tmp_path / "training.npz"
 
     def tuned(hear: Any, from_: Policy = initial) -> tuple[Policy, ...]:
-        return train(*asked, other, on_progress=hear, saved=saved, initial=from_)
+        return train(*asked, spec=other, on_progress=hear, saved=saved, initial=from_)
 
     def interrupt(progress: Progress) -> None:
         if progress.update == 2:
@@ -463,13 +463,15 @@ def test_a_return_that_is_no_number_ends_training_and_keeps_what_was_good(
 def test_a_policy_of_raptors_form_learns_and_is_trained_further() -> None:
     heard: list[Progress] = []
     asked: Any = (TASK, CONTROLLER, BOX, KEYS[:1])
-    (first,) = train(*asked, SMALL, PolicySpec(form="raptor"), on_progress=heard.append)
+    (first,) = train(
+        *asked, settings=SMALL, spec=PolicySpec(form="raptor"), on_progress=heard.append
+    )
     assert (first.spec.form, first.layer_sizes) == ("raptor", (22, 16, 4))
     first.check()
     assert heard[-1].score.episode_return[0] > heard[0].score.episode_return[0] + 50.0
     flown = transfer(first, virtual_drone(7), 1, duration=0.5)
     assert np.isfinite(flown.table["position_error"][0])
-    (further,) = train(*asked, changed(SMALL, updates=1, evaluations=1), initial=first)
+    (further,) = train(*asked, settings=changed(SMALL, updates=1, evaluations=1), initial=first)
     assert further.spec.form == "raptor"
 
 

@@ -53,7 +53,7 @@ def test_what_a_command_of_one_is_goes_from_the_drone_s_logs_to_the_exported_cod
     monkeypatch.setattr(TRAINING, no_training)
     train = Train(drone=str(tmp_path / "drone.toml"), policies=1, hidden=(8, 8))
     (made,) = train.run(tmp_path).value
-    header, _ = mf.export_c(made, tmp_path / "c")
+    header, _ = mf.export(made, tmp_path / "c")
     assert "65535 of the firmware's 65535 counts" in " ".join(
         header.read_text().replace("\n *", " ").split()
     )

@@ -9,6 +9,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from maidenflight.errors import InputError
+
 if TYPE_CHECKING:
     from maidenflight.inputs import StrPath
     from maidenflight.policy import Policy
@@ -48,6 +50,26 @@ class Exporter:
         module, name = self.function.split(":")
         write = getattr(import_module(module), name)
         return write(policy, folder, **{key: given[key] for key in self.takes if key in given})
+
+
+def export(policy: "Policy", folder: "StrPath", to: str = "c", **given: Any) -> list[Path]:
+    """Writes a policy for other programs.
+
+    Args:
+        policy: the policy.
+        folder: where to write; made if missing.
+        to: a name in `EXPORTERS`.
+        **given: see `Exporter.__call__`; what the exporter does not take is left out.
+
+    Returns:
+        The files written.
+
+    Raises:
+        InputError: no such exporter; or what is written cannot hold the policy.
+    """
+    if to not in EXPORTERS:
+        raise InputError(f"to = {to!r}; expected one of {', '.join(EXPORTERS)}.")
+    return EXPORTERS[to](policy, folder, **given)
 
 
 _HERE = "maidenflight.deployment"

@@ -111,17 +111,6 @@ def is_log(file: Path) -> bool:
     return "." not in name and usddeck.recognises(_beginning(file))
 
 
-def is_known(file: Path) -> bool:
-    """Whether a file can be read and is in one of the formats."""
-    if _recording(file) is not None:
-        return True
-    try:
-        table = _table(file, _name(file))
-    except InputError:
-        return False
-    return any(kind.recognises(table) for kind in FORMATS)
-
-
 def logged(file: Path, battery_law: str | None = None) -> Logged | Table:
     """The flights in a file as they were logged; of a table in no known format, the table.
 

@@ -20,7 +20,7 @@ from maidenflight.simulator import environment, rotations, stepping
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.failures import END_REASONS
 from maidenflight.simulator.randomization import Distribution, relative_box
-from maidenflight.simulator.rollout import EnvInstance, randomized_reset
+from maidenflight.simulator.rollouts import EnvInstance, randomized_reset
 
 GROUP = 128
 """Most float32 numbers of an array of 512 bytes."""

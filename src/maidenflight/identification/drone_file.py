@@ -178,6 +178,15 @@ class DroneFile:
             extra["record"] = dict(self.record)
         return parameters.to_toml(self.parameters, name, extra)
 
+    @classmethod
+    def read(cls, path: StrPath) -> "DroneFile":
+        """Reads a drone: a TOML file, or a named drone; see `read`.
+
+        Raises:
+            InputError: it cannot be read, or is damaged.
+        """
+        return read(path)
+
     def write(self, path: StrPath) -> Path:
         """Writes the file; the drone is named after it.
 

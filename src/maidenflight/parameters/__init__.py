@@ -18,7 +18,7 @@ from maidenflight.parameters.frames import (
     rotors,
     x_frame,
 )
-from maidenflight.parameters.named import DRONES, NamedDrone, crazyflie, named, sources
+from maidenflight.parameters.named import DRONES, NamedDrone, crazyflie, named_drone, sources
 from maidenflight.parameters.quantities import QUANTITIES, Parameters
 from maidenflight.parameters.quantity import Quantity
 from maidenflight.parameters.toml import (
@@ -53,7 +53,7 @@ __all__ = [
     "h_frame",
     "levers",
     "name_of",
-    "named",
+    "named_drone",
     "noiseless",
     "part_names",
     "plain",

@@ -275,7 +275,7 @@ DRONES: dict[str, NamedDrone] = {
 """Named drones, for the command line's `--drone NAME` and `--start NAME`."""
 
 
-def named(name: str, mass: float | None = None) -> Parameters:
+def named_drone(name: str, mass: float | None = None) -> Parameters:
     """A named drone.
 
     Args:

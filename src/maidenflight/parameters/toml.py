@@ -13,7 +13,7 @@ from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
 from maidenflight.parameters.components import check, plain
 from maidenflight.parameters.frames import GEOMETRY, LAYOUTS
-from maidenflight.parameters.named import DRONES, crazyflie, named
+from maidenflight.parameters.named import DRONES, crazyflie, named_drone
 from maidenflight.parameters.quantities import QUANTITIES, Parameters
 from maidenflight.parameters.scaling import with_mass
 
@@ -209,7 +209,7 @@ def read(drone: StrPath, mass: float | None = None) -> Parameters:
             more than the drone lifts.
     """
     if str(drone) in DRONES:
-        return named(str(drone), mass)
+        return named_drone(str(drone), mass)
     found = from_document(document(drone), str(drone))
     return found if mass is None else with_mass(found, mass, str(drone))
 

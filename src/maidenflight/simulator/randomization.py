@@ -290,7 +290,7 @@ def stacked(distributions: Sequence[Distribution]) -> Distribution:
         kinds = sorted({type(one).__name__ for one in distributions})
         raise InputError(
             f"distributions of different kinds or sizes ({', '.join(kinds)}); expected all of one "
-            "kind, such as what mf.relative_box gives for each drone."
+            "kind, such as what mf.simulator.relative_box gives for each drone."
         )
     return jax.tree.map(lambda *leaves: np.stack(leaves), *distributions)
 

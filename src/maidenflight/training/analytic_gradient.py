@@ -24,7 +24,7 @@ from maidenflight.policy import Policy, untrained
 from maidenflight.simulator import dynamics, environment, raptor_form, rotations, stepping
 from maidenflight.simulator.environment import Environment, EnvState
 from maidenflight.simulator.randomization import Distribution
-from maidenflight.simulator.rollout import EnvInstance, PolicyFunction, randomized_reset
+from maidenflight.simulator.rollouts import EnvInstance, PolicyFunction, randomized_reset
 from maidenflight.simulator.stepping import StepResult
 from maidenflight.simulator.vectors import norm, squared
 from maidenflight.training.devices import DRONES, REPLICATED, SHARDED, begun, learning, own

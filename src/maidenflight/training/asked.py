@@ -76,8 +76,8 @@ def checked(
     if settings.updates < 1:
         raise InputError(f"updates = {settings.updates}; expected 1 or more.")
     for given, kind, way in (
-        (task, Task, "mf.circle()"),
-        (controller, Controller, "mf.pwm()"),
+        (task, Task, "mf.simulator.circle()"),
+        (controller, Controller, "mf.simulator.pwm()"),
         (spec, PolicySpec, "mf.PolicySpec()"),
     ):
         if not isinstance(given, kind):
@@ -95,7 +95,7 @@ def checked(
     if controller.interface.name == EXCITATION.name:
         raise InputError(
             f"control structure {EXCITATION.name} cannot be trained for: it flies by itself. Give "
-            "what mf.pwm() gives."
+            "what mf.simulator.pwm() gives."
         )
     if initial is not None:
         _check_initial(initial, controller, settings)
@@ -124,7 +124,7 @@ def _one_each(box: Distribution | Sequence[Distribution], count: int) -> Sequenc
         if not hasattr(one, "centre"):
             raise InputError(
                 f"{type(one).__name__} is no distribution of drones; expected what "
-                "mf.relative_box(DRONE) gives."
+                "mf.simulator.relative_box(DRONE) gives."
             )
     if len(boxes) != count:
         raise InputError(

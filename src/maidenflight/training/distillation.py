@@ -27,7 +27,7 @@ from maidenflight.simulator import environment, stepping
 from maidenflight.simulator.environment import Environment, EnvState
 from maidenflight.simulator.policy_spec import ACTION_SIZE, INSTANTS
 from maidenflight.simulator.randomization import Distribution
-from maidenflight.simulator.rollout import EnvInstance
+from maidenflight.simulator.rollouts import EnvInstance
 from maidenflight.simulator.vectors import squared
 from maidenflight.training import analytic_gradient
 from maidenflight.training.analytic_gradient import (

@@ -22,7 +22,7 @@ from maidenflight.simulator import environment, stepping
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.policy_spec import ACTION_SIZE
 from maidenflight.simulator.randomization import PAPER_FIELDS, Distribution
-from maidenflight.simulator.rollout import EnvInstance, randomized_reset
+from maidenflight.simulator.rollouts import EnvInstance, randomized_reset
 from maidenflight.training.critic import (
     Critic,
     Moments,
