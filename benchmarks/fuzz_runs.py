@@ -2,6 +2,7 @@
 
 import json
 import re
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from fuzz_files import (
 )
 from fuzz_reader import Good, Reader, made, table_damaged, tree_damaged
 
-from maidenflight import policy_file, run_folder
+from maidenflight import manifest, policy_file, run_folder
 from maidenflight.flights import log
 from maidenflight.identification.drone_file import OBJECTIVES
 from maidenflight.reporting import page
@@ -38,6 +39,8 @@ def run_readers() -> list[Reader]:
     own = tuple(column for columns in log.GROUPS.values() for column in columns)
     good = []
     for place, content in around.items():
+        if place == manifest.NAME:  # without a file that it lists a run is another and sound
+            continue
         if place in tables:
             damaged = table_damaged(tables[place], ANY, tables[place])
         elif place.endswith(".csv"):
@@ -93,10 +96,17 @@ def whole_run() -> dict[str, bytes]:
     }
     table = tests.flown().table.head(2)
     around["transfer/flights.csv"] = table.write_csv().encode()
-    return around | {
+    around |= {
         f"transfer/flight_{number:02d}.csv": log.to_csv(tests.circling(0.4), RECORD).encode()
         for number in (1, 2)
     }
+    with tempfile.TemporaryDirectory() as folder:
+        for place, content in around.items():
+            path = Path(folder, place)
+            path.parent.mkdir(exist_ok=True)
+            path.write_bytes(content)
+        tests.list_files(Path(folder))
+        return around | {manifest.NAME: Path(folder, manifest.NAME).read_bytes()}
 
 
 def unsound_run(read: runs.Run) -> str:
