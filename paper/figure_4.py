@@ -24,7 +24,7 @@ import numpy as np
 import polars
 
 import maidenflight as mf
-from maidenflight import results, run_folder, terminal
+from maidenflight import manifest, results, run_folder, terminal
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import MAX_DURATION_S
 from maidenflight.reporting import svg
@@ -148,7 +148,8 @@ def gather_flights(study: Study, folder: Path) -> polars.DataFrame:
         "study": list(study.entries),
     }
     record = results.record(seed=None, inputs=[], settings=settings)
-    FLIGHTS.write(folder / FLIGHTS.name, flights, record)
+    table = FLIGHTS.write(folder / FLIGHTS.name, flights, record)
+    manifest.append(folder, "transfer", {"flights": [table]}, record)
     return flights
 
 
