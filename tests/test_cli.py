@@ -723,6 +723,7 @@ def test_a_drone_is_validated(tmp_path: Path, monkeypatch: Any, capsys: Any) -> 
     assert not (tmp_path / "v.csv").exists()
 
 
+@pytest.mark.slow
 def test_flights_that_made_the_drone_are_called_no_test(
     tmp_path: Path, monkeypatch: Any, capsys: Any
 ) -> None:

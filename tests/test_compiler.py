@@ -84,6 +84,7 @@ def test_the_latest_flags_count_but_ones_own_stay(monkeypatch: pytest.MonkeyPatc
         assert os.environ["XLA_FLAGS"] == own
 
 
+@pytest.mark.slow
 def test_jax_is_prepared_in_a_process_of_its_own(tmp_path: Path) -> None:
     asked = (
         "import os, maidenflight as mf; mf.prepare_jax(3, fused=True); import jax; "

@@ -17,6 +17,7 @@ def test_the_cores_are_those_that_this_process_may_use(monkeypatch: pytest.Monke
     assert cores.count() == 1
 
 
+@pytest.mark.slow
 def test_each_core_becomes_a_device_and_a_jax_that_runs_is_left_alone() -> None:
     program = (
         "from maidenflight import cores\nimport jax\ncores.count = lambda: "

@@ -306,6 +306,7 @@ def test_the_python_on_simulators_by_others_runs(
     exec(blocks("docs/realities.md", "python")[place], names)
 
 
+@pytest.mark.slow
 def test_a_reality_of_ones_own_as_the_page_on_extending_shows_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -19,6 +19,7 @@ fuzz, fuzz_damage = importlib.import_module("fuzz"), importlib.import_module("fu
 NAMES = sorted(fuzz.known_readers())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_damaged_files_are_refused_or_mean_what_they_meant(name: str) -> None:
     reader = fuzz.known_readers()[name]

@@ -457,6 +457,7 @@ def test_the_yaw_trim_of_a_policys_own_logs_explains_its_flight_times(
     assert "no logs" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_slow_logs_are_compared_with_and_without_an_accelerometer(monkeypatch: Any) -> None:
     rates = script("log_rates")
     monkeypatch.setattr(rates.accepted, "LONGEST_PERIOD", rates.accepted.LONGEST_PERIOD)

@@ -228,6 +228,7 @@ def test_a_policy_that_looks_ahead_sees_the_points_that_the_caller_gives(flown, 
         assert not drone.state.begun
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compiler", COMPILERS)
 @pytest.mark.parametrize(("hidden", "memory", "points"), [((50, 50), 16, 0), ((13,), 5, 2)])
 def test_5000_steps_of_a_policy_that_remembers_are_pythons(flown, hidden, memory, points, compiler):

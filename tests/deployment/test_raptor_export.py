@@ -78,6 +78,7 @@ def read_by_its_makers(path: Path) -> Evaluate:
     return lambda seen: network.evaluate_step(seen[None])[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("read", [read_in_numpy, read_by_its_makers])
 def test_a_reader_commands_what_we_command_in_flight(
     read: Callable[[Path], Evaluate], tmp_path: Path

@@ -142,6 +142,7 @@ def short(monkeypatch: Any) -> None:
     monkeypatch.setattr(envelope, "DURATION_S", 0.1)
 
 
+@pytest.mark.slow
 def test_flights_of_every_policy_and_grade_have_the_same_starts(short: None) -> None:
     """In a tenth of a second nothing is lost, so that the hardest grade is reached."""
     policies = [

@@ -73,6 +73,7 @@ def test_the_first_guard_to_trip_is_the_reason() -> None:
     assert end_of_flight(flown) == (21, "position error")
 
 
+@pytest.mark.slow
 def test_every_policy_flies_every_reality_and_the_logs_match_the_table() -> None:
     realities = [virtual_drone(1), virtual_drone(2)]
     flown = transfer(POLICIES, realities, trials=2, key=jax.random.key(0), duration=0.6)
@@ -95,6 +96,7 @@ def test_every_policy_flies_every_reality_and_the_logs_match_the_table() -> None
     assert not np.array_equal(flown.flights[0].position[0], flown.flights[1].position[0])
 
 
+@pytest.mark.slow
 def test_a_flight_is_the_same_until_its_drone_changes() -> None:
     names = ("virtual:1", "virtual:1+yaw20000@0.2", "virtual:1+payload15@0.1+weak10@0.1")
     program: Any = transfers._fly
@@ -183,6 +185,7 @@ def test_a_controller_of_another_interface_is_refused() -> None:
         transfer(POLICIES, [virtual_drone(1)], controller=attitude_rate())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("controller", [None, attitude_rate()], ids=["pwm", "attitude_rate"])
 def test_a_reality_in_numpy_is_flown_as_the_same_drone_in_jax(controller) -> None:
     """To 1 mm over 0.4 s, with motor commands held for 10 ms, by policies that look ahead, and with

@@ -34,6 +34,7 @@ class Ideal:
         return Truth(self.position, np.array([0, 0, 0, 1.0]), np.zeros(3), np.full(4, self.hover))
 
 
+@pytest.mark.slow
 def test_a_recorded_flight_is_that_of_the_same_drone_in_jax() -> None:
     """To 0.1 mm and 1e-3 rad/s over 2 s of excited flight: float32 against float64."""
     drone = NumpyDrone()

@@ -13,6 +13,8 @@ from maidenflight.flights.manoeuvres import MOTORS, Manoeuvre
 from maidenflight.simulator.virtual_drone import virtual_drone
 from numpy_drone import NumpyDrone
 
+pytestmark = pytest.mark.slow
+
 DRONE = virtual_drone(3)
 PLAN = FlightPlan(
     (Block(Manoeuvre("steps_yaw", 0.5, 2.0), 2.0), Block(Manoeuvre("steps_x", 0.2, 1.0), 2.0)),

@@ -145,6 +145,7 @@ def test_without_a_battery_the_logged_command_is_the_ratio():
     assert (flight.zero_order_hold, flight.simulated, flight.period) == (True, "x", 0.02)
 
 
+@pytest.mark.slow
 def test_todays_firmware_flies_commands_above_1_and_its_log_says_the_scale():
     strong = recording.record(DRONE, jax.random.key(1), 1, 2.0, 0.15, firmware="2026.08")[0]
     old = recording.record(DRONE, jax.random.key(1), 1, 2.0, 0.15)[0]
@@ -168,6 +169,7 @@ def test_a_drone_that_the_pid_cannot_hold_is_refused_and_not_flown(ratio):
     assert not by_protocol.resets
 
 
+@pytest.mark.slow
 def test_mellinger_flies_the_circle_too_and_another_controller_is_refused():
     key = jax.random.key(1)
     (flight,) = recording.record(DRONE, key, 1, SECONDS, 0.0, controller="mellinger")

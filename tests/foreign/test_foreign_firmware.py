@@ -10,6 +10,8 @@ from maidenflight.foreign.policies import ForeignPolicy, foreign_policy
 from maidenflight.simulator import tasks
 from numpy_drone import NumpyDrone
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("name", CONTROLLERS)
 def test_it_flies_by_name(name: str) -> None:

@@ -17,6 +17,8 @@ from maidenflight.simulator import control
 from maidenflight.simulator.look_ahead import LookAhead
 from maidenflight.simulator.policy_spec import PolicySpec
 
+pytestmark = pytest.mark.slow
+
 POLICIES = {
     "soft": flying_policy(crazyflie(), 0.7),
     "stiff": flying_policy(crazyflie(), 1.6),

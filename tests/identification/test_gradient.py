@@ -74,6 +74,7 @@ def test_the_loss_of_the_normal_equations_is_the_objective(objective):
     assert objective.normal_equations(at, NAMES).loss == pytest.approx(objective(at), rel=1e-5)
 
 
+@pytest.mark.slow
 def test_a_share_of_the_windows_is_each_so_manieth(objective):
     at = planted.drone(**BESIDE)
     assert objective.normal_equations(at, NAMES, 3).loss == pytest.approx(

@@ -61,6 +61,7 @@ def test_a_planted_drone_is_found_again(planted_xi, method):
     assert delay == pytest.approx(planted_xi[2], abs=0.004)
 
 
+@pytest.mark.slow
 def test_one_parameter_alone_is_found_and_the_others_are_kept(flights):
     start = planted.drone(1.7, 0.06, 0.012)
     found = identify(flights, FEW, over=["thrust_to_weight"], start=start)

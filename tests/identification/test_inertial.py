@@ -25,6 +25,8 @@ from maidenflight.parameters import Parameters, component, crazyflie, replace
 from maidenflight.simulator.battery import MOST_COUNTS
 from maidenflight.simulator.virtual_drone import virtual_drone
 
+pytestmark = pytest.mark.slow
+
 IMU = Path(__file__).parents[3] / "shared" / "data" / "usd_imu"
 ONCE = Likelihood(trials=1)
 DRONE = virtual_drone(1)
@@ -299,7 +301,6 @@ def test_scores_are_the_values_slope(excited: list[Flight], sensor: Sensor) -> N
         assert scores[:, place].sum() == pytest.approx(slope, rel=0.05, abs=0.2 * scale + 1e-9)
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(not IMU.exists(), reason="no logs of accelerometer and gyro alone here")
 def test_logs_of_a_crazyflie_flown_by_hand() -> None:
     found = identify(read_flights(IMU), start=replace(crazyflie(), mass=0.027))

@@ -18,6 +18,8 @@ from maidenflight.identification.information import HOVERING, OTHER_DAY, Expecte
 from maidenflight.identification.likelihood import Likelihood
 from maidenflight.parameters import component, crazyflie, replace, x_frame
 
+pytestmark = pytest.mark.slow
+
 ONCE = Likelihood(trials=1)
 DRONE = replace(planted.drone(1.85, 0.06, 0.009), actuator_noise=0.005)
 UNTOLD = "motor_time_constant"
@@ -109,7 +111,6 @@ def test_excited_flights_tell_what_calm_ones_do_not(excited, calm):
     assert tells["motor_time_constant"].identifiable
 
 
-@pytest.mark.slow
 def test_expected_intervals_are_about_as_wide_as_those_that_are_found(excited):
     over = ("thrust_to_weight", "motor_time_constant", "latency")
     foreseen = mf.expected_intervals(excited, ONCE, start=DRONE, over=over)

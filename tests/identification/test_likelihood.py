@@ -16,6 +16,8 @@ from maidenflight.identification.likelihood import Likelihood
 from maidenflight.identification.selection import FIRST, GROUPS, split
 from maidenflight.parameters import QUANTITIES, component, crazyflie, replace, x_frame
 
+pytestmark = pytest.mark.slow
+
 TRUTH = {"thrust_to_weight": 1.85, "motor_time_constant": 0.06, "latency": 0.009}
 
 
@@ -31,7 +33,6 @@ def found(flights):
     return identify(flights, Likelihood(trials=2), over=FIRST, key=jax.random.key(1))
 
 
-@pytest.mark.slow
 def test_a_planted_drone_is_found_again_from_noisy_flights_under_feedback(found):
     """k_F within 1 %, T_m + latency within 3 ms, latency within 2 ms, from a start that is 7 %, 37
     ms and 9 ms off."""
@@ -42,14 +43,12 @@ def test_a_planted_drone_is_found_again_from_noisy_flights_under_feedback(found)
     assert found.value < found.start_value - 0.1
 
 
-@pytest.mark.slow
 def test_a_random_start_ends_where_the_first_does(found):
     for estimate in found.estimates.values():
         width = np.subtract(*estimate.interval[::-1])
         assert abs(estimate.trials[0] - estimate.trials[1]) < 0.1 * width
 
 
-@pytest.mark.slow
 def test_the_truth_is_as_far_as_the_drawn_drones_say(found):
     """Within three standard deviations of them, and these are a few percent."""
     for name, truth in TRUTH.items():
@@ -62,7 +61,6 @@ def test_the_truth_is_as_far_as_the_drawn_drones_say(found):
         assert draws.std() < 0.1 * truth
 
 
-@pytest.mark.slow
 def test_lag_and_latency_trade_against_one_another_among_the_drawn_drones(found):
     """What a longer lag delays a shorter latency makes up for: their sum is known better than that
     of independent draws."""
@@ -70,7 +68,6 @@ def test_lag_and_latency_trade_against_one_another_among_the_drawn_drones(found)
     assert np.corrcoef(lag, delay)[0, 1] < -0.3
 
 
-@pytest.mark.slow
 def test_the_noise_of_the_sensors_is_found_beside_and_the_drone_flies_with_it(found):
     """Planted are 0.05 rad/s of the gyro and 0.01 m/s of the velocity, and a position without
     error."""
@@ -124,7 +121,6 @@ def test_flights_shorter_than_a_window_are_refused_in_words(flights):
         identify([], over=FIRST)
 
 
-@pytest.mark.slow
 def test_without_noise_a_start_beside_the_wrong_latency_finds_the_right_one(monkeypatch):
     """The start has 18 ms, and the optimum next to it 21 ms with twice the lag."""
     few = {name: GROUPS[name] for name in ("spin_down_ratio", "inertia")}

@@ -77,6 +77,7 @@ def test_a_planted_lag_comes_back(rotor_speed: bool) -> None:
     assert found.looks[0].signal == ("rotor speed" if rotor_speed else "accelerometer")
 
 
+@pytest.mark.slow
 def test_flights_of_different_lags_widen_the_interval() -> None:
     alike = [made(seed, rotor_speed=True, name=f"flight {seed}") for seed in range(3)]
     apart = [

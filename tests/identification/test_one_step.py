@@ -97,6 +97,7 @@ def regressions(wrong):
     return np.array(weights), np.stack(new, axis=-1)
 
 
+@pytest.mark.slow
 def test_the_value_is_the_gaussian_log_likelihood_of_what_is_new(noisy, noisy_windows):
     weights, new = regressions(np.asarray(many_errors(noisy_windows, TRUTH)))
     deviation = np.sqrt(np.mean(new**2, axis=(0, 1)))

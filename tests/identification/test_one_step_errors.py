@@ -70,6 +70,7 @@ def test_latencies_of_several_rows_are_told_apart_however_fine_the_steps(steps, 
     assert min(turned) > 0.02, "rad/s"
 
 
+@pytest.mark.slow
 def test_the_errors_of_a_fall_are_what_is_left_by_hand():
     """With its rotors at rest and a round body a row is foreseen by a parabola and a turn at a
     constant rate, whatever it was before."""
@@ -136,6 +137,7 @@ def test_rows_side_by_side_are_foreseen_as_one_after_the_other():
     np.testing.assert_allclose(wrong, window.measured - ahead, atol=2e-5)
 
 
+@pytest.mark.slow
 def test_rotors_depend_on_the_parameters_that_are_said_and_on_no_other():
     slopes = jax.jacfwd(lambda drone: one_step_errors._speeds(some_window(), drone, STEPS, 1))(
         jax.tree.map(jnp.asarray, replace(TRUTH, motor_coasting=0.1, time_step=0.01 / STEPS))

@@ -72,6 +72,7 @@ def test_intervals_hold_their_value_and_come_from_the_key(table, flights):
     assert alone["position_low"].to_numpy() == pytest.approx(alone["position"].to_numpy())
 
 
+@pytest.mark.slow
 def test_entries_are_those_of_a_plain_loop_over_windows(flights):
     table = prediction_error(flights[:1], {"wrong": WRONG}, [0.5, 0.1])
     cut = windows(flights[:1], 50)

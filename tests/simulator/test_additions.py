@@ -206,6 +206,7 @@ def test_a_reality_that_is_not_given_motor_commands_has_no_trim() -> None:
         with_additions(drone, ["yaw6000"])
 
 
+@pytest.mark.slow
 def test_sensors_read_with_the_noise_that_they_are_said_to_have() -> None:
     drone = with_additions(NumpyDrone(latency_steps=0), ["sensors"])
     assert isinstance(drone, Sensing)
@@ -248,6 +249,7 @@ def test_estimates_come_at_100_hz_the_gyro_at_each_step_and_a_seed_repeats_them(
     np.testing.assert_array_equal(drone.truth().position, drone.inner.truth().position)
 
 
+@pytest.mark.slow
 def test_estimates_are_as_late_as_they_are_said_to_be() -> None:
     """Falling at a constant speed, the estimate lags by its age."""
     drone = Sensing(NumpyDrone(latency_steps=0))

@@ -43,6 +43,7 @@ def test_drones_of_any_make_could_be_built_and_fill_their_ranges():
     assert "motor_time_constant ~ log U(0.015, 0.15) s" in str(AnyDrone(PAPER))
 
 
+@pytest.mark.slow
 def test_a_drone_of_any_day_has_trims_payload_and_latency_about_its_own():
     box = wide_box(replace(PAPER, latency=0.04), "pwm")
     drawn = many(AnyDay(box), KEYS)

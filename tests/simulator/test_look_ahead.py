@@ -60,6 +60,7 @@ def test_an_observation_ends_with_the_reference_to_come(task, where, time):
     )
 
 
+@pytest.mark.slow
 def test_in_flight_it_is_relative_to_what_is_measured_and_stays_at_a_trajectory_s_last_point():
     env = Environment(
         task=tasks.tracking(trajectories.zigzag(LINE), 0.2),

@@ -12,6 +12,8 @@ from maidenflight.simulator import battery, dynamics, plant
 from maidenflight.simulator.tasks import STANDING_HEIGHT_M
 from maidenflight.simulator.virtual_drone import virtual_drone
 
+pytestmark = pytest.mark.slow
+
 DRONE = replace(virtual_drone(7), thrust_law=battery.PLUS)
 STILL = replace(DRONE, parameters=noiseless(DRONE.parameters))
 GRAVITY = float(DRONE.parameters.gravity)

@@ -1,12 +1,15 @@
 """A virtual drone one command at a time is the virtual drone."""
 
 import numpy as np
+import pytest
 
 from maidenflight.parameters import noiseless, replace
 from maidenflight.simulator.reality import checked
 from maidenflight.simulator.stepped import Stepped
 from maidenflight.simulator.virtual_drone import VirtualDrone
 from numpy_drone import TWIN, NumpyDrone
+
+pytestmark = pytest.mark.slow
 
 START = np.array([0.1, 0.2, 1.0])
 

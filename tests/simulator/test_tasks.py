@@ -397,6 +397,7 @@ def test_each_task_says_why_it_failed():
         assert failures.END_REASONS[int(task.failure(state, here))] == expected
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", [CIRCLE, HOVER, TAKE_OFF, TRACKING], ids=lambda task: task.name)
 def test_the_failure_margin_is_positive_only_while_safe_and_has_a_finite_gradient_everywhere(task):
     sizes = float32([0.4] * 3 + [1.5, 1.5, 3.0] + [6.0] * 3)

@@ -59,6 +59,7 @@ def test_an_update_changes_the_network_and_nothing_else_of_a_policy(
         np.testing.assert_array_equal(one, other)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("thrust_to_weight", [1.725, 6.0])
 def test_an_untrained_policy_hovers_its_drones(thrust_to_weight: float) -> None:
     drone = replace(crazyflie(), thrust_to_weight=thrust_to_weight)

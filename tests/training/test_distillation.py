@@ -26,6 +26,7 @@ WORLD = Environment.matching(crazyflie(), spec=PolicySpec(memory=4, hidden=(8, 8
 SETTINGS = Distillation(updates=120, num_envs=4, horizon=4, learning_rate=0.02)
 
 
+@pytest.mark.slow
 def test_what_a_teacher_knows_is_all_that_differs_between_drones_of_any_make() -> None:
     drones = jax.vmap(BOX.draw)(jax.random.split(jax.random.key(0), 64))
     numbers = np.asarray(jax.vmap(known)(drones))
@@ -48,6 +49,7 @@ def test_what_a_teacher_knows_does_not_depend_on_the_weight_of_a_drone() -> None
     assert changed.tolist() == [8]
 
 
+@pytest.mark.slow
 def test_a_teacher_heeds_the_drone_and_hands_the_memory_on() -> None:
     drones = [replace(crazyflie(), motor_time_constant=np.float32(lag)) for lag in (0.03, 0.09)]
     policy = untrained(jax.random.key(1), spec=PolicySpec(hidden=(8, 8)))

@@ -70,6 +70,7 @@ def test_survival_comes_first_and_return_among_equals(
     assert not bool(one.beats(one))
 
 
+@pytest.mark.slow
 def test_failing_costs_the_terminal_penalty() -> None:
     score = evaluate(Environment(), untrained(jax.random.key(4)), BOX, jax.random.key(2), 8, 300)
     assert float(score.survival) == 0.0

@@ -76,6 +76,7 @@ def test_training_makes_policies_fly_that_did_not(learned: Any) -> None:
     assert np.max(survival[2:]) > 0.5, survival
 
 
+@pytest.mark.slow
 def test_the_same_key_gives_the_same_policy_however_often_training_pauses() -> None:
     straight, paused = _learned(TINY, 4), _learned(TINY, 1, 4)
     for one, other in zip(jax.tree.leaves(straight), jax.tree.leaves(paused), strict=True):

@@ -113,6 +113,7 @@ def test_each_key_has_its_own_policy(trained: Any) -> None:
     assert not np.allclose(policies[0].weights[0], policies[1].weights[0])
 
 
+@pytest.mark.slow
 def test_training_from_a_policy_begins_with_its_score_and_ends_no_worse(
     trained: Any, tmp_path: Path
 ) -> None:
@@ -254,6 +255,7 @@ def test_an_extension_is_recorded(tmp_path: Path, monkeypatch: Any) -> None:
     assert settings["updates"] == 700, "unless given, those of the training that is resumed"
 
 
+@pytest.mark.slow
 def test_the_rates_of_further_updates_are_those_of_a_training_of_so_many() -> None:
     """Half of twice as many updates: 2 % and half of the other 98 % of the initial rate."""
     network: Any = untrained(jax.random.key(0), spec=PolicySpec(hidden=(8,))).network
