@@ -114,6 +114,18 @@ GOOD: dict[str, Any] = {"name": "a", "kind": "train", "settings": {"drone": "cra
         ([{**GOOD, "settings": {"drone": "crazyflie", "rate": math.nan}}], "rate = 'nan'"),
         ([{**GOOD, "settings": {"drone": "crazyflee"}}], "crazyflee"),
         ([{**GOOD, "settings": {"drone": "a" * 5000}}], "aaa"),
+        (
+            [
+                GOOD,
+                {
+                    "name": "b",
+                    "kind": "transfer",
+                    "settings": {"reality": ["b" * 5000]},
+                    "inputs": {"policies": "a"},
+                },
+            ],
+            "bbb",
+        ),
         ([{**GOOD, "settings": {"drone": "my.toml"}}], "no file my.toml"),
         ([{**GOOD, "grid": {"drone": ["crazyflie"]}}], "drone is given twice"),
         ([{**GOOD, "grid": {"seed": []}}], "grid seed"),
