@@ -261,6 +261,11 @@ def test_an_export_names_the_report_that_shows_its_policy(
     code, out, _ = run(monkeypatch, capsys, *next_of(out))
     assert code == 0
     assert (tmp_path / "my runs" / "report.html").exists()
+    alone = tmp_path / "alone" / "pwm_1.json"
+    policy_file.write(alone, policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(4,))))
+    code, out, _ = run(monkeypatch, capsys, "export", alone, "-o", tmp_path / "more")
+    assert next_of(out) == ["report", "--policies", str(alone)]
+    assert run(monkeypatch, capsys, *next_of(out), "-o", tmp_path / "alone.html")[0] == 0
 
 
 LITTLE = {

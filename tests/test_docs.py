@@ -18,11 +18,21 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import tomlkit
 from click.testing import CliRunner
 from jaxtyping import Array
 
 import maidenflight as mf
-from maidenflight import cli, deployment, parameters, policy, policy_file
+from maidenflight import (
+    cli,
+    deployment,
+    inputs,
+    parameters,
+    policy,
+    policy_file,
+    results,
+    run_folder,
+)
 from maidenflight import simulator as sim
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import as_seen_by
@@ -350,33 +360,22 @@ def test_every_command_that_a_page_shows_is_one_that_there_is() -> None:
 
 @pytest.mark.slow
 def test_the_commands_of_the_zero_shot_page_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    told = """
-        realities = ["near:7"]
-        motor_time_constant = [0.08]
-        latency = [0.015]
-        policies = 3
-        trials = 1
-        duration = 0.5
-        [control.pwm]
-        updates = 2
-        num_envs = 4
-        horizon = 4
-        evaluations = 1
-        episodes = 4
-        hidden_learning_rate = 0
-    """
-    for command in blocks("docs/studies/zero-shot.md", "sh")[0].splitlines():
-        words = shlex.split(command, comments=True)
-        if words[0] == "maidenflight":
-            settings = Path(words[words.index("--matrix") + 1])
-            assert (ROOT / settings).exists()
-            settings.parent.mkdir()
-            settings.write_text(told)
-            monkeypatch.setattr(sys, "argv", words)
-            cli.main()
-        else:
-            assert (ROOT / words[1]).exists(), command
-    assert Path("zero_shot/flights.csv").exists()
+    """Of its study one cell is trained and flown, and that for moments."""
+    commands = blocks("docs/studies/zero-shot.md", "sh")[0].splitlines()
+    sweeping, drawing = (shlex.split(command, comments=True) for command in commands)
+    train, flown = inputs.from_toml((ROOT / sweeping[2]).read_text())["task"][:2]
+    train["settings"] |= {"policies": 1, "updates": 2}
+    train["settings"]["learner"] |= {
+        **{"num_envs": 4, "horizon": 4, "evaluations": 1, "episodes": 4}
+    }
+    train["grid"] = {name: values[:1] for name, values in train["grid"].items()}
+    flown["settings"] |= {"trials": 1, "duration": 0.5, "reality": ["near:7"]}
+    results.write(sweeping[2], tomlkit.dumps({"task": [train, flown]}))
+    monkeypatch.setattr(sys, "argv", sweeping)
+    cli.main()
+    rows, _ = run_folder.STUDY.read(Path("zero_shot/study.csv"))
+    assert dict(rows.group_by("kind").len().iter_rows()) == {"train": 1, "transfer": 1}
+    assert (ROOT / drawing[1]).exists()
 
 
 def test_the_commands_of_the_pilots_guide_are_ones_that_there_are() -> None:

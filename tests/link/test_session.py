@@ -322,7 +322,7 @@ def test_a_whole_session(tmp_path, monkeypatch):
         ("flight_01", COMPLETE),
         ("flight_02", COMPLETE),
     ]
-    assert entries(tmp_path) == {("record", "flights"): {"logs"}}
+    assert entries(tmp_path) == {("fly", "flights"): {"logs"}}
     assert unlisted(tmp_path) == {f"flights/flight_0{number}.rows" for number in (1, 2)}
     assert all(flight.ending.height < 0.05 for flight in flights)
     assert said[1:5] == ["armed", "taking off to 0.4 m", "flying for 0.5 s, the PID", "landing"]

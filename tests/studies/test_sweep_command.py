@@ -38,6 +38,18 @@ def test_a_study_is_computed_shown_and_computed_again_where_told(
     assert "ended" in out
 
 
+def test_a_study_is_computed_at_an_address(
+    study: Path, tmp_path: Path, monkeypatch: Any, capsys: Any
+) -> None:
+    address = f"file://{tmp_path}/far"
+    code, out, err = run(
+        monkeypatch, capsys, "sweep", study, "-o", address, "--workers", 1, "--json"
+    )
+    assert (code, err) == (0, "")
+    assert json.loads(out)["output"] == address
+    assert (tmp_path / "far" / "study.csv").exists()
+
+
 def test_the_report_shows_the_table_of_a_study_by_its_entries(
     study: Path, monkeypatch: Any, capsys: Any
 ) -> None:

@@ -181,7 +181,7 @@ def run_verb(verb: Verb, output: str | None, as_json: bool, overwrite: bool) -> 
         verb.discard(place)
     state = None
     if place is not None and verb.resumable_from is not None:
-        state = place / verb.resumable_from
+        state = Path(place, verb.resumable_from)
     with (
         terminal.Bar(verb.name, remaining=verb.steady) as bar,
         resumable(state, "" if resume is None else "--resume"),

@@ -1,3 +1,5 @@
+__all__: list[str]
+
 from .control import attitude as attitude
 from .control import attitude_rate as attitude_rate
 from .control import pwm as pwm

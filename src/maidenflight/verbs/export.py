@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from maidenflight import names, run_folder
+from maidenflight import manifest, names, run_folder
 from maidenflight.deployment import EXPORTERS
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
@@ -77,13 +77,15 @@ class Export(Verb):
         }
         given |= {} if self.propellers is None else {"propellers": self.propellers}
         written = exporter(file.policy, output, **given)
-        folder = self.policy.parent
+        home = self.policy.parent
+        home = home.parent if home.name == run_folder.POLICIES else home
+        listed = manifest.find_manifest(home) is not None
         return Result(
             content={"files": [str(path) for path in written]},
             show=lambda: print("written " + ", ".join(map(str, written))),
             written={"exported": written},
             read={"policies": [self.policy]},
             record=record,
-            next=("report", folder.parent if folder.name == run_folder.POLICIES else folder),
+            next=("report", home) if listed else ("report", "--policies", self.policy),
             value=written,
         )

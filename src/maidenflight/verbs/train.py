@@ -1,13 +1,13 @@
 """`Train`: policies for a drone."""
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from maidenflight import names, results, run_folder, terminal
+from maidenflight import names, results, run_folder
 from maidenflight.deployment import EXPORTERS
 from maidenflight.errors import InputError
 from maidenflight.settings import (
@@ -41,8 +41,6 @@ _OF_RAPTOR = ("control", "history", "look_ahead", "look_ahead_spacing", "memory"
 """Settings that RAPTOR's form settles."""
 _OF_A_POLICY = (*_OF_RAPTOR, "paper_scales", "form")
 """Settings that the policy settles from which training starts."""
-_LEAST_SURVIVAL = 0.1
-"""Survival below which a policy is reported as not flying."""
 
 
 class Train(Verb):
@@ -297,7 +295,7 @@ class Train(Verb):
         best = scores.best
         return Result(
             content={"policies": [str(path) for path in written["policies"]], "scores": best},
-            show=lambda: _show(best, output),
+            show=lambda: files.show_scores(best, output),
             written=written,
             read={"drone": own_files(self.drone)},
             record=record,
@@ -381,31 +379,3 @@ class Train(Verb):
     def discard_state(self, output: Path) -> None:
         """Removes the checkpoint, which is larger than the policies."""
         (output / run_folder.CHECKPOINT).unlink(missing_ok=True)
-
-
-def _show(scores: Sequence[Mapping[str, float]], output: Path) -> None:
-    """Prints the scores of trained policies."""
-    rows = [
-        [
-            f"policy_{number}",
-            f"{score['episode_return']:.1f}",
-            f"{score['survival']:.1%}",
-            f"{score['position_error'] * 100:.1f} cm",
-        ]
-        for number, score in enumerate(scores, 1)
-    ]
-    terminal.print_table(
-        "Trained policies", ["policy", "return", "survival", "position error"], rows
-    )
-    falling = [
-        row[0]
-        for row, score in zip(rows, scores, strict=True)
-        if score["survival"] < _LEAST_SURVIVAL
-    ]
-    if falling:
-        print(
-            f"note: of {', '.join(falling)} less than {_LEAST_SURVIVAL:.0%} of the episodes reach "
-            "the time limit. Train further with --resume and more --updates, or see "
-            "docs/training.md."
-        )
-    print(f"written to {output}/")

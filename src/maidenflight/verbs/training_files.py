@@ -1,7 +1,7 @@
 """What a training leaves in its folder, and the scores of its policies."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import reduce
 from pathlib import Path
@@ -9,7 +9,7 @@ from typing import Any
 
 import polars
 
-from maidenflight import manifest, parameters, policy_file, results, run_folder
+from maidenflight import manifest, parameters, policy_file, results, run_folder, terminal
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import transfer
 from maidenflight.flights.log import Flight
@@ -25,6 +25,8 @@ from maidenflight.verb import Progress
 
 WATCHED_DURATION_S = 10.0
 """Longest flight that is shown of a policy in training [s]."""
+LEAST_SURVIVAL = 0.1
+"""Survival below which a policy is reported as not flying."""
 
 
 class Scores:
@@ -171,3 +173,31 @@ def fly_watched(drone: str, task: str, policy: Policy) -> Flight:
         duration=WATCHED_DURATION_S,
     )
     return flown.flights[0]
+
+
+def show_scores(scores: Sequence[Mapping[str, float]], output: Path) -> None:
+    """Prints the scores of trained policies."""
+    rows = [
+        [
+            f"policy_{number}",
+            f"{score['episode_return']:.1f}",
+            f"{score['survival']:.1%}",
+            f"{score['position_error'] * 100:.1f} cm",
+        ]
+        for number, score in enumerate(scores, 1)
+    ]
+    terminal.print_table(
+        "Trained policies", ["policy", "return", "survival", "position error"], rows
+    )
+    falling = [
+        row[0]
+        for row, score in zip(rows, scores, strict=True)
+        if score["survival"] < LEAST_SURVIVAL
+    ]
+    if falling:
+        print(
+            f"note: of {', '.join(falling)} less than {LEAST_SURVIVAL:.0%} of the episodes reach "
+            "the time limit. Train further with --resume and more --updates, or see "
+            "docs/training.md."
+        )
+    print(f"written to {output}/")
