@@ -225,7 +225,8 @@ class Setting:
             raise InputError(f"{where} is missing; expected {self.values.expected}.")
         if value is PENDING:
             return value
-        if self.default is not REQUIRED and plain(value) == plain(self.default):
+        endless = isinstance(value, float) and not math.isfinite(value)
+        if self.default is not REQUIRED and not endless and plain(value) == plain(self.default):
             return self.default
         try:
             return self.values.check(value)

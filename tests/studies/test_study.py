@@ -1,4 +1,5 @@
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -110,7 +111,21 @@ GOOD: dict[str, Any] = {"name": "a", "kind": "train", "settings": {"drone": "cra
         ([{**GOOD, "settings": {"drone": "crazyflie", "policies": 0}}], "policies = '0'"),
         ([{**GOOD, "settings": {"drone": "crazyflie", "policies": True}}], "policies = 'True'"),
         ([{**GOOD, "settings": {"drone": "crazyflie", "randomize": "far"}}], "randomize"),
+        ([{**GOOD, "settings": {"drone": "crazyflie", "rate": math.nan}}], "rate = 'nan'"),
         ([{**GOOD, "settings": {"drone": "crazyflee"}}], "crazyflee"),
+        ([{**GOOD, "settings": {"drone": "a" * 5000}}], "aaa"),
+        (
+            [
+                GOOD,
+                {
+                    "name": "b",
+                    "kind": "transfer",
+                    "settings": {"reality": ["b" * 5000]},
+                    "inputs": {"policies": "a"},
+                },
+            ],
+            "bbb",
+        ),
         ([{**GOOD, "settings": {"drone": "my.toml"}}], "no file my.toml"),
         ([{**GOOD, "grid": {"drone": ["crazyflie"]}}], "drone is given twice"),
         ([{**GOOD, "grid": {"seed": []}}], "grid seed"),

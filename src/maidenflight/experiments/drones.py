@@ -1,7 +1,7 @@
 """Drones and realities by the words of a command: what to train over, fly in and predict for."""
 
+import os
 from dataclasses import replace
-from pathlib import Path
 
 import jax
 import numpy as np
@@ -85,7 +85,7 @@ def find_reality(name: str, accept_bounds: bool = False) -> AnyReality:
         InputError: no such reality, or `read_drone` refuses the drone.
     """
     drone = drone_of(name)
-    if Path(drone).is_file():
+    if os.path.isfile(drone):
         read_drone(drone, accept_bounds)
     return named_reality(name)
 

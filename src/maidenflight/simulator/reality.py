@@ -5,6 +5,7 @@ A reality is a `VirtualDrone`, of which many are flown at once in JAX, or anythi
 """
 
 import dataclasses
+import os
 import sys
 from collections.abc import Callable
 from difflib import get_close_matches
@@ -164,7 +165,7 @@ def reality(name: str) -> AnyReality:
 
 def is_drone(name: str) -> bool:
     """Whether a reality's name is that of a drone or of a drone's file."""
-    return name in parameters.DRONES or Path(name).exists()
+    return name in parameters.DRONES or os.path.exists(name)
 
 
 def _around(asked: str, centre: str) -> VirtualDrone:

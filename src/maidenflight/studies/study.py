@@ -21,6 +21,7 @@ their points agree. A grid may sweep one value of a table, as in `"set.latency" 
 import hashlib
 import itertools
 import json
+import os
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import chdir
@@ -332,12 +333,13 @@ def _digests(value: str, label: str, known: dict[str, list[str]]) -> list[str]:
         InputError: it names a file that is not there.
     """
     if value not in known:
-        parts = [Path(value)] if Path(value).exists() else map(Path, re.split("[@+]", value)[:2])
+        # A name that is too long for a file system is there as little as any other.
+        parts = [value] if os.path.exists(value) else re.split("[@+]", value)[:2]
         found = []
-        for part in parts:
-            if part.is_dir():
+        for part in map(Path, parts):
+            if os.path.isdir(part):
                 found += sorted(path for path in part.rglob("*") if path.is_file())
-            elif part.is_file():
+            elif os.path.isfile(part):
                 # A policy by others is described by one file and held by another beside it.
                 beside = part.parent.iterdir() if part.suffix == ".toml" else ()
                 found += [part, *sorted(one for one in beside if one.suffix in (".onnx", ".zip"))]
