@@ -47,7 +47,8 @@ ONE = Train(drone="crazyflie", policies=1, updates=600, randomize=0.1)
 def learn(
     saved: Path | None = None, hear: Any = None, settings: AnalyticGradient = TINY, box: Any = BOX
 ) -> tuple[Policy, ...]:
-    return train(TASK, CONTROLLER, box, KEYS, settings, SPEC, on_progress=hear, saved=saved)
+    spec = PolicySpec() if settings is SMALL else SPEC
+    return train(TASK, CONTROLLER, box, KEYS, settings, spec, on_progress=hear, saved=saved)
 
 
 def assert_same(one: Any, other: Any) -> None:
