@@ -59,8 +59,11 @@ def test_distributions_that_cannot_be_trained_over_together_are_refused(
 @pytest.mark.parametrize(
     ("others", "words"),
     [
-        ({"task": tasks.circle}, r"is no Task; expected what mf\.circle\(\) gives"),
-        ({"controller": "pwm"}, r"pwm is no Controller; expected what mf\.pwm\(\) gives"),
+        ({"task": tasks.circle}, r"is no Task; expected what mf\.simulator\.circle\(\) gives"),
+        (
+            {"controller": "pwm"},
+            r"pwm is no Controller; expected what mf\.simulator\.pwm\(\) gives",
+        ),
         ({"controller": position_pid()}, "position_pid cannot be trained for"),
         ({"box": crazyflie()}, "Parameters is no distribution of drones"),
         ({"keys": jax.random.key(0)}, "keys must be random keys, one a policy"),

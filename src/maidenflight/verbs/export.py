@@ -1,5 +1,6 @@
 """`Export`: a policy for other programs."""
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -79,7 +80,9 @@ class Export(Verb):
         written = exporter(file.policy, output, **given)
         home = self.policy.parent
         home = home.parent if home.name == run_folder.POLICIES else home
-        listed = manifest.find_manifest(home) is not None
+        listed = False
+        with suppress(InputError):  # a damaged manifest costs no export
+            listed = manifest.find_manifest(home) is not None
         return Result(
             content={"files": [str(path) for path in written]},
             show=lambda: print("written " + ", ".join(map(str, written))),
