@@ -112,12 +112,7 @@ class Identify(Verb):
         group=_SEARCH,
         rare=True,
     )
-    most_seconds: float = setting(
-        number(10.0, 1e6),
-        3600.0,
-        "Flight to use [s]; of more, segments of every flight are.",
-        group=shared.LOGS,
-    )
+    most_seconds: float = shared.most_seconds()
     ignore: tuple[str, ...] = setting(
         several(choice(*names.OPTIONAL_SIGNALS), empty=True),
         (),

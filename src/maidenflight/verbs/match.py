@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from maidenflight import names, run_folder, terminal
 from maidenflight.errors import InputError
-from maidenflight.settings import choice, number, setting, several
+from maidenflight.settings import choice, setting, several
 from maidenflight.verb import Output, Progress, Result, Verb
 from maidenflight.verbs import logs as read
 from maidenflight.verbs import shared
@@ -34,12 +34,7 @@ class Match(Verb):
     policies: tuple[str, ...] = shared.policies()
     start: str = shared.drone("crazyflie", "Drone to begin with: a TOML file of identify.")
     mass: float | None = shared.mass()
-    most_seconds: float = setting(
-        number(10.0, 1e6),
-        3600.0,
-        "Flight to use [s]; of more, segments of every flight are.",
-        group=shared.LOGS,
-    )
+    most_seconds: float = shared.most_seconds()
     ignore: tuple[str, ...] = setting(
         several(choice(*names.OPTIONAL_SIGNALS), empty=True),
         (),

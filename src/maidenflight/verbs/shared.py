@@ -98,6 +98,16 @@ def mass() -> Any:
     )
 
 
+def most_seconds() -> Any:
+    """Declares how much flight of the logs is used."""
+    return setting(
+        number(10.0, 1e6),
+        3600.0,
+        "Flight to use [s]; of more, segments of every flight are.",
+        group=LOGS,
+    )
+
+
 def commands() -> Any:
     """Declares what logged commands stand for."""
     return setting(
