@@ -18,12 +18,12 @@ from fuzz_damage import ANY, REFUSED, SAME, Damaged, Kind
 from fuzz_reader import Good, Reader, table_damaged, tree_damaged
 
 from maidenflight import parameters, policy_file, results
-from maidenflight.deployment.authors_json import to_authors_json
 from maidenflight.experiments.drones import possible_drones
 from maidenflight.flights import log
 from maidenflight.identification.drone_file import DroneFile, Estimate, Search, Source
-from maidenflight.link import rows
-from maidenflight.link.blocks import MOTORS, STATE
+from maidenflight.integrations.exporters.authors_json import to_authors_json
+from maidenflight.integrations.radio import row_files
+from maidenflight.integrations.radio.blocks import MOTORS, STATE
 from maidenflight.names import POSTERIOR
 from maidenflight.parameters import QUANTITIES, Parameters
 from maidenflight.policy import Policy, untrained
@@ -35,7 +35,7 @@ from maidenflight.studies.study import Study
 from maidenflight.training import checkpoint
 
 ROWS = 130
-"""Packets of each block in a file of rows."""
+"""Packets of each block in a file of row_files."""
 
 
 def toml(content: bytes) -> dict[str, Any]:
@@ -259,7 +259,7 @@ def file_readers() -> list[Reader]:
             "rows of a real flight",
             6,
             (_rows(),),
-            lambda _, path: rows.to_flight(path),
+            lambda _, path: row_files.to_flight(path),
             _rows_told,
             _unsound_rows,
         ),
@@ -322,7 +322,7 @@ def _rows() -> Good:
         lines.append(
             f"{5000 + 10 * number},{0.01 * number:.4f}," + ",".join([*[""] * len(state), *motors])
         )
-    head = f'{rows.MARK}: made\n# simulated: no\n# record: {{"seed": 1}}\n' + ",".join(
+    head = f'{row_files.MARK}: made\n# simulated: no\n# record: {{"seed": 1}}\n' + ",".join(
         ["timestamp", "received", *names]
     )
     return Good(

@@ -16,8 +16,9 @@ import polars
 from fuzz_damage import ANY, PREFIX, REFUSED, SAME, Damaged, Kind
 from fuzz_reader import Good, Reader, made, table_damaged
 
-from maidenflight.flights import authors, log, nanobench
+from maidenflight.flights import log
 from maidenflight.flights.reading import Flights, read_flights
+from maidenflight.integrations.logs import authors, nanobench
 
 ROWS = 130
 """Of each good log."""

@@ -262,7 +262,7 @@ def single() -> None:
     """Steps a second of one Gymnasium environment, resets included."""
     import gymnasium  # pyright: ignore[reportMissingImports]
 
-    import maidenflight.gym  # noqa: F401  registers
+    import maidenflight.integrations.gym  # noqa: F401  registers
 
     world = gymnasium.make("maidenflight/Circle-v0")
     world.reset(seed=0)

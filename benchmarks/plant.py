@@ -14,13 +14,20 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from maidenflight.link import lock_step
+from maidenflight.integrations.plant import lock_step
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "link"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "integrations" / "plant"))
 stand_in: Any = import_module("stand_in")
 
 SECONDS = 30
-COMMAND = [sys.executable, "-m", "maidenflight.plant", "virtual:7", "--pipe", "--duration"]
+COMMAND = [
+    sys.executable,
+    "-m",
+    "maidenflight.integrations.plant",
+    "virtual:7",
+    "--pipe",
+    "--duration",
+]
 
 
 def times_real_time(structure: str) -> float:

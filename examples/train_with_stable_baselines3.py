@@ -20,7 +20,7 @@ from stable_baselines3.common.callbacks import BaseCallback  # pyright: ignore[r
 from stable_baselines3.common.env_util import make_vec_env  # pyright: ignore[reportMissingImports]
 from stable_baselines3.common.vec_env import VecNormalize  # pyright: ignore[reportMissingImports]
 
-import maidenflight.gym  # noqa: F401  registers the environments also where maidenflight is not installed
+import maidenflight.integrations.gym  # noqa: F401  registers the environments also where maidenflight is not installed
 
 arguments = argparse.ArgumentParser(
     description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter

@@ -22,7 +22,7 @@ from jaxtyping import Float
 from scipy.signal import lfilter
 
 from maidenflight import results
-from maidenflight.flights import cflib, checking, usddeck
+from maidenflight.flights import checking
 from maidenflight.flights.log import ACCELEROMETER_DELAY, Flight
 from maidenflight.flights.reading import read_flights
 from maidenflight.flights.tables import Table
@@ -31,6 +31,7 @@ from maidenflight.identification.identify import identify
 from maidenflight.identification.inertial import FORCE, FORCE_GROUPS
 from maidenflight.identification.inertial_errors import InertialErrors
 from maidenflight.identification.inertial_signals import ACCELEROMETER, signals
+from maidenflight.integrations.logs import cflib, usddeck
 from maidenflight.parameters import Parameters, crazyflie
 from maidenflight.parameters import replace as with_values
 from maidenflight.simulator.geometry import TORQUES

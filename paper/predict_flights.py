@@ -18,11 +18,11 @@ import numpy as np
 import polars
 
 from maidenflight import compiler, results
-from maidenflight.deployment.authors_json import EPSILON, interface_of
 from maidenflight.errors import InputError
 from maidenflight.experiments.agreement import Agreement, agreement
 from maidenflight.experiments.drones import choose_prediction, possible_drones
 from maidenflight.experiments.flight_times import predict_flight_times, summary
+from maidenflight.integrations.exporters.authors_json import EPSILON, interface_of
 from maidenflight.policy import Policy
 
 COLOURS = {"pwm": "#2679c7", "attitude_rate": "#e2583e", "attitude": "#3a9d5d"}

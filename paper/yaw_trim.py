@@ -26,7 +26,8 @@ from maidenflight import compiler, parameters
 from maidenflight.errors import InputError
 from maidenflight.experiments.agreement import agreement
 from maidenflight.experiments.flight_times import predict_flight_times, summary
-from maidenflight.flights import authors, tables
+from maidenflight.flights import tables
+from maidenflight.integrations.logs import authors
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy
 from maidenflight.simulator import dynamics

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 
-from flights.made_flights import calm
+from made_flights import calm
 from maidenflight.flights.log import Flight
 from maidenflight.parameters import Parameters, levers
 from maidenflight.policy import Actor, Policy

@@ -644,7 +644,7 @@ def test_a_property_of_a_policy_s_input_is_named_in_five_files_and_its_own() -> 
     own = {"simulator/look_ahead.py", "deployment/look_ahead.py"}
     assert named_in_source("look_ahead", "LookAhead") - own == {
         "simulator/policy_spec.py",
-        "simulator/raptor_form.py",
+        "integrations/raptor/form.py",
         "policy.py",
         "deployment/c.py",
         "verbs/train.py",

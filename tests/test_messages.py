@@ -14,9 +14,9 @@ import pytest
 
 from commands import run
 from maidenflight import cli, parameters, policy, policy_file
-from maidenflight.deployment.authors_json import to_authors_json
 from maidenflight.errors import InputError
 from maidenflight.identification.drone_file import Estimate, GroupGain
+from maidenflight.integrations.exporters.authors_json import to_authors_json
 from maidenflight.names import CONTROLS, TASKS, WIDE
 from maidenflight.settings import Setting
 from maidenflight.simulator.policy_spec import PolicySpec

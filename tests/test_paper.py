@@ -15,7 +15,8 @@ import pytest
 from scipy import stats
 
 from maidenflight import parameters, policy_file
-from maidenflight.flights import authors, log
+from maidenflight.flights import log
+from maidenflight.integrations.logs import authors
 from maidenflight.simulator import battery
 from maidenflight.simulator.interface import INTERFACES
 from maidenflight.simulator.policy_spec import PolicySpec

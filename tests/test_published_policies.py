@@ -11,7 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from maidenflight.flights import authors, tables
+from maidenflight.flights import tables
+from maidenflight.integrations.logs import authors
 from maidenflight.policy import Policy
 from maidenflight.simulator import battery, environment, rotations
 from maidenflight.simulator.sensors import Measurement

@@ -28,13 +28,13 @@ from maidenflight.verb import VERBS, find_verb
 SOURCE = Path(maidenflight.__file__).parent
 FREE = {
     "results.py": "the one that writes",
-    "link/rows.py": "packets of a real flight are appended as they come",
-    "training/loggers.py": "event files, written by their own packages while training goes on",
-    "reporting/live.py": "recordings, written by rerun while training goes on",
+    "integrations/radio/row_files.py": "packets of a real flight are appended as they come",
+    "integrations/monitoring/loggers.py": "event files, written by their own packages",
+    "integrations/monitoring/live.py": "recordings, written by rerun while training goes on",
     "training/checkpoint.py": "an archive in memory",
     "cache.py": "the cache of compiled programs",
     "studies/store.py": "a folder of a result, renamed when all of it is written",
-    "simulator/crazyflow.py": "what its process prints, in a temporary folder",
+    "integrations/simulators/crazyflow.py": "what its process prints, in a temporary folder",
 }
 """Modules that may open files for writing or remove them, and why."""
 # Not of Click's formatter, which writes help.

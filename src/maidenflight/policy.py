@@ -11,12 +11,12 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 
 from maidenflight.errors import InputError
 from maidenflight.gru import Gru, untrained_gru
+from maidenflight.integrations.raptor import form as raptor_form
+from maidenflight.integrations.raptor.form import RAPTOR
 from maidenflight.simulator import interface as interfaces
-from maidenflight.simulator import raptor_form
 from maidenflight.simulator.environment import observe, remember
 from maidenflight.simulator.interface import ControlInterface
 from maidenflight.simulator.policy_spec import ACTION_SIZE, OBSERVATION_SIZE, PolicySpec
-from maidenflight.simulator.raptor_form import RAPTOR
 from maidenflight.simulator.sensors import Measurement
 
 

@@ -15,9 +15,9 @@ from jaxtyping import Array
 
 from maidenflight import inputs, results, run_folder
 from maidenflight.errors import InputError
-from maidenflight.foreign import authors_policy
 from maidenflight.gru import Gru, fields_of
 from maidenflight.inputs import StrPath
+from maidenflight.integrations.policies import authors_policy
 from maidenflight.parameters import GEOMETRY
 from maidenflight.policy import Policy
 from maidenflight.simulator.interface import CONTROLS, ControlInterface

@@ -12,10 +12,10 @@ from test_c import COMPILERS, Flown
 import maidenflight as mf
 from maidenflight import policy
 from maidenflight.deployment import EXPORTERS, Exporter
-from maidenflight.deployment.authors_json import export_authors_json
 from maidenflight.deployment.commands import described
-from maidenflight.deployment.crazyflie import drives, export_crazyflie
 from maidenflight.errors import InputError
+from maidenflight.integrations.exporters.authors_json import export_authors_json
+from maidenflight.integrations.exporters.crazyflie_app import drives, export_crazyflie
 from maidenflight.parameters import crazyflie, noiseless, replace
 from maidenflight.policy import Actor, Policy
 from maidenflight.simulator import control, dynamics, environment, interface
@@ -60,7 +60,7 @@ def in_c(made: Policy, folder) -> np.ndarray:
 def in_onnx(made: Policy) -> np.ndarray:
     """The exported model's command for a level drone."""
     runtime = pytest.importorskip("onnxruntime")
-    from maidenflight.deployment.onnx import to_onnx
+    from maidenflight.integrations.exporters.onnx import to_onnx
 
     session = runtime.InferenceSession(to_onnx(made))
     seen = np.asarray(environment.observe(LEVEL, LEVEL.position, jnp.zeros(4)))[None]

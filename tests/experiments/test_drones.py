@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flights.made_flights import calm
+from made_flights import calm
 from maidenflight.errors import InputError
 from maidenflight.experiments.drones import distribution_of, possible_drones
 from maidenflight.flights import log

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis.extra.numpy import arrays
-from made_flights import calm, same
 
+from made_flights import calm, same
 from maidenflight.errors import InputError
 from maidenflight.flights import checking
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made_flights import calm, driven
 
+from made_flights import calm, driven
 from maidenflight.flights import consistency
 from maidenflight.flights.reading import read_flights
 

@@ -12,8 +12,8 @@ from functools import cache
 import numpy as np
 import polars
 import pytest
-from made_flights import calm, driven
 
+from made_flights import calm, driven
 from maidenflight.errors import InputError
 from maidenflight.flights import log
 from maidenflight.flights.reading import read_flights

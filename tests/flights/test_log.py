@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from made_flights import calm
 
+from made_flights import calm
 from maidenflight.errors import InputError
 from maidenflight.flights import log, tables
 from maidenflight.flights.reading import read_flights

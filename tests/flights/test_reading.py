@@ -10,8 +10,8 @@ import polars
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_flights import AUTHORS, authors_columns, authors_text, calm, same
 
+from made_flights import AUTHORS, authors_columns, authors_text, calm, same
 from maidenflight.errors import InputError
 from maidenflight.flights import log
 from maidenflight.flights.reading import Flights, read_flights

@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from made_flights import same, volts
 
+from made_flights import same, volts
 from maidenflight.errors import InputError
 from maidenflight.flights import checking, flying, log, recording
 from maidenflight.identification.flight_signals import rotor_speeds

@@ -7,8 +7,8 @@ import pytest
 import scipy
 from hypothesis import given
 from hypothesis import strategies as st
-from made_flights import calm
 
+from made_flights import calm
 from maidenflight.flights.rotors import BEGIN_S, rotors
 from maidenflight.parameters import crazyflie, replace
 

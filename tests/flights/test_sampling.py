@@ -5,8 +5,8 @@ import weakref
 
 import numpy as np
 import pytest
-from made_flights import calm, same
 
+from made_flights import calm, same
 from maidenflight.flights import sampling
 from maidenflight.flights.log import GROUPS
 from maidenflight.flights.sampling import sampled

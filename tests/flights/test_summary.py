@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from made_flights import calm
 
+from made_flights import calm
 from maidenflight.flights.summary import summaries
 
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made_flights import calm
 
+from made_flights import calm
 from maidenflight.flights.trims import ENOUGH_FLIGHTS, Trim, between_flights, trim
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.simulator import dynamics

@@ -5,8 +5,8 @@ The flights here carry their own number and row in every column, so that a row o
 
 import numpy as np
 import pytest
-from made_flights import calm
 
+from made_flights import calm
 from maidenflight.errors import InputError
 from maidenflight.flights.windows import EVERY, LEAD_IN, SEGMENT_SECONDS, SHORTEST_LEAD_IN, windows
 

@@ -2,8 +2,8 @@ import jax
 import numpy as np
 import pytest
 
-from flights.made_flights import calm
 from flying_policy import flown, flying_policy
+from made_flights import calm
 from maidenflight.errors import InputError
 from maidenflight.identification.behaviour import (
     BEHAVIOUR,

@@ -4,8 +4,8 @@ import jax
 import numpy as np
 import pytest
 
-from flights.made_flights import calm
 from flying_policy import flying_policy
+from made_flights import calm
 from maidenflight.errors import InputError
 from maidenflight.flights import flying
 from maidenflight.identification.behaviour import BEHAVIOUR

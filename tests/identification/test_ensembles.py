@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from flights.made_flights import calm
+from made_flights import calm
 from maidenflight.errors import InputError
 from maidenflight.flights.trims import trim
 from maidenflight.identification.drone_file import Estimate

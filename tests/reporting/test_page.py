@@ -20,7 +20,6 @@ import polars
 import pytest
 
 from maidenflight import manifest, parameters, policy_file, results, run_folder
-from maidenflight.deployment.authors_json import export_authors_json
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.flights import log
@@ -33,6 +32,7 @@ from maidenflight.identification.drone_file import (
     Search,
     Source,
 )
+from maidenflight.integrations.exporters.authors_json import export_authors_json
 from maidenflight.policy import untrained
 from maidenflight.reporting import page as page_module
 from maidenflight.reporting import run as runs

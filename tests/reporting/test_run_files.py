@@ -9,7 +9,7 @@ import pytest
 from test_page import RECORD, circling, errors, page, windows
 from test_page import run as _run
 
-from flights.made_flights import authors_columns, authors_text
+from made_flights import authors_columns, authors_text
 from maidenflight import manifest, policy, policy_file, results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.flights import log

@@ -7,10 +7,10 @@ import pytest
 
 from maidenflight import parameters
 from maidenflight.errors import InputError
+from maidenflight.integrations.plant.running_plant import plant_of
 from maidenflight.simulator import control, tasks
 from maidenflight.simulator.additions import jump_of, split, with_additions
 from maidenflight.simulator.around import SENSORS, Late, Sensing, Uneven
-from maidenflight.simulator.plant import plant_of
 from maidenflight.simulator.reality import REALITIES, checked, reality
 from maidenflight.simulator.stepped import Stepped
 from maidenflight.simulator.virtual_drone import VirtualDrone

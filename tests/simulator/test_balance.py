@@ -2,9 +2,9 @@ import hypothesis.strategies as st
 import jax
 import jax.numpy as jnp
 import numpy as np
-from arrays import float32
 from hypothesis import given
 
+from arrays import float32
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.simulator import balance, dynamics
 from maidenflight.simulator.dynamics import State

@@ -8,9 +8,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from arrays import float32, float64
 from hypothesis import given
 
+from arrays import float32, float64
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.simulator import battery
 

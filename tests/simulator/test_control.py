@@ -8,9 +8,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from arrays import float32
 from hypothesis import given
 
+from arrays import float32
 from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, noiseless, replace
 from maidenflight.simulator import (

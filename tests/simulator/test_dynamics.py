@@ -7,11 +7,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from arrays import float32, float64
 from hypothesis import given
 from jax import lax
 from scipy.spatial.transform import Rotation
 
+from arrays import float32, float64
 from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.simulator import dynamics, environment, rotations

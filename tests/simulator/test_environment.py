@@ -7,11 +7,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from arrays import float32, float64
 from jax import lax
 from jaxtyping import Array, Float
 
 import numpy_reference
+from arrays import float32, float64
 from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, noiseless, replace, x_frame
 from maidenflight.simulator import (

@@ -4,10 +4,10 @@ import hypothesis.strategies as st
 import jax
 import jax.numpy as jnp
 import numpy as np
-from arrays import float32, float64
 from hypothesis import given
 from scipy.spatial.transform import Rotation
 
+from arrays import float32, float64
 from maidenflight.simulator import rotations
 
 to_matrix = jax.jit(rotations.to_matrix)

@@ -8,12 +8,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from arrays import float32, float64
 from hypothesis import given
 from jax import lax
 from scipy.signal import butter, sosfilt
 from scipy.spatial.transform import Rotation
 
+from arrays import float32, float64
 from maidenflight.parameters import crazyflie, noiseless, replace
 from maidenflight.simulator import rotations, sensors
 from maidenflight.simulator.dynamics import State

@@ -5,9 +5,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from arrays import float32
 from hypothesis import given
 
+from arrays import float32
 from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.simulator import dynamics, failures, rewards, rotations, tasks, trajectories

@@ -5,8 +5,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from arrays import float32
 
+from arrays import float32
 from maidenflight.errors import InputError
 from maidenflight.simulator import trajectories
 

@@ -17,8 +17,8 @@ import toy_kinds
 from test_sweeping import Here
 
 import maidenflight as mf
+from maidenflight.integrations.clusters.slurm import Slurm
 from maidenflight.studies.engine import Resources
-from maidenflight.studies.slurm import Slurm
 
 pytestmark = pytest.mark.slow
 HERE = Path(__file__).parent

@@ -7,7 +7,7 @@ import numpy as np
 import polars
 import pytest
 
-from flights.made_flights import calm
+from made_flights import calm
 from maidenflight.flights.reading import Flights
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import DroneFile, Source

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from commands import run
-from flights.made_flights import driven
+from made_flights import driven
 from maidenflight import manifest, results
 from maidenflight.flights import log
 from maidenflight.flights.reading import read_flights

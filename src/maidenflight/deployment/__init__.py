@@ -73,6 +73,7 @@ def export(policy: "Policy", folder: "StrPath", to: str = "c", **given: Any) -> 
 
 
 _HERE = "maidenflight.deployment"
+_RING = "maidenflight.integrations"
 EXPORTERS: dict[str, Exporter] = {
     "c": Exporter(
         f"{_HERE}.c:export_c",
@@ -81,22 +82,22 @@ EXPORTERS: dict[str, Exporter] = {
         ("hover", "seed", "record"),
     ),
     "onnx": Exporter(
-        f"{_HERE}.onnx:export_onnx", "onnx_policy", "policy.onnx", ("hover", "record")
+        f"{_RING}.exporters.onnx:export_onnx", "onnx_policy", "policy.onnx", ("hover", "record")
     ),
     "authors": Exporter(
-        f"{_HERE}.authors_json:export_authors_json",
+        f"{_RING}.exporters.authors_json:export_authors_json",
         "authors_policy",
         "a JSON as the tools of Gronauer et al. read it",
         ("name",),
     ),
     "crazyflie": Exporter(
-        f"{_HERE}.crazyflie:export_crazyflie",
+        f"{_RING}.exporters.crazyflie_app:export_crazyflie",
         "crazyflie_app",
         "an app that builds beside an unmodified Crazyflie firmware",
         ("hover", "seed", "record", "propellers"),
     ),
     "raptor": Exporter(
-        f"{_HERE}.raptor:export_raptor",
+        f"{_RING}.raptor.checkpoint:export_raptor",
         "raptor_policy",
         "policy.h5, which programs for RAPTOR read, of a policy trained with --form raptor",
         ("name", "seed", "record"),

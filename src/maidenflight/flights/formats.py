@@ -12,20 +12,18 @@ import numpy as np
 
 from maidenflight import inputs
 from maidenflight.errors import InputError
-from maidenflight.flights import (
+from maidenflight.flights import compensation, log, tables
+from maidenflight.flights.log import Flight
+from maidenflight.flights.tables import Table
+from maidenflight.integrations.logs import (
     authors,
     blackbox,
     cflib,
-    compensation,
-    log,
     nanobench,
     rosbag,
-    tables,
     ulog,
     usddeck,
 )
-from maidenflight.flights.log import Flight
-from maidenflight.flights.tables import Table
 
 TABLES = (".csv", ".csv.gz", ".parquet")
 """Endings of files with tables."""

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from maidenflight import names, run_folder
 from maidenflight.errors import InputError
-from maidenflight.flights import checking, compensation, foreign, formats, log
+from maidenflight.flights import checking, compensation, formats, log, not_logs
 from maidenflight.flights.formats import Logged
 from maidenflight.flights.log import ZERO_ORDER_HOLD, Flight
 from maidenflight.flights.sampling import sampled
@@ -239,9 +239,9 @@ def _checked(found: Logged, ignore: frozenset[str]) -> tuple[list[Flight], list[
 
 def _nothing(path: Path, files: int, reasons: list[str]) -> str:
     if not reasons:
-        kinds, others = foreign.below(path)
+        kinds, others = not_logs.below(path)
         if kinds:
-            return f"{path}: no flight logs that are read, but {foreign.told(kinds)}"
+            return f"{path}: no flight logs that are read, but {not_logs.told(kinds)}"
         place = path / "flights" if others or not path.name else path
         return (
             f"{path}: no flight logs ({', '.join(formats.SUFFIXES)}) in this folder or below it. "
@@ -274,8 +274,8 @@ def _files(path: Path) -> tuple[list[Path], list[str]]:
 
 def _unread(path: Path) -> list[str]:
     """A note on files of a folder that may hold flights but are not read."""
-    kinds = Counter[foreign.Foreign]() if path.is_file() else foreign.below(path)[0]
-    return [f"{path.name}: also holds {foreign.told(kinds)}"] if kinds else []
+    kinds = Counter[not_logs.Foreign]() if path.is_file() else not_logs.below(path)[0]
+    return [f"{path.name}: also holds {not_logs.told(kinds)}"] if kinds else []
 
 
 def log_files(folder: Path) -> list[Path]:

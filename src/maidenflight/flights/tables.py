@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from maidenflight import inputs
 from maidenflight.errors import InputError
-from maidenflight.flights import foreign
+from maidenflight.flights import not_logs
 
 _LARGEST = float(np.finfo(np.float32).max)
 _GZIP, _PARQUET, _UTF16 = b"\x1f\x8b", b"PAR1", (b"\xff\xfe", b"\xfe\xff")
@@ -89,9 +89,9 @@ def content(path: Path) -> bytes:
 
 def decoded(raw: bytes, name: str) -> str:
     """Text of a file, lines ended by a line feed."""
-    kind = foreign.kind_of(raw, name)
+    kind = not_logs.kind_of(raw, name)
     if kind is not None:
-        raise InputError(f"{name}: this is {foreign.told(Counter([kind]))}")
+        raise InputError(f"{name}: this is {not_logs.told(Counter([kind]))}")
     if raw[:2] in _UTF16:
         raise InputError(f"{name}: cannot be read as a flight log (UTF-16). Save it as UTF-8.")
     try:

@@ -8,7 +8,7 @@ from typing import TypedDict, cast
 
 from maidenflight import manifest, run_folder
 from maidenflight.errors import InputError
-from maidenflight.flights import foreign, reading
+from maidenflight.flights import not_logs, reading
 from maidenflight.inputs import StrPath
 from maidenflight.manifest import Entry, Kind, Manifest
 
@@ -110,7 +110,7 @@ def find_files(source: StrPath | None, options: FileOptions) -> RunFiles:
 
 def nothing_here(place: Path, missing: Sequence[str] = ()) -> InputError:
     """The error where there is nothing for a report, with what may hold flights."""
-    kinds = foreign.below(place)[0] if place.is_dir() else None
+    kinds = not_logs.below(place)[0] if place.is_dir() else None
     wrong = "nothing of a run here" if os.path.lexists(place) else "no such file or folder"
     return InputError(
         f"{place}: {wrong}. "
@@ -118,7 +118,7 @@ def nothing_here(place: Path, missing: Sequence[str] = ()) -> InputError:
         + f"Give a folder with {manifest.NAME}, which commands write beside their output, a file "
         f"or folder that it lists, or others by options: --logs {place} for flight logs, "
         "--drone FILE, --policies FOLDER, --flights TABLE."
-        + (f" Found: {foreign.told(kinds)}" if kinds else "")
+        + (f" Found: {not_logs.told(kinds)}" if kinds else "")
     )
 
 

@@ -5,7 +5,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from maidenflight import policy_file
-from maidenflight.foreign.authors_policy import UnknownControl
+from maidenflight.integrations.policies.authors_policy import UnknownControl
 from maidenflight.policy_file import PolicyFile
 
 

@@ -31,7 +31,7 @@ Numbers = TypeVar("Numbers", jax.Array, np.ndarray)
 COUNTS = 60000.0
 """The firmware's thrust counts that are u = 1 here, as in the authors' code and flights."""
 MOST_COUNTS = 65535.0
-"""Full PWM; u = 1 in logs of the firmware's own share of full thrust (`flights.cflib`, and our own
+"""Full PWM; u = 1 in logs of the firmware's own share of full thrust (`cflib`, and our own
 logs of a real drone)."""
 NOMINAL_VOLTS = 3.7
 """Battery voltage in flight [V] where none is simulated."""

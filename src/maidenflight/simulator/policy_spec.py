@@ -15,9 +15,10 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from maidenflight.errors import InputError
-from maidenflight.simulator import look_ahead, raptor_form
+from maidenflight.integrations.raptor import form as raptor_form
+from maidenflight.integrations.raptor.form import RAPTOR
+from maidenflight.simulator import look_ahead
 from maidenflight.simulator.look_ahead import LookAhead
-from maidenflight.simulator.raptor_form import RAPTOR
 from maidenflight.simulator.trajectories import Trajectory
 
 ACTION_SIZE = 4

@@ -19,9 +19,9 @@ from jaxtyping import Float
 
 from maidenflight import parameters
 from maidenflight.errors import InputError
+from maidenflight.integrations.simulators.bullet import bullet_drone
 from maidenflight.simulator import additions
 from maidenflight.simulator.battery import law_for
-from maidenflight.simulator.bullet import bullet_drone
 from maidenflight.simulator.sensors import Measurement
 from maidenflight.simulator.virtual_drone import VARIANTS, VirtualDrone, virtual_drone
 
@@ -106,13 +106,13 @@ REALITIES: dict[str, Callable[[int], AnyReality]] = {
 
 
 def _l2f(drone: str) -> Reality:
-    from maidenflight.simulator.l2f import L2F
+    from maidenflight.integrations.simulators.l2f import L2F
 
     return L2F(drone)
 
 
 def _crazyflow(drone: str) -> Reality:
-    from maidenflight.simulator.crazyflow import Crazyflow
+    from maidenflight.integrations.simulators.crazyflow import Crazyflow
 
     return Crazyflow(drone)
 

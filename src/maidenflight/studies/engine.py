@@ -66,11 +66,11 @@ def engine(name: str, resources: Resources, logs: str) -> Engine:
 
         return Local(resources)
     if kind == "ray":
-        from maidenflight.studies.on_ray import OnRay
+        from maidenflight.integrations.clusters.on_ray import OnRay
 
         return OnRay(resources, place or None)
     if kind == "slurm":
-        from maidenflight.studies.slurm import Slurm
+        from maidenflight.integrations.clusters.slurm import Slurm
 
         return Slurm(resources, logs, place or None)
     raise InputError(

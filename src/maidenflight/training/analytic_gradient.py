@@ -19,9 +19,10 @@ import optax
 from jax import lax, tree
 from jaxtyping import Array, Bool, Float
 
+from maidenflight.integrations.raptor import form as raptor_form
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy, untrained
-from maidenflight.simulator import dynamics, environment, raptor_form, rotations, stepping
+from maidenflight.simulator import dynamics, environment, rotations, stepping
 from maidenflight.simulator.environment import Environment, EnvState
 from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.rollouts import EnvInstance, PolicyFunction, randomized_reset

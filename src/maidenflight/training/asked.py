@@ -8,13 +8,13 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from maidenflight.errors import InputError
+from maidenflight.integrations.raptor.form import RAPTOR
 from maidenflight.policy import Policy
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.position_pid import EXCITATION
 from maidenflight.simulator.randomization import Distribution, stacked
-from maidenflight.simulator.raptor_form import RAPTOR
 from maidenflight.simulator.tasks import Task
 from maidenflight.training import checkpoint
 from maidenflight.training.analytic_gradient import AnalyticGradient

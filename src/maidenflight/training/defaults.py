@@ -4,6 +4,7 @@ import dataclasses
 from typing import Any
 
 from maidenflight.errors import InputError
+from maidenflight.integrations.raptor.form import RAPTOR
 from maidenflight.names import ANY_DAY, WIDE
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy
@@ -11,7 +12,6 @@ from maidenflight.simulator import control, dynamics, tasks
 from maidenflight.simulator.battery import COUNTS
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.simulator.raptor_form import RAPTOR
 from maidenflight.training import distillation
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.distillation import Distillation

@@ -91,8 +91,8 @@ class Fly(Verb):
         if self.recover:
             return _recover(output)
         from maidenflight.flights import flight_plan
-        from maidenflight.link import session
-        from maidenflight.link.flying import COMPLETE
+        from maidenflight.integrations.radio import session
+        from maidenflight.integrations.radio.flight import COMPLETE
 
         pid = self.pilot == "pid"
         given: dict[str, Any] = {
@@ -140,11 +140,11 @@ class Fly(Verb):
 
 def _recover(folder: Path) -> Result:
     """Makes logs of the rows that a crash has left."""
-    from maidenflight.link import rows
+    from maidenflight.integrations.radio import row_files
 
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder. Give the one that was recorded into, with -o.")
-    made, refused = rows.recover(folder)
+    made, refused = row_files.recover(folder)
     return Result(
         content={"logs": [str(path) for path in made], "refused": refused},
         show=lambda: print(f"{len(made)} logs made of rows in {folder}/"),

@@ -7,11 +7,11 @@ from typing import Any
 
 from maidenflight import names, policy_file, run_folder
 from maidenflight.errors import InputError
-from maidenflight.foreign.policies import ForeignPolicy, foreign_policy
 from maidenflight.inputs import StrPath
+from maidenflight.integrations.policies.policies import ForeignPolicy, foreign_policy
+from maidenflight.integrations.raptor.form import RAPTOR
 from maidenflight.policy import Policy
 from maidenflight.policy_file import PolicyFile
-from maidenflight.simulator.raptor_form import RAPTOR
 
 USUAL_TASK = "circle"
 """Task of policies that do not say what they were trained for, as the authors' do not."""

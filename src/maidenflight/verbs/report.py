@@ -83,7 +83,7 @@ class Report(Verb):
         """Writes the page, or shows the flights."""
         progress.move(0, None, "reading the run")
         if self.view is not None:
-            from maidenflight.reporting import live
+            from maidenflight.integrations.monitoring import live
             from maidenflight.reporting.run import read_flights_of
 
             flights = read_flights_of(self._find_source(), self._files)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from maidenflight import names, results, run_folder
 from maidenflight.deployment import EXPORTERS
 from maidenflight.errors import InputError
+from maidenflight.integrations.monitoring.loggers import LOGGERS
 from maidenflight.settings import (
     PENDING,
     choice,
@@ -23,7 +24,6 @@ from maidenflight.settings import (
     text,
     whole,
 )
-from maidenflight.training.loggers import LOGGERS
 from maidenflight.verb import Output, Progress, Result, Verb
 from maidenflight.verbs import shared
 from maidenflight.verbs.logs import own_files
@@ -252,7 +252,8 @@ class Train(Verb):
         """Trains; writes a JSON a policy, `training.csv` with their scores, and a checkpoint."""
         import jax
 
-        from maidenflight.training import checkpoint, loggers
+        from maidenflight.integrations.monitoring import loggers
+        from maidenflight.training import checkpoint
         from maidenflight.training.settings import recorded
         from maidenflight.verbs import training_files as files
 
@@ -369,7 +370,7 @@ class Train(Verb):
         if self.view is None:
             yield lambda progress: None
             return
-        from maidenflight.reporting import live
+        from maidenflight.integrations.monitoring import live
         from maidenflight.verbs.training_files import fly_watched
 
         fly = partial(fly_watched, self.drone, self.task)

@@ -25,7 +25,7 @@ class Transfer(InRealities):
     POLICIES are files or folders, ours or the authors' in files whose names begin with a control
     structure; all of one call are of one kind. Beside them fly raptor, raptor:500hz, pid and
     mellinger of the firmware, networks in ONNX or of Stable-Baselines3 that a TOML file describes,
-    and .zip files of the latter that maidenflight.gym trained.
+    and .zip files of the latter that maidenflight.integrations.gym trained.
     """
 
     output = Output(run_folder.TRANSFER, "Folder for the flights.")

@@ -1,1 +1,0 @@
-"""Policies by others: RAPTOR, and networks in ONNX whose inputs and outputs a TOML file tells."""

@@ -1,0 +1,1 @@
+"""Policies for other programs: ONNX, the authors' JSON and the Crazyflie app."""

@@ -1,0 +1,165 @@
+"""What `gymnasium.make` is given, checked, as an `Environment` and the drones to draw from."""
+
+import os
+from collections.abc import Callable
+from inspect import signature
+from math import isfinite
+from typing import Any
+
+from maidenflight.errors import InputError
+from maidenflight.inputs import StrPath
+from maidenflight.integrations.gym import rewards
+from maidenflight.parameters import DRONES, Parameters, crazyflie, read
+from maidenflight.simulator import control, failures, tasks, trajectories
+from maidenflight.simulator.control import Controller
+from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.policy_spec import PolicySpec
+from maidenflight.simulator.randomization import Distribution, relative_box
+from maidenflight.simulator.tasks import Task
+from maidenflight.simulator.trajectories import Trajectory
+
+Drones = Parameters | Distribution | StrPath | None
+"""One drone, drones to draw from, a named drone, a TOML file, or the Crazyflie +-10 %."""
+
+SHAPES: dict[str, Callable[..., Trajectory]] = {
+    "circle": trajectories.circle,
+    "figure_eight": trajectories.figure_eight,
+    "pentagram": trajectories.pentagram,
+}
+"""Closed curves by name."""
+
+
+def world(
+    task: str,
+    control: str,
+    parameters: Drones,
+    firmware: str,
+    spec: PolicySpec,
+    reward: str,
+    options: dict[str, Any],
+) -> tuple[Environment, Distribution]:
+    """What to simulate and which drones to draw.
+
+    Args:
+        task: `"hover"`, `"circle"`, `"take_off"` or `"tracking"`.
+        control: `"pwm"`, `"attitude_rate"` or `"attitude"`.
+        parameters: see `Drones`; a file or a point is exactly that drone in every episode.
+        firmware: generation of the PIDs, of no consequence to PWM.
+        spec: what is observed.
+        reward: `"task"` or `"shaped"`, see `rewards`.
+        options: arguments of the task.
+
+    Raises:
+        InputError: one of them is not what it should be.
+    """
+    if not isinstance(spec, PolicySpec):
+        raise InputError(f"spec = {spec!r}; expected such as PolicySpec(history=2).")
+    if beyond := spec.beyond(*PolicySpec.OBSERVED, "hidden"):
+        raise InputError(f"spec: {beyond}, which a learner's own network would have to have.")
+    controller = _controller(control, firmware)
+    drones = _drones(parameters, controller)
+    flown = _task(task, options)
+    flown = rewards.shaped(flown) if rewards.checked(reward) == "shaped" else flown
+    return Environment.matching(drones.centre, flown, controller, spec=spec), drones
+
+
+def checked_render_mode(mode: str | None) -> str | None:
+    """The render mode, if it is one.
+
+    Raises:
+        InputError: it is not.
+    """
+    if mode not in (None, "rgb_array"):
+        raise InputError(f"render_mode = {mode!r}; expected 'rgb_array' or None.")
+    return mode
+
+
+def _controller(name: str, firmware: str) -> Controller:
+    make = control.CONTROLLERS.get(name)
+    if make is None:
+        raise InputError(
+            f"control = {name!r}: no such control structure. Give one of "
+            f"{', '.join(control.CONTROLLERS)}."
+        )
+    return make() if name == "pwm" else make(firmware)
+
+
+def _drones(given: Drones, controller: Controller) -> Distribution:
+    if given is None or (isinstance(given, str) and given in DRONES):
+        named = crazyflie() if given is None else read(given)
+        return relative_box(
+            control.in_fitting_steps(named, controller), 0.10 if given is None else 0.0
+        )
+    if isinstance(given, str | os.PathLike):
+        given = read(given)
+    if isinstance(given, Parameters):
+        return relative_box(given, 0.0)
+    if not callable(getattr(given, "draw", None)):
+        raise InputError(
+            f"parameters = {given!r}: no drone. Give Parameters, something to draw them from such "
+            "as relative_box(crazyflie()), "
+            f"a TOML file or one of: {', '.join(DRONES)}."
+        )
+    return given
+
+
+def _tracking(
+    trajectory: str | Trajectory = "figure_eight",
+    waypoints: StrPath | None = None,
+    smooth: bool = False,
+    duration: float | None = None,
+    farthest: float = failures.MAX_POSITION_ERROR_M,
+    latest_start: float = 0.0,
+) -> Task:
+    if waypoints is not None:
+        last = trajectories.read_waypoints(waypoints)[-1][0]
+        return tasks.tracking(
+            trajectories.waypoints(waypoints, smooth), duration or last, farthest, latest_start
+        )
+    if isinstance(trajectory, str):
+        if trajectory not in SHAPES:
+            raise InputError(
+                f"trajectory = {trajectory!r}: no such curve. Give one of {', '.join(SHAPES)}, or "
+                "waypoints='file.csv'."
+            )
+        trajectory = SHAPES[trajectory]()
+    if not callable(trajectory):
+        raise InputError(
+            f"trajectory = {trajectory!r}; expected a function of time, such as those of "
+            "maidenflight.simulator.trajectories."
+        )
+    return tasks.tracking(trajectory, duration or trajectories.NORMAL, farthest, latest_start)
+
+
+_TASKS: dict[str, Callable[..., Task]] = {
+    "hover": tasks.hover,
+    "circle": tasks.circle,
+    "take_off": tasks.take_off,
+    "tracking": _tracking,
+}
+
+
+def _task(name: str, options: dict[str, Any]) -> Task:
+    if name not in _TASKS:
+        raise InputError(f"task = {name!r}: no such task. Give one of {', '.join(_TASKS)}.")
+    known = signature(_TASKS[name]).parameters
+    for option, value in options.items():
+        if option not in known:
+            raise InputError(
+                f"{option} = {value!r}: the task {name} has no such option. It has "
+                f"{', '.join(known)}."
+            )
+        if isinstance(known[option].default, float) or option == "duration":
+            least = 0.0 if option in ("latest_start", "diameter") else 1e-3
+            if (
+                isinstance(value, bool)
+                or not isinstance(value, float | int)
+                or not isfinite(value)
+                or value < least
+            ):
+                raise InputError(
+                    f"{option} = {value!r}; expected a number of at least {least:g}. Units are m "
+                    "and s."
+                )
+            options = options | {option: float(value)}
+    return _TASKS[name](**options)

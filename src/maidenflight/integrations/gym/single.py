@@ -1,0 +1,176 @@
+"""One drone as a `gymnasium.Env`."""
+
+import os
+from typing import Any
+
+import gymnasium
+import jax
+import numpy as np
+from gymnasium.spaces import Box
+from jaxtyping import Float
+
+from maidenflight.errors import InputError
+from maidenflight.integrations.gym import arguments, flying
+from maidenflight.integrations.gym.drawing import Scene, View
+from maidenflight.simulator.failures import TIME_LIMIT
+from maidenflight.simulator.interface import NOTE, ControlInterface
+from maidenflight.simulator.policy_spec import ACTION_SIZE, PolicySpec
+
+# A step takes less time than to hand it to another thread, which JAX does on a CPU unless it is
+# told not to before its first use.
+if "JAX_CPU_ENABLE_ASYNC_DISPATCH" not in os.environ:
+    jax.config.update("jax_cpu_enable_async_dispatch", False)
+
+AHEAD = 64
+"""Episodes that are prepared at once, which costs hardly more than one."""
+_LARGEST = np.finfo(np.float32).max
+
+Step = tuple[np.ndarray, float, bool, bool, dict[str, Any]]
+
+
+def spaces(interface: ControlInterface, spec: PolicySpec) -> tuple[Box, Box]:
+    """Observations, which have no bounds but those of float32, and actions.
+
+    What an observation is stands in the first of them, which learners keep beside their policies.
+    """
+    seen = Box(-_LARGEST, _LARGEST, (spec.size,), np.float32)
+    told = {name: value for name, value in spec.to_dict().items() if name in PolicySpec.OBSERVED}
+    vars(seen)[NOTE] = {"control": interface.name, "rate": interface.rate, **told}
+    return seen, Box(-1.0, 1.0, (ACTION_SIZE,), np.float32)
+
+
+class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
+    """One drone that does one task.
+
+    An episode ends with `terminated` if the drone fails and with `truncated` if time is up. `info`
+    is then `end_reason`, the mean `position_error` [m] and `duration` [s]. A seed gives the same
+    episodes on the same machine; without one, `reset` goes on.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 100}
+
+    def __init__(
+        self,
+        task: str = "circle",
+        control: str = "pwm",
+        parameters: arguments.Drones = None,
+        firmware: str = "2026.08",
+        spec: PolicySpec = PolicySpec(),
+        reward: str = "task",
+        render_mode: str | None = None,
+        **options: Any,
+    ) -> None:
+        """Checks the arguments; compiles at the first reset.
+
+        Args:
+            task: what to do.
+            control: `"pwm"` (100 Hz), `"attitude_rate"` (50 Hz) or `"attitude"` (25 Hz).
+            parameters: see `arguments.Drones`; a box is drawn from anew for each episode.
+            firmware: generation of the PIDs.
+            spec: what is observed: instants, and points of the reference ahead of time. The
+                learner's networks are its own.
+            reward: `"task"`, the task's own, or `"shaped"`, with which methods such as PPO learn;
+                see `rewards.shaped`.
+            render_mode: `"rgb_array"`, or none.
+            options: arguments of the task: height, diameter, period [m, s]; for tracking,
+                trajectory, waypoints and others.
+
+        Raises:
+            InputError: an argument is not what it should be.
+        """
+        self.render_mode = arguments.checked_render_mode(render_mode)
+        self._env, self._drones = arguments.world(
+            task, control, parameters, firmware, spec, reward, options
+        )
+        self.metadata = {**self.metadata, "render_fps": self._env.controller.interface.rate}
+        self.observation_space, self.action_space = spaces(self._env.controller.interface, spec)
+        self._program = flying.program(self._env)
+        self._key: np.ndarray | None = None
+        self._number = 0
+        self._ahead: tuple[Any, np.ndarray] = ((), np.empty(0))
+        self._groups: flying.Groups | None = None
+        self._scene: Scene | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begins an episode.
+
+        Args:
+            seed: the first of the episodes of this seed; `None`: the next one.
+            options: none are known.
+
+        Returns:
+            The first observation, and an empty `info`.
+        """
+        super().reset(seed=seed)
+        if seed is not None or self._key is None:
+            self._key, self._number = flying.first_key(self.np_random), 0
+        turn = self._number % AHEAD
+        if turn == 0:
+            numbers = np.arange(self._number, self._number + AHEAD, dtype=np.uint32)
+            keys = np.broadcast_to(self._key, (AHEAD, 2))
+            self._ahead = jax.tree.map(
+                np.asarray, self._program.launch_all(self._drones, keys, numbers)
+            )
+        groups, observations = self._ahead
+        self._groups = tuple(jax.device_put(group[turn]) for group in groups)
+        self._number += 1
+        if self._scene is not None:
+            self._scene.begin()
+        return observations[turn].copy(), {}
+
+    def step(self, action: Float[np.ndarray, "4"]) -> Step:
+        """Holds an action for one control period.
+
+        Args:
+            action: in [-1, 1]; the task sees what is beyond, the drone does not.
+
+        Returns:
+            Observation, reward, whether the drone has failed, whether time is up, and `info`.
+
+        Raises:
+            InputError: no episode has begun, or the action has not four numbers.
+        """
+        given = np.asarray(action, np.float32)
+        if self._groups is None or given.shape != (ACTION_SIZE,):
+            wrong = (
+                "no episode has begun. Call reset() first"
+                if self._groups is None
+                else f"an action of shape {given.shape}, expected (4,)"
+            )
+            raise InputError(f"step: {wrong}.")
+        self._groups, row = self._program.step(self._groups, given)
+        numbers = np.array(row)
+        observation, (reward, reason, error, duration) = (
+            numbers[: -flying.STATISTICS],
+            numbers[-flying.STATISTICS :].tolist(),
+        )
+        if reward != reward and not np.isfinite(given).all():
+            raise InputError(
+                f"step: the action is {given}, expected four finite numbers. Has the policy "
+                "diverged?"
+            )
+        if not reason:
+            return observation, reward, False, False, {}
+        truncated = reason == TIME_LIMIT
+        return (
+            observation,
+            reward,
+            not truncated,
+            truncated,
+            flying.statistics(reason, error, duration),
+        )
+
+    def render(self) -> np.ndarray | None:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """A picture of the drone and its reference, (480, 640, 3) uint8.
+
+        `None` where no `render_mode` was given.
+        """
+        if self.render_mode is None:
+            return None
+        if self._groups is None:
+            raise InputError("render: no episode has begun. Call reset() first.")
+        if self._scene is None:
+            self._scene = Scene(self._env.task, self._drones.centre)
+        return self._scene.draw(View(*map(np.asarray, self._program.view(self._groups))))

@@ -1,0 +1,191 @@
+"""Many drones at once as a `gymnasium.vector.VectorEnv`: one compiled step for all of them."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from jaxtyping import Bool, Float
+
+from maidenflight.errors import InputError
+from maidenflight.integrations.gym import arguments, flying
+from maidenflight.integrations.gym.drawing import Scene, View
+from maidenflight.integrations.gym.single import spaces
+from maidenflight.simulator.failures import TIME_LIMIT
+from maidenflight.simulator.policy_spec import PolicySpec
+
+Steps = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
+
+
+class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+    """Drones that do one task.
+
+    With seed s, drone i flies the episodes of a `QuadrotorEnv` with seed s + i. As in Gymnasium's
+    own vector environments, the step after an episode's end begins the next episode: its action is
+    ignored and its reward is 0.
+    """
+
+    metadata = {
+        "render_modes": ["rgb_array"],
+        "render_fps": 100,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        task: str = "circle",
+        control: str = "pwm",
+        parameters: arguments.Drones = None,
+        firmware: str = "2026.08",
+        spec: PolicySpec = PolicySpec(),
+        reward: str = "task",
+        render_mode: str | None = None,
+        **options: Any,
+    ) -> None:
+        """Checks the arguments, which besides `num_envs` are those of `QuadrotorEnv`.
+
+        Raises:
+            InputError: an argument is not what it should be.
+        """
+        if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
+            raise InputError(
+                f"num_envs = {num_envs!r}; expected a whole number of drones, 1 or more."
+            )
+        self.render_mode = arguments.checked_render_mode(render_mode)
+        self._env, self._drones = arguments.world(
+            task, control, parameters, firmware, spec, reward, options
+        )
+        self.metadata = {**self.metadata, "render_fps": self._env.controller.interface.rate}
+        self.num_envs = num_envs
+        self.single_observation_space, self.single_action_space = spaces(
+            self._env.controller.interface, spec
+        )
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._program = flying.program(self._env)
+        self._keys = np.zeros((num_envs, 2), np.uint32)
+        self._ready = np.zeros(num_envs, bool)
+        self._ahead: tuple[Any, Any] = ((), ())
+        self._numbers = np.zeros(num_envs, np.uint32)
+        self._over = np.zeros(num_envs, bool)
+        self._groups: flying.Groups | None = None
+        self._scenes: list[Scene] = []
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begins an episode of every drone.
+
+        Args:
+            seed: drone i gets this plus i, or the i-th of a list; `None`: the next episodes.
+            options: none are known.
+
+        Returns:
+            The first observations, and an empty `info`.
+        """
+        seeds = (
+            [seed + i for i in range(self.num_envs)]
+            if isinstance(seed, int)
+            else seed or [None] * self.num_envs
+        )
+        if len(seeds) != self.num_envs:
+            raise InputError(
+                f"{len(seeds)} seeds for {self.num_envs} drones; expected one each. Give one "
+                "number for all."
+            )
+        super().reset(seed=seeds[0])
+        for i, one in enumerate(seeds):
+            if one is not None or self._groups is None:
+                generator = self.np_random if one is None else seeding.np_random(one)[0]
+                self._keys[i], self._numbers[i], self._ready[i] = (
+                    flying.first_key(generator),
+                    0,
+                    False,
+                )
+        self._over = np.zeros(self.num_envs, bool)
+        return self._begin(np.ones(self.num_envs, bool), self._groups), {}
+
+    def step(self, actions: Float[np.ndarray, "n 4"]) -> Steps:
+        """Holds each drone's action for one control period.
+
+        Where an episode is over, the next one begins instead.
+
+        Raises:
+            InputError: no episode has begun, or there are not four numbers for each drone.
+        """
+        given = np.asarray(actions, np.float32)
+        if self._groups is None or given.shape != self.action_space.shape:
+            wrong = "no episode has begun. Call reset() first"
+            wrong = (
+                wrong
+                if self._groups is None
+                else f"actions of shape {given.shape}, expected {self.action_space.shape}"
+            )
+            raise InputError(f"step: {wrong}.")
+        self._groups, rows = self._program.step_all(self._groups, given)
+        rows = np.array(rows)
+        observations, (rewards, reasons, errors, durations) = (
+            rows[:, : -flying.STATISTICS].copy(),
+            rows[:, -flying.STATISTICS :].T,
+        )
+        if np.isnan(rewards).any() and not np.isfinite(given).all():
+            raise InputError(
+                "step: an action is not finite, expected finite numbers. Has the policy diverged?"
+            )
+        if self._over.any():
+            first = self._begin(self._over, self._groups)
+            observations[self._over], rewards[self._over], reasons[self._over] = (
+                first[self._over],
+                0.0,
+                0.0,
+            )
+        self._over, truncated = reasons > 0, reasons == TIME_LIMIT
+        infos: dict[str, Any] = {}
+        for i in np.flatnonzero(self._over):
+            infos = self._add_info(
+                infos, flying.statistics(reasons[i], errors[i], durations[i]), int(i)
+            )
+        return observations, rewards.astype(np.float64), self._over & ~truncated, truncated, infos
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """A picture of each drone and its reference, (480, 640, 3) uint8.
+
+        `None` where no `render_mode` was given.
+        """
+        if self.render_mode is None:
+            return None
+        if self._groups is None:
+            raise InputError("render: no episode has begun. Call reset() first.")
+        if not self._scenes:
+            self._scenes = [
+                Scene(self._env.task, self._drones.centre) for _ in range(self.num_envs)
+            ]
+        parts = [np.asarray(part) for part in self._program.view_all(self._groups)]
+        return tuple(
+            scene.draw(View(*(part[i] for part in parts))) for i, scene in enumerate(self._scenes)
+        )
+
+    def _begin(self, whose: Bool[np.ndarray, "n"], groups: flying.Groups | None) -> np.ndarray:
+        """Begins the next, already prepared episode of some drones.
+
+        Returns first observations of all drones.
+        """
+        if np.any(whose & ~self._ready):
+            # Copies, since JAX may read its arguments after it has returned.
+            self._ahead = self._program.launch_all(
+                self._drones, self._keys.copy(), self._numbers.copy()
+            )
+            self._ready[:] = True
+        new, observations = self._ahead
+        # Those that are prepared are kept, since a step takes over the arrays that it is given.
+        old = jax.tree.map(jnp.copy, new) if groups is None else groups
+        self._groups = self._program.choose(whose, new, old)
+        self._numbers += whose
+        self._ready &= ~whose
+        for i in np.flatnonzero(whose) if self._scenes else ():
+            self._scenes[i].begin()
+        return np.array(observations)

@@ -1,0 +1,347 @@
+"""ROS 2 recordings, MCAP and SQLite, through `rosbags`; messages are read one after another.
+
+Only the fields that are used are held in memory. Topics of px4_msgs are read as those of a ULog,
+others by `ros_topics`.
+
+Source: MCAP format specification; rosbag2; REP 103.
+"""
+
+import re
+from array import array
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import polars
+from jaxtyping import Float
+
+from maidenflight.errors import InputError, not_installed
+from maidenflight.flights import joining, streams
+from maidenflight.flights.log import Flight
+from maidenflight.flights.streams import Stream
+from maidenflight.flights.tables import Table
+from maidenflight.integrations.logs import cflib, px4, ros_topics
+from maidenflight.integrations.logs.px4_topics import vector
+from maidenflight.integrations.logs.ros_topics import Layout, Source, Variables
+
+Found = tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], list[str]]
+MOST_FAULTS = 100
+"""Messages that cannot be decoded before the rest is left."""
+_PX4_TYPE = "px4_msgs/msg/"
+_PX4_TOPIC = re.compile(r"(.*)/fmu/out/(\w+?)(_v\d+)?")
+_PX4_FIELDS: Mapping[str, tuple[str, ...]] = {
+    "vehicle_local_position": (
+        *("x", "y", "z", "vx", "vy", "vz"),
+        *("xy_valid", "z_valid", "v_xy_valid", "v_z_valid"),
+    ),
+    "vehicle_attitude": vector("q", 4),
+    "vehicle_angular_velocity": vector("xyz", 3),
+    "vehicle_acceleration": vector("xyz", 3),
+    "sensor_combined": (
+        *vector("gyro_rad", 3),
+        "gyro_integral_dt",
+        *vector("accelerometer_m_s2", 3),
+        *("accelerometer_integral_dt", "accelerometer_timestamp_relative"),
+    ),
+    "actuator_motors": vector("control", 4),
+    "actuator_outputs": vector("output", 16),
+    "esc_status": tuple(
+        f"esc[{number}].{field}"
+        for number in range(4)
+        for field in ("esc_rpm", "actuator_function")
+    ),
+    "battery_status": ("voltage_v",),
+    "vehicle_land_detected": ("landed",),
+    "vehicle_status": ("arming_state",),
+}
+
+
+class Bag(NamedTuple):
+    """An open recording."""
+
+    name: str
+    types: Mapping[str, str]
+    """Message types by topic."""
+    messages: Callable[[list[str]], Iterator[tuple[str, int, Any]]]
+    """Topic, time of recording [ns] and message, or None for one that cannot be decoded."""
+
+
+def recognises_mcap(head: bytes) -> bool:
+    """Whether a file's first bytes are those of an MCAP."""
+    return head.startswith(b"\x89MCAP")
+
+
+def recognises_sqlite(head: bytes) -> bool:
+    """Whether a file's first bytes are those of an SQLite database."""
+    return head.startswith(b"SQLite format 3\0")
+
+
+def flights(path: Path, name: str) -> Found:
+    """The flights in a recording, unchecked, with the times of their rows [s], and notes.
+
+    Args:
+        path: of the file, one of a bag's folder.
+        name: by which errors and notes call it.
+
+    Raises:
+        InputError: it is damaged, its topics are not known, or a signal is missing; or `rosbags` is
+            lacking.
+    """
+    told = ros_topics.beside(path)
+    said = ros_topics.read(told) if told.exists() else None
+    with _opened(path, name) as bag:
+        if isinstance(said, Variables):
+            return _of_variables(bag, said)
+        if said is not None:
+            return _together([_of_layout(bag, name, said)])
+        found = [*_of_px4(bag), *_of_mavros(bag)]
+        if found:
+            return _together(found)
+        topics = ", ".join(f"{topic} ({kind})" for topic, kind in bag.types.items())
+        raise InputError(
+            f"{name}: none of its topics are known ({topics[:600] or 'there are none'}). Say in "
+            f"{told.name} beside it which hold body rates, accelerometer and motors; see "
+            "docs/flight-log.md."
+        )
+
+
+@contextmanager
+def _opened(path: Path, name: str) -> Iterator[Bag]:
+    try:
+        from rosbags.rosbag2 import Reader
+        from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+    except ImportError as error:
+        raise not_installed("rosbags", "rosbag", "reading a ROS 2 recording") from error
+    kind = ".db3" if recognises_sqlite(_first(path)) else ".mcap"
+    storage: Any = Reader.STORAGE_PLUGINS[kind](path)
+    try:
+        storage.open()
+        types: dict[str, Any] = {}
+        for connection in storage.connections:
+            text = connection.msgdef.data
+            if text and connection.msgdef.format.name == "IDL":
+                types |= get_types_from_idl(text)
+            elif text:
+                types |= get_types_from_msg(text, connection.msgtype)
+        # Old recordings in SQLite do not hold their messages' definitions.
+        store: Any = get_typestore(Stores.EMPTY)
+        store.register({**get_typestore(Stores.LATEST).fielddefs, **types})
+    except Exception as error:
+        with suppress(Exception):
+            storage.close()
+        why = " ".join(str(error).split())[:120] or type(error).__name__
+        raise InputError(
+            f"{name}: not a readable ROS 2 recording ({why}). Copy it again; a recording that was "
+            "not closed can be mended by 'mcap recover' or 'ros2 bag reindex'."
+        ) from error
+
+    def messages(topics: list[str]) -> Iterator[tuple[str, int, Any]]:
+        wanted = [one for one in storage.connections if one.topic in topics]
+        for connection, stamp, raw in storage.messages(wanted) if wanted else ():
+            try:
+                message = store.deserialize_cdr(raw, connection.msgtype)
+            except Exception:
+                message = None
+            yield connection.topic, stamp, message
+
+    try:
+        yield Bag(name, {one.topic: one.msgtype for one in storage.connections}, messages)
+    finally:
+        storage.close()
+
+
+def _first(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return file.read(16)
+
+
+def _together(found: list[tuple[Flight, np.ndarray, list[str]]]) -> Found:
+    notes = [note for *_, some in found for note in some]
+    return [(flight, time) for flight, time, _ in found], notes
+
+
+class _Fields:
+    """Numbers of some fields of a topic's messages, kept as they come."""
+
+    def __init__(self, fields: tuple[str, ...]) -> None:
+        self.fields = fields
+        self._steps = [_steps(field) for field in fields]
+        self._rows = array("d")
+        self._received = array("d")
+        self.lacking: list[str] = []
+
+    def add(self, stamp: int, message: Any) -> None:
+        """Adds a message; of fields that it lacks the number is not one."""
+        self._received.append(stamp * 1e-9)
+        self._rows.append(_header(message))
+        for field, steps in zip(self.fields, self._steps, strict=True):
+            try:
+                value = message
+                for step in steps:
+                    value = value[step] if isinstance(step, int) else getattr(value, step)
+                self._rows.append(float(value))
+            except (AttributeError, IndexError, TypeError, ValueError):
+                if field not in self.lacking:
+                    self.lacking.append(field)
+                self._rows.append(np.nan)
+
+    def table(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Times of the headers and of recording [s], and the fields, (N, fields)."""
+        rows = np.array(self._rows).reshape(-1, 1 + len(self.fields))
+        return rows[:, 0], np.array(self._received), rows[:, 1:]
+
+
+def _header(message: Any) -> float:
+    """Time of a message's header [s]; not a number where it has none or 0."""
+    stamp = getattr(getattr(message, "header", None), "stamp", None)
+    seconds = 0.0 if stamp is None else stamp.sec + 1e-9 * stamp.nanosec
+    return seconds or np.nan
+
+
+def _steps(field: str) -> list[str | int]:
+    """`pose.position.x` and `channels[2]` as names and numbers."""
+    return [int(part) if part.isdecimal() else part for part in re.findall(r"[^.\[\]]+", field)]
+
+
+def _collected(
+    bag: Bag, wanted: Mapping[str, tuple[str, ...]]
+) -> tuple[dict[str, _Fields], list[str]]:
+    """Fields of topics, and notes on what of the recording is damaged."""
+    found = {topic: _Fields(fields) for topic, fields in wanted.items()}
+    faults, stopped = 0, ""
+    try:
+        for topic, stamp, message in bag.messages(list(wanted)):
+            if message is None:
+                faults += 1
+                if faults > MOST_FAULTS:
+                    stopped = "too many messages cannot be decoded"
+                    break
+                continue
+            found[topic].add(stamp, message)
+    except Exception as error:
+        stopped = " ".join(str(error).split())[:100] or type(error).__name__
+    notes = [f"{bag.name}: {faults} messages cannot be decoded and are left out"] if faults else []
+    if stopped:
+        notes.append(f"{bag.name}: damaged ({stopped}); what was read before is used")
+    return found, notes
+
+
+def _of_px4(bag: Bag) -> list[tuple[Flight, np.ndarray, list[str]]]:
+    drones: dict[str, dict[str, str]] = {}
+    for topic, kind in bag.types.items():
+        parts = _PX4_TOPIC.fullmatch(topic)
+        if kind.startswith(_PX4_TYPE) and parts and parts[2] in _PX4_FIELDS:
+            drones.setdefault(parts[1], {})[topic] = parts[2]
+    found = []
+    for mark, known in drones.items():
+        wanted = {
+            topic: ("timestamp", "timestamp_sample", *_PX4_FIELDS[kind])
+            for topic, kind in known.items()
+        }
+        read, notes = _collected(bag, wanted)
+        topics = {}
+        for topic, fields in read.items():
+            _, _, rows = fields.table()
+            columns = dict(zip(fields.fields, np.nan_to_num(rows).T, strict=True))
+            for lacking in fields.lacking:
+                del columns[lacking]
+            if len(rows):
+                topics[known[topic]] = columns
+        name = bag.name if len(drones) == 1 else f"{bag.name}, {mark}"
+        flight, time, said = px4.flight(name, topics, {})
+        found.append((flight, time, [*notes, *said]))
+    return found
+
+
+def _of_mavros(bag: Bag) -> list[tuple[Flight, np.ndarray, list[str]]]:
+    layouts = ros_topics.of_mavros(list(bag.types))
+    found = []
+    for mark, layout in layouts.items():
+        name = bag.name if len(layouts) == 1 else f"{bag.name}, {mark}"
+        flight, time, notes = _of_layout(bag, name, layout)
+        what = f"{name}: motors of rc/out between {layout.low:g} and {layout.high:g}, as in an X"
+        found.append((flight, time, [*notes, what]))
+    return found
+
+
+def _of_layout(bag: Bag, name: str, layout: Layout) -> tuple[Flight, np.ndarray, list[str]]:
+    sources = layout.sources
+    missing = [source.topic for source in sources.values() if source.topic not in bag.types]
+    if missing:
+        raise InputError(
+            f"{name}: no topic {', '.join(missing)}; it has {', '.join(bag.types)[:600]}."
+        )
+    wanted: dict[str, tuple[str, ...]] = {}
+    for source in sources.values():
+        wanted[source.topic] = (*wanted.get(source.topic, ()), *source.fields)
+    read, notes = _collected(bag, wanted)
+    for topic, fields in read.items():
+        if fields.lacking and topic in {source.topic for source in sources.values()}:
+            raise InputError(
+                f"{name}: messages of {topic} ({bag.types[topic]}) have no "
+                f"{', '.join(fields.lacking[:4])}. Name fields that they have."
+            )
+    read_signals = {
+        signal: _stream(read[source.topic], source, layout.received)
+        for signal, source in sources.items()
+    }
+    raw = read_signals["motors"]
+    share = np.clip((raw.values - layout.low) / (layout.high - layout.low), 0.0, None)
+    state, said = None, []
+    if {"position", "velocity", "attitude"} <= set(read_signals):
+        place, velocity = read_signals["position"], read_signals["velocity"]
+        moved = np.concatenate([place.values, streams.between(place.time, velocity)], axis=1)
+        state, said = joining.state(name, Stream(place.time, moved), read_signals["attitude"])
+    else:
+        said = [f"{name}: no position, velocity and attitude together: {joining.ALONE}"]
+    signals = joining.Signals(
+        read_signals["body_rates"],
+        Stream(raw.time, share if layout.square else np.sqrt(share)),
+        read_signals["accelerometer"],
+        state,
+        read_signals.get("rotor_speed"),
+        read_signals.get("battery"),
+    )
+    flight, time, more = joining.flight(name, signals, layout.remedy)
+    thrust = "square" if layout.square else "linear"
+    how = f"{name}: thrust by the {thrust} law of motors between {layout.low:g} and {layout.high:g}"
+    return flight, time, [*notes, *said, how, *more]
+
+
+def _stream(fields: _Fields, source: Source, received: bool) -> Stream:
+    """A signal of a topic's fields; NaN in a field leaves a sample out."""
+    header, recorded, rows = fields.table()
+    columns = [fields.fields.index(field) for field in source.fields]
+    values = rows[:, columns] * source.scale
+    stamps = recorded if received or not np.isfinite(header).all() else header
+    return streams.stream(np.where(np.isfinite(values).all(axis=1), stamps, np.nan), values)
+
+
+def _of_variables(bag: Bag, said: Variables) -> Found:
+    """Log variables of a Crazyflie, read as those that its radio logs."""
+    missing = [topic for topic in said.names if topic not in bag.types]
+    if missing:
+        raise InputError(
+            f"{bag.name}: no topic {', '.join(missing)}; it has {', '.join(bag.types)[:600]}."
+        )
+    wanted = {
+        topic: ("timestamp", *(f"values[{place}]" for place in range(len(names))))
+        for topic, names in said.names.items()
+    }
+    read, notes = _collected(bag, wanted)
+    frames = []
+    for topic, names in said.names.items():
+        if read[topic].lacking:
+            raise InputError(
+                f"{bag.name}: messages of {topic} do not hold {len(names)} values and a timestamp. "
+                "Name as many variables as there are."
+            )
+        _, _, rows = read[topic].table()
+        frames.append(polars.DataFrame(rows, schema=["timestamp", *names], orient="row"))
+    frame = polars.concat(frames, how="diagonal").sort("timestamp", maintain_order=True)
+    if not frame.height:
+        raise InputError(f"{bag.name}: no messages in {', '.join(said.names)}. Leave it out.")
+    found, more = cflib.flights(Table(bag.name, frame))
+    return found, [*notes, *more]

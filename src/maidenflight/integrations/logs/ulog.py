@@ -1,0 +1,88 @@
+"""PX4 ULog files, through `pyulog`; `px4` says what their topics mean.
+
+Source: PX4 user guide, ULog file format.
+"""
+
+import contextlib
+import io
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from maidenflight.errors import InputError, not_installed
+from maidenflight.flights.log import Flight
+from maidenflight.integrations.logs import px4
+from maidenflight.integrations.logs.px4_topics import REMEDY, vector
+
+BEGINS = b"ULog\x01\x12\x35"
+
+
+def recognises(head: bytes) -> bool:
+    """Whether a file's first bytes are those of a ULog."""
+    return head.startswith(BEGINS[:4])
+
+
+def flights(path: Path, name: str) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], list[str]]:
+    """The flight in a ULog, unchecked, with the time of its rows [s], and what was assumed.
+
+    Only the topics that are needed are held in memory.
+
+    Args:
+        path: of the file.
+        name: by which errors and notes call it.
+
+    Raises:
+        InputError: it is damaged or lacks a signal, see `px4.flight`; or `pyulog` is lacking.
+    """
+    try:
+        from pyulog import ULog
+    except ImportError as error:
+        raise not_installed("pyulog", "ulog", "reading a PX4 ULog") from error
+    try:
+        # It prints what is damaged.
+        with path.open("rb") as file, contextlib.redirect_stdout(io.StringIO()):
+            read = ULog(file, list(px4.TOPICS))
+            topics = _topics(read.data_list)
+    except Exception as error:
+        why = " ".join(str(error).split())[:100] or type(error).__name__
+        raise InputError(f"{name}: not a readable ULog ({why}). Copy it again.") from error
+    if not topics:
+        raise InputError(
+            f"{name}: holds none of the topics that are read ({', '.join(px4.TOPICS[:7])}). "
+            f"{REMEDY}"
+        )
+    parameters = {
+        key: float(value)
+        for key, value in read.initial_parameters.items()
+        if isinstance(value, int | float) and np.isfinite(value)
+    }
+    notes = []
+    if read.file_corruption:
+        notes.append(f"{name}: damaged in places; what could be read of it is used")
+    if read.dropouts:
+        lost = sum(dropout.duration for dropout in read.dropouts)
+        notes.append(
+            f"{name}: {len(read.dropouts)} dropouts of the logger, {lost / 1000:.2g} s altogether"
+        )
+    flight, time, said = px4.flight(name, topics, parameters)
+    return [(flight, time)], [*notes, *said]
+
+
+def _topics(data: Iterable[Any]) -> dict[str, dict[str, np.ndarray]]:
+    """Fields by topic; of several instances the first, of outputs the one that changes most."""
+    found: dict[str, dict[str, np.ndarray]] = {}
+    for one in data:
+        fields = {name: values for name, values in one.data.items() if values.ndim == 1}
+        held = found.get(one.name)
+        if "timestamp" in fields and (held is None or _changes(fields) > _changes(held)):
+            found[one.name] = fields
+    return found
+
+
+def _changes(fields: Mapping[str, np.ndarray]) -> float:
+    """How much the outputs of a topic change; nothing of one that has no outputs."""
+    outputs = [fields[name] for name in vector("output", 4) if name in fields]
+    return float(sum(np.nanstd(values.astype(float)) for values in outputs))

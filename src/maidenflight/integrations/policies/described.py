@@ -1,0 +1,263 @@
+"""`DescribedPolicy`, a network by others, and the TOML file that says what its numbers are.
+
+```toml
+network = "policy.onnx"  # beside the TOML file; or "model.zip" of Stable-Baselines3
+rate = 100               # actions a second [Hz]
+inputs = ["position_error", "rotation_matrix", "velocity_error", "body_rates", "last_action"]
+range = [-1, 1]          # of the four outputs, from motors off to full
+commands = "rotor_speed" # or "thrust", its square
+motors = [1, 2, 3, 4]    # the motor of each output: front right, back right, back left, front left
+```
+
+`history` (1 unless given) joins so many instants, the oldest first; `mean` and `std` scale one
+instant; `look_ahead = {points = 5, spacing = 0.1}` puts so many points of the reference to come, so
+many seconds apart and relative to the position, behind the newest instant; `output` names the
+output of an ONNX file that commands the motors, the first one unless given. What commands the
+motors is what the next instant holds as `last_action`, not clipped. Of a `model.zip`, `range` is
+that of its action space unless given, and `normalization` names the file of its `VecNormalize`.
+"""
+
+from collections import deque
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from maidenflight import inputs
+from maidenflight.errors import InputError
+from maidenflight.inputs import StrPath
+from maidenflight.integrations.policies.policies import Fly, reference_velocity
+from maidenflight.simulator.policy_spec import PolicySpec, points_at
+from maidenflight.simulator.sensors import Measurement
+from maidenflight.simulator.tasks import Task
+
+
+class Instant(NamedTuple):
+    """What is known when an action is due."""
+
+    position: Float[np.ndarray, "3"]
+    velocity: Float[np.ndarray, "3"]
+    quaternion: Float[np.ndarray, "4"]
+    body_rates: Float[np.ndarray, "3"]
+    setpoint: Float[np.ndarray, "3"]
+    setpoint_velocity: Float[np.ndarray, "3"]
+    last_action: Float[np.ndarray, "4"]
+
+    @property
+    def turned(self) -> Rotation:
+        """Body to world."""
+        return Rotation.from_quat(self.quaternion)
+
+
+INPUTS: Mapping[str, Callable[[Instant], Any]] = {
+    "position": lambda now: now.position,
+    "position_error": lambda now: now.position - now.setpoint,
+    "setpoint_offset": lambda now: now.setpoint - now.position,
+    "velocity": lambda now: now.velocity,
+    "velocity_error": lambda now: now.velocity - now.setpoint_velocity,
+    "setpoint_velocity": lambda now: now.setpoint_velocity,
+    "body_velocity": lambda now: now.turned.inv().apply(now.velocity),
+    "rotation_matrix": lambda now: now.turned.as_matrix().ravel(),
+    "quaternion_xyzw": lambda now: now.quaternion,
+    "quaternion_wxyz": lambda now: np.roll(now.quaternion, 1),
+    "roll_pitch_yaw": lambda now: now.turned.as_euler("ZYX")[::-1],
+    "body_rates": lambda now: now.body_rates,
+    "last_action": lambda now: now.last_action,
+}
+"""What an input may be, SI units, world z up, body x forward and y left; `rotation_matrix` row by
+row."""
+OBSERVED = PolicySpec.OBSERVED
+_KEYS = {
+    "network",
+    "rate",
+    "inputs",
+    "range",
+    "commands",
+    "motors",
+    "mean",
+    "std",
+    "output",
+    "normalization",
+    *OBSERVED,
+}
+
+
+Network = Callable[[Float[np.ndarray, "N"]], Float[np.ndarray, "..."]]
+"""Inputs to outputs; raises `ValueError` where there are more or fewer inputs than it takes."""
+
+
+class DescribedPolicy:
+    """A network and what its numbers are; follows the `ForeignPolicy` protocol."""
+
+    def __init__(self, name: str, where: str, told: Mapping[str, Any], network: Network) -> None:
+        """Puts them together.
+
+        Args:
+            name: what tables call it.
+            where: the file that messages name.
+            told: what `checked` gives.
+            network: the network.
+        """
+        self.name, self._where = name, where
+        self.rate = self.command_rate = told["rate"]
+        self._parts = [INPUTS[name] for name in told["inputs"]]
+        self._lowest, self._highest = told["range"]
+        self._power = 2 if told["commands"] == "rotor_speed" else 1
+        self._motors = np.array(told["motors"]) - 1
+        self._mean, self._std = told["mean"], told["std"]
+        self._spec: PolicySpec = told["spec"]
+        self._network = network
+
+    def begin(self, hover: float, task: Task) -> Fly:
+        """Begins a flight; its last action is that of hover."""
+        velocity_at, calls = reference_velocity(task), 0
+        span = self._highest - self._lowest
+        last = np.full(4, self._lowest + span * hover ** (1 / self._power))
+        past: deque[np.ndarray] = deque(maxlen=self._spec.history)
+
+        def fly(
+            measurement: Measurement, setpoint: Float[np.ndarray, "3"]
+        ) -> Float[np.ndarray, "4"]:
+            nonlocal last, calls
+            seen = [np.asarray(part, np.float64) for part in measurement]
+            now = Instant._make([*seen, setpoint, velocity_at(calls / self.rate), last])
+            instant = (np.concatenate([part(now) for part in self._parts]) - self._mean) / self._std
+            past.extend([instant] * (1 if past else self._spec.history))
+            points = np.asarray(points_at(self._spec, task.reference, calls / self.rate))
+            last = self._run(np.concatenate([*past, np.ravel(points - now.position)]))
+            calls += 1
+            command = np.empty(4)
+            command[self._motors] = (last - self._lowest) / span
+            return np.clip(command, 0.0, 1.0) ** self._power
+
+        return fly
+
+    def _run(self, numbers: np.ndarray) -> np.ndarray:
+        """The four outputs."""
+        try:
+            made = self._network(numbers)
+        except ValueError as error:
+            raise InputError(
+                f"{self._where}: the network takes no {len(numbers)} inputs "
+                f"({str(error).splitlines()[0]:.120}). Check inputs, history and look_ahead."
+            ) from error
+        output = np.ravel(made).astype(np.float64)
+        if output.shape != (4,) or not np.isfinite(output).all():
+            raise InputError(f"{self._where}: outputs {output}; expected four finite numbers.")
+        return output
+
+
+def described(path: StrPath) -> DescribedPolicy:
+    """The policy that a TOML file describes.
+
+    Raises:
+        InputError: a package is not installed, or the files do not fit each other.
+    """
+    from maidenflight.integrations.policies import onnx_file, stable_baselines
+
+    told = _read(path)
+    file = Path(path).parent / str(told["network"])
+    if file.suffix != ".zip":
+        told = checked(path, told)
+        network = onnx_file.network(file, told["output"], str(path))
+    else:
+        scaled = told.get("normalization")
+        model = stable_baselines.read(file, None if scaled is None else file.parent / str(scaled))
+        told, network = checked(path, {"range": list(model.range)} | told), model.act
+    return DescribedPolicy(Path(path).stem, str(path), told, network)
+
+
+def of_own_environment(path: StrPath) -> DescribedPolicy:
+    """A policy of Stable-Baselines3 that our environments trained, by its file alone.
+
+    The file `vecnormalize.pkl` beside it is its scaling of observations where it is there; tables
+    then call the policy by both names.
+
+    Args:
+        path: `model.zip`.
+
+    Raises:
+        InputError: a package is not installed, or the file is another environment's.
+    """
+    from maidenflight.integrations.policies import stable_baselines
+
+    scaling = Path(path).parent / stable_baselines.SCALING
+    model = stable_baselines.read(path, scaling if scaling.is_file() else None)
+    name = Path(path).stem + (f"+{scaling.stem}" if scaling.is_file() else "")
+    told = checked(path, {"network": Path(path).name, **stable_baselines.layout(path, model)})
+    return DescribedPolicy(name, str(path), told, model.act)
+
+
+def _read(path: StrPath) -> dict[str, Any]:
+    """What a file says, checked.
+
+    Raises:
+        InputError: it cannot be read, or a value makes no sense.
+    """
+    try:
+        told = inputs.from_toml(inputs.text(path))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read as a policy's TOML file ({error}).") from error
+    if "network" not in told:
+        raise InputError(f"{path}: network is lacking; expected the name of a file beside it.")
+    return dict(told)
+
+
+def checked(path: StrPath, given: Mapping[str, Any]) -> dict[str, Any]:
+    """What a description says, with what is usual where it says nothing.
+
+    Raises:
+        InputError: something is lacking or unknown, or a value makes no sense.
+    """
+    zipped = str(given["network"]).endswith(".zip")
+    known = _KEYS - {"output"} if zipped else _KEYS - {"normalization"}
+    lacking = {"network", "rate", "inputs", "range", "commands"} - given.keys()
+    if lacking or given.keys() - known:
+        raise InputError(
+            f"{path}: {', '.join(sorted(lacking)) or 'nothing'} is lacking and "
+            f"{', '.join(sorted(given.keys() - known)) or 'nothing'} is unknown; expected network, "
+            f"rate, inputs, range, commands, and perhaps motors, {', '.join(OBSERVED)}, mean, std, "
+            f"{'normalization' if zipped else 'output'}."
+        )
+    usual: Any = {"motors": [1, 2, 3, 4], "history": 1, "output": None}
+    told: dict[str, Any] = {**usual, **given}
+    for name in ("inputs", "range", "motors", "mean", "std"):
+        if name in told and not (isinstance(told[name], list) and told[name]):
+            raise InputError(f"{path}: {name} = {told[name]!r}; expected a list.")
+    unknown = [name for name in told["inputs"] if name not in INPUTS]
+    size = 0 if unknown else len(np.concatenate([INPUTS[one](_EXAMPLE) for one in told["inputs"]]))
+    told = {"mean": [0.0] * size, "std": [1.0] * size} | told
+    wrong = {
+        f"inputs {unknown}, of {', '.join(INPUTS)}": bool(unknown),
+        "rate, a divisor of 500": not _whole(told["rate"]) or 500 % told["rate"] != 0,
+        "range, two growing numbers": not _growing(told["range"]),
+        "commands, thrust or rotor_speed": told["commands"] not in ("thrust", "rotor_speed"),
+        "motors, 1 to 4 in any order": sorted(map(str, told["motors"])) != list("1234"),
+        f"mean and std, {size} numbers": {len(told["mean"]), len(told["std"])} != {size},
+        "mean, numbers": not all(map(inputs.is_number, told["mean"])),
+        "std, positive numbers": not all(inputs.is_number(one) and one > 0 for one in told["std"]),
+    }
+    if said := [what for what, is_wrong in wrong.items() if is_wrong]:
+        raise InputError(f"{path}: expected {'; '.join(said)}.")
+    try:
+        spec = PolicySpec.from_dict({name: told[name] for name in OBSERVED if name in told})
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    arrays = {name: np.array(told[name]) for name in ("mean", "std")}
+    return told | arrays | {"spec": spec}
+
+
+_EXAMPLE = Instant._make(
+    [*np.zeros((2, 3)), np.array([0.0, 0.0, 0.0, 1.0]), *np.zeros((3, 3)), np.zeros(4)]
+)
+
+
+def _whole(value: Any) -> bool:
+    return type(value) is int and value > 0
+
+
+def _growing(value: Any) -> bool:
+    return len(value) == 2 and all(map(inputs.is_number, value)) and value[0] < value[1]

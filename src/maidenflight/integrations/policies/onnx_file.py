@@ -1,0 +1,58 @@
+"""Networks in ONNX, for `described.DescribedPolicy`. Needs onnxruntime (extra `onnx`)."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from maidenflight.errors import InputError, not_installed
+
+if TYPE_CHECKING:
+    from maidenflight.integrations.policies.described import Network
+
+
+def network(path: Path, output: str | None, where: str) -> "Network":
+    """The network of a file.
+
+    Args:
+        path: the ONNX file.
+        output: name of the output that commands the motors; the first one unless given.
+        where: the file that named the output.
+
+    Raises:
+        InputError: onnxruntime is not installed, the file is no network, or it lacks the output.
+    """
+    session = _session(path)
+    names = [one.name for one in session.get_outputs()]
+    wanted, given = output or names[0], session.get_inputs()[0].name
+    if wanted not in names:
+        raise InputError(f"{where}: output = {wanted!r}; the network has {', '.join(names)}.")
+
+    def run(numbers: np.ndarray) -> np.ndarray:
+        try:
+            (made,) = session.run([wanted], {given: numbers[None].astype(np.float32)})
+        except Exception as error:  # onnxruntime's errors share no class but this
+            raise ValueError(str(error)) from error
+        return made
+
+    return run
+
+
+def _session(path: Path) -> Any:
+    """The network, ready to run.
+
+    Raises:
+        InputError: onnxruntime is not installed, or the file is no network.
+    """
+    try:
+        import onnxruntime
+    except ImportError as error:
+        raise not_installed("onnxruntime", "onnx", "a policy in ONNX") from error
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1
+    try:
+        return onnxruntime.InferenceSession(str(path), options)
+    except Exception as error:  # onnxruntime's errors share no class but this
+        raise InputError(
+            f"{path}: not a network in ONNX ({str(error).splitlines()[0]:.120})."
+        ) from error

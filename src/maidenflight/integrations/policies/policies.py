@@ -1,0 +1,87 @@
+"""`ForeignPolicy`, what flies like a policy of ours but is none, and `foreign_policy` by name.
+
+It is flown one command at a time, in realities of the protocol and in virtual drones alike, and
+commands the four motors.
+"""
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from maidenflight.simulator.sensors import Measurement
+from maidenflight.simulator.tasks import Task
+
+Fly = Callable[[Measurement, Float[np.ndarray, "3"]], Float[np.ndarray, "4"]]
+"""(measurement, set-point [m]) to thrust commands u of the motors, once a command."""
+
+
+@runtime_checkable
+class ForeignPolicy(Protocol):
+    """A policy that is none of ours."""
+
+    @property
+    def name(self) -> str:
+        """What tables call it."""
+        ...
+
+    @property
+    def rate(self) -> int:
+        """Set-points and rows of the log a second [Hz]."""
+        ...
+
+    @property
+    def command_rate(self) -> int:
+        """Commands a second [Hz], a multiple of `rate`."""
+        ...
+
+    def begin(self, hover: float, task: Task) -> Fly:
+        """Begins a flight.
+
+        Args:
+            hover: thrust command at which the drone hovers.
+            task: what it follows; some policies see its velocity.
+        """
+        ...
+
+
+def foreign_policy(name: str | Path) -> ForeignPolicy | None:
+    """A policy of others by the words of a command line, or nothing if it is none.
+
+    Args:
+        name: `raptor`, `raptor:500hz`, a key of `firmware.CONTROLLERS`, a TOML file that describes
+            a network in ONNX or of Stable-Baselines3, or a file of the latter (`.zip`) that our
+            environments trained.
+
+    Raises:
+        InputError: its package is not installed, or the file makes no sense.
+    """
+    from maidenflight.integrations.policies.described import described, of_own_environment
+    from maidenflight.integrations.policies.firmware import CONTROLLERS, FirmwareController
+    from maidenflight.integrations.raptor.foundation_policy import RATES, Raptor
+
+    if str(name) in RATES and not Path(name).exists():
+        return Raptor(str(name))
+    if str(name) in CONTROLLERS and not Path(name).exists():
+        return FirmwareController(str(name))
+    if Path(name).suffix == ".toml":
+        return described(name)
+    if Path(name).suffix == ".zip":
+        return of_own_environment(name)
+    return None
+
+
+@cache
+def reference_velocity(task: Task) -> Callable[[float], Float[np.ndarray, "3"]]:
+    """Velocity of a task's set-point by time [s]: [m/s]."""
+
+    @jax.jit
+    def velocity(time: Float[Array, ""]) -> Float[Array, "3"]:
+        return jax.jvp(task.reference, (time,), (jnp.ones_like(time),))[1]
+
+    return lambda time: np.asarray(velocity(jnp.float32(time)))

@@ -1,0 +1,186 @@
+"""Policies of Stable-Baselines3, read and flown by its own code (extra `sb3`).
+
+`model.zip`, as `model.save` writes it, of PPO, A2C, SAC, TD3 and DDPG with an `MlpPolicy`; the
+action is `model.predict(..., deterministic=True)`, of observations scaled by `VecNormalize` if its
+file is given. These files hold pickled Python objects, which may run any code when they are read.
+
+What trained in `maidenflight.integrations.gym` needs no description: the environment notes in its
+space of observations, which the file holds, what an observation is (`interface.NOTE`).
+"""
+
+import importlib
+import json
+import pickle
+import zipfile
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from maidenflight.errors import InputError, not_installed
+from maidenflight.inputs import StrPath
+from maidenflight.simulator.interface import NOTE
+from maidenflight.simulator.policy_spec import PolicySpec
+
+SCALING = "vecnormalize.pkl"
+"""Name of the file of `VecNormalize` that is looked for beside a policy of our environments."""
+INSTANT = [
+    "position",
+    "quaternion_xyzw",
+    "velocity",
+    "body_rates",
+    "setpoint_offset",
+    "last_action",
+]
+"""Inputs of `described.INPUTS` that are an instant of our environments."""
+
+
+class Model(NamedTuple):
+    """A policy, and its observations' scaling if it has one."""
+
+    algorithm: Any
+    scaling: Any
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Of the actions.
+
+        Raises:
+            InputError: they are not four of one range.
+        """
+        space = self.algorithm.action_space
+        low, high = (np.ravel(getattr(space, name, ())) for name in ("low", "high"))
+        if len(low) != 4 or np.ptp(low) or np.ptp(high) or not np.isfinite([low, high]).all():
+            raise InputError(
+                f"a policy of Stable-Baselines3 with actions of {space}; expected a Box of four "
+                "numbers of one range, one for each motor."
+            )
+        return float(low[0]), float(high[0])
+
+    def act(self, numbers: Float[np.ndarray, "N"]) -> Float[np.ndarray, "4"]:
+        """The deterministic action.
+
+        Raises:
+            ValueError: it takes another number of inputs.
+        """
+        wanted = self.algorithm.observation_space.shape
+        if numbers.shape != wanted:
+            raise ValueError(f"it takes {wanted}")
+        seen = numbers.astype(np.float32)
+        if self.scaling is not None:
+            seen = self.scaling.normalize_obs(seen)
+        return self.algorithm.predict(seen, deterministic=True)[0]
+
+
+def read(path: StrPath, scaling: StrPath | None = None) -> Model:
+    """Reads a policy.
+
+    Args:
+        path: `model.zip`.
+        scaling: file of its `VecNormalize`, if it has one.
+
+    Raises:
+        InputError: stable-baselines3 is not installed, a file cannot be read, or the policy is of
+            another algorithm or sees more than a list of numbers.
+    """
+    try:
+        package: Any = importlib.import_module("stable_baselines3")
+    except ImportError as error:
+        raise not_installed("stable_baselines3", "sb3", "a policy of Stable-Baselines3") from error
+    name = _algorithm(path)
+    # Schedules of training are pickled code, often of another version; flying needs none, nor a
+    # replay buffer.
+    unused: Any = {"learning_rate": 0.0, "lr_schedule": _no_rate, "clip_range": _no_rate}
+    try:
+        algorithm = getattr(package, name).load(
+            path, device="cpu", custom_objects={**unused, "buffer_size": 1}
+        )
+    except Exception as error:  # whatever unpickling raises
+        raise InputError(
+            f"{path}: Stable-Baselines3 cannot read it as {name} ({error!s:.120}). Is it of "
+            "another version?"
+        ) from error
+    if len(getattr(algorithm.observation_space, "shape", None) or ()) != 1:
+        raise InputError(
+            f"{path}: it sees {algorithm.observation_space}; expected a Box of one dimension."
+        )
+    return Model(algorithm, None if scaling is None else _scaling(scaling, algorithm))
+
+
+def layout(path: StrPath, model: Model) -> dict[str, Any]:
+    """A description, as of a TOML file, of a policy of our own environments.
+
+    Raises:
+        InputError: it was trained elsewhere, or does not command the motors.
+    """
+    note = getattr(model.algorithm.observation_space, NOTE, None)
+    if note is None:
+        raise InputError(
+            f"{path}: trained in an environment that is none of maidenflight.integrations.gym, or "
+            "that was wrapped, so what its numbers are is not known. Describe it in a TOML file "
+            f"with network = {Path(path).name!r} and give that (docs/realities.md)."
+        )
+    if note["control"] != "pwm":
+        raise InputError(
+            f"{path}: a {note['control']} policy; of those by others only such fly that command "
+            "the motors. Train with control='pwm'."
+        )
+    return {
+        "rate": note["rate"],
+        "inputs": INSTANT,
+        "range": list(model.range),
+        "commands": "thrust",
+        **{name: note[name] for name in PolicySpec.OBSERVED if note.get(name) is not None},
+    }
+
+
+def _algorithm(path: StrPath) -> str:
+    """Name of the algorithm, by the policy's class and the settings that the file holds.
+
+    Raises:
+        InputError: the file is none of Stable-Baselines3, or of an algorithm that is not known.
+    """
+    try:
+        with zipfile.ZipFile(path) as file:
+            data = json.loads(file.read("data"))
+        module = str(data["policy_class"]["__module__"])
+    except (OSError, ValueError, LookupError, TypeError, zipfile.BadZipFile) as error:
+        raise InputError(
+            f"{path}: not a policy of Stable-Baselines3 ({error}); expected what its model.save "
+            "writes."
+        ) from error
+    if module == "stable_baselines3.common.policies":
+        return "PPO" if "clip_range" in data else "A2C"
+    names = {"stable_baselines3.sac.policies": "SAC", "stable_baselines3.td3.policies": "TD3"}
+    if module not in names:
+        raise InputError(
+            f"{path}: its policy is of {module}; expected an MlpPolicy of PPO, A2C, SAC, TD3 or "
+            "DDPG."
+        )
+    return names[module]
+
+
+def _no_rate(_: float) -> float:
+    return 0.0
+
+
+def _scaling(path: StrPath, algorithm: Any) -> Any:
+    """A `VecNormalize` of the policy's observations.
+
+    Raises:
+        InputError: it cannot be read, or is of other observations.
+    """
+    try:
+        with Path(path).open("rb") as file:
+            found = pickle.load(file)
+        fits = found.observation_space.shape == algorithm.observation_space.shape
+        assert callable(found.normalize_obs)
+    except Exception as error:  # whatever unpickling raises
+        raise InputError(f"{path}: not what VecNormalize.save writes ({error!s:.120}).") from error
+    if not fits:
+        raise InputError(
+            f"{path}: of observations of {found.observation_space.shape}; the policy's are "
+            f"{algorithm.observation_space.shape}."
+        )
+    return found

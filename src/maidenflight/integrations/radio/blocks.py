@@ -1,0 +1,167 @@
+"""Log blocks of a Crazyflie: two at 100 Hz, a slow one before take-off, and their units.
+
+A block carries at most 26 bytes. Estimates come as 16-bit integers (`stateEstimateZ`, mm, mm/s and
+mrad/s, its `ratePitch` positive nose up), the attitude as a quaternion in float16, whose step is
+0.0001 near level against 0.0014 of the compressed one. The body rates are the gyro's, read in the
+same tick as the rest of the block.
+
+Source: Crazyflie firmware 2026.08, src/modules/src/stabilizer.c, log.c, supervisor.c; cflib 0.1.34,
+crazyflie/log.py.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+PERIOD = 0.01
+"""Of both fast blocks [s]; the firmware's shortest."""
+BYTES: Mapping[str, int] = {"uint8_t": 1, "int16_t": 2, "uint16_t": 2, "FP16": 2, "float": 4}
+ROOM = 26
+"""Bytes that a block can carry."""
+
+
+class Block(NamedTuple):
+    """Variables that one packet carries."""
+
+    name: str
+    variables: Mapping[str, str]
+    """Log variable to the type that it is fetched as."""
+    period: float = PERIOD
+    """[s]."""
+
+    @property
+    def size(self) -> int:
+        """[bytes]."""
+        return sum(BYTES[kind] for kind in self.variables.values())
+
+
+_XYZ = ("x", "y", "z")
+STATE = Block(
+    "state",
+    {
+        f"stateEstimateZ.{name}": "int16_t"
+        for name in (*_XYZ, "vx", "vy", "vz", "rateRoll", "ratePitch", "rateYaw")
+    }
+    | {f"stateEstimate.q{name}": "FP16" for name in (*_XYZ, "w")},
+)
+MOTORS = Block(
+    "motors",
+    {f"motor.m{number}": "uint16_t" for number in (1, 2, 3, 4)}
+    | {f"ctrltarget.{name}": "FP16" for name in _XYZ}
+    | {"controller.cmd_thrust": "FP16", "pm.vbatMV": "uint16_t", "supervisor.info": "uint16_t"},
+)
+VARIANCE = Block(
+    "variance", {f"kalman.varP{name}": "float" for name in ("X", "Y", "Z")}, period=0.1
+)
+"""How sure the estimator is of its position [m2]."""
+
+ENABLE = "mf.enable"
+"""Parameter of the controller on board: 1 lets the policy fly, 0 hands back to the firmware's
+PID."""
+ACTIVE = "mf.active"
+"""Log variable of the controller on board: whether the policy flies."""
+AHEAD = "mf.ahead"
+"""Parameter that the controller on board has where its policy looks ahead: at how many points."""
+WHY = "mf.why"
+"""Log variable of the controller on board: why it last did not, a number of `REASONS`."""
+REASONS = (
+    "nothing",
+    "switched off",
+    "tilt",
+    "body rate",
+    "distance",
+    "not a number",
+    "no position set-points",
+    "parameters",
+    "self-test",
+    "another controller was chosen",
+    "set-points without a future",
+)
+"""Source: integrations/exporters/crazyflie/src/maidenflight.c.template, enum why."""
+TASK, START_X, START_Y, FULL = "mf.task", "mf.x", "mf.y", "mf.full"
+"""Parameters of the controller on board: what the policy follows, where that starts [m], and what a
+thrust command of 1 is [counts]."""
+COMMANDER = 2
+"""Value of `TASK`: the policy follows the position set-points that come by radio."""
+
+
+def with_policy(block: Block) -> Block:
+    """The block with what the controller on board tells."""
+    return block._replace(variables={**block.variables, ACTIVE: "uint8_t", WHY: "uint8_t"})
+
+
+CAN_BE_ARMED, ARMED, AUTO_ARMED, CAN_FLY, FLYING, TUMBLED, LOCKED, CRASHED = (
+    1 << bit for bit in range(8)
+)
+"""Bits of `supervisor.info`. Source: cflib 0.1.34, crazyflie/supervisor.py."""
+
+
+class Reading(NamedTuple):
+    """What a drone told last, in SI units and our signs."""
+
+    received: float
+    """When the last state came [s], on the program's clock."""
+    position: tuple[float, float, float]
+    """[m]."""
+    velocity: tuple[float, float, float]
+    """[m/s]."""
+    quaternion: tuple[float, float, float, float]
+    """Body to world; x, y, z, w."""
+    body_rates: tuple[float, float, float]
+    """[rad/s]."""
+    motors: tuple[float, float, float, float]
+    """[counts of 65535]."""
+    battery: float
+    """[V]."""
+    supervisor: int
+    """Bits."""
+    policy: bool
+    """Whether the policy on board flies."""
+    why: str
+    """Why it last did not, of `REASONS`."""
+
+    @property
+    def finite(self) -> bool:
+        """Whether every number of the estimate is one."""
+        return all(
+            map(math.isfinite, (*self.position, *self.velocity, *self.quaternion, *self.body_rates))
+        )
+
+    @property
+    def tilt(self) -> float:
+        """Angle between the body's and the world's upward axis [rad].
+
+        NaN where the attitude is not finite.
+        """
+        x, y, z, w = self.quaternion
+        return math.acos(
+            min(max(1 - 2 * (x * x + y * y) / max(x * x + y * y + z * z + w * w, 1e-9), -1.0), 1.0)
+        )
+
+
+def reading(values: Mapping[str, float], received: float) -> Reading:
+    """What the last packets of both fast blocks mean together.
+
+    Args:
+        values: log variables in the firmware's units.
+        received: when the last state came [s].
+    """
+    state = [
+        values[f"stateEstimateZ.{name}"] / 1000
+        for name in (*_XYZ, "vx", "vy", "vz", "rateRoll", "ratePitch", "rateYaw")
+    ]
+    x, y, z, vx, vy, vz, roll_rate, pitch_rate, yaw_rate = state
+    qx, qy, qz, qw = (values[f"stateEstimate.q{name}"] for name in (*_XYZ, "w"))
+    m1, m2, m3, m4 = (values[f"motor.m{number}"] for number in (1, 2, 3, 4))
+    return Reading(
+        received=received,
+        position=(x, y, z),
+        velocity=(vx, vy, vz),
+        quaternion=(qx, qy, qz, qw),
+        body_rates=(roll_rate, -pitch_rate, yaw_rate),
+        motors=(m1, m2, m3, m4),
+        battery=values["pm.vbatMV"] / 1000,
+        supervisor=int(values["supervisor.info"]),
+        policy=bool(values.get(ACTIVE, 0)),
+        why=REASONS[int(values.get(WHY, 0)) % len(REASONS)],
+    )

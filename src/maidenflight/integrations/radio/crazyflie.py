@@ -1,0 +1,265 @@
+"""The connection to a Crazyflie by cflib: log blocks in, a few commands out.
+
+cflib calls back in threads of its own; they write each row to disk before they pass it on, and
+never wait.
+"""
+
+import logging
+import math
+import threading
+import warnings
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from maidenflight.errors import InputError, not_installed
+from maidenflight.integrations.radio.blocks import (
+    ACTIVE,
+    AHEAD,
+    ENABLE,
+    MOTORS,
+    STATE,
+    VARIANCE,
+    WHY,
+    Block,
+    Reading,
+    reading,
+    with_policy,
+)
+from maidenflight.integrations.radio.clock import Clock
+from maidenflight.integrations.radio.row_files import RowFile
+from maidenflight.integrations.radio.watch import DECKS, Vector
+
+PATIENCE = 60.0
+"""Longest wait for a connection with all its tables [s]."""
+_TRIES = 20
+"""How often a block is started anew to meet the other's instant; one of three tries does."""
+_ANSWER = 3.0
+"""Longest wait for a block's first packet [s]."""
+
+
+class Crazyflie:
+    """A connected Crazyflie whose rows come in."""
+
+    lost: str
+    """Why the link is down; empty while it is up."""
+    received: int
+    """Packets of log blocks so far."""
+    latest: Reading | None
+    """What came last."""
+    variance: list[Vector]
+    """Of the estimated position, all that came [m2]."""
+
+    def __init__(
+        self, uri: str, clock: Clock, cache: Path | None = None, patience: float = PATIENCE
+    ) -> None:
+        """Connects and starts the log blocks.
+
+        Args:
+            uri: such as `radio://0/80/2M/E7E7E7E7E7`, or `udp://127.0.0.1:19850` for a simulation.
+            clock: the program's.
+            cache: folder in which the drone's tables of contents are kept, so that the next
+                connection is quick.
+            patience: longest wait for a connection with all its tables [s].
+
+        Raises:
+            InputError: cflib is not installed, nothing answers, or the firmware lacks what is
+                needed.
+        """
+        try:
+            import cflib.crazyflie
+            import cflib.crtp
+            from cflib.crazyflie.log import LogConfig
+            from cflib.crazyflie.param import ParamTocElement
+        except ImportError as error:
+            raise not_installed("cflib", "drone", "the radio link") from error
+        self.uri, self.clock = uri, clock
+        self.lost, self.received, self.latest, self.variance = "", 0, None, []
+        self._rows: RowFile | None = None
+        self._writing = threading.Lock()
+        self._values: dict[str, float] = {}
+        self._stamps: dict[str, int] = {}
+        self._closed = False
+        self._types = {name: code for code, (name, _) in ParamTocElement.types.items()}
+        self._config = LogConfig
+        # What goes wrong comes back to us, and is told once.
+        logging.getLogger("cflib").setLevel(logging.CRITICAL)
+        if not cflib.crtp.CLASSES:
+            cflib.crtp.init_drivers()
+        self._cf = cflib.crazyflie.Crazyflie(rw_cache=str(cache) if cache else None)
+        # Its pings would dead-lock: an error of the link in one thread waits for the pinging one,
+        # which waits for the first to send.
+        self._cf.link_statistics.start = lambda: None
+        self._open(patience)
+        try:
+            self.simulated = (
+                uri.partition("://")[0] if not uri.startswith(("radio://", "usb://")) else ""
+            )
+            self.has_policy = (
+                self._has_log(ACTIVE) and self._has_log(WHY) and self.parameter(ENABLE) is not None
+            )
+            self.looks_ahead = self.parameter(AHEAD) is not None
+            self.decks = tuple(deck for deck in DECKS if self.parameter(deck) == 1)
+            self.blocks = (STATE, with_policy(MOTORS) if self.has_policy else MOTORS)
+            self._start_blocks()
+        except BaseException:
+            self.close()
+            raise
+
+    def _open(self, patience: float) -> None:
+        ready, why = threading.Event(), []
+
+        def failed(_: str, message: str) -> None:
+            why.append(message.strip().splitlines()[0] if message.strip() else "no reason given")
+            ready.set()
+
+        def lost(_: str, message: str) -> None:
+            self.lost = message.strip().splitlines()[0] if message.strip() else "no reason given"
+            failed(_, message)
+
+        self._cf.fully_connected.add_callback(lambda _: ready.set())
+        self._cf.connection_failed.add_callback(failed)
+        self._cf.connection_lost.add_callback(lost)
+        try:
+            self._cf.open_link(self.uri)
+            answered = ready.wait(patience)
+        except BaseException:
+            self.close()
+            raise
+        if why or not answered:
+            self.close()
+            raise InputError(
+                f"{self.uri}: no connection "
+                f"({why[0] if why else f'no answer in {patience:g} s'}). Is the drone on, the "
+                "radio plugged in,"
+                " the address right? cfclient finds drones near you."
+            )
+
+    def _has_log(self, name: str) -> bool:
+        table = self._cf.log.toc
+        return table is not None and table.get_element(*name.split(".")) is not None
+
+    def _start_blocks(self) -> None:
+        """Starts the blocks, and the motors' again until both tell the same instant.
+
+        Raises:
+            InputError: the firmware lacks a variable, or a block stays silent.
+        """
+        missing = [
+            name
+            for block in (*self.blocks, VARIANCE)
+            for name in block.variables
+            if not self._has_log(name)
+        ]
+        if missing:
+            raise InputError(
+                f"{self.uri}: the firmware has no log variable {', '.join(missing[:3])}. Flash a "
+                "current one."
+            )
+        state, motors, variance = (self._add(block) for block in (*self.blocks, VARIANCE))
+        for block in (state, motors, variance):
+            block.start()
+        for tries in range(_TRIES):
+            seen = dict(self._stamps)
+            self._wait(
+                lambda seen=seen: all(
+                    self._stamps.get(block.name) not in (None, seen.get(block.name))
+                    for block in self.blocks
+                )
+            )
+            late = (self._stamps[MOTORS.name] - self._stamps[STATE.name]) % 10
+            if late in (9, 0, 1) or tries == _TRIES - 1:
+                return
+            motors.stop()
+            # Packets that are under way still tell the old instant.
+            self.clock.sleep(0.05)
+            motors.start()
+
+    def _wait(self, done: Callable[[], bool]) -> None:
+        until = self.clock.now() + _ANSWER
+        while not done():
+            if self.lost or self.clock.now() > until:
+                raise InputError(
+                    f"{self.uri}: connected, but rows do not come "
+                    f"({self.lost or f'none in {_ANSWER:g} s'}). Try again, nearer."
+                )
+            self.clock.sleep(0.01)
+
+    def _add(self, block: Block) -> Any:
+        config = self._config(block.name, round(block.period * 1000))
+        for name, kind in block.variables.items():
+            config.add_variable(name, kind)
+        config.data_received_cb.add_callback(
+            lambda stamp, values, _: self._take(block.name, stamp, values)
+        )
+        self._cf.log.add_config(config)
+        return config
+
+    def _take(self, block: str, stamp: int, values: Mapping[str, float]) -> None:
+        now = self.clock.now()
+        if block == VARIANCE.name:
+            x, y, z = values.values()
+            self.variance.append((x, y, z))
+        else:
+            with self._writing:
+                if self._rows is not None:
+                    self._rows.append(stamp, now, values)
+            self._values |= values
+            self._stamps[block] = stamp
+            received = now if block == STATE.name or self.latest is None else self.latest.received
+            if len(self._stamps) > 1:
+                self.latest = reading(self._values, received)
+        self.received += 1
+
+    def write_to(self, rows: RowFile | None) -> None:
+        """Where rows go from now on; nowhere, where there is nothing."""
+        with self._writing:
+            self._rows = rows
+
+    def parameter(self, name: str) -> float | None:
+        """A parameter's value as it was on connecting.
+
+        Nothing where the firmware has none of that name.
+        """
+        if self._cf.param.toc.get_element(*name.split(".")) is None:
+            return None
+        return float(self._cf.param.get_value(name))
+
+    def set(self, name: str, value: float) -> None:
+        """Sets a parameter, at once and without waiting for the answer."""
+        element = self._cf.param.toc.get_element(*name.split("."))
+        # A lost link has taken the table with it.
+        if element is not None:
+            kind = element.ctype
+            self._cf.param.set_value_raw(
+                name,
+                self._types[kind],
+                value if kind in ("float", "FP16", "double") else int(value),
+            )
+
+    def go_to(self, place: Vector, yaw: float = 0.0) -> None:
+        """Asks the firmware's PID for a position [m] and a yaw [rad].
+
+        To be repeated, for 0.5 s later the drone only levels itself.
+        """
+        self._cf.commander.send_position_setpoint(*place, math.degrees(yaw))
+
+    def stop(self) -> None:
+        """Stops the motors and disarms."""
+        self._cf.commander.send_stop_setpoint()
+        self.arm(False)
+
+    def arm(self, armed: bool) -> None:
+        """Arms or disarms."""
+        with warnings.catch_warnings():
+            # Firmware before the supervisor's own port is asked in the old way; there is nothing to
+            # warn of.
+            warnings.simplefilter("ignore")
+            self._cf.supervisor.send_arming_request(armed)
+
+    def close(self) -> None:
+        """Ends the connection."""
+        if not self._closed:
+            self._closed = True
+            self._cf.incoming.stop()
+            self._cf.close_link()

@@ -1,0 +1,360 @@
+"""A session with a real Crazyflie: checks, flights one after the other, a folder of logs."""
+
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from maidenflight import manifest, results, run_folder
+from maidenflight.errors import InputError
+from maidenflight.flights.flight_plan import FlightPlan
+from maidenflight.integrations.radio import row_files, watch
+from maidenflight.integrations.radio.blocks import ENABLE, PERIOD
+from maidenflight.integrations.radio.clock import Clock, WallClock
+from maidenflight.integrations.radio.crazyflie import Crazyflie
+from maidenflight.integrations.radio.flight import COMPLETE, Ending, Plan, fly
+from maidenflight.integrations.radio.watch import Limits, Standing
+from maidenflight.simulator import tasks
+from maidenflight.simulator.trajectories import Trajectory
+
+SETTLING = 10.0
+"""Longest wait for the estimator [s]."""
+RESET = 0.1
+"""How long the estimator is held at its start [s]. Source: cflib 0.1.34,
+utils/reset_estimator.py."""
+LASTING = 0.5
+"""Time that a step of the set-point lasts [s]."""
+PAUSE = 3.0
+"""Between two flights [s]."""
+
+
+class Flown(NamedTuple):
+    """A flight and what is left of it."""
+
+    name: str
+    ending: Ending
+    rows: int
+    """Packets received and written."""
+    log: Path | None
+    """For `identify`; nothing where the rows hold no flight."""
+    notes: tuple[str, ...]
+
+
+def reference(
+    trajectory: Trajectory, duration: float, height: float, steps: float, seed: int
+) -> Float[np.ndarray, "N 3"]:
+    """Set-points each 10 ms: a trajectory that begins above the take-off, plus random steps.
+
+    On a slow circle a PID reacts to disturbances that are not logged; steps from outside the loop
+    make lag and thrust identifiable. Each axis steps by itself, up or down, twice
+    a second; height by half.
+
+    Args:
+        trajectory: set-point [m] at a time [s].
+        duration: [s].
+        height: of its start [m].
+        steps: their size [m]; 0: none.
+        seed: of the steps.
+    """
+    times = jnp.asarray(np.arange(round(duration / PERIOD), dtype=np.float32) * np.float32(PERIOD))
+    places = np.asarray(jax.vmap(trajectory)(times), np.float64)
+    places = places - places[0] + [0.0, 0.0, height]
+    number = (np.arange(len(places)) * PERIOD / LASTING).astype(int)
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], (number[-1] + 1, 3))
+    # It begins and ends without a step, so that the drone is handed over at rest.
+    signs[[0, -1]] = 0.0
+    return places + steps * signs[number] * [1.0, 1.0, 0.5]
+
+
+def of_flight_plan(plan: FlightPlan) -> Plan:
+    """What of a flight plan a real drone is asked for: positions and yaw.
+
+    Raises:
+        InputError: it excites the motors, which no set-point can ask for.
+    """
+    excited = [block.manoeuvre.name for block in plan.blocks if not block.manoeuvre.by_setpoints]
+    if excited:
+        raise InputError(
+            f"{plan.name}: {', '.join(excited)} is thrust on single motors, which the radio link "
+            "cannot ask a real drone for. Plan without --motors."
+        )
+    places = plan.setpoints()
+    return Plan(places[:, :3], yaw=places[:, 3])
+
+
+def within(room: tuple[float, float, float], limits: Limits) -> Limits:
+    """The limits, narrowed to a room."""
+    return replace(
+        limits,
+        fence=min(limits.fence, room[0] / 2, room[1] / 2),
+        ceiling=min(limits.ceiling, room[2]),
+    )
+
+
+def checked_plan(plan: Plan, limits: Limits) -> Plan:
+    """The plan, if it stays within the limits.
+
+    Raises:
+        InputError: it does not.
+    """
+    low, high = plan.reference.min(axis=0), plan.reference.max(axis=0)
+    reach = float(np.abs([low[:2], high[:2]]).max())
+    if low[2] < 0.3 or high[2] > limits.ceiling - 0.2 or reach > limits.fence - 0.2:
+        raise InputError(
+            f"the reference goes from {low[2]:.2f} to {high[2]:.2f} m in height and {reach:.2f} m "
+            "far from the take-off; expected 0.3 to"
+            f" {limits.ceiling - 0.2:.1f} m, and at most {limits.fence - 0.2:.1f} m. Choose "
+            "another height or smaller steps."
+        )
+    return plan
+
+
+@contextmanager
+def stop_requests() -> Iterator[Callable[[], int]]:
+    """Counts Ctrl-C, hang-ups and requests to terminate: the drone must land first.
+
+    Yields:
+        How often somebody has asked to stop.
+    """
+    asked = 0
+
+    def count(*_: object) -> None:
+        nonlocal asked
+        asked += 1
+
+    wanted = [
+        getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+    ]
+    before = {number: signal.signal(number, count) for number in wanted}
+    try:
+        yield lambda: asked
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def connected(uri: str, clock: Clock, cache: Path | None = None) -> Iterator[Crazyflie]:
+    """A connection that is closed in the end."""
+    drone = Crazyflie(uri, clock, cache)
+    try:
+        yield drone
+    finally:
+        drone.close()
+
+
+def check(
+    drone: Crazyflie,
+    limits: Limits,
+    clock: Clock,
+    stops: Callable[[], int],
+    needs_policy: bool = False,
+) -> list[str]:
+    """Resets the estimator, waits until it settles, and checks that the drone may take off.
+
+    Returns:
+        See `watch.objections`.
+    """
+    if drone.has_policy:
+        # A program that was killed may have left it on: then the policy would take off.
+        drone.set(ENABLE, 0)
+    drone.set("kalman.resetEstimation", 1)
+    clock.sleep(RESET)
+    drone.set("kalman.resetEstimation", 0)
+    drone.variance.clear()
+    until = clock.now() + SETTLING
+    while (
+        not watch.settled(drone.variance) and clock.now() < until and not drone.lost and not stops()
+    ):
+        clock.sleep(0.05)
+    if drone.lost or drone.latest is None:
+        return [f"the link is down ({drone.lost or 'no rows'}); connect again"]
+    return watch.objections(
+        Standing(
+            drone.latest, drone.decks, tuple(drone.variance), drone.has_policy, drone.looks_ahead
+        ),
+        limits,
+        needs_policy,
+    )
+
+
+def flights(
+    drone: Crazyflie,
+    plans: list[Plan],
+    folder: Path,
+    settings: dict[str, object],
+    *,
+    limits: Limits,
+    clock: Clock,
+    stops: Callable[[], int],
+    say: Callable[[str], None],
+    seed: int,
+) -> list[Flown]:
+    """Flies plans one after the other, as long as each one ends as it should.
+
+    Writes a file of rows and a log for each.
+
+    Args:
+        drone: connected.
+        plans: what to fly; see `checked_plan`.
+        folder: where to write. Names go on where those in the folder end; nothing is overwritten.
+        settings: for the record.
+        limits: where to break off.
+        clock: the program's.
+        stops: how often somebody has asked to stop.
+        say: told what happens.
+        seed: for the record.
+
+    Raises:
+        InputError: the drone is not fit for the first flight, or rows can no longer be written; the
+            drone has landed then.
+        WriteError: the file of rows cannot be made.
+    """
+    flown: list[Flown] = []
+    for number, plan in enumerate(plans):
+        against = check(drone, limits, clock, stops, plan.policy)
+        if stops():
+            say("no further flight: stopped by hand")
+            break
+        if against and not flown:
+            raise InputError(f"{drone.uri}: not taking off: {'; '.join(against)}.")
+        if against:
+            say(f"no further flight: {'; '.join(against)}")
+            break
+        name = _next_name(folder)
+        made = results.record(
+            seed=seed,
+            inputs=[],
+            settings={**settings, "flight": number + 1, "deck": ", ".join(drone.decks)},
+        )
+        file = row_files.RowFile(
+            folder / f"{name}{row_files.SUFFIX}", drone.blocks, drone.simulated, made
+        )
+        say(f"{name}: battery {drone.latest.battery if drone.latest else float('nan'):.2f} V")
+        drone.write_to(file)
+        try:
+            ending = fly(drone, plan, limits, clock, file, stops, say)
+        finally:
+            drone.write_to(None)
+            file.close()
+        flown.append(_filed(folder, name, ending, file.rows))
+        manifest.append(folder, "fly", {"logs": run_folder.LOG.find(folder)}, made)
+        say(f"{name}: {ending.reason}, {file.rows} packets")
+        if file.error is not None:
+            raise InputError(
+                f"{file.path}: rows could no longer be written ({file.error.strerror}); landed. "
+                "Free space there."
+            )
+        if ending.reason != COMPLETE:
+            break
+        if number + 1 < len(plans):
+            clock.sleep(PAUSE)
+    return flown
+
+
+def record(
+    uri: str,
+    folder: Path,
+    *,
+    task: str = "circle",
+    count: int = 4,
+    duration: float = 30.0,
+    height: float = 1.0,
+    steps: float = 0.1,
+    policy: bool = False,
+    full_scale_counts: float | None = None,
+    plan: FlightPlan | None = None,
+    seed: int = 0,
+    limits: Limits = Limits(),  # noqa: B008
+    clock: Clock | None = None,
+    cache: Path | None = None,
+    say: Callable[[str], None] = print,
+) -> list[Flown]:
+    """Connects, checks, flies and files; Ctrl-C lands, a second one stops the motors.
+
+    Args:
+        uri: see `Crazyflie`.
+        folder: where to write; see `flights`.
+        task: whose reference is flown, a name of `tasks.TASKS`.
+        count: flights.
+        duration: of the reference, in each [s].
+        height: of its start [m].
+        steps: see `reference`; each flight has its own.
+        policy: whether the policy on board flies the reference.
+        full_scale_counts: overrides the policy's counts of a thrust command of 1; see `Plan`.
+        plan: what to fly instead of the task, `count` times, with its own duration, height and
+            steps; its room narrows the limits.
+        seed: of the steps.
+        limits: where to break off.
+        clock: the computer's unless given.
+        cache: see `Crazyflie`.
+        say: told what happens.
+
+    Raises:
+        InputError: no connection, an unfit drone, or a reference beyond the limits.
+        WriteError: rows cannot be written.
+    """
+    if plan is not None:
+        limits = within(plan.room, limits)
+        plans = [of_flight_plan(plan)] * count
+        settings: dict[str, object] = {"plan": Path(plan.name).name, "duration": plan.seconds}
+    else:
+        trajectory = tasks.TASKS[task]().reference
+        plans = [
+            Plan(
+                reference(trajectory, duration, height, steps, seed + number),
+                policy,
+                full_scale_counts,
+            )
+            for number in range(count)
+        ]
+        settings = {
+            "task": task,
+            "duration": duration,
+            "height": height,
+            "steps": steps,
+            "policy": policy,
+        }
+    for one in plans:
+        checked_plan(one, limits)
+    if policy and full_scale_counts is not None:
+        settings["full_scale_counts"] = full_scale_counts
+    clock = clock or WallClock()
+    with connected(uri, clock, cache) as drone, stop_requests() as stops:
+        return flights(
+            drone,
+            plans,
+            folder,
+            settings,
+            limits=limits,
+            clock=clock,
+            stops=stops,
+            say=say,
+            seed=seed,
+        )
+
+
+def _next_name(folder: Path) -> str:
+    taken = (
+        {path.name.split(".")[0] for path in folder.glob("flight_*")} if folder.is_dir() else set()
+    )
+    return next(
+        name for number in range(1, 10_000) if (name := f"flight_{number:02d}") not in taken
+    )
+
+
+def _filed(folder: Path, name: str, ending: Ending, count: int) -> Flown:
+    try:
+        path, notes = row_files.write_flight(
+            folder / f"{name}{row_files.SUFFIX}", ended=ending.reason
+        )
+    except InputError as error:
+        return Flown(name, ending, count, None, (str(error),))
+    return Flown(name, ending, count, path, notes)

@@ -1,0 +1,1 @@
+"""RAPTOR: its policy, policies of its form, and its checkpoint."""

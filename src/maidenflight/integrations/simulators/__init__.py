@@ -1,0 +1,1 @@
+"""Simulators by others, in which drones are flown: PyBullet, l2f and crazyflow."""

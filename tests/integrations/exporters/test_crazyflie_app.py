@@ -1,0 +1,942 @@
+"""The exported app does in the firmware what Python's policy does, hands back when it must, and is
+silent under every compiler.
+
+The firmware is not here. Stand-ins for its headers and for its build lie in `crazyflie/firmware`;
+`harness.c` calls the app a thousand times a second of its own time, and its PID tells what it was
+asked.
+"""
+
+import ctypes
+import dataclasses
+import os
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax import lax
+from test_c import restless
+
+from maidenflight.errors import InputError
+from maidenflight.integrations.exporters import crazyflie_app as crazyflie_app
+from maidenflight.integrations.exporters.crazyflie_app import MOST_MULTIPLICATIONS, export_crazyflie
+from maidenflight.integrations.radio.blocks import ACTIVE, ENABLE, REASONS
+from maidenflight.names import PROPELLERS
+from maidenflight.parameters import crazyflie, replace
+from maidenflight.policy import Policy, untrained
+from maidenflight.simulator import (
+    control,
+    dynamics,
+    environment,
+    firmware,
+    interface,
+    rotations,
+    tasks,
+    trajectories,
+)
+from maidenflight.simulator.control import CONTROLLERS
+from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.policy_spec import PolicySpec
+from maidenflight.simulator.position_pid import position_pid
+from maidenflight.simulator.rollouts import rollout
+from maidenflight.simulator.sensors import Measurement
+
+HERE = Path(__file__).parent / "crazyflie"
+PAGE = Path(__file__).parents[3] / "docs/crazyflie.md"
+STRICT = (
+    "-Os",
+    "-Wall",
+    "-Wextra",
+    "-Werror",
+    "-std=gnu11",
+    "-Wdouble-promotion",
+    "-Wmissing-prototypes",
+)
+COMPILERS = [name for name in ("gcc", "clang") if shutil.which(name)]
+PROCESSOR = (
+    "-mcpu=cortex-m4",
+    "-mthumb",
+    "-mfpu=fpv4-sp-d16",
+    "-mfloat-abi=hard",
+    "-ffreestanding",
+    f"-I{HERE / 'bare'}",
+)
+ABSOLUTE, VELOCITY = firmware.ABSOLUTE, firmware.VELOCITY
+LEGACY, FORCE = 0, 2
+(
+    DISABLED,
+    TILT,
+    BODY_RATE,
+    DISTANCE,
+    NOT_FINITE,
+    NO_POSITION,
+    PARAMETERS,
+    SELF_TEST,
+    SWITCHED_AWAY,
+    NO_FUTURE,
+) = range(1, 11)
+HOVER_THRUST = 35_000.0
+START = (0.5, -0.25)
+GIVEN = np.dtype(
+    [
+        ("position", "f4", 3),
+        ("quaternion", "f4", 4),
+        ("velocity", "f4", 3),
+        ("gyro", "f4", 3),
+        ("wanted", "f4", 3),
+        ("thrust", "f4"),
+        ("modes", "i4", 7),
+    ]
+)
+ASKED = np.dtype(
+    [("attitude", "f4", 3), ("rate", "f4", 3), ("thrust", "f4"), ("modes", "i4", 7), ("step", "u4")]
+)
+FOUND = np.dtype(
+    [
+        ("forces", "f4", 4),
+        ("torque", "f4", 3),
+        ("thrust", "f4"),
+        ("mode", "i4"),
+        ("calls", "i4"),
+        ("asked", ASKED, 4),
+    ]
+)
+
+pytestmark = pytest.mark.skipif(
+    not COMPILERS or not shutil.which("make"),
+    reason="no C compiler (gcc or clang) or no make on this machine",
+)
+
+
+class Entry(ctypes.Structure):
+    """A row of a table of parameters or of log variables."""
+
+    _fields_ = [("name", ctypes.c_char_p), ("type", ctypes.c_int), ("address", ctypes.c_void_p)]
+
+
+READ_ONLY = 64
+"""What a parameter's type has more where only the app writes it."""
+KINDS = {
+    "params_mf": (ctypes.c_uint8, ctypes.c_uint16, ctypes.c_float),
+    "logs_mf": (ctypes.c_uint8, ctypes.c_uint32, ctypes.c_float),
+}
+
+
+class App:
+    """The app, switched on."""
+
+    def __init__(self, library: Path) -> None:
+        """Loads a library that no other app has loaded, since all of the app's memory is in it."""
+        self.library, self.step = ctypes.CDLL(str(library)), 1
+        self.library.controllerOutOfTreeTest.restype = ctypes.c_bool
+        self.tables = {}
+        for table, kinds in KINDS.items():
+            rows = (Entry * 64).in_dll(self.library, table)
+            count = next(number for number, row in enumerate(rows) if row.name is None)
+            self.tables[table] = {
+                row.name.decode(): kinds[row.type % READ_ONLY].from_address(row.address)
+                for row in rows[:count]
+            }
+        rows = (Entry * 64).in_dll(self.library, "params_mf")
+        named = rows[: len(self.tables["params_mf"])]
+        self.read_only = {row.name.decode() for row in named if row.type >= READ_ONLY}
+        self.parameters, self.logs = self.tables.values()
+        self.library.controllerOutOfTreeInit()
+
+    def test(self) -> bool:
+        return self.library.controllerOutOfTreeTest()
+
+    def set(self, **values: float) -> None:
+        for name, value in values.items():
+            self.parameters[name].value = value
+
+    def log(self, name: str) -> float:
+        return self.logs[name].value
+
+    def fly(self, given: np.ndarray) -> np.ndarray:
+        """A millisecond for each row."""
+        given, found = np.ascontiguousarray(given), np.zeros(len(given), FOUND)
+        places = (rows.ctypes.data_as(ctypes.c_void_p) for rows in (given, found))
+        self.library.fly(ctypes.c_uint32(self.step), len(given), *places)
+        self.step += len(given)
+        return found
+
+    def hover(self, milliseconds: int = 1, **changes: Any) -> np.ndarray:
+        return self.fly(hovering(milliseconds, **changes))
+
+    def run_app(self) -> int:
+        """Runs the app's own task up to its next delay; how long that is [ms]."""
+        return self.library.run_app()
+
+    def until(self, step: int) -> None:
+        """Hovers until a step is next."""
+        self.hover(step - self.step)
+
+
+def hovering(milliseconds: int, **changes: Any) -> np.ndarray:
+    """At rest at the circle's start, which the commander asks for."""
+    given = np.zeros(milliseconds, GIVEN)
+    given["position"] = given["wanted"] = (*START, 1.0)
+    given["quaternion"] = (0, 0, 0, 1)
+    given["thrust"] = HOVER_THRUST
+    given["modes"] = (ABSOLUTE, ABSOLUTE, ABSOLUTE, 0, 0, ABSOLUTE, 0)
+    for name, value in changes.items():
+        given[name] = value
+    return given
+
+
+AHEAD = "pwm_looking_ahead"
+
+
+def policy_of(structure: str) -> Policy:
+    if structure == AHEAD:
+        return restless(PolicySpec(look_ahead=LookAhead(3, 0.2), hidden=(8,)))
+    return restless(PolicySpec(hidden=(8,)), CONTROLLERS[structure]().interface)
+
+
+Load = Callable[..., App]
+
+
+@pytest.fixture(scope="module")
+def load(tmp_path_factory: pytest.TempPathFactory) -> Load:
+    """Builds each structure's app once, by the Makefile beside the stand-in firmware, and switches
+    on a copy of it each time."""
+    built: dict[str, Path] = {}
+
+    def new(structure: str = "pwm", damage: Callable[[bytes], bytes] = lambda image: image) -> App:
+        if structure not in built:
+            folder = tmp_path_factory.mktemp(structure)
+            export_crazyflie(policy_of(structure), folder)
+            made = make(folder, COMPILERS[0], "-fPIC")
+            assert (made.returncode, made.stderr) == (0, "")
+            objects = [folder / "build/maidenflight.o", folder / "build/policy.o"]
+            harness = (
+                *STRICT,
+                "-fPIC",
+                "-shared",
+                f"-I{HERE / 'firmware'}",
+                HERE / "harness.c",
+                *objects,
+                "-o",
+                folder / "app.so",
+                "-lm",
+            )
+            subprocess.run([COMPILERS[0], *harness], check=True)
+            built[structure] = folder / "app.so"
+        copy = tmp_path_factory.mktemp("flown") / "app.so"
+        copy.write_bytes(damage(built[structure].read_bytes()))
+        app = App(copy)
+        app.set(x=START[0], y=START[1])
+        return app
+
+    return new
+
+
+def make(
+    folder: Path, compiler: str, *flags: str, base: Path = HERE / "firmware"
+) -> subprocess.CompletedProcess[str]:
+    settings = {"CRAZYFLIE_BASE": str(base), "CC": compiler, "CFLAGS": " ".join((*STRICT, *flags))}
+    told = [f"{name}={value}" for name, value in settings.items()]
+    # A folder elsewhere, as PWD would tell it.
+    return subprocess.run(
+        ["make", "-s", "-C", folder, *told],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PWD": "/"},
+        cwd="/",
+    )
+
+
+@pytest.mark.parametrize("structure", CONTROLLERS)
+def test_the_app_compiles_without_a_word(structure: str, tmp_path: Path) -> None:
+    export_crazyflie(policy_of(structure), tmp_path, record={"note": "*/"})
+    for compiler in COMPILERS:
+        shutil.rmtree(tmp_path / "build", ignore_errors=True)
+        made = make(tmp_path, compiler, "-fPIC")
+        assert (made.returncode, made.stdout, made.stderr) == (0, "", "")
+
+
+@pytest.mark.skipif(
+    not shutil.which("arm-none-eabi-gcc"), reason="no arm-none-eabi-gcc on this machine"
+)
+@pytest.mark.parametrize("structure", CONTROLLERS)
+def test_the_app_compiles_for_the_drone_s_processor_and_is_small(
+    structure: str, tmp_path: Path
+) -> None:
+    policy = untrained(jax.random.key(0), interface=CONTROLLERS[structure]().interface)
+    network = ("mf_network", "apply")
+    stacks = stacks_of(policy, tmp_path)
+    stack = deepest(stacks, "controllerOutOfTree", "mf_policy_step", *network)
+    sized = ["arm-none-eabi-size", "-t", "maidenflight.o", "policy.o"]
+    listed = subprocess.run(sized, cwd=tmp_path / "src", capture_output=True, text=True)
+    text, data, bss = (int(number) for number in listed.stdout.splitlines()[-1].split()[:3])
+    print(f"text {text}, data {data}, bss {bss}, stack {stack} bytes")
+    assert stack < 400
+    assert text + data < 26_000
+    assert data + bss < 900
+
+
+@pytest.mark.skipif(
+    not shutil.which("arm-none-eabi-gcc"), reason="no arm-none-eabi-gcc on this machine"
+)
+def test_the_self_test_fits_on_the_stack_of_start_up_however_wide_the_network(
+    tmp_path: Path,
+) -> None:
+    wide = untrained(jax.random.key(0), spec=PolicySpec(hidden=(270,)))
+    assert sum(weight.size for weight in wide.weights) > 0.9 * MOST_MULTIPLICATIONS
+    stacks = stacks_of(wide, tmp_path)
+    called = ("controllerOutOfTreeInit", "mf_policy_self_test", "mf_network", "apply")
+    assert deepest(stacks, *called) < 200
+    assert deepest(stacks, "controllerOutOfTree", "mf_policy_step", "mf_network", "apply") < 400
+
+
+def stacks_of(policy: Policy, folder: Path) -> dict[str, int]:
+    """Bytes of stack of the app's functions, as compiled for the drone's processor."""
+    export_crazyflie(policy, folder)
+    for source in ("maidenflight", "policy"):
+        command = [
+            "arm-none-eabi-gcc",
+            *PROCESSOR,
+            *STRICT,
+            "-fstack-usage",
+            f"-I{HERE / 'firmware'}",
+            "-c",
+            f"{source}.c",
+        ]
+        found = subprocess.run(command, cwd=folder / "src", capture_output=True, text=True)
+        assert (found.returncode, found.stderr) == (0, "")
+    return {
+        name: int(size)
+        for file in (folder / "src").glob("*.su")
+        for name, size in re.findall(r":(\w+)\t(\d+)\tstatic", file.read_text())
+    }
+
+
+def deepest(stacks: dict[str, int], *calls: str) -> int:
+    """Bytes of stack of functions that call each other; those built into their callers have none
+    of their own."""
+    return sum(stacks.get(name, 0) for name in calls)
+
+
+def test_without_a_firmware_make_says_what_it_needs(tmp_path: Path) -> None:
+    export_crazyflie(policy_of("pwm"), tmp_path)
+    made = make(tmp_path, COMPILERS[0], base=tmp_path)
+    assert made.returncode
+    assert "make CRAZYFLIE_BASE=/path/to/crazyflie-firmware" in made.stderr
+
+
+def test_forces_are_not_built_with_a_firmware_that_leaves_them_out(tmp_path: Path) -> None:
+    folders = {structure: tmp_path / structure for structure in CONTROLLERS}
+    for structure, folder in folders.items():
+        export_crazyflie(policy_of(structure), folder)
+        told = "2025.12" if structure == "pwm" else "2023.11"
+        assert f"{told} or later" in (folder / "README.md").read_text()
+    older = tmp_path / "older"
+    shutil.copytree(HERE / "firmware", older)
+    mixer = older / "src/modules/src/power_distribution_quadrotor.c"
+    mixer.write_text(mixer.read_text().replace("normalizedForces", "nothing"))
+    made = {
+        structure: make(folder, COMPILERS[0], "-fPIC", base=older)
+        for structure, folder in folders.items()
+    }
+    assert "2025.12" in made["pwm"].stderr
+    assert len(made["pwm"].stderr.splitlines()) == 1
+    assert not (folders["pwm"] / "build").exists()
+    assert [made[structure].returncode for structure in CONTROLLERS] == [2, 0, 0]
+
+
+def test_the_configuration_names_the_propellers(tmp_path: Path) -> None:
+    assert tuple(crazyflie_app.PROPELLERS) == PROPELLERS
+    configured = {}
+    for number, propellers in enumerate(PROPELLERS):
+        export_crazyflie(policy_of("pwm"), tmp_path / str(number), propellers=propellers)
+        text = (tmp_path / str(number) / "app-config").read_text()
+        configured[propellers] = {line for line in text.splitlines() if "CRAZYFLIE" in line}
+        assert make(tmp_path / str(number), COMPILERS[0], "-fPIC").returncode == 0
+    assert configured == {
+        "2.1+": set(),
+        "legacy": {"CONFIG_CRAZYFLIE_LEGACY_PROPELLERS=y"},
+        "thrust-upgrade": {"CONFIG_CRAZYFLIE_THRUST_UPGRADE_KIT=y"},
+    }
+    with pytest.raises(InputError, match="propellers = 'wooden'"):
+        export_crazyflie(policy_of("pwm"), tmp_path / "wooden", propellers="wooden")
+    assert not (tmp_path / "wooden").exists()
+
+
+def test_the_pid_flies_until_the_policy_is_enabled(load: Load) -> None:
+    app = load()
+    assert app.test()
+    found = app.hover(25)
+    assert (found["calls"] == 1).all()
+    assert found["asked"]["step"][:, 0].tolist() == list(range(1, 26))
+    assert (found["asked"]["modes"][:, 0] == hovering(1)["modes"][0]).all()
+    assert (found["mode"] == LEGACY).all()
+    assert found["thrust"][-1] == HOVER_THRUST
+    assert found["torque"][-1].tolist() == [11, 22, 33]
+    assert (app.log("active"), app.log("state"), app.log("why")) == (0, 0, 0)
+
+
+@pytest.fixture(scope="module")
+def flight() -> tuple[Measurement, np.ndarray]:
+    """Estimates of 2 s of the simulated PID on the circle, 100 a second, and the set-points."""
+    structure = position_pid("2026.08")
+    # With the slow motors of the paper that PID does not hold the drone.
+    quick = replace(crazyflie(), motor_time_constant=np.float32(0.03), latency=np.float32(0.0))
+    drone = control.in_fitting_steps(quick, structure)
+    env = Environment.matching(drone, tasks.circle(), structure)
+    state = dynamics.at_hover(jnp.array([0.0, 0.0, 1.0]), drone)._replace(
+        quaternion=rotations.from_attitude(jnp.array([0.1, -0.1, 0.3]))
+    )
+    env_state = environment.begin(env, state, jnp.zeros(()), drone, jax.random.key(0))
+    fly = jax.jit(
+        lambda env_state, key: rollout(env, lambda seen: jnp.zeros(4), env_state, drone, key, 200)[
+            1
+        ][0]
+    )
+    episodes = fly(env_state, jax.random.key(1))
+    times = jnp.asarray(np.arange(200) / 100, jnp.float32)
+    return Measurement(*(jnp.asarray(part) for part in episodes.measurement)), np.asarray(
+        jax.vmap(trajectories.circle())(times)
+    )
+
+
+def milliseconds(flight: Measurement, every: int) -> np.ndarray:
+    """Estimates in the firmware's units and axes, 10 ms each, from a start elsewhere; only where
+    the policy must look are they right."""
+    position, velocity, quaternion, body_rates = (
+        np.repeat(np.asarray(part), 10, axis=0) for part in flight
+    )
+    given, rows = hovering(len(position)), np.arange(len(position))[:, None]
+    wrong = np.random.default_rng(0).normal(size=position.shape) * 0.01
+    given["position"] = position + np.array([*START, 0.0]) + np.where(rows % every, wrong, 0.0)
+    given["velocity"] = velocity
+    # An attitude has two quaternions, and an estimator may change from one to the other.
+    given["quaternion"] = quaternion * np.where(rows // 300 % 2, 1, -1)
+    given["gyro"] = np.degrees(body_rates)
+    return given
+
+
+def actions_in_python(
+    policy: Policy,
+    flight: Measurement,
+    setpoints: np.ndarray,
+    share: float,
+    ahead: np.ndarray | None = None,
+) -> np.ndarray:
+    """One for each 10 ms, from what the policy would see, its last action before the first being
+    the one that keeps level."""
+    every = 100 // policy.interface.rate
+    action, memory, actions = (
+        np.asarray(policy.interface.level(jnp.float32(share))),
+        None,
+        [],
+    )
+    act, observe = jax.jit(policy.__call__), jax.jit(environment.observe)
+    for row in range(0, len(setpoints), every):
+        instant = np.asarray(
+            observe(Measurement(*(part[row] for part in flight)), setpoints[row], action)
+        )
+        memory = (
+            np.tile(instant, (policy.spec.history, 1))
+            if memory is None
+            else np.vstack([memory[1:], instant])
+        )
+        later = () if ahead is None else np.ravel(ahead[row] - np.asarray(flight.position)[row])
+        action = np.asarray(act(np.concatenate([memory.reshape(-1), later], dtype=np.float32)))
+        actions += [action] * every
+    return np.array(actions)
+
+
+def asked_in_flight(app: App, given: np.ndarray) -> np.ndarray:
+    """From the step at which the policy takes over."""
+    app.until(1000)
+    app.set(enable=1)
+    found = app.fly(given)
+    assert (app.log("active"), app.log("state"), app.log("why"), app.log("us")) == (1, 1, 0, 123)
+    return found
+
+
+def test_motors_are_commanded_as_by_python_s_policy(
+    load: Load, flight: tuple[Measurement, np.ndarray]
+) -> None:
+    policy, (measured, setpoints) = policy_of("pwm"), flight
+    found = asked_in_flight(load("pwm"), milliseconds(measured, 10))
+    actions = actions_in_python(policy, measured, setpoints, HOVER_THRUST / 60000)
+    _, commands = jax.vmap(
+        lambda action: control.pwm().command(None, action, measured, jnp.zeros(3))
+    )(jnp.asarray(actions))
+    assert (found["mode"] == FORCE).all()
+    np.testing.assert_allclose(
+        found["forces"] * (65535 / 60000), np.repeat(commands, 10, axis=0), rtol=0, atol=1e-5
+    )
+    # The PID forgets when the policy takes over, and then has nothing to do.
+    assert found["calls"].tolist() == [1] + [0] * (len(found) - 1)
+    assert np.std(actions, axis=0).min() > 0.05
+
+
+def test_a_policy_that_looks_ahead_sees_the_circle_to_come(
+    load: Load, flight: tuple[Measurement, np.ndarray]
+) -> None:
+    policy, (measured, setpoints) = policy_of(AHEAD), flight
+    found = asked_in_flight(load(AHEAD), milliseconds(measured, 10))
+    angle = 2 * np.pi * (np.arange(200)[:, None] / 100 + [0.2, 0.4, 0.6]) / 3
+    later = [0.25 - 0.25 * np.cos(angle), 0.25 * np.sin(angle), np.ones_like(angle)]
+    shares = HOVER_THRUST / 60000, np.stack(later, axis=-1)
+    actions = actions_in_python(policy, measured, setpoints, *shares)
+    commands = np.repeat((np.clip(actions, -1, 1) + 1) / 2, 10, axis=0)
+    np.testing.assert_allclose(found["forces"] * (65535 / 60000), commands, rtol=0, atol=1e-5)
+
+
+def test_a_policy_that_looks_ahead_hovers_but_follows_no_set_points_by_radio(load: Load) -> None:
+    app = load(AHEAD)
+    assert app.parameters["ahead"].value == 3
+    assert app.read_only == {"ahead"}
+    app.set(task=0)
+    app.until(1000)
+    app.set(enable=1)
+    (found,) = app.hover()
+    at_start = Measurement(
+        *(
+            jnp.array([numbers])
+            for numbers in ([0.0, 0, 1], [0.0, 0, 0], [0.0, 0, 0, 1], [0.0, 0, 0])
+        )
+    )
+    here = np.array([[0, 0, 1]], np.float32)
+    stays = HOVER_THRUST / 60000, np.broadcast_to(here, (1, 3, 3))
+    (action,) = actions_in_python(policy_of(AHEAD), at_start, here, *stays)
+    np.testing.assert_allclose(
+        found["forces"] * (65535 / 60000), (np.clip(action, -1, 1) + 1) / 2, rtol=0, atol=1e-5
+    )
+    refusing = load(AHEAD)
+    refusing.set(task=2)
+    refusing.until(1000)
+    refusing.set(enable=1)
+    found = refusing.hover(5)
+    assert (refusing.log("active"), refusing.log("why")) == (0, NO_FUTURE)
+    assert (found["mode"] == LEGACY).all()
+
+
+def test_the_action_before_the_first_is_that_of_the_pid_s_mean_thrust(load: Load) -> None:
+    app = load("pwm")
+    app.hover(499, thrust=30_000)
+    app.hover(500, thrust=45_000)
+    app.set(enable=1)
+    (found,) = app.hover()
+    # The position loop finds the new thrust at step 500, which is the 500th.
+    mean = 45_000 - 15_000 * 0.998**500
+    at_start = Measurement(
+        *(
+            jnp.array([numbers])
+            for numbers in ([0.0, 0, 1], [0.0, 0, 0], [0.0, 0, 0, 1], [0.0, 0, 0])
+        )
+    )
+    for thrust, same in ((mean, True), (45_000, False)):
+        (action,) = actions_in_python(
+            policy_of("pwm"), at_start, np.array([[0, 0, 1]], np.float32), thrust / 60_000
+        )
+        commands = (np.clip(action, -1, 1) + 1) / 2
+        assert np.allclose(found["forces"] * (65535 / 60000), commands, rtol=0, atol=1e-5) == same
+
+
+@pytest.mark.parametrize("structure", ["attitude_rate", "attitude"])
+def test_the_firmware_s_pids_are_asked_as_in_the_simulator(
+    load: Load, flight: tuple[Measurement, np.ndarray], structure: str
+) -> None:
+    policy, (measured, setpoints) = policy_of(structure), flight
+    app = load(structure)
+    found = asked_in_flight(app, milliseconds(measured, 1000 // policy.interface.rate))
+    actions = actions_in_python(policy, measured, setpoints, HOVER_THRUST / 60000)
+    assert found["calls"].tolist() == [2] + [1] * (len(found) - 1)
+    first, asked = found["asked"][0, 0], found["asked"][:, 0].copy()
+    assert (first["thrust"], first["step"], first["modes"].tolist()) == (0, 0, [0] * 7)
+    asked[0] = found["asked"][0, 1]
+    assert asked["step"].tolist() == list(range(1000, 3000))
+    upright = np.array([1, -1, 1], np.float32)  # the firmware's pitch is positive nose up
+    turns = np.repeat(np.clip(actions[:, 1:], -1, 1), 10, axis=0)
+    if structure == "attitude_rate":
+        np.testing.assert_allclose(asked["rate"] * upright, 60 * turns, rtol=0, atol=6e-4)
+        np.testing.assert_allclose(
+            asked["thrust"],
+            np.repeat(30000 + 30000 * np.clip(actions[:, 0], -1, 1), 10),
+            rtol=0,
+            atol=0.6,
+        )
+        assert (asked["modes"] == [0, 0, 0, VELOCITY, VELOCITY, VELOCITY, 0]).all()
+    else:
+        np.testing.assert_allclose(asked["attitude"] * upright, 10 * turns, rtol=0, atol=1e-4)
+        np.testing.assert_allclose(
+            asked["thrust"],
+            np.repeat(45000 + 10000 * np.clip(actions[:, 0], -1, 1), 10),
+            rtol=0,
+            atol=0.6,
+        )
+        assert (asked["modes"] == [0, 0, 0, ABSOLUTE, ABSOLUTE, ABSOLUTE, 0]).all()
+    np.testing.assert_allclose(
+        [app.log(f"a{number}") for number in (1, 2, 3, 4)], actions[-1], rtol=0, atol=1e-5
+    )
+
+    # And what the firmware's cascade makes of that is what the simulated controller makes of the
+    # actions.
+    structured, step = CONTROLLERS[structure](), 2
+    rows = np.repeat(np.arange(len(actions)), 10 // step)
+    held = Measurement(*(jnp.asarray(part[rows]) for part in measured))
+
+    def simulated(memory, now):
+        action, measurement = now
+        return structured.command(memory, action, measurement, jnp.zeros(3))
+
+    def by_firmware(memory, now):
+        measurement, attitude, rate, thrust, modes = now
+        wanted = control.NOTHING._replace(
+            attitude=attitude, body_rates=rate, thrust=thrust, mode=modes
+        )
+        return firmware.tick(
+            memory, wanted, control.sensed(measurement), "2026.08", position_due=False
+        )
+
+    wanted = (
+        held,
+        asked["attitude"][::step] * upright,
+        asked["rate"][::step] * upright,
+        asked["thrust"][::step],
+        asked["modes"][::step, :6],
+    )
+    _, expected = lax.scan(simulated, structured.init(), (jnp.asarray(actions[rows]), held))
+    _, motors = lax.scan(by_firmware, firmware.switched_on(), jax.tree.map(jnp.asarray, wanted))
+    np.testing.assert_allclose(motors / 60000, expected, rtol=0, atol=2e-4)
+    assert np.std(expected, axis=0).min() > 0.005
+
+
+def turned(roll: float, pitch: float) -> np.ndarray:
+    return np.asarray(rotations.from_attitude(jnp.radians(jnp.array([roll, pitch, 40.0]))))
+
+
+BEYOND = {
+    "roll": ({"quaternion": turned(30.2, 0)}, TILT),
+    "roll to the left": ({"quaternion": turned(-30.2, 10)}, TILT),
+    "nose down": ({"quaternion": turned(5, 30.2)}, TILT),
+    "nose up, by the other quaternion": ({"quaternion": -turned(0, -30.2)}, TILT),
+    "upside down": ({"quaternion": turned(180, 0)}, TILT),
+    "roll rate": ({"gyro": (801, 0, 0)}, BODY_RATE),
+    "pitch rate": ({"gyro": (0, -801, 0)}, BODY_RATE),
+    "along x": ({"position": (START[0] + 0.61, START[1], 1)}, DISTANCE),
+    "below": ({"position": (*START, 0.39)}, DISTANCE),
+    "not a position": ({"position": (*START, np.nan)}, NOT_FINITE),
+    "no velocity": ({"velocity": (0, np.inf, 0)}, NOT_FINITE),
+    "no attitude": ({"quaternion": (0, 0, 0, np.nan)}, NOT_FINITE),
+    "not a rate": ({"gyro": (0, 0, -np.inf)}, NOT_FINITE),
+    "thrust by hand": ({"modes": (ABSOLUTE, ABSOLUTE, 0, 0, 0, ABSOLUTE, 0)}, NO_POSITION),
+    "levelled": ({"modes": (0, 0, ABSOLUTE, ABSOLUTE, ABSOLUTE, VELOCITY, 0)}, NO_POSITION),
+}
+
+
+@pytest.mark.parametrize(("changes", "why"), BEYOND.values(), ids=BEYOND)
+def test_a_guard_hands_back_at_once_and_for_good(
+    load: Load, changes: dict[str, Any], why: int
+) -> None:
+    app = load()
+    app.set(task=0)
+    app.until(1000)
+    app.set(enable=1)
+    assert (app.hover(37)["mode"] == FORCE).all()
+    (found,) = app.hover(**changes)
+    assert (found["mode"], found["calls"]) == (LEGACY, 2)
+    # First the PID forgets; then all of its loops run, whatever the step is.
+    assert found["asked"]["thrust"][0] == 0
+    assert (found["asked"]["modes"][0] == 0).all()
+    assert found["asked"]["step"][:2].tolist() == [0, 0]
+    assert (found["asked"]["modes"][1] == hovering(1, **changes)["modes"][0]).all()
+    if why != NO_POSITION:
+        assert found["thrust"] == HOVER_THRUST
+        assert found["torque"].tolist() == [11, 22, 33]
+    assert (app.log("active"), app.log("state"), app.log("why")) == (0, 2, why)
+    after = app.hover(200)
+    assert (after["mode"] == LEGACY).all()
+    assert (after["calls"] == 1).all()
+    assert after["asked"]["step"][:, 0].tolist() == list(range(1038, 1238))
+    assert app.log("why") == why
+    app.set(enable=0)
+    app.hover()
+    assert (app.log("state"), app.log("why")) == (0, why)
+    app.set(enable=1)
+    app.hover(10)
+    assert (app.log("active"), app.log("why")) == (1, 0)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"quaternion": turned(29.8, -29.8)},
+        {"gyro": (799, -799, 1500)},
+        {"position": (START[0], START[1] - 0.59, 1)},
+        {"modes": (VELOCITY, VELOCITY, ABSOLUTE, 0, 0, VELOCITY, 0)},
+    ],
+)
+def test_within_the_limits_the_policy_flies_on(load: Load, changes: dict[str, Any]) -> None:
+    app = load()
+    app.set(task=0)
+    app.until(1000)
+    app.set(enable=1)
+    assert (app.hover(50, **changes)["mode"] == FORCE).all()
+
+
+def test_limits_can_be_changed_in_flight(load: Load) -> None:
+    app = load()
+    app.set(task=0)
+    app.until(1000)
+    app.set(enable=1, distance=2.0)
+    far: dict[str, Any] = {"position": (START[0] + 1.5, START[1], 1)}
+    assert (app.hover(20, **far)["mode"] == FORCE).all()
+    app.set(distance=np.nan)
+    app.hover(**far)
+    assert (app.log("active"), app.log("why")) == (0, DISTANCE)
+
+
+def test_a_stop_from_the_ground_stops_the_motors(load: Load) -> None:
+    app = load()
+    app.until(1000)
+    app.set(enable=1)
+    app.hover(15)
+    found = app.hover(5, modes=0, thrust=0)
+    assert (found["mode"] == LEGACY).all()
+    assert (found["thrust"] == 0).all()
+    assert (found["torque"] == 0).all()
+
+
+def test_it_does_not_take_over_where_it_must_not_fly(load: Load) -> None:
+    app = load()
+    for changes, parameters, why in (
+        ({"thrust": 0}, {}, NO_POSITION),
+        ({"modes": 0}, {}, NO_POSITION),
+        ({"position": (0, 0, 0)}, {}, DISTANCE),
+        ({"quaternion": turned(45, 0)}, {}, TILT),
+        ({}, {"period": 0.0}, PARAMETERS),
+        ({}, {"radius": np.inf}, PARAMETERS),
+        ({}, {"task": 3}, PARAMETERS),
+        ({}, {"full": 70_000.0}, PARAMETERS),
+        ({"modes": (VELOCITY, VELOCITY, ABSOLUTE, 0, 0, 0, 0)}, {"task": 2}, NO_POSITION),
+    ):
+        usual = {name: app.parameters[name].value for name in parameters}
+        app.set(enable=0, **parameters)
+        app.hover(100, **changes)
+        app.set(enable=1)
+        found = app.hover(30, **changes)
+        assert (found["mode"] == LEGACY).all()
+        assert (found["calls"] == 1).all()
+        assert (app.log("active"), app.log("state"), app.log("why")) == (0, 2, why), (
+            changes,
+            parameters,
+        )
+        app.set(**usual)
+
+
+def test_every_take_over_is_like_the_first(load: Load) -> None:
+    app, wander = load(), hovering(80)
+    wander["position"][:, 0] += np.linspace(0, 0.2, 80)
+    app.until(1000)
+    app.set(enable=1)
+    first = app.fly(wander)
+    app.set(enable=0)
+    (back,) = app.hover()
+    assert (back["mode"], back["calls"], app.log("why")) == (LEGACY, 2, DISABLED)
+    assert back["thrust"] == HOVER_THRUST
+    app.until(2000)
+    app.set(enable=1)
+    again = app.fly(wander)
+    assert (again["mode"] == FORCE).all()
+    assert np.array_equal(first["forces"], again["forces"])
+    assert len(np.unique(first["forces"], axis=0)) == 8
+
+
+def test_it_takes_over_within_ten_steps_where_the_position_loop_runs(load: Load) -> None:
+    app = load()
+    app.until(1003)
+    app.set(enable=1)
+    assert app.hover(10)["mode"].tolist() == [LEGACY] * 7 + [FORCE] * 3
+
+
+def test_set_points_on_board(load: Load) -> None:
+    app = load()
+    app.until(1000)
+    app.set(enable=1, radius=0.3, period=1.2, height=1.1)
+    for milliseconds, place in (
+        (1, (0, 0)),
+        (300, (0.3, 0.3)),
+        (300, (0.6, 0)),
+        (300, (0.3, -0.3)),
+        (300, (0, 0)),
+    ):
+        app.hover(milliseconds, position=(START[0] + 0.3, START[1], 1.0))
+        goal = [app.log(f"goal{axis}") for axis in "XYZ"]
+        np.testing.assert_allclose(goal, [START[0] + place[0], START[1] + place[1], 1.1], atol=1e-5)
+        app.set(radius=0.1, height=0.5)  # of consequence only when it takes over again
+    app.set(enable=0, task=2)
+    app.hover()
+    app.set(enable=1)
+    app.hover(20, wanted=(0.6, -0.3, 1.2))
+    np.testing.assert_allclose([app.log(f"goal{axis}") for axis in "XYZ"], [0.6, -0.3, 1.2])
+    assert app.log("active") == 1
+
+
+def test_a_controller_chosen_in_flight_waits_until_it_is_enabled_anew(load: Load) -> None:
+    app = load()
+    app.until(1000)
+    app.set(enable=1)
+    app.hover(5)
+    app.library.controllerOutOfTreeInit()
+    found = app.hover(50)
+    assert (found["mode"] == LEGACY).all()
+    assert (found["thrust"] == HOVER_THRUST).all()
+    app.set(enable=0)
+    app.hover()
+    app.set(enable=1)
+    app.hover(10)
+    assert app.log("active") == 1
+
+
+def test_the_app_s_own_task_sees_that_another_controller_was_chosen(load: Load) -> None:
+    app = load()
+    app.until(1000)
+    app.set(enable=1)
+    app.hover(10)
+    period = app.run_app()
+    for _ in range(3):
+        app.hover(period)
+        app.run_app()
+        assert (app.log("active"), app.log("why")) == (1, 0)
+    app.run_app()  # the stabilizer has not called since
+    assert (app.log("active"), app.log("state"), app.log("why")) == (0, 2, SWITCHED_AWAY)
+    # The firmware initialises it when it is chosen again.
+    app.library.controllerOutOfTreeInit()
+    assert (app.hover(50)["mode"] == LEGACY).all()
+    assert app.log("why") == SWITCHED_AWAY
+    app.set(enable=0)
+    app.hover()
+    app.set(enable=1)
+    app.hover(period)
+    app.run_app()
+    assert (app.log("active"), app.log("why")) == (1, 0)
+
+
+def test_a_controller_chosen_again_at_once_tells_that_it_was_away(load: Load) -> None:
+    app = load()
+    app.until(1000)
+    app.set(enable=1)
+    app.hover(10)
+    app.library.controllerOutOfTreeInit()
+    assert (app.log("active"), app.log("why")) == (0, SWITCHED_AWAY)
+
+
+def test_the_app_s_own_task_says_nothing_while_the_pid_flies(load: Load) -> None:
+    app = load()
+    for _ in range(3):
+        app.run_app()
+    assert (app.log("state"), app.log("why")) == (0, 0)
+
+
+@pytest.mark.parametrize("table", ["observation_mean", "observation_std", "weights"])
+def test_a_policy_with_one_bit_turned_does_not_fly(load: Load, table: str) -> None:
+    policy = policy_of("pwm")
+    # Weights lie four rows together. Small tables, such as the biases here, a compiler may write
+    # into the code instead.
+    numbers = (
+        np.asarray(policy.weights[0])[:4].T
+        if table == "weights"
+        else np.asarray(getattr(policy, table))
+    ).tobytes()
+
+    def turn(image: bytes) -> bytes:
+        assert image.count(numbers) == 1
+        place = image.index(numbers)
+        return image[:place] + bytes([image[place] ^ 1]) + image[place + 1 :]
+
+    app = load(damage=turn)
+    assert not app.test()
+    app.until(1000)
+    app.set(enable=1)
+    assert (app.hover(20)["mode"] == LEGACY).all()
+    assert app.log("why") == SELF_TEST
+    assert load().test()
+
+
+def test_the_pid_s_own_test_counts(load: Load) -> None:
+    app = load()
+    ctypes.c_bool.in_dll(app.library, "pid_sound").value = False
+    assert not app.test()
+    assert ctypes.c_int.in_dll(app.library, "pid_begun").value == 1
+
+
+def test_the_page_and_the_tables_name_the_same(load: Load) -> None:
+    app, page = load(), PAGE.read_text()
+    named = re.findall(r"^\| `mf\.(\w+)` \| (\S+) \|", page, re.M)
+    defaults, kinds = dict(named[: len(app.parameters)]), dict(named[len(app.parameters) :])
+    app.set(x=0, y=0)
+    assert list(defaults) == list(app.parameters)
+    for name, value in defaults.items():
+        assert app.parameters[name].value == pytest.approx(float(value)), name
+    assert list(kinds) == list(app.logs)
+    for name, kind in kinds.items():
+        assert {"uint8": ctypes.c_uint8, "uint32": ctypes.c_uint32, "float": ctypes.c_float}[
+            kind
+        ] is type(app.logs[name]), name
+    reasons = re.findall(r"^\| (\d+) \| ", page, re.M)
+    assert reasons == [str(reason) for reason in range(1, NO_FUTURE + 1)]
+    assert len(REASONS) == NO_FUTURE + 1
+
+    assert ENABLE.removeprefix("mf.") in app.parameters
+    assert ACTIVE.removeprefix("mf.") in app.logs
+
+
+def test_what_the_drone_cannot_fly_is_refused(tmp_path: Path) -> None:
+    policy = policy_of("pwm")
+    large = untrained(jax.random.key(0), spec=PolicySpec(history=2, hidden=(90, 90)))
+    assert sum(weight.size for weight in large.weights) > MOST_MULTIPLICATIONS
+    for wrong, message in (
+        (dataclasses.replace(policy, interface=interface.pwm(30)), "rate = 30 Hz does not divide"),
+        (
+            dataclasses.replace(
+                policy, interface=dataclasses.replace(interface.pwm(), name="motor")
+            ),
+            "control = 'motor'",
+        ),
+        (large, "12060 multiplications"),
+    ):
+        with pytest.raises(InputError, match=message):
+            export_crazyflie(wrong, tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_same_policy_gives_the_same_files(tmp_path: Path) -> None:
+    meaning = interface.pwm(full_scale_counts=65535.0)
+    identified = dataclasses.replace(policy_of("pwm"), interface=meaning)
+
+    def exported(folder: Path) -> dict[str, bytes]:
+        return {
+            str(file.relative_to(folder)): file.read_bytes()
+            for file in export_crazyflie(identified, folder)
+        }
+
+    once = exported(tmp_path / "once")
+    assert once == exported(tmp_path / "again")
+    app = {
+        "Makefile",
+        "Kbuild",
+        "app-config",
+        "README.md",
+        "src/Kbuild",
+        "src/maidenflight.c",
+        "src/policy.c",
+        "src/policy.h",
+    }
+    assert set(once) == app
+    assert b"static float full = 65535.0f;" in once["src/maidenflight.c"]
+    assert not any(
+        re.search(rb"\$[a-z]", text) for name, text in once.items() if name != "Makefile"
+    )

@@ -1,0 +1,324 @@
+"""PX4 logs: written by a writer of our own and read back through pyulog."""
+
+import builtins
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+import made_ulogs as made
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import maidenflight as mf
+from made_flights import driven
+from maidenflight.errors import InputError
+from maidenflight.flights.log import Flight
+from maidenflight.flights.reading import Flights, read_flights
+from maidenflight.identification.identify import identify
+from maidenflight.identification.likelihood import Likelihood
+from maidenflight.parameters import component, crazyflie, replace
+
+pytest.importorskip("pyulog")
+SENSED = ("body_rates", "accelerometer")
+STATE = ("position", "velocity", "attitude")
+
+
+def sensed(rows: int = 600, **changes: Any) -> Flight:
+    """A flight with an accelerometer and rotor speeds."""
+    generator = np.random.default_rng(1)
+    flight = driven(rows)
+    force = generator.normal([0.0, 0.0, 9.81], 0.3, (rows, 3)).astype(np.float32)
+    speed = (2000 * np.sqrt(flight.command)).astype(np.float32)
+    return dataclasses.replace(flight, accelerometer=force, rotor_speed=speed, **changes)
+
+
+def read(tmp_path: Path, topics: Any, parameters: Any = None) -> Flights:
+    path = tmp_path / "log_1.ulg"
+    path.write_bytes(made.ulog(topics, made.placed() if parameters is None else parameters))
+    return read_flights(path)
+
+
+@pytest.mark.parametrize("state", [True, False])
+def test_a_flight_comes_back(state: bool, tmp_path: Path) -> None:
+    flight = sensed()
+    (found,) = read(tmp_path, made.topics_of(flight, state=state))
+    assert found.has_state is state
+    assert found.period == pytest.approx(0.01)
+    for group in (*SENSED, *(STATE if state else ()), "battery"):
+        assert_allclose(getattr(found, group), getattr(flight, group), atol=1e-5, err_msg=group)
+    assert_allclose(found.command, flight.command, atol=1e-5)
+    assert_allclose(found.arrays["rotor_speed"], flight.arrays["rotor_speed"], atol=0.11)
+    assert not found.zero_order_hold
+
+
+@pytest.mark.parametrize("order", [(0, 3, 1, 2), (1, 2, 0, 3), (3, 2, 1, 0)])
+def test_motors_are_ordered_by_their_places(order: tuple[int, ...], tmp_path: Path) -> None:
+    flight = sensed()
+    corners = {
+        number + 1: place
+        for number, place in zip(
+            order, [(0.1, 0.12), (-0.1, 0.12), (-0.1, -0.12), (0.1, -0.12)], strict=True
+        )
+    }
+    turns = [0.0] * 4
+    for number, turn in zip(order, (0.05, -0.05, 0.05, -0.05), strict=True):
+        turns[number] = turn
+    placed = made.placed(dict(sorted(corners.items())), tuple(turns))
+    (found,) = read(tmp_path, made.topics_of(flight, order), placed)
+    assert_allclose(found.command, flight.command, atol=1e-5)
+    assert_allclose(found.arrays["rotor_speed"], flight.arrays["rotor_speed"], atol=0.11)
+
+
+def test_without_places_motors_are_in_px4s_default_order(tmp_path: Path) -> None:
+    flight = sensed()
+    (found,) = read(tmp_path, made.topics_of(flight), {})
+    assert_allclose(found.command, flight.command, atol=1e-5)
+
+
+def test_motors_logged_in_another_order_are_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError):
+        read(tmp_path, made.topics_of(sensed(), order=(0, 1, 2, 3)))
+
+
+@pytest.mark.parametrize("topic", ["sensor_combined", "vehicle_attitude"])
+def test_a_wrong_sign_is_named(topic: str, tmp_path: Path) -> None:
+    topics = made.topics_of(sensed())
+    topics[topic] = [
+        (field, kind, values * np.array([1, -1, 1, 1])[: values.shape[1]])
+        if field in ("gyro_rad", "q")
+        else (field, kind, values)
+        for field, kind, values in topics[topic]
+    ]
+    with pytest.raises(InputError):
+        read(tmp_path, topics)
+
+
+@pytest.mark.parametrize(
+    ("changed", "reversed_"),
+    [({}, False), ({"CA_ROTOR0_KM": -0.05, "CA_ROTOR1_KM": -0.05}, True)],
+)
+def test_rotors_that_turn_the_other_way_are_a_note(
+    changed: dict[str, float], reversed_: bool, tmp_path: Path
+) -> None:
+    turned = {"CA_ROTOR2_KM": 0.05, "CA_ROTOR3_KM": 0.05} if changed else {}
+    notes = read(tmp_path, made.topics_of(sensed()), made.placed() | changed | turned).notes
+    assert any("CA_ROTORn_KM" in note for note in notes) is reversed_
+
+
+@pytest.mark.parametrize(
+    "parameters",
+    [
+        {"CA_ROTOR_COUNT": 6, "CA_ROTOR0_PX": 0.1},
+        {"CA_ROTOR_COUNT": 4, "CA_ROTOR0_PX": 0.1, "CA_ROTOR1_PX": -0.1, "CA_ROTOR2_PY": 0.1},
+        {"SYS_AUTOSTART": 5001},
+    ],
+)
+def test_what_is_no_quadrotor_in_x_is_refused(parameters: dict[str, float], tmp_path: Path) -> None:
+    with pytest.raises(InputError):
+        read(tmp_path, made.topics_of(sensed()), parameters)
+
+
+@pytest.mark.parametrize("factor", [0.0, 0.3, 1.0])
+def test_thrust_is_by_the_thrust_models_factor(factor: float, tmp_path: Path) -> None:
+    """Motors and the outputs made of them by PX4's inverted curve tell the same thrust."""
+    flight = sensed()
+    parameters = made.placed() | {"THR_MDL_FAC": factor} if factor else made.placed()
+    thrust: Callable[..., Any] = np.asarray if factor else np.sqrt
+    topics = made.topics_of(flight, thrust=thrust)
+    (by_motors,) = read(tmp_path, topics, parameters)
+    control = topics.pop("actuator_motors")[1][2]
+    # FunctionMotors.hpp: x = -b / 2a + sqrt((b / 2a)^2 + control / a), a = f, b = 1 - f.
+    half = (1 - factor) / (2 * factor) if factor else 0.0
+    sent = np.sqrt(half**2 + control / factor) - half if factor else control
+    outputs = 1100 + 800 * sent
+    stamps = topics["sensor_combined"][0][2]
+    topics["actuator_outputs"] = [
+        ("timestamp", "uint64_t", stamps),
+        ("output", "float", np.concatenate([np.zeros((len(flight), 2)), outputs], axis=1)),
+    ]
+    for motor in range(1, 5):
+        parameters[f"PWM_AUX_FUNC{motor + 2}"] = 100 + motor
+        parameters[f"PWM_AUX_MIN{motor + 2}"] = 1100
+        parameters[f"PWM_AUX_MAX{motor + 2}"] = 1900
+    (by_outputs,) = read(tmp_path, topics, parameters)
+    assert_allclose(by_motors.command, flight.command, atol=1e-5)
+    assert_allclose(by_outputs.command, flight.command, atol=1e-4)
+
+
+def test_outputs_beyond_their_bounds_are_refused(tmp_path: Path) -> None:
+    topics = made.topics_of(sensed())
+    control = topics.pop("actuator_motors")[1][2]
+    topics["actuator_outputs"] = [
+        topics["sensor_combined"][0],
+        ("output", "float", 3000 * control),
+    ]
+    with pytest.raises(InputError):
+        read(tmp_path, topics)
+
+
+def test_every_command_of_the_loop_is_averaged_over_the_rows(tmp_path: Path) -> None:
+    """Motors at 400 Hz, rows at 100 Hz: the mean of rotor speeds until the next row."""
+    flight = sensed(rows=600)
+    topics = made.topics_of(flight)
+    stamps = topics["sensor_combined"][0][2]
+    fast = np.arange(stamps[0], stamps[-1] + 10_000, 2500)
+    speed = 0.7 + 0.05 * np.random.default_rng(0).normal(size=(len(fast), 4))
+    control = speed[:, [0, 2, 3, 1]]
+    topics["actuator_motors"] = [("timestamp", "uint64_t", fast), ("control", "float", control)]
+    (found,) = read(tmp_path, topics)
+    assert found.zero_order_hold
+    mean = speed[: 4 * 599].reshape(599, 4, 4).mean(axis=1)
+    assert_allclose(np.sqrt(found.command[:599]), mean, atol=1e-5)
+
+
+def test_a_mean_over_the_integration_time_belongs_to_its_middle(tmp_path: Path) -> None:
+    topics = made.topics_of(sensed(), state=False, integral=4000)
+    (found,) = read(tmp_path, topics)
+    assert len(found) >= 599  # The first may lie before the first command by rounding.
+    assert_allclose(found.body_rates, sensed().body_rates[-len(found) :], atol=1e-5)
+    assert_allclose(found.command, sensed().command[-len(found) :], atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("topic", "every"), [("actuator_motors", 10), ("sensor_combined", 4), ("actuator_motors", 0)]
+)
+def test_too_slow_signals_are_refused(topic: str, every: int, tmp_path: Path) -> None:
+    topics = made.topics_of(sensed(), state=False)
+    if every:
+        topics[topic] = [(field, kind, values[::every]) for field, kind, values in topics[topic]]
+    else:
+        del topics[topic]
+    with pytest.raises(InputError, match="SDLOG_PROFILE"):
+        read(tmp_path, topics)
+
+
+def test_a_slow_or_invalid_position_leaves_sensors_alone(tmp_path: Path) -> None:
+    slow, invalid = made.topics_of(sensed()), made.topics_of(sensed())
+    place = slow["vehicle_local_position"]
+    slow["vehicle_local_position"] = [(field, kind, values[::10]) for field, kind, values in place]
+    invalid["vehicle_local_position"] = [
+        (field, kind, np.zeros_like(values) if field in made.VALID else values)
+        for field, kind, values in place
+    ]
+    for topics in (slow, invalid):
+        (found,) = read(tmp_path, topics)
+        assert not found.has_state
+
+
+def test_disarmed_and_landed_rows_are_left_out(tmp_path: Path) -> None:
+    flight = sensed(rows=2000)
+    topics = made.topics_of(flight)
+    stamps = topics["sensor_combined"][0][2]
+    about = stamps[::10]
+    landed = about < stamps[0] + 3_000_000
+    topics["vehicle_land_detected"] = [
+        ("timestamp", "uint64_t", about),
+        ("landed", "bool", landed),
+    ]
+    topics["vehicle_status"] = [
+        ("timestamp", "uint64_t", about),
+        ("arming_state", "uint8_t", np.where(about > stamps[0] + 15_000_000, 1, 2)),
+    ]
+    (found,) = read(tmp_path, topics)
+    # A second after take-off, one and a half before it disarms.
+    assert found.duration == pytest.approx(15.0 - 3.0 - 1.0 - 1.5, abs=0.25)
+    first = int(np.argmin(np.abs(flight.position - found.position[0]).sum(axis=1)))
+    assert first == pytest.approx(400, abs=12)
+
+
+def filtered(topics: dict[str, Any]) -> dict[str, Any]:
+    """Topics whose sensors PX4 has low-pass filtered."""
+    combined = {field: values for field, _, values in topics.pop("sensor_combined")}
+    stamps = combined["timestamp"]
+    return topics | {
+        topic: [
+            ("timestamp", "uint64_t", stamps + 100),
+            ("timestamp_sample", "uint64_t", stamps),
+            ("xyz", "float", values),
+        ]
+        for topic, values in (
+            ("vehicle_angular_velocity", combined["gyro_rad"]),
+            ("vehicle_acceleration", combined["accelerometer_m_s2"]),
+        )
+    }
+
+
+def test_filtered_topics_serve_where_there_are_no_others(tmp_path: Path) -> None:
+    flight = sensed()
+    topics = filtered(made.topics_of(flight, state=False))
+    (found,) = read(tmp_path, topics)
+    assert_allclose(found.body_rates, flight.body_rates, atol=1e-5)
+    assert_allclose(found.arrays["accelerometer"], flight.arrays["accelerometer"], atol=1e-5)
+    # Of Butterworth filters at PX4's 30 and 40 Hz; none of what is not filtered.
+    assert found.accelerometer_delay == pytest.approx(0.0075, abs=1e-4)
+    assert not found.by_battery_law
+    assert found.gyro_delay == pytest.approx(0.0056, abs=1e-4)
+    (plain,) = read(tmp_path, made.topics_of(flight, state=False))
+    assert (plain.accelerometer_delay, plain.gyro_delay) == (0.0, 0.0)
+
+
+def test_damaged_files_are_refused_or_named(tmp_path: Path) -> None:
+    raw = made.ulog(made.topics_of(sensed()), made.placed())
+    path = tmp_path / "cut.ulg"
+    path.write_bytes(raw[: 3 * len(raw) // 4])
+    assert 400 < sum(map(len, read_flights(path))) < 500
+    torn = bytearray(raw)
+    torn[len(raw) // 2 : len(raw) // 2 + 400] = bytes(400)
+    path.write_bytes(bytes(torn))
+    flights = read_flights(path)
+    assert sum(map(len, flights)) > 400
+    for content in (b"ULog", raw[:40], raw[:2000], b"text", b""):
+        path.write_bytes(content)
+        with pytest.raises(InputError):
+            read_flights(path)
+
+
+def test_in_a_folder_it_stands_beside_others(tmp_path: Path) -> None:
+    (tmp_path / "one").mkdir()
+    for name, seed in (("A.ULG", 0), ("b.ulg", 1)):
+        flight = dataclasses.replace(sensed(), body_rates=driven(600, seed).body_rates)
+        flight = dataclasses.replace(
+            driven(600, seed), accelerometer=flight.arrays["accelerometer"]
+        )
+        (tmp_path / "one" / name).write_bytes(made.ulog(made.topics_of(flight), made.placed()))
+    (tmp_path / "bad.ulg").write_bytes(b"no")
+    flights = read_flights(tmp_path)
+    assert len(flights.paths) == 2
+    assert len(flights.refused) == 1
+    with pytest.raises(InputError):
+        read_flights(tmp_path / "one", battery_law="legacy propellers")
+
+
+def test_without_pyulog_it_is_said_how_to_get_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = builtins.__import__
+
+    def without(name: str, *rest: Any, **named: Any) -> Any:
+        if name.split(".")[0] == "pyulog":
+            raise ImportError(name=name)
+        return real(name, *rest, **named)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(InputError, match=r"\[ulog\]"):
+        read(tmp_path, made.topics_of(sensed()))
+
+
+@pytest.mark.slow
+def test_a_planted_drone_comes_back_through_a_ulog(tmp_path: Path) -> None:
+    drone = mf.virtual_drone(1)
+    flown = mf.record(drone, jax.random.key(1), flights=2, duration=12.0, excitation=0.05)
+    for number, flight in enumerate(flown):
+        topics = filtered(made.topics_of(flight, state=False))
+        parameters = made.placed() | {"IMU_ACCEL_CUTOFF": 30.0, "IMU_GYRO_CUTOFF": 80.0}
+        (tmp_path / f"log_{number}.ulg").write_bytes(made.ulog(topics, parameters))
+    flights = read_flights(tmp_path)
+    assert len(flights) == 2
+    start = replace(crazyflie(), mass=drone.parameters.mass)
+    found = identify(list(flights), Likelihood(trials=1), start=start).parameters
+    for name, error in {"thrust_to_weight": 0.04, "inertia_x": 0.06, "inertia_y": 0.06}.items():
+        value = float(component(drone.parameters, name))
+        assert float(component(found, name)) == pytest.approx(value, rel=error), name
