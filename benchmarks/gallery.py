@@ -17,15 +17,15 @@ from pathlib import Path
 import click
 from PIL import Image
 
+from maidenflight.reporting import run as runs
+from maidenflight.reporting.figures.corner import corner
+from maidenflight.reporting.figures.delays import delay_posterior
+from maidenflight.reporting.figures.picture import svg
+from maidenflight.reporting.figures.training import learning_curves
+
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
-CHARTS = ("literature", "delays", "learning")
-"""Figures of the report that are saved by its own buttons."""
 LARGEST = 200_000
 """Of a picture [bytes]."""
-_SAVE = """<script>
-figures.forEach(drawFigure);
-setTimeout(() => document.querySelector("#%s .files .button").click(), 2000);
-</script>"""
 _ALONE = """<style>body {padding: 12px !important}</style><script>
 addEventListener("load", () => setTimeout(() =>
   document.body.replaceChildren(document.querySelector("figure.view")), 1500));
@@ -70,9 +70,20 @@ def _of_report(run: Path, to: Path) -> None:
         _small(home / "shot.png", to / "report.png", 1000)
         _browsed(page + _ALONE, home, "1000,560", shot, query="theme=light&autoplay")
         _small(home / "shot.png", to / "viewer.png", 1000)
-        for name in CHARTS:  # one at a time: a browser asks before it saves several
-            _browsed(page + _SAVE % name, home, "1000,1500", "--dump-dom")
-            shutil.copy(home / "Downloads" / f"{name}.svg", to)
+
+
+def _of_charts(run: Path, to: Path) -> None:
+    """Writes charts of the report as files."""
+    read = runs.read(run)
+    assert read.training is not None
+    best = {name: estimate.value for name, estimate in read.estimates.items()}
+    figures = {
+        "corner": corner(read.posterior, best),
+        "delays": delay_posterior(read.posterior, read.estimates, runs.truth(read)),
+        "learning": learning_curves(read.training),
+    }
+    for name, figure in figures.items():
+        (to / f"{name}.svg").write_text(svg(figure, 560 if name == "delays" else 900))
 
 
 def _of_rerun(run: Path, to: Path) -> None:
@@ -95,6 +106,7 @@ def main(run: Path, output: Path) -> None:
     output.mkdir(parents=True, exist_ok=True)
     shutil.copy(run / "identification.svg", output)
     _of_report(run, output)
+    _of_charts(run, output)
     if shutil.which("rerun"):
         _of_rerun(run, output)
     else:

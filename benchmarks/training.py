@@ -29,11 +29,12 @@ import numpy as np
 import optax
 import polars
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
-from learning_curves import learning_curves
 from page import write
 
 from maidenflight.parameters import crazyflie, noiseless, replace
 from maidenflight.policy import Policy
+from maidenflight.reporting.figures import picture, training
+from maidenflight.reporting.figures.charts import Figure
 from maidenflight.simulator import control, environment, failures, stepping, tasks
 from maidenflight.simulator.environment import Environment, EnvState
 from maidenflight.simulator.policy_spec import PolicySpec
@@ -112,7 +113,7 @@ class Measured(NamedTuple):
     row: str
     """Of the table."""
     curves: polars.DataFrame
-    """A row a score of a policy in training; see `learning_curves`."""
+    """A row a score of a policy in training; see `training.panel`."""
 
 
 def box(recipe: Recipe) -> RelativeBox:
@@ -280,13 +281,12 @@ def drawn(measured: dict[str, Measured]) -> str:
         f"Return of {SEEDS} policies each over the time of training on {CORES} cores, "
         "compiling included"
     )
-    return learning_curves(
-        {RECIPES[name].title: each.curves for name, each in measured.items()},
-        ["episode_return"],
-        "seconds",
-        840,
-        title,
-    )
+    panels = [
+        training.panel(each.curves, "episode_return", RECIPES[name].title, "seconds")
+        for name, each in measured.items()
+    ]
+    legend = training.legend(next(iter(measured.values())).curves)
+    return picture.svg(Figure(title, panels, legend, least=250), 840)
 
 
 @click.command()

@@ -17,9 +17,8 @@ import json
 import re
 import warnings
 import zlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace as replaced
-from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,10 +26,11 @@ import jax
 import numpy as np
 import polars
 from jaxtyping import Bool, Float
+from kept_policies import kept_policies
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from maidenflight import compiler, parameters, policy_file, results, terminal
+from maidenflight import compiler, parameters, results, terminal
 from maidenflight.errors import InputError
 from maidenflight.experiments.drones import find_reality
 from maidenflight.experiments.transfer import MAX_DURATION_S, transfer
@@ -39,8 +39,8 @@ from maidenflight.identification import drone_file
 from maidenflight.identification.ensembles import posterior_ensemble, trim_ensemble
 from maidenflight.parameters import Parameters, component, replace
 from maidenflight.policy import Policy
-from maidenflight.reporting import svg
-from maidenflight.reporting.svg import Panel
+from maidenflight.reporting.figures import charts, intervals, picture
+from maidenflight.reporting.figures.charts import Entry, Figure, Spec
 from maidenflight.simulator import control, dynamics, tasks
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.interface import HIGHEST_RATE_DEG
@@ -230,7 +230,7 @@ def trained(
             settings,
         )
 
-    return policy_file.kept(folder / variant.folder, seeds, made, learn)
+    return kept_policies(folder / variant.folder, seeds, made, learn)
 
 
 def _same(found: Any, made: Mapping[str, Any], path: Path) -> None:
@@ -470,61 +470,40 @@ def _interval(
 
 
 COLOURS = ("blue", "orange", "green", "purple")
-LABELS, COLUMN, ROW = 176, 158, 24
-"""Widths of the rows' names and of a panel with its margin, and height of a row [px]."""
+COLUMN = 132
+"""Width of a panel [px]."""
+NOTE = (
+    "Dots: difference of means over policies; whiskers: its 95 % interval. Left of the line is "
+    "less than without the change."
+)
 
 
-def chart(table: polars.DataFrame, drone: str) -> str:
-    """Effects with intervals as SVG: blocks by structure and kind of change, panels by measure."""
-    changed = table.filter(
-        (polars.col("variant") != BASELINE) | ~polars.col("reality").is_in(_trained_in(table))
-    )
+def chart(table: polars.DataFrame, drone: str) -> Figure:
+    """Effects with intervals: blocks by structure and kind of change, panels by measure."""
     realities = _trained_in(table)
+    changed = table.filter(
+        (polars.col("variant") != BASELINE) | ~polars.col("reality").is_in(realities)
+    )
     colours = dict(zip(realities, COLOURS, strict=False))
-    samples = [
-        (_sample(colours[name]), "on the drone itself" if name == ITSELF else f"in {name}")
+    legend = [
+        Entry("on the drone itself" if name == ITSELF else f"in {name}", colours[name], "bar")
         for name in realities
     ]
-    told = (
-        "Dots: difference of means over policies; whiskers: its 95 % interval. Left of the "
-        "line is less than"
-    )
-    words, deep = svg.paragraph(
-        0, svg.TITLE, LABELS + len(MEASURES) * COLUMN, f"{told} without the change."
-    )
-    legend, tall = svg.legend(svg.TITLE + deep + 8, LABELS + len(MEASURES) * COLUMN, samples)
-    parts, top = [words, legend], svg.TITLE + deep + tall + 44.0
     ranges = {
-        each.column: _range(changed.filter(polars.col("measure") == each.column))
+        each.column: charts.margin([0.0, *_ends(changed.filter(measure=each.column))])
         for each in MEASURES
     }
+    panels = []
     for structure in table["control"].unique(maintain_order=True):
-        for trained_otherwise in (True, False):
-            kind = (
-                polars.col("variant") != BASELINE
-                if trained_otherwise
-                else polars.col("variant") == BASELINE
-            )
-            block = changed.filter(kind & (polars.col("control") == structure))
-            if block.is_empty():
-                continue
-            rows = (
-                block["variant" if trained_otherwise else "reality"]
-                .unique(maintain_order=True)
-                .to_list()
-            )
-            title = (
-                f"{structure.replace('_', ' ')}: "
-                f"{'trained otherwise' if trained_otherwise else 'flown on other drones'}"
-            )
-            parts += list(_block(block, title, rows, top, ranges, colours, trained_otherwise))
-            top += ROW * len(rows) + 82
-    return svg.picture(
-        LABELS + len(MEASURES) * COLUMN,
-        top - 34,
-        f"What zero-shot flights depend on: drone {drone}",
-        parts,
-    )
+        own = changed.filter(control=structure)
+        for column, block, words in (
+            ("variant", own.filter(polars.col("variant") != BASELINE), "trained otherwise"),
+            ("reality", own.filter(variant=BASELINE), "flown on other drones"),
+        ):
+            title = f"{structure.replace('_', ' ')}: {words}"
+            panels += _block(block, column, title, ranges, colours) if block.height else []
+    title = f"What zero-shot flights depend on: drone {drone}"
+    return Figure(title, panels, legend, columns=len(MEASURES))
 
 
 def _trained_in(table: polars.DataFrame) -> list[str]:
@@ -536,87 +515,43 @@ def _trained_in(table: polars.DataFrame) -> list[str]:
     )
 
 
-def _sample(colour: str) -> str:
-    return svg.stroke("M0 6H24", "line", colour) + svg.stroke("M12 6h0", "spots", colour)
-
-
-def _range(rows: polars.DataFrame) -> tuple[float, float]:
-    ends = rows.select("effect", "low", "high").to_numpy()
-    return svg.margin([0.0, *ends[np.isfinite(ends)]])
+def _ends(rows: polars.DataFrame) -> Float[np.ndarray, "n"]:
+    return rows.select("effect", "low", "high").to_numpy().ravel()
 
 
 def _block(
     block: polars.DataFrame,
+    column: str,
     title: str,
-    rows: Sequence[str],
-    top: float,
     ranges: Mapping[str, tuple[float, float]],
     colours: Mapping[str, str],
-    trained_otherwise: bool,
-) -> Iterator[str]:
-    yield svg.text(0, top - 9, escape(title), "strong")
-    for place, name in enumerate(rows):
-        yield svg.text(0, top + ROW * (place + 0.5) + 4.5, escape(name))
+) -> Iterator[Spec]:
+    """A panel a measure, a row a name in a column, side by side."""
+    names = block[column].unique(maintain_order=True).to_list()
+    shifts = np.linspace(-0.2, 0.2, len(colours)) if len(colours) > 1 else [0.0]
+    # Flights on other drones are compared with those on the drone itself.
+    places = dict(zip(colours, shifts, strict=True)) if column == "variant" else {ITSELF: 0.0}
+    nothing = {"type": "rule", "strokeWidth": 1.2}
     for number, each in enumerate(MEASURES):
-        panel = Panel(
-            LABELS + number * COLUMN,
-            top,
-            COLUMN - 18,
-            ROW * len(rows),
-            ranges[each.column],
-            (len(rows) - 0.5, -0.5),
+        marks: list[Spec] = []
+        for row in block.filter(measure=each.column).iter_rows(named=True):
+            reality = row["reality"] if column == "variant" else ITSELF
+            common = {"row": names.index(row[column]), "shift": float(places[reality])}
+            common["colour"] = charts.paint(colours[reality])
+            if np.isfinite([row["low"], row["high"]]).all():
+                whisker = {**common, "kind": "whisker", "x": row["low"], "x2": row["high"]}
+                marks.append(whisker)
+            marks.append({**common, "kind": "dot", "x": row["effect"]})
+        left = names if number == 0 else [""] * len(names)
+        x = charts.number("x", f"{each.title} [{each.unit}]", **charts.within(*ranges[each.column]))
+        panel = intervals.rows(
+            [(name, "") for name in left],
+            marks,
+            {**x, "axis": {"tickCount": 4}},
+            title=title if number == 0 else " ",
+            across=[(0.0, nothing)],
         )
-        values, names = svg.ticks(*panel.x, 4)
-        for across, name in zip(panel.across(values), names, strict=True):
-            yield svg.text(
-                panel.left + min(max(float(across), 8.0), panel.width - 8.0),
-                top + panel.height + 17,
-                name,
-                "",
-                "middle",
-            )
-        yield svg.text(
-            panel.left + panel.width / 2,
-            top + panel.height + 34,
-            f"{each.title} [{each.unit}]",
-            "",
-            "middle",
-        )
-        own = block.filter(polars.col("measure") == each.column)
-        yield svg.framed(
-            panel, _whiskers(panel, own, rows, colours, trained_otherwise), f"{title} {each.column}"
-        )
-
-
-def _whiskers(
-    panel: Panel,
-    own: polars.DataFrame,
-    rows: Sequence[str],
-    colours: Mapping[str, str],
-    trained_otherwise: bool,
-) -> Iterable[str]:
-    grid = "".join(
-        f"M{across:.1f} 0V{panel.height:.1f}" for across in panel.across(svg.ticks(*panel.x, 4)[0])
-    )
-    yield f'<path class="grid" d="{grid}"/>'
-    nothing = float(panel.across(0.0))
-    yield svg.stroke(f"M{nothing:.1f} 0V{panel.height:.1f}", "thin", "soft")
-    shifts = dict(
-        zip(
-            colours,
-            np.linspace(-0.2, 0.2, len(colours)) if len(colours) > 1 else [0.0],
-            strict=True,
-        )
-    )
-    for row in own.iter_rows(named=True):
-        # Flights on other drones are compared with those on the drone itself.
-        reality = row["reality"] if trained_otherwise else ITSELF
-        place = rows.index(row["variant"] if trained_otherwise else row["reality"]) + (
-            shifts[reality] if trained_otherwise else 0.0
-        )
-        if np.isfinite([row["low"], row["high"]]).all():
-            yield svg.line(panel, [row["low"], row["high"]], [place, place], "", colours[reality])
-        yield svg.dots(panel, [row["effect"]], [place], "spots", colours[reality])
+        yield {**panel, "width": COLUMN}
 
 
 def summary(table: polars.DataFrame) -> polars.DataFrame:
@@ -752,7 +687,9 @@ def run(given: argparse.Namespace) -> None:
     everything = record({**flying, "variants": [made[one]["settings"] for one in chosen]})
     results.write_table(given.output / "flights.csv", _FLIGHTS, everything, flights.write_csv())
     found = effects(flights)
-    results.write(given.output / "ablations.svg", chart(found, Path(given.drone).stem))
+    results.write(
+        given.output / "ablations.svg", picture.svg(chart(found, Path(given.drone).stem), note=NOTE)
+    )
     with polars.Config(
         tbl_cols=-1,
         tbl_rows=-1,

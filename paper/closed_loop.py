@@ -22,6 +22,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import polars
+from agreement import agreement
 from jax import tree
 from jaxtyping import Float
 from predict_flights import one_against_others, published, within_band
@@ -29,7 +30,6 @@ from scipy.ndimage import uniform_filter1d
 
 from maidenflight import compiler, policy_file, results
 from maidenflight.errors import InputError
-from maidenflight.experiments.agreement import agreement
 from maidenflight.experiments.drones import possible_drones
 from maidenflight.experiments.flight_times import predict_flight_times, summary
 from maidenflight.flights.log import Flight

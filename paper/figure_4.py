@@ -15,21 +15,20 @@ Source: Gronauer et al. 2022, sec. Zero-Shot Experiments, fig:experiments:zero-s
 
 import argparse
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import chdir
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import polars
 
 import maidenflight as mf
 from maidenflight import manifest, results, run_folder, terminal
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import MAX_DURATION_S
-from maidenflight.reporting import svg
-from maidenflight.reporting.flight_figures import COLOURS, REACHED
-from maidenflight.reporting.svg import Panel
+from maidenflight.reporting.figures import picture
+from maidenflight.reporting.figures.charts import Figure
+from maidenflight.reporting.figures.flight_times import COLOURS, REACHED, flight_times
 from maidenflight.simulator.interface import INTERFACES
 from maidenflight.studies import study as studies
 from maidenflight.studies.store import Folder
@@ -52,7 +51,7 @@ FLIGHTS = dataclasses.replace(
 
 
 def read_published_flights(folder: Path) -> polars.DataFrame:
-    """Reads the paper's real flights: control, motor_time_constant, latency, duration.
+    """Reads the paper's real flights: control, motor_time_constant, latency, duration, end_reason.
 
     Raises:
         InputError: the folder lacks `flights.csv`.
@@ -69,7 +68,11 @@ def read_published_flights(folder: Path) -> polars.DataFrame:
         "trained_latency_s": "latency",
         "flight_time_s": "duration",
     }
-    return own.rename(renamed).with_columns(polars.col("duration").clip(upper_bound=MAX_DURATION_S))
+    duration = polars.col("duration").clip(upper_bound=MAX_DURATION_S)
+    reached = polars.when(duration >= MAX_DURATION_S).then(polars.lit(REACHED))
+    return own.rename(renamed).with_columns(
+        duration, end_reason=reached.otherwise(polars.lit("a guard"))
+    )
 
 
 def read_study(path: Path, small: bool = False) -> Study:
@@ -192,106 +195,33 @@ def print_cells(cells: polars.DataFrame) -> None:
     terminal.print_table(title, columns, rows, numbers_from=2)
 
 
-SIDE, HIGH = 280, 190
-"""Of a panel [px]."""
-
-
-def draw_chart(rows: dict[str, polars.DataFrame]) -> str:
-    """Draws box plots of flight times: a row a table, a panel a latency, a colour a structure.
-
-    Boxes reach from the lower to the upper quartile, their line is the median, dots are flights.
+def draw_chart(rows: dict[str, polars.DataFrame]) -> Figure:
+    """Draws box plots of flight times: a panel a table and latency, a row a lag and structure.
 
     Args:
-        rows: flights by what the row is called.
-
-    Returns:
-        A picture in SVG.
+        rows: flights by what the table is called.
     """
-    samples = [
-        (svg.stroke("M0 6H24", "line", colour), kind.replace("_", " "))
-        for kind, colour in COLOURS.items()
+    kinds = {kind: kind.replace("_", " ") for kind in COLOURS}
+    lag, latency = (
+        (1e3 * polars.col(name)).round(1).cast(polars.String).str.strip_suffix(".0")
+        for name in ("motor_time_constant", "latency")
+    )
+    names = polars.col("control").replace(kinds) + ", " + lag + " ms"
+    order = polars.col("control").replace_strict({kind: n for n, kind in enumerate(COLOURS)})
+    drawn = [
+        flights.sort("latency", "motor_time_constant", order, maintain_order=True).select(
+            names.alias("row"),
+            polars.col("control").replace(COLOURS).alias("colour"),
+            (polars.lit(f"{name}: latency ") + latency + " ms in training").alias("panel"),
+            *("duration", "end_reason"),
+        )
+        for name, flights in rows.items()
     ]
-    first = next(iter(rows.values()))
-    lags, latencies = (
-        first[name].unique().sort().to_list() for name in ("motor_time_constant", "latency")
+    title = "Zero-shot flight times by the motor time constant that policies were trained for"
+    figure = flight_times(
+        polars.concat(drawn), title, {colour: kinds[kind] for kind, colour in COLOURS.items()}
     )
-    wide = max(3, len(latencies)) * SIDE
-    legend, tall = svg.legend(svg.TITLE, wide, samples)
-    parts, top = [legend], svg.TITLE + tall + 30
-    for named, flights in rows.items():
-        for column, latency in enumerate(latencies):
-            panel = Panel(
-                column * SIDE + 48,
-                top,
-                SIDE - 62,
-                HIGH,
-                (-0.5, len(lags) - 0.5),
-                (0.0, 1.03 * MAX_DURATION_S),
-            )
-            outside, _ = svg.axes(panel, None, "flight time [s]" if column == 0 else "")
-            parts += [
-                outside,
-                svg.text(
-                    panel.left,
-                    top - 9,
-                    f"{named}: latency {1e3 * latency:g} ms in training",
-                    "strong",
-                ),
-            ]
-            for place, lag in enumerate(lags):
-                parts.append(
-                    svg.text(
-                        panel.left + float(panel.across(place)),
-                        top + HIGH + 17,
-                        f"{1e3 * lag:g}",
-                        "",
-                        "middle",
-                    )
-                )
-            parts.append(
-                svg.text(
-                    panel.left + panel.width / 2,
-                    top + HIGH + 36,
-                    f"{svg.symbol('motor_time_constant')} [ms]",
-                    "",
-                    "middle",
-                )
-            )
-            parts.append(
-                svg.framed(
-                    panel, _draw_boxes(panel, flights, lags, latency), f"{named} {1e3 * latency:g}"
-                )
-            )
-        top += HIGH + 82
-    return svg.picture(
-        wide, top - 30, "Zero-shot flight times by the drone that policies were trained for", parts
-    )
-
-
-def _draw_boxes(
-    panel: Panel, flights: polars.DataFrame, lags: Sequence[float], latency: float
-) -> Iterator[str]:
-    for place, lag in enumerate(lags):
-        for shift, (kind, colour) in zip((-0.27, 0.0, 0.27), COLOURS.items(), strict=True):
-            near = (polars.col("latency") - latency).abs() + (
-                polars.col("motor_time_constant") - lag
-            ).abs() < 1e-4
-            times = flights.filter(near & (polars.col("control") == kind))["duration"].to_numpy()
-            if len(times) == 0:
-                continue
-            low, middle, high = np.quantile(times, [0.25, 0.5, 0.75])
-            (left, top), (right, bottom) = (
-                panel.at(place + shift - 0.1, high),
-                panel.at(place + shift + 0.1, low),
-            )
-            yield svg.fill(
-                f"M{left:.1f} {top:.1f}H{right:.1f}V{bottom:.1f}H{left:.1f}Z", "faint", colour
-            )
-            yield svg.stroke(
-                f"M{left:.1f} {panel.at(0, middle)[1]:.1f}H{right:.1f}", "line", colour
-            )
-            scatter = place + shift + 0.08 * np.linspace(-1, 1, len(times))
-            yield svg.dots(panel, scatter, np.sort(times), "dots", colour)
+    return dataclasses.replace(figure, columns=max(part["panel"].n_unique() for part in drawn))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -338,7 +268,8 @@ def run(settings: Path, small: bool, authors: Path | None, output: Path) -> None
     flights = gather_flights(study, output)
     rows = {str(name): part for (name,), part in flights.group_by("reality", maintain_order=True)}
     results.write(
-        output / "figure_4.svg", draw_chart(rows if real is None else {**rows, "real": real})
+        output / "figure_4.svg",
+        picture.svg(draw_chart(rows if real is None else {**rows, "real": real})),
     )
     print_cells(summarize_cells(flights))
 

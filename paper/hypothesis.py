@@ -35,7 +35,7 @@ Source: Gronauer et al. 2022, sec. Methods, sec. Zero-Shot Experiments and sec. 
 import argparse
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -50,9 +50,9 @@ from maidenflight.errors import InputError
 from maidenflight.experiments.drones import find_reality
 from maidenflight.experiments.transfer import MAX_DURATION_S
 from maidenflight.parameters import Parameters, replace
-from maidenflight.reporting import svg
-from maidenflight.reporting.flight_figures import COLOURS
-from maidenflight.reporting.svg import Panel
+from maidenflight.reporting.figures import charts, picture
+from maidenflight.reporting.figures.charts import Entry, Figure, Spec
+from maidenflight.reporting.figures.flight_times import COLOURS
 from maidenflight.simulator.interface import CONTROLS, INTERFACES
 from maidenflight.simulator.virtual_drone import VirtualDrone
 
@@ -616,79 +616,67 @@ def as_table(lines: Sequence[Told]) -> polars.DataFrame:
     return polars.DataFrame(rows)
 
 
-WIDE, HIGH, LEFT, GAP = 300, 210, 50, 92
-"""Of a panel and about it [px]."""
 COLUMNS = 3
+NOTE = (
+    "A dot is a policy, a ring one that was trained without latency; lines are those of least "
+    "squares."
+)
 
 
-def chart(found: Sequence[Data]) -> str:
-    """Flight times over the difference of lag between training and reality, as SVG.
+def chart(found: Sequence[Data]) -> Figure:
+    """Flight times over the difference of lag between training and reality.
 
     A panel per data set, a colour per structure, a dot per policy.
-
-    Lines are those of least squares. Policies that were trained without latency are hollow.
     """
-    ring = svg.dots(Panel(0, 0, 24, 12, (0, 24), (0, 12)), [12], [6], "spots", "soft")
-    hollow = ring + svg.dots(Panel(0, 0, 24, 12, (0, 24), (0, 12)), [12], [6], "dots", "paper")
-    samples = [
-        (svg.stroke("M0 6H24", "line", colour), kind.replace("_", " "))
-        for kind, colour in COLOURS.items()
-    ]
-    columns = min(COLUMNS, len(found))
-    legend, tall = svg.legend(
-        svg.TITLE,
-        max(columns, 2) * WIDE,
-        [*samples, (ring, "a policy"), (hollow, "trained without latency")],
-    )
-    every = np.concatenate(
-        [1e3 * (data.policies["trained"].to_numpy() - data.total_lag) for data in found]
-    )
-    parts, across = [legend], svg.margin(np.append(every, 0.0))
-    for number, data in enumerate(found):
-        left, top = (
-            (number % columns) * WIDE + LEFT,
-            svg.TITLE + tall + 40 + (number // columns) * (HIGH + GAP),
-        )
-        panel = Panel(
-            left,
-            top,
-            WIDE - LEFT - 14,
-            HIGH,
-            across,
-            (-0.03 * MAX_DURATION_S, 1.03 * MAX_DURATION_S),
-        )
-        below = "excess of lag in training [ms]"
-        outside, grid = svg.axes(panel, below, "flight time [s]" if number % columns == 0 else "")
-        heads = [
-            svg.text(left, top - 25, data.name, "strong"),
-            svg.text(left, top - 9, f"its total lag: {1e3 * data.total_lag:.0f} ms"),
-        ]
-        parts += [outside, *heads, svg.framed(panel, [grid, *_drawn(panel, data)], data.name)]
-    bottom = svg.TITLE + tall + 40 + math.ceil(len(found) / columns) * (HIGH + GAP)
-    return svg.picture(
-        max(columns, 2) * WIDE,
-        bottom - GAP + 46,
+    legend = [Entry(kind.replace("_", " "), colour, "line") for kind, colour in COLOURS.items()]
+    excess = [1e3 * (data.policies["trained"].to_numpy() - data.total_lag) for data in found]
+    across = charts.margin([0.0, *np.concatenate(excess)])
+    return Figure(
         "Flight time by the lag that policies were trained for",
-        parts,
+        [_panel(data, across) for data in found],
+        legend,
+        columns=min(COLUMNS, len(found)),
     )
 
 
-def _drawn(panel: Panel, data: Data) -> Iterator[str]:
-    zero = float(panel.across(0.0))
-    yield svg.stroke(f"M{zero:.1f} 0V{panel.height}", "thin dashed", "soft")
-    drawn = []
+def _panel(data: Data, across: tuple[float, float]) -> Spec:
+    rows: list[Spec] = []
     for shift, (kind, colour) in zip((-1.2, 0.0, 1.2), COLOURS.items(), strict=True):
         x, y = sample(data, kind, Measure("slope", TIME, "lag"))
         if len(x) == 0:
             continue
-        ends = np.array([x.min(), x.max()])
-        yield svg.line(panel, 10.0 * ends, y.mean() + slope(x, y) * (ends - x.mean()), "", colour)
-        none = data.policies.filter(polars.col("control") == kind)["latency"].to_numpy() == 0.0
-        drawn.append(
-            svg.dots(panel, 10.0 * x + shift, y, "spots", colour)
-            + svg.dots(panel, 10.0 * x[none] + shift, y[none], "dots", "paper")
-        )
-    yield from drawn
+        common = {"series": kind, "colour": charts.paint(colour)}
+        rows += [
+            {
+                **common,
+                "kind": "line",
+                "x": 10.0 * end,
+                "y": y.mean() + slope(x, y) * (end - x.mean()),
+            }
+            for end in (x.min(), x.max())
+        ]
+        none = data.policies.filter(control=kind)["latency"].to_numpy() == 0.0
+        rows += [
+            {**common, "kind": "policy", "x": 10.0 * lag + shift, "y": time}
+            | {"fill": charts.paint("paper") if hollow else common["colour"]}
+            for lag, time, hollow in zip(x, y, none, strict=True)
+        ]
+    x = charts.number("x", "excess of lag in training [ms]", **charts.within(*across))
+    ends = charts.within(-0.03 * MAX_DURATION_S, 1.03 * MAX_DURATION_S)
+    colour, fill = (
+        {"field": name, "type": "nominal", "scale": None} for name in ("colour", "fill")
+    )
+    place = {"x": x, "y": charts.number("y", "flight time [s]", **ends), "stroke": colour}
+    zero = {"type": "rule", "strokeDash": [7, 4]}
+    line = {"type": "line", "clip": True, "strokeWidth": 2}
+    dot = {"type": "point", "size": 30, "opacity": 1, "strokeWidth": 1.4}
+    layers: list[Spec] = [
+        {"data": {"values": [{"x": 0}]}, "mark": zero, "encoding": {"x": x}},
+        charts.layer("line", line, **place),
+        charts.layer("policy", dot, **place, fill=fill),
+    ]
+    title = [data.name, f"its total lag: {1e3 * data.total_lag:.0f} ms"]
+    return charts.panel(charts.rows(rows), layers, title=title, height=210, zooms=())
 
 
 def tell(found: Sequence[Data], lines: Sequence[Told]) -> None:
@@ -911,7 +899,7 @@ def run(given: argparse.Namespace) -> None:
     results.write_table(
         given.output / "statistics.csv", _STATISTICS, made, as_table(lines).write_csv()
     )
-    results.write(given.output / "hypothesis.svg", chart(found))
+    results.write(given.output / "hypothesis.svg", picture.svg(chart(found), note=NOTE))
     tell(found, lines)
 
 

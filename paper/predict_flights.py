@@ -10,24 +10,25 @@ times as SVG. `--json` prints one object instead of the table.
 
 import argparse
 import json
-from html import escape
 from pathlib import Path
 
 import jax
 import numpy as np
 import polars
+from agreement import Agreement, agreement
 
 from maidenflight import compiler, results
 from maidenflight.errors import InputError
-from maidenflight.experiments.agreement import Agreement, agreement
 from maidenflight.experiments.drones import choose_prediction, possible_drones
 from maidenflight.experiments.flight_times import predict_flight_times, summary
 from maidenflight.integrations.exporters.authors_json import EPSILON, interface_of
 from maidenflight.policy import Policy
+from maidenflight.reporting.figures import charts, picture
+from maidenflight.reporting.figures.charts import Entry, Figure, Spec
+from maidenflight.reporting.figures.flight_times import COLOURS
 
-COLOURS = {"pwm": "#2679c7", "attitude_rate": "#e2583e", "attitude": "#3a9d5d"}
-SIZE, MARGIN, LONGEST = 420, 50, 20.0
-"""Of the chart, side [px], margin [px] and longest flight [s]."""
+LONGEST = 20.0
+"""Of the flights [s]."""
 
 
 def published(folder: Path) -> tuple[dict[str, Policy], polars.DataFrame]:
@@ -118,55 +119,30 @@ def table(compared: polars.DataFrame, flights: polars.DataFrame) -> polars.DataF
     return polars.DataFrame(rows)
 
 
-def chart(compared: polars.DataFrame) -> str:
-    """Predicted over measured mean flight times as SVG.
-
-    A bar spans the predictions' 10 % to 90 %.
-    """
-
-    def x(seconds: float) -> float:
-        return MARGIN + seconds / LONGEST * (SIZE - 2 * MARGIN)
-
-    def y(seconds: float) -> float:
-        return SIZE - x(seconds)
-
-    low, high = MARGIN, SIZE - MARGIN
-    parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {SIZE} {SIZE}" '
-        'font-family="sans-serif" font-size="12" fill="#2d3748">',
-        f'<rect width="{SIZE}" height="{SIZE}" fill="white"/>',
-        f'<path d="M{low} {high}L{high} {low}" stroke="#d4dbe4"/>',
+def chart(compared: polars.DataFrame) -> Figure:
+    """Predicted over measured mean flight times; a bar spans the predictions' 10 % to 90 %."""
+    x, y = (
+        charts.number(name, f"{words} mean flight time [s]", **charts.within(0.0, LONGEST))
+        for name, words in (("measured", "measured"), ("mean", "predicted"))
+    )
+    colour = charts.coloured(COLOURS, "control")
+    low = {**y, "field": "quantile_10"}
+    equal = {"type": "line", "color": charts.paint("line"), "strokeWidth": 1}
+    ends = {"values": [{"measured": end, "mean": end} for end in (0.0, LONGEST)]}
+    span = {"x": x, "y": low, "y2": {"field": "quantile_90"}, "color": colour}
+    layers: list[Spec] = [
+        {"data": ends, "mark": equal, "encoding": {"x": x, "y": y}},
+        {"mark": {"type": "rule", "opacity": 0.3}, "encoding": span},
+        {
+            "mark": {"type": "point", "filled": True, "opacity": 1},
+            "encoding": {"x": x, "y": y, "color": colour},
+        },
     ]
-    for seconds in range(0, 21, 5):
-        parts.append(
-            f'<text x="{x(seconds):.1f}" y="{high + 18}" text-anchor="middle">{seconds}</text>'
-        )
-        parts.append(
-            f'<text x="{low - 8}" y="{y(seconds) + 4:.1f}" text-anchor="end">{seconds}</text>'
-        )
-    parts.append(f'<path d="M{low} {low}V{high}H{high}" fill="none" stroke="#2d3748"/>')
-    parts.append(
-        f'<text x="{SIZE / 2}" y="{SIZE - 8}" text-anchor="middle">measured mean flight time '
-        "[s]</text>"
-    )
-    parts.append(
-        f'<text transform="translate(16 {SIZE / 2}) rotate(-90)" text-anchor="middle">predicted '
-        "mean flight time [s]</text>"
-    )
-    for row in compared.iter_rows(named=True):
-        across, colour = x(row["measured"]), COLOURS[row["control"]]
-        bar = f"M{across:.1f} {y(row['quantile_10']):.1f}V{y(row['quantile_90']):.1f}"
-        parts.append(f'<path d="{bar}" stroke="{colour}" stroke-opacity="0.25"/>')
-        parts.append(
-            f'<circle cx="{across:.1f}" cy="{y(row["mean"]):.1f}" r="3.5" '
-            f'fill="{colour}"><title>{escape(row["policy"])}</title></circle>'
-        )
-    for number, (kind, colour) in enumerate(COLOURS.items()):
-        parts.append(f'<circle cx="{low + 90 * number}" cy="24" r="4" fill="{colour}"/>')
-        parts.append(
-            f'<text x="{low + 8 + 90 * number}" y="28">{escape(kind.replace("_", " "))}</text>'
-        )
-    return "\n".join([*parts, "</svg>\n"])
+    names = ("measured", "mean", "quantile_10", "quantile_90", "control")
+    data = charts.table({name: compared[name] for name in names})
+    legend = [Entry(kind.replace("_", " "), colour, "dot") for kind, colour in COLOURS.items()]
+    panel = charts.panel(data, layers, height=340, zooms=())
+    return Figure("Predicted over measured flight times", [panel], legend)
 
 
 def main() -> None:
@@ -241,7 +217,7 @@ def main() -> None:
                 tbl_hide_column_data_types=True,
             ):
                 print(table(compared, flights))
-        results.write(given.chart, chart(compared))
+        results.write(given.chart, picture.svg(chart(compared), 440))
     except InputError as error:
         parser.error(str(error))
 

@@ -23,9 +23,8 @@ import hashlib
 import math
 import re
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace as replaced
-from html import escape
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -34,9 +33,10 @@ import jax
 import numpy as np
 import polars
 from jaxtyping import Float
+from kept_policies import kept_policies
 from scipy import stats
 
-from maidenflight import compiler, policy_file, results, terminal
+from maidenflight import compiler, results, terminal
 from maidenflight.errors import InputError
 from maidenflight.experiments.as_flown import controller_as_flown
 from maidenflight.experiments.drones import distribution_of, find_reality, possible_drones
@@ -44,8 +44,8 @@ from maidenflight.experiments.flight_times import predict_flight_times
 from maidenflight.experiments.transfer import MAX_DURATION_S, transfer
 from maidenflight.names import POSTERIOR, TRIMS, WIDE
 from maidenflight.policy import Policy
-from maidenflight.reporting import svg
-from maidenflight.reporting.svg import Panel
+from maidenflight.reporting.figures import charts, picture
+from maidenflight.reporting.figures.charts import Entry, Figure, Spec
 from maidenflight.simulator import control, tasks
 from maidenflight.simulator.tasks import Task
 from maidenflight.training.analytic_gradient import AnalyticGradient
@@ -137,7 +137,7 @@ def trained(
     # What a cell's policies are depends neither on the other cells nor on what an interrupted run
     # left.
     keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), CELLS.index(cell)), seeds)
-    return policy_file.kept(
+    return kept_policies(
         folder / cell.name,
         seeds,
         made,
@@ -380,12 +380,10 @@ STEP, HIGH = 84, 170
 """Of a place's column and of a panel [px]."""
 
 
-def chart(flights: polars.DataFrame, longest: float) -> str:
-    """Share of flights that reached the longest time, as SVG.
+def chart(flights: polars.DataFrame, longest: float) -> Figure:
+    """Share of flights that reached the longest time: a dot a policy, a line the mean.
 
     A panel per control structure, a column per place, a colour per randomization.
-
-    A dot is a policy, a line the mean of its randomization.
     """
     policies = by_policy(flights, longest)
     kinds, places = (
@@ -393,57 +391,47 @@ def chart(flights: polars.DataFrame, longest: float) -> str:
     )
     places.sort(key=lambda place: place.endswith(OLD))
     chosen = [name for name in COLOURS if name in policies["randomization"]]
-    samples = [(svg.stroke("M0 6H24", "line", COLOURS[name]), name) for name in chosen]
-    wide = 60 + STEP * len(places)
-    legend, tall = svg.legend(svg.TITLE, wide, samples)
-    parts, top = [legend], svg.TITLE + tall + 30
-    for kind in kinds:
-        panel = Panel(52, top, STEP * len(places), HIGH, (-0.5, len(places) - 0.5), (-4.0, 104.0))
-        outside, _ = svg.axes(panel, None, f"{longest:g} s reached [%]")
-        parts += [outside, svg.text(panel.left, top - 9, kind.replace("_", " "), "strong")]
-        for number, place in enumerate(places):
-            shown, old = place.removesuffix(OLD), place.endswith(OLD)
-            middle = panel.left + float(panel.across(number))
-            parts.append(svg.text(middle, top + HIGH + 17, escape(shown), "", "middle"))
-            if old:
-                parts.append(svg.text(middle, top + HIGH + 33, OLD.strip(), "small", "middle"))
-        own = policies.filter(polars.col("control") == kind)
-        parts.append(svg.framed(panel, _dots(panel, own, places, chosen), kind))
-        top += HIGH + 82
-    return svg.picture(
-        wide,
-        top - 34,
-        f"Flights that reach {longest:g} s, by what policies were trained over",
-        parts,
+    legend = [Entry(name, COLOURS[name], "bar") for name in chosen]
+    panels = [
+        _panel(policies.filter(control=kind), kind, places, chosen, f"{longest:g} s reached [%]")
+        for kind in kinds
+    ]
+    title = f"Flights that reach {longest:g} s, by what policies were trained over"
+    return Figure(title, panels, legend, columns=1)
+
+
+def _panel(
+    policies: polars.DataFrame, kind: str, places: list[str], chosen: list[str], label: str
+) -> Spec:
+    apart, rows = 0.8 / len(chosen), []
+    for (place, name), part in policies.group_by("place", "randomization", maintain_order=True):
+        shares = 100 * part["share"].sort().to_numpy()
+        middle = apart * (chosen.index(str(name)) - (len(chosen) - 1) / 2)
+        common = {"place": place, "colour": charts.paint(COLOURS[str(name)])}
+        rows.append({**common, "kind": "mean", "shift": middle, "y": float(shares.mean())})
+        across = middle + 0.22 * apart * np.linspace(-1, 1, len(shares))
+        rows += [
+            {**common, "kind": "policy", "shift": shift, "y": share}
+            for shift, share in zip(across, shares, strict=True)
+        ]
+    # The firmware stands below the place.
+    lines = f"split(replace(datum.label, '{OLD}', '|{OLD.strip()}'), '|')"
+    x = {"field": "place", "type": "nominal", "sort": places, "title": None}
+    x |= {"scale": {"domain": places, "padding": 0}, "axis": {"labelExpr": lines, "labelAngle": 0}}
+    y = charts.number("y", label, **charts.within(-4.0, 104.0))
+    shared = {"x": x, "y": y, "color": {"field": "colour", "type": "nominal", "scale": None}}
+    shared["xOffset"] = charts.number("shift", scale={"domain": [-0.5, 0.5]})
+    bar = {"type": "rule", "strokeDash": [7, 4], "color": charts.paint("line")}
+    mean = {"type": "tick", "orient": "horizontal", "size": 0.72 * apart * STEP, "thickness": 2}
+    layers: list[Spec] = [
+        {"data": {"values": [{"y": 100 * BAR}]}, "mark": bar, "encoding": {"y": y}},
+        charts.layer("mean", {**mean, "opacity": 0.6}, **shared),
+        charts.layer("policy", {"type": "point", "filled": True, "opacity": 1}, **shared),
+    ]
+    panel = charts.panel(
+        charts.rows(rows), layers, title=kind.replace("_", " "), height=HIGH, zooms=()
     )
-
-
-def _dots(
-    panel: Panel, policies: polars.DataFrame, places: Sequence[str], chosen: Sequence[str]
-) -> Iterator[str]:
-    bar = float(panel.down(100 * BAR))
-    yield svg.stroke(f"M0 {bar:.1f}H{panel.width:.1f}", "thin dashed", "line")
-    apart = 0.8 / len(chosen)
-    for number, place in enumerate(places):
-        for order, name in enumerate(chosen):
-            shares = policies.filter(
-                (polars.col("place") == place) & (polars.col("randomization") == name)
-            )["share"]
-            shares = 100 * shares.sort().to_numpy()
-            if len(shares) == 0:
-                continue
-            middle = number + apart * (order - (len(chosen) - 1) / 2)
-            (left, level), (right, _) = (
-                panel.at(middle + side * 0.36 * apart, float(np.mean(shares))) for side in (-1, 1)
-            )
-            yield svg.stroke(f"M{left:.1f} {level:.1f}H{right:.1f}", "line faded", COLOURS[name])
-            yield svg.dots(
-                panel,
-                middle + 0.22 * apart * np.linspace(-1, 1, len(shares)),
-                shares,
-                "edge",
-                COLOURS[name],
-            )
+    return {**panel, "width": STEP * len(places)}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -569,7 +557,7 @@ def run(given: argparse.Namespace) -> None:
     results.write_table(
         given.output / "flights.csv", _FLIGHTS, made, flights.write_csv(float_precision=2)
     )
-    results.write(given.output / "randomization.svg", chart(flights, given.duration))
+    results.write(given.output / "randomization.svg", picture.svg(chart(flights, given.duration)))
     with polars.Config(
         tbl_cols=-1,
         tbl_rows=-1,

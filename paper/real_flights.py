@@ -17,13 +17,13 @@ from typing import Any
 import jax
 import numpy as np
 import polars
+from agreement import agreement
 from predict_flights import one_against_others, published
 from rich.console import Console
 from rich.table import Table
 
 import maidenflight as mf
 from maidenflight import results
-from maidenflight.experiments.agreement import agreement
 from maidenflight.experiments.flight_times import predict_flight_times, summary
 from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import read_flights

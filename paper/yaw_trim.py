@@ -19,12 +19,12 @@ from pathlib import Path
 import jax
 import numpy as np
 import polars
+from agreement import agreement
 from jaxtyping import Float
-from predict_flights import COLOURS, one_against_others, published
+from predict_flights import one_against_others, published
 
 from maidenflight import compiler, parameters
 from maidenflight.errors import InputError
-from maidenflight.experiments.agreement import agreement
 from maidenflight.experiments.flight_times import predict_flight_times, summary
 from maidenflight.flights import tables
 from maidenflight.integrations.logs import authors
@@ -33,6 +33,7 @@ from maidenflight.policy import Policy
 from maidenflight.simulator import dynamics
 from maidenflight.simulator.battery import COUNTS
 from maidenflight.simulator.geometry import TORQUES
+from maidenflight.simulator.interface import CONTROLS
 
 BEGIN = 0.5
 """Time after which a flight counts [s]: before it the PID hands over and the yaw rate settles."""
@@ -172,7 +173,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument(
         "--control",
-        choices=[*COLOURS, "all"],
+        choices=[*CONTROLS, "all"],
         default="attitude_rate",
         help="whose policies (default: attitude_rate)",
     )

@@ -516,7 +516,8 @@ def test_the_cells_of_the_notebook_run_and_it_stores_no_outputs() -> None:
 
 def test_the_papers_page_names_existing_functions_and_tests_and_every_cited_equation() -> None:
     text = (ROOT / "docs/studies/paper.md").read_text()
-    tests = {path.name: path.read_text() for path in (ROOT / "tests").rglob("test_*.py")}
+    folders = (ROOT / "tests", ROOT / "paper" / "tests")
+    tests = {path.name: path.read_text() for one in folders for path in one.rglob("test_*.py")}
     named = re.findall(r"`(test_\w+\.py)::(test_\w+)`", text)
     assert len(named) > 30
     for file, test in named:

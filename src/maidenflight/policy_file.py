@@ -4,7 +4,7 @@ It is exact to the last bit of float32. `read` also reads the files of Gronauer 
 """
 
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from maidenflight import inputs, results, run_folder
+from maidenflight import inputs, results
 from maidenflight.errors import InputError
 from maidenflight.gru import Gru, fields_of
 from maidenflight.inputs import StrPath
@@ -298,38 +298,3 @@ def read(path: StrPath, control: str | None = None) -> PolicyFile:
     if not path.exists():
         raise InputError(f"{path}: cannot be read as a policy: no such file. {_SUCH_AS}")
     return from_json(inputs.readable(path, "a policy"), str(path), control)
-
-
-def kept(
-    folder: StrPath,
-    count: int,
-    made: Mapping[str, Any],
-    learn: Callable[[], Iterable[Policy]],
-    restart: bool = False,
-) -> list[Policy]:
-    """Reads the policies of a folder, or makes and writes them: nothing is trained twice.
-
-    Args:
-        folder: of `policy_1.json`, `policy_2.json`, ...
-        count: how many.
-        made: record of their making.
-        learn: makes them; called where one of the files is missing.
-        restart: use nothing of what is there.
-
-    Raises:
-        InputError: the folder holds policies with another record.
-    """
-    files = [run_folder.POLICY.path(folder, number) for number in range(1, count + 1)]
-    if restart or not all(path.exists() for path in files):
-        for path in files if restart else []:
-            path.unlink(missing_ok=True)
-        for path, one in zip(files, learn(), strict=True):
-            write(path, one, made)
-    found = [read(path) for path in files]
-    for path, one in zip(files, found, strict=True):
-        if one.record != results.plain(made):
-            raise InputError(
-                f"{path}: from a run with other settings or of another version. Choose another "
-                "folder with -o."
-            )
-    return [one.policy for one in found]

@@ -17,7 +17,6 @@ from maidenflight.experiments.envelope import AXES, Condition, Pace
 from maidenflight.flights.flying import Rows
 from maidenflight.parameters import check, crazyflie, replace
 from maidenflight.policy import untrained
-from maidenflight.reporting.envelope_picture import envelope_picture
 from maidenflight.simulator import dynamics
 from maidenflight.simulator.look_ahead import LookAhead
 from maidenflight.simulator.policy_spec import PolicySpec
@@ -125,16 +124,6 @@ def test_the_envelope_is_what_nineteen_of_twenty_flights_reach():
     assert math.isnan(none["envelope"])
     (one,) = envelope.summary(flights([float("nan")] + [1.0] * 19)).to_dicts()
     assert one["envelope"] == 1.0
-
-
-def test_the_picture_has_a_panel_an_axis_and_says_what_does_not_fly():
-    found = polars.concat(
-        [flights([1.0] * 20), flights([float("nan")] * 20, "latency", float("nan"))]
-    )
-    drawn = envelope_picture(envelope.summary(found))
-    assert drawn.count("data-panel=") == 2
-    assert "does not fly" in drawn
-    assert "50%" in drawn
 
 
 @pytest.fixture

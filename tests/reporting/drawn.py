@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from maidenflight.reporting.charts import Figure
+from maidenflight.reporting.figures.charts import Figure
 
 
 def rows(figure: Figure, panel: int = 0) -> list[dict[str, Any]]:

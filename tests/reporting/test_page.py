@@ -36,9 +36,9 @@ from maidenflight.integrations.exporters.authors_json import export_authors_json
 from maidenflight.policy import untrained
 from maidenflight.reporting import page as page_module
 from maidenflight.reporting import run as runs
-from maidenflight.reporting import sections, text
-from maidenflight.reporting.flight_tables import NAMES as STRUCTURES
 from maidenflight.reporting.page import report
+from maidenflight.reporting.sections import flights as flight_section
+from maidenflight.reporting.sections.flights import NAMES as STRUCTURES
 from maidenflight.simulator.interface import INTERFACES
 from maidenflight.simulator.policy_spec import PolicySpec
 
@@ -227,7 +227,6 @@ def file(content: str, name: str) -> polars.DataFrame:
 
 PARTS = {
     "drone.toml": 'class="sortable estimates"',
-    "identification.csv": 'id="delays"',
     "validation.csv": 'id="horizons"',
     "validation_windows.csv": 'id="windows"',
     "policies/training.csv": 'id="learning"',
@@ -493,12 +492,10 @@ def test_a_broken_file_is_named(run, tmp_path, name, content, message):
         report(run, tmp_path / "page.html")
 
 
-def test_the_valley_is_that_of_the_evaluations_or_of_the_posterior(run, tmp_path):
-    assert "Each dot is one of 9 evaluations" in page(run, tmp_path)
+def test_delays_are_drawn_of_a_posterior_and_not_of_a_replay(run, tmp_path):
+    assert 'id="delays"' not in page(run, tmp_path)
     changed(run, search=Search("likelihood", -15.0, 258, 9))
-    content = page(run, tmp_path)
-    assert "posterior sample" in content
-    assert "Each dot is one of" not in content
+    assert 'id="delays"' in page(run, tmp_path)
 
 
 ALONE = {
@@ -624,13 +621,13 @@ def test_box_plots_of_policies_are_grouped_by_the_control_structures_that_their_
     assert {name: run.controls[name] for name in names} == structures | {"pwm/pwm_024": "pwm"}
     assert run.policies == 5
     assert run.records["a/policy_1.json"]["seed"] == 3
-    drawn = sections.flights(run)
+    drawn = flight_section.tested(run)
     grouped = ["b/policy_1", "b/policy_2", "a/policy_1", "pwm/pwm_024"]
     assert f'"sort":{json.dumps(grouped, separators=(",", ":"))}' in drawn
     assert all(STRUCTURES[structure] in drawn for structure in ("pwm", "attitude"))
     # Where the structure of one is not known they stand as they flew.
     manifest.append(tmp_path / "p", "train", {"policies": files[1:]}, RECORD)
-    unknown = sections.flights(runs.read(tmp_path))
+    unknown = flight_section.tested(runs.read(tmp_path))
     assert f'"sort":{json.dumps(names, separators=(",", ":"))}' in unknown
 
 
@@ -648,17 +645,10 @@ def test_predicted_flights_have_their_own_section(tmp_path):
     assert file(content, "prediction")["mean"].to_list() == [3.0, 3.0]
 
 
-def test_identified_parameters_stand_beside_the_papers_and_others(run, tmp_path):
-    content = page(run, tmp_path)
-    table = file(content, "estimates")
-    assert table.filter(parameter="motor_time_constant").select(
-        "paper", "others_from", "others_to"
-    ).row(0) == (
-        pytest.approx(0.088),
-        0.025,
-        0.15,
-    )
-    assert {"SimpleFlight 2025", "rl_tools"} <= set(file(content, "literature")["source"])
+def test_identified_parameters_stand_beside_the_papers(run, tmp_path):
+    table = file(page(run, tmp_path), "estimates")
+    [paper] = table.filter(parameter="motor_time_constant")["paper"]
+    assert paper == pytest.approx(0.088)
 
 
 def test_flights_are_packed_within_a_step_of_what_they_were(run, tmp_path):
@@ -668,17 +658,6 @@ def test_flights_are_packed_within_a_step_of_what_they_were(run, tmp_path):
     columns = np.array(packed["middle"])[:, None] + levels * np.array(packed["step"])[:, None]
     np.testing.assert_allclose(columns[:3].T, whole.position[::2], atol=2e-5)
     np.testing.assert_allclose(columns[6:].T, whole.command[::2], atol=2e-5)
-
-
-def test_symbols_units_and_numbers_read_well():
-    assert text.symbol("motor_time_constant") == "T<sub>m</sub>"
-    assert text.symbol("gyro_noise") == "\N{GREEK SMALL LETTER SIGMA}<sub>ω</sub>"
-    assert text.unit("latency") == "ms"
-    assert text.unit("gyro_bias_time") == "s"
-    assert text.unit("inertia") == "kg m²"
-    assert text.number(1.33e-5) == "1.33 \N{MULTIPLICATION SIGN} 10⁻⁵"
-    assert text.number(-2.5) == "\N{MINUS SIGN}2.5"
-    assert text.number(float("nan")) == text.NOTHING
 
 
 def browsed(made, tmp_path, wishes, *more) -> str:
@@ -765,7 +744,7 @@ def test_in_a_browser_charts_are_drawn_told_hidden_and_saved(run, tmp_path):
     made = report(run, tmp_path / "page.html")
     made.write_text(made.read_text() + _ALL)
     dom = browsed(made, tmp_path, "theme=dark", "--virtual-time-budget=8000")
-    for name, panels in (("literature", 1), ("delays", 1), ("corner", 1), ("horizons", 4)):
+    for name, panels in (("estimates", 1), ("corner", 1), ("horizons", 4)):
         [figure] = re.findall(rf'<figure class="chart" id="{name}">.*?</figure>', dom, re.DOTALL)
         assert figure.count('class="marks"') == panels
         assert "NaN" not in figure.replace('"NaN"', "")

@@ -63,7 +63,7 @@ def assert_alike(found: Run, usual: Run) -> None:
         usual.policies,
         usual.logs,
     )
-    for part in ("search", "validation", "windows", "training", "table"):
+    for part in ("validation", "windows", "training", "table"):
         one, other = getattr(found, part), getattr(usual, part)
         assert one is not None, part
         assert one.select(other.columns).equals(other), part

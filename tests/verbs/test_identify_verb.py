@@ -35,9 +35,7 @@ def test_how_logs_were_read_stands_in_the_drone_file_s_record(
 
     monkeypatch.setattr("maidenflight.flights.reading.read_flights", read)
     monkeypatch.setattr("maidenflight.identification.identify.identify", lambda *_, **__: NOTHING)
-    monkeypatch.setattr(
-        "maidenflight.reporting.identification_picture.identification_picture", lambda *_: ""
-    )
+    monkeypatch.setattr("maidenflight.reporting.figures.picture.svg", lambda *_: "")
     reading: dict[str, Any] = {
         "most_seconds": 60.0,
         "commands": "subsampled",

@@ -22,10 +22,6 @@ from maidenflight.flights.sampling import sampled
 from maidenflight.flights.windows import LEAD_IN
 from maidenflight.inputs import StrPath
 
-MOST = 3600.0
-"""Flight that the command line uses of a large folder [s]; an hour is identified from in less than
-2 GB of memory."""
-
 _RESULTS = (
     {"update", "steps", "policy"},
     {"flight", "policy", "reality", "trial"},

@@ -1,18 +1,6 @@
 "use strict";
 /* Charts by Vega-Lite: values under the pointer, zoom, legends that hide what they name, and files of them. */
 
-const CONFIG = {
-  background: null, font: "system-ui, -apple-system, 'Segoe UI', Roboto, sans-serif", padding: {left: 0, right: 6, top: 2, bottom: 2},
-  axis: {labelColor: "var(--soft)", titleColor: "var(--soft)", gridColor: "var(--grid)", domainColor: "var(--line)", tickColor: "var(--line)",
-    labelFontSize: 12, titleFontSize: 13, titleFontWeight: "normal", titlePadding: 6, tickSize: 4},
-  axisX: {tickCount: {expr: "ceil(width / 90)"}, labelOverlap: true, labelFlush: true}, axisY: {tickCount: {expr: "ceil(height / 45)"}, minExtent: 30},
-  view: {stroke: "var(--line)"}, title: {color: "var(--ink)", anchor: "start", fontSize: 13, fontWeight: 600, offset: 6},
-  text: {color: "var(--ink)", fontSize: 12}, rule: {color: "var(--soft)"}, legend: {disable: true}, concat: {spacing: 6},
-};
-const SAMPLES = { // of a legend's entry, 24 x 12 px
-  line: "M0 6H24", thin: "M0 6H24", dashed: "M0 6H24", dotted: "M0 6H24", dots: "M4 6h0M12 6h0M20 6h0", dot: "M12 6h0", area: "M2 0H22V12H2Z",
-  box: "M2 1H22V11H2ZM12 1V11", tick: "M12 0V12", plus: "M12 0V12M5 6H19", cross: "M8 2l8 8m0 -8l-8 8", diamond: "M12 0l6 6-6 6-6-6z", range: "M4 1V11M20 1V11M4 6H20",
-};
 const drawings = new Map(); // views by the figure's element
 
 const made = (tag, properties = {}, ...children) => {
@@ -23,12 +11,11 @@ const made = (tag, properties = {}, ...children) => {
 
 function sample(kind, shade) {
   const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg"), path = document.createElementNS(svg.namespaceURI, "path");
+  const {path: drawn, width = 2, dash = [], fill = 0} = LOOK.samples[kind];
   svg.setAttribute("viewBox", "0 0 24 12");
-  svg.setAttribute("class", `sample ${kind}`);
-  path.setAttribute("d", SAMPLES[kind]);
-  svg.style.stroke = `var(--${shade})`;
-  if (kind === "diamond") svg.style.fill = `var(--${shade})`;
-  if (kind === "area" || kind === "box") svg.style.fill = `color-mix(in srgb, var(--${shade}) 20%, transparent)`;
+  svg.setAttribute("class", "sample");
+  path.setAttribute("d", drawn);
+  Object.assign(path.style, {stroke: `var(--${shade})`, strokeWidth: width, strokeDasharray: dash.join(" "), fill: `var(--${shade})`, fillOpacity: fill});
   svg.append(path);
   return svg;
 }
@@ -64,7 +51,8 @@ function tell(_, event, __, value) {
 function drawPanel(plan, place, panel, hidden) {
   const spec = laidOut(panel, place.clientWidth);
   const own = spec.vconcat ? {} : {width: "container", autosize: {type: "fit-x", contains: "padding"}};
-  const {spec: compiled} = vegaLite.compile({...own, ...spec, config: CONFIG}, {logger: vega.logger(vega.Error)});
+  if (plan.series) Object.assign(own, {params: [{name: "hidden", value: []}], transform: [{filter: "indexof(hidden, datum.series) < 0"}]});
+  const {spec: compiled} = vegaLite.compile({...own, ...spec, config: LOOK.config}, {logger: vega.logger(vega.Error)});
   const view = new vega.View(vega.parse(compiled, null, {ast: true}), {renderer: "svg", container: place, hover: true, expr: vega.expressionInterpreter});
   view.logLevel(vega.Error).tooltip(tell);
   if (plan.series) view.signal("hidden", [...hidden]);
@@ -123,7 +111,7 @@ function asSvg(figure, plan) {
   for (const entry of figure.querySelectorAll(".entry")) {
     if (entry.getAttribute("aria-pressed") === "false") continue;
     const svg = entry.querySelector("svg"), [x, y] = place(svg), path = svg.querySelector("path").cloneNode();
-    for (const name of ["stroke", "fill", "stroke-width", "stroke-linecap", "stroke-dasharray", "opacity"]) path.setAttribute(name, getComputedStyle(svg.querySelector("path"))[name]);
+    for (const name of ["stroke", "fill", "fill-opacity", "stroke-width", "stroke-dasharray"]) path.setAttribute(name, getComputedStyle(svg.querySelector("path"))[name]);
     texts.push(`<g transform="translate(${x} ${y})">${new XMLSerializer().serializeToString(path)}</g>`, word(entry.textContent, x + 30, y + 10, 400, "ink"));
   }
   for (const svg of figure.querySelectorAll(".panel svg")) {

@@ -1,22 +1,31 @@
 """The report of a run: one HTML file that needs nothing else, neither a network nor a server."""
 
-import json
 import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple, Unpack
+from typing import NamedTuple, Unpack
 
 from markupsafe import Markup
 
 from maidenflight import __version__, results
 from maidenflight.experiments.transfer import Transfer
 from maidenflight.inputs import StrPath
-from maidenflight.reporting import key_figures, lead, sections, viewer
 from maidenflight.reporting import run as runs
+from maidenflight.reporting import viewer
+from maidenflight.reporting.figures.charts import embedded
 from maidenflight.reporting.html import asset, render
 from maidenflight.reporting.run import Run
 from maidenflight.reporting.run_files import FileOptions
+from maidenflight.reporting.sections import (
+    flights,
+    head,
+    parameters,
+    predictions,
+    reproduce,
+    study,
+    training,
+)
 
 
 class Section(NamedTuple):
@@ -28,15 +37,15 @@ class Section(NamedTuple):
 
 
 _SECTIONS: tuple[tuple[str, str, Callable[[Run], Markup]], ...] = (
-    ("parameters", "Parameters", sections.parameters),
-    ("validation", "Prediction", sections.prediction),
-    ("training", "Training", sections.training),
-    ("predicted", "Predicted flight times", sections.predicted),
-    ("flights", "Test flights", sections.flights),
-    ("change", "Change in flight", sections.change),
-    ("study", "Study", sections.study),
-    ("recorded", "Recorded flights", sections.recorded),
-    ("reproduce", "Reproduce", sections.reproduce),
+    ("parameters", "Parameters", parameters.section),
+    ("validation", "Prediction", predictions.section),
+    ("training", "Training", training.section),
+    ("predicted", "Predicted flight times", flights.predicted),
+    ("flights", "Test flights", flights.tested),
+    ("change", "Change in flight", flights.change),
+    ("study", "Study", study.section),
+    ("recorded", "Recorded flights", flights.recorded),
+    ("reproduce", "Reproduce", reproduce.section),
 )
 """Anchor, title and content of the page's sections; an empty one is left out."""
 
@@ -83,17 +92,21 @@ def to_html(run: Run) -> str:
     drawn = any("<figure class=chart " in section.content for section in made)
     scripts = [asset("page.js")]
     scripts += [asset(name) for name in _VIEWER] if logs else []
-    scripts += [*vega(), asset("charts.js")] if drawn else []
+    scripts += (
+        [*vega(), Markup(f"const LOOK = {asset('look.json')};"), asset("charts.js")]
+        if drawn
+        else []
+    )
     page = render(
         "page.html",
-        title=lead.title(run),
-        badge=lead.kind(run),
-        lead=lead.lead(run),
-        figures=key_figures.key_figures(run),
+        title=head.title(run),
+        badge=head.kind(run),
+        lead=head.lead(run),
+        figures=head.key_figures(run),
         sections=[section for section in made if section.content],
         version=__version__,
         style=asset("colours.css") + _themes() + asset("style.css"),
-        logs=_json(logs) if logs else "",
+        logs=embedded(logs) if logs else "",
         scripts=scripts,
     )
     return f"{page}\n"
@@ -109,12 +122,6 @@ def vega() -> list[Markup]:
         assert line in module, line
         module = module.replace(line, plain)
     return [asset("vega/vega.min.js"), asset("vega/vega-lite.min.js"), Markup(f"{{\n{module}\n}}")]
-
-
-def _json(content: Any) -> Markup:
-    """Content as JSON within a script element: nothing in it can end the element."""
-    text = json.dumps(content, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
-    return Markup(text.replace("<", "\\u003c"))
 
 
 def _themes() -> Markup:

@@ -21,7 +21,7 @@ from maidenflight.flights.reading import read_flights, whole_flights
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import DroneFile, Estimate
 from maidenflight.inputs import StrPath
-from maidenflight.parameters import COMPONENTS, Parameters, component
+from maidenflight.parameters import Parameters, component
 from maidenflight.reporting import identified, trained
 from maidenflight.reporting.identified import SIMULATED, UNKNOWN, Kinds
 from maidenflight.reporting.run_files import (
@@ -57,8 +57,6 @@ class Run:
     """The identified drone."""
     kinds: Kinds = UNKNOWN
     """Whether the flights that it was identified from were of a simulated drone."""
-    search: polars.DataFrame | None = None
-    """One row an evaluation of the identification's objective."""
     validation: polars.DataFrame | None = None
     """Errors of open-loop predictions; see `prediction_error`."""
     windows: polars.DataFrame | None = None
@@ -113,7 +111,6 @@ class Run:
         tables = (
             self.reality,
             self.drone,
-            self.search,
             self.validation,
             self.windows,
             self.training,
@@ -132,7 +129,6 @@ def of_transfer(flown: Transfer) -> Run:
 
 
 _TABLES: Mapping[manifest.Kind, Table] = {
-    "evaluations": run_folder.EVALUATIONS,
     "validation": run_folder.VALIDATION,
     "windows": run_folder.WINDOWS,
     "training": run_folder.TRAINING,
@@ -177,7 +173,6 @@ def read(source: StrPath | None = None, options: FileOptions | None = None) -> R
         logs=len(found.files.get("logs", ())) - len(refused),
         drone=drone,
         kinds=kinds,
-        search=_search(rows.get("evaluations"), first.get("evaluations")),
         validation=rows.get("validation"),
         windows=rows.get("windows"),
         predicted=predicted,
@@ -313,14 +308,6 @@ def _own(path: Path, records: dict[str, Mapping[str, Any]]) -> Flight:
         )
     records[_name(path)] = run_folder.record_of(text, path)
     return flight
-
-
-def _search(search: polars.DataFrame | None, path: Path | None) -> polars.DataFrame | None:
-    """Evaluations of an objective; every parameter that was searched has a column of numbers."""
-    if search is None:
-        return None
-    searched = {name: float for name in search.columns if name in COMPONENTS}
-    return Table(run_folder.EVALUATIONS.name, searched).checked(search, str(path))
 
 
 def _test_flights(

@@ -1,6 +1,6 @@
 """Tables of the page: heads sort them, and a link saves them as CSV, in SI units and in full."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Collection, Mapping
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
@@ -28,45 +28,66 @@ class Cell(NamedTuple):
         return "" if unknown else str(self.value)
 
 
-def number(value: float, decimals: int, scale: float = 1.0) -> Cell:
-    """A cell of a number with so many decimals."""
-    shown = f"{scale * value:.{decimals}f}" if np.isfinite(value) else text.NOTHING
-    return Cell(shown.replace("-", "\N{MINUS SIGN}"), float(value))
-
-
-def plain(value: Any) -> Cell:
-    """A cell of a text or whole number as it is."""
+def plain(value: Any, _: Mapping[str, Any] | None = None) -> Cell:
+    """Returns a cell of a text or whole number as it is."""
     return Cell(str(value), value)
 
 
-def choice(value: Any, name: str) -> Cell:
-    """A cell with a button that shows a flight in the viewer."""
+class Column(NamedTuple):
+    """How a table shows a column of its rows."""
+
+    label: str | Markup
+    show: Callable[[Any, Mapping[str, Any]], Cell] = plain
+    """Makes the cell of a value and its row."""
+
+
+def number(label: str | Markup, decimals: int, scale: float = 1.0) -> Column:
+    """Returns a column of numbers with so many decimals, in units of 1 / `scale`."""
+
+    def show(value: Any, _: Mapping[str, Any]) -> Cell:
+        known = value is not None and np.isfinite(value)
+        shown = f"{scale * value:.{decimals}f}" if known else text.NOTHING
+        return Cell(text.signed(shown), float("nan") if value is None else float(value))
+
+    return Column(label, show)
+
+
+def _button(cell: Cell) -> Cell:
+    """The cell with a button that shows its flight in the viewer."""
+    name = cell.shown if isinstance(cell.value, str) else f"flight {cell.shown}"
     button = '<button type=button class=choose aria-label="Show {}">{}</button>'
-    return Cell(Markup(button).format(name, value), value)
+    return Cell(Markup(button).format(name, cell.shown), cell.value)
 
 
 def sortable(
     name: str,
-    heads: Sequence[tuple[str, str | Markup]],
-    rows: Iterable[Sequence[Cell]],
-    content: polars.DataFrame,
-    of_flights: bool = False,
+    rows: polars.DataFrame,
+    columns: Mapping[str, Column | str],
+    viewed: Collection[int] | None = None,
 ) -> Markup:
-    """A table with heads that sort it, and a link that saves it.
+    """Returns a table with heads that sort it, and a link that saves its rows whole.
 
     Args:
         name: of the table, and of the file.
-        heads: a name and a label for each column; the first column heads its rows.
-        rows: cells of each row.
-        content: what the file holds, in SI units.
-        of_flights: whether each row is a flight that the viewer may show, by its place.
+        rows: what the file holds, in SI units.
+        columns: what is shown of them, in this order; the first heads the rows. A label alone shows
+            values as they are.
+        viewed: places of rows that are flights in the viewer; `None` where rows are no flights.
     """
+    shown = {
+        key: column if isinstance(column, Column) else Column(column)
+        for key, column in columns.items()
+    }
+    cells = []
+    for place, row in enumerate(rows.iter_rows(named=True)):
+        first, *others = (column.show(row.get(key), row) for key, column in shown.items())
+        cells.append([_button(first) if viewed and place in viewed else first, *others])
     return render(
         "table.html",
         name=name,
-        heads=heads,
-        rows=list(rows),
+        heads=[(key, column.label) for key, column in shown.items()],
+        rows=cells,
         tall=TALL,
-        csv=quote(content.write_csv()),
-        of_flights=of_flights,
+        csv=quote(rows.write_csv()),
+        of_flights=viewed is not None,
     )

@@ -93,6 +93,22 @@ def places(width: float) -> int:
     return min(6, max(0, 1 - math.floor(math.log10(width)))) if width > 0 else 4
 
 
+def rounding(name: str, low: float, high: float) -> tuple[float, int, str]:
+    """Returns factor, decimals and unit that show two digits of an interval's width."""
+    factor, unit = scale(name, [low, high])
+    return factor, places(factor * (high - low)), unit
+
+
+def fixed(value: float, digits: int) -> str:
+    """Returns a number with so many decimals."""
+    return signed(f"{value:.{digits}f}")
+
+
+def signed(shown: str) -> str:
+    """Returns a written number with a minus that is as wide as a plus."""
+    return shown.replace("-", "\N{MINUS SIGN}")
+
+
 def with_error(value: float, error: float | None) -> tuple[str, str]:
     """A difference with its sign, and its standard error.
 
@@ -113,7 +129,7 @@ def number(value: Any, digits: int = 4) -> str:
         mantissa, exponent = shown.split("e")
         power = str(int(exponent)).translate(_RAISED)
         shown = f"{mantissa} \N{MULTIPLICATION SIGN} 10{power}"
-    return shown.replace("-", "\N{MINUS SIGN}")
+    return signed(shown)
 
 
 def plural(count: int, noun: str) -> str:

@@ -7,8 +7,6 @@ from typing import Protocol, runtime_checkable
 from maidenflight.errors import InputError
 from maidenflight.studies.worker import Ending, Order
 
-ENGINES = ("local", "ray", "slurm")
-
 
 @runtime_checkable
 class Engine(Protocol):

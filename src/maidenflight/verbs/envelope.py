@@ -48,7 +48,8 @@ class Envelope(InRealities):
 
         from maidenflight import results
         from maidenflight.experiments import envelope
-        from maidenflight.reporting.envelope_picture import envelope_picture
+        from maidenflight.reporting.figures import envelope as envelope_figures
+        from maidenflight.reporting.figures.picture import svg
         from maidenflight.simulator import tasks
         from maidenflight.verbs.policies import export_command
 
@@ -86,7 +87,8 @@ class Envelope(InRealities):
         flown = polars.concat(parts[place.name, axis] for place, axis in plan)
         run_folder.ENVELOPE.write(path, flown, record)
         summary = envelope.summary(flown)
-        picture = results.write(path.with_suffix(".svg"), envelope_picture(summary))
+        drawn = svg(envelope_figures.envelope(summary))
+        picture = results.write(path.with_suffix(".svg"), drawn)
         best = best_policy(summary, policies)
 
         def show() -> None:

@@ -150,7 +150,8 @@ class Identify(Verb):
         from maidenflight import results
         from maidenflight.flights.reading import read_flights
         from maidenflight.identification.identify import identify
-        from maidenflight.reporting.identification_picture import identification_picture
+        from maidenflight.reporting.figures.identification import identification
+        from maidenflight.reporting.figures.picture import svg
 
         settings, start = self._objective(), read.read_start(self.start, self.mass)
         stages = _Stages(progress)
@@ -178,7 +179,7 @@ class Identify(Verb):
         found.write(output, record)
         run_folder.EVALUATIONS.write(run_folder.beside(output), found.search)
         picture = run_folder.picture_beside(output)
-        results.write(picture, identification_picture(found, start.parameters))
+        results.write(picture, svg(identification(found, start.parameters)))
         return Result(
             content=_to_content(flights, found) | {"output": str(output), "picture": str(picture)},
             show=lambda: self._show(flights, found, output, picture),

@@ -34,11 +34,6 @@ DSHOT_ZERO, DSHOT_MOST = 48, 2047
 _ORDER = (1, 0, 2, 3)
 """Betaflight's numbers, from 0, of our motors: it counts back right, front right, back left, front
 left."""
-_GYRO_FILTERS = (
-    ("gyro_lpf1_static_hz", "gyro_lowpass_hz"),
-    ("gyro_lpf2_static_hz", "gyro_lowpass2_hz"),
-)
-"""Headers with the cut-offs of the gyro's filters, of this and of earlier firmware."""
 _MOST_INTERVAL = 4096
 """Frames between two whole ones that a sound header may have."""
 _VARIABLE = 10

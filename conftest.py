@@ -1,0 +1,98 @@
+"""Strict JAX, so that no shape or dtype is guessed, and the same examples from hypothesis on every
+run; the authors' data where it is.
+"""
+
+import gc
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+# Compilation is most of what tests take: what one process compiled the others read, and so does the
+# next run.
+os.environ.setdefault(
+    "JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parent / ".pytest_cache" / "xla")
+)
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
+
+import jax
+import pytest
+from hypothesis import settings
+
+from maidenflight import compiler
+
+# Tests compile much and compute little. With a space more than there, so that commands take the
+# flags for the user's own and keep them: all tests share what is compiled.
+os.environ.setdefault("XLA_FLAGS", f"{compiler.quickest()} ")
+# Tracing makes many objects and no cycles, as in the command line.
+gc.set_threshold(100_000)
+# Whichever test comes first: a command line would make each core a device, and programs for one
+# device are others than for two.
+jax.devices()
+jax.config.update("jax_numpy_rank_promotion", "raise")
+jax.config.update("jax_numpy_dtype_promotion", "strict")
+
+settings.register_profile(
+    "reproducible", derandomize=True, deadline=None, max_examples=25, database=None
+)
+settings.load_profile("reproducible")
+
+
+MOST_MAPPINGS = 20_000
+"""Memory mappings of a process above which compiled programs are dropped. Each program holds a few,
+and Linux allows 65,530 a process (vm.max_map_count); the compiler aborts at more."""
+
+
+@pytest.fixture(scope="module")
+def without_optimizations() -> Iterator[None]:
+    """Compiles a module's programs with no optimization at all, for moments of training: a sixth
+    to a third less processor time. PPO's tests take as long with it, those that identify longer.
+    """
+    jax.config.update("jax_disable_most_optimizations", True)
+    yield
+    jax.config.update("jax_disable_most_optimizations", False)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled_programs_within_limits() -> Iterator[None]:
+    """Drops compiled programs between modules, once a process has many."""
+    yield
+    mappings = Path("/proc/self/maps")
+    if mappings.exists() and mappings.read_bytes().count(b"\n") > MOST_MAPPINGS:
+        jax.clear_caches()
+        gc.collect()
+
+
+LONGEST = (
+    "test_docs.py",
+    "test_train.py",
+    "test_identify.py",
+    "test_ppo.py",
+    "test_analytic_gradient.py",
+    "test_cli.py",
+    "test_likelihood.py",
+    "test_demo.py",
+    "test_paper.py",
+)
+"""Files that take longest, which go first, lest one worker runs the last of them alone. Those of
+the documentation and the command line compile the same, so they do not begin together."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Sorts tests by `LONGEST`; within a file they keep their order."""
+    places = {name: place for place, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: places.get(item.path.name, len(LONGEST)))
+
+
+@pytest.fixture(autouse=True)
+def flags_of_the_compiler_stay(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Commands that run in this process set them for later ones."""
+    monkeypatch.setenv("XLA_FLAGS", os.environ["XLA_FLAGS"])
+
+
+@pytest.fixture(scope="session")
+def shared_data():
+    """The folder shared/data beside the repository."""
+    folder = Path(__file__).parents[1] / "shared" / "data"
+    if not (folder / "authors" / "flights" / "pwm").is_dir():
+        pytest.skip(f"the authors' flight logs are not at {folder}")
+    return folder

@@ -1,0 +1,80 @@
+"""The picture of flights whose drone changes: distance from the set-point over time."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import polars
+
+from maidenflight.experiments.recovery import WITHIN_M, distance
+from maidenflight.flights.log import Flight
+from maidenflight.reporting.figures import charts
+from maidenflight.reporting.figures.charts import Entry, Figure, Spec
+
+COLOURS = ("blue", "orange", "green", "purple")
+"""Of policies; of more than there are colours some share one."""
+MOST = 40
+"""Flights that a panel shows; the rest is in the table."""
+_RATE, _POINTS = 25.0, 20_000
+"""Points a second of a line at most [Hz], and points of the picture at most."""
+_CROSS = "M-.7-.7L.7 .7M-.7 .7L.7-.7"
+
+
+def changes(recoveries: polars.DataFrame, flights: Sequence[Flight]) -> Figure:
+    """A panel a reality, a thin line a flight, the colour that of its policy.
+
+    Args:
+        recoveries: a row a flight, as `recovery.of_flights` gives them; at least one.
+        flights: the logs at the `place` of the rows.
+    """
+    policies = recoveries["policy"].unique(maintain_order=True).to_list()
+    colours = {name: COLOURS[place % len(COLOURS)] for place, name in enumerate(policies)}
+    parts = [part.head(MOST) for _, part in recoveries.group_by("reality", maintain_order=True)]
+    shown = [flights[place] for part in parts for place in part["place"]]
+    step = max(1 / _RATE, sum(one.duration for one in shown) / _POINTS)
+    legend = [Entry(name, colour, "thin", name) for name, colour in colours.items()]
+    legend += [Entry("change of the drone", "ink", "line")]
+    legend += [Entry(f"{100 * WITHIN_M:g} cm", "soft", "dashed")]
+    if not all(part["lasts"].all() for part in parts):
+        legend.append(Entry("flight ended by a guard", "soft", "cross"))
+    last = max(*(one.duration for one in shown), *recoveries["at"])
+    panels = [_panel(part, flights, step, last, colours) for part in parts]
+    return Figure("Distance from the set-point", panels, legend, least=360, chooses=True)
+
+
+def _panel(
+    part: polars.DataFrame,
+    flights: Sequence[Flight],
+    step: float,
+    last: float,
+    colours: dict[str, str],
+) -> Spec:
+    rows: list[Spec] = [{"kind": "jump", "x": part["at"][0]}]
+    rows.append({"kind": "within", "y": 100 * WITHIN_M})
+    for row in part.iter_rows(named=True):
+        flight = flights[row["place"]]
+        every = max(1, round(step / flight.period))
+        errors = 100 * distance(flight)
+        common = {"series": row["policy"], "place": row["place"], "flight": row["place"] + 1}
+        common["back"] = f"{row['recovery']:.2f} s" if np.isfinite(row["recovery"]) else "never"
+        points = sorted({*range(0, len(flight), every), len(flight) - 1})
+        rows += [
+            {**common, "kind": "flight", "x": flight.period * n, "y": errors[n]} for n in points
+        ]
+        if not row["lasts"]:
+            rows.append({**common, "kind": "end", "x": flight.duration, "y": errors[-1]})
+    x = charts.number("x", "time [s]", **charts.within(0.0, last))
+    y = charts.number("y", "distance [cm]")
+    told = charts.tooltip({"series": "policy", "flight": "flight", "back": "back after"})
+    shared = {"color": charts.coloured(colours), "detail": {"field": "place"}, "tooltip": told}
+    cross = {"type": "point", "shape": _CROSS, "size": 40, "strokeWidth": 1.6}
+    layers: list[Spec] = [
+        charts.layer(
+            "flight", {"type": "line", "strokeWidth": 1.1, "opacity": 0.8}, x=x, y=y, **shared
+        ),
+        charts.layer("end", cross, x=x, y=y, **shared),
+        charts.layer("within", {"type": "rule", "strokeDash": [7, 4], "strokeWidth": 1.3}, y=y),
+        charts.layer(
+            "jump", {"type": "rule", "color": charts.paint("ink"), "strokeWidth": 1.3}, x=x
+        ),
+    ]
+    return charts.panel(charts.rows(rows), layers, title=str(part["reality"][0]), height=220)

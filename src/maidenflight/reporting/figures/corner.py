@@ -1,0 +1,209 @@
+"""The corner plot of a posterior: each parameter against each other, and its distribution."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from maidenflight.errors import InputError
+from maidenflight.identification.posterior import LEVEL
+from maidenflight.reporting import text
+from maidenflight.reporting.figures import charts
+from maidenflight.reporting.figures.charts import Entry, Figure, Spec
+
+MOST = 8
+"""Parameters that the corner plot shows at most; of more, letters and clouds are too small to
+read."""
+SHOWN = 200
+"""Draws that a panel of the corner plot shows as dots; histograms, intervals and correlations count
+all of them."""
+STRONG = 0.5
+"""Correlation from which on the corner plot prints it bold."""
+_BESIDE = 70
+"""Room for the numbers beside the first column [px]."""
+
+
+def corner(
+    draws: Mapping[str, Float[np.ndarray, "N"]],
+    optimum: Mapping[str, float] | None = None,
+    level: float = LEVEL,
+) -> Figure:
+    """Posterior samples, each parameter against each other, with distributions on the diagonal.
+
+    Where there are more than `MOST`, those with the strongest correlations are shown, and the title
+    says so.
+
+    Args:
+        draws: N values by parameter [SI], names as in `parameters.COMPONENTS`; an entry of each
+            belongs together.
+        optimum: the point that is marked; none unless given.
+        level: share of the draws in the central interval that is marked.
+
+    Raises:
+        InputError: no draws, draws that are not finite, or of different numbers.
+    """
+    values = {name: np.asarray(each, np.float64) for name, each in draws.items()}
+    if len({each.shape for each in values.values()}) != 1 or next(iter(values.values())).size == 0:
+        raise InputError(
+            "no posterior to draw; expected as many draws, and at least one, of each of one or "
+            "more parameters."
+        )
+    if not all(np.isfinite(each).all() for each in values.values()):
+        raise InputError("draws of a posterior that are not finite; leave them out.")
+    correlation = _correlations(np.array(list(values.values())))
+    kept = _most_correlated(correlation, MOST)
+    shown = [
+        _marginal(name, values[name], (optimum or {}).get(name, np.nan), level)
+        for name in (list(values)[place] for place in kept)
+    ]
+    count = len(values[shown[0].name])
+    chosen = np.unique(np.linspace(0, count - 1, min(count, SHOWN)).astype(int))
+    lines = []
+    for row, upward in enumerate(shown):
+        cells = []
+        for column, across in enumerate(shown[: row + 1]):
+            first, last = column == 0, row == len(shown) - 1
+            cells.append(
+                _histogram(across, last)
+                if row == column
+                else _cloud(across, upward, correlation[kept[row], kept[column]], first, last)
+            )
+        lines.append({"hconcat": cells, "bounds": "flush", "spacing": 6})
+    data = charts.table({each.name: each.values[chosen] for each in shown})
+    spec: Spec = {"data": data, "vconcat": _cells(lines, len(shown)), "spacing": 6}
+    few = (
+        f", those of its {len(values)} parameters with the strongest correlations"
+        if len(shown) < len(values)
+        else ""
+    )
+    title = (
+        f"Posterior: {text.plural(count, 'draw')} of {text.plural(len(shown), 'parameter')}{few}"
+    )
+    legend = [Entry(f"central {100 * level:.0f} %", "blue", "area")]
+    legend += [Entry("optimum", "orange", "tick")] if optimum else []
+    legend.append(Entry(f"number: correlation, bold from ±{STRONG:g}", "soft", "dot"))
+    return Figure(title, [spec], legend, least=len(shown) * 96 + _BESIDE, columns=1)
+
+
+class _Marginal(NamedTuple):
+    """One parameter of a corner plot, in the unit in which it is shown."""
+
+    name: str
+    label: tuple[str, ...]
+    """Symbol and unit."""
+    values: Float[np.ndarray, "N"]
+    range: tuple[float, float]
+    ends: Float[np.ndarray, "2"]
+    """Of the central interval."""
+    best: float
+    """The optimum; NaN where none is known."""
+
+
+def _marginal(name: str, values: Float[np.ndarray, "N"], best: float, level: float) -> _Marginal:
+    scale, unit = text.scale(name, values)
+    shown, point = scale * values, scale * best
+    ends = np.quantile(shown, [(1 - level) / 2, (1 + level) / 2])
+    label = tuple(filter(None, (text.plain_symbol(name), unit)))
+    reached = [*shown, *([point] if np.isfinite(point) else [])]
+    return _Marginal(name, label, shown, charts.margin(reached), ends, point)
+
+
+def _correlations(rows: Float[np.ndarray, "d N"]) -> Float[np.ndarray, "d d"]:
+    """Correlations; NaN where a parameter does not vary."""
+    # float32 draws of one number differ in their last bit from their mean.
+    centred = rows - rows.mean(axis=1, keepdims=True)
+    size = np.sqrt(np.sum(centred**2, axis=1))
+    moving = size > 1e-6 * np.abs(rows).max(axis=1) * np.sqrt(rows.shape[1])
+    unit = np.divide(
+        centred, size[:, None], out=np.full_like(centred, np.nan), where=moving[:, None]
+    )
+    return unit @ unit.T
+
+
+def _most_correlated(correlation: Float[np.ndarray, "d d"], most: int) -> list[int]:
+    """Places of at most so many parameters, in their order: those with strongest correlations."""
+    if len(correlation) <= most:
+        return list(range(len(correlation)))
+    pairs = np.argwhere(np.tril(np.ones_like(correlation), -1) > 0)
+    strength = np.nan_to_num(np.abs(correlation[tuple(pairs.T)]))
+    kept: set[int] = set()
+    for pair in pairs[np.argsort(-strength, kind="stable")]:
+        if len(kept | set(pair.tolist())) <= most:
+            kept |= set(pair.tolist())
+    return sorted(kept)
+
+
+def _cells(lines: list[Spec], count: int) -> list[Spec]:
+    """The lines with the size of their cells, which the page works out of its width."""
+    side = {"share": count, "less": 6 + _BESIDE / count + 4}
+    for line in lines:
+        line["hconcat"] = [{**cell, "width": side, "height": side} for cell in line["hconcat"]]
+    return lines
+
+
+def _axis(shown: _Marginal, there: bool, beside: bool) -> Spec:
+    """Numbers along the outer cells only."""
+    if not there:
+        return {"axis": {"labels": False, "ticks": False, "title": None, "grid": False}}
+    width = {"minExtent": _BESIDE - 34, "maxExtent": _BESIDE - 34} if beside else {}
+    axis = {"tickCount": 3, "labelFontSize": 11, "grid": False, "labelFlush": False, **width}
+    return {"axis": {**axis, "labelBound": True}, "title": [*shown.label]}
+
+
+def _channel(shown: _Marginal, there: bool, beside: bool) -> Spec:
+    channel = charts.number(shown.name, **charts.within(*shown.range))
+    return {**channel, **_axis(shown, there, beside)}
+
+
+def _told(shown: _Marginal) -> str:
+    symbol, *unit = shown.label
+    return f"{symbol} [{' '.join(unit)}]"
+
+
+def _histogram(shown: _Marginal, last: bool) -> Spec:
+    counts, edges = np.histogram(shown.values, bins=20, range=shown.range)
+    blue, orange = charts.paint("blue"), charts.paint("orange")
+    x = {**charts.number("from", **charts.within(*shown.range)), **_axis(shown, last, False)}
+    y = charts.number("count", **charts.within(0.0, 1.1 * float(counts.max())), axis=None)
+    told = {"from": f"{_told(shown)} from [ ]", "to": "to [ ]", "count": "draws"}
+    band = {"type": "rect", "color": blue, "opacity": 0.15}
+    bar = {"type": "rect", "color": blue, "opacity": 0.6}
+    shared: Spec = {"x": x, "x2": {"field": "to"}}
+    level: Spec = {"y": y, "y2": {"datum": 0}, "tooltip": charts.tooltip(told)}
+    low, high = shown.ends
+    bars = charts.table({"from": edges[:-1], "to": edges[1:], "count": counts})
+    layers = [
+        {"data": charts.table({"from": [low], "to": [high]}), **charts.layer("", band, **shared)},
+        {"data": bars, **charts.layer("", bar, **shared, **level)},
+    ]
+    if np.isfinite(shown.best):
+        best = charts.table({"from": [shown.best]})
+        rule = {"type": "rule", "color": orange, "strokeWidth": 2}
+        layers.append({"data": best, **charts.layer("", rule, x=x)})
+    return {"layer": layers}
+
+
+def _cloud(x: _Marginal, y: _Marginal, correlation: float, first: bool, last: bool) -> Spec:
+    across, up = _channel(x, last, False), _channel(y, first, True)
+    told = charts.tooltip({each.name: _told(each) for each in (x, y)})
+    dot = {"type": "point", "filled": True, "size": 8, "opacity": 0.55, "clip": True}
+    dot["color"] = charts.paint("blue")
+    zoom = {"params": [charts.zoom(name=f"zoom_{x.name}_{y.name}")]}
+    layers = [{**zoom, **charts.layer("", dot, x=across, y=up, tooltip=told)}]
+    rule = {"type": "rule", "color": charts.paint("orange"), "clip": True}
+    for axis, shown, channel in (("x", x, across), ("y", y, up)):
+        if np.isfinite(shown.best):
+            best = charts.table({shown.name: [shown.best]})
+            layers.append({"data": best, **charts.layer("", rule, **{axis: channel})})
+    if np.isfinite(correlation):
+        # In the corner that a cloud of this correlation leaves free.
+        weight = "bold" if abs(correlation) >= STRONG else "normal"
+        words = text.fixed(correlation, 2)
+        mark = {"type": "text", "text": words, "y": 9, "dx": -4, "align": "right"}
+        place: Spec = {"value": "width"}
+        if correlation >= 0:
+            mark, place = {**mark, "dx": 4, "align": "left"}, {"value": 0}
+        number = charts.layer("", {**mark, "fontWeight": weight}, x=place)
+        layers.append({"data": charts.table({"one": [1]}), **number})
+    return {"layer": layers}

@@ -1,0 +1,72 @@
+"""Rows of intervals: a name at the left, marks on an axis, numbers at the right."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from maidenflight.reporting.figures import charts
+from maidenflight.reporting.figures.charts import Spec
+
+ROW = 24
+"""Height of a row [px]."""
+_MARKS: dict[str, Spec] = {
+    "bar": {"type": "rule", "strokeWidth": 3},
+    "whisker": {"type": "rule", "strokeWidth": 1.6},
+    "dot": {"type": "point", "filled": True, "size": 40},
+    "end": {"type": "tick", "thickness": 1.6, "size": 9},
+    "value": {"type": "tick", "thickness": 3, "size": 12},
+    "line": {"type": "tick", "thickness": 2, "size": 18},
+}
+"""How marks look, by their kind, in the order in which they are drawn."""
+
+
+def rows(
+    names: Sequence[tuple[str, str]],
+    marks: Sequence[Spec],
+    x: Spec,
+    told: Spec | None = None,
+    *,
+    title: str = "",
+    across: Sequence[tuple[float, Spec]] = (),
+) -> Spec:
+    """Returns a panel of rows.
+
+    Args:
+        names: of each row, what stands at its left and at its right.
+        marks: of each `row` (its number), `kind` (a name of `_MARKS`), `colour`, and `x`, for rules
+            from `x` to `x2`; `series` where the legend hides it; `shift` from the middle of the
+            row, within half a row.
+        x: the channel of the axis.
+        told: labels of what the pointer tells of a mark, by column.
+        title: above the panel.
+        across: places on the axis with marks over all rows.
+    """
+    keys = [f"{number}\t{left}\t{right}" for number, (left, right) in enumerate(names)]
+    data = [{**mark, "key": keys[mark["row"]]} for mark in marks]
+    y: dict[str, Any] = {"field": "key", "type": "nominal", "title": None, "sort": keys}
+    y["scale"] = {"domain": keys}
+    axis = {"ticks": False, "domain": False, "labelLimit": 400, "labelPadding": 8}
+    left = {**axis, "labelExpr": "split(datum.label, '\\t')[1]", "grid": True}
+    right = {**axis, "labelExpr": "split(datum.label, '\\t')[2]", "orient": "right", "grid": False}
+    # Each side of the panel is a layer of its own, without marks.
+    layers: list[Spec] = [
+        {"data": {"values": []}, "mark": "tick", "encoding": {"x": x, "y": {**y, "axis": side}}}
+        for side in (left, right)
+    ]
+    layers += [
+        {"data": {"values": [{"x": place}]}, "mark": mark, "encoding": {"x": x}}
+        for place, mark in across
+    ]
+    offset = charts.number("shift", scale={"domain": [-0.5, 0.5]})
+    shifted = {"yOffset": offset} if any("shift" in mark for mark in marks) else {}
+    colour = {"field": "colour", "type": "nominal", "scale": None}
+    for kind, mark in _MARKS.items():
+        if any(one["kind"] == kind for one in data):
+            encoding = {"x": x, "y": {**y, "axis": None}, "color": colour}
+            encoding |= shifted
+            encoding |= {"x2": {"field": "x2"}} if mark["type"] == "rule" else {}
+            encoding |= {"tooltip": charts.tooltip(told)} if told else {}
+            layers.append(charts.layer(kind, {**mark, "opacity": 1, "clip": True}, **encoding))
+    panel = charts.panel(
+        charts.rows(data), layers, title=title, height=ROW * len(names) + 8, zooms=()
+    )
+    return {**panel, "resolve": {"axis": {"y": "independent"}}}

@@ -1,0 +1,169 @@
+"""Figures as files: SVG of the same specifications that the page draws, in light and in dark.
+
+Colours are plain attributes, light ones, so that every program shows them; where a reader's system
+is dark a style sheet within the file exchanges them.
+"""
+
+import json
+import re
+import textwrap
+from collections.abc import Sequence
+from functools import cache
+from importlib import resources
+from typing import Any
+
+import vl_convert
+from markupsafe import escape
+
+from maidenflight.reporting.figures.charts import Entry, Figure, Spec
+
+WIDTH = 920
+"""Of a picture, unless it is said [px]."""
+_VEGA_LITE = "6.4"
+"""The version that the page draws with."""
+_FONT = "Liberation Sans, Arial, Helvetica, sans-serif"
+"""The first comes with the converter, so that texts are measured as equally wide everywhere."""
+_ROOM = 1.15
+"""Room for a text over its width in this font: a reader may have only wider ones, as DejaVu's."""
+_LACKING = dict(zip("⁻⁰⁴⁵⁶⁷⁸⁹", "¯º¤¥¦§¨©", strict=True))
+"""Letters that the font lacks, and others that are measured in their place, lest widths depend on
+which fonts a machine has."""
+_LETTER = 7.4
+"""About the width of a letter of the legend [px]."""
+_LINE = 22
+"""Height of a line of the legend [px]."""
+_PADDING = 12
+_SPACE = 22
+"""Between panels [px]."""
+_LEFT_OUT = ("params", "tooltip")
+"""Parts of a specification that a picture does not answer to."""
+_OWN = ("color", "shape", "size", "strokeDash", "strokeWidth", "opacity", "yOffset", "xOffset")
+"""Channels whose scales panels do not share."""
+
+
+def svg(figure: Figure, width: int = WIDTH, note: str = "") -> str:
+    """Returns a figure as an SVG file. The same figure gives the same bytes.
+
+    Args:
+        figure: what is drawn.
+        width: of the picture [px]; another where all panels have widths of their own.
+        note: below the title.
+    """
+    columns = figure.columns or max(1, min(len(figure.panels), width // figure.least))
+    each = (width - 2 * _PADDING - (columns - 1) * _SPACE) / columns
+    # Axes take what their numbers and names need, which is known once they are drawn.
+    inner = int(each) - 50
+    lines = textwrap.wrap(note, int(width / _LETTER))
+    drawn = _drawn(figure, lines, columns, inner)
+    [size] = re.findall(r'^<svg [^>]*? width="(\d+)"', drawn)
+    if any("width" not in panel for panel in figure.panels) and int(size) != width:
+        drawn = _drawn(figure, lines, columns, inner + (width - int(size)) // columns)
+    return _in_light_and_dark(drawn, figure.title)
+
+
+def _drawn(figure: Figure, note: Sequence[str], columns: int, inner: int) -> str:
+    panels = [panel if "vconcat" in panel else {"width": inner, **panel} for panel in figure.panels]
+    resolve = {"scale": dict.fromkeys(_OWN, "independent")}
+    grid = {"concat": panels, "columns": columns, "spacing": _SPACE, "resolve": resolve}
+    parts = [_legend(figure.legend, columns * inner), grid] if figure.legend else [grid]
+    look = json.loads(_asset("look.json"))["config"]
+    look |= {"background": _colours()[0]["paper"], "font": _FONT, "padding": _PADDING}
+    look["aria"] = False
+    # In a grid the page's expressions of a panel's size mean nothing.
+    look["axisX"]["tickCount"] = max(2, inner // 90)
+    del look["axisY"]["tickCount"]
+    title = {"text": figure.title, "fontSize": 17, "offset": 10}
+    title |= {"subtitle": note, "subtitleFontSize": 13, "subtitleLineHeight": 18} if note else {}
+    title |= {"subtitleColor": "var(--soft)", "subtitlePadding": 6}
+    spec = {"title": title, "vconcat": parts, "config": look}
+    spec |= {"spacing": 14, "resolve": resolve}
+    drawn = vl_convert.vegalite_to_svg(_plain(spec, columns * inner), vl_version=_VEGA_LITE)
+    return _as_meant(drawn.translate({ord(shown): lacking for lacking, shown in _LACKING.items()}))
+
+
+def _as_meant(drawn: str) -> str:
+    """The same with letters in their size, and clips that count in a picture, not in a process."""
+    clips = list(dict.fromkeys(re.findall(r'id="(clip\d+)"', drawn)))
+    numbers = {name: f"clip{number}" for number, name in enumerate(clips, 1)}
+    drawn = re.sub(r"\bclip\d+\b", lambda name: numbers.get(name[0], name[0]), drawn)
+    size = r'font-size="([\d.]+)px"'
+    return re.sub(size, lambda size: f'font-size="{float(size[1]) / _ROOM:g}px"', drawn)
+
+
+def _legend(entries: Sequence[Entry], width: float) -> Spec:
+    """The legend's entries side by side, in lines of a width."""
+    samples, rows, across, line = json.loads(_asset("look.json"))["samples"], [], 0.0, 0
+    for entry in entries:
+        needed = 30 + len(entry.name) * _LETTER
+        if across > 0 and across + needed > width:
+            across, line = 0.0, line + 1
+        sample = {"width": 2, "dash": [1, 0], "fill": 0, **samples[entry.sample]}
+        place = {"x": across, "name": entry.name, "colour": f"var(--{entry.colour})"}
+        rows.append({**place, "y": line * _LINE, "text_x": across + 30, **sample})
+        across += needed + 18
+    x, y = ({"field": axis, "type": "quantitative", "scale": None, "axis": None} for axis in "xy")
+    as_it_is: dict[str, Any] = {"scale": None, "legend": None, "type": "nominal"}
+    encoding = {"x": x, "y": y, "shape": {"field": "path", **as_it_is}}
+    encoding |= {"stroke": {"field": "colour", **as_it_is}}
+    encoding |= {"fill": {"field": "colour", **as_it_is}}
+    encoding |= {"fillOpacity": {"field": "fill", **as_it_is, "type": "quantitative"}}
+    encoding |= {"strokeWidth": {"field": "width", **as_it_is, "type": "quantitative"}}
+    encoding |= {"strokeDash": {"field": "dash", **as_it_is}}
+    # Paths of the size 4 have the lengths that they say.
+    sample = {"mark": {"type": "point", "size": 4, "opacity": 1}, "encoding": encoding}
+    word = {"type": "text", "align": "left", "baseline": "middle", "dy": 6, "fontSize": 13}
+    words = {"x": {**x, "field": "text_x"}, "y": y, "text": {"field": "name"}}
+    return {
+        "data": {"values": rows},
+        "view": {"stroke": None},
+        "width": 1,
+        "height": _LINE * line + 12,
+        "layer": [sample, {"mark": word, "encoding": words}],
+    }
+
+
+def _plain(part: Any, width: float) -> Any:
+    """A copy with data in rows, sizes in pixels and light colours, without what answers."""
+    if isinstance(part, list | tuple):
+        return [_plain(each, width) for each in part]
+    if isinstance(part, str):
+        part = re.sub(r"var\(--(\w+)\)", lambda name: _colours()[0][name[1]], part)
+        return part.translate(str.maketrans(_LACKING))
+    if not isinstance(part, dict):
+        return part
+    if "share" in part:
+        return max(24, int(width / part["share"] - part["less"]))
+    if "columns" in part and len(part) == 1:
+        names, columns = list(part["columns"]), list(part["columns"].values())
+        rows = (dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True))
+        return {"values": [_plain(row, width) for row in rows]}
+    shown = {name: _plain(each, width) for name, each in part.items() if name not in _LEFT_OUT}
+    sizes = [name for name in shown if name.lower().endswith("fontsize")]
+    return shown | {name: _ROOM * shown[name] for name in sizes}
+
+
+def _in_light_and_dark(drawn: str, title: str) -> str:
+    light, dark = _colours()
+    rules = "".join(
+        f'[fill="{light[name]}"]{{fill:{shade}}}[stroke="{light[name]}"]{{stroke:{shade}}}'
+        for name, shade in dark.items()
+        if light[name] in drawn
+    )
+    style = f"<style>@media (prefers-color-scheme: dark) {{{rules}}}</style>"
+    head, end, rest = drawn.partition(">")
+    return f'{head} role="img" aria-label="{escape(title)}"{end}{style}{rest}\n'
+
+
+@cache
+def _colours() -> tuple[dict[str, str], dict[str, str]]:
+    """Colours in light and in dark, by name."""
+    light, dark = re.findall(r":root \{(.*?)\}", _asset("colours.css"), re.DOTALL)
+    return (
+        dict(re.findall(r"--(\w+): (#\w+);", light)),
+        dict(re.findall(r"--(\w+): (#\w+);", dark)),
+    )
+
+
+@cache
+def _asset(name: str) -> str:
+    return resources.files("maidenflight.reporting").joinpath(name).read_text(encoding="utf-8")

@@ -1,0 +1,102 @@
+"""Learning curves of policies that are trained side by side."""
+
+import numpy as np
+import polars
+
+from maidenflight.errors import InputError
+from maidenflight.reporting.figures import charts
+from maidenflight.reporting.figures.charts import Entry, Figure, Spec
+
+SCORES = {
+    "episode_return": ("return", 1.0),
+    "survival": ("episodes survived [%]", 100.0),
+    "position_error": ("position error [cm]", 100.0),
+}
+"""Label and shown value per SI value of a policy's scores."""
+_OVER = {"steps": ("simulated steps [million]", 1e-6), "seconds": ("time [s]", 1.0)}
+"""The same of what they are drawn over."""
+
+
+def learning_curves(scores: polars.DataFrame) -> Figure:
+    """A panel a score: the policies' mean, from the worst to the best, and each.
+
+    Args:
+        scores: rows of `policy`, `steps` and the scores, as in training.csv; all policies are
+            scored together.
+
+    Raises:
+        InputError: nothing to draw, or a column is missing.
+    """
+    missing = [name for name in ("policy", "steps", *SCORES) if name not in scores.columns]
+    if missing or scores.height == 0:
+        raise InputError(
+            f"no learning curves to draw; {f'no column {missing[0]}' if missing else 'no rows'}."
+        )
+    panels = [panel(scores, score, SCORES[score][0]) for score in SCORES]
+    return Figure("Learning curves", panels, legend(scores), least=250)
+
+
+def legend(scores: polars.DataFrame) -> list[Entry]:
+    """Returns the entries for the panels of these scores."""
+    if scores["policy"].n_unique() == 1:
+        return [Entry("the policy", "blue", "line", "mean")]
+    return [
+        Entry("mean of the policies", "blue", "line", "mean"),
+        Entry("each policy", "blue", "thin", "each"),
+        Entry("from the worst to the best", "blue", "area", "range"),
+    ]
+
+
+def panel(scores: polars.DataFrame, score: str, title: str, over: str = "steps") -> Spec:
+    """Returns the curves of a score.
+
+    Args:
+        scores: see `learning_curves`.
+        score: a name of `SCORES`.
+        title: above the panel.
+        over: the column that runs to the right, `steps` or `seconds`.
+    """
+    label, scale = SCORES[score]
+    several = scores["policy"].n_unique() > 1
+    places, values = _by_policy(scores, score, over)
+    shown = scale * values
+    known = np.isfinite(shown).any(axis=1)
+    rows = [
+        {"series": "each", "policy": f"policy {policy}", "x": place, "y": value}
+        for policy, column in enumerate(shown.T, 1)
+        for place, value in zip(places, column, strict=True)
+        if several
+    ]
+    for place, each in zip(places[known], shown[known], strict=True):
+        rows.append({"series": "mean", "policy": "mean", "x": place, "y": np.nanmean(each)})
+        ends = {"y": np.nanmin(each), "high": np.nanmax(each)}
+        rows += [{"series": "range", "policy": "range", "x": place, **ends}] if several else []
+    blue, x = charts.paint("blue"), charts.number("x", _OVER[over][0])
+    y = charts.number("y", scale={"zero": False})
+    told = charts.tooltip({"policy": "", "x": _OVER[over][0], "y": label})
+    curves = "datum.series !== 'range'"
+    size, opacity = (
+        {"condition": {"test": "datum.series === 'mean'", "value": thick}, "value": thin}
+        for thick, thin in ((2.5, 1), (1, 0.5))
+    )
+    band = {"type": "area", "color": blue, "opacity": 0.18}
+    dot = {"type": "point", "color": blue, "filled": True, "opacity": 0, "size": 120}
+    look = {"detail": {"field": "policy"}, "size": size, "opacity": opacity}
+    layers = [
+        charts.layer("datum.series === 'range'", band, x=x, y=y, y2={"field": "high"}),
+        charts.layer(curves, {"type": "line", "color": blue}, x=x, y=y, **look),
+        charts.layer(curves, dot, x=x, y=y, tooltip=told),
+    ]
+    return charts.panel(charts.rows(rows), layers, title=title, height=180)
+
+
+def _by_policy(scores: polars.DataFrame, score: str, over: str) -> tuple[np.ndarray, np.ndarray]:
+    """E places, as they are shown, and a score of P policies there, (E, P); NaN if not known."""
+    numbers = scores.with_columns(polars.col(over, score).cast(polars.Float64)).filter(
+        polars.col(over).is_finite()
+    )
+    table = numbers.pivot(on="policy", index=over, values=score, aggregate_function="last").sort(
+        over
+    )
+    values = table.drop(over).fill_null(float("nan")).to_numpy()
+    return _OVER[over][1] * table[over].to_numpy(), np.where(np.isfinite(values), values, np.nan)

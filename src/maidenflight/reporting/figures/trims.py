@@ -1,0 +1,86 @@
+"""The picture of what single flights say: thrust, trims and battery over the flights' number."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import polars
+
+from maidenflight.identification.drone_file import Estimate
+from maidenflight.reporting.figures import charts
+from maidenflight.reporting.figures.charts import Entry, Figure, Spec
+
+_SHOWN = {
+    "thrust_to_weight": ("thrust to weight", 1.0),
+    "torque_bias_x": ("roll trim [10⁻⁶ N m]", 1e6),
+    "torque_bias_y": ("pitch trim [10⁻⁶ N m]", 1e6),
+    "torque_bias_z": ("yaw trim [10⁻⁶ N m]", 1e6),
+    "battery": ("battery [V]", 1.0),
+}
+"""Label and shown value per SI value."""
+
+
+def trims(flights: polars.DataFrame, estimates: Mapping[str, Estimate] | None = None) -> Figure:
+    """A panel a quantity, a dot a flight with its standard error.
+
+    Args:
+        flights: a row a flight, as `flight_tables.trims` gives them.
+        estimates: of the drone that is identified, which are drawn across.
+    """
+    known = {
+        name: shown
+        for name, shown in _SHOWN.items()
+        if flights[name].cast(polars.Float64).is_finite().any()
+    }
+    identified = {name: found for name, found in (estimates or {}).items() if name in known}
+    panels = [
+        _panel(flights, name, label, scale, identified.get(name))
+        for name, (label, scale) in known.items()
+    ]
+    errors = any(f"{name}_error" in flights.columns for name in known)
+    legend = [Entry("flight, with its standard error" if errors else "flight", "blue", "dot")]
+    if identified:
+        legend.append(Entry("identified, 95 % interval", "orange", "line", "identified"))
+    return Figure("Flight by flight", panels, legend, least=320, chooses=True)
+
+
+def _panel(
+    flights: polars.DataFrame, name: str, label: str, scale: float, found: Estimate | None
+) -> Spec:
+    values = scale * flights[name].cast(polars.Float64).to_numpy()
+    error = f"{name}_error"
+    width = (
+        scale * flights[error].cast(polars.Float64).to_numpy()
+        if error in flights.columns
+        else np.full(len(values), np.nan)
+    )
+    rows: list[Spec] = [
+        {"series": "flight", "x": number, "place": place, "name": flight, "y": value}
+        | {"error": spread, "low": value - spread, "high": value + spread}
+        for place, (number, flight, value, spread) in enumerate(
+            zip(flights["number"], flights["flight"], values, width, strict=True)
+        )
+    ]
+    if found is not None:
+        low, high = found.interval
+        ends = {"y": scale * found.value, "low": scale * low, "high": scale * high}
+        rows.append({"series": "identified", "x": 1, **ends})
+    x = charts.number("x", "flight", scale={"zero": False, "nice": False, "padding": 8})
+    y = charts.number("y", scale={"zero": False})
+    told = charts.tooltip({"name": "", "x": "flight", "y": label, "error": "± [ ]"})
+    across = charts.number("low", scale={"zero": False})
+    blue, orange = charts.paint("blue"), charts.paint("orange")
+    flight, identified = "datum.series === 'flight'", "datum.series === 'identified'"
+    dot = {"type": "point", "filled": True, "size": 34, "color": blue, "opacity": 1}
+    bar = {"type": "rule", "color": blue, "opacity": 0.5}
+    layers = [
+        charts.layer(flight, bar, x=x, y=across, y2={"field": "high"}),
+        charts.layer(flight, dot, x=x, y=y, tooltip=told),
+    ]
+    if found is not None:
+        band = {"type": "rect", "color": orange, "opacity": 0.2}
+        line = {"type": "rule", "color": orange, "strokeWidth": 2}
+        layers += [
+            charts.layer(identified, band, y=across, y2={"field": "high"}),
+            charts.layer(identified, line, y=y),
+        ]
+    return charts.panel(charts.rows(rows), layers, title=label, height=150)

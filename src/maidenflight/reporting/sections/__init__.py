@@ -1,0 +1,1 @@
+"""Sections of the page: pictures and tables, filled into their templates."""

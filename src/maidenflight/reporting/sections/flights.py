@@ -1,0 +1,207 @@
+"""Test flights, predicted flights and recorded flights: pictures and tables."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import polars
+from markupsafe import Markup
+
+from maidenflight.experiments import flight_times, recovery
+from maidenflight.flights.trims import trim
+from maidenflight.parameters import crazyflie
+from maidenflight.reporting import run as runs
+from maidenflight.reporting import tables, viewer
+from maidenflight.reporting.figures import changes, trims
+from maidenflight.reporting.figures import flight_times as flight_time_figures
+from maidenflight.reporting.figures.charts import Figure
+from maidenflight.reporting.html import render
+from maidenflight.reporting.run import Run, viewable
+from maidenflight.reporting.sections.head import flown_on
+from maidenflight.reporting.tables import Cell, Column
+
+NAMES = {"pwm": "PWM", "attitude_rate": "Attitude rate", "attitude": "Attitude"}
+"""Control structures as people call them."""
+_COLUMNS: dict[str, Column | str] = {
+    "flight": "Flight",
+    "policy": "Policy",
+    "reality": "Drone",
+    "trial": Column("Trial", lambda trial, _: Cell(str(trial), str(trial))),
+    "duration": tables.number("Duration [s]", 2),
+    "end_reason": "Ended by",
+    "position_error": tables.number("Mean position error [cm]", 2, 100.0),
+    "command_change": tables.number("Change of commands in 10 ms [%]", 1, 100.0),
+    "at_limits": tables.number("Commands at a limit [%]", 1, 100.0),
+}
+"""Of test flights, as far as they have them."""
+
+
+def tested(run: Run) -> Markup:
+    """Test flights: in space, in a table and in box plots."""
+    if run.table is None:
+        return Markup()
+    rows = run.table.with_columns(panel=polars.col("reality"))
+    if "control" not in rows.columns:
+        controls = [run.controls.get(name, "") for name in run.table["policy"]]
+        rows = rows.with_columns(polars.Series("control", controls))
+    columns = {name: column for name, column in _COLUMNS.items() if name in run.table.columns}
+    return render(
+        "flights.html",
+        where=flown_on(run),
+        viewer=_viewer(run),
+        times=_times("Flight times by policy", rows),
+        boxed=_boxed(rows, "policy", "reality"),
+        table=tables.sortable("flights", run.table.select(*columns), columns, viewable(run)),
+    )
+
+
+def _boxed(rows: polars.DataFrame, *keys: str) -> bool:
+    """Whether any row of a picture of flight times has a box."""
+    return max(rows.group_by(keys).len()["len"].to_list(), default=0) >= flight_time_figures.BOXED
+
+
+def _times(title: str, rows: polars.DataFrame) -> Figure | None:
+    """Box plots; control structures, where all are known, in groups and in their colours.
+
+    Nothing where no flight time is a number.
+    """
+    if not rows["duration"].is_finite().any():
+        return None
+    colours = flight_time_figures.COLOURS
+    known = bool(rows["control"].is_in(list(colours)).all())
+    group = polars.col("control").replace_strict(NAMES, default="").alias("group")
+    shown = rows.select(
+        polars.col("policy").alias("row"),
+        polars.col("control").replace_strict(colours, default="blue").alias("colour"),
+        *("panel", "duration", "end_reason"),
+        *([group] if known else []),
+    )
+    labels = {colour: NAMES[kind] for kind, colour in colours.items()} if known else {}
+    return flight_time_figures.flight_times(shown, title, labels)
+
+
+def change(run: Run) -> Markup:
+    """Test flights whose drone changes on the way."""
+    if run.table is None or not run.flights:
+        return Markup()
+    found = recovery.of_flights(run.table, run.flights)
+    if found.is_empty():
+        return Markup()
+    within = f"{100 * recovery.WITHIN_M:g}"
+    columns: dict[str, Column | str] = {
+        "reality": "Drone",
+        "policy": "Policy",
+        "flights": "Flights",
+    }
+    columns |= {
+        "lasting": "To the end",
+        "soon": f"Back within {within} cm in {recovery.SOON_S:g} s",
+    }
+    columns |= {"recovery": tables.number("Median time to be back [s]", 2)}
+    return render(
+        "change.html",
+        changes=changes.changes(found, run.flights),
+        within=within,
+        table=tables.sortable("recoveries", recovery.summary(found), columns),
+    )
+
+
+def predicted(run: Run) -> Markup:
+    """How long policies would fly on the real drone."""
+    if run.prediction is None:
+        return Markup()
+    rows = run.prediction.with_columns(panel=polars.lit("predicted"))
+    return render(
+        "predicted.html",
+        times=_times("Flight times by policy", rows),
+        boxed=_boxed(rows, "policy"),
+        table=_predictions(run.prediction),
+    )
+
+
+def _predictions(flown: polars.DataFrame) -> Markup:
+    """A row a policy whose flights are predicted."""
+
+    def usual_end(_: None, row: Mapping[str, Any]) -> Cell:
+        ends = flown.filter(policy=row["policy"])["end_reason"].to_list()
+        usual = max(dict.fromkeys(ends), key=ends.count)
+        shown = Markup("{} <small>({} of {})</small>").format(usual, ends.count(usual), len(ends))
+        return Cell(shown, usual)
+
+    columns: dict[str, Column | str] = {
+        "policy": "Policy",
+        "control": Column("Control", lambda name, _: Cell(NAMES.get(name, name), name)),
+        "trials": "Flights",
+        "mean": tables.number("Mean [s]", 2),
+        **{f"quantile_{share}": tables.number(f"{share} % [s]", 2) for share in (10, 50, 90)},
+        "end": Column("Most frequent end", usual_end),
+    }
+    return tables.sortable("prediction", flight_times.summary(flown), columns)
+
+
+def recorded(run: Run) -> Markup:
+    """The flights that were recorded, where no others are to be looked at."""
+    if run.table is not None:
+        return Markup()
+    return render(
+        "recorded.html",
+        viewer=_viewer(run),
+        trims=_trims(run),
+        table=_recorded(run),
+        refused=run.refused,
+    )
+
+
+def _trims(run: Run) -> Figure | None:
+    """Nothing where there are not several flights, or they say nothing."""
+    found = _trims_of(run)
+    return trims.trims(found, run.estimates) if found.height > 1 else None
+
+
+def _viewer(run: Run) -> Markup:
+    held, of = len(runs.viewable(run)), len(runs.shown(run))
+    if not held:
+        return Markup()
+    return render("viewer.html", rate=f"{viewer.rate_of(held):g}", held=held, flights=of)
+
+
+def _trims_of(run: Run) -> polars.DataFrame:
+    """What each recorded flight says cheaply, a row a flight, in SI units; see `trims.trim`."""
+    drone = crazyflie() if run.drone is None else run.drone.parameters
+    rows = []
+    for number, flight in enumerate(run.recorded, 1):
+        found = trim([flight], drone)
+        row = {"number": number, "flight": flight.name}
+        row |= {"drone": flight.simulated or "a real drone"}
+        row |= {"duration": flight.duration, "rows": len(flight)}
+        row |= {"thrust_to_weight": found.thrust_to_weight}
+        row |= {"thrust_to_weight_error": found.thrust_to_weight_error}
+        for axis, value, error in zip(
+            "xyz", found.torque_bias, found.torque_bias_error, strict=True
+        ):
+            row |= {f"torque_bias_{axis}": float(value), f"torque_bias_{axis}_error": float(error)}
+        row |= {f"command_{motor}": float(mean) for motor, mean in enumerate(found.command, 1)}
+        rows.append(row | {"battery": found.battery})
+    return polars.DataFrame(rows)
+
+
+def _recorded(run: Run) -> Markup | str:
+    """The recorded flights, for choosing what the viewer shows."""
+    if not run.recorded:
+        return ""
+    trim_of = Markup("{} trim [10<sup>\N{MINUS SIGN}6</sup> N m]")
+    columns: dict[str, Column | str] = {
+        "flight": "Flight",
+        "drone": "Drone",
+        "duration": tables.number("Duration [s]", 2),
+        "thrust_to_weight": tables.number("Thrust to weight", 3),
+        **{
+            f"torque_bias_{axis}": tables.number(trim_of.format(name), 0, 1e6)
+            for axis, name in zip("xyz", ("Roll", "Pitch", "Yaw"), strict=True)
+        },
+        **{
+            f"command_{motor}": tables.number(f"Mean u of motor {motor}", 3)
+            for motor in range(1, 5)
+        },
+        "battery": tables.number("Battery [V]", 2),
+    }
+    return tables.sortable("flights", _trims_of(run), columns, viewable(run))

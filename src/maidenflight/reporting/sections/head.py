@@ -1,0 +1,274 @@
+"""Title, badge, first sentences and key figures of the page.
+
+A run is called simulated only where all its flights are known to be.
+"""
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+import polars
+from markupsafe import Markup
+
+from maidenflight.experiments.transfer import MAX_DURATION_S
+from maidenflight.reporting import identified, text
+from maidenflight.reporting.figures.flight_times import REACHED
+from maidenflight.reporting.identified import SIMULATED, Kinds
+from maidenflight.reporting.run import Run
+from maidenflight.reporting.sections import parameters
+
+NAMES = {
+    "thrust_to_weight": "thrust-to-weight ratio",
+    "motor_time_constant": "motor lag",
+    "latency": "latency",
+}
+"""The paper's three parameters in words."""
+
+
+def kind(run: Run) -> str:
+    """The badge: `simulated`, `real` or both, with the flights it holds for; or nothing."""
+    flown, drawn_from = _flown(run), _drawn_from(run)
+    if flown == {True} and drawn_from - {True}:
+        return f"{_what(run)} simulated"
+    if flown == {False} and None in drawn_from and True not in drawn_from:
+        return f"{_what(run)} real"
+    if not flown and None in drawn_from:
+        return "simulated in part" if True in drawn_from else ""
+    return " and ".join(
+        word for each, word in ((False, "real"), (True, "simulated")) if each in flown | drawn_from
+    )
+
+
+def _flown(run: Run) -> Kinds:
+    """Kinds of the flights that are shown."""
+    kinds = {bool(flight.simulated) for flight in (*run.recorded, *run.flights)}
+    simulated = run.reality is not None or run.prediction is not None
+    return frozenset(kinds | ({True} if simulated else set()))
+
+
+def _drawn_from(run: Run) -> Kinds:
+    """Kinds of the flights that parameters and errors come from."""
+    validated = run.validation is not None or run.windows is not None
+    return (run.kinds if run.estimates else frozenset()) | (
+        run.predicted if validated else frozenset()
+    )
+
+
+def _what(run: Run) -> str:
+    if run.table is not None:
+        return "test flights"
+    return "recorded flights" if run.recorded else "predicted flights"
+
+
+def drones(run: Run) -> str:
+    """The virtual drones that flew, by name."""
+    return _virtual(
+        flight.simulated for flight in (*run.recorded, *run.flights) if flight.simulated
+    )
+
+
+def _virtual(names: Iterable[str]) -> str:
+    found = sorted(set(names))
+    return f"virtual drone{'s' if len(found) > 1 else ''} {listed(found)}" if found else ""
+
+
+def title(run: Run) -> str:
+    """The page's title, plain text."""
+    if run.estimates and not (run.kinds == SIMULATED and drones(run)):
+        found = identified.flights(run.drone, run.kinds, ", ")
+        return f"A drone identified from {found}" if found else "An identified drone"
+    if drones(run) or kind(run) == "real":
+        return f"Flights of {drones(run) or 'a real drone'}"
+    known = {
+        "Test flights": run.table is not None,
+        "Policies in training": run.training is not None or run.policies > 0,
+        "Predicted flight times": run.prediction is not None,
+        "How well a drone is predicted": run.validation is not None,
+        "Results of a study": run.study is not None,
+    }
+    return next((words for words, there in known.items() if there), "Report of a run")
+
+
+def lead(run: Run) -> str:
+    """What this run is, in two or three sentences."""
+    trained = (
+        [f"{text.plural(run.policies, 'policy')} trained in simulation"] if run.policies else []
+    )
+    if run.study is not None:
+        entries = text.plural(run.study["task"].n_unique(), "entry")
+        trained = [*trained, f"a study of {entries} and {text.plural(run.study.height, 'row')}"]
+    flown = [*_predicted(run), *_tested(run)]
+    apart = _flown(run) == {True} and bool(_drawn_from(run) - {True}) and bool(flown)
+    sentences = [
+        f"{listed(facts)}."
+        for facts in (_of_the_drone(run), [*trained, *([] if apart else flown)])
+        if facts
+    ]
+    if apart:
+        sentences.append(f"These flights are simulated: {listed(flown)}.")
+    elif _flown(run) | _drawn_from(run) == {True}:
+        sentences.append("Everything here is simulated: no real drone has flown.")
+    return " ".join(sentences) or "The parameters of a drone."
+
+
+def _of_the_drone(run: Run) -> list[str]:
+    facts = []
+    if run.recorded:
+        seconds = sum(flight.duration for flight in run.recorded)
+        few = f"The first {len(run.recorded)} of " if run.logs > len(run.recorded) else ""
+        facts.append(
+            f"{few}{text.plural(max(run.logs, len(run.recorded)), 'flight')} ({seconds:.0f} s) "
+            f"recorded {_on(run.recorded)}"
+        )
+    if run.estimates:
+        values = [_value(run, name) for name in NAMES if name in run.estimates]
+        among = (
+            f", {'among them ' if len(values) < len(run.estimates) else ''}{listed(values)}"
+            if values
+            else ""
+        )
+        facts.append(
+            f"{text.plural(len(run.estimates), 'parameter')} identified from "
+            f"{identified.flights(run.drone, run.kinds, ' (', ')') or 'flight logs'}{among}"
+        )
+    return facts
+
+
+def _value(run: Run, name: str) -> str:
+    return (
+        f"{NAMES[name]} {text.number(run.estimates[name].value * text.factor(name), 3)} "
+        f"{text.unit(name)}"
+    ).rstrip()
+
+
+def _predicted(run: Run) -> list[str]:
+    if run.prediction is None:
+        return []
+    count = text.plural(run.prediction["policy"].n_unique(), "policy")
+    return [
+        f"{text.plural(run.prediction.height, 'flight')} of {count} predicted on an identified "
+        "drone"
+    ]
+
+
+def _tested(run: Run) -> list[str]:
+    return (
+        []
+        if run.table is None
+        else [f"{text.plural(run.table.height, 'test flight')} flown {_where(run, run.table)}"]
+    )
+
+
+def _where(run: Run, table: polars.DataFrame) -> str:
+    if run.recorded and run.flights and _on(run.flights) == _on(run.recorded):
+        return "on the same drone"
+    return (
+        _on(run.flights)
+        if run.flights
+        else f"on {listed(name for name in table['reality'].unique(maintain_order=True))}"
+    )
+
+
+def _on(flights: Iterable[Any]) -> str:
+    names = {flight.simulated for flight in flights}
+    virtual = _virtual(name for name in names if name)
+    return "on " + listed(
+        [
+            *(["a real drone"] if "" in names else []),
+            *([f"{virtual} (simulated)"] if virtual else []),
+        ]
+    )
+
+
+def flown_on(run: Run) -> str:
+    """Where test flights flew, in a few words."""
+    virtual = _virtual(flight.simulated for flight in run.flights if flight.simulated)
+    return f"on {virtual}" if virtual else ""
+
+
+def listed(entries: Iterable[str]) -> str:
+    """`one`, `one and another`, `one, another and a third`; empty of none."""
+    *most, last = [*entries] or [""]
+    return f"{', '.join(most)} and {last}" if most else last
+
+
+class KeyFigure(NamedTuple):
+    """A number, its unit, what it is, and a note."""
+
+    value: str
+    unit: str
+    label: str
+    note: str
+
+
+def key_figures(run: Run) -> list[KeyFigure]:
+    """The few numbers that matter."""
+    return [*_of_parameters(run), *_of_training(run), *_of_predictions(run), *_of_flights(run)]
+
+
+def _of_parameters(run: Run) -> list[KeyFigure]:
+    shown = []
+    for name, words in NAMES.items():
+        if name in run.estimates:
+            value, low, high = parameters.estimate(run, name)
+            label = Markup("{} {}").format(words, text.symbol(name))
+            shown.append(KeyFigure(value, text.unit(name), label, f"95 % interval {low} to {high}"))
+    return shown
+
+
+def _of_training(run: Run) -> list[KeyFigure]:
+    """Where nothing has flown yet, what training ended with."""
+    if run.training is None or run.table is not None:
+        return []
+    last = run.training.filter(polars.col("steps") == polars.col("steps").max())
+    best = last.sort("episode_return", descending=True).row(0, named=True)
+    of = f"of {text.plural(last.height, 'policy')}" if last.height > 1 else "at the end of training"
+    survival, error = f"{100 * best['survival']:.1f}", _centimetres(best["position_error"])
+    where = "in simulation, with randomization"
+    return [
+        KeyFigure(text.number(best["episode_return"], 3), "", "return of the best policy", of),
+        KeyFigure(survival, "%", "episodes that it survives", where),
+        KeyFigure(error, "cm", "its mean position error", "mean over an episode"),
+    ]
+
+
+def _of_flights(run: Run) -> list[KeyFigure]:
+    if run.table is None:
+        return []
+    reached = run.table.filter(end_reason=REACHED)
+    limit = reached["duration"].to_numpy().max() if reached.height else MAX_DURATION_S
+    simulated = bool(run.flights) and all(flight.simulated for flight in run.flights)
+    flown = f"{'simulated test' if simulated else 'test'} flights reached {limit:g} s"
+    count, longest = f"of {run.table.height}", f"longest allowed {limit:g} s"
+    median = f"{np.median(run.table['duration'].to_numpy()):.1f}"
+    error = _centimetres(_mean(run.table["position_error"].to_numpy()))
+    return [
+        KeyFigure(f"{reached.height}", count, flown, flown_on(run) or "zero-shot"),
+        KeyFigure(median, "s", "their median flight time", longest),
+        KeyFigure(error, "cm", "their mean position error", "mean over flights"),
+    ]
+
+
+def _of_predictions(run: Run) -> list[KeyFigure]:
+    if run.prediction is None:
+        return []
+    policies = run.prediction.group_by("policy", maintain_order=True)
+    times = policies.agg(polars.col("duration").mean())["duration"].to_numpy()
+    reached, count = run.prediction.filter(end_reason=REACHED).height, run.prediction.height
+    median, over = f"{np.median(times):.1f}", f"median over {text.plural(len(times), 'policy')}"
+    best, share = f"{times.max():.1f}", f"{100 * reached / count:.0f}"
+    words = "that of the policy that flies longest"
+    return [
+        KeyFigure(median, "s", "predicted flight time on the identified drone", over),
+        KeyFigure(best, "s", words, "mean over its flights"),
+        KeyFigure(share, "%", "predicted flights reach the time limit", f"{reached} of {count}"),
+    ]
+
+
+def _mean(values: np.ndarray) -> float:
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if finite.size else float("nan")
+
+
+def _centimetres(metres: float) -> str:
+    return f"{metres * 100:.2f}" if np.isfinite(metres) else text.NOTHING

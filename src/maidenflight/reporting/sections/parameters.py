@@ -1,0 +1,277 @@
+"""What was identified of a drone, from which flights, and how sure it is."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import polars
+from markupsafe import Markup
+
+from maidenflight.flights.windows import SEGMENT_SECONDS
+from maidenflight.identification.bounds import bound_reached
+from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, component, crazyflie
+from maidenflight.reporting import identified, tables, text
+from maidenflight.reporting import run as runs
+from maidenflight.reporting.figures import corner, delays
+from maidenflight.reporting.figures import identification as identification_figures
+from maidenflight.reporting.figures.charts import Figure
+from maidenflight.reporting.html import render
+from maidenflight.reporting.run import Run, true_ends
+from maidenflight.reporting.tables import Cell, Column
+
+_RANGES = {
+    "motor_time_constant": ("speeding up", "slowing down"),
+    "latency": ("command", "command + sensors"),
+}
+
+
+_COMMANDS = {
+    "zero-order-hold": "commands were taken as a zero-order hold from row to row",
+    "subsampled": "commands were taken as subsampled from a faster loop",
+    "mixed": "commands of some logs were taken as a zero-order hold from row to row, "
+    "of others as subsampled from a faster loop",
+}
+_EFFECTS = {
+    "a sagging battery": ("battery_resistance", "battery_discharge"),
+    "drag along x": ("drag_x",),
+    "drag along y": ("drag_y",),
+    "drag along z": ("drag_z",),
+    "motors that slow down at another rate than they speed up": ("spin_down_ratio",),
+    "coasting motors": ("motor_coasting",),
+    "rotors whose momentum turns the body": ("rotor_momentum",),
+    "a constant torque": ("torque_bias_x", "torque_bias_y", "torque_bias_z"),
+    "flapping rotors": ("flapping_moment",),
+    "damped rates": ("rotational_damping",),
+    "another thrust curve": ("thrust_offset", "thrust_linear"),
+    "late estimates": ("estimator_delay",),
+    "a gyro that lags": ("gyro_time_constant",),
+}
+"""What a virtual drone may have and an identification leave out, by the parameters that stand for
+it."""
+
+
+def section(run: Run) -> Markup:
+    """Returns what was identified, and how sure it is."""
+    best = {name: estimate.value for name, estimate in run.estimates.items()}
+    draws = {name: one for name, one in run.posterior.items() if name in best}
+    return render(
+        "parameters.html",
+        source=_source(run),
+        estimates=_estimates(run),
+        segment_seconds=f"{SEGMENT_SECONDS:g}",
+        untold=_untold(run),
+        missed=_missed(run),
+        gains=_gains(run),
+        intervals=_intervals(run),
+        delays=_delays(run),
+        truth=_shape_of_truth(run),
+        corner=corner.corner(draws, best) if draws else None,
+        constants=_constants(run),
+        count=len(QUANTITIES),
+    )
+
+
+def _intervals(run: Run) -> Figure | None:
+    """Estimates beside the truth, where it is known, and the paper's values."""
+    if run.drone is None or not run.estimates:
+        return None
+    names = [*run.estimates, *run.drone.unidentified]
+    beside = {"paper": {name: [float(component(crazyflie(), name))] for name in names}}
+    if run.reality is not None:
+        known = {name: list(dict.fromkeys(true_ends(run, name))) for name in names}
+        beside = {"truth": known, **beside}
+    return identification_figures.estimates(run.estimates, run.drone.unidentified, beside)
+
+
+def _shape_of_truth(run: Run) -> str:
+    """How the truth is drawn in the picture of the delays: a `line`, a `box`, or not at all."""
+    if not runs.truth(run):
+        return ""
+    return "line" if "spin_down_ratio" in run.estimates else "box"
+
+
+def _delays(run: Run) -> Figure | None:
+    known = set(run.posterior) & set(run.estimates)
+    if run.objective == "replay" or not set(delays.DELAYS) <= known:
+        return None
+    return delays.delay_posterior(run.posterior, run.estimates, runs.truth(run))
+
+
+def estimate(run: Run, name: str) -> tuple[str, str, str]:
+    """Returns value and interval with as many decimals as the interval justifies."""
+    found = run.estimates[name]
+    scale, digits, _ = text.rounding(name, *found.interval)
+    value, low, high = (text.fixed(scale * one, digits) for one in (found.value, *found.interval))
+    return value, low, high
+
+
+def _untold(run: Run) -> list[str]:
+    """What the flights could not tell, each with its plausible range."""
+    words = []
+    for name, ends in ({} if run.drone is None else run.drone.unidentified).items():
+        scale, unit = text.scale(name, ends)
+        low, high = (text.number(end * scale) for end in ends)
+        words.append(f"{name} {low} .. {high} {unit}".strip())
+    return words
+
+
+def _truth(run: Run, name: str, scale: float) -> Cell:
+    """The truth, with what its ends are where it is a range."""
+    ends = true_ends(run, name)
+    if name not in _RANGES or np.isclose(*ends):
+        return Cell(text.number(ends[0] * scale), ends[0])
+    parts = [
+        Markup("{} <small>({})</small>").format(f"{end * text.factor(name):.1f}", word)
+        for end, word in zip(ends, _RANGES[name], strict=True)
+    ]
+    return Cell(Markup(" ..<br>").join(parts), ends[0])
+
+
+def _head(name: str, unit: str) -> Cell:
+    shown = Markup("{}{}<small> {}</small>")
+    return Cell(shown.format(text.symbol(name), f" [{unit}]" if unit else "", _meaning(name)), name)
+
+
+def _meaning(name: str) -> str:
+    """What a parameter is; of a component of a vector, which."""
+    meaning = text.quantity(name).meaning
+    if COMPONENTS.get(name, (name, None))[1] is None:
+        return meaning
+    return meaning.replace(": x, y, z", f", {name[-1]}").replace(" x, y, z", f" {name[-1]}")
+
+
+def _estimates(run: Run) -> Markup | str:
+    """The identified parameters beside the truth and the paper."""
+    if not run.estimates:
+        return ""
+
+    def scale(row: Mapping[str, Any]) -> tuple[float, str]:
+        factor, _, unit = text.rounding(row["parameter"], row["low"], row["high"])
+        return factor, unit
+
+    def interval(low: float, row: Mapping[str, Any]) -> Cell:
+        name = row["parameter"]
+        ends: Markup | str = " .. ".join(estimate(run, name)[1:])
+        if bound_reached(name, run.estimates[name]) is not None:
+            ends = Markup("{} <small>too narrow: at its search bound</small>").format(ends)
+        return Cell(ends, low)
+
+    def between(deviation: float, row: Mapping[str, Any]) -> Cell:
+        shown = deviation * scale(row)[0]
+        return Cell(text.fixed(shown, text.places(shown) if shown else 0), deviation)
+
+    def value(found: float, row: Mapping[str, Any]) -> Cell:
+        return Cell(Markup("<b>{}</b>").format(estimate(run, row["parameter"])[0]), found)
+
+    columns = {
+        "parameter": Column("Parameter", lambda name, row: _head(name, scale(row)[1])),
+        "value": Column("Identified", value),
+        "low": Column("95 % interval", interval),
+        "between_sd": Column("Between flights", between),
+        "truth": Column("Truth", lambda _, row: _truth(run, row["parameter"], scale(row)[0])),
+        "paper": Column("Paper", lambda one, row: Cell(text.number(one * scale(row)[0]), one)),
+    }
+    if run.reality is None:
+        del columns["truth"]
+    rows = [_in_si(run, name) for name in run.estimates]
+    return tables.sortable("estimates", polars.DataFrame(rows, infer_schema_length=None), columns)
+
+
+def _in_si(run: Run, name: str) -> dict[str, str | float | None]:
+    """A row of the table."""
+    found, paper = run.estimates[name], float(component(crazyflie(), name))
+    ends = true_ends(run, name) if run.reality is not None else (None, None)
+    row: dict[str, str | float | None] = {"parameter": name, "unit": text.quantity(name).unit}
+    row |= {"value": found.value, "low": found.interval[0], "high": found.interval[1]}
+    row |= {"between_sd": found.between_sd}
+    return row | {"truth": ends[0], "truth_to": ends[1], "paper": paper}
+
+
+def _source(run: Run) -> str:
+    """How many flights there were, and what their commands were taken as."""
+    if run.drone is None or run.drone.source is None or run.drone.search is None:
+        return ""
+    found = identified.flights(run.drone, run.kinds, ", ")
+    windows = text.plural(run.drone.search.windows, "window")
+    return f"Identified from {found}, cut into {windows}; {_COMMANDS[run.drone.source.commands]}"
+
+
+class Missed(NamedTuple):
+    """How far the identified drone is from the virtual one."""
+
+    outside: int
+    """Intervals that the truth lies outside of."""
+    of: str
+    """How many there are, in words."""
+    effects: list[str]
+    """Effects of the virtual drone that were not identified."""
+
+
+def _missed(run: Run) -> Missed | None:
+    """How far the identified drone is from the virtual one; `None` where that is not known."""
+    if run.reality is None:
+        return None
+    outside = 0
+    for name, found in run.estimates.items():
+        low, high = sorted(true_ends(run, name))
+        outside += found.interval[0] > high or found.interval[1] < low
+    count = text.plural(len(run.estimates), "parameter")
+    return Missed(outside, count, _left_out(run, run.reality))
+
+
+def _left_out(run: Run, reality: Parameters) -> list[str]:
+    """Effects in which the virtual drone differs, and that were not sought or not found."""
+    drone = crazyflie() if run.drone is None else run.drone.parameters
+    return [
+        effect
+        for effect, names in _EFFECTS.items()
+        if not set(names) & set(run.estimates)
+        and not all(
+            np.isclose(float(component(reality, name)), float(component(drone, name)), rtol=1e-4)
+            for name in names
+        )
+    ]
+
+
+def _gains(run: Run) -> Markup | str:
+    """Log-likelihood gain of each group of parameters, where the flights chose them."""
+    found = () if run.drone is None else run.drone.gains
+    if not found:
+        return ""
+
+    def gain(_: float, row: Mapping[str, Any]) -> Cell:
+        shown, error = text.with_error(row["log_likelihood_gain"], row["standard_error"])
+        cell = Markup("{} <small>± {}</small>").format(text.signed(shown), error)
+        return Cell(cell, row["log_likelihood_gain"])
+
+    columns = {
+        "group": Column("Parameters", lambda name, _: tables.plain(name.replace("_", " "))),
+        "log_likelihood_gain": Column("Log-likelihood gain a row [nats]", gain),
+        "kept": Column("Kept", lambda kept, _: tables.plain("yes" if kept else "no")),
+    }
+    rows = polars.DataFrame([dataclasses.asdict(group) for group in found])
+    return tables.sortable("gains", rows, columns)
+
+
+def _constants(run: Run) -> Markup | str:
+    """Every parameter of the identified drone and of the virtual one."""
+    drones = {
+        "identified": None if run.drone is None else run.drone.parameters,
+        "truth": run.reality,
+    }
+    known = {head: drone for head, drone in drones.items() if drone is not None}
+    if not known:
+        return ""
+
+    def value(shown: float, row: Mapping[str, Any]) -> Cell:
+        return Cell(text.number(shown * text.factor(row["parameter"])), shown)
+
+    columns = {"parameter": Column("Parameter", lambda name, _: _head(name, text.unit(name)))}
+    columns |= {head: Column(head.capitalize(), value) for head in known}
+    rows = [
+        {"parameter": name, "unit": QUANTITIES[field].unit}
+        | {head: float(component(drone, name)) for head, drone in known.items()}
+        for name, (field, _) in COMPONENTS.items()
+    ]
+    return tables.sortable("all", polars.DataFrame(rows), columns)

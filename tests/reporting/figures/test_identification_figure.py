@@ -1,0 +1,86 @@
+"""The picture beside a drone file: what is marked lies where the numbers say."""
+
+import polars
+import pytest
+
+from maidenflight.identification.drone_file import Estimate, GroupGain, Source
+from maidenflight.identification.estimates import Identification
+from maidenflight.identification.motor_response import Look
+from maidenflight.parameters import crazyflie
+from maidenflight.reporting.figures.identification import estimates, identification
+from maidenflight.reporting.figures.picture import svg
+from reporting.drawn import of, titles
+
+
+def found(**changes):
+    values = {
+        "parameters": crazyflie(),
+        "estimates": {
+            "thrust_to_weight": Estimate(1.7, (1.6, 1.9), (1.7,), 0.0),
+            "latency": Estimate(0.01, (0.008, 0.012), (0.01,), 0.0),
+        },
+        "unidentified": {"drag_z": (0.0, 0.5)},
+        "expected": {},
+        "objective": "likelihood",
+        "value": -15.0,
+        "start_value": -14.0,
+        "windows": 10,
+        "source": Source(2, 60.0, False, "subsampled", 60000.0),
+        "evaluations": 5,
+        "seconds": 1.0,
+        "search": polars.DataFrame(),
+        "posterior": {},
+        "gains": (GroupGain("drag", 0.1, 0.01, True), GroupGain("inertia", -1e-5, None, False)),
+        "noise": {},
+        "notes": (),
+        "lag_looks": (Look("gyro x", 0.1, (0.09, 0.12)), Look("taken", 0.08, (0.07, 0.09))),
+    }
+    return Identification(**values | changes)
+
+
+def numbers(figure, panel=0):
+    """Names and numbers beside the rows of a panel."""
+    keys = figure.panels[panel]["layer"][0]["encoding"]["y"]["scale"]["domain"]
+    return [tuple(key.split("\t")[1:]) for key in keys]
+
+
+def test_intervals_looks_and_gains_lie_where_their_numbers_say():
+    figure = identification(found(), crazyflie())
+    assert titles(figure) == ["", "Looks at the lag", "Log-likelihood gain of each group"]
+    [bar], [value] = of(figure, kind="bar", row=0), of(figure, kind="value", row=0)
+    share = (value["x"] - bar["x"]) / (bar["x2"] - bar["x"])
+    assert share == pytest.approx((1.7 - 1.6) / (1.9 - 1.6), abs=1e-5)
+    [unknown] = of(figure, series="unidentified")
+    assert (unknown["name"], unknown["kind"]) == ("drag z", "bar")
+    gyro, taken = of(figure, 1, kind="value")
+    assert (gyro["x"], taken["x"]) == (100.0, 80.0)
+    kept, not_kept = of(figure, 2, kind="bar")
+    assert (kept["x"], kept["x2"]) == pytest.approx((0.08, 0.12))
+    assert not_kept["x"] == not_kept["x2"] == -1e-5, "no standard error"
+    assert numbers(figure)[0] == ("thrust to weight", "1.70 [1.60, 1.90], start 1.73")
+    assert numbers(figure, 1)[0] == ("gyro x", "100.0 [90.0, 120.0] ms")
+    assert numbers(figure, 2)[0] == ("drag", "+0.1 \N{PLUS-MINUS SIGN} 0.01, kept")
+
+
+def test_what_is_not_known_is_left_out():
+    figure = identification(found(gains=(), lag_looks=(), unidentified={}), crazyflie())
+    assert len(figure.panels) == 1
+    assert [entry.series for entry in figure.legend] == ["identified", "start"]
+
+
+def test_nothing_that_was_identified_makes_an_empty_picture():
+    nothing = found(gains=(), lag_looks=(), unidentified={}, estimates={})
+    assert svg(identification(nothing, crazyflie())).startswith("<svg")
+
+
+def test_what_is_known_besides_is_marked_on_the_same_scale():
+    known = {"latency": Estimate(0.01, (0.008, 0.012), (0.01,), 0.0)}
+    figure = estimates(
+        known, {}, {"truth": {"latency": [0.01, 0.014]}, "paper": {"latency": [0.018]}}
+    )
+    [value] = of(figure, kind="value")
+    first, last = of(figure, series="truth")
+    assert (first["x"], first["value"]) == (value["x"], "10.0")
+    [paper] = of(figure, series="paper")
+    assert 0 < value["x"] < last["x"] < paper["x"] < 1
+    assert numbers(figure) == [("latency", "10.0 [8.0, 12.0], truth 10.0 .. 14.0 ms")]
