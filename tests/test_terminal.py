@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from maidenflight.identification.drone_file import GroupGain
 from maidenflight.identification.information import Expected
 from maidenflight.identification.progress import CHOICE, EXPECTING, INTERVALS, STAGES, Progress
-from maidenflight.terminal import Bar
-from maidenflight.verb import Progress as Shown
+from maidenflight.terminal import Bar, Table, show
+from maidenflight.terminal import Progress as Shown
 from maidenflight.verbs import identify
 from maidenflight.verbs.identify import SHARES, describe_stage
 
@@ -79,3 +79,21 @@ def test_the_clock_of_a_bar_counts_on_when_its_total_becomes_unknown(
     shown = re.findall(r"\d:\d\d:\d\d", capsys.readouterr().err)
     assert shown == sorted(shown)
     assert shown[-1] > "0:00:07"
+
+
+def test_cells_show_si_values_in_the_units_of_people(capsys: Any) -> None:
+    columns = {"policy": "{name}", "error": "{error:.1f cm}", "time": "{time:.2f s}"}
+    columns |= {"reached": "{done} of {flights}", "tilt": "{tilt:.0f deg}"}
+    rows = [
+        {"name": "a", "error": 0.013, "time": 19.2, "done": 8, "flights": 9, "tilt": 0.5},
+        {"name": "b", "error": float("nan"), "time": None, "done": 0, "flights": 9, "tilt": 0.0},
+    ]
+    table = Table("Flights", columns, rows)
+    assert table.cells == [
+        ["a", "1.3 cm", "19.20 s", "8 of 9", "29 deg"],
+        ["b", "-", "", "0 of 9", "0 deg"],
+    ]
+    show("first", table)
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.strip() for line in lines[:2]] == ["first", "Flights"]
+    assert re.search(r"a +1\.3 cm +19\.20 s +8 of 9 +29 deg", "\n".join(lines))

@@ -9,12 +9,12 @@ import jax.numpy as jnp
 import pytest
 
 import maidenflight as mf
-from maidenflight import policy, policy_file
+from maidenflight import policy_file
 from maidenflight.errors import InputError
 from maidenflight.identification.drone_file import DroneFile, Search, Source
 from maidenflight.names import CONTROLS, TASKS
 from maidenflight.parameters import crazyflie
-from maidenflight.policy import Policy
+from maidenflight.policy import Policy, untrained
 from maidenflight.simulator import control, dynamics
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.look_ahead import LookAhead
@@ -32,13 +32,14 @@ def no_training(
     task: Any,
     controller: Controller,
     *_: Any,
-    spec: PolicySpec,
+    policy: Any,
     on_progress: Any,
     **__: Any,
 ) -> tuple[Policy]:
     """In the place of training: a policy that knows nothing."""
     on_progress(Progress(1, 1, Evaluation(*jnp.zeros((3, 1)))))
-    return (policy.untrained(jax.random.key(0), controller.interface, spec),)
+    spec = policy if isinstance(policy, PolicySpec) else policy.spec
+    return (untrained(jax.random.key(0), controller.interface, spec),)
 
 
 def test_what_a_command_of_one_is_goes_from_the_drone_s_logs_to_the_exported_code(
@@ -76,9 +77,9 @@ def test_a_look_ahead_is_trained_with_and_recorded(
 ) -> None:
     asked: list[PolicySpec] = []
 
-    def training(*given: Any, spec: PolicySpec, **named: Any) -> tuple[Policy]:
-        asked.append(spec)
-        return no_training(*given, spec=spec, **named)
+    def training(*given: Any, policy: PolicySpec, **named: Any) -> tuple[Policy]:
+        asked.append(policy)
+        return no_training(*given, policy=policy, **named)
 
     monkeypatch.setattr(TRAINING, training)
     Train(
@@ -99,7 +100,7 @@ def test_a_record_says_what_a_policy_of_from_has_and_not_what_is_usual(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     spec = PolicySpec(history=3, look_ahead=LookAhead(2, 0.2), memory=4, hidden=(6,))
-    start = policy.untrained(jax.random.key(0), control.attitude().interface, spec)
+    start = untrained(jax.random.key(0), control.attitude().interface, spec)
     policy_file.write(tmp_path / "start.json", start)
     monkeypatch.setattr(TRAINING, no_training)
     Train(drone="crazyflie", policies=1, initial=tmp_path / "start.json").run(tmp_path)
