@@ -19,6 +19,7 @@ from maidenflight.simulator import control, dynamics
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.look_ahead import LookAhead
 from maidenflight.simulator.policy_spec import PolicySpec
+from maidenflight.terminal import Bar
 from maidenflight.training import defaults
 from maidenflight.training.evaluation import Evaluation
 from maidenflight.training.train import Progress
@@ -152,6 +153,19 @@ def test_policies_for_the_authors_format_have_the_papers_scales(
     assert (made.interface == control.attitude().interface) == papers
     said = policy_file.read(tmp_path / "policy_1.json").record["settings"]
     assert said["paper_scales"] == papers
+
+
+def test_each_score_moves_the_bar_and_is_a_line_where_there_is_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    moves: list[Any] = []
+    monkeypatch.setattr(Bar, "move", lambda _, *arguments: moves.append(arguments))
+    monkeypatch.setattr(TRAINING, no_training)
+    train = Train(drone="crazyflie", policies=1, updates=9, randomize=0.1, hidden=(8,))
+    train.run(tmp_path, Bar("train"))
+    line = "return 0.0, survival 0%, error 0.0 cm"
+    assert moves == [(0, 9, "compiling, until the first score"), (1, 9, line)]
+    assert capsys.readouterr().err == f"update 1 of 9: {line}\n"
 
 
 def test_what_the_target_could_not_hold_is_not_trained(

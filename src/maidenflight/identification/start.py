@@ -1,10 +1,13 @@
 """The drone that an identification begins with."""
 
+from collections.abc import Collection
 from dataclasses import replace
+from pathlib import Path
 
 from maidenflight import parameters
 from maidenflight.flights.reading import Flights
 from maidenflight.identification import drone_file
+from maidenflight.identification.bounds import at_bounds
 from maidenflight.identification.drone_file import DroneFile
 
 
@@ -34,4 +37,18 @@ def note_mass(drone: str, mass_g: float | None, flights: Flights) -> list[str]:
         f"mass taken from {drone}, {mass:.4g} g. Inertia, trim and other torques found are in "
         "proportion to it; thrust-to-weight ratio, lags and drag do not depend on it. Weigh yours "
         "with battery and decks, and give --mass GRAMS."
+    ]
+
+
+def note_kept_at_bounds(start: DroneFile, estimates: Collection[str]) -> list[str]:
+    """Returns what was kept of a start although it lay at a search bound there.
+
+    Args:
+        start: the drone that the identification began with.
+        estimates: names of what was identified.
+    """
+    return [
+        f"kept from {Path(start.name).name}: {text}"
+        for name, text in at_bounds(start.estimates).items()
+        if name not in estimates
     ]

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from maidenflight.identification.identify import identify
     from maidenflight.identification.likelihood import Likelihood, log_likelihood
     from maidenflight.identification.matched_drone import merge_match
+    from maidenflight.identification.overall_progress import Overall
     from maidenflight.identification.prediction import (
         PERSISTENCE,
         predicted_windows,
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
     )
     from maidenflight.identification.progress import Progress as Stage
     from maidenflight.identification.replay import Replay
-    from maidenflight.identification.start import note_mass, read_start
+    from maidenflight.identification.start import note_kept_at_bounds, note_mass, read_start
     from maidenflight.identification.truth import read_truth
     from maidenflight.link.flying import COMPLETE
     from maidenflight.link.rows import recover as recover_rows
@@ -67,13 +68,14 @@ if TYPE_CHECKING:
     from maidenflight.studies import sweeping
     from maidenflight.studies.engine import Resources
     from maidenflight.studies.status import Progress as Status
+    from maidenflight.studies.status import clock
     from maidenflight.studies.status import read as read_status
     from maidenflight.studies.store import opened as open_store
     from maidenflight.studies.study import read as read_study
     from maidenflight.training import checkpoint, defaults, folder, loggers
     from maidenflight.training.checkpoint import Checkpoint
     from maidenflight.training.scores import Scores
-    from maidenflight.training.settings import Settings, recorded
+    from maidenflight.training.settings import Settings, override, recorded
     from maidenflight.training.train import Progress as Training
     from maidenflight.training.train import train
     from maidenflight.verbs import estimates_output, logs

@@ -82,7 +82,8 @@ class Demo(Verb):
         def configure(verb: Any, **settings: Any) -> Any:
             return dataclasses.replace(verb, seed=self.seed, **settings)
 
-        recorded, drone, reality = run_folder.RECORDED[0], output / run_folder.DRONE, self._reality
+        recorded, drone = run_folder.RECORDED[0], output / run_folder.DRONE
+        reality = f"virtual:{self.seed}"
         record = configure(stages.record, reality=reality)
         flights = f"{record.flights or 4} flights of {record.duration:g} s"
         run(record, recorded, f"{flights} on a virtual drone (simulated), by the firmware's PID")
@@ -138,10 +139,6 @@ class Demo(Verb):
             notes=identified.notes,
             value=found,
         )
-
-    @property
-    def _reality(self) -> str:
-        return f"virtual:{self.seed}"
 
 
 class _Stage(Progress):

@@ -20,16 +20,6 @@ _PAIR = dataclasses.replace(
         and all(map(number(-1e9, 1e9).accepts, pair))
     ),
 )
-SHARES = {
-    "reading flights": 1.0,
-    "motor lag": 4.0,
-    "what flights can tell": 2.0,
-    "choosing parameters": 8.0,
-    "fitting": 5.0,
-    "intervals": 2.0,
-}
-"""How long each stage takes beside the others: four minutes of flight with an accelerometer."""
-_COUNTED = {"motor lag": "flights", "choosing parameters": "groups"}
 _BAR_STEPS = 1000
 
 
@@ -130,10 +120,20 @@ class Identify(Verb):
 
     def compute(self, output: Path, progress: Progress) -> Result:
         """Identifies; writes the drone, every evaluation and a picture."""
-        settings, stages = self._objective(), _Stages(progress)
+        settings, overall = self._objective(), core.Overall()
+
+        def show(share: float, remark: str) -> None:
+            progress.move(int(_BAR_STEPS * share), _BAR_STEPS, remark)
+
+        def on_progress(now: core.Stage) -> None:
+            show(*overall.reach(now))
+            if now.untold:
+                untold = ", ".join(now.untold)
+                progress.note(f"these flights cannot tell {untold}; plausible ranges are kept")
+
         flights = core.read_flights(
-            *(self.logs, stages.on_file, self.most_seconds, settings.lead_in),
-            *(self.commands, self.battery_law, self.ignore),
+            *(self.logs, lambda done, of: show(*overall.read(done, of)), self.most_seconds),
+            *(settings.lead_in, self.commands, self.battery_law, self.ignore),
         )
         found = core.identify(
             flights,
@@ -142,7 +142,7 @@ class Identify(Verb):
             over=self.over,
             bounds=self.bounds,
             key=self.key,
-            on_progress=stages.on_progress,
+            on_progress=on_progress,
         )
         over = self.over if isinstance(self.over, str) else list(self.over or found.estimates)
         record = self.make_record(
@@ -152,7 +152,7 @@ class Identify(Verb):
         )
         notes = [
             *core.note_mass(self.start, self.mass, flights),
-            *_kept_at_bounds(self.first, found),
+            *core.note_kept_at_bounds(self.first, found.estimates),
         ]
         found = dataclasses.replace(found, notes=(*found.notes, *notes))
         found.write(output, record)
@@ -201,54 +201,6 @@ class Identify(Verb):
             return core.Likelihood(**common)
         own: dict[str, Any] = {"method": self.method, "length": self.length}
         return core.Replay(**common, **{name: own[name] for name in own if own[name] is not None})
-
-
-class _Stages:
-    """Shows how far an identification is, on a bar that never moves back."""
-
-    def __init__(self, progress: Progress) -> None:
-        self._progress, self._reached = progress, 0.0
-
-    def on_file(self, done: int, of: int) -> None:
-        """Shows how many files are read."""
-        first = next(iter(SHARES))
-        self._move(first, done, of, f"{first}, {done} of {of}")
-
-    def on_progress(self, now: "core.Stage") -> None:
-        """Shows the stage; says before anything is fitted what the flights do not determine."""
-        self._move(now.stage, now.done, now.of, describe_stage(now))
-        names = [name for name, one in (now.expected or {}).items() if not one.identifiable]
-        if names:
-            self._progress.note(
-                f"these flights cannot tell {', '.join(names)}; plausible ranges are kept"
-            )
-
-    def _move(self, stage: str, done: int, of: int, remark: str) -> None:
-        before = sum(SHARES[name] for name in list(SHARES)[: list(SHARES).index(stage)])
-        within = SHARES[stage] * min(done / of, 1.0) if of else 0.0
-        self._reached = max(self._reached, (before + within) / sum(SHARES.values()))
-        self._progress.move(int(_BAR_STEPS * self._reached), _BAR_STEPS, remark)
-
-
-def describe_stage(now: "core.Stage") -> str:
-    """Returns a stage of an identification in words."""
-    parts = [now.stage]
-    if now.of and now.stage in _COUNTED:
-        parts.append(f"{now.done} of {now.of} {_COUNTED[now.stage]}")
-    if now.gain is not None:
-        parts.append(f"{now.gain.group} {'kept' if now.gain.kept else 'not kept'}")
-    if now.evaluations:
-        parts.append(f"evaluation {now.evaluations}")
-    return ", ".join(parts)
-
-
-def _kept_at_bounds(start: "core.DroneFile", found: "core.Identification") -> list[str]:
-    """Returns what was kept of a start although it lay at a search bound there."""
-    return [
-        f"kept from {Path(start.name).name}: {text}"
-        for name, text in core.at_bounds(start.estimates).items()
-        if name not in found.estimates
-    ]
 
 
 def _to_content(flights: "core.Flights", found: "core.Identification") -> dict[str, Any]:

@@ -78,7 +78,7 @@ class Sweep(Verb):
 
         def on_progress(now: "core.Status") -> None:
             last[:] = [now]
-            progress.move(now.done, now.tasks, _describe(now))
+            progress.move(now.done, now.tasks, now.describe())
 
         resources = core.Resources(self.workers, self.cpus, self.gpus, self.slurm)
         failures = core.sweeping.compute(
@@ -107,22 +107,6 @@ class Sweep(Verb):
         )
 
 
-def _describe(now: "core.Status") -> str:
-    """Returns how far a study is, in a line."""
-    parts = [f"{now.done} of {now.tasks} tasks", f"{len(now.running)} running"]
-    parts += [f"{len(now.failed)} failed"] if now.failed else []
-    parts += [f"{now.policies_per_hour:.0f} policies/h"] if now.policies_per_hour else []
-    parts += [f"{_clock(now.seconds_left)} left"] if now.seconds_left else []
-    return ", ".join(parts)
-
-
-def _clock(seconds: float | None) -> str:
-    if seconds is None:
-        return "unknown"
-    minutes, rest = divmod(round(seconds), 60)
-    return f"{minutes // 60}:{minutes % 60:02d}:{rest:02d}"
-
-
 def _summarize(now: "core.Status", output: str) -> list[Table | str]:
     """Returns how far a study is."""
     running, rate = now.state == "running", now.policies_per_hour
@@ -134,8 +118,8 @@ def _summarize(now: "core.Status", output: str) -> list[Table | str]:
         "failed": len(now.failed),
         "begun again": now.repeated,
         "policies an hour": "" if rate is None else f"{rate:.0f}",
-        "time": _clock(now.seconds),
-        "time left": _clock(now.seconds_left) if running else "",
+        "time": core.clock(now.seconds),
+        "time left": core.clock(now.seconds_left) if running else "",
     }
     columns = {"": "{name}", " ": "{value}"}
     return [

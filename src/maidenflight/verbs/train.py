@@ -233,19 +233,9 @@ class Train(Verb):
         """
         further = self.start is not None
         method = self.method or core.defaults.choose_method(self.spec, further)
-        chosen: Any = core.defaults.choose_settings(
-            self._control, self.task, method, self.spec, further
-        )
-        fields = {field.name: getattr(chosen, field.name) for field in dataclasses.fields(chosen)}
-        changed: dict[str, Any] = {} if self.updates is None else {"updates": self.updates}
-        for name, value in self.learner.items():
-            if type(fields.get(name)) not in (int, float):
-                raise InputError(f"learner: {name} is no number of {method}: {', '.join(fields)}.")
-            whole_number = isinstance(fields[name], int)
-            if whole_number and value != int(value):
-                raise InputError(f"learner: {name} = {value:g}; expected a whole number.")
-            changed[name] = int(value) if whole_number else value
-        return dataclasses.replace(chosen, **changed)
+        chosen = core.defaults.choose_settings(self._control, self.task, method, self.spec, further)
+        updates = {} if self.updates is None else {"updates": self.updates}
+        return core.override(chosen, {**updates, **self.learner})
 
     @property
     def _control(self) -> str:
