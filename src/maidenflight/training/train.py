@@ -206,14 +206,14 @@ def _begin(
         return _State(learners, learners.policy, worst, nothing, jnp.zeros((), jnp.int32))
 
     with ThreadPoolExecutor(1) as beside:
-        fresh = saved is None or saved.anew
-        if fresh or not os.path.lexists(saved.path):
+        earlier = None if saved is None or saved.anew else saved.path
+        if earlier is None or not os.path.lexists(earlier):
             # Meanwhile XLA compiles what makes learners and starts, which takes as long.
             shapes = jax.eval_shape(partial(method.begin, env), settings, drones, keys)
             shapes = placed(shapes, method.sharding, settings.num_envs)
             beside.submit(method.learn.trace, env, settings, drones, shapes, keys, 0, 1)
         state, stages = (
-            (start(()), ()) if fresh else checkpoint.restored(saved.path, start, fingerprint)
+            (start(()), ()) if earlier is None else checkpoint.restored(earlier, start, fingerprint)
         )
         starts = starts_of(env, settings.episodes, drones)
     learners = placed(state.learners, method.sharding, settings.num_envs)
