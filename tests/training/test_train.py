@@ -124,13 +124,13 @@ def test_training_from_a_policy_begins_with_its_score_and_ends_no_worse(
     saved = tmp_path / "training.npz"
 
     def tuned(hear: Any, from_: Policy = initial) -> tuple[Policy, ...]:
-        return train(*asked, from_, on_progress=hear, saved=saved)
+        return train(*asked, policy=from_, on_progress=hear, saved=saved)
 
     def interrupt(progress: Progress) -> None:
         if progress.update == 2:
             raise KeyboardInterrupt
 
-    policies = train(*asked, initial, on_progress=heard.append)
+    policies = train(*asked, policy=initial, on_progress=heard.append)
     assert [(one.update, one.steps > 0) for one in heard] == [
         (number, number > 0) for number in range(5)
     ]
@@ -239,9 +239,9 @@ def test_an_extension_is_recorded(tmp_path: Path, monkeypatch: Any) -> None:
     made = policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(3,)))
     stub = training_that_gives(made)
 
-    def extended(*arguments: Any, saved: Path, **further: Any) -> tuple[Policy, ...]:
+    def extended(*arguments: Any, saved: Checkpoint, **further: Any) -> tuple[Policy, ...]:
         given = stub(*arguments, saved=saved, **further)
-        checkpoint.save(saved, (), "", (600, 700))
+        checkpoint.save(saved.path, (), "", (600, 700))
         return given
 
     monkeypatch.setattr("maidenflight.training.train.train", stub)
@@ -466,13 +466,15 @@ def test_a_return_that_is_no_number_ends_training_and_keeps_what_was_good(
 def test_a_policy_of_raptors_form_learns_and_is_trained_further() -> None:
     heard: list[Progress] = []
     asked: Any = (TASK, CONTROLLER, BOX, KEYS[:1])
-    (first,) = train(*asked, SMALL, PolicySpec(form="raptor"), on_progress=heard.append)
+    (first,) = train(
+        *asked, settings=SMALL, policy=PolicySpec(form="raptor"), on_progress=heard.append
+    )
     assert (first.spec.form, first.layer_sizes) == ("raptor", (22, 16, 4))
     first.check()
     assert heard[-1].score.episode_return[0] > heard[0].score.episode_return[0] + 50.0
     flown = transfer(first, virtual_drone(7), 1, duration=0.5)
     assert np.isfinite(flown.table["position_error"][0])
-    (further,) = train(*asked, changed(SMALL, updates=1, evaluations=1), first)
+    (further,) = train(*asked, settings=changed(SMALL, updates=1, evaluations=1), policy=first)
     assert further.spec.form == "raptor"
 
 
