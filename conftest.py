@@ -5,6 +5,7 @@ run; the authors' data where it is.
 import gc
 import os
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 # Compilation is most of what tests take: what one process compiled the others read, and so does the
@@ -18,6 +19,7 @@ import jax
 import pytest
 from hypothesis import settings
 
+from commands import Command, run
 from maidenflight import compiler
 
 # Tests compile much and compute little. With a space more than there, so that commands take the
@@ -87,6 +89,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def flags_of_the_compiler_stay(monkeypatch: pytest.MonkeyPatch) -> None:
     """Commands that run in this process set them for later ones."""
     monkeypatch.setenv("XLA_FLAGS", os.environ["XLA_FLAGS"])
+
+
+@pytest.fixture
+def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Command:
+    """Runs commands of the command line in this process."""
+    return partial(run, monkeypatch, capsys)
 
 
 @pytest.fixture(scope="session")

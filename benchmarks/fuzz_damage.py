@@ -159,6 +159,147 @@ CELLS = (
 """What may stand in a cell instead of a number."""
 
 
+Content = tuple[list[str], list[str], list[list[str]]]
+"""Of a table: comments, names of columns, rows of cells."""
+
+
+class _Place(NamedTuple):
+    """What of a table is damaged, and by what."""
+
+    column: int
+    other: int
+    row: int
+    few: Sequence[int]
+    odd: str
+    factor: float
+
+
+def _damage_cells(content: Content, at: _Place) -> dict[str, tuple[str, Callable[[], Content]]]:
+    """Damages to cells and columns of numbers, each with its verdict."""
+    comments, names, rows = content
+
+    def put(cells: list[str]) -> list[str]:
+        return [*cells[: at.column], at.odd, *cells[at.column + 1 :]]
+
+    def scaled(cells: list[str]) -> list[str]:
+        try:
+            number = repr(float(cells[at.column]) * at.factor)
+        except ValueError:
+            return cells
+        return [*cells[: at.column], number, *cells[at.column + 1 :]]
+
+    def put_in(places: Sequence[int]) -> Content:
+        return (
+            comments,
+            names,
+            [put(cells) if number in places else cells for number, cells in enumerate(rows)],
+        )
+
+    return {
+        "a cell": (TOLD, lambda: put_in([at.row])),
+        "some cells": (TOLD, lambda: put_in(at.few)),
+        "a column": (ANY, lambda: (comments, names, [put(cells) for cells in rows])),
+        "a column scaled": (ANY, lambda: (comments, names, [scaled(cells) for cells in rows])),
+        "spaces": (TOLD, lambda: (comments, names, [[f" {one} " for one in row] for row in rows])),
+        "quotation marks": (
+            TOLD,
+            lambda: (comments, names, [[f'"{one}"' for one in row] for row in rows]),
+        ),
+        "semicolons": (
+            REFUSED,
+            lambda: (comments, [";".join(names)], [[";".join(row)] for row in rows]),
+        ),
+    }
+
+
+def _damage_columns(
+    content: Content, at: _Place, needed: Sequence[str], shown: Sequence[str]
+) -> dict[str, tuple[str, Callable[[], Content]]]:
+    """Damages to columns and their names, each with its verdict."""
+    comments, names, rows = content
+    name, column = names[at.column], at.column
+
+    def without(cells: list[str]) -> list[str]:
+        return cells[:column] + cells[column + 1 :]
+
+    def swapped(cells: list[str]) -> list[str]:
+        cells = list(cells)
+        cells[column], cells[at.other] = cells[at.other], cells[column]
+        return cells
+
+    lost = REFUSED if name in needed else ANY
+    return {
+        "a column missing": (
+            lost,
+            lambda: (comments, without(names), [without(cells) for cells in rows]),
+        ),
+        "a column renamed": (
+            lost,
+            lambda: (comments, [*names[:column], name + "_", *names[column + 1 :]], rows),
+        ),
+        "a column twice": (
+            REFUSED if name in (needed or shown) else ANY,
+            lambda: (comments, [*names, name], [[*cells, "1"] for cells in rows]),
+        ),
+        "names of columns swapped": (ANY, lambda: (comments, swapped(names), rows)),
+        "columns and their names swapped": (
+            SAME,
+            lambda: (comments, swapped(names), [swapped(cells) for cells in rows]),
+        ),
+        "no header": (REFUSED, lambda: (comments, rows[0], rows[1:] or rows)),
+    }
+
+
+def _damage_rows(
+    content: Content, at: _Place, generator: random.Random
+) -> dict[str, tuple[str, Callable[[], Content]]]:
+    """Damages to rows and comments, each with its verdict."""
+    comments, names, rows = content
+    row = at.row
+
+    def kept() -> list[list[str]]:
+        return [cells for number, cells in enumerate(rows) if number not in at.few] or rows
+
+    def repeated() -> list[list[str]]:
+        return [cells for number, cells in enumerate(rows) for _ in range(1 + (number in at.few))]
+
+    return {
+        "rows lost": (ANY, lambda: (comments, names, kept())),
+        "all rows lost": (REFUSED, lambda: (comments, names, [])),
+        "rows repeated": (ANY, lambda: (comments, names, repeated())),
+        "rows turned": (ANY, lambda: (comments, names, rows[:row] + rows[row:][::-1])),
+        "a row cut": (
+            ANY,
+            lambda: (comments, names, [*rows[:row], rows[row][: at.column], *rows[row + 1 :]]),
+        ),
+        "a cell too many": (
+            REFUSED,
+            lambda: (comments, names, [*rows[:row], [*rows[row], "1"], *rows[row + 1 :]]),
+        ),
+        "the header again": (REFUSED, lambda: (comments, names, [*rows[:row], names, *rows[row:]])),
+        "a comment lost": (ANY, lambda: (comments[1:], names, rows)),
+        "a comment too many": (
+            ANY,
+            lambda: (["# " + at.odd.replace("\r", ""), *comments], names, rows),
+        ),
+        "another's comments": (
+            ANY,
+            lambda: ([comment[: generator.randint(1, 60)] for comment in comments], names, rows),
+        ),
+    }
+
+
+_TABLE_DAMAGES = (
+    *("a cell", "some cells", "a column", "a column scaled", "a column missing"),
+    *("a column renamed", "a column twice", "names of columns swapped"),
+    *("columns and their names swapped", "rows lost", "all rows lost", "rows repeated"),
+    *("rows turned", "a row cut", "a cell too many", "the header again", "no header"),
+    *("a comment lost", "a comment too many", "another's comments", "semicolons", "spaces"),
+    "quotation marks",
+)
+"""In the order in which a seed draws them."""
+
+
 def of_table(
     generator: random.Random, good: bytes, needed: Sequence[str], shown: Sequence[str] = ()
 ) -> Damaged:
@@ -172,11 +313,8 @@ def of_table(
     """
     lines = good.decode().rstrip("\n").split("\n")
     first = next(number for number, line in enumerate(lines) if not line.startswith("#"))
-    comments, names, rows = (
-        lines[:first],
-        lines[first].split(","),
-        [line.split(",") for line in lines[first + 1 :]],
-    )
+    names, rows = lines[first].split(","), [line.split(",") for line in lines[first + 1 :]]
+    content = lines[:first], names, rows
     column = generator.choice(
         [number for number, name in enumerate(names) if not needed or name in needed]
     )
@@ -185,120 +323,17 @@ def of_table(
         generator.choice(CELLS),
         generator.choice((-1.0, 0.0, 1e-3, 57.3, 1000.0, 65535.0, 1e30, 1e300)),
     )
-
-    def scaled(cells: list[str]) -> list[str]:
-        try:
-            return [*cells[:column], repr(float(cells[column]) * factor), *cells[column + 1 :]]
-        except ValueError:
-            return cells
-
-    def without(cells: list[str]) -> list[str]:
-        return cells[:column] + cells[column + 1 :]
-
-    def swapped(cells: list[str]) -> list[str]:
-        cells[column], cells[other] = cells[other], cells[column]
-        return cells
-
-    def put(cells: list[str]) -> list[str]:
-        return [*cells[:column], odd, *cells[column + 1 :]]
-
-    lost = REFUSED if names[column] in needed else ANY
     few = generator.sample(range(len(rows)), min(len(rows), generator.choice((1, 3, 20))))
-    joined = "\n".join
-    ops: dict[str, tuple[str, Callable[[], tuple[list[str], list[str], list[list[str]]]]]] = {
-        "a cell": (
-            TOLD,
-            lambda: (
-                comments,
-                names,
-                [put(cells) if number == row else cells for number, cells in enumerate(rows)],
-            ),
-        ),
-        "some cells": (
-            TOLD,
-            lambda: (
-                comments,
-                names,
-                [put(cells) if number in few else cells for number, cells in enumerate(rows)],
-            ),
-        ),
-        "a column": (ANY, lambda: (comments, names, [put(cells) for cells in rows])),
-        "a column scaled": (ANY, lambda: (comments, names, [scaled(cells) for cells in rows])),
-        "a column missing": (
-            lost,
-            lambda: (comments, without(names), [without(cells) for cells in rows]),
-        ),
-        "a column renamed": (
-            lost,
-            lambda: (comments, [*names[:column], names[column] + "_", *names[column + 1 :]], rows),
-        ),
-        "a column twice": (
-            REFUSED if names[column] in (needed or shown) else ANY,
-            lambda: (comments, [*names, names[column]], [[*cells, "1"] for cells in rows]),
-        ),
-        "names of columns swapped": (ANY, lambda: (comments, swapped(list(names)), rows)),
-        "columns and their names swapped": (
-            SAME,
-            lambda: (comments, swapped(list(names)), [swapped(list(cells)) for cells in rows]),
-        ),
-        "rows lost": (
-            ANY,
-            lambda: (
-                comments,
-                names,
-                [cells for number, cells in enumerate(rows) if number not in few] or rows,
-            ),
-        ),
-        "all rows lost": (REFUSED, lambda: (comments, names, [])),
-        "rows repeated": (
-            ANY,
-            lambda: (
-                comments,
-                names,
-                [cells for number, cells in enumerate(rows) for _ in range(1 + (number in few))],
-            ),
-        ),
-        "rows turned": (ANY, lambda: (comments, names, rows[:row] + rows[row:][::-1])),
-        "a row cut": (
-            ANY,
-            lambda: (
-                comments,
-                names,
-                [cells[:column] if number == row else cells for number, cells in enumerate(rows)],
-            ),
-        ),
-        "a cell too many": (
-            REFUSED,
-            lambda: (comments, names, [*rows[:row], [*rows[row], "1"], *rows[row + 1 :]]),
-        ),
-        "the header again": (REFUSED, lambda: (comments, names, [*rows[:row], names, *rows[row:]])),
-        "no header": (REFUSED, lambda: (comments, rows[0], rows[1:] or rows)),
-        "a comment lost": (ANY, lambda: (comments[1:], names, rows)),
-        "a comment too many": (
-            ANY,
-            lambda: (["# " + odd.replace("\r", ""), *comments], names, rows),
-        ),
-        "another's comments": (
-            ANY,
-            lambda: ([comment[: generator.randint(1, 60)] for comment in comments], names, rows),
-        ),
-        "semicolons": (
-            REFUSED,
-            lambda: (comments, [";".join(names)], [[";".join(cells)] for cells in rows]),
-        ),
-        "spaces": (
-            TOLD,
-            lambda: (comments, names, [[f" {cell} " for cell in cells] for cells in rows]),
-        ),
-        "quotation marks": (
-            TOLD,
-            lambda: (comments, names, [[f'"{cell}"' for cell in cells] for cells in rows]),
-        ),
+    at = _Place(column, other, row, few, odd, factor)
+    damages = {
+        **_damage_cells(content, at),
+        **_damage_columns(content, at, needed, shown),
+        **_damage_rows(content, at, generator),
     }
-    what = generator.choice([*ops, "a cell", "a cell", "some cells"])
-    verdict, make = ops[what]
+    what = generator.choice([*_TABLE_DAMAGES, "a cell", "a cell", "some cells"])
+    verdict, make = damages[what]
     head, header, body = make()
-    text = joined([*head, ",".join(header), *map(",".join, body)]) + "\n"
+    text = "\n".join([*head, ",".join(header), *map(",".join, body)]) + "\n"
     return Damaged(text.encode(), f"{what}: {odd[:12]!r}" if "cell" in what else what, verdict)
 
 

@@ -99,9 +99,7 @@ def train_cells(cells: Sequence[Train], settings: Settings) -> list[tuple[Policy
         drone = control.in_fitting_steps(parameters.replace(crazyflie(), **changes), controller)
         boxes += [relative_box(drone, float(cell.randomize or 0.0))] * count
     keys = jnp.concatenate([jax.random.split(jax.random.key(cell.seed), count) for cell in cells])
-    policies = mf.train(
-        mf.simulator.circle(), controller, boxes, keys, settings, spec=first.choose_spec(None)
-    )
+    policies = mf.train(mf.simulator.circle(), controller, boxes, keys, settings, first.spec)
     return [policies[start : start + count] for start in range(0, len(policies), count)]
 
 
@@ -112,7 +110,7 @@ def train(structure: str, together: int, updates: int, folder: Path | None) -> N
     and the peak memory [bytes]. Policies go to the folder.
     """
     cells = find_cells()[structure][:together]
-    own = cells[0].choose_learner(cells[0].choose_spec(None), None)
+    own = cells[0].learner_settings
 
     def time_training(updates: int, evaluations: int) -> tuple[list[tuple[Policy, ...]], float]:
         start = time.perf_counter()

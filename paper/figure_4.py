@@ -192,7 +192,7 @@ def print_cells(cells: polars.DataFrame) -> None:
         "simulated"
     )
     columns = ["reality", "control", "latency", *(f"T_m {1e3 * lag:g} ms" for lag in lags)]
-    terminal.print_table(title, columns, rows, numbers_from=2)
+    terminal.print_table(title, columns, rows)
 
 
 def draw_chart(rows: dict[str, polars.DataFrame]) -> Figure:

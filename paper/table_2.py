@@ -319,7 +319,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     columns = ["", "", *(f"T = {length}" for length in plan.lengths)]
     tables = {title: table(title, some, plan.lengths) for title, some in found.items()}
     for title, rows in tables.items():
-        terminal.print_table(title, columns, rows, numbers_from=2)
+        terminal.print_table(title, columns, rows)
     print("\n".join(NOTES))
     everything = as_data(entry for some in found.values() for entry in some)
     results.write(plan.output / "table_2.md", markdown(tables, columns, record))

@@ -17,8 +17,9 @@ ORDER = [
     "experiments",
     "deployment reporting link",
     "plant",
+    "terminal",
     "verb",
-    "studies terminal",
+    "studies",
     "verbs",
     "cli",
 ]
@@ -65,6 +66,23 @@ def test_a_module_imports_only_earlier_stages(module):
         target for target in imported((ROOT / module).read_text()) if forbidden(importer, target)
     ]
     assert not wrong, f"{module} imports {wrong}"
+
+
+MOST_ARGUMENTS, MOST_LINES = 8, 100
+UNDER_WAY = ("flights", "experiments", "identification", "reporting")
+"""Folders whose functions are not yet within these limits."""
+
+
+@pytest.mark.parametrize(
+    "module", [path for path in MODULES if path.parts[0] not in UNDER_WAY], ids=str
+)
+def test_functions_are_short_and_take_few_arguments(module):
+    for node in ast.walk(ast.parse((ROOT / module).read_text())):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            taken = (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)
+            names = [one.arg for one in taken if one.arg not in ("self", "cls")]
+            assert len(names) <= MOST_ARGUMENTS, node.name
+            assert (node.end_lineno or 0) - node.lineno < MOST_LINES, node.name
 
 
 @pytest.mark.parametrize(

@@ -11,15 +11,14 @@ import numpy as np
 import polars
 import pytest
 
-from commands import run
+from commands import Command
 from event_files import scalars
 from maidenflight import cache, manifest, parameters, policy, policy_file, results
 from maidenflight.flights import compensation, log, reading
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import DroneFile, Estimate, Search, Source
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.training import defaults
-from maidenflight.verbs import training_files
+from maidenflight.training import defaults, scores
 from quick import QUICK
 from run_listing import entries, unlisted
 
@@ -30,14 +29,14 @@ def little_training(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_drone_is_printed_as_toml_or_json_by_its_name_and_mass(
-    tmp_path: Path, monkeypatch: Any, capsys: Any
+    tmp_path: Path, command: Command
 ) -> None:
-    arguments = ("drone", "crazyflie_2.0", "--mass", "30")
-    code, out, err = run(monkeypatch, capsys, *arguments)
+    arguments = "drone crazyflie_2.0 --mass 30"
+    code, out, err = command(arguments)
     assert (code, err) == (0, "")
     assert 'name = "crazyflie_2.0"' in out
     assert float(parameters.from_toml(out).mass) == np.float32(0.03)
-    code, out, err = run(monkeypatch, capsys, *arguments, "--json", "-o", tmp_path / "mine.toml")
+    code, out, err = command(arguments, f"--json -o {tmp_path}/mine.toml")
     assert (code, err) == (0, "")
     said = json.loads(out)
     assert said["name"] == "crazyflie_2.0"
@@ -53,15 +52,18 @@ def test_a_drone_is_printed_as_toml_or_json_by_its_name_and_mass(
     np.testing.assert_array_equal(
         file.parameters.inertia, parameters.read("crazyflie_2.0", 0.03).inertia
     )
-    code, _, err = run(monkeypatch, capsys, *arguments, "-o", tmp_path / "mine.toml")
-    assert code == 2
-    code, _, err = run(monkeypatch, capsys, "drone", "crazyflie_bolt")
+    again = f"drone {tmp_path}/mine.toml -o {tmp_path}/mine.toml"
+    assert command(again)[0] == 2
+    assert command(f"{again} --overwrite")[0] == 0
+    out = command("drone crazyflie")[1]
+    assert parameters.to_toml(parameters.from_toml(out), "crazyflie") == out
+    code, _, err = command("drone crazyflie_bolt")
     assert (code, len(err.splitlines())) == (2, 1)
 
 
-def test_the_named_drones_are_listed(monkeypatch: Any, capsys: Any) -> None:
-    _, out, _ = run(monkeypatch, capsys, "drone", "--list")
-    _, content, _ = run(monkeypatch, capsys, "drone", "--list", "--json")
+def test_the_named_drones_are_listed(command: Command) -> None:
+    _, out, _ = command("drone --list")
+    _, content, _ = command("drone --list --json")
     listed = {row["name"]: row for row in json.loads(content)["drones"]}
     assert list(listed) == list(parameters.DRONES)
     for name, drone in parameters.DRONES.items():
@@ -71,9 +73,9 @@ def test_the_named_drones_are_listed(monkeypatch: Any, capsys: Any) -> None:
 
 
 def test_help_names_every_battery_law_and_every_signal_that_can_be_ignored(
-    monkeypatch: Any, capsys: Any
+    command: Command,
 ) -> None:
-    _, out, _ = run(monkeypatch, capsys, "identify", "--help-all")
+    _, out, _ = command("identify --help-all")
     said = " ".join(out.split())
     for law in compensation.LAWS:
         assert f"'{law}'" in said
@@ -83,124 +85,88 @@ def test_help_names_every_battery_law_and_every_signal_that_can_be_ignored(
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["identify", "{tmp}/nothing"], "no such file or folder"),
-        (["identify", "{tmp}/empty"], "no flight logs"),
-        (["identify", "{tmp}/odd.csv"], "unknown format"),
-        (["identify", "{tmp}/empty", "--bounds", "latency"], "NAME=LOWER,UPPER"),
-        (["validate", "{tmp}/no.toml", "{tmp}/empty", "-o", "{tmp}/v.csv"], "no such drone"),
-        (["validate", "crazyflie", "{tmp}/empty", "-o", "{tmp}/v.csv"], "no flight logs"),
-        (["validate", "crazyflie", "{tmp}/empty", "-o", "{tmp}/odd.csv"], "already there"),
-        (["identify", "{tmp}/empty", "--battery-law", "no law"], "known are"),
-        (["identify", "{tmp}/empty", "--ignore", "position"], "rotor_speed"),
-        (
-            ["validate", "crazyflie", "{tmp}/empty", "-o", "{tmp}/v.csv", "--horizons", "soon"],
-            "expected seconds",
-        ),
-        (["identify", "{tmp}/empty", "{tmp}/odd.csv"], "unexpected extra argument"),
-        (["identify", "{tmp}/empty", "--length", "9"], "--objective replay"),
-        (["match", "{tmp}/empty", "-o", "{tmp}/m.toml"], "POLICIES"),
-        (["match", "{tmp}/empty", "{tmp}/odd.csv", "--over", "latency"], "--over"),
-        (["match", "{tmp}/empty", "{tmp}/odd.csv", "-o", "{tmp}/m.toml"], "not valid JSON"),
-        (["train", "--drone", "{tmp}/no.toml", "-o", "{tmp}/p"], "no such drone"),
-        (["train", "--drone", "{tmp}/bad.toml", "-o", "{tmp}/p"], "missing"),
-        (
-            ["train", "--drone", "crazyflie", "-o", "{tmp}/p", "--randomize", "posterior"],
-            "crazyflie: no [posterior]",
-        ),
-        (["train", "-o", "{tmp}/p", "--randomize", "much"], "posterior"),
+        ("identify {tmp}/nothing", "no such file or folder"),
+        ("identify {tmp}/empty", "no flight logs"),
+        ("identify {tmp}/odd.csv", "unknown format"),
+        ("identify {tmp}/empty --bounds latency", "NAME=LOWER,UPPER"),
+        ("validate {tmp}/no.toml {tmp}/empty -o {tmp}/v.csv", "no such drone"),
+        ("validate crazyflie {tmp}/empty -o {tmp}/v.csv", "no flight logs"),
+        ("validate crazyflie {tmp}/empty -o {tmp}/odd.csv", "already there"),
+        ("identify {tmp}/empty --battery-law 'no law'", "known are"),
+        ("identify {tmp}/empty --ignore position", "rotor_speed"),
+        ("validate crazyflie {tmp}/empty -o {tmp}/v.csv --horizons soon", "expected seconds"),
+        ("identify {tmp}/empty {tmp}/odd.csv", "unexpected extra argument"),
+        ("identify {tmp}/empty --length 9", "--objective replay"),
+        ("match {tmp}/empty -o {tmp}/m.toml", "POLICIES"),
+        ("match {tmp}/empty {tmp}/odd.csv --over latency", "--over"),
+        ("match {tmp}/empty {tmp}/odd.csv -o {tmp}/m.toml", "not valid JSON"),
+        ("train --drone {tmp}/no.toml -o {tmp}/p", "no such drone"),
+        ("train --drone {tmp}/bad.toml -o {tmp}/p", "missing"),
+        ("train --drone crazyflie -o {tmp}/p --randomize posterior", "crazyflie: no [posterior]"),
+        ("train -o {tmp}/p --randomize much", "posterior"),
         *(
-            (["train", "--drone", "crazyflie", "-o", "{tmp}/p", "--hidden", sizes], "50,50")
+            (f"train --drone crazyflie -o {{tmp}}/p --hidden '{sizes}'", "50,50")
             for sizes in ("50x50", "0", "50,,50", "1025", "-5", "")
         ),
-        (["train", "--drone", "crazyflie", "--from", "{tmp}/odd.csv", "-o", "{tmp}/p"], "JSON"),
-        (["train", "--drone", "crazyflie", "--from", "{tmp}/no.json", "-o", "{tmp}/p"], "no.json"),
-        (
-            ["train", "--from", "{tmp}/odd.csv", "--memory", "3", "--drone", "crazyflie"],
-            "--memory",
-        ),
+        ("train --drone crazyflie --from {tmp}/odd.csv -o {tmp}/p", "JSON"),
+        ("train --drone crazyflie --from {tmp}/no.json -o {tmp}/p", "no.json"),
+        ("train --from {tmp}/odd.csv --memory 3 --drone crazyflie", "--memory"),
         *(
-            (["train", "--form", "raptor", option, value, "--drone", "crazyflie"], option)
+            (f"train --form raptor '{option}' '{value}' --drone crazyflie", option)
             for option, value in (("--memory", "3"), ("--hidden", "16"))
         ),
         (
-            [
-                *("train", "--drone", "crazyflie", "-o", "{tmp}/p"),
-                *("--hidden", "128,128", "--for", "crazyflie"),
-            ],
+            "train --drone crazyflie -o {tmp}/p --hidden 128,128 --for crazyflie",
             "22016 multiplications",
         ),
-        (["export", "{tmp}/no.json", "-o", "{tmp}/c", "--propellers", "legacy"], "propellers"),
-        (["transfer", "{tmp}/empty", "-o", "{tmp}/t"], "no policies"),
-        (["transfer", "{tmp}/odd.csv", "-o", "{tmp}/t"], "not valid JSON"),
-        (["transfer", "{tmp}/odd.csv", "--reality", "virtual:x", "-o", "{tmp}/t"], "virtual:SEED"),
-        (["transfer", "{tmp}/odd.csv", "--reality", "far:", "-o", "{tmp}/t"], "far:SEED"),
-        (["transfer", "-o", "{tmp}/t"], "Missing argument 'POLICIES...'"),
-        (["envelope", "{tmp}/empty", "-o", "{tmp}/t"], "no policies"),
-        (["envelope", "{tmp}/odd.csv", "--along", "depth", "-o", "{tmp}/t"], "--along"),
-        (["envelope", "{tmp}/odd.csv", "-o", "{tmp}/full"], "--resume"),
-        (["sweep", "{tmp}/bad.toml", "-o", "{tmp}/s"], "format is unknown"),
-        (["predict", "{tmp}/empty", "--drone", "crazyflie", "-o", "{tmp}/p.csv"], "no policies"),
+        ("export {tmp}/no.json -o {tmp}/c --propellers legacy", "propellers"),
+        ("transfer {tmp}/empty -o {tmp}/t", "no policies"),
+        ("transfer {tmp}/odd.csv -o {tmp}/t", "not valid JSON"),
+        ("transfer {tmp}/odd.csv --reality virtual:x -o {tmp}/t", "virtual:SEED"),
+        ("transfer {tmp}/odd.csv --reality far: -o {tmp}/t", "far:SEED"),
+        ("transfer -o {tmp}/t", "Missing argument 'POLICIES...'"),
+        ("envelope {tmp}/empty -o {tmp}/t", "no policies"),
+        ("envelope {tmp}/odd.csv --along depth -o {tmp}/t", "--along"),
+        ("envelope {tmp}/odd.csv -o {tmp}/full", "--resume"),
+        ("sweep {tmp}/bad.toml -o {tmp}/s", "format is unknown"),
+        ("predict {tmp}/empty --drone crazyflie -o {tmp}/p.csv", "no policies"),
+        ("predict {tmp}/none.json --drone crazyflie -o {tmp}/p.csv", "none.json: cannot be read"),
+        ("predict {tmp}/odd.csv --drone crazyflie -o {tmp}/p.csv", "odd.csv: not a policy"),
+        ("predict {tmp}/other --drone crazyflie -o {tmp}/p.csv", "notes.json: not a policy"),
+        ("predict {tmp}/other --drone crazyflie -o {tmp}/odd.csv", "already there"),
+        ("predict {tmp}/other --drone {tmp}/no.toml -o {tmp}/p.csv", "no such drone"),
         (
-            ["predict", "{tmp}/none.json", "--drone", "crazyflie", "-o", "{tmp}/p.csv"],
-            "none.json: cannot be read",
-        ),
-        (
-            ["predict", "{tmp}/odd.csv", "--drone", "crazyflie", "-o", "{tmp}/p.csv"],
-            "odd.csv: not a policy",
-        ),
-        (
-            ["predict", "{tmp}/other", "--drone", "crazyflie", "-o", "{tmp}/p.csv"],
-            "notes.json: not a policy",
-        ),
-        (
-            ["predict", "{tmp}/other", "--drone", "crazyflie", "-o", "{tmp}/odd.csv"],
-            "already there",
-        ),
-        (
-            ["predict", "{tmp}/other", "--drone", "{tmp}/no.toml", "-o", "{tmp}/p.csv"],
-            "no such drone",
-        ),
-        (
-            [
-                "predict",
-                "{tmp}/other",
-                "--drone",
-                "crazyflie",
-                "--randomize",
-                "posterior",
-                "-o",
-                "{tmp}/p.csv",
-            ],
+            "predict {tmp}/other --drone crazyflie --randomize posterior -o {tmp}/p.csv",
             "no [posterior]",
         ),
-        (["export", "{tmp}/no.json", "-o", "{tmp}/c"], "cannot be read"),
-        (["record", "-o", "{tmp}/full"], "already there"),
-        (["record", "-o", "{tmp}/r", "--flights", "0"], "0"),
-        (["report", "{tmp}/empty"], "empty"),
-        (["drone", "swan"], "no such drone"),
-        (["fly"], "--uri"),
-        (["fly", "--uri", "udp://127.0.0.1:9", "--steps", "0.1"], "--steps"),
-        (["fly", "--uri", "udp://127.0.0.1:9", "--pilot", "nobody"], "policy, pid"),
-        (["fly", "--overwrite"], "--overwrite"),
-        (["soar"], "No such command"),
-        (["record", "--height", "1"], "--height"),
-        (["fly", "--recover", "-o", "{tmp}/nowhere"], "no such folder"),
-        (["record", "--plan", "{tmp}/no.toml", "-o", "{tmp}/r"], "no readable flight plan"),
-        (["record", "--plan", "{tmp}/bad.toml", "-o", "{tmp}/r"], "flight plan of this version"),
-        (["record", "--plan", "{tmp}/no.toml", "--duration", "9"], "--duration: the plan says"),
-        (["fly", "--plan", "{tmp}/no.toml", "--task", "hover"], "--task: the plan says"),
-        (["plan", "--room", "2x2"], "2x2x1.5"),
-        (["plan", "--room", "0.5x2x2", "-o", "{tmp}/p.toml"], "0.8 to 100 m"),
-        (["plan", "--room", "nanx2x2", "-o", "{tmp}/p.toml"], "2x2x1.5"),
-        (["plan", "--seconds", "1"], "--seconds"),
-        (["plan", "--for", ",", "-o", "{tmp}/p.toml"], "names of parameters"),
-        (["plan", "--for", "patience", "-o", "{tmp}/p.toml"], "not a parameter"),
-        (["plan", "{tmp}/no.toml", "-o", "{tmp}/p.toml"], "no such drone"),
-        (["plan", "--rate", "120", "-o", "{tmp}/p.toml"], "divisor of 500"),
+        ("export {tmp}/no.json -o {tmp}/c", "cannot be read"),
+        ("record -o {tmp}/full", "already there"),
+        ("record -o {tmp}/r --flights 0", "0"),
+        ("report {tmp}/empty", "empty"),
+        ("drone swan", "no such drone"),
+        ("fly", "--uri"),
+        ("fly --uri udp://127.0.0.1:9 --steps 0.1", "--steps"),
+        ("fly --uri udp://127.0.0.1:9 --pilot nobody", "policy, pid"),
+        ("fly --overwrite", "--overwrite"),
+        ("soar", "No such command"),
+        ("record --height 1", "--height"),
+        ("fly --recover -o {tmp}/nowhere", "no such folder"),
+        ("record --plan {tmp}/no.toml -o {tmp}/r", "no readable flight plan"),
+        ("record --plan {tmp}/bad.toml -o {tmp}/r", "flight plan of this version"),
+        ("record --plan {tmp}/no.toml --duration 9", "--duration: the plan says"),
+        ("fly --plan {tmp}/no.toml --task hover", "--task: the plan says"),
+        ("plan --room 2x2", "2x2x1.5"),
+        ("plan --room 0.5x2x2 -o {tmp}/p.toml", "0.8 to 100 m"),
+        ("plan --room nanx2x2 -o {tmp}/p.toml", "2x2x1.5"),
+        ("plan --seconds 1", "--seconds"),
+        ("plan --for , -o {tmp}/p.toml", "names of parameters"),
+        ("plan --for patience -o {tmp}/p.toml", "not a parameter"),
+        ("plan {tmp}/no.toml -o {tmp}/p.toml", "no such drone"),
+        ("plan --rate 120 -o {tmp}/p.toml", "divisor of 500"),
     ],
 )
 def test_a_mistake_gives_one_line_and_exit_code_2(
-    arguments: list[str], says: str, tmp_path: Path, monkeypatch: Any, capsys: Any
+    arguments: str, says: str, tmp_path: Path, command: Command
 ) -> None:
     for folder in ("empty", "full", "other"):
         (tmp_path / folder).mkdir()
@@ -208,9 +174,7 @@ def test_a_mistake_gives_one_line_and_exit_code_2(
     (tmp_path / "full" / "mine.txt").write_text("keep me")
     (tmp_path / "odd.csv").write_text("a,b\n1,2\n")
     (tmp_path / "bad.toml").write_text("format = 5\n")
-    code, out, err = run(
-        monkeypatch, capsys, *(argument.format(tmp=tmp_path) for argument in arguments)
-    )
+    code, out, err = command(arguments.format(tmp=tmp_path))
     assert code == 2
     assert says in err
     assert "Traceback" not in err
@@ -222,26 +186,6 @@ def test_a_mistake_gives_one_line_and_exit_code_2(
     assert (tmp_path / "full" / "mine.txt").read_text() == "keep me"
 
 
-def test_a_drone_is_printed_and_read_back(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
-    code, out, _ = run(monkeypatch, capsys, "drone", "crazyflie")
-    assert code == 0
-    assert parameters.to_toml(parameters.from_toml(out), "crazyflie") == out
-    assert run(monkeypatch, capsys, "drone", "crazyflie", "-o", tmp_path / "mine.toml")[0] == 0
-    assert run(monkeypatch, capsys, "drone", "crazyflie", "-o", tmp_path / "mine.toml")[0] == 2
-    assert (
-        run(
-            monkeypatch,
-            capsys,
-            "drone",
-            tmp_path / "mine.toml",
-            "-o",
-            tmp_path / "mine.toml",
-            "--overwrite",
-        )[0]
-        == 0
-    )
-
-
 def next_of(out: str) -> list[str]:
     """The command that the last line of an output names."""
     told = re.fullmatch(r"next: maidenflight (.*?)(  \(.*\))?", out.splitlines()[-1])
@@ -249,32 +193,31 @@ def next_of(out: str) -> list[str]:
     return shlex.split(told[1])
 
 
-def test_an_export_names_the_report_that_shows_its_policy(
-    tmp_path: Path, monkeypatch: Any, capsys: Any
-) -> None:
+def test_an_export_names_the_report_that_shows_its_policy(tmp_path: Path, command: Command) -> None:
     file = tmp_path / "my runs" / "policies" / "policy_1.json"
     policy_file.write(file, policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(4,))))
     manifest.append(file.parent, "train", {"policies": [file]}, {})
-    code, out, _ = run(monkeypatch, capsys, "export", file, "-o", tmp_path / "firmware")
+    code, out, _ = command("export", file, f"-o {tmp_path}/firmware")
     assert code == 0
     assert next_of(out) == ["report", str(tmp_path / "my runs")]
-    code, out, _ = run(monkeypatch, capsys, *next_of(out))
+    code, out, _ = command(next_of(out))
     assert code == 0
     assert (tmp_path / "my runs" / "report.html").exists()
     alone = tmp_path / "alone" / "pwm_1.json"
     policy_file.write(alone, policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(4,))))
-    code, out, _ = run(monkeypatch, capsys, "export", alone, "-o", tmp_path / "more")
+    code, out, _ = command(f"export {alone} -o {tmp_path}/more")
     assert next_of(out) == ["report", "--policies", str(alone)]
-    assert run(monkeypatch, capsys, *next_of(out), "-o", tmp_path / "alone.html")[0] == 0
+    assert command(next_of(out), f"-o {tmp_path}/alone.html")[0] == 0
 
 
+RECORD = "record --reality virtual:3 --flights 2 --duration 4"
 LITTLE = {
-    "identify": ["--trials", "1", "--evaluations", "15", "--over", "thrust_to_weight,latency"],
-    "validate": [],
-    "train": ["--yaw-penalty", "0.1", "--updates", "2"],
-    "transfer": ["--trials", "1", "--duration", "0.5"],
-    "export": [],
-    "report": [],
+    "identify": "--trials 1 --evaluations 15 --over thrust_to_weight,latency",
+    "validate": "",
+    "train": "--yaw-penalty 0.1 --updates 2",
+    "transfer": "--trials 1 --duration 0.5",
+    "export": "",
+    "report": "",
 }
 """What follows a recording, in order, and options with which it is quick; training is that of the
 README, which is compiled anyway."""
@@ -282,17 +225,16 @@ README, which is compiled anyway."""
 
 @pytest.mark.slow
 def test_each_command_names_the_next_which_runs(
-    tmp_path: Path, monkeypatch: Any, capsys: Any
+    tmp_path: Path, monkeypatch: Any, command: Command
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    recorded = ["record", "--flights", "2", "--duration", "4", "--reality", "virtual:3"]
-    assert run(monkeypatch, capsys, *recorded, "--seed", 1, "-o", "others")[0] == 0
-    code, out, err = run(monkeypatch, capsys, *recorded)
+    assert command(f"{RECORD} --seed 1 -o others")[0] == 0
+    code, out, err = command(RECORD)
     for name, options in LITTLE.items():
         assert code == 0
         following = ["others" if word == "OTHER_LOGS" else word for word in next_of(out)]
         assert following[0] == name
-        code, out, err = run(monkeypatch, capsys, *following, *options)
+        code, out, err = command(following, options)
     assert code == 0, err
     assert (tmp_path / "report.html").exists()
     assert (tmp_path / "identification.svg").read_text().startswith("<svg")
@@ -302,22 +244,20 @@ def test_each_command_names_the_next_which_runs(
 
 
 @pytest.mark.slow
-def test_the_line_from_logs_to_report_in_json(
-    tmp_path: Path, monkeypatch: Any, capsys: Any
-) -> None:
-    def said(*arguments: Any) -> dict[str, Any]:
-        code, out, err = run(monkeypatch, capsys, *arguments, "--json")
+def test_the_line_from_logs_to_report_in_json(tmp_path: Path, command: Command) -> None:
+    def said(words: str) -> dict[str, Any]:
+        code, out, err = command(words, "--json")
         assert code == 0, err
         assert len(out.splitlines()) == 1
         return json.loads(out)
 
     logs, drone, policies = tmp_path / "recorded", tmp_path / "drone.toml", tmp_path / "policies"
-    recorded = said("record", "-o", logs, "--reality", "virtual:3", "--flights", 2, "--duration", 4)
+    recorded = said(f"{RECORD} -o {logs}")
     assert [Path(path).name for path in recorded["flights"]] == ["flight_01.csv", "flight_02.csv"]
     assert recorded["simulated"] is True
 
-    paper = ("--objective", "replay", "--method", "bayesian")
-    identified = said("identify", logs, "-o", drone, "--trials", 1, "--evaluations", 20, *paper)
+    paper = "--objective replay --method bayesian"
+    identified = said(f"identify {logs} -o {drone} --trials 1 --evaluations 20 {paper}")
     assert set(identified["parameters"]) == {"thrust_to_weight", "motor_time_constant", "latency"}
     for estimate in identified["parameters"].values():
         assert estimate["interval"][0] <= estimate["value"] <= estimate["interval"][1]
@@ -330,43 +270,33 @@ def test_the_line_from_logs_to_report_in_json(
     assert (tmp_path / "identification.csv").exists()
     assert identified["picture"] == str(tmp_path / "identification.svg")
 
-    trained = said("train", "--drone", drone, "-o", policies, "--yaw-penalty", 0.1, "--updates", 2)
+    trained = said(f"train --drone {drone} -o {policies} --yaw-penalty 0.1 --updates 2")
     names = [f"policy_{number}.json" for number in (1, 2, 3)]
     assert [Path(path).name for path in trained["policies"]] == names
     assert policy_file.read(trained["policies"][0]).policy.layer_sizes == (40, 50, 50, 4)
 
-    flown = said(
-        "transfer",
-        policies,
-        "--reality",
-        "virtual:3",
-        "-o",
-        tmp_path / "transfer",
-        "--trials",
-        1,
-        "--duration",
-        0.5,
-    )
+    little = "--trials 1 --duration 0.5"
+    flown = said(f"transfer {policies} --reality virtual:3 -o {tmp_path}/transfer {little}")
     assert len(flown["flights"]) == 3
     assert {"duration", "end_reason", "position_error"} <= set(flown["flights"][0])
 
-    exported = said("export", trained["policies"][0], "-o", tmp_path / "firmware")
+    exported = said(f"export {trained['policies'][0]} -o {tmp_path}/firmware")
     assert {Path(path).name for path in exported["files"]} == {"policy.h", "policy.c"}
 
-    page = Path(said("report", tmp_path)["report"])
+    page = Path(said(f"report {tmp_path}")["report"])
     assert page == tmp_path / "report.html"
     assert "simulated" in page.read_text()
     assert unlisted(tmp_path) == {"report.html", "policies/training.npz"}
 
-    others = ("--logs", logs, "--drone", drone, "--policies", policies)
-    look = Path(said("report", *others, "-o", tmp_path / "look.html")["report"])
+    others = f"--logs {logs} --drone {drone} --policies {policies}"
+    look = Path(said(f"report {others} -o {tmp_path}/look.html")["report"])
     assert "3 policies" in look.read_text()
-    assert said("report", policies)["report"] == str(policies / "report.html")
+    assert said(f"report {policies}")["report"] == str(policies / "report.html")
 
 
 @pytest.mark.slow
 def test_flight_times_of_ours_and_the_authors_policies_are_predicted(
-    tmp_path: Path, monkeypatch: Any, capsys: Any
+    tmp_path: Path, command: Command
 ) -> None:
     ours, theirs, drone, output = (
         tmp_path / "ours",
@@ -397,22 +327,9 @@ def test_flight_times_of_ours_and_the_authors_policies_are_predicted(
         Source(2, 60.0, True, "subsampled", 60000.0),
         Search("likelihood", -15.0, 60, 3),
     ).write(drone)
-    arguments = (
-        "predict",
-        theirs,
-        ours,
-        ours / "policy_1.json",
-        "--drone",
-        drone,
-        "-o",
-        output,
-        "--duration",
-        2,
-        "--trials",
-        5,
-    )
-
-    code, out, err = run(monkeypatch, capsys, *arguments, "--json")
+    arguments = f"predict {theirs} {ours} {ours}/policy_1.json --drone {drone} -o {output}"
+    arguments += " --duration 2 --trials 5"
+    code, out, err = command(arguments, "--json")
     assert code == 0, err
     said = json.loads(out)
     assert (said["simulated"], said["output"]) == (True, str(output))
@@ -457,11 +374,11 @@ def test_flight_times_of_ours_and_the_authors_policies_are_predicted(
     }
 
     first = output.read_bytes()
-    code, out, err = run(monkeypatch, capsys, *arguments)
+    code, out, err = command(arguments)
     assert code == 2
     assert "already there" in err
     assert output.read_bytes() == first
-    code, out, err = run(monkeypatch, capsys, *arguments, "--overwrite")
+    code, out, err = command(arguments, "--overwrite")
     assert code == 0, err
     assert output.read_bytes() == first
     for words in (
@@ -476,65 +393,25 @@ def test_flight_times_of_ours_and_the_authors_policies_are_predicted(
     ):
         assert words in out
     for randomization in ("posterior", "0.2", "0"):
-        assert (
-            run(monkeypatch, capsys, *arguments, "--overwrite", "--randomize", randomization)[0]
-            == 0
-        )
+        assert command(arguments, f"--overwrite --randomize {randomization}")[0] == 0
         assert output.read_bytes() != first
 
 
 @pytest.mark.slow
 def test_policies_are_trained_over_what_flights_leave_possible(
-    tmp_path: Path, monkeypatch: Any, capsys: Any
+    tmp_path: Path, command: Command
 ) -> None:
     logs, drone, policies = tmp_path / "recorded", tmp_path / "drone.toml", tmp_path / "policies"
-    assert (
-        run(
-            monkeypatch,
-            capsys,
-            "record",
-            "-o",
-            logs,
-            "--reality",
-            "virtual:3",
-            "--flights",
-            2,
-            "--duration",
-            4,
-        )[0]
-        == 0
-    )
+    assert command(f"{RECORD} -o {logs}")[0] == 0
 
-    code, _, err = run(
-        monkeypatch,
-        capsys,
-        "identify",
-        logs,
-        "-o",
-        drone,
-        "--over",
-        "auto",
-        "--objective",
-        "replay",
-    )
+    code, _, err = command(f"identify {logs} -o {drone} --over auto --objective replay")
     assert code == 2
     assert "chosen by likelihood only" in err
     assert not drone.exists()
 
-    code, out, err = run(
-        monkeypatch,
-        capsys,
-        "identify",
-        logs,
-        "-o",
-        drone,
-        "--over",
-        "thrust_to_weight,inertia_x",
-        "--trials",
-        1,
-        "--evaluations",
-        15,
-        "--json",
+    code, out, err = command(
+        f"identify {logs} -o {drone} --over thrust_to_weight,inertia_x --trials 1",
+        "--evaluations 15 --json",
     )
     assert code == 0, err
     assert set(json.loads(out)["parameters"]) == {"thrust_to_weight", "inertia_x"}
@@ -543,26 +420,13 @@ def test_policies_are_trained_over_what_flights_leave_possible(
     assert written.search.objective == written.record["settings"]["objective"] == "likelihood"
     assert list(written.posterior) == ["thrust_to_weight", "inertia_x"]
 
-    trained = (
-        "train",
-        "--drone",
-        drone,
-        "-o",
-        policies,
-        "--updates",
-        2,
-        "--randomize",
-        "posterior",
-        "--json",
-    )
-    code, out, err = run(monkeypatch, capsys, *trained)
+    trained = f"train --drone {drone} -o {policies} --updates 2"
+    code, out, err = command(trained, "--randomize posterior")
     assert code == 0, err
     made = json.loads((policies / "policy_1.json").read_text())["record"]["settings"]
     assert made["randomize"] == "posterior"
     assert made["yaw_penalty"] == 0.0
-    code, out, err = run(
-        monkeypatch, capsys, *trained[:-2], "wide", "--yaw-penalty", 0.1, "--overwrite"
-    )
+    code, out, err = command(trained, "--randomize wide --yaw-penalty 0.1 --overwrite")
     assert code == 0, err
     made = json.loads((policies / "policy_1.json").read_text())["record"]["settings"]
     assert (made["randomize"], made["yaw_penalty"]) == ("wide", 0.1)
@@ -570,46 +434,34 @@ def test_policies_are_trained_over_what_flights_leave_possible(
 
 @pytest.mark.slow
 def test_training_that_is_interrupted_says_how_to_go_on_and_does(
-    tmp_path: Path, monkeypatch: Any, capsys: Any
+    tmp_path: Path, monkeypatch: Any, command: Command
 ) -> None:
     folder, whole = tmp_path / "stopped", tmp_path / "whole"
-    what = (
-        "train",
-        "--drone",
-        "crazyflie",
-        "--task",
-        "hover",
-        "--policies",
-        1,
-        "--updates",
-        3,
-        "--log",
-        "tensorboard",
-    )
-    describe = training_files.describe
+    what = "train --drone crazyflie --task hover --policies 1 --updates 3 --log tensorboard"
+    describe = scores.describe
 
     def interrupt(*_: Any) -> str:
         raise KeyboardInterrupt
 
-    code, _, err = run(monkeypatch, capsys, *what, "-o", folder, "--resume")
+    code, _, err = command(f"{what} -o {folder} --resume")
     assert code == 2
     assert "no training to resume" in err
 
-    monkeypatch.setattr(training_files, "describe", interrupt)
-    code, _, err = run(monkeypatch, capsys, *what, "-o", folder)
+    monkeypatch.setattr(scores, "describe", interrupt)
+    code, _, err = command(f"{what} -o {folder}")
     assert code == 130
-    assert f"Go on with: maidenflight {' '.join(map(str, what))} -o {folder} --resume" in err
+    assert f"Go on with: maidenflight {what} -o {folder} --resume" in err
     assert sorted(path.name for path in folder.iterdir()) == ["tensorboard", "training.npz"]
 
-    monkeypatch.setattr(training_files, "describe", describe)
-    code, _, err = run(monkeypatch, capsys, *what, "-o", folder)
+    monkeypatch.setattr(scores, "describe", describe)
+    code, _, err = command(f"{what} -o {folder}")
     assert code == 2
     assert "--resume" in err
-    code, _, err = run(monkeypatch, capsys, *what, "--seed", 1, "-o", folder, "--resume")
+    code, _, err = command(f"{what} --seed 1 -o {folder} --resume")
     assert code == 2
     assert "a checkpoint of another training" in err
-    for place, further in ((folder, ["--resume"]), (whole, [])):
-        code, _, err = run(monkeypatch, capsys, *what, "-o", place, *further)
+    for place, further in ((folder, "--resume"), (whole, "")):
+        code, _, err = command(f"{what} -o {place} {further}")
         assert code == 0, err
     assert sorted(path.name for path in folder.iterdir()) == [
         "policy_1.json",
@@ -624,7 +476,7 @@ def test_training_that_is_interrupted_says_how_to_go_on_and_does(
     assert len(shown) == 3 * polars.read_csv(folder / "training.csv").height
 
     # Without --updates the number is the training's own.
-    code, _, err = run(monkeypatch, capsys, *what[:-4], *what[-2:], "-o", folder, "--resume")
+    code, _, err = command(what.replace("--updates 3 ", ""), f"-o {folder} --resume")
     assert code == 0, err
     assert (folder / "policy_1.json").read_bytes() == (whole / "policy_1.json").read_bytes()
 
@@ -633,47 +485,22 @@ def test_training_that_is_interrupted_says_how_to_go_on_and_does(
     ("board", "package"), [("tensorboard", "tensorboardX"), ("wandb", "wandb")]
 )
 def test_a_board_whose_package_is_missing_is_said_before_training_begins(
-    board: str, package: str, tmp_path: Path, monkeypatch: Any, capsys: Any
+    board: str, package: str, tmp_path: Path, monkeypatch: Any, command: Command
 ) -> None:
     monkeypatch.setitem(sys.modules, package, None)
-    code, out, err = run(
-        monkeypatch,
-        capsys,
-        "train",
-        "--drone",
-        "crazyflie",
-        "-o",
-        tmp_path / "policies",
-        "--log",
-        board,
-    )
+    code, out, err = command(f"train --drone crazyflie -o {tmp_path}/policies --log {board}")
     assert (code, out, len(err.splitlines())) == (2, "", 1)
     assert f"pip install '.[{board}]'" in err
     assert not (tmp_path / "policies").exists()
 
 
 @pytest.mark.slow
-def test_a_drone_is_validated(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+def test_a_drone_is_validated(tmp_path: Path, command: Command) -> None:
     logs, output, drone = tmp_path / "recorded", tmp_path / "validation.csv", tmp_path / "mine.toml"
-    assert (
-        run(
-            monkeypatch,
-            capsys,
-            "record",
-            "-o",
-            logs,
-            "--reality",
-            "virtual:3",
-            "--flights",
-            2,
-            "--duration",
-            4,
-        )[0]
-        == 0
-    )
-    assert run(monkeypatch, capsys, "drone", "crazyflie", "-o", drone)[0] == 0
-    arguments = ["validate", drone, logs, "-o", output, "--horizons", "0.05,0.3"]
-    code, out, err = run(monkeypatch, capsys, *arguments)
+    assert command(f"{RECORD} -o {logs}")[0] == 0
+    assert command(f"drone crazyflie -o {drone}")[0] == 0
+    arguments = f"validate {drone} {logs} -o {output} --horizons 0.05,0.3"
+    code, out, err = command(arguments)
     assert code == 0, err
     for said in (
         "mine.toml",
@@ -687,8 +514,8 @@ def test_a_drone_is_validated(tmp_path: Path, monkeypatch: Any, capsys: Any) -> 
         assert said in out
     assert err == ""
     assert out.index("nats a row") < out.index("persistence")
-    assert run(monkeypatch, capsys, *arguments)[0] == 2
-    code, out, err = run(monkeypatch, capsys, *arguments, "--overwrite", "--json")
+    assert command(arguments)[0] == 2
+    code, out, err = command(arguments, "--overwrite --json")
     assert code == 0, err
     assert len(out.splitlines()) == 1
     said = json.loads(out)
@@ -707,16 +534,8 @@ def test_a_drone_is_validated(tmp_path: Path, monkeypatch: Any, capsys: Any) -> 
     assert list(reading.read_flights(tmp_path).paths) == sorted(logs.glob("*.csv"))
 
     for horizons, expected in (("0,0.1", "horizons"), ("9", "no flight is long enough")):
-        code, out, err = run(
-            monkeypatch,
-            capsys,
-            "validate",
-            drone,
-            logs,
-            "-o",
-            tmp_path / "v.csv",
-            "--horizons",
-            horizons,
+        code, out, err = command(
+            f"validate {drone} {logs} -o {tmp_path}/v.csv --horizons {horizons}"
         )
         assert (code, out, len(err.splitlines())) == (2, "", 1)
         assert expected in err
@@ -724,28 +543,12 @@ def test_a_drone_is_validated(tmp_path: Path, monkeypatch: Any, capsys: Any) -> 
 
 
 @pytest.mark.slow
-def test_flights_that_made_the_drone_are_called_no_test(
-    tmp_path: Path, monkeypatch: Any, capsys: Any
-) -> None:
+def test_flights_that_made_the_drone_are_called_no_test(tmp_path: Path, command: Command) -> None:
     logs, drone = tmp_path / "recorded", tmp_path / "drone.toml"
-    run(
-        monkeypatch,
-        capsys,
-        "record",
-        "-o",
-        logs,
-        "--reality",
-        "virtual:3",
-        "--flights",
-        2,
-        "--duration",
-        4,
-    )
+    command(f"{RECORD} -o {logs}")
     made = results.record(seed=0, inputs=[logs / "flight_01.csv"], settings={})
     DroneFile(parameters.crazyflie(), record=made).write(drone)
-    code, _, err = run(
-        monkeypatch, capsys, "validate", drone, logs, "-o", tmp_path / "v.csv", "--horizons", "0.1"
-    )
+    code, _, err = command(f"validate {drone} {logs} -o {tmp_path}/v.csv --horizons 0.1")
     assert code == 0
     assert "identified from 1 of these 2 files" in err
 

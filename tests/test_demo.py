@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from maidenflight import terminal
 from maidenflight.identification import identify, likelihood
 from maidenflight.training import defaults
 from maidenflight.verb import Progress, Result
@@ -123,7 +124,7 @@ def test_the_summary_says_what_intervals_do_not_cover_and_which_policy_was_expor
     runs: list[tuple[Path, Result]], capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder, result = runs[0]
-    result.show()
+    terminal.show(*result.summary)
     out = capsys.readouterr().out
     best = Path(result.content["best"])
     assert f"of the best policy, {best.stem}" in out

@@ -39,7 +39,7 @@ from maidenflight.experiments.transfer import as_seen_by
 from maidenflight.flights import log
 from maidenflight.identification.drone_file import DroneFile
 from maidenflight.parameters import noiseless
-from maidenflight.policy import Policy
+from maidenflight.policy import Policy, untrained
 from maidenflight.simulator import control, dynamics, environment
 from maidenflight.simulator import reality as registry
 from maidenflight.simulator.control import Controller
@@ -421,11 +421,12 @@ def traced_training(
     controller: Controller,
     box: Distribution,
     keys: Array,
-    spec: PolicySpec = PolicySpec(),
+    *,
+    policy: PolicySpec = PolicySpec(),
 ) -> list[Policy]:
     """In the place of training: the slope of a control period is traced, not compiled, and policies
     that know nothing come back."""
-    env = sim.Environment.matching(box.centre, task, controller, spec=spec)
+    env = sim.Environment.matching(box.centre, task, controller, spec=policy)
 
     def value(action: Array, key: Array) -> Array:
         return sim.step(env, sim.reset(env, box.draw(key), key), action, box.draw(key), key)[
@@ -433,7 +434,7 @@ def traced_training(
         ].reward
 
     jax.eval_shape(jax.grad(value), np.zeros(4, np.float32), keys[0])
-    return [policy.untrained(key, controller.interface, spec) for key in keys]
+    return [untrained(key, controller.interface, policy) for key in keys]
 
 
 def traced_flights(policies: list[Policy], realities: list[VirtualDrone], **given: Any) -> None:
@@ -695,8 +696,8 @@ def delay(monkeypatch: pytest.MonkeyPatch) -> type[Verb]:
 
 def test_a_verb_is_a_file_and_a_line(delay: type[Verb], monkeypatch: pytest.MonkeyPatch) -> None:
     page = " ".join(extending("A verb").split())
-    (line,) = re.findall(r'`(\("delay", [^`]*\))`', page)
-    monkeypatch.setitem(VERBS, *ast.literal_eval(line))
+    (word,) = re.findall(r'in `VERBS`, [^:]*: `"([^`]*)"`', page)
+    monkeypatch.setitem(VERBS, word, f"{word}:{word.capitalize()}")
     (command,) = re.findall(r"`maidenflight (delay [^`]*)`", page)
     cli.commands(shlex.split(command), standalone_mode=False)
     by_command = Path("delayed.toml").read_bytes()

@@ -12,23 +12,25 @@ import numpy as np
 import polars
 import pytest
 
-from commands import run
+from commands import Command
 from maidenflight import cli, parameters, policy, policy_file
 from maidenflight.errors import InputError
+from maidenflight.experiments import comparison
+from maidenflight.experiments.policies import read_policies
+from maidenflight.flights.reading import Flights
 from maidenflight.identification.drone_file import Estimate, GroupGain
 from maidenflight.integrations.exporters.authors_json import to_authors_json
 from maidenflight.names import CONTROLS, TASKS, WIDE
 from maidenflight.settings import Setting
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.terminal import Bar, print_file_notes
-from maidenflight.training import checkpoint, defaults
+from maidenflight.terminal import Table, show
+from maidenflight.training import checkpoint, defaults, scores
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.evaluation import Evaluation
 from maidenflight.training.settings import Settings
 from maidenflight.training.train import Progress
 from maidenflight.verb import VERBS
-from maidenflight.verbs import estimates_output, training_files, transfer
-from maidenflight.verbs.policies import read_policies
+from maidenflight.verbs import estimates_output, logs
 from maidenflight.verbs.train import Train
 
 TRAINING_PAGE = Path(__file__).parent.parent / "docs" / "training.md"
@@ -55,15 +57,15 @@ def trained(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize("name", VERBS)
 def test_a_summary_is_one_short_sentence_that_fits_the_list_of_commands(name: str) -> None:
-    command = cli.commands.get_command(click.Context(cli.commands), name)
-    assert command is not None
-    summary = command.get_short_help_str(limit=66)
+    found = cli.commands.get_command(click.Context(cli.commands), name)
+    assert found is not None
+    summary = found.get_short_help_str(limit=66)
     assert summary.endswith(".")
     assert "..." not in summary
 
 
-def test_the_list_of_commands_is_shown_where_none_is_given(monkeypatch: Any, capsys: Any) -> None:
-    code, _, err = run(monkeypatch, capsys)
+def test_the_list_of_commands_is_shown_where_none_is_given(command: Command) -> None:
+    code, _, err = command()
     assert code == 2
     assert "Commands:" in err
 
@@ -71,64 +73,44 @@ def test_the_list_of_commands_is_shown_where_none_is_given(monkeypatch: Any, cap
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["train", "--drone", "{tmp}/no.toml"], "maidenflight identify LOGS -o {tmp}/no.toml"),
+        ("train --drone {tmp}/no.toml", "maidenflight identify LOGS -o {tmp}/no.toml"),
         (
-            ["predict", "{tmp}/circle", "--drone", "{tmp}/no.toml"],
+            "predict {tmp}/circle --drone {tmp}/no.toml",
             "maidenflight identify LOGS -o {tmp}/no.toml",
         ),
-        (["validate", "{tmp}", "drone.toml"], "as in: maidenflight validate drone.toml {tmp}."),
-        (["validate", "{tmp}/no.toml", "{tmp}"], "maidenflight identify LOGS"),
+        ("validate {tmp} drone.toml", "as in: maidenflight validate drone.toml {tmp}."),
+        ("validate {tmp}/no.toml {tmp}", "maidenflight identify LOGS"),
+        ("identify {tmp} --over thrust -o {tmp}/d.toml", "Did you mean thrust_to_weight"),
+        ("identify {tmp} --over latncy -o {tmp}/d.toml", "Did you mean latency?"),
+        ("identify {tmp} --bounds qqq=0,1 -o {tmp}/d.toml", "'qqq'. All are in"),
         (
-            ["identify", "{tmp}", "--over", "thrust", "-o", "{tmp}/d.toml"],
-            "Did you mean thrust_to_weight",
-        ),
-        (["identify", "{tmp}", "--over", "latncy", "-o", "{tmp}/d.toml"], "Did you mean latency?"),
-        (["identify", "{tmp}", "--bounds", "qqq=0,1", "-o", "{tmp}/d.toml"], "'qqq'. All are in"),
-        (
-            ["transfer", "{tmp}/circle", "--reality", "virtal:3", "-o", "{tmp}/t"],
+            "transfer {tmp}/circle --reality virtal:3 -o {tmp}/t",
             "Did you mean virtual:3? Expected near:SEED",
         ),
+        ("transfer {tmp}/circle --reality virtual -o {tmp}/t", "such as virtual:7"),
+        ("transfer {tmp}/circle --reality crazyfly -o {tmp}/t", "Did you mean crazyflie?"),
         (
-            ["transfer", "{tmp}/circle", "--reality", "virtual", "-o", "{tmp}/t"],
-            "such as virtual:7",
-        ),
-        (
-            ["transfer", "{tmp}/circle", "--reality", "crazyfly", "-o", "{tmp}/t"],
-            "Did you mean crazyflie?",
-        ),
-        (
-            ["export", "{tmp}/circle", "-o", "{tmp}/c"],
+            "export {tmp}/circle -o {tmp}/c",
             "Give one file of it, such as {tmp}/circle/policy_1.json",
         ),
-        (["export", "{tmp}/no.json", "-o", "{tmp}/c"], "no such file. Give a policy file, such as"),
+        ("export {tmp}/no.json -o {tmp}/c", "no such file. Give a policy file, such as"),
         (
-            ["export", "{tmp}/circle/policy_1.json", "--control", "attitude", "-o", "{tmp}/c"],
+            "export {tmp}/circle/policy_1.json --control attitude -o {tmp}/c",
             "a pwm policy, as its file says, not attitude",
         ),
         (
-            [
-                "predict",
-                "{tmp}/circle",
-                "--drone",
-                "crazyflie",
-                "--control",
-                "attitude",
-                "-o",
-                "{tmp}/p",
-            ],
+            "predict {tmp}/circle --drone crazyflie --control attitude -o {tmp}/p",
             "not attitude. Leave out --control",
         ),
-        (["train", "--updates", "x"], "Options: maidenflight train --help."),
-        (["soar"], "No such command 'soar'. Options: maidenflight --help."),
+        ("train --updates x", "Options: maidenflight train --help."),
+        ("soar", "No such command 'soar'. Options: maidenflight --help."),
     ],
 )
 def test_a_mistake_says_what_may_be_meant(
-    arguments: list[str], says: str, trained: Path, monkeypatch: Any, capsys: Any
+    arguments: str, says: str, trained: Path, monkeypatch: Any, command: Command
 ) -> None:
     monkeypatch.chdir(trained)
-    code, out, err = run(
-        monkeypatch, capsys, *(argument.format(tmp=trained) for argument in arguments)
-    )
+    code, out, err = command(arguments.format(tmp=trained))
     assert (code, out, len(err.splitlines())) == (2, "", 1)
     assert err.startswith("maidenflight: ")
     assert says.format(tmp=trained) in err
@@ -188,8 +170,9 @@ def test_the_best_policy_is_told_from_one_of_the_same_name(trained: Path) -> Non
             for reason in ("tilt", "time limit")
         ]
     )
-    assert transfer.best_policy(table, policies) == policies.paths[2]
-    summary = transfer.summarize(table)
+    best = comparison.best_in_transfer(table, policies.own_names)
+    assert policies.path_of(best) == policies.paths[2]
+    summary = comparison.summarize(table)
     assert summary.columns == [
         "policy",
         "reality",
@@ -201,42 +184,21 @@ def test_the_best_policy_is_told_from_one_of_the_same_name(trained: Path) -> Non
         "at_limits",
     ]
     assert summary.row(1) == ("circle/policy_2", "virtual-7", 2, 1, 20.0, 0.05, 0.4, 0.0)
-    (note,) = transfer.describe_limit_cycles(summary)
+    (note,) = comparison.describe_limit_cycles(summary)
     assert note.startswith("circle/policy_2 in virtual-7 changes its commands by 0.40 ")
 
 
-def test_a_policy_and_reality_have_a_row(capsys: Any) -> None:
-    columns = {
-        "policy": ["policy_1"],
-        "reality": ["far-7"],
-        "flights": [9],
-        "time_limit": [8],
-        "duration": [19.2],
-        "position_error": [0.013],
-        "command_change": [0.021],
-    }
-    transfer._show_summary(polars.DataFrame(columns))
-    assert re.search(r"policy_1 +far-7 +8 of 9 +19\.20 s +1\.3 cm +0\.021", capsys.readouterr().out)
+def test_equal_notes_are_said_once() -> None:
+    def said(*notes: str) -> list[str]:
+        return logs.describe_flights(Flights((), notes, ()))[1:]
 
-
-def test_equal_notes_are_said_once(capsys: Any) -> None:
-    print_file_notes(
-        [
-            "a.csv: battery assumed",
-            "b.csv: battery empty",
-            "c.csv: battery assumed",
-            "10 of 20 s used",
-        ]
-    )
-    assert capsys.readouterr().out.splitlines() == [
-        "  2 files: battery assumed",
-        "  b.csv: battery empty",
-        "  10 of 20 s used",
-    ]
-    print_file_notes([f"a.csv: {number} rows dropped" for number in range(8)])
-    said = capsys.readouterr().out.splitlines()
-    assert len(said) == 7
-    assert said[-1] == "  and 2 more; --json lists them all"
+    assert said(
+        *("a.csv: battery assumed", "b.csv: battery empty", "c.csv: battery assumed"),
+        "10 of 20 s used",
+    ) == ["  2 files: battery assumed", "  b.csv: battery empty", "  10 of 20 s used"]
+    many = said(*(f"a.csv: {number} rows dropped" for number in range(8)))
+    assert len(many) == 7
+    assert many[-1] == "  and 2 more; --json lists them all"
 
 
 @pytest.mark.parametrize(
@@ -251,40 +213,25 @@ def test_equal_notes_are_said_once(capsys: Any) -> None:
     ],
 )
 def test_a_gain_has_two_digits_of_its_standard_error(
-    gain: float, error: float | None, shown: list[str], capsys: Any
+    gain: float, error: float | None, shown: list[str]
 ) -> None:
     found: Any = SimpleNamespace(gains=(GroupGain("drag", gain, error, True),))
-    estimates_output.show_gains(found)
-    rows = [line.split() for line in capsys.readouterr().out.splitlines()]
-    assert ["drag", *shown, "kept"] in rows
+    table, *notes = estimates_output.tabulate_gains(found)
+    assert isinstance(table, Table)
+    assert table.cells == [["drag", *shown, "kept"]]
+    assert len(notes) == (error is None)
 
 
-class Heard(Bar):
-    """Keeps how a bar is moved."""
-
-    def __init__(self) -> None:
-        super().__init__("train")
-        self.moves: list[tuple[int, int | None, str]] = []
-
-    def move(self, done: int, total: int | None, remark: str = "") -> None:
-        self.moves.append((done, total, remark))
-
-
-def test_without_a_terminal_each_score_is_a_line(monkeypatch: Any, capsys: Any) -> None:
+def test_a_score_is_a_line_with_the_speed_since_the_first(monkeypatch: Any) -> None:
     clock = iter((0.0, 1.0, 1.0, 3.0))
     clocks = SimpleNamespace(perf_counter=lambda: next(clock))
-    monkeypatch.setattr(training_files, "time", clocks)
+    monkeypatch.setattr(scores, "time", clocks)
     score = Evaluation(*(jnp.array([value, value]) for value in (-7.5, 1.0, 0.013)))
     best: Any = ()
-    bar = Heard()
-    scores = training_files.Scores(bar, AnalyticGradient(updates=100), resumed=False)
-    scores.add(Progress(10, 1000, score, best))
-    scores.add(Progress(20, 11000, score, best))
-    told = "return -7.5, survival 100%, error 1.3 cm"
-    assert bar.moves == [(10, 100, told), (20, 100, f"{told}, 5 k steps/s")]
-    assert capsys.readouterr().err == (
-        f"update 10 of 100: {told}\nupdate 20 of 100: {told}, 5 k steps/s\n"
-    )
+    heard = scores.Scores(AnalyticGradient(updates=100), resumed=False)
+    line = "return -7.5, survival 100%, error 1.3 cm"
+    assert heard.add(Progress(10, 1000, score, best)) == line
+    assert heard.add(Progress(20, 11000, score, best)) == f"{line}, 5 k steps/s"
 
 
 def help_of(name: str) -> Setting:
@@ -389,14 +336,14 @@ def test_a_checkpoint_of_other_settings_says_which(tmp_path: Path) -> None:
 
 
 def test_ctrl_c_before_the_first_score_says_that_nothing_was_reached(
-    tmp_path: Path, monkeypatch: Any, capsys: Any
+    tmp_path: Path, monkeypatch: Any, command: Command
 ) -> None:
     def interrupted(*_arguments: Any, **_options: Any) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Train, "compute", interrupted)
     what = ["train", "--drone", "crazyflie", "-o", str(tmp_path / "made"), "--overwrite"]
-    code, out, err = run(monkeypatch, capsys, *what)
+    code, out, err = command(*what)
     assert (code, out) == (130, "")
     assert (
         err.strip() == "maidenflight: interrupted before anything was reached. Start again with: "
@@ -419,9 +366,11 @@ def test_estimates_have_units_to_read_and_say_what_they_rest_on(capsys: Any) -> 
         unidentified={"inertia_x": (9.3e-6, 2e-5), "drag_x": (0.0, 0.5)},
         **fit,
     )
-    estimates_output.show_estimates(found)
-    estimates_output.show_unidentifiable(found)
-    estimates_output.show_fit(found, "crazyflie")
+    show(
+        *estimates_output.tabulate_estimates(found),
+        *estimates_output.describe_unidentifiable(found),
+        *estimates_output.describe_fit(found, "crazyflie"),
+    )
     out = capsys.readouterr().out
     assert re.search(r"latency +7\.15 +7\.08 \.\. 7\.21 +0\.22 +ms", out)
     assert re.search(r"torque_bias_x +-58\.83 +-97\.05 \.\. -23\.16 +110 +1e-6 N m", out)
@@ -433,7 +382,8 @@ def test_estimates_have_units_to_read_and_say_what_they_rest_on(capsys: Any) -> 
         "evaluations of it in 107.2 s" in out
     )
     found.objective = "replay"
-    estimates_output.show_estimates(found, {"latency": "7 + 3 sensors", "torque_bias_x": -6e-05})
+    truth = {"latency": "7 + 3 sensors", "torque_bias_x": -6e-05}
+    show(*estimates_output.tabulate_estimates(found, truth))
     out = capsys.readouterr().out
     assert "between trials: standard deviation" in out
     assert re.search(r"torque_bias_x .* -60 +1e-6 N m", out)

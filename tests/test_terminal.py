@@ -1,69 +1,10 @@
-"""Progress bars: they move on and never back, and their clock counts."""
+"""Progress bars, whose clock counts, and tables."""
 
 import itertools
 import re
 from typing import Any
 
-from hypothesis import given
-from hypothesis import strategies as st
-
-from maidenflight.identification.drone_file import GroupGain
-from maidenflight.identification.information import Expected
-from maidenflight.identification.progress import CHOICE, EXPECTING, INTERVALS, STAGES, Progress
-from maidenflight.terminal import Bar
-from maidenflight.verb import Progress as Shown
-from maidenflight.verbs import identify
-from maidenflight.verbs.identify import SHARES, describe_stage
-
-EXPECTED = {
-    "latency": Expected((0.0, 0.03), (0.0, 0.02), True),
-    "drag_x": Expected((0.0, 0.5), (0.0, 0.5), False),
-}
-READING = next(iter(SHARES))
-CALLS = st.tuples(st.sampled_from(list(SHARES)), st.integers(0, 9), st.integers(0, 5))
-
-
-class Heard(Shown):
-    """Keeps what a bar is told."""
-
-    def __init__(self) -> None:
-        self.moves: list[tuple[int, int | None, str]] = []
-        self.said: list[str] = []
-
-    def move(self, done: int, total: int | None, remark: str = "") -> None:
-        self.moves.append((done, total, remark))
-
-    def note(self, text: str) -> None:
-        self.said.append(text)
-
-
-@given(st.lists(CALLS))
-def test_a_bar_over_stages_never_moves_back_and_ends_full(
-    calls: list[tuple[str, int, int]],
-) -> None:
-    heard = Heard()
-    stages = identify._Stages(heard)
-    for stage, done, of in calls:
-        if stage == READING:
-            stages.on_file(done, of)
-        else:
-            stages.on_progress(Progress(stage, done, of, 3))
-    stages.on_progress(Progress(EXPECTING, 1, 1, 0, EXPECTED))
-    stages.on_progress(Progress(INTERVALS, 2, 2, 3))
-    assert heard.said == ["these flights cannot tell drag_x; plausible ranges are kept"]
-    reached = [done for done, _, _ in heard.moves]
-    assert reached == sorted(reached)
-    assert heard.moves[-1][0] == heard.moves[-1][1]
-
-
-def test_a_bar_knows_every_stage_of_an_identification() -> None:
-    assert list(SHARES) == [READING, *STAGES]
-    gain = GroupGain("drag", 0.1, 0.01, True)
-    for now, words in (
-        (Progress(CHOICE, 3, 8, 20, None, gain), ("3 of 8", "drag")),
-        (Progress(INTERVALS, 0, 2, 41), (INTERVALS, "41")),
-    ):
-        assert all(word in describe_stage(now) for word in words)
+from maidenflight.terminal import Bar, Table, show
 
 
 def test_the_clock_of_a_bar_counts_on_when_its_total_becomes_unknown(
@@ -79,3 +20,21 @@ def test_the_clock_of_a_bar_counts_on_when_its_total_becomes_unknown(
     shown = re.findall(r"\d:\d\d:\d\d", capsys.readouterr().err)
     assert shown == sorted(shown)
     assert shown[-1] > "0:00:07"
+
+
+def test_cells_show_si_values_in_the_units_of_people(capsys: Any) -> None:
+    columns = {"policy": "{name}", "error": "{error:.1f cm}", "time": "{time:.2f s}"}
+    columns |= {"reached": "{done} of {flights}", "tilt": "{tilt:.0f deg}"}
+    rows = [
+        {"name": "a", "error": 0.013, "time": 19.2, "done": 8, "flights": 9, "tilt": 0.5},
+        {"name": "b", "error": float("nan"), "time": None, "done": 0, "flights": 9, "tilt": 0.0},
+    ]
+    table = Table("Flights", columns, rows)
+    assert table.cells == [
+        ["a", "1.3 cm", "19.20 s", "8 of 9", "29 deg"],
+        ["b", "-", "", "0 of 9", "0 deg"],
+    ]
+    show("first", table)
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.strip() for line in lines[:2]] == ["first", "Flights"]
+    assert re.search(r"a +1\.3 cm +19\.20 s +8 of 9 +29 deg", "\n".join(lines))

@@ -1,6 +1,5 @@
 """A verb is declared once: the command line, studies, records and Python follow its fields."""
 
-import ast
 import json
 import os
 import subprocess
@@ -172,19 +171,6 @@ def test_help_imports_nothing_heavy(words: list[str]) -> None:
     last = done.stdout.splitlines()[-1]
     assert last.startswith("HEAVY []"), done.stdout + done.stderr
     assert int(last.split()[-1]) <= 32 + len(VERBS) * (not words)
-
-
-def test_no_function_of_the_verbs_takes_more_than_8_arguments() -> None:
-    long = []
-    for folder in ("verbs", "cli", "studies"):
-        for path in (ROOT / folder).glob("*.py"):
-            for node in ast.walk(ast.parse(path.read_text())):
-                if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-                    taken = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
-                    count = len([one for one in taken if one.arg not in ("self", "cls")])
-                    if count > 8 and folder != ".":
-                        long.append(f"{path.name}: {node.name} takes {count}")
-    assert not long
 
 
 def test_unknown_verbs_and_settings_are_refused() -> None:

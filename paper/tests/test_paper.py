@@ -155,9 +155,8 @@ def test_the_papers_studies_are_the_papers(figure_4: Any, name: str, rate: int |
         # As far ahead in time, whatever the rate.
         if rate is not None:
             learner = dataclasses.replace(learner, horizon=64)
-        spec = training.choose_spec(None)
-        assert spec == PolicySpec()
-        assert training.choose_learner(spec, None) == learner
+        assert training.spec == PolicySpec()
+        assert training.learner_settings == learner
         assert (training.policies, training.randomize, training.paper_scales) == (3, 0.1, True)
 
 

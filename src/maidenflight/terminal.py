@@ -1,13 +1,32 @@
 """Output in a terminal: progress bars and notes on standard error, tables on standard output."""
 
+import math
+import re
+import string
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Self
-
-from maidenflight.verb import Progress
 
 _WIDE = 110
 """Columns of a terminal from which a bar may be long."""
+_PER_SI = {"cm": 100.0, "g": 1e3, "deg": math.degrees(1.0), "deg/s": math.degrees(1.0)}
+"""Shown value per value in SI units, of the units that are none."""
+_NUMBER = re.compile(r"[-+*]? ?\d|-?$|unknown$")
+"""How cells begin that are aligned right."""
+
+
+class Progress:
+    """Receives how far a verb is; this one stays silent."""
+
+    def move(self, done: int, total: int | None, remark: str = "") -> None:
+        """Moves the bar; no total means that none is known."""
+
+    def log(self, line: str, always: bool = False) -> None:
+        """Writes a line where there is no bar to move, or always."""
+
+    def note(self, text: str) -> None:
+        """Tells the user something before the result is there."""
 
 
 class Bar(Progress):
@@ -25,34 +44,27 @@ class Bar(Progress):
         self._noted: set[str] = set()
 
     def __enter__(self) -> Self:
+        from rich import progress
         from rich.console import Console
-        from rich.progress import (
-            BarColumn,
-            Progress,
-            TaskProgressColumn,
-            TextColumn,
-            TimeElapsedColumn,
-            TimeRemainingColumn,
-        )
         from rich.table import Column
 
         console = Console(stderr=True)
         width = 24 if console.width >= _WIDE else 5
-        share = TaskProgressColumn("{task.percentage:>3.0f} %", text_format_no_percentage="     ")
-        # A bar must not give way to the remark: it would jump with each.
-        line = BarColumn(width, table_column=Column(min_width=width, no_wrap=True))
-        remark = TextColumn(
-            "{task.fields[remark]}", table_column=Column(no_wrap=True, overflow="ellipsis", ratio=1)
-        )
         columns = (
             "[bold]{task.description:<9}",
-            line,
-            share,
-            TimeElapsedColumn(),
-            *([TimeRemainingColumn()] if self._remaining else []),
-            remark,
+            # A bar must not give way to the remark: it would jump with each.
+            progress.BarColumn(width, table_column=Column(min_width=width, no_wrap=True)),
+            progress.TaskProgressColumn(
+                "{task.percentage:>3.0f} %", text_format_no_percentage="     "
+            ),
+            progress.TimeElapsedColumn(),
+            *([progress.TimeRemainingColumn()] if self._remaining else []),
+            progress.TextColumn(
+                "{task.fields[remark]}",
+                table_column=Column(no_wrap=True, overflow="ellipsis", ratio=1),
+            ),
         )
-        self._bar = Progress(
+        self._bar = progress.Progress(
             *columns, console=console, disable=not console.is_terminal, expand=True
         )
         self._bar.add_task(self._title, total=None, remark="")
@@ -79,41 +91,54 @@ class Bar(Progress):
             self._noted.add(text)
             print(f"note: {text}", file=sys.stderr, flush=True)
 
-    def print_notes(self, notes: Sequence[str]) -> None:
-        """Writes the notes that were not written before."""
-        for text in notes:
-            self.note(text)
+
+@dataclass(frozen=True)
+class Table:
+    """A table for people, of values in SI units."""
+
+    title: str
+    columns: Mapping[str, str]
+    """The cells of each column by its title, as a template of a row: `{duration:.2f s}`, or
+    `{error:.1f cm}` of metres. What is None stays empty, what is not a number is `-`."""
+    rows: Sequence[Mapping[str, Any]]
+
+    @property
+    def cells(self) -> list[list[str]]:
+        """Returns the texts of each row."""
+        fill = _Cells().vformat
+        return [[fill(cell, (), row) for cell in self.columns.values()] for row in self.rows]
 
 
-def print_file_notes(lines: Sequence[str], most: int = 6) -> None:
-    """Prints notes on files; equal ones once, with the number of files instead of their names."""
-    alike: dict[str, list[str]] = {}
-    for note in lines:
-        alike.setdefault(note.partition(": ")[2] or note, []).append(note)
-    grouped = [
-        f"{len(every)} files: {text}" if len(every) > 1 else every[0]
-        for text, every in alike.items()
-    ]
-    for line in grouped[:most]:
-        print(f"  {line}")
-    if len(grouped) > most:
-        print(f"  and {len(grouped) - most} more; --json lists them all")
+class _Cells(string.Formatter):
+    def format_field(self, value: Any, format_spec: str) -> str:
+        if value is None or value != value:
+            return "" if value is None else "-"
+        form, _, unit = format_spec.partition(" ")
+        return f"{value * _PER_SI.get(unit, 1.0):{form}} {unit}" if unit else format(value, form)
 
 
-def print_table(
-    title: str, columns: list[str], rows: list[list[str]], numbers_from: int = 1
-) -> None:
-    """Prints a table; columns from `numbers_from` on are aligned right."""
+def show(*parts: Table | str) -> None:
+    """Prints tables and lines."""
+    for part in parts:
+        if isinstance(part, str):
+            print(part)
+        else:
+            print_table(part.title, list(part.columns), part.cells)
+
+
+def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Prints a table of texts; columns of numbers behind the first are aligned right."""
     from rich.box import SIMPLE_HEAD
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import Table as Grid
 
-    grid = Table(title=title, box=SIMPLE_HEAD, title_justify="left", title_style="bold")
+    grid = Grid(title=title, box=SIMPLE_HEAD, title_justify="left", title_style="bold")
     for number, column in enumerate(columns):
+        numeric = number > 0 and all(_NUMBER.match(row[number]) for row in rows)
         # On a terminal that is too narrow cells are folded: no number is cut.
         grid.add_column(
             column,
-            justify="right" if number >= numbers_from else "left",
+            justify="right" if numeric else "left",
             no_wrap=number == 0,
             overflow="fold",
         )

@@ -5,7 +5,7 @@ file, and a line in `VERBS`.
 """
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
@@ -15,22 +15,10 @@ from maidenflight import manifest, results
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
 from maidenflight.settings import PENDING, Setting, plain
+from maidenflight.terminal import Progress, Table
 
 Row = dict[str, Any]
 """A row of a study's table: numbers and texts by column."""
-
-
-class Progress:
-    """Receives how far a verb is; this one stays silent."""
-
-    def move(self, done: int, total: int | None, remark: str = "") -> None:
-        """Moves the bar; no total means that none is known."""
-
-    def log(self, line: str, always: bool = False) -> None:
-        """Writes a line where there is no bar to move, or always."""
-
-    def note(self, text: str) -> None:
-        """Tells the user something before the result is there."""
 
 
 SILENT = Progress()
@@ -42,8 +30,8 @@ class Result:
 
     content: Mapping[str, Any] = field(default_factory=dict)
     """Plain values, for `--json`."""
-    show: Callable[[], None] = lambda: None
-    """Prints it for people."""
+    summary: Sequence[Table | str] = ()
+    """Tables and lines, for people."""
     written: manifest.Files = field(default_factory=dict)
     """The files, by kind, for the manifest of the run folder."""
     read: manifest.Files = field(default_factory=dict)
@@ -136,6 +124,13 @@ class Verb:
                 raise InputError(f"{name} is no setting of {cls.name}. Expected {expected}.")
         return cls(**{known[name][0]: value for name, value in settings.items()})
 
+    @property
+    def key(self) -> Any:
+        """Returns JAX's random key of the seed."""
+        import jax
+
+        return jax.random.key(getattr(self, "seed"))  # noqa: B009
+
     def get(self, attribute: str) -> Any:
         """Returns a setting's value; None where another task of a study has yet to make it."""
         value = getattr(self, attribute)
@@ -198,12 +193,14 @@ class Verb:
             InputError: the settings do not go together, or an input is wrong.
             WriteError: a file cannot be written.
         """
-        self.check_early()
-        self.check()
-        place = self.choose_output(output)
-        result = self.compute(place, progress)
+        # A verb may keep what it reads: of this run alone.
+        verb = replace(self)  # type: ignore[type-var]
+        verb.check_early()
+        verb.check()
+        place = verb.choose_output(output)
+        result = verb.compute(place, progress)
         if result.written:
-            manifest.append(place, self.name, result.written, result.record, result.read)
+            manifest.append(place, verb.name, result.written, result.record, result.read)
         return result
 
     def make_record(self, inputs: Sequence[StrPath] = (), **more: Any) -> dict[str, Any]:
@@ -232,24 +229,10 @@ def _without_folders(value: Any) -> Any:
 
 
 VERBS: dict[str, str] = {
-    name: f"maidenflight.verbs.{module}"
-    for name, module in (
-        ("log", "log:Log"),
-        ("plan", "plan:Plan"),
-        ("record", "record:Record"),
-        ("fly", "fly:Fly"),
-        ("drone", "drone:Drone"),
-        ("identify", "identify:Identify"),
-        ("match", "match:Match"),
-        ("validate", "validate:Validate"),
-        ("train", "train:Train"),
-        ("transfer", "transfer:Transfer"),
-        ("predict", "predict:Predict"),
-        ("envelope", "envelope:Envelope"),
-        ("sweep", "sweep:Sweep"),
-        ("export", "export:Export"),
-        ("report", "report:Report"),
-        ("demo", "demo:Demo"),
+    name: f"maidenflight.verbs.{name}:{name.capitalize()}"
+    for name in (
+        *("log", "plan", "record", "fly", "drone", "identify", "match", "validate", "train"),
+        *("transfer", "predict", "envelope", "sweep", "export", "report", "demo"),
     )
 }
 """Verbs by their command, in the order of the flow; each with its module and class."""

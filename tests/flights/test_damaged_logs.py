@@ -385,10 +385,9 @@ def test_a_folder_with_bad_logs_still_gives_the_good_ones_and_says_so(tmp_path, 
     content = logs.to_content(read)
     assert content["refused"] == read.refused
     assert content["pieces"] == 2
-    logs.show_flights(read)
-    printed = capsys.readouterr()
-    assert f"{len(read.refused)} files refused" in printed.out + printed.err
-    assert read.refused[0] in printed.out + printed.err
+    lines = logs.describe_flights(read)
+    assert f"{len(read.refused)} files refused:" in lines
+    assert f"  {read.refused[0]}" in lines
 
 
 def test_what_is_no_file_is_told_or_ignored(tmp_path):

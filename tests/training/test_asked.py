@@ -28,8 +28,7 @@ USUAL: dict[str, Any] = {
     "box": BOX,
     "keys": KEYS,
     "settings": AnalyticGradient(updates=4, num_envs=4, horizon=4, evaluations=4, episodes=4),
-    "spec": PolicySpec(hidden=(8,)),
-    "initial": None,
+    "policy": PolicySpec(hidden=(8,)),
 }
 
 
@@ -69,10 +68,10 @@ def test_distributions_that_cannot_be_trained_over_together_are_refused(
         ({"keys": jax.random.key(0)}, "keys must be random keys, one a policy"),
         ({"keys": 0}, "keys must be random keys, one a policy"),
         ({"settings": AnalyticGradient(updates=0)}, "updates = 0; expected 1 or more"),
-        ({"spec": 3}, r"3 is no PolicySpec; expected what mf\.PolicySpec\(\) gives"),
-        ({"spec": PolicySpec(form="raptor"), "settings": PPO()}, "not by PPO"),
-        ({"initial": INITIAL, "controller": control.attitude()}, "control structure"),
-        ({"initial": INITIAL, "settings": PPO()}, "by gradients"),
+        ({"policy": 3}, r"3 is no PolicySpec or Policy; expected what mf\.PolicySpec\(\) gives"),
+        ({"policy": PolicySpec(form="raptor"), "settings": PPO()}, "not by PPO"),
+        ({"policy": INITIAL, "controller": control.attitude()}, "control structure"),
+        ({"policy": INITIAL, "settings": PPO()}, "by gradients"),
     ],
 )
 def test_what_cannot_be_trained_is_refused(others: dict[str, Any], words: str) -> None:
@@ -83,8 +82,8 @@ def test_what_cannot_be_trained_is_refused(others: dict[str, Any], words: str) -
 def test_what_policies_see_and_remember_is_as_asked_or_that_of_where_they_come_from() -> None:
     ahead = LookAhead(2, 0.2)
     spec = PolicySpec(history=3, look_ahead=ahead, memory=4)
-    assert asked(spec=spec).env.spec == spec
-    assert asked(initial=INITIAL, spec=spec).env.spec == INITIAL.spec
+    assert asked(policy=spec).env.spec == spec
+    assert asked(policy=INITIAL).env.spec == INITIAL.spec
 
 
 def test_more_updates_are_the_same_training_and_all_else_is_another() -> None:
@@ -100,13 +99,13 @@ def test_more_updates_are_the_same_training_and_all_else_is_another() -> None:
         {"keys": KEYS[::-1]},
         {"settings": changed(settings, tilt_penalty=3.0)},
         {"settings": PPO()},
-        {"spec": PolicySpec(history=3, hidden=(8,))},
-        {"spec": PolicySpec(look_ahead=LookAhead(2, 0.2), hidden=(8,))},
-        {"spec": PolicySpec(look_ahead=LookAhead(2, 0.1), hidden=(8,))},
-        {"spec": PolicySpec(memory=4, hidden=(8,))},
-        {"spec": PolicySpec(hidden=(9,))},
-        {"spec": PolicySpec(form="raptor")},
-        {"initial": INITIAL},
+        {"policy": PolicySpec(history=3, hidden=(8,))},
+        {"policy": PolicySpec(look_ahead=LookAhead(2, 0.2), hidden=(8,))},
+        {"policy": PolicySpec(look_ahead=LookAhead(2, 0.1), hidden=(8,))},
+        {"policy": PolicySpec(memory=4, hidden=(8,))},
+        {"policy": PolicySpec(hidden=(9,))},
+        {"policy": PolicySpec(form="raptor")},
+        {"policy": INITIAL},
     ]
     found = {asked(**other).fingerprint() for other in others}
     assert len(found | {usual}) == len(others) + 1

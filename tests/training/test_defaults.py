@@ -25,9 +25,7 @@ from maidenflight.verbs.train import Train
 def chosen(**settings: Any) -> tuple[Settings, PolicySpec]:
     """What a training of these settings has: the method's settings, and what policies see."""
     train = Train(**settings)
-    start = None if train.initial is None else policy_file.read(train.initial)
-    spec = train.choose_spec(start)
-    return train.choose_learner(spec, start), spec
+    return train.learner_settings, train.spec
 
 
 @pytest.mark.parametrize("structure", control.CONTROLLERS)

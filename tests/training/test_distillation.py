@@ -109,8 +109,14 @@ def _difference(policies: Policy, learners: distillation._Learner) -> float:
 def chosen(**settings: Any) -> tuple[Any, PolicySpec]:
     """Settings of the learner and spec that the command would take."""
     verb = Train(**settings)
-    spec = verb.choose_spec(None)
-    return verb.choose_learner(spec, None), spec
+    return verb.learner_settings, verb.spec
+
+
+def started(start: PolicyFile, **settings: Any) -> Train:
+    """A training that begins with a policy that is in no file."""
+    verb = Train(**settings)
+    vars(verb)["start"] = start
+    return verb
 
 
 def test_settings_by_name_are_of_each_third_those_of_gradients() -> None:
@@ -124,7 +130,7 @@ def test_settings_by_name_are_of_each_third_those_of_gradients() -> None:
     assert type(chosen(form="raptor")[0]) is AnalyticGradient
     assert isinstance(chosen(method="distillation", form="raptor")[0], Distillation)
     start = PolicyFile(untrained(jax.random.key(0), spec=PolicySpec(memory=4)))
-    begun = Train().choose_learner(start.spec, start)
+    begun = started(start).learner_settings
     assert type(begun) is type(chosen()[0]) is AnalyticGradient
 
 
@@ -133,4 +139,4 @@ def test_distillation_needs_a_memory_and_starts_from_random_weights() -> None:
         chosen(method="distillation")
     start = PolicyFile(untrained(jax.random.key(0), spec=PolicySpec(memory=4)))
     with pytest.raises(InputError):
-        Train(method="distillation").choose_learner(start.spec, start)
+        _ = started(start, method="distillation").learner_settings

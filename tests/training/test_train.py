@@ -28,6 +28,7 @@ from maidenflight.simulator.virtual_drone import virtual_drone
 from maidenflight.training import analytic_gradient, checkpoint, defaults
 from maidenflight.training import train as module
 from maidenflight.training.analytic_gradient import AnalyticGradient
+from maidenflight.training.checkpoint import Checkpoint
 from maidenflight.training.evaluation import Evaluation, evaluate
 from maidenflight.training.train import Progress, train
 from maidenflight.verbs.train import Train
@@ -119,18 +120,17 @@ def test_training_from_a_policy_begins_with_its_score_and_ends_no_worse(
     trained: Any, tmp_path: Path
 ) -> None:
     initial, heard = trained[0][0], []
-    other = PolicySpec(history=5)  # which a policy's own replaces
     asked: Any = (TASK, CONTROLLER, BOX, KEYS, TINY)
     saved = tmp_path / "training.npz"
 
     def tuned(hear: Any, from_: Policy = initial) -> tuple[Policy, ...]:
-        return train(*asked, spec=other, on_progress=hear, saved=saved, initial=from_)
+        return train(*asked, policy=from_, on_progress=hear, saved=saved)
 
     def interrupt(progress: Progress) -> None:
         if progress.update == 2:
             raise KeyboardInterrupt
 
-    policies = train(*asked, on_progress=heard.append, initial=initial)
+    policies = train(*asked, policy=initial, on_progress=heard.append)
     assert [(one.update, one.steps > 0) for one in heard] == [
         (number, number > 0) for number in range(5)
     ]
@@ -239,9 +239,9 @@ def test_an_extension_is_recorded(tmp_path: Path, monkeypatch: Any) -> None:
     made = policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(3,)))
     stub = training_that_gives(made)
 
-    def extended(*arguments: Any, saved: Path, **further: Any) -> tuple[Policy, ...]:
+    def extended(*arguments: Any, saved: Checkpoint, **further: Any) -> tuple[Policy, ...]:
         given = stub(*arguments, saved=saved, **further)
-        checkpoint.save(saved, (), "", (600, 700))
+        checkpoint.save(saved.path, (), "", (600, 700))
         return given
 
     monkeypatch.setattr("maidenflight.training.train.train", stub)
@@ -353,10 +353,10 @@ def test_a_full_disk_is_said_in_a_line_and_training_goes_on_when_there_is_space(
 def training_that_gives(*policies: Policy) -> Any:
     """In place of `train`: one evaluation, a checkpoint, and these policies."""
 
-    def given(*arguments: Any, on_progress: Any, saved: Path, **_: Any) -> tuple[Policy, ...]:
+    def given(*arguments: Any, on_progress: Any, saved: Checkpoint, **_: Any) -> tuple[Policy, ...]:
         score = Evaluation(*(jnp.zeros(len(arguments[3])) for _ in Evaluation._fields))
         on_progress(Progress(1, 1, score))
-        checkpoint.save(saved, (), "", (1,))
+        checkpoint.save(saved.path, (), "", (1,))
         return policies
 
     return given
@@ -397,8 +397,8 @@ def test_policies_of_an_earlier_training_of_more_go(tmp_path: Path, monkeypatch:
 def test_an_earlier_training_stays_until_the_first_checkpoint_of_the_one_in_its_place(
     tmp_path: Path, monkeypatch: Any
 ) -> None:
-    def interrupted(*_: Any, anew: bool, **__: Any) -> Any:
-        assert anew
+    def interrupted(*_: Any, saved: Checkpoint, **__: Any) -> Any:
+        assert saved.anew
         raise KeyboardInterrupt
 
     monkeypatch.setattr(
@@ -467,14 +467,14 @@ def test_a_policy_of_raptors_form_learns_and_is_trained_further() -> None:
     heard: list[Progress] = []
     asked: Any = (TASK, CONTROLLER, BOX, KEYS[:1])
     (first,) = train(
-        *asked, settings=SMALL, spec=PolicySpec(form="raptor"), on_progress=heard.append
+        *asked, settings=SMALL, policy=PolicySpec(form="raptor"), on_progress=heard.append
     )
     assert (first.spec.form, first.layer_sizes) == ("raptor", (22, 16, 4))
     first.check()
     assert heard[-1].score.episode_return[0] > heard[0].score.episode_return[0] + 50.0
     flown = transfer(first, virtual_drone(7), 1, duration=0.5)
     assert np.isfinite(flown.table["position_error"][0])
-    (further,) = train(*asked, settings=changed(SMALL, updates=1, evaluations=1), initial=first)
+    (further,) = train(*asked, settings=changed(SMALL, updates=1, evaluations=1), policy=first)
     assert further.spec.form == "raptor"
 
 

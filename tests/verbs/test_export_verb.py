@@ -14,7 +14,7 @@ from maidenflight.parameters import GEOMETRY, crazyflie, plain, plus_frame, repl
 from maidenflight.simulator import control
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.verbs.export import Export
-from maidenflight.verbs.policies import export_command
+from maidenflight.verbs.in_realities import export_command
 
 RECORDED = [name for name, exporter in EXPORTERS.items() if "record" in exporter.takes]
 

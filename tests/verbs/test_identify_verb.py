@@ -12,9 +12,9 @@ from maidenflight.flights.reading import Flights
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import DroneFile, Source
 from maidenflight.identification.estimates import Identification
+from maidenflight.identification.start import note_mass, read_start
 from maidenflight.parameters import crazyflie
 from maidenflight.verbs.identify import Identify
-from maidenflight.verbs.logs import note_mass, read_start
 
 NOTHING = Identification(
     *(crazyflie(), {}, {}, {}, "likelihood", 0.0, 0.0, 1),

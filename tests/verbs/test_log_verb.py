@@ -2,11 +2,10 @@
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from commands import run
+from commands import Command
 from made_flights import driven
 from maidenflight import manifest, results
 from maidenflight.flights import log
@@ -14,13 +13,11 @@ from maidenflight.flights.reading import read_flights
 from run_listing import unlisted
 
 
-def test_logs_of_any_format_are_told_and_converted(
-    tmp_path: Path, monkeypatch: Any, capsys: Any
-) -> None:
+def test_logs_of_any_format_are_told_and_converted(tmp_path: Path, command: Command) -> None:
     log.write(tmp_path / "logs" / "one.csv", driven())
     (tmp_path / "logs" / "bad.csv").write_text("x,y\n1,2\n")
     converted = tmp_path / "converted"
-    code, out, _ = run(monkeypatch, capsys, "log", tmp_path / "logs", "-o", converted, "--json")
+    code, out, _ = command(f"log {tmp_path}/logs -o {converted} --json")
     told = json.loads(out)
     assert code == 0
     (one,) = told["logs"]
@@ -36,9 +33,9 @@ def test_logs_of_any_format_are_told_and_converted(
     assert unlisted(tmp_path) == {"logs/one.csv", "logs/bad.csv"}
     (entry,) = manifest.read_manifest(tmp_path).entries
     assert entry.inputs["logs"][0].startswith("logs/one.csv sha256:")
-    code, _, err = run(monkeypatch, capsys, "log", tmp_path / "logs", "-o", converted)
+    code, _, err = command(f"log {tmp_path}/logs -o {converted}")
     assert code == 2
     assert "--overwrite" in err
-    code, out, _ = run(monkeypatch, capsys, "log", tmp_path / "logs")
+    code, out, _ = command(f"log {tmp_path}/logs")
     assert code == 0
     assert "one.csv" in out

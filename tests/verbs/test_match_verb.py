@@ -8,7 +8,7 @@ import jax
 import numpy as np
 import pytest
 
-from commands import run
+from commands import Command
 from flying_policy import flown, flying_policy
 from maidenflight import manifest, policy_file, results
 from maidenflight.flights import log
@@ -21,7 +21,7 @@ from run_listing import entries
 
 
 def test_the_closed_loop_moves_what_it_found_in_the_drone_file_and_keeps_the_rest(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: Command
 ) -> None:
     start = tmp_path / "drone.toml"
     DroneFile(
@@ -50,11 +50,9 @@ def test_the_closed_loop_moves_what_it_found_in_the_drone_file_and_keeps_the_res
         return found
 
     monkeypatch.setattr("maidenflight.identification.closed_loop.match", match)
-    arguments = (
-        *("match", tmp_path / "logs", tmp_path / "policies"),
-        *("--start", start, "-o", tmp_path / "matched.toml"),
-    )
-    code, out, _ = run(monkeypatch, capsys, *arguments, "--json")
+    places = f"{tmp_path}/logs {tmp_path}/policies --start {start} -o {tmp_path}/matched.toml"
+    arguments = f"match {places}"
+    code, out, _ = command(arguments, "--json")
     assert code == 0
     content = json.loads(out)
     assert content["parameters"]["latency"] == {"value": 0.012, "standard_error": 0.001}
@@ -72,13 +70,13 @@ def test_the_closed_loop_moves_what_it_found_in_the_drone_file_and_keeps_the_res
     assert len(results.recorded_inputs(file.record, "x")) == 3
     assert entries(tmp_path) == {("match", "matched.toml"): {"drone"}}
     assert set(manifest.read_manifest(tmp_path).entries[0].inputs) == {"logs", "policies", "drone"}
-    code, out, _ = run(monkeypatch, capsys, *arguments, "--overwrite")
+    code, out, _ = command(arguments, "--overwrite")
     assert code == 0
     assert "latency" in out
     others = tmp_path / "policies" / "policy_1.json"
     policy_file.write(
         others, untrained(jax.random.key(0)), results.record(seed=0, inputs=[], settings={})
     )
-    code, _, said = run(monkeypatch, capsys, *arguments, "--overwrite")
+    code, _, said = command(arguments, "--overwrite")
     assert code == 2
     assert "none of 1 policies" in said

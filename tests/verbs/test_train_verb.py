@@ -9,16 +9,17 @@ import jax.numpy as jnp
 import pytest
 
 import maidenflight as mf
-from maidenflight import policy, policy_file
+from maidenflight import policy_file
 from maidenflight.errors import InputError
 from maidenflight.identification.drone_file import DroneFile, Search, Source
 from maidenflight.names import CONTROLS, TASKS
 from maidenflight.parameters import crazyflie
-from maidenflight.policy import Policy
+from maidenflight.policy import Policy, untrained
 from maidenflight.simulator import control, dynamics
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.look_ahead import LookAhead
 from maidenflight.simulator.policy_spec import PolicySpec
+from maidenflight.terminal import Bar
 from maidenflight.training import defaults
 from maidenflight.training.evaluation import Evaluation
 from maidenflight.training.train import Progress
@@ -32,13 +33,14 @@ def no_training(
     task: Any,
     controller: Controller,
     *_: Any,
-    spec: PolicySpec,
+    policy: Any,
     on_progress: Any,
     **__: Any,
 ) -> tuple[Policy]:
     """In the place of training: a policy that knows nothing."""
     on_progress(Progress(1, 1, Evaluation(*jnp.zeros((3, 1)))))
-    return (policy.untrained(jax.random.key(0), controller.interface, spec),)
+    spec = policy if isinstance(policy, PolicySpec) else policy.spec
+    return (untrained(jax.random.key(0), controller.interface, spec),)
 
 
 def test_what_a_command_of_one_is_goes_from_the_drone_s_logs_to_the_exported_code(
@@ -76,9 +78,9 @@ def test_a_look_ahead_is_trained_with_and_recorded(
 ) -> None:
     asked: list[PolicySpec] = []
 
-    def training(*given: Any, spec: PolicySpec, **named: Any) -> tuple[Policy]:
-        asked.append(spec)
-        return no_training(*given, spec=spec, **named)
+    def training(*given: Any, policy: PolicySpec, **named: Any) -> tuple[Policy]:
+        asked.append(policy)
+        return no_training(*given, policy=policy, **named)
 
     monkeypatch.setattr(TRAINING, training)
     Train(
@@ -99,7 +101,7 @@ def test_a_record_says_what_a_policy_of_from_has_and_not_what_is_usual(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     spec = PolicySpec(history=3, look_ahead=LookAhead(2, 0.2), memory=4, hidden=(6,))
-    start = policy.untrained(jax.random.key(0), control.attitude().interface, spec)
+    start = untrained(jax.random.key(0), control.attitude().interface, spec)
     policy_file.write(tmp_path / "start.json", start)
     monkeypatch.setattr(TRAINING, no_training)
     Train(drone="crazyflie", policies=1, initial=tmp_path / "start.json").run(tmp_path)
@@ -151,6 +153,19 @@ def test_policies_for_the_authors_format_have_the_papers_scales(
     assert (made.interface == control.attitude().interface) == papers
     said = policy_file.read(tmp_path / "policy_1.json").record["settings"]
     assert said["paper_scales"] == papers
+
+
+def test_each_score_moves_the_bar_and_is_a_line_where_there_is_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    moves: list[Any] = []
+    monkeypatch.setattr(Bar, "move", lambda _, *arguments: moves.append(arguments))
+    monkeypatch.setattr(TRAINING, no_training)
+    train = Train(drone="crazyflie", policies=1, updates=9, randomize=0.1, hidden=(8,))
+    train.run(tmp_path, Bar("train"))
+    line = "return 0.0, survival 0%, error 0.0 cm"
+    assert moves == [(0, 9, "compiling, until the first score"), (1, 9, line)]
+    assert capsys.readouterr().err == f"update 1 of 9: {line}\n"
 
 
 def test_what_the_target_could_not_hold_is_not_trained(

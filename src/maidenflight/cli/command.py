@@ -4,6 +4,7 @@ import gc
 import json
 import shlex
 import sys
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from click.shell_completion import CompletionItem
 from maidenflight import cache, compiler, cores, results, terminal
 from maidenflight.cli.interruption import resumable
 from maidenflight.errors import InputError
+from maidenflight.inputs import StrPath
 from maidenflight.settings import REQUIRED, Setting
 from maidenflight.verb import VERBS, Result, Verb, find_verb
 
@@ -187,7 +189,8 @@ def run_verb(verb: Verb, output: str | None, as_json: bool, overwrite: bool) -> 
         resumable(state, "" if resume is None else "--resume"),
     ):
         result = verb.run(place, bar)
-    bar.print_notes(result.notes)
+    for note in result.notes:
+        bar.note(note)
     _print(result, as_json)
     if result.error:
         sys.stdout.flush()
@@ -234,7 +237,17 @@ def _print(result: Result, as_json: bool) -> None:
     if as_json:
         print(json.dumps(result.content))
         return
-    result.show()
+    terminal.show(*result.summary)
+    if result.written:
+        print(f"written: {', '.join(map(_name, filter(None, result.written.values())))}")
     if result.next and not result.error:
         command = shlex.join(["maidenflight", *map(str, result.next)])
         print(f"next: {command}{f'  ({result.next_remark})' if result.next_remark else ''}")
+
+
+def _name(files: Sequence[StrPath]) -> str:
+    """Names files of a kind, of many the first and the last."""
+    paths = [str(path) for path in files]
+    if len(paths) > 2:
+        paths = [f"{paths[0]} .. {Path(paths[-1]).name} ({len(paths)} files)"]
+    return ", ".join(paths)

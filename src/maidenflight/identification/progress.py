@@ -30,6 +30,11 @@ class Progress(NamedTuple):
     gain: GroupGain | None = None
     """Of the group of parameters that was tried last, while others are."""
 
+    @property
+    def untold(self) -> list[str]:
+        """Returns the parameters of `expected` that the flights do not determine."""
+        return [name for name, one in (self.expected or {}).items() if not one.identifiable]
+
 
 class Reporter:
     """Tells a listener how far an identification is."""

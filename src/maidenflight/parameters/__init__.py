@@ -3,6 +3,7 @@
 from maidenflight.parameters.components import (
     COMPONENTS,
     check,
+    check_names,
     component,
     noiseless,
     part_names,
@@ -44,6 +45,7 @@ __all__ = [
     "Quantity",
     "arm_length",
     "check",
+    "check_names",
     "component",
     "crazyflie",
     "document",

@@ -1,6 +1,8 @@
 """The numbers of a drone one by one: read, replaced and checked by their names."""
 
 import dataclasses
+from collections.abc import Iterable
+from difflib import get_close_matches
 from typing import Any
 
 import jax.numpy as jnp
@@ -27,6 +29,26 @@ COMPONENTS: dict[str, tuple[str, int | None]] = {
 }
 """Every single number of `Parameters` by name, such as `latency`, `inertia_x` or `rotor_thrust_1`:
 its field, and its place in it if that is a vector."""
+
+
+def check_names(names: Iterable[str]) -> None:
+    """Refuses what is no parameter, with those that may be meant: the whole list is long.
+
+    Raises:
+        InputError: a name is none of `COMPONENTS`.
+    """
+    for name in names:
+        if name in COMPONENTS:
+            continue
+        alike = [
+            *(known for known in COMPONENTS if name and name in known),
+            *get_close_matches(name, COMPONENTS, 3),
+        ]
+        meant = f" Did you mean {' or '.join(dict.fromkeys(alike[:3]))}?" if alike else ""
+        raise InputError(
+            f"unknown parameter {name!r}.{meant} All are in what this prints: maidenflight drone "
+            "crazyflie."
+        )
 
 
 def component(parameters: Parameters, name: str) -> Any:

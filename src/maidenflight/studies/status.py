@@ -50,6 +50,23 @@ class Progress:
         """Tasks whose result is there."""
         return self.found + self.computed
 
+    def describe(self) -> str:
+        """Returns how far it is, in a line."""
+        parts = [f"{self.done} of {self.tasks} tasks", f"{len(self.running)} running"]
+        parts += [f"{len(self.failed)} failed"] if self.failed else []
+        rate = self.policies_per_hour
+        parts += [f"{rate:.0f} policies/h"] if rate else []
+        parts += [f"{clock(self.seconds_left)} left"] if self.seconds_left else []
+        return ", ".join(parts)
+
+
+def clock(seconds: float | None) -> str:
+    """Returns a time in hours, minutes and seconds."""
+    if seconds is None:
+        return "unknown"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes // 60}:{minutes % 60:02d}:{rest:02d}"
+
 
 def write(store: Store, now: Progress) -> None:
     """Writes how far a run is, for `read`."""

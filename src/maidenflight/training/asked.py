@@ -65,8 +65,7 @@ def checked(
     box: Distribution | Sequence[Distribution],
     keys: Array,
     settings: Settings,
-    spec: PolicySpec,
-    initial: Policy | None,
+    policy: PolicySpec | Policy,
 ) -> Asked:
     """What `train` is asked for by its arguments of these names.
 
@@ -78,10 +77,11 @@ def checked(
     for given, kind, way in (
         (task, Task, "mf.simulator.circle()"),
         (controller, Controller, "mf.simulator.pwm()"),
-        (spec, PolicySpec, "mf.PolicySpec()"),
+        (policy, PolicySpec | Policy, "mf.PolicySpec()"),
     ):
         if not isinstance(given, kind):
-            raise InputError(f"{str(given)[:60]} is no {kind.__name__}; expected what {way} gives.")
+            name = getattr(kind, "__name__", "PolicySpec or Policy")
+            raise InputError(f"{str(given)[:60]} is no {name}; expected what {way} gives.")
     if not (
         isinstance(keys, jax.Array)
         and jnp.issubdtype(keys.dtype, jax.dtypes.prng_key)
@@ -97,9 +97,10 @@ def checked(
             f"control structure {EXCITATION.name} cannot be trained for: it flies by itself. Give "
             "what mf.simulator.pwm() gives."
         )
+    initial = policy if isinstance(policy, Policy) else None
     if initial is not None:
         _check_initial(initial, controller, settings)
-        spec = initial.spec
+    spec = policy if isinstance(policy, PolicySpec) else policy.spec
     if isinstance(settings, PPO) and spec.form == RAPTOR:
         raise InputError(
             "policies of RAPTOR's form are trained by gradients or distillation, not by PPO."

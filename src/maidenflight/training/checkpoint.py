@@ -21,6 +21,7 @@ from jax.experimental import multihost_utils
 
 from maidenflight import __version__, inputs, results
 from maidenflight.errors import InputError
+from maidenflight.inputs import StrPath
 
 T = TypeVar("T")
 _TITLE = "maidenflight checkpoint 2"
@@ -38,6 +39,14 @@ _DAMAGED = (
     *(zipfile.BadZipFile, zlib.error, struct.error),
 )
 """What NumPy and its archive readers raise for damaged bytes."""
+
+
+class Checkpoint(NamedTuple):
+    """Where the state of a training is kept."""
+
+    path: StrPath
+    anew: bool = False
+    """Whether to begin anew; an earlier checkpoint stays until the first of this training."""
 
 
 def fingerprint(words: Mapping[str, Any], numbers: Any) -> str:

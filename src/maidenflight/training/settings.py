@@ -1,7 +1,10 @@
 """Settings that every training method has, and how records say them."""
 
-from dataclasses import Field, asdict
+from collections.abc import Mapping
+from dataclasses import Field, asdict, fields, replace
 from typing import Any, ClassVar, Protocol
+
+from maidenflight.errors import InputError
 
 
 class Settings(Protocol):
@@ -41,3 +44,22 @@ def recorded(settings: Settings) -> dict[str, Any]:
         name: list(value) if isinstance(value, tuple) else value
         for name, value in asdict(settings).items()
     }
+
+
+def override(settings: Settings, numbers: Mapping[str, float]) -> Settings:
+    """Returns settings with other numbers, by the names of fields.
+
+    Raises:
+        InputError: there is no such number, or it is a whole one.
+    """
+    known = {field.name: getattr(settings, field.name) for field in fields(settings)}
+    changes: dict[str, Any] = {}
+    for name, value in numbers.items():
+        if type(known.get(name)) not in (int, float):
+            method = type(settings).__name__
+            raise InputError(f"learner: {name} is no number of {method}: {', '.join(known)}.")
+        whole = isinstance(known[name], int)
+        if whole and value != int(value):
+            raise InputError(f"learner: {name} = {value:g}; expected a whole number.")
+        changes[name] = int(value) if whole else value
+    return replace(settings, **changes)

@@ -9,7 +9,6 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from os import PathLike
 from threading import Thread
 from typing import Any, NamedTuple
 
@@ -22,6 +21,7 @@ from jaxtyping import Array
 
 from maidenflight import compiler
 from maidenflight.errors import InputError
+from maidenflight.inputs import StrPath
 from maidenflight.policy import Policy
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
@@ -30,7 +30,8 @@ from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.tasks import Task
 from maidenflight.training import analytic_gradient, checkpoint, distillation, ppo
 from maidenflight.training.analytic_gradient import AnalyticGradient
-from maidenflight.training.asked import checked
+from maidenflight.training.asked import Asked, checked
+from maidenflight.training.checkpoint import Checkpoint
 from maidenflight.training.devices import placed
 from maidenflight.training.distillation import Distillation
 from maidenflight.training.evaluation import Evaluation, Starts, evaluate_together, starts_of
@@ -94,12 +95,10 @@ def train(
     box: Distribution | Sequence[Distribution],
     keys: Array,
     settings: Settings | None = None,
-    spec: PolicySpec = PolicySpec(),
+    policy: PolicySpec | Policy = PolicySpec(),
     *,
     on_progress: Callable[[Progress], None] | None = None,
-    saved: str | PathLike[str] | None = None,
-    anew: bool = False,
-    initial: Policy | None = None,
+    saved: StrPath | Checkpoint | None = None,
 ) -> tuple[Policy, ...]:
     """Trains one policy per key, all in one call.
 
@@ -110,15 +109,14 @@ def train(
             have the same frame and time step.
         keys: random keys, one per policy.
         settings: of the method, which is chosen by their class; default `AnalyticGradient()`.
-        spec: what the policies see and remember, and their hidden layers.
+        policy: what the policies see and remember, and their hidden layers, to train from random
+            weights; or a policy from which training starts, and whose score is the first.
         on_progress: called after each evaluation; first with those of the checkpoint.
         saved: checkpoint, written after each evaluation. If it exists, training resumes from it and
-            ends with the same policies as without the interruption. If it is of a training that
-            has ended and `settings.updates` is larger than its number, training is extended: its
-            further updates have the learning rates that they have in a training of that many.
-        anew: do not resume; an earlier checkpoint stays until this training's first replaces it.
-        initial: where training starts, instead of random weights. The spec is then its own,
-            whatever is given, and so is the first score.
+            ends with the same policies as without the interruption, unless a `Checkpoint` says
+            `anew`. If it is of a training that has ended and `settings.updates` is larger than its
+            number, training is extended: its further updates have the learning rates that they have
+            in a training of that many.
 
     Returns:
         For each key, in order, the policy at its best evaluation (`Evaluation.beats`). Time grows
@@ -128,61 +126,18 @@ def train(
         InputError: policies cannot be made for this control structure; the drones' time
             step does not divide its period, or they differ in frame or time step; the checkpoint is
             of another training, of more updates, or of fewer that have not ended, or cannot be
-            written; the initial policy commands another control structure, or the method is not by
+            written; the policy commands another control structure, or the method is not by
             gradients; or the scores of a policy are no longer finite.
     """
     settings = AnalyticGradient() if settings is None else settings
-    if type(settings) not in METHODS:
-        known = ", ".join(kind.__name__ for kind in METHODS)
-        raise InputError(
-            f"{type(settings).__name__} are not settings of a method of training; known are "
-            f"{known}."
-        )
-    method = METHODS[type(settings)]
-    asked = checked(task, controller, box, keys, settings, spec, initial)
-    env, drones = asked.env, asked.drones
-    from_zero = initial is not None
-
-    def start(stages: tuple[int, ...]) -> _State:
-        # Of a checkpoint, which has stages, shapes alone are asked for.
-        begin = method.begin if stages else partial(_begun, method.begin)
-        learners = begin(env, settings, drones, keys)
-        if initial is not None:
-            learners = learners._replace(policy=_repeated(initial, len(keys)))
-        count = len(checkpoint.ends(stages or (settings.updates,), settings.evaluations, from_zero))
-        nothing = Evaluation(*(jnp.full((count, len(keys)), jnp.nan) for _ in Evaluation._fields))
-        worst = Evaluation(*(jnp.full(len(keys), -jnp.inf) for _ in Evaluation._fields))
-        return _State(learners, learners.policy, worst, nothing, jnp.zeros((), jnp.int32))
-
-    def report(state: _State, number: int) -> None:
-        if on_progress is not None:
-            score = Evaluation(*(value[number] for value in state.scores))
-            best = state.best if number + 1 == int(state.scored) else None
-            on_progress(
-                Progress(
-                    ends[number],
-                    ends[number] * settings.num_envs * settings.horizon * len(keys),
-                    score,
-                    best,
-                )
-            )
-
-    fingerprint = asked.fingerprint()
-    with ThreadPoolExecutor(1) as beside:
-        if saved is None or anew or not os.path.lexists(saved):
-            # Meanwhile XLA compiles what makes learners and starts, which takes as long.
-            shapes = jax.eval_shape(partial(method.begin, env), settings, drones, keys)
-            shapes = placed(shapes, method.sharding, settings.num_envs)
-            beside.submit(method.learn.trace, env, settings, drones, shapes, keys, 0, 1)
-        state, stages = (
-            (start(()), ())
-            if saved is None or anew
-            else checkpoint.restored(saved, start, fingerprint)
-        )
-        starts = starts_of(env, settings.episodes, drones)
-    state = state._replace(learners=placed(state.learners, method.sharding, settings.num_envs))
+    method = _method_of(settings)
+    asked = checked(task, controller, box, keys, settings, policy)
+    env, drones, from_zero = asked.env, asked.drones, asked.initial is not None
+    place = saved if isinstance(saved, Checkpoint | None) else Checkpoint(saved)
+    path, fingerprint = None if place is None else place.path, asked.fingerprint()
+    state, stages, starts = _begin(method, asked, place, fingerprint)
     stages = checkpoint.extended(
-        saved, stages, settings.updates, settings.evaluations, int(state.scored), from_zero
+        path, stages, settings.updates, settings.evaluations, int(state.scored), from_zero
     )
     ends = checkpoint.ends(stages, settings.evaluations, from_zero)
     if to_come := len(ends) - len(state.scores.survival):
@@ -190,6 +145,14 @@ def train(
         state = state._replace(
             scores=Evaluation(*(jnp.concatenate([rows, more]) for rows in state.scores))
         )
+
+    def report(state: _State, number: int) -> None:
+        if on_progress is not None:
+            score = Evaluation(*(value[number] for value in state.scores))
+            best = state.best if number + 1 == int(state.scored) else None
+            steps = ends[number] * settings.num_envs * settings.horizon * len(keys)
+            on_progress(Progress(ends[number], steps, score, best))
+
     for number in range(int(state.scored)):
         report(state, number)
     to_score = range(int(state.scored), len(ends))
@@ -201,21 +164,60 @@ def train(
             beside.join()
         scores = evaluate_together(env, settings.num_envs, learners.policy, starts)
         if not np.all(np.isfinite(scores.episode_return)):
-            kept = (
-                f" {saved} holds the training as it was at update {first}."
-                if saved is not None and number
-                else ""
-            )
+            kept = f" {path} holds the training as it was at update {first}."
             raise InputError(
                 f"training diverged between updates {first} and {ends[number]}: a policy's return "
-                f"is not a number.{kept} Train again with"
+                f"is not a number.{kept if path is not None and number else ''} Train again with"
                 " a smaller learning_rate, or over drones that differ less."
             )
         state = _advanced(state, learners, scores)
-        if saved is not None:
-            checkpoint.save(saved, state, fingerprint, stages)
+        if path is not None:
+            checkpoint.save(path, state, fingerprint, stages)
         report(state, number)
     return tuple(_one_of(state.best, number) for number in range(len(keys)))
+
+
+def _method_of(settings: Settings) -> Method:
+    if type(settings) not in METHODS:
+        known = ", ".join(kind.__name__ for kind in METHODS)
+        raise InputError(
+            f"{type(settings).__name__} are not settings of a method of training; known are "
+            f"{known}."
+        )
+    return METHODS[type(settings)]
+
+
+def _begin(
+    method: Method, asked: Asked, saved: Checkpoint | None, fingerprint: str
+) -> tuple[_State, tuple[int, ...], Starts]:
+    """The state in which training begins, the stages that it has behind it, and its episodes."""
+    env, settings, drones, keys = asked.env, asked.settings, asked.drones, asked.keys
+
+    def start(stages: tuple[int, ...]) -> _State:
+        # Of a checkpoint, which has stages, shapes alone are asked for.
+        begin = method.begin if stages else partial(_begun, method.begin)
+        learners = begin(env, settings, drones, keys)
+        if asked.initial is not None:
+            learners = learners._replace(policy=_repeated(asked.initial, len(keys)))
+        every = stages or (settings.updates,)
+        count = len(checkpoint.ends(every, settings.evaluations, asked.initial is not None))
+        nothing = Evaluation(*(jnp.full((count, len(keys)), jnp.nan) for _ in Evaluation._fields))
+        worst = Evaluation(*(jnp.full(len(keys), -jnp.inf) for _ in Evaluation._fields))
+        return _State(learners, learners.policy, worst, nothing, jnp.zeros((), jnp.int32))
+
+    with ThreadPoolExecutor(1) as beside:
+        earlier = None if saved is None or saved.anew else saved.path
+        if earlier is None or not os.path.lexists(earlier):
+            # Meanwhile XLA compiles what makes learners and starts, which takes as long.
+            shapes = jax.eval_shape(partial(method.begin, env), settings, drones, keys)
+            shapes = placed(shapes, method.sharding, settings.num_envs)
+            beside.submit(method.learn.trace, env, settings, drones, shapes, keys, 0, 1)
+        state, stages = (
+            (start(()), ()) if earlier is None else checkpoint.restored(earlier, start, fingerprint)
+        )
+        starts = starts_of(env, settings.episodes, drones)
+    learners = placed(state.learners, method.sharding, settings.num_envs)
+    return state._replace(learners=learners), stages, starts
 
 
 @partial(jax.jit, static_argnums=(0, 1), compiler_options=compiler.once())

@@ -9,14 +9,15 @@ from typing import Any
 
 from maidenflight import manifest, run_folder
 from maidenflight.inputs import StrPath
+from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Verb
-from maidenflight.verbs import shared
+from maidenflight.verbs import core, shared
 from maidenflight.verbs.export import Export
 from maidenflight.verbs.identify import Identify
 from maidenflight.verbs.record import Record
 from maidenflight.verbs.report import Report
 from maidenflight.verbs.train import Train
-from maidenflight.verbs.transfer import Transfer, show_flights
+from maidenflight.verbs.transfer import Transfer, tabulate_flights
 
 DRONE = "crazyflie"
 """Named drone that training is compiled with."""
@@ -81,7 +82,8 @@ class Demo(Verb):
         def configure(verb: Any, **settings: Any) -> Any:
             return dataclasses.replace(verb, seed=self.seed, **settings)
 
-        recorded, drone, reality = run_folder.RECORDED[0], output / run_folder.DRONE, self._reality
+        recorded, drone = run_folder.RECORDED[0], output / run_folder.DRONE
+        reality = f"virtual:{self.seed}"
         record = configure(stages.record, reality=reality)
         flights = f"{record.flights or 4} flights of {record.duration:g} s"
         run(record, recorded, f"{flights} on a virtual drone (simulated), by the firmware's PID")
@@ -110,29 +112,33 @@ class Demo(Verb):
         stage_file = run_folder.write_stages(output, self.seed, seconds)
         manifest.append(stage_file, self.name, {"stages": [stage_file]}, self.make_record())
         run(Report(source=output), run_folder.REPORT, "one page to look at")
-        truth = _read_truth(output, found["identify"].value)
+        identified, flights = found["identify"].value, found["transfer"].content["flights"]
+        truth = core.read_truth(output / recorded / run_folder.REALITY, identified.estimates)
         return Result(
             content={
                 "parameters": {
                     name: {"value": one.value, "interval": list(one.interval)}
-                    for name, one in found["identify"].value.estimates.items()
+                    for name, one in identified.estimates.items()
                 },
                 "truth": truth,
-                "notes": found["identify"].notes,
-                "flights": found["transfer"].value.table.to_dicts(),
+                "notes": identified.notes,
+                "flights": flights,
                 "stages": seconds,
                 "best": str(best),
                 "report": str(output / run_folder.REPORT),
                 "simulated": True,
             },
-            show=lambda: _show(found, truth, seconds, best, output),
-            notes=found["identify"].notes,
+            summary=[
+                *core.estimates_output.tabulate_estimates(identified, truth),
+                *core.estimates_output.describe_unidentifiable(identified),
+                *_summarize_flights(found["transfer"].value.table),
+                "wall time: "
+                + ", ".join(f"{name} {spent:.0f} s" for name, spent in seconds.items()),
+                *_list_files(output, best),
+            ],
+            notes=identified.notes,
             value=found,
         )
-
-    @property
-    def _reality(self) -> str:
-        return f"virtual:{self.seed}"
 
 
 class _Stage(Progress):
@@ -155,73 +161,39 @@ def _compile_training(train: Train) -> None:
 
     The compiled program is that of any drone: its parameters are arguments.
     """
-    import jax
-
-    from maidenflight.experiments.drones import distribution_of
-    from maidenflight.simulator import control, tasks
-    from maidenflight.training.train import train as train_policies
-
-    controller, spec = control.pwm(), train.choose_spec(None)
-    learner: Any = train.choose_learner(spec, None)
-    train_policies(
-        tasks.circle(),
+    controller, learner = core.control.pwm(), train.learner_settings
+    core.train(
+        core.TASKS["circle"](),
         controller,
-        distribution_of(DRONE, train.randomize or 0.0, controller),
-        jax.random.split(jax.random.key(0), train.policies),
-        dataclasses.replace(learner, updates=1, evaluations=1),
-        spec=spec,
+        core.drones.distribution_of(DRONE, train.randomize or 0.0, controller),
+        core.split_key(train.key, train.policies),
+        dataclasses.replace(learner, updates=1, evaluations=1),  # type: ignore[call-arg]
+        policy=train.spec,
     )
 
 
-def _read_truth(folder: Path, found: Any) -> dict[str, str | float]:
-    """Reads the true parameters of what was identified; the drone has two delays, the model one.
-
-    Returns:
-        By parameter: its value in SI units, or text in milliseconds.
-    """
-    from maidenflight.parameters import component, read
-
-    true = read(folder / run_folder.RECORDED[0] / run_folder.REALITY)
-    plain: dict[str, str | float] = {name: float(component(true, name)) for name in found.estimates}
-    if "latency" in plain:
-        late = float(true.estimator_delay + true.gyro_time_constant)
-        plain["latency"] = f"{1e3 * float(true.latency):.2g} + {1e3 * late:.2g} sensors"
-    lag = float(true.motor_time_constant)
-    if "motor_time_constant" in plain and "spin_down_ratio" not in plain:
-        slow = lag * float(true.spin_down_ratio)
-        plain["motor_time_constant"] = f"{1e3 * lag:.4g}, slowing {1e3 * slow:.4g}"
-    return plain
-
-
-def _show(
-    found: dict[str, Result],
-    truth: dict[str, str | float],
-    seconds: dict[str, float],
-    best: Path,
-    folder: Path,
-) -> None:
-    """Prints what the demo found, beside what is true of its virtual drone."""
-    from maidenflight.verbs.estimates_output import show_estimates, show_unidentifiable
-
-    table = found["transfer"].value.table
-    show_estimates(found["identify"].value, truth)
-    show_unidentifiable(found["identify"].value)
-    print(
-        "Intervals show how much values depend on these flights, not on the model: the truth may "
-        "lie outside where this drone has\nwhat the model lacks, such as late sensors and a "
-        "battery that sags."
-    )
-    show_flights(table)
+def _summarize_flights(table: "core.DataFrame") -> list[Table | str]:
+    """Returns the zero-shot flights, each and all."""
     reached = table.filter(table["end_reason"] == "time limit").height
     error = float(table["position_error"].to_numpy().mean())
-    print(
+    return [
+        "Intervals show how much values depend on these flights, not on the model: the truth may "
+        "lie outside where this drone has\nwhat the model lacks, such as late sensors and a "
+        "battery that sags.",
+        tabulate_flights(table.to_dicts()),
         f"{reached} of {table.height} flights reached the time limit; median "
         f"{table['duration'].median():.1f} s, mean position error {error * 100:.1f} cm. Flights "
-        "and drone are simulated."
-    )
-    print("wall time: " + ", ".join(f"{name} {spent:.0f} s" for name, spent in seconds.items()))
-    print(f"\n  drone      {folder / run_folder.DRONE}")
-    print(f"  policies   {folder / run_folder.POLICIES}/")
-    print(f"  flights    {folder / run_folder.TRANSFER}/")
-    print(f"  C code     {folder / run_folder.FIRMWARE}/    <- of the best policy, {best.stem}")
-    print(f"  report     {folder / run_folder.REPORT}    <- open this in a browser")
+        "and drone are simulated.",
+    ]
+
+
+def _list_files(folder: Path, best: Path) -> list[str]:
+    """Returns where the results are."""
+    return [
+        "",
+        f"  drone      {folder / run_folder.DRONE}",
+        f"  policies   {folder / run_folder.POLICIES}/",
+        f"  flights    {folder / run_folder.TRANSFER}/",
+        f"  C code     {folder / run_folder.FIRMWARE}/    <- of the best policy, {best.stem}",
+        f"  report     {folder / run_folder.REPORT}    <- open this in a browser",
+    ]

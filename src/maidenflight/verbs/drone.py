@@ -3,10 +3,11 @@
 from pathlib import Path
 from typing import Any
 
-from maidenflight import terminal
+from maidenflight import results
 from maidenflight.settings import flag, setting
+from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Verb
-from maidenflight.verbs import logs, shared
+from maidenflight.verbs import core, shared
 
 
 class Drone(Verb):
@@ -26,17 +27,14 @@ class Drone(Verb):
 
     def compute(self, output: Path | None, progress: Progress) -> Result:
         """Reads and checks the drone; writes it where an output is given."""
-        from maidenflight import parameters, results
-
         if self.list_names:
             return _list()
         kilograms = None if self.mass is None else self.mass / 1e3
-        read = parameters.read(self.drone, kilograms)
-        sources = (
-            parameters.sources(self.drone, kilograms) if self.drone in parameters.DRONES else {}
-        )
+        parameters, named = core.parameters, self.drone in core.parameters.DRONES
+        read, name = parameters.read(self.drone, kilograms), parameters.name_of(self.drone)
+        sources = parameters.sources(self.drone, kilograms) if named else {}
         content: dict[str, Any] = {
-            "name": parameters.name_of(self.drone),
+            "name": name,
             "parameters": {
                 field: {
                     "value": parameters.plain(getattr(read, field)),
@@ -47,37 +45,28 @@ class Drone(Verb):
             },
         }
         if output is None:
-            toml = parameters.to_toml(read, parameters.name_of(self.drone), sources=sources)
-            return Result(content=content, show=lambda: print(toml, end=""), value=read)
-        record = self.make_record(logs.own_files(self.drone))
-        toml = parameters.to_toml(read, output.stem, {"record": record}, sources)
-        results.write(output, toml)
-        return Result(
-            content=content | {"output": str(output)},
-            value=read,
-        )
+            toml = parameters.to_toml(read, name, sources=sources)
+            return Result(content=content, summary=[toml.removesuffix("\n")], value=read)
+        record = self.make_record(shared.own_files(self.drone))
+        results.write(output, parameters.to_toml(read, output.stem, {"record": record}, sources))
+        return Result(content=content | {"output": str(output)}, value=read)
 
 
 def _list() -> Result:
     """Lists the named drones."""
-    from maidenflight import parameters
-
     drones = [
         {
             "name": name,
             "mass": None if one.frameless else round(float(one.make().mass), 6),
             "summary": one.summary,
         }
-        for name, one in parameters.DRONES.items()
+        for name, one in core.parameters.DRONES.items()
     ]
-
-    def show() -> None:
-        masses = [
-            "--mass" if row["mass"] is None else f"{1e3 * row['mass']:.4g} g" for row in drones
-        ]
-        rows = [
-            [row["name"], row["summary"], mass] for row, mass in zip(drones, masses, strict=True)
-        ]
-        terminal.print_table("Named drones", ["name", "what", "mass"], rows, numbers_from=2)
-
-    return Result(content={"drones": drones}, show=show)
+    columns = {"name": "{name}", "what": "{summary}", "mass": "{mass:.4g g}"}
+    return Result(
+        content={"drones": drones},
+        summary=[
+            Table("Named drones", columns, drones),
+            "where no mass stands, give yours by --mass",
+        ],
+    )

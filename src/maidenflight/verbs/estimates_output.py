@@ -2,103 +2,120 @@
 
 from collections.abc import Mapping
 from textwrap import fill
-from typing import TYPE_CHECKING
+from typing import Any
 
-from maidenflight import terminal
+from maidenflight.identification.estimates import Identification
+from maidenflight.parameters import COMPONENTS, GEOMETRY, QUANTITIES, arm_length
+from maidenflight.reporting.text import with_error
+from maidenflight.terminal import Table
 from maidenflight.verbs.logs import scale_of
 
-if TYPE_CHECKING:
-    from maidenflight.identification.estimates import Identification
+_WIDTH = 118
+"""Of long lines."""
 
 
-def show_estimates(found: "Identification", truth: Mapping[str, str | float] | None = None) -> None:
-    """Prints identified parameters, beside the truth where it is known.
+def tabulate_estimates(
+    found: Identification, truth: Mapping[str, str | float] | None = None
+) -> list[Table | str]:
+    """Returns identified parameters, beside the truth where it is known.
 
     Args:
         found: the identification.
         truth: by parameter, in SI units, or as text in the unit that is shown.
     """
     replayed = found.objective == "replay"
-    rows: list[list[str]] = []
+    rows: list[dict[str, Any]] = []
     for name, estimate in found.estimates.items():
         scale, unit = scale_of(name, estimate.value)
-        low, high = (f"{end * scale:.4g}" for end in estimate.interval)
-        row = [name, f"{estimate.value * scale:.4g}", f"{low} .. {high}"]
-        row.append(f"{float(f'{estimate.between_sd * scale:.2g}'):g}")
-        if replayed:
-            valley = [f"{end * scale:.4g}" for end in estimate.valley or ()]
-            several = len(estimate.trials) > 1
-            row.append(" .. ".join(valley))
-            row.append(f"{float(f'{estimate.trial_sd * scale:.2g}'):g}" if several else "")
-        if truth is not None:
-            true = truth.get(name, "")
-            row.append(true if isinstance(true, str) else f"{true * scale:.4g}")
-        rows.append([*row, unit])
-    columns = ["parameter", "value", "95 % interval", "between\nflights"]
-    columns += ["range within\n1 %", "between\ntrials"] if replayed else []
-    columns += ["truth"] if truth is not None else []
-    terminal.print_table("Identified parameters", [*columns, "unit"], rows)
-    print("between flights, or segments of them: standard deviation; the next may be as far off")
-    if replayed:
-        print("between trials: standard deviation, of the optimiser only")
+        true = (truth or {}).get(name, "")
+        rows.append(
+            {
+                "name": name,
+                "unit": unit,
+                "value": estimate.value * scale,
+                "interval": _range(estimate.interval, scale),
+                "valley": _range(estimate.valley, scale) if estimate.valley else "",
+                "between": _two_digits(estimate.between_sd * scale),
+                "trials": _two_digits(estimate.trial_sd * scale) if estimate.trials[1:] else "",
+                "truth": true if isinstance(true, str) else f"{true * scale:.4g}",
+            }
+        )
+    columns = {"parameter": "{name}", "value": "{value:.4g}", "95 % interval": "{interval}"}
+    columns |= {"between\nflights": "{between}"}
+    columns |= {"range within\n1 %": "{valley}", "between\ntrials": "{trials}"} if replayed else {}
+    columns |= {"truth": "{truth}"} if truth is not None else {}
+    return [
+        Table("Identified parameters", columns | {"unit": "{unit}"}, rows),
+        "between flights, or segments of them: standard deviation; the next may be as far off",
+        *(["between trials: standard deviation, of the optimiser only"] if replayed else []),
+    ]
 
 
-def show_unidentifiable(found: "Identification") -> None:
-    """Prints what the flights do not determine, with the ranges that are plausible."""
+def _range(ends: tuple[float, float], scale: float) -> str:
+    return " .. ".join(f"{end * scale:.4g}" for end in ends)
+
+
+def _two_digits(value: float) -> str:
+    """Returns two digits of a number, without an exponent."""
+    return f"{float(f'{value:.2g}'):g}"
+
+
+def describe_unidentifiable(found: Identification) -> list[str]:
+    """Returns what the flights do not determine, with the ranges that are plausible."""
     ranges = []
     for name, (low, high) in found.unidentified.items():
         scale, unit = scale_of(name, high)
         ranges.append(f"{name} {low * scale:.3g} .. {high * scale:.3g} {unit}".strip())
-    if ranges:
-        text = (
-            f"not identifiable from these flights: {', '.join(ranges)}. That is what is plausible; "
-            "start values are kept, and training with --randomize posterior covers these ranges."
-        )
-        print(fill(text, 118))
-
-
-def show_gains(found: "Identification") -> None:
-    """Prints the log-likelihood gain of each group of parameters, where the flights chose them."""
-    if not found.gains:
-        return
-    from maidenflight.reporting.text import with_error
-
-    rows = [
-        [
-            group.group,
-            *with_error(group.log_likelihood_gain, group.standard_error),
-            "kept" if group.kept else "not kept",
-        ]
-        for group in found.gains
-    ]
-    columns = ["parameters", "gain a row\n(nats)", "standard\nerror", ""]
-    terminal.print_table("Log-likelihood gain on held-out flights", columns, rows)
-    if any(group.standard_error is None for group in found.gains):
-        print("unknown: one held-out segment of flight gives no standard error; give more flights.")
-
-
-def show_fit(found: "Identification", start: str) -> None:
-    """Prints what estimates rest on, the noise, and the fit beside that of the start."""
-    from maidenflight.parameters import COMPONENTS, GEOMETRY, QUANTITIES, arm_length
-
-    mass, arm = float(found.parameters.mass), arm_length(found.parameters)
-    if not {"mass", *GEOMETRY} & {COMPONENTS[name][0] for name in found.estimates}:
-        print(
-            f"kept from {start}: mass {mass * 1e3:.4g} g and rotors {arm * 1e3:.4g} mm from the "
-            "centre, on which inertias and torques depend;"
-        )
-        print("if yours differ, give --mass, or your drone with --start.")
-    levels = (
-        f"{name} {value:.3g} {QUANTITIES[name].unit}".removesuffix(" -")
-        for name, value in found.noise.items()
-        if value
+    text = (
+        f"not identifiable from these flights: {', '.join(ranges)}. That is what is plausible; "
+        "start values are kept, and training with --randomize posterior covers these ranges."
     )
+    return [fill(text, _WIDTH)] if ranges else []
+
+
+def tabulate_gains(found: Identification) -> list[Table | str]:
+    """Returns the log-likelihood gain of each group of parameters, where the flights chose them."""
+    if not found.gains:
+        return []
+    rows = []
+    for group in found.gains:
+        gain, error = with_error(group.log_likelihood_gain, group.standard_error)
+        kept = "kept" if group.kept else "not kept"
+        rows.append({"group": group.group, "gain": gain, "error": error, "kept": kept})
+    columns = {"parameters": "{group}", "gain a row\n(nats)": "{gain}"}
+    columns |= {"standard\nerror": "{error}", "": "{kept}"}
+    unknown = any(group.standard_error is None for group in found.gains)
+    note = "unknown: one held-out segment of flight gives no standard error; give more flights."
+    return [
+        Table("Log-likelihood gain on held-out flights", columns, rows),
+        *([note] if unknown else []),
+    ]
+
+
+def describe_fit(found: Identification, start: str) -> list[str]:
+    """Returns what estimates rest on, the noise, and the fit beside that of the start."""
+    lines = []
+    if not {"mass", *GEOMETRY} & {COMPONENTS[name][0] for name in found.estimates}:
+        mass, arm = float(found.parameters.mass), arm_length(found.parameters)
+        lines += [
+            f"kept from {start}: mass {mass * 1e3:.4g} g and rotors {arm * 1e3:.4g} mm from the "
+            "centre, on which inertias and torques depend;",
+            "if yours differ, give --mass, or your drone with --start.",
+        ]
     if found.noise:
-        print(fill(f"noise found: {', '.join(levels)}", 118))
+        levels = (
+            f"{name} {value:.3g} {QUANTITIES[name].unit}".removesuffix(" -")
+            for name, value in found.noise.items()
+            if value
+        )
+        lines.append(fill(f"noise found: {', '.join(levels)}", _WIDTH))
     fit = (
         f"mean error of a replayed window {found.value:.4g} ({found.start_value:.4g} for {start})"
         if found.objective == "replay"
         else f"log-likelihood {-found.value:.4g} nats a row ({-found.start_value:.4g} for {start}; "
         "more is better)"
     )
-    print(f"{fit}, after {found.evaluations} evaluations of it in {found.seconds:.1f} s")
+    return [
+        *lines,
+        f"{fit}, after {found.evaluations} evaluations of it in {found.seconds:.1f} s",
+    ]

@@ -10,7 +10,7 @@ from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
 from maidenflight.settings import REQUIRED, choice, path, setting
 from maidenflight.verb import Output, Progress, Result, Verb
-from maidenflight.verbs import shared
+from maidenflight.verbs import core, shared
 
 
 class Export(Verb):
@@ -59,14 +59,12 @@ class Export(Verb):
             InputError: the file is no policy, or one of ours of another structure; or what is
                 written cannot hold it, or not fly the frame that it was trained for.
         """
-        from maidenflight import parameters, policy_file
-        from maidenflight.deployment.check import check_frame
-
-        exporter, file = EXPORTERS[self.to], policy_file.read(self.policy, self.control)
+        exporter, file = EXPORTERS[self.to], core.policy_file.read(self.policy, self.control)
         interface, rotors = file.interface, file.rotors
         if rotors is not None:
-            drone = parameters.replace(parameters.crazyflie(), **rotors)
-            check_frame(self.to, interface, parameters.check(drone, str(self.policy)))
+            drone = core.parameters.replace(core.crazyflie(), **rotors)
+            drone = core.parameters.check(drone, str(self.policy))
+            core.check_frame(self.to, interface, drone)
         record = self.make_record([self.policy], policy=None, control=interface.name, rotors=rotors)
         if "seed" not in exporter.takes:
             record.pop("seed")
@@ -85,7 +83,6 @@ class Export(Verb):
             listed = manifest.find_manifest(home) is not None
         return Result(
             content={"files": [str(path) for path in written]},
-            show=lambda: print("written " + ", ".join(map(str, written))),
             written={"exported": written},
             read={"policies": [self.policy]},
             record=record,

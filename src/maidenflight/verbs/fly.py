@@ -2,13 +2,12 @@
 
 import sys
 from pathlib import Path
-from typing import Any
 
-from maidenflight import cache, names
+from maidenflight import names
 from maidenflight.errors import InputError
 from maidenflight.settings import choice, flag, number, path, setting, text, whole
 from maidenflight.verb import Output, Progress, Result, Verb
-from maidenflight.verbs import shared
+from maidenflight.verbs import core, shared
 
 
 class Fly(Verb):
@@ -90,33 +89,27 @@ class Fly(Verb):
         """Flies; writes a log a flight. Says on standard error what the drone does."""
         if self.recover:
             return _recover(output)
-        from maidenflight.flights import flight_plan
-        from maidenflight.integrations.radio import session
-        from maidenflight.integrations.radio.flight import COMPLETE
-
-        pid = self.pilot == "pid"
-        given: dict[str, Any] = {
-            "task": self.task,
-            "duration": self.duration or (30.0 if pid else 10.0),
-            "height": self.height,
-            "steps": (0.1 if self.steps is None else self.steps) if pid else 0.0,
-            "policy": not pid,
-            "full_scale_counts": self.full_scale_counts,
-        }
+        pid, real = self.pilot == "pid", (self.uri or "").startswith(("radio://", "usb://"))
+        course: core.FlightPlan | core.Course = core.Course(
+            self.task,
+            self.duration or (30.0 if pid else 10.0),
+            self.height,
+            (0.1 if self.steps is None else self.steps) if pid else 0.0,
+            policy=not pid,
+            full_scale_counts=self.full_scale_counts,
+        )
         if self.plan is not None:
-            given = {"plan": flight_plan.read(self.plan)}
+            course = core.flight_plan.read(self.plan)
         count = self.flights or (4 if pid and self.plan is None else 1)
-        flown = session.record(
+        flown = core.fly_course(
             self.uri or "",
             output,
-            count=count,
-            seed=self.seed,
-            cache=cache.folder() / "crazyflie",
+            course,
+            count,
+            self.seed,
             say=lambda line: print(line, file=sys.stderr, flush=True),
-            **given,
         )
-        simulated = not (self.uri or "").startswith(("radio://", "usb://"))
-        complete = all(one.ending.reason == COMPLETE for one in flown) and len(flown) == count
+        complete = all(one.ending.reason == core.COMPLETE for one in flown) and len(flown) == count
         return Result(
             content={
                 "flights": [
@@ -128,9 +121,9 @@ class Fly(Verb):
                     }
                     for one in flown
                 ],
-                "simulated": simulated,
+                "simulated": not real,
             },
-            show=lambda: print(f"{len(flown)} flights in {output}/"),
+            summary=[f"{len(flown)} flights in {output}/"],
             notes=[note for one in flown for note in one.notes],
             next=("identify", output),
             exit_code=0 if complete else 1,
@@ -140,14 +133,12 @@ class Fly(Verb):
 
 def _recover(folder: Path) -> Result:
     """Makes logs of the rows that a crash has left."""
-    from maidenflight.integrations.radio import row_files
-
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder. Give the one that was recorded into, with -o.")
-    made, refused = row_files.recover(folder)
+    made, refused = core.recover_rows(folder)
     return Result(
         content={"logs": [str(path) for path in made], "refused": refused},
-        show=lambda: print(f"{len(made)} logs made of rows in {folder}/"),
+        summary=[f"{len(made)} logs made of rows in {folder}/"],
         notes=refused,
         next=("identify", folder) if made else (),
     )

@@ -1,30 +1,15 @@
 """`Identify`: a drone's parameters from flight logs."""
 
 import dataclasses
-from collections.abc import Iterable
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from maidenflight import names, run_folder
+from maidenflight import names, results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.settings import choice, either, listed, number, setting, several, table, whole
 from maidenflight.verb import Output, Progress, Result, Verb
-from maidenflight.verbs import logs as read
-from maidenflight.verbs import shared
-from maidenflight.verbs.estimates_output import (
-    show_estimates,
-    show_fit,
-    show_gains,
-    show_unidentifiable,
-)
-
-if TYPE_CHECKING:
-    from maidenflight.flights.reading import Flights
-    from maidenflight.identification.drone_file import DroneFile
-    from maidenflight.identification.estimates import Identification
-    from maidenflight.identification.likelihood import Likelihood
-    from maidenflight.identification.progress import Progress as Stage
-    from maidenflight.identification.replay import Replay
+from maidenflight.verbs import core, shared
 
 _SEARCH = "Search"
 _PAIR = dataclasses.replace(
@@ -35,16 +20,6 @@ _PAIR = dataclasses.replace(
         and all(map(number(-1e9, 1e9).accepts, pair))
     ),
 )
-SHARES = {
-    "reading flights": 1.0,
-    "motor lag": 4.0,
-    "what flights can tell": 2.0,
-    "choosing parameters": 8.0,
-    "fitting": 5.0,
-    "intervals": 2.0,
-}
-"""How long each stage takes beside the others: four minutes of flight with an accelerometer."""
-_COUNTED = {"motor lag": "flights", "choosing parameters": "groups"}
 _BAR_STEPS = 1000
 
 
@@ -140,54 +115,60 @@ class Identify(Verb):
     def check(self) -> None:
         """Refuses a start that is no drone, and unknown parameters."""
         over = [] if isinstance(self.over, str) else self.over or []
-        _must_be_known([*over, *self.bounds])
-        read.read_start(self.start, self.mass)
+        core.parameters.check_names([*over, *self.bounds])
+        _ = self.first
 
     def compute(self, output: Path, progress: Progress) -> Result:
         """Identifies; writes the drone, every evaluation and a picture."""
-        import jax
+        settings, overall = self._objective(), core.Overall()
 
-        from maidenflight import results
-        from maidenflight.flights.reading import read_flights
-        from maidenflight.identification.identify import identify
-        from maidenflight.reporting.figures.identification import identification
-        from maidenflight.reporting.figures.picture import svg
+        def show(share: float, remark: str) -> None:
+            progress.move(int(_BAR_STEPS * share), _BAR_STEPS, remark)
 
-        settings, start = self._objective(), read.read_start(self.start, self.mass)
-        stages = _Stages(progress)
-        flights = read_flights(
-            *(self.logs, stages.on_file, self.most_seconds, settings.lead_in),
-            *(self.commands, self.battery_law, self.ignore),
+        def on_progress(now: core.Stage) -> None:
+            show(*overall.reach(now))
+            if now.untold:
+                untold = ", ".join(now.untold)
+                progress.note(f"these flights cannot tell {untold}; plausible ranges are kept")
+
+        flights = core.read_flights(
+            *(self.logs, lambda done, of: show(*overall.read(done, of)), self.most_seconds),
+            *(settings.lead_in, self.commands, self.battery_law, self.ignore),
         )
-        found = identify(
+        found = core.identify(
             flights,
             settings,
-            start=start.parameters,
+            start=self.first.parameters,
             over=self.over,
             bounds=self.bounds,
-            key=jax.random.key(self.seed),
-            on_progress=stages.on_progress,
+            key=self.key,
+            on_progress=on_progress,
         )
         over = self.over if isinstance(self.over, str) else list(self.over or found.estimates)
         record = self.make_record(
-            [*flights.paths, *read.own_files(self.start)],
+            [*flights.paths, *shared.own_files(self.start)],
             over=over,
             **dataclasses.asdict(settings),
         )
-        notes = [*read.note_mass(self.start, self.mass, flights), *_kept_at_bounds(start, found)]
+        notes = [
+            *core.note_mass(self.start, self.mass, flights),
+            *core.note_kept_at_bounds(self.first, found.estimates),
+        ]
         found = dataclasses.replace(found, notes=(*found.notes, *notes))
         found.write(output, record)
-        run_folder.EVALUATIONS.write(run_folder.beside(output), found.search)
-        picture = run_folder.picture_beside(output)
-        results.write(picture, svg(identification(found, start.parameters)))
+        _, evaluations, picture = self.places(output)
+        run_folder.EVALUATIONS.write(evaluations, found.search)
+        results.write(picture, core.svg(core.identification_figure(found, self.first.parameters)))
         return Result(
             content=_to_content(flights, found) | {"output": str(output), "picture": str(picture)},
-            show=lambda: self._show(flights, found, output, picture),
-            written={
-                "drone": [output],
-                "evaluations": [run_folder.beside(output)],
-                "picture": [picture],
-            },
+            summary=[
+                *core.logs.describe_flights(flights, f"; {found.windows} windows of rows"),
+                *core.estimates_output.tabulate_gains(found),
+                *core.estimates_output.tabulate_estimates(found),
+                *core.estimates_output.describe_unidentifiable(found),
+                *core.estimates_output.describe_fit(found, self.start),
+            ],
+            written={"drone": [output], "evaluations": [evaluations], "picture": [picture]},
             read={"logs": flights.paths},
             record=record,
             rows=[
@@ -205,100 +186,24 @@ class Identify(Verb):
             value=found,
         )
 
-    def _objective(self) -> "Likelihood | Replay":
-        from maidenflight.identification.likelihood import Likelihood
-        from maidenflight.identification.replay import Replay
+    @cached_property
+    def first(self) -> "core.DroneFile":
+        """Returns the drone to begin with."""
+        return core.read_start(self.start, self.mass)
 
+    def _objective(self) -> "core.Likelihood | core.Replay":
         common: dict[str, Any] = {
             "lead_in": self.lead_in,
             "evaluations": self.evaluations,
             "trials": self.trials,
         }
-        given: dict[str, Any] = {"method": self.method, "length": self.length}
-        given = {name: value for name, value in given.items() if value is not None}
-        return Replay(**given, **common) if self.objective == "replay" else Likelihood(**common)
-
-    def _show(
-        self, flights: "Flights", found: "Identification", output: Path, picture: Path
-    ) -> None:
-        read.show_flights(flights, f"; {found.windows} windows of rows")
-        show_gains(found)
-        show_estimates(found)
-        show_unidentifiable(found)
-        show_fit(found, self.start)
-        print(f"written to {output}; a picture of it: {picture}")
+        if self.objective == "likelihood":
+            return core.Likelihood(**common)
+        own: dict[str, Any] = {"method": self.method, "length": self.length}
+        return core.Replay(**common, **{name: own[name] for name in own if own[name] is not None})
 
 
-class _Stages:
-    """Shows how far an identification is, on a bar that never moves back."""
-
-    def __init__(self, progress: Progress) -> None:
-        self._progress, self._reached = progress, 0.0
-
-    def on_file(self, done: int, of: int) -> None:
-        """Shows how many files are read."""
-        first = next(iter(SHARES))
-        self._move(first, done, of, f"{first}, {done} of {of}")
-
-    def on_progress(self, now: "Stage") -> None:
-        """Shows the stage; says before anything is fitted what the flights do not determine."""
-        self._move(now.stage, now.done, now.of, describe_stage(now))
-        names = [name for name, one in (now.expected or {}).items() if not one.identifiable]
-        if names:
-            self._progress.note(
-                f"these flights cannot tell {', '.join(names)}; plausible ranges are kept"
-            )
-
-    def _move(self, stage: str, done: int, of: int, remark: str) -> None:
-        before = sum(SHARES[name] for name in list(SHARES)[: list(SHARES).index(stage)])
-        within = SHARES[stage] * min(done / of, 1.0) if of else 0.0
-        self._reached = max(self._reached, (before + within) / sum(SHARES.values()))
-        self._progress.move(int(_BAR_STEPS * self._reached), _BAR_STEPS, remark)
-
-
-def describe_stage(now: "Stage") -> str:
-    """Returns a stage of an identification in words."""
-    parts = [now.stage]
-    if now.of and now.stage in _COUNTED:
-        parts.append(f"{now.done} of {now.of} {_COUNTED[now.stage]}")
-    if now.gain is not None:
-        parts.append(f"{now.gain.group} {'kept' if now.gain.kept else 'not kept'}")
-    if now.evaluations:
-        parts.append(f"evaluation {now.evaluations}")
-    return ", ".join(parts)
-
-
-def _must_be_known(given: Iterable[str]) -> None:
-    """Refuses what is no parameter, with those that may be meant: the whole list is long."""
-    from difflib import get_close_matches
-
-    from maidenflight.parameters import COMPONENTS
-
-    for name in given:
-        if name not in COMPONENTS:
-            alike = [
-                *(known for known in COMPONENTS if name and name in known),
-                *get_close_matches(name, COMPONENTS, 3),
-            ]
-            meant = f" Did you mean {' or '.join(dict.fromkeys(alike[:3]))}?" if alike else ""
-            raise InputError(
-                f"unknown parameter {name!r}.{meant} All are in what this prints: maidenflight "
-                "drone crazyflie."
-            )
-
-
-def _kept_at_bounds(start: "DroneFile", found: "Identification") -> list[str]:
-    """Returns what was kept of a start although it lay at a search bound there."""
-    from maidenflight.identification.bounds import at_bounds
-
-    return [
-        f"kept from {Path(start.name).name}: {text}"
-        for name, text in at_bounds(start.estimates).items()
-        if name not in found.estimates
-    ]
-
-
-def _to_content(flights: "Flights", found: "Identification") -> dict[str, Any]:
+def _to_content(flights: "core.Flights", found: "core.Identification") -> dict[str, Any]:
     estimate = ("value", "interval", "trial_mean", "trial_sd", "between_sd", "valley")
     return {
         "parameters": {
@@ -314,6 +219,6 @@ def _to_content(flights: "Flights", found: "Identification") -> dict[str, Any]:
         "windows": found.windows,
         "evaluations": found.evaluations,
         "seconds": round(found.seconds, 3),
-        "flights": read.to_content(flights),
+        "flights": core.logs.to_content(flights),
         "notes": found.notes,
     }

@@ -1,21 +1,73 @@
-"""What transfer and envelope have in common: policies that fly in realities."""
+"""What transfer, envelope and predict have in common: they fly policies, and name the best."""
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any
 
 from maidenflight import names
+from maidenflight.deployment import EXPORTERS
 from maidenflight.settings import choice, setting
-from maidenflight.verb import Verb
-from maidenflight.verbs import shared
-
-if TYPE_CHECKING:
-    from maidenflight.simulator.reality import AnyReality
-    from maidenflight.verbs.policies import Policies
+from maidenflight.terminal import Table
+from maidenflight.verb import Progress, Result, Verb
+from maidenflight.verbs import core, shared
 
 
-class InRealities(Verb):
-    """Fly policies in realities."""
+class FliesPolicies(Verb):
+    """Fly policies."""
 
     policies: tuple[str, ...] = shared.policies()
+
+    def check_early(self) -> None:
+        """Refuses a drone that is not there."""
+        shared.must_exist(getattr(self, "drone", None))
+
+    @cached_property
+    def fleet(self) -> "core.Policies":
+        """Returns the policies."""
+        return core.read_policies(self.policies, getattr(self, "control", None))
+
+    def choose_task(self, task: str | None, progress: Progress) -> tuple[str, list[str]]:
+        """Returns what is flown, and notes on policies that were trained for another task."""
+        flown, notes = self.fleet.choose_task(task)
+        for note in notes:
+            progress.note(note)
+        return flown, notes
+
+    def conclude(
+        self,
+        content: Mapping[str, Any],
+        summary: Sequence[Table | str],
+        best: Path | None,
+        reason: str,
+        **parts: Any,
+    ) -> Result:
+        """Returns the result, with the best policy and the command that exports it.
+
+        Args:
+            content: for `--json`, without the best policy.
+            summary: likewise for people.
+            best: the best policy, if any of ours flew.
+            reason: why it is the best.
+            parts: the other parts of the result.
+        """
+        named = [f"best: {best} ({reason})"] if best and len(self.fleet.files) > 1 else []
+        return Result(
+            content={**content, "best": str(best) if best else None, "simulated": True},
+            summary=[*summary, *named],
+            next=export_command(best, self.fleet.policy_of(best)) if best else (),
+            **parts,
+        )
+
+
+def export_command(path: Path, policy: "core.Policy") -> tuple[object, ...]:
+    """Returns the words of the command that exports a policy, with what its form needs."""
+    return ("export", path, *(("--to", policy.spec.form) if policy.spec.form in EXPORTERS else ()))
+
+
+class InRealities(FliesPolicies):
+    """Fly policies in realities."""
+
     reality: tuple[str, ...] = shared.realities(
         (),
         f"Where: {shared.REALITIES}, or from 5 s on as +yaw6000@5, +weak10@5, +payload15@5; may be "
@@ -33,30 +85,26 @@ class InRealities(Verb):
         group=shared.FLIGHTS,
     )
 
-    def check_early(self) -> None:
-        """Refuses a drone that is not there."""
-        shared.must_exist(self.drone)
-
     def check(self) -> None:
         """Refuses what is no drone, no reality or no policy."""
-        from maidenflight.experiments.drones import read_drone
-
         if self.get("drone"):
-            read_drone(self.drone or "", self.accept_bounds)
+            core.drones.read_drone(self.drone or "", self.accept_bounds)
         if self.reality or self.get("drone"):
-            self.find_realities()
+            _ = self.realities
         if self.get("policies"):
-            self.load()
+            _ = self.fleet
 
-    def load(self) -> "Policies":
-        """Reads the policies."""
-        from maidenflight.verbs.policies import read_policies
-
-        return read_policies(self.policies)
-
-    def find_realities(self) -> "list[AnyReality]":
+    @cached_property
+    def realities(self) -> "list[core.AnyReality]":
         """Returns where they fly."""
-        from maidenflight.experiments.drones import find_reality
-
         usual = f"virtual:7@{self.drone}" if self.drone else "virtual:7"
-        return [find_reality(name, self.accept_bounds) for name in self.reality or (usual,)]
+        return [
+            core.drones.find_reality(name, self.accept_bounds) for name in self.reality or (usual,)
+        ]
+
+    def make_flight_record(self, task: str, **more: Any) -> dict[str, Any]:
+        """Returns how the flights of a task are made, for their files."""
+        places = [place.name for place in self.realities]
+        return self.make_record(
+            self.fleet.inputs, task=task, reality=places, **more, **self.fleet.record
+        )

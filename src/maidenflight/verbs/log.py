@@ -2,19 +2,12 @@
 
 import math
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
-from maidenflight import terminal
-from maidenflight.verb import Output, Progress, Result, Verb
-from maidenflight.verbs import logs as read
-from maidenflight.verbs import shared
-
-if TYPE_CHECKING:
-    from maidenflight.flights.reading import Flights
-    from maidenflight.flights.summary import Summary
+from maidenflight.terminal import Table
+from maidenflight.verb import Output, Progress, Result, Row, Verb
+from maidenflight.verbs import core, shared
 
 _STATE = ("position", "velocity", "attitude")
 
@@ -37,31 +30,25 @@ class Log(Verb):
 
     def compute(self, output: Path | None, progress: Progress) -> Result:
         """Reads the logs; writes the usable pieces where an output is given."""
-        from maidenflight.flights.reading import read_flights
-        from maidenflight.flights.summary import summaries
-
-        flights = read_flights(
-            *(self.logs, read.count_files(progress), math.inf),
+        flights = core.read_flights(
+            *(self.logs, core.logs.count_files(progress), math.inf),
             commands=self.commands,
             battery_law=self.battery_law,
         )
         record = self.make_record(flights.paths)
-        written = [] if output is None else _convert(flights, output, record)
-        found = summaries(flights)
-
-        def show() -> None:
-            _show(flights, found)
-            if output is not None:
-                print(f"written to {output}/: {len(flights)} logs in our format")
-            print(f"pictures: maidenflight report --logs {self.logs} -o look.html")
-
+        written = [] if output is None else core.logs.write_logs(output, _name(flights), record)
+        logs = [asdict(one) | {"is_calm": one.is_calm} for one in core.summaries(flights)]
         return Result(
             content={
-                **read.to_content(flights),
-                "logs": [asdict(one) | {"is_calm": one.is_calm} for one in found],
+                **core.logs.to_content(flights),
+                "logs": logs,
                 "written": [str(path) for path in written],
             },
-            show=show,
+            summary=[
+                *_tabulate(logs),
+                *core.logs.describe_flights(flights),
+                f"pictures: maidenflight report --logs {self.logs} -o look.html",
+            ],
             written={"logs": written} if written else {},
             read={"logs": flights.paths},
             record=record,
@@ -71,54 +58,38 @@ class Log(Verb):
         )
 
 
-def _convert(flights: "Flights", folder: Path, record: dict[str, Any]) -> list[Path]:
-    """Writes each piece of flight as CSV: the log's name, and a number where it has several."""
-    from maidenflight import results
-    from maidenflight.flights import log
-
+def _name(flights: "core.Flights") -> "dict[str, core.Flight]":
+    """Returns pieces of flight by their log's name, with a number where it has several."""
     names = [Path(flight.name).name.split(".")[0] for flight in flights]
-    several, seen = Counter(names), Counter[str]()
-    written = []
+    several, count, named = Counter(names), Counter[str](), {}
     for name, flight in zip(names, flights, strict=True):
-        seen[name] += 1
-        number = f"_{seen[name]}" if several[name] > 1 else ""
-        written.append(log.write(folder / f"{name}{number}.csv", flight, record))
-    results.remove_older(written, record)
-    return written
+        count[name] += 1
+        named[f"{name}_{count[name]}" if several[name] > 1 else name] = flight
+    return named
 
 
-def _show(flights: "Flights", logs: "Sequence[Summary]") -> None:
-    """Prints what logs hold, a row each, and what was assumed, dropped and refused."""
-    holding, moved = [], []
+def _tabulate(logs: list[Row]) -> list[Table | str]:
+    """Returns what logs hold and how they move the drone, a row each."""
+    rows = []
     for one in logs:
-        signals = [name.replace("_", " ") for name in one.signals if name not in _STATE]
-        if set(_STATE) <= set(one.signals):
-            signals = ["state", *signals]
-        volts = "" if one.battery is None else "{:.2f} .. {:.2f}".format(*one.battery)
-        seconds, rate = f"{one.seconds:.1f}", f"{one.rate:.4g}"
-        holding.append([one.name, ", ".join(signals), one.commands, seconds, rate, volts])
-        moved.append(
-            [
-                one.name,
-                "" if one.speed is None else f"{one.speed:.2f}",
-                "" if one.tilt is None else f"{math.degrees(one.tilt):.0f}",
-                f"{math.degrees(one.body_rates):.0f}",
-                f"{one.command:.3f}",
-                f"{one.thrust_spread:.3f}",
-                f"{one.torque_spread:.3f}",
-            ]
-        )
-    columns = ["log", "signals", "commands", "usable [s]", "rate [Hz]", "battery [V]"]
-    terminal.print_table("Flight logs", columns, holding, numbers_from=3)
-    columns = ["log", "speed\n[m/s]", "most tilt\n[deg]", "body rates\n[deg/s]", "mean u"]
-    columns += ["SD of\nthrust", "SD of\ntorque"]
-    terminal.print_table("How they move the drone", columns, moved)
-    print("state: position, velocity and attitude. Speed and body rates: root mean square; SD:")
-    print("standard deviation of the mean command u and of the motors' difference in roll or pitch")
-    calm = sum(one.is_calm for one in logs)
-    if calm:
-        print(
-            f"calm: {calm} of {len(logs)} logs, in which the motors differ little; quick rolls and "
-            "pitches would tell more of inertia, lag and latency"
-        )
-    read.show_flights(flights)
+        signals = [name.replace("_", " ") for name in one["signals"] if name not in _STATE]
+        state = ["state"] if set(_STATE) <= set(one["signals"]) else []
+        battery = "" if one["battery"] is None else "{:.2f} .. {:.2f} V".format(*one["battery"])
+        rows.append({**one, "signals": ", ".join([*state, *signals]), "battery": battery})
+    holding = {"log": "{name}", "signals": "{signals}", "commands": "{commands}"}
+    holding |= {"usable": "{seconds:.1f s}", "rate": "{rate:.4g Hz}", "battery": "{battery}"}
+    moved = {"log": "{name}", "speed": "{speed:.2f m/s}", "most tilt": "{tilt:.0f deg}"}
+    moved |= {"body rates": "{body_rates:.0f deg/s}", "mean u": "{command:.3f}"}
+    moved |= {"SD of\nthrust": "{thrust_spread:.3f}", "SD of\ntorque": "{torque_spread:.3f}"}
+    calm = sum(one["is_calm"] for one in logs)
+    remark = (
+        f"calm: {calm} of {len(logs)} logs, in which the motors differ little; quick rolls and "
+        "pitches would tell more of inertia, lag and latency"
+    )
+    return [
+        Table("Flight logs", holding, rows),
+        Table("How they move the drone", moved, rows),
+        "state: position, velocity and attitude. Speed and body rates: root mean square; SD:",
+        "standard deviation of the mean command u and of the motors' difference in roll or pitch",
+        *([remark] if calm else []),
+    ]

@@ -1,17 +1,18 @@
-"""Flight logs of a command: the drone that an analysis starts with, and what was read."""
+"""Flight logs of a command: what was read, and what is written."""
 
-import sys
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from maidenflight import terminal
-from maidenflight.verb import Progress
+from maidenflight import results
+from maidenflight.flights import log
+from maidenflight.flights.log import Flight
+from maidenflight.flights.reading import Flights
+from maidenflight.parameters import COMPONENTS, QUANTITIES
+from maidenflight.terminal import Progress
 
-if TYPE_CHECKING:
-    from maidenflight.flights.reading import Flights
-    from maidenflight.identification.drone_file import DroneFile
+_FEW_NOTES, _FEW_REFUSED = 6, 3
+"""Lines on files that people are shown."""
 
 
 def count_files(progress: Progress) -> Callable[[int, int], None]:
@@ -19,47 +20,14 @@ def count_files(progress: Progress) -> Callable[[int, int], None]:
     return lambda done, of: progress.move(done, of, "reading flights")
 
 
-def read_start(drone: str, mass_g: float | None) -> "DroneFile":
-    """Reads the drone that an identification begins with.
-
-    Args:
-        drone: a named drone, or a TOML file.
-        mass_g: of what flew [g]; the drone's own unless given.
-
-    Raises:
-        InputError: see `parameters.read`.
-    """
-    from maidenflight import parameters
-    from maidenflight.identification import drone_file
-    from maidenflight.identification.drone_file import DroneFile
-
-    own = parameters.read(drone, None if mass_g is None else mass_g / 1e3)
-    if drone in parameters.DRONES:
-        return DroneFile(own, name=drone)
-    return replace(drone_file.read(drone), parameters=own)
+def write_logs(folder: Path, flights: Mapping[str, Flight], record: dict[str, Any]) -> list[Path]:
+    """Writes logs by their names, in place of those that an earlier run wrote there."""
+    written = [log.write(folder / f"{name}.csv", one, record) for name, one in flights.items()]
+    results.remove_older(written, record)
+    return written
 
 
-def note_mass(drone: str, mass_g: float | None, flights: "Flights") -> list[str]:
-    """Returns a note that asks for the mass where nobody gave it, of real flights."""
-    from maidenflight import parameters
-
-    known = mass_g is not None or drone not in parameters.DRONES
-    if known or all(flight.simulated for flight in flights):
-        return []
-    mass = 1e3 * float(parameters.read(drone).mass)
-    return [
-        f"mass taken from {drone}, {mass:.4g} g. Inertia, trim and other torques found are in "
-        "proportion to it; thrust-to-weight ratio, lags and drag do not depend on it. Weigh yours "
-        "with battery and decks, and give --mass GRAMS."
-    ]
-
-
-def own_files(*given: Any) -> list[str]:
-    """Returns those of some paths and names that are files, for records."""
-    return [str(one) for one in given if one is not None and Path(one).is_file()]
-
-
-def to_content(flights: "Flights") -> dict[str, Any]:
+def to_content(flights: Flights) -> dict[str, Any]:
     """Returns what was read, for JSON."""
     return {
         "files": len(flights.paths),
@@ -70,30 +38,40 @@ def to_content(flights: "Flights") -> dict[str, Any]:
     }
 
 
-def show_flights(flights: "Flights", further: str = "") -> None:
-    """Prints what was read, dropped and refused."""
-    print(
+def describe_flights(flights: Flights, further: str = "") -> list[str]:
+    """Returns lines on what was read, dropped and refused."""
+    whole = (
         f"{len(flights.paths)} files, {len(flights)} usable pieces of flight, "
         f"{flights.duration:.0f} s{further}"
     )
-    if flights.notes:
-        terminal.print_file_notes(flights.notes)
-    _show_refused(flights.refused)
+    dropped, refused = _group(flights.notes), flights.refused
+    lines = [whole, *_first(dropped, _FEW_NOTES)]
+    return (
+        lines
+        + ([f"{len(refused)} files refused:"] if refused else [])
+        + _first(refused, _FEW_REFUSED)
+    )
 
 
-def _show_refused(reasons: Sequence[str]) -> None:
-    if reasons:
-        print(f"{len(reasons)} files refused:", file=sys.stderr)
-    for reason in reasons[:3]:
-        print(f"  {reason}", file=sys.stderr)
-    if len(reasons) > 3:
-        print(f"  and {len(reasons) - 3} more; --json lists them all", file=sys.stderr)
+def _group(notes: Sequence[str]) -> list[str]:
+    """Returns equal notes on files once, with the number of files instead of their names."""
+    alike: dict[str, list[str]] = {}
+    for note in notes:
+        alike.setdefault(note.partition(": ")[2] or note, []).append(note)
+    return [
+        f"{len(every)} files: {text}" if len(every) > 1 else every[0]
+        for text, every in alike.items()
+    ]
+
+
+def _first(lines: Sequence[str], count: int) -> list[str]:
+    more = len(lines) - count
+    rest = [f"  and {more} more; --json lists them all"] if more > 0 else []
+    return [f"  {line}" for line in lines[:count]] + rest
 
 
 def scale_of(name: str, value: float) -> tuple[float, str]:
     """Returns the shown value per SI value of a parameter, and the unit in which it is shown."""
-    from maidenflight.parameters import COMPONENTS, QUANTITIES
-
     unit = QUANTITIES[COMPONENTS[name][0]].unit
     unit = "" if unit == "-" else unit
     if unit == "s":

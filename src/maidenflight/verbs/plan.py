@@ -2,16 +2,12 @@
 
 import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
-from maidenflight import terminal
 from maidenflight.errors import InputError
 from maidenflight.settings import flag, listed, number, setting
+from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Verb
-from maidenflight.verbs import logs, shared
-
-if TYPE_CHECKING:
-    from maidenflight.identification.planning import Planned
+from maidenflight.verbs import core, shared
 
 _ROOM = listed(
     number(0.0, 1e4), "width, depth and height in metres, such as 2x2x1.5", "WxDxH", separator="x"
@@ -63,90 +59,82 @@ class Plan(Verb):
 
     def compute(self, output: Path, progress: Progress) -> Result:
         """Plans; writes the plan."""
-        import jax
-
-        from maidenflight import parameters
-        from maidenflight.experiments.drones import find_reality
-        from maidenflight.identification import planning
-        from maidenflight.simulator.virtual_drone import VirtualDrone
-
-        known = find_reality(self.drone, self.accept_bounds)
-        if not isinstance(known, VirtualDrone):
+        known = core.drones.find_reality(self.drone, self.accept_bounds)
+        if not isinstance(known, core.VirtualDrone):
             raise InputError(
                 f"{self.drone}: {known.name} has physics of its own, in which nothing is planned. "
                 "Give a drone's TOML file or name, or virtual:SEED."
             )
-        found = planning.plan(
-            *(known, self.room, self.seconds, jax.random.key(self.seed)),
+        found = core.planning.plan(
+            *(known, self.room, self.seconds, self.key),
             interest=self.interest,
             rate=self.rate,
             motors=self.motors,
             firmware=self.firmware,
             seed=self.seed,
-            held=self.drone in parameters.DRONES,
+            held=self.drone in core.parameters.DRONES,
             on_stage=progress.move,
         )
-        record = self.make_record(logs.own_files(self.drone))
-        found = dataclasses.replace(found, plan=dataclasses.replace(found.plan, record=record))
-        found.plan.write(output)
-
-        def show() -> None:
-            _show(found)
-            print(f"written to {output}")
-
+        drone = shared.own_files(self.drone)
+        record = self.make_record(drone)
+        plan = dataclasses.replace(found.plan, record=record)
+        plan.write(output)
         return Result(
-            content=_to_content(found) | {"output": str(output)},
-            show=show,
+            content={
+                "manoeuvres": [
+                    {**dataclasses.asdict(block.manoeuvre), "seconds": block.seconds}
+                    for block in plan.blocks
+                ],
+                "seconds": plan.seconds,
+                "expected": {name: dataclasses.asdict(one) for name, one in plan.expected.items()},
+                "untold": list(found.untold),
+                "left_out": found.left_out,
+                "extremes": None if plan.extremes is None else dataclasses.asdict(plan.extremes),
+                "notes": list(found.notes),
+                "output": str(output),
+            },
+            summary=_summarize(found),
             written={"plan": [output]},
-            read={"drone": logs.own_files(self.drone)},
+            read={"drone": drone},
             record=record,
             rows=[
                 {"manoeuvre": block.manoeuvre.name, "seconds": block.seconds}
-                for block in found.plan.blocks
+                for block in plan.blocks
             ],
             notes=found.notes,
             next=("record", "--plan", output),
-            value=found,
+            value=dataclasses.replace(found, plan=plan),
         )
 
 
-def _to_content(found: "Planned") -> dict[str, Any]:
+def _summarize(found: "core.planning.Planned") -> list[Table | str]:
+    """Returns the manoeuvres, the intervals to expect, and how far the drone goes."""
     plan = found.plan
-    return {
-        "manoeuvres": [
-            {**dataclasses.asdict(block.manoeuvre), "seconds": block.seconds}
-            for block in plan.blocks
-        ],
-        "seconds": plan.seconds,
-        "expected": {name: dataclasses.asdict(one) for name, one in plan.expected.items()},
-        "untold": list(found.untold),
-        "left_out": found.left_out,
-        "extremes": None if plan.extremes is None else dataclasses.asdict(plan.extremes),
-        "notes": list(found.notes),
-    }
-
-
-def _show(found: "Planned") -> None:
-    """Prints the manoeuvres, the intervals to expect, and how far the drone goes."""
-    from maidenflight.parameters import COMPONENTS, QUANTITIES
-
-    plan = found.plan
-    terminal.print_table(
-        f"Plan of {plan.seconds:g} s",
-        ["manoeuvre", "seconds"],
-        [[block.manoeuvre.name, f"{block.seconds:g}"] for block in plan.blocks],
-    )
-    rows = []
-    for name, one in plan.expected.items():
-        unit = QUANTITIES[COMPONENTS[name][0]].unit
-        halves = (f"{half:.2g}" for half in (one.plan, one.hover, one.plausible))
-        rows.append([name, unit, *halves, "not determined" if name in found.untold else ""])
-    columns = ["parameter", "unit", "plan", "as long a hover", "plausible", ""]
-    terminal.print_table("Half of the 95 % interval to expect", columns, rows, numbers_from=2)
+    blocks = [{"name": one.manoeuvre.name, "seconds": one.seconds} for one in plan.blocks]
+    rows = [
+        {
+            **dataclasses.asdict(one),
+            "name": name,
+            "unit": core.QUANTITIES[core.COMPONENTS[name][0]].unit,
+            "remark": "not determined" if name in found.untold else "",
+        }
+        for name, one in plan.expected.items()
+    ]
+    columns = {"parameter": "{name}", "unit": "{unit}", "plan": "{plan:.2g}"}
+    columns |= {"as long a hover": "{hover:.2g}", "plausible": "{plausible:.2g}", "": "{remark}"}
+    parts: list[Table | str] = [
+        Table(
+            f"Plan of {plan.seconds:g} s",
+            {"manoeuvre": "{name}", "seconds": "{seconds:g}"},
+            blocks,
+        ),
+        Table("Half of the 95 % interval to expect", columns, rows),
+    ]
     if plan.extremes is not None:
         far = plan.extremes
-        print(
+        parts.append(
             f"in simulation at most {far.lateral_x:.2f} and {far.lateral_y:.2f} m from the "
             f"take-off along x and y, {far.lowest:.2f} to {far.highest:.2f} m high, "
             f"{57.3 * far.tilt:.0f} deg of tilt, {far.speed:.1f} m/s"
         )
+    return parts

@@ -3,18 +3,16 @@
 from collections import Counter
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
-from maidenflight import names, run_folder, terminal
+from maidenflight import names, run_folder
 from maidenflight.settings import number, path, setting, whole
-from maidenflight.verb import Output, Progress, Result, Verb
-from maidenflight.verbs import logs, shared
+from maidenflight.terminal import Table
+from maidenflight.verb import Output, Progress, Result, Row
+from maidenflight.verbs import core, shared
+from maidenflight.verbs.in_realities import FliesPolicies
 
-if TYPE_CHECKING:
-    from polars import DataFrame
 
-
-class Predict(Verb):
+class Predict(FliesPolicies):
     """Predict how long POLICIES would fly on the real drone.
 
     POLICIES are files or folders. Those of maidenflight and of Gronauer et al., of all control
@@ -25,7 +23,6 @@ class Predict(Verb):
     output = Output(run_folder.PREDICTION.name, "CSV file for the flights, one row each.")
     parallel = True
 
-    policies: tuple[str, ...] = shared.policies()
     drone: str = shared.drone(run_folder.DRONE, "Identified drone: a TOML file or a name.")
     randomize: float | str | None = setting(
         shared.width_or(names.TRIMS, names.POSTERIOR),
@@ -50,125 +47,74 @@ class Predict(Verb):
     )
     seed: int = shared.seed()
 
-    def check_early(self) -> None:
-        """Refuses a drone that is not there."""
-        shared.must_exist(self.drone)
-
     def check(self) -> None:
         """Refuses what is no drone or no policy."""
-        from maidenflight.experiments.drones import read_drone
-        from maidenflight.identification.ensembles import posterior_ensemble
-        from maidenflight.verbs.policies import read_policies
-
         if self.get("drone"):
-            file = read_drone(self.drone, self.accept_bounds)
+            file = core.drones.read_drone(self.drone, self.accept_bounds)
             if self.randomize == names.POSTERIOR:
-                posterior_ensemble(file.parameters, file.posterior, file.name)
+                core.posterior_ensemble(file.parameters, file.posterior, file.name)
         if self.get("policies"):
-            read_policies(self.policies, self.control)
+            _ = self.fleet
 
     def compute(self, output: Path, progress: Progress) -> Result:
         """Predicts; writes a row a flight."""
-        import jax
-
-        from maidenflight.experiments.as_flown import FIRMWARE, controller_as_flown
-        from maidenflight.experiments.drones import choose_prediction, possible_drones
-        from maidenflight.experiments.flight_times import predict_flight_times, summary
-        from maidenflight.simulator import control
-        from maidenflight.verbs.policies import export_command, read_policies
-
-        policies = read_policies(self.policies, self.control)
-        _, notes = policies.choose_task("circle")
-        for note in notes:
-            progress.note(note)
+        fleet, (_, notes) = self.fleet, self.choose_task("circle", progress)
         progress.move(0, None, "compiling")
-        usual = choose_prediction(self.drone)
+        usual = core.drones.choose_prediction(self.drone)
         randomization = usual if self.randomize is None else self.randomize
-        flown = predict_flight_times(
-            policies.own,
-            possible_drones(self.drone, randomization, self.seed, self.today),
-            jax.random.key(self.seed),
+        flown = core.flight_times.predict_flight_times(
+            fleet.own,
+            core.drones.possible_drones(self.drone, randomization, self.seed, self.today),
+            self.key,
             trials=self.trials,
             duration=self.duration,
-            controller_for=controller_as_flown
-            if self.firmware == FIRMWARE
-            else partial(control.controller_for, firmware=self.firmware),
-            names=policies.own_names,
+            controller_for=core.controller_as_flown
+            if self.firmware == core.FIRMWARE_AS_FLOWN
+            else partial(core.control.controller_for, firmware=self.firmware),
+            names=fleet.own_names,
             on_policy=lambda done, of: progress.move(done, of, "policies flown"),
         )
-        inputs = [*logs.own_files(self.drone), *policies.paths]
-        record = self.make_record(inputs, policies=None, randomize=randomization)
+        drone = shared.own_files(self.drone)
+        record = self.make_record([*drone, *fleet.paths], policies=None, randomize=randomization)
         run_folder.PREDICTION.write(output, flown, record)
-        means = summary(flown)
-        longest = round(means["mean"].max(), 6)  # type: ignore[arg-type]
-        best = [
-            path
-            for path, mean in zip(policies.paths, means["mean"], strict=True)
-            if round(mean, 6) == longest
+        parts = flown.partition_by("policy", maintain_order=True)
+        ends = [Counter(part["end_reason"].to_list()) for part in parts]
+        rows = core.flight_times.summary(flown).to_dicts()
+        means = [round(row["mean"], 6) for row in rows]
+        quantiles = {f"{one / 100:g}": f"quantile_{one}" for one in core.flight_times.QUANTILES}
+        policies = [
+            {
+                "file": str(path),
+                "control": row["control"],
+                "mean_duration": mean,
+                "quantiles": {share: round(row[name], 6) for share, name in quantiles.items()},
+                "end_reasons": dict(reasons.most_common()),
+            }
+            for path, row, mean, reasons in zip(fleet.paths, rows, means, ends, strict=True)
         ]
-
-        def show() -> None:
-            _show(means, flown)
-            if len(policies.paths) > 1:
-                found = ", ".join(map(str, best))
-                print(f"best: {found} (longest mean, {longest:.2f} s)")
-            print(f"written to {output}")
-
-        return Result(
-            content={
-                "policies": _to_content(policies.paths, means, flown),
-                "best": str(best[0]),
-                "notes": notes,
-                "simulated": True,
-                "output": str(output),
-            },
-            show=show,
+        best = [path for path, mean in zip(fleet.paths, means, strict=True) if mean == max(means)]
+        alike = "".join(f", as {path}" for path in best[1:])
+        return self.conclude(
+            {"policies": policies, "notes": notes, "output": str(output)},
+            [_tabulate(rows, ends)],
+            best[0],
+            f"longest mean, {max(means):.2f} s{alike}",
             written={"prediction": [output]},
-            read={"drone": logs.own_files(self.drone), "policies": policies.paths},
+            read={"drone": drone, "policies": fleet.paths},
             record=record,
-            rows=means.to_dicts(),
+            rows=rows,
             notes=notes,
-            next=export_command(best[0], policies.policy_of(best[0])),
             value=flown,
         )
 
 
-def _end_reasons(flown: "DataFrame") -> list[Counter[str]]:
-    """Counts why flights ended, a policy each."""
-    parts = flown.partition_by("policy", maintain_order=True)
-    return [Counter(part["end_reason"].to_list()) for part in parts]
-
-
-def _to_content(
-    paths: tuple[Path, ...], means: "DataFrame", flown: "DataFrame"
-) -> list[dict[str, Any]]:
-    from maidenflight.experiments.flight_times import QUANTILES
-
-    return [
-        {
-            "file": str(path),
-            "control": row["control"],
-            "mean_duration": round(row["mean"], 6),
-            "quantiles": {
-                f"{percent / 100:g}": round(row[f"quantile_{percent}"], 6) for percent in QUANTILES
-            },
-            "end_reasons": dict(ends.most_common()),
-        }
-        for path, row, ends in zip(
-            paths, means.iter_rows(named=True), _end_reasons(flown), strict=True
-        )
-    ]
-
-
-def _show(means: "DataFrame", flown: "DataFrame") -> None:
-    """Prints predicted flight times, a line a policy."""
+def _tabulate(summary: list[Row], ends: list[Counter[str]]) -> Table:
+    """Returns a table of flight times, with the most frequent end of each policy's flights."""
+    columns = {"policy": "{policy}", "control": "{control}", "mean": "{mean:.2f s}"}
+    columns |= {f"{share} %": f"{{quantile_{share}:.2f s}}" for share in (10, 50, 90)}
+    columns |= {"most frequent end": "{end} ({count} of {trials})"}
     rows = []
-    for row, ends in zip(means.iter_rows(named=True), _end_reasons(flown), strict=True):
-        usual, count = ends.most_common(1)[0]
-        times = [
-            f"{row[name]:.2f} s" for name in ("mean", "quantile_10", "quantile_50", "quantile_90")
-        ]
-        usual = f"{usual} ({count} of {ends.total()})"
-        rows.append([row["policy"], row["control"], *times, usual])
-    columns = ["policy", "control", "mean", "10 %", "50 %", "90 %", "most frequent end"]
-    terminal.print_table("Predicted flight times, simulated", columns, rows, numbers_from=2)
+    for row, reasons in zip(summary, ends, strict=True):
+        end, count = reasons.most_common(1)[0]
+        rows.append({**row, "end": end, "count": count})
+    return Table("Predicted flight times, simulated", columns, rows)

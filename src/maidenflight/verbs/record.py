@@ -6,7 +6,7 @@ from typing import Any
 from maidenflight import names, run_folder
 from maidenflight.settings import choice, number, path, setting, text, whole
 from maidenflight.verb import Output, Progress, Result, Verb
-from maidenflight.verbs import logs, shared
+from maidenflight.verbs import core, shared
 
 
 class Record(Verb):
@@ -56,51 +56,41 @@ class Record(Verb):
 
     def compute(self, output: Path, progress: Progress) -> Result:
         """Flies; writes a CSV a flight, and the true parameters where they are known."""
-        import jax
-
-        from maidenflight import results
-        from maidenflight.experiments.drones import find_reality
-        from maidenflight.flights import flight_plan, log, planned, recording
-        from maidenflight.identification.drone_file import DroneFile
-        from maidenflight.parameters import Parameters
-
         progress.move(0, None, "compiling and flying")
-        drone, key = find_reality(self.reality, self.accept_bounds), jax.random.key(self.seed)
-        plan = None if self.plan is None else flight_plan.read(self.plan)
+        drone = core.drones.find_reality(self.reality, self.accept_bounds)
+        plan = None if self.plan is None else core.flight_plan.read(self.plan)
         count = self.flights or (4 if plan is None else 1)
+        seconds = self.duration if plan is None else plan.seconds
         settled: dict[str, Any] = {"reality": drone.name, "flights": count}
         if plan is not None:
-            settled |= {"duration": plan.seconds, "controller": None, "excitation": None}
-            flown = planned.record(drone, plan, key, count, self.rate, self.firmware)
+            settled |= {"duration": seconds, "controller": None, "excitation": None}
+            flown = core.planned.record(drone, plan, self.key, count, self.rate, self.firmware)
         else:
-            flown = recording.record(
-                *(drone, key, count, self.duration, self.excitation),
+            flown = core.recording.record(
+                *(drone, self.key, count, seconds, self.excitation),
                 rate=self.rate,
                 firmware=self.firmware,
                 controller=self.controller,
             )
-        record = self.make_record(logs.own_files(self.plan), **settled)
-        written = [log.write(output / f"{one.name}.csv", one, record) for one in flown]
-        results.remove_older(written, record)
+        plans = shared.own_files(self.plan)
+        record = self.make_record(plans, **settled)
+        logs = core.logs.write_logs(output, {one.name: one for one in flown}, record)
         truth, own = output / run_folder.REALITY, getattr(drone, "parameters", None)
-        if isinstance(own, Parameters):
-            DroneFile(own, record=record).write(truth)
+        if isinstance(own, core.Parameters):
+            core.DroneFile(own, record=record).write(truth)
         else:
             truth.unlink(missing_ok=True)
         known = [truth] if truth.exists() else []
-        seconds = self.duration if plan is None else plan.seconds
         where = f"; the true parameters are in {truth.name}" if known else ""
         return Result(
             content={
-                "flights": [str(path) for path in written],
+                "flights": [str(path) for path in logs],
                 "truth": str(truth) if known else None,
                 "simulated": True,
             },
-            show=lambda: print(
-                f"{count} simulated flight{'s' * (count > 1)} of {seconds:g} s in {output}/{where}"
-            ),
-            written={"logs": written, "truth": known},
-            read={"plan": logs.own_files(self.plan)},
+            summary=[f"{count} simulated flight{'s' * (count > 1)} of {seconds:g} s{where}"],
+            written={"logs": logs, "truth": known},
+            read={"plan": plans},
             record=record,
             rows=[{"flight": one.name, "seconds": one.duration} for one in flown],
             next=("identify", output),

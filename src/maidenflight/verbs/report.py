@@ -8,6 +8,7 @@ from maidenflight import run_folder
 from maidenflight.inputs import StrPath
 from maidenflight.settings import path, setting, several, text
 from maidenflight.verb import Output, Progress, Result, Verb
+from maidenflight.verbs import core
 
 _MARK = b"<footer>Written by maidenflight "
 """What every report holds."""
@@ -83,23 +84,18 @@ class Report(Verb):
         """Writes the page, or shows the flights."""
         progress.move(0, None, "reading the run")
         if self.view is not None:
-            from maidenflight.integrations.monitoring import live
-            from maidenflight.reporting.run import read_flights_of
-
-            flights = read_flights_of(self._find_source(), self._files)
-            live.show_flights(flights, output)
-            said = "sent to the viewer" if output is None else f"written to {output}"
+            flights = core.read_flights_of(self._find_source(), self._files)
+            core.live.show_flights(flights, output)
+            place = "sent to the viewer" if output is None else f"written to {output}"
             return Result(
                 content={"flights": len(flights), "file": None if output is None else str(output)},
-                show=lambda: print(f"{len(flights)} flights {said}"),
+                summary=[f"{len(flights)} flights {place}"],
                 value=flights,
             )
-        from maidenflight.reporting.page import report
-
         assert output is not None
-        page = report(self._find_source(), output, **self._files)
+        page = core.report(self._find_source(), output, **self._files)
         return Result(
             content={"report": str(page)},
-            show=lambda: print(f"written {page}; open it in a browser"),
+            summary=[f"written {page}; open it in a browser"],
             value=page,
         )

@@ -54,7 +54,7 @@ def logs() -> Any:
     return setting(path("a flight log or a folder of them"), argument=True, files=True)
 
 
-def policies(least: int = 1) -> Any:
+def policies() -> Any:
     """Declares the policies that a verb flies."""
     return setting(
         several(text("a policy file or a folder of them")),
@@ -163,6 +163,11 @@ def control_of_authors() -> Any:
 def width_or(*words: str) -> Any:
     """Takes a half width of a box, or a word."""
     return either(number(0.0, 0.9), *words)
+
+
+def own_files(*given: Any) -> list[str]:
+    """Returns those of some paths and names that are files, for records."""
+    return [str(one) for one in given if one is not None and Path(one).is_file()]
 
 
 def must_exist(drone: Any) -> None:

@@ -2,14 +2,13 @@
 
 import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from maidenflight import run_folder, terminal
+from maidenflight import run_folder
 from maidenflight.settings import REQUIRED, flag, path, setting, table, text, whole
+from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Verb
-
-if TYPE_CHECKING:
-    from maidenflight.studies.status import Progress as Status
+from maidenflight.verbs import core
 
 
 class Sweep(Verb):
@@ -64,43 +63,30 @@ class Sweep(Verb):
 
     def discard(self, output: Any) -> None:
         """Removes the results that the study would find there."""
-        from maidenflight.studies import store as stores
-        from maidenflight.studies.study import read
-
-        store = stores.opened(str(output))
-        for task in read(self.study, self.cpus, self.gpus).tasks:
+        store = core.open_store(str(output))
+        for task in core.read_study(self.study, self.cpus, self.gpus).tasks:
             store.remove(task.key)
 
     def compute(self, output: Any, progress: Progress) -> Result:
         """Computes what is not there; gathers one table."""
-        from maidenflight.studies import status, sweeping
-        from maidenflight.studies import store as stores
-        from maidenflight.studies.engine import Resources
-        from maidenflight.studies.study import read
-
-        study, address = read(self.study, self.cpus, self.gpus), str(output)
-        store = stores.opened(address)
+        study, address = core.read_study(self.study, self.cpus, self.gpus), str(output)
+        store = core.open_store(address)
         if self.status:
-            state = status.read(store, study)
-            return Result(
-                content=dataclasses.asdict(state), show=lambda: _show_status(state, address)
-            )
-        last: list[Status] = []
+            state = core.read_status(store, study)
+            return Result(content=dataclasses.asdict(state), summary=_summarize(state, address))
+        last: list[core.Status] = []
 
-        def on_progress(now: "Status") -> None:
+        def on_progress(now: "core.Status") -> None:
             last[:] = [now]
-            progress.move(now.done, now.tasks, _describe(now))
+            progress.move(now.done, now.tasks, now.describe())
 
-        resources = Resources(self.workers, self.cpus, self.gpus, self.slurm)
-        failures = sweeping.compute(study, store, self.on, resources, self.retries, on_progress)
-        waiting = sweeping.blocked(study, failures)
-        rows = sweeping.gather(study, store, failures.keys() | waiting)
+        resources = core.Resources(self.workers, self.cpus, self.gpus, self.slurm)
+        failures = core.sweeping.compute(
+            study, store, self.on, resources, self.retries, on_progress
+        )
+        waiting = core.sweeping.blocked(study, failures)
+        rows = core.sweeping.gather(study, store, failures.keys() | waiting)
         now = last[0]
-
-        def show() -> None:
-            _show_status(now, address)
-            print(f"{rows.height} rows, written to {address}/{run_folder.STUDY.name}")
-
         return Result(
             content={
                 "tasks": now.tasks,
@@ -111,43 +97,32 @@ class Sweep(Verb):
                 "rows": rows.to_dicts(),
                 "output": address,
             },
-            show=show,
+            summary=[
+                *_summarize(now, address),
+                f"{rows.height} rows, written to {address}/{run_folder.STUDY.name}",
+            ],
             next=("report", address),
-            error=sweeping.told(study, failures, address) if failures else "",
+            error=core.sweeping.told(study, failures, address) if failures else "",
             value=rows,
         )
 
 
-def _describe(now: "Status") -> str:
-    """Returns how far a study is, in a line."""
-    parts = [f"{now.done} of {now.tasks} tasks", f"{len(now.running)} running"]
-    parts += [f"{len(now.failed)} failed"] if now.failed else []
-    parts += [f"{now.policies_per_hour:.0f} policies/h"] if now.policies_per_hour else []
-    parts += [f"{_clock(now.seconds_left)} left"] if now.seconds_left else []
-    return ", ".join(parts)
-
-
-def _clock(seconds: float | None) -> str:
-    if seconds is None:
-        return "unknown"
-    minutes, rest = divmod(round(seconds), 60)
-    return f"{minutes // 60}:{minutes % 60:02d}:{rest:02d}"
-
-
-def _show_status(now: "Status", output: str) -> None:
-    """Prints how far a study is."""
-    rate = "" if now.policies_per_hour is None else f"{now.policies_per_hour:.0f}"
-    rows: list[tuple[str, Any]] = [
-        ("state", {"silent": "no driver writes; begin again"}.get(now.state, now.state)),
-        ("tasks", now.tasks),
-        ("done", now.done),
-        ("running", len(now.running)),
-        ("failed", len(now.failed)),
-        ("begun again", now.repeated),
-        ("policies an hour", rate),
-        ("time", _clock(now.seconds)),
-        ("time left", _clock(now.seconds_left) if now.state == "running" else ""),
+def _summarize(now: "core.Status", output: str) -> list[Table | str]:
+    """Returns how far a study is."""
+    running, rate = now.state == "running", now.policies_per_hour
+    rows: dict[str, Any] = {
+        "state": {"silent": "no driver writes; begin again"}.get(now.state, now.state),
+        "tasks": now.tasks,
+        "done": now.done,
+        "running": len(now.running),
+        "failed": len(now.failed),
+        "begun again": now.repeated,
+        "policies an hour": "" if rate is None else f"{rate:.0f}",
+        "time": core.clock(now.seconds),
+        "time left": core.clock(now.seconds_left) if running else "",
+    }
+    columns = {"": "{name}", " ": "{value}"}
+    return [
+        Table(f"Study {output}", columns, [{"name": k, "value": v} for k, v in rows.items()]),
+        *(f"failed: {name}" for name in now.failed[:10]),
     ]
-    terminal.print_table(f"Study {output}", ["", ""], [[name, str(value)] for name, value in rows])
-    for name in now.failed[:10]:
-        print(f"failed: {name}")

@@ -3,9 +3,9 @@
 import dataclasses
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import partial
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from maidenflight import names, results, run_folder
 from maidenflight.deployment import EXPORTERS
@@ -24,23 +24,19 @@ from maidenflight.settings import (
     text,
     whole,
 )
-from maidenflight.verb import Output, Progress, Result, Verb
-from maidenflight.verbs import shared
-from maidenflight.verbs.logs import own_files
-
-if TYPE_CHECKING:
-    from maidenflight.identification.drone_file import DroneFile
-    from maidenflight.policy import Policy
-    from maidenflight.policy_file import PolicyFile
-    from maidenflight.simulator.policy_spec import PolicySpec
-    from maidenflight.training.settings import Settings
-    from maidenflight.training.train import Progress as Training
+from maidenflight.terminal import Table
+from maidenflight.verb import Output, Progress, Result, Row, Verb
+from maidenflight.verbs import core, shared
 
 _FLIGHT, _SEEN, _METHOD, _WATCH = "Task", "Observation and network", "Method", "Watching"
 _OF_RAPTOR = ("control", "history", "look_ahead", "look_ahead_spacing", "memory", "hidden")
 """Settings that RAPTOR's form settles."""
 _OF_A_POLICY = (*_OF_RAPTOR, "paper_scales", "form")
 """Settings that the policy settles from which training starts."""
+WATCHED_DURATION_S = 10.0
+"""Longest flight that is shown of a policy in training [s]."""
+LEAST_SURVIVAL = 0.1
+"""Survival below which a policy is reported as not flying."""
 
 
 class Train(Verb):
@@ -200,118 +196,54 @@ class Train(Verb):
 
     def check(self) -> None:
         """Refuses what is no drone or no policy, and settings of no method."""
-        from maidenflight.experiments import drones
-
         if self.drone is not PENDING:
-            drones.read_drone(self.drone, self.accept_bounds)
-        start = self._read_start()
-        self.choose_learner(self.choose_spec(start), start)
+            _ = self.drone_file
+        _ = self.learner_settings
 
-    def _read_start(self) -> "PolicyFile | None":
-        from maidenflight import policy_file
+    @cached_property
+    def drone_file(self) -> "core.DroneFile":
+        """Returns the drone, with the changes of `set`."""
+        file = core.drones.read_drone(self.drone, self.accept_bounds)
+        changed = {name: core.float32(value) for name, value in self.changes.items()}
+        drone = core.parameters.replace(file.parameters, **changed)
+        return dataclasses.replace(file, parameters=core.parameters.check(drone, self.drone))
 
-        return None if self.initial is None else policy_file.read(self.initial)
+    @cached_property
+    def start(self) -> "core.PolicyFile | None":
+        """Returns the policy that training starts from instead of random weights."""
+        return None if self.initial is None else core.policy_file.read(self.initial)
 
-    def choose_spec(self, start: "PolicyFile | None") -> "PolicySpec":
+    @cached_property
+    def spec(self) -> "core.PolicySpec":
         """Returns what the policies see and remember, and their layers."""
-        from maidenflight.simulator.look_ahead import LookAhead
-        from maidenflight.simulator.policy_spec import PolicySpec
-        from maidenflight.training import defaults
-
-        if start is not None:
-            return start.spec
-        ahead = LookAhead(self.look_ahead, self.look_ahead_spacing)
-        spec = PolicySpec(self.history, ahead, self.memory, form=self.form)
-        method = self.method or defaults.choose_method(spec, initial=False)
-        hidden = self.hidden or defaults.choose_hidden(self.control, method)
+        if self.start is not None:
+            return self.start.spec
+        ahead = core.LookAhead(self.look_ahead, self.look_ahead_spacing)
+        spec = core.PolicySpec(self.history, ahead, self.memory, form=self.form)
+        method = self.method or core.defaults.choose_method(spec, initial=False)
+        hidden = self.hidden or core.defaults.choose_hidden(self.control, method)
         return dataclasses.replace(spec, hidden=hidden)
 
-    def choose_learner(self, spec: "PolicySpec", start: "PolicyFile | None") -> "Settings":
+    @cached_property
+    def learner_settings(self) -> "core.Settings":
         """Returns the settings of the method.
 
         Raises:
             InputError: the method does not train such policies, or has no such setting.
         """
-        from maidenflight.training import defaults
+        further = self.start is not None
+        method = self.method or core.defaults.choose_method(self.spec, further)
+        chosen = core.defaults.choose_settings(self._control, self.task, method, self.spec, further)
+        updates = {} if self.updates is None else {"updates": self.updates}
+        return core.override(chosen, {**updates, **self.learner})
 
-        control = self._choose_control(start)
-        method = self.method or defaults.choose_method(spec, start is not None)
-        chosen: Any = defaults.choose_settings(control, self.task, method, spec, start is not None)
-        fields = {field.name: getattr(chosen, field.name) for field in dataclasses.fields(chosen)}
-        changed: dict[str, Any] = {} if self.updates is None else {"updates": self.updates}
-        for name, value in self.learner.items():
-            if type(fields.get(name)) not in (int, float):
-                raise InputError(f"learner: {name} is no number of {method}: {', '.join(fields)}.")
-            whole_number = isinstance(fields[name], int)
-            if whole_number and value != int(value):
-                raise InputError(f"learner: {name} = {value:g}; expected a whole number.")
-            changed[name] = int(value) if whole_number else value
-        return dataclasses.replace(chosen, **changed)
+    @property
+    def _control(self) -> str:
+        return self.control if self.start is None else self.start.interface.name
 
-    def compute(self, output: Path, progress: Progress) -> Result:
-        """Trains; writes a JSON a policy, `training.csv` with their scores, and a checkpoint."""
-        import jax
-
-        from maidenflight.integrations.monitoring import loggers
-        from maidenflight.training import checkpoint
-        from maidenflight.training.settings import recorded
-        from maidenflight.verbs import training_files as files
-
-        saved = output / run_folder.CHECKPOINT
-        if self.resume and not saved.exists():
-            raise InputError(f"{saved}: no training to resume. {files.how_to_start(output)}")
-        start = self._read_start()
-        spec = self.choose_spec(start)
-        learner: Any = self.choose_learner(spec, start)
-        if self.resume and self.updates is None:
-            learner = dataclasses.replace(learner, updates=max(checkpoint.stages(saved)))
-        keys = jax.random.split(jax.random.key(self.seed), self.policies)
-        scores = files.Scores(progress, learner, self.resume)
-        record = self.make_record(
-            own_files(self.drone, self.initial),
-            control=self._choose_control(start),
-            randomize=self._choose_randomization(start),
-            paper_scales=self._has_paper_scales,
-            method=type(learner).__name__,
-            **(spec.to_dict() | {"look_ahead": spec.look_ahead.points}),
-            look_ahead_spacing=spec.look_ahead.spacing,
-            **recorded(learner),
-        )
-        for left in results.leftovers(output) if output.is_dir() else ():
-            left.unlink(missing_ok=True)
-        with (
-            loggers.opened(self.log, output, self.policies, record["settings"]) as show,
-            self._watched() as watch,
-        ):
-
-            def on_progress(now: "Training") -> None:
-                for listener in (show, scores.add, watch):
-                    listener(now)
-
-            progress.move(0, learner.updates, "compiling, until the first score")
-            policies, drone = self._train(spec, learner, keys, start, saved, on_progress)
-        if len(stages := checkpoint.stages(saved)) > 1:
-            record["settings"]["extended_from"] = list(stages[:-1])
-        written = files.write_policies(output, policies, record, drone, scores.rows)
-        best = scores.best
-        return Result(
-            content={"policies": [str(path) for path in written["policies"]], "scores": best},
-            show=lambda: files.show_scores(best, output),
-            written=written,
-            read={"drone": own_files(self.drone)},
-            record=record,
-            rows=[{"policy": f"policy_{number}", **one} for number, one in enumerate(best, 1)],
-            next=("transfer", output, "--drone", self.drone),
-            value=policies,
-        )
-
-    def _choose_control(self, start: "PolicyFile | None") -> str:
-        return self.control if start is None else start.interface.name
-
-    def _choose_randomization(self, start: "PolicyFile | None") -> float | str:
-        from maidenflight.training import defaults
-
-        usual = defaults.choose_randomization(self.task, self._choose_control(start))
+    @property
+    def _randomization(self) -> float | str:
+        usual = core.defaults.choose_randomization(self.task, self._control)
         return usual if self.randomize is None else self.randomize
 
     @property
@@ -319,64 +251,118 @@ class Train(Verb):
         """Returns whether actions are scaled as the paper does, which the authors' format needs."""
         return self.paper_scales or self.target == "authors"
 
+    def compute(self, output: Path, progress: Progress) -> Result:
+        """Trains; writes a JSON a policy, `training.csv` with their scores, and a checkpoint."""
+        saved, spec = output / run_folder.CHECKPOINT, self.spec
+        if self.resume and not saved.exists():
+            remedy = core.folder.how_to_start(output)
+            raise InputError(f"{saved}: no training to resume. {remedy}")
+        learner: Any = self.learner_settings
+        if self.resume and self.updates is None:
+            learner = dataclasses.replace(learner, updates=max(core.checkpoint.stages(saved)))
+        scores = core.Scores(learner, self.resume)
+        drone = shared.own_files(self.drone)
+        record = self.make_record(
+            [*drone, *shared.own_files(self.initial)],
+            control=self._control,
+            randomize=self._randomization,
+            paper_scales=self._has_paper_scales,
+            method=type(learner).__name__,
+            **(spec.to_dict() | {"look_ahead": spec.look_ahead.points}),
+            look_ahead_spacing=spec.look_ahead.spacing,
+            **core.recorded(learner),
+        )
+        for left in results.leftovers(output) if output.is_dir() else ():
+            left.unlink(missing_ok=True)
+        boards = core.loggers.opened(self.log, output, self.policies, record["settings"])
+        with boards as show, self._watched() as watch:
+
+            def on_progress(now: core.Training) -> None:
+                show(now)
+                line = scores.add(now)
+                progress.move(now.update, learner.updates, line)
+                progress.log(f"update {now.update} of {learner.updates}: {line}")
+                watch(now)
+
+            progress.move(0, learner.updates, "compiling, until the first score")
+            policies = self._train(learner, saved, on_progress)
+        if len(stages := core.checkpoint.stages(saved)) > 1:
+            record["settings"]["extended_from"] = list(stages[:-1])
+        written = core.folder.write_policies(
+            output, policies, record, self.drone_file.parameters, scores.table
+        )
+        best = scores.best
+        rows = [{"policy": f"policy_{number}", **one} for number, one in enumerate(best, 1)]
+        return Result(
+            content={"policies": [str(path) for path in written["policies"]], "scores": best},
+            summary=_tabulate(rows),
+            written=written,
+            read={"drone": drone},
+            record=record,
+            rows=rows,
+            next=("transfer", output, "--drone", self.drone),
+            value=policies,
+        )
+
     def _train(
-        self,
-        spec: "PolicySpec",
-        learner: "Settings",
-        keys: Any,
-        start: "PolicyFile | None",
-        saved: Path,
-        on_progress: Callable[["Training"], None],
-    ) -> "tuple[tuple[Policy, ...], DroneFile]":
+        self, learner: "core.Settings", saved: Path, on_progress: "Callable[[core.Training], None]"
+    ) -> "tuple[core.Policy, ...]":
         """Trains over the drones that the settings say."""
-        import numpy as np
-
-        from maidenflight import parameters
-        from maidenflight.deployment.check import check_export
-        from maidenflight.experiments import drones
-        from maidenflight.simulator import tasks
-        from maidenflight.training import defaults
-        from maidenflight.training.train import train
-
-        file = drones.read_drone(self.drone, self.accept_bounds)
-        changed = {name: np.float32(value) for name, value in self.changes.items()}
-        drone = parameters.check(parameters.replace(file.parameters, **changed), self.drone)
-        file = dataclasses.replace(file, parameters=drone)
-        initial = None if start is None else start.policy
-        controller = defaults.choose_controller(
-            self._choose_control(start),
-            *(drone, file.full_scale_counts, initial, self._has_paper_scales, self.rate),
+        file, start = self.drone_file, None if self.start is None else self.start.policy
+        controller = core.defaults.choose_controller(
+            self._control,
+            *(file.parameters, file.full_scale_counts, start, self._has_paper_scales, self.rate),
         )
         if self.target is not None:
-            check_export(self.target, controller.interface, spec, file.parameters)
-        task = tasks.TASKS[self.task]()
-        policies = train(
-            tasks.with_yaw_penalty(task, self.yaw_penalty) if self.yaw_penalty else task,
+            core.check_export(self.target, controller.interface, self.spec, file.parameters)
+        task = core.TASKS[self.task]()
+        return core.train(
+            core.with_yaw_penalty(task, self.yaw_penalty) if self.yaw_penalty else task,
             controller,
-            drones.distribution_of(file, self._choose_randomization(start), controller),
-            keys,
+            core.drones.distribution_of(file, self._randomization, controller),
+            core.split_key(self.key, self.policies),
             learner,
-            spec=spec,
+            policy=self.spec if start is None else start,
             on_progress=on_progress,
-            saved=saved,
-            anew=not self.resume,
-            initial=initial,
+            saved=core.Checkpoint(saved, anew=not self.resume),
         )
-        return policies, file
 
     @contextmanager
-    def _watched(self) -> "Iterator[Callable[[Training], None]]":
+    def _watched(self) -> "Iterator[Callable[[core.Training], None]]":
         """Shows each evaluation in rerun, where `view` asks for it."""
         if self.view is None:
             yield lambda progress: None
             return
-        from maidenflight.integrations.monitoring import live
-        from maidenflight.verbs.training_files import fly_watched
-
-        fly = partial(fly_watched, self.drone, self.task)
-        with live.training(fly, None if self.view == "." else Path(self.view)) as watch:
+        with core.live.training(self._fly, None if self.view == "." else Path(self.view)) as watch:
             yield watch
+
+    def _fly(self, policy: "core.Policy") -> "core.Flight":
+        """Flies a policy once, on the drone at the centre of training, to be watched."""
+        controller = core.control.controller_for(policy.interface)
+        drone = core.parameters.read(self.drone)
+        centre = core.control.in_fitting_steps(drone, controller)
+        flown = core.transfer(
+            [policy],
+            [core.VirtualDrone(core.parameters.name_of(self.drone), centre)],
+            1,
+            task=core.TASKS[self.task](),
+            controller=controller,
+            duration=WATCHED_DURATION_S,
+        )
+        return flown.flights[0]
 
     def discard_state(self, output: Path) -> None:
         """Removes the checkpoint, which is larger than the policies."""
         (output / run_folder.CHECKPOINT).unlink(missing_ok=True)
+
+
+def _tabulate(scores: list[Row]) -> list[Table | str]:
+    """Returns the scores of trained policies."""
+    columns = {"policy": "{policy}", "return": "{episode_return:.1f}"}
+    columns |= {"survival": "{survival:.1%}", "position error": "{position_error:.1f cm}"}
+    falling = [one["policy"] for one in scores if one["survival"] < LEAST_SURVIVAL]
+    note = (
+        f"note: of {', '.join(falling)} less than {LEAST_SURVIVAL:.0%} of the episodes reach the "
+        "time limit. Train further with --resume and more --updates, or see docs/training.md."
+    )
+    return [Table("Trained policies", columns, scores), *([note] if falling else [])]

@@ -1,19 +1,14 @@
 """`Transfer`: policies in realities that they have not seen."""
 
-import dataclasses
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from maidenflight import run_folder, terminal
+from maidenflight import run_folder
 from maidenflight.settings import number, setting, whole
-from maidenflight.verb import Output, Progress, Result
-from maidenflight.verbs import shared
+from maidenflight.terminal import Table
+from maidenflight.verb import Output, Progress, Result, Row
+from maidenflight.verbs import core, shared
 from maidenflight.verbs.in_realities import InRealities
-
-if TYPE_CHECKING:
-    from polars import DataFrame
-
-    from maidenflight.verbs.policies import Policies
 
 _FEW = 12
 """Flights that the command line prints one by one."""
@@ -42,169 +37,62 @@ class Transfer(InRealities):
 
     def compute(self, output: Path, progress: Progress) -> Result:
         """Flies; writes `flights.csv` with a row a flight, and every flight's log."""
-        import jax
-
-        from maidenflight import results
-        from maidenflight.experiments.transfer import transfer
-        from maidenflight.flights import log
-        from maidenflight.simulator import tasks
-        from maidenflight.verbs.policies import export_command
-
-        realities, policies = self.find_realities(), self.load()
-        task, notes = policies.choose_task(self.task)
-        for note in notes:
-            progress.note(note)
+        fleet, own = self.fleet, self.fleet.own
+        task, notes = self.choose_task(self.task, progress)
         progress.move(0, None, "compiling and flying")
-        own = policies.own
         if self.rate is not None:
-            own = [
-                dataclasses.replace(
-                    one, interface=dataclasses.replace(one.interface, rate=self.rate)
-                )
-                for one in own
-            ]
-        flown = transfer(
-            [*own, *policies.foreign],
-            realities,
+            own = [replace(one, interface=replace(one.interface, rate=self.rate)) for one in own]
+        flown = core.transfer(
+            [*own, *fleet.foreign],
+            self.realities,
             self.trials,
-            jax.random.key(self.seed),
-            task=tasks.TASKS[task](),
+            self.key,
+            task=core.TASKS[task](),
             duration=self.duration,
-            names=policies.names,
+            names=fleet.names,
         )
-        record = self.make_record(
-            policies.inputs,
-            task=task,
-            reality=[place.name for place in realities],
-            **policies.record,
-        )
-        logs = [log.write(output / f"{one.name}.csv", one, record) for one in flown.flights]
-        results.remove_older(logs, record)
+        record = self.make_flight_record(task)
+        logs = core.logs.write_logs(output, {one.name: one for one in flown.flights}, record)
         table = run_folder.FLIGHTS.write(output / run_folder.FLIGHTS.name, flown.table)
-        summary = summarize(flown.table)
-        best = best_policy(flown.table, policies)
-        notes += describe_limit_cycles(summary)
-
-        def show() -> None:
-            if flown.table.height <= _FEW:
-                show_flights(flown.table)
-            _show_summary(summary)
-            if best and len(policies.files) > 1:
-                print(
-                    f"best: {best} (longest mean flight; among equals no limit cycle and the "
-                    "smallest mean error)"
-                )
-            print(f"written to {output}/, a row a flight in flights.csv")
-
-        return Result(
-            content={
-                "flights": flown.table.to_dicts(),
-                "summary": summary.to_dicts(),
-                "best": str(best) if best else None,
-                "task": task,
-                "notes": notes,
-                "simulated": True,
-                "output": str(output),
-            },
-            show=show,
+        flights, summary = flown.table.to_dicts(), core.comparison.summarize(flown.table)
+        notes += core.comparison.describe_limit_cycles(summary)
+        rows = summary.to_dicts()
+        return self.conclude(
+            {"flights": flights, "summary": rows, "task": task, "notes": notes}
+            | {"output": str(output)},
+            [*([tabulate_flights(flights)] if len(flights) <= _FEW else []), _tabulate(rows)],
+            fleet.path_of(core.comparison.best_in_transfer(flown.table, fleet.own_names)),
+            "longest mean flight; among equals no limit cycle and the smallest mean error",
             written={"flights": [table], "flight_logs": logs},
-            read={"policies": policies.inputs},
+            read={"policies": fleet.inputs},
             record=record,
-            rows=summary.to_dicts(),
+            rows=rows,
             notes=notes,
-            next=export_command(best, policies.policy_of(best)) if best else (),
             value=flown,
         )
 
 
-def best_policy(flights: "DataFrame", policies: "Policies") -> Path | None:
-    """Returns the policy of ours that flew longest and, among equals, closest.
-
-    One in a limit cycle is chosen for want of another only; None where others' alone flew.
-    """
-    import polars
-
-    from maidenflight.experiments.transfer import LIMIT_CYCLE
-
-    if not policies.files:
-        return None
-    own = flights.filter(polars.col("policy").is_in(policies.own_names))
-    order = own.group_by("policy").agg(
-        polars.col("duration").mean(),
-        polars.col("position_error").mean(),
-        (polars.col("command_change").mean() > LIMIT_CYCLE).alias("limit_cycle"),
-    )
-    keys = ["duration", "limit_cycle", "position_error", "policy"]
-    name = order.sort(keys, descending=[True, False, False, False])["policy"][0]
-    return policies.path_of(name)
+_MEASURES = {"error": "{position_error:.1f cm}", "change of u": "{command_change:.3f}"}
 
 
-def summarize(flights: "DataFrame") -> "DataFrame":
-    """Returns flights, those that reached the time limit, mean duration [s] and error [m].
-
-    A row a policy and reality.
-    """
-    import polars
-
-    return flights.group_by("policy", "reality", maintain_order=True).agg(
-        polars.len().alias("flights"),
-        (polars.col("end_reason") == "time limit").sum().alias("time_limit"),
-        polars.col("duration").mean(),
-        polars.col("position_error").mean(),
-        polars.col("command_change").mean(),
-        polars.col("at_limits").mean(),
-    )
-
-
-def describe_limit_cycles(summary: "DataFrame") -> list[str]:
-    """Returns a sentence on each policy and reality whose motors are thrown between their limits.
-
-    Args:
-        summary: what `summarize` returns.
-    """
-    from maidenflight.experiments.transfer import LIMIT_CYCLE
-
-    return [
-        f"{row['policy']} in {row['reality']} changes its commands by {row['command_change']:.2f} "
-        f"of full thrust in 10 ms, {100 * row['at_limits']:.0f} % of them at a limit: a limit "
-        "cycle, which wears motors and seldom survives on a real drone. Identify the drone from "
-        "its flights, or train with its latency."
-        for row in summary.iter_rows(named=True)
-        if row["command_change"] > LIMIT_CYCLE
-    ]
-
-
-def show_flights(flights: "DataFrame") -> None:
-    """Prints a line for each zero-shot flight."""
-    rows = [
-        [
-            *(str(row[name]) for name in ("flight", "policy", "reality", "trial")),
-            f"{row['duration']:.2f} s",
-            row["end_reason"],
-            f"{row['position_error'] * 100:.1f} cm",
-            f"{row['command_change']:.3f}",
-        ]
-        for row in flights.iter_rows(named=True)
-    ]
-    columns = ["flight", "policy", "reality", "trial", "duration", "ended by", "error"]
+def tabulate_flights(flights: list[Row]) -> Table:
+    """Returns a table of zero-shot flights."""
+    columns = {name: f"{{{name}}}" for name in ("flight", "policy", "reality", "trial")}
+    columns |= {"duration": "{duration:.2f s}", "ended by": "{end_reason}", **_MEASURES}
     title = "Zero-shot flights, simulated; error: mean distance from the set-point; u: in 10 ms"
-    terminal.print_table(title, [*columns, "change of u"], rows, numbers_from=3)
+    return Table(title, columns, flights)
 
 
-def _show_summary(summary: "DataFrame") -> None:
-    """Prints a line for each policy and reality."""
-    rows = [
-        [
-            *(row["policy"], row["reality"]),
-            f"{row['time_limit']} of {row['flights']}",
-            f"{row['duration']:.2f} s",
-            f"{row['position_error'] * 100:.1f} cm",
-            f"{row['command_change']:.3f}",
-        ]
-        for row in summary.iter_rows(named=True)
-    ]
-    columns = ["policy", "reality", "reached the time limit", "mean duration", "mean error"]
+def _tabulate(summary: list[Row]) -> Table:
+    """Returns a table of policies in realities."""
+    columns = {
+        "policy": "{policy}",
+        "reality": "{reality}",
+        "reached the time limit": "{time_limit} of {flights}",
+        "mean duration": "{duration:.2f s}",
+        **{f"mean {name}": cell for name, cell in _MEASURES.items()},
+    }
     title = (
         "Zero-shot flights by policy, simulated; error: distance from the set-point; u: in 10 ms"
     )
-    terminal.print_table(title, [*columns, "change of u"], rows, numbers_from=2)
+    return Table(title, columns, summary)

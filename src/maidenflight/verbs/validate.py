@@ -2,20 +2,13 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from maidenflight import run_folder, terminal
+from maidenflight import run_folder
 from maidenflight.errors import InputError
 from maidenflight.settings import PENDING, REQUIRED, listed, number, setting
-from maidenflight.verb import Output, Progress, Result, Verb
-from maidenflight.verbs import logs as read
-from maidenflight.verbs import shared
-
-if TYPE_CHECKING:
-    from polars import DataFrame
-
-    from maidenflight.flights.reading import Flights
-    from maidenflight.identification.drone_file import DroneFile
+from maidenflight.terminal import Table
+from maidenflight.verb import Output, Progress, Result, Row, Verb
+from maidenflight.verbs import core, shared
 
 
 class Validate(Verb):
@@ -63,132 +56,89 @@ class Validate(Verb):
         Commands stand for what they did where the drone was identified, unless logs or the setting
         say it.
         """
-        import jax
-
-        from maidenflight import parameters
-        from maidenflight.flights.reading import COMMANDS, read_flights
-        from maidenflight.identification import drone_file
-        from maidenflight.identification.bounds import at_bounds
-        from maidenflight.identification.likelihood import log_likelihood
-        from maidenflight.identification.prediction import predicted_windows, prediction_error
-
-        file = drone_file.read(self.drone)
+        file = core.drone_file.read(self.drone)
         models = {
             Path(self.drone).name: file.parameters,
-            "paper's crazyflie": parameters.crazyflie(),
+            "paper's crazyflie": core.crazyflie(),
         }
         law, commands = self.battery_law, self.commands
-        flights = read_flights(
-            self.logs, read.count_files(progress), commands=commands, battery_law=law
+        flights = core.read_flights(
+            self.logs, core.logs.count_files(progress), commands=commands, battery_law=law
         )
         known = None if file.source is None else file.source.commands
-        if commands is None and known in COMMANDS and all(flight.assumed for flight in flights):
+        if commands is None and known in core.COMMANDS and all(one.assumed for one in flights):
             commands = known
-            flights = read_flights(self.logs, commands=commands, battery_law=law)
+            flights = core.read_flights(self.logs, commands=commands, battery_law=law)
         progress.move(0, None, "compiling and predicting")
-        key, horizons = jax.random.key(self.seed), list(self.horizons)
-        errors = prediction_error(flights, models, horizons, key=key)
-        windows = predicted_windows(flights, models, max(horizons), key=key)
-        inputs = [*read.own_files(self.drone), *flights.paths]
-        record = self.make_record(inputs, commands=commands)
-        places = self.places(output)
+        key, horizons = self.key, list(self.horizons)
+        errors = core.prediction_error(flights, models, horizons, key=key)
+        windows = core.predicted_windows(flights, models, max(horizons), key=key)
+        drone, places = shared.own_files(self.drone), self.places(output)
+        record = self.make_record([*drone, *flights.paths], commands=commands)
         run_folder.VALIDATION.write(places[0], errors, record)
         run_folder.WINDOWS.write(places[1], windows, record)
         likelihoods = {
-            name: float(log_likelihood(flights.flights, model)) for name, model in models.items()
+            name: float(core.log_likelihood(flights.flights, model))
+            for name, model in models.items()
         }
-        simulated = any(flight.simulated for flight in flights)
-
-        def show() -> None:
-            read.show_flights(flights, f"; {errors['windows'][0]} windows of rows")
-            _show(likelihoods, errors, simulated)
-            print(
-                f"written to {output} in SI units, with 95 % intervals over "
-                f"{errors['segments'][0]} segments of flight;"
-            )
-            print(f"some windows row by row, for pictures, to {places[1]}")
-
-        notes = [*_not_held_out(file, flights), *_other_law(file, law)]
-        notes += at_bounds(file.estimates).values()
+        notes = [
+            *core.note_not_held_out(file, flights.paths),
+            *core.note_other_law(file, law),
+            *core.at_bounds(file.estimates).values(),
+        ]
+        simulated, rows = any(one.simulated for one in flights), errors.to_dicts()
         return Result(
             content={
                 "log_likelihoods": likelihoods,
-                "errors": errors.to_dicts(),
-                "flights": read.to_content(flights),
+                "errors": rows,
+                "flights": core.logs.to_content(flights),
                 "simulated": simulated,
                 "notes": notes,
                 "output": str(output),
             },
-            show=show,
-            written={"validation": [places[0]], "windows": [places[1]]},
-            read={"drone": read.own_files(self.drone), "logs": flights.paths},
-            record=record,
-            rows=[
-                {**row, "log_likelihood": likelihoods.get(row["model"])}
-                for row in errors.to_dicts()
+            summary=[
+                *core.logs.describe_flights(flights, f"; {rows[0]['windows']} windows of rows"),
+                *_tabulate(likelihoods, rows, simulated),
+                f"in {output}: SI units, and 95 % intervals over {rows[0]['segments']} segments of "
+                "flight",
             ],
+            written={"validation": [places[0]], "windows": [places[1]]},
+            read={"drone": drone, "logs": flights.paths},
+            record=record,
+            rows=[{**row, "log_likelihood": likelihoods.get(row["model"])} for row in rows],
             notes=notes,
             next=("train", "--drone", self.drone),
             value=errors,
         )
 
 
-def _not_held_out(drone: "DroneFile", flights: "Flights") -> list[str]:
-    """Returns a note if a drone was identified from some of the flights, going by its record."""
-    from maidenflight import results
-
-    used = results.recorded_inputs(drone.record, drone.name)
-    known = sum(results.digest(path) in used for path in flights.paths)
-    if known == 0:
-        return []
-    return [
-        f"{Path(drone.name).name} was identified from {known} of these {len(flights.paths)} files; "
-        "how well it predicts those is no test."
-    ]
-
-
-def _other_law(drone: "DroneFile", law: str | None) -> list[str]:
-    """Returns a note if a drone was identified with another choice of the battery law."""
-    settings = drone.record.get("settings", {})
-    given = settings.get("battery_law") if isinstance(settings, dict) else None
-    if given == law or not drone.source:
-        return []
-    how = "without --battery-law" if given is None else f"with --battery-law {given!r}"
-    return [
-        f"{Path(drone.name).name} was identified {how}, unlike here; thrust may differ by that "
-        "alone."
-    ]
-
-
-def _show(likelihoods: Mapping[str, float], errors: "DataFrame", simulated: bool) -> None:
-    """Prints likelihoods, and errors, a block of rows for each horizon.
+def _tabulate(
+    likelihoods: Mapping[str, float], errors: list[Row], simulated: bool
+) -> list[Table | str]:
+    """Returns likelihoods, and errors, a block of rows for each horizon.
 
     `*` marks what is worse than the persistence baseline.
     """
-    from maidenflight.identification.prediction import PERSISTENCE
-    from maidenflight.reporting.text import ERRORS
-
-    terminal.print_table(
-        "Likelihood of each row given the rows before, more is better",
-        ["drone", "log likelihood\nnats a row"],
-        [[name, f"{value:.2f}"] for name, value in likelihoods.items()],
-    )
-    baseline = {
-        row["horizon"]: row for row in errors.iter_rows(named=True) if row["model"] == PERSISTENCE
-    }
-    rows: list[list[str]] = []
-    for row in errors.iter_rows(named=True):
-        cells = []
-        for name, (_, scale, _) in ERRORS.items():
+    baseline = {row["horizon"]: row for row in errors if row["model"] == core.PERSISTENCE}
+    rows: list[Row] = []
+    for row in errors:
+        first = row["model"] == errors[0]["model"]
+        cells = {"model": row["model"], "ahead": f"{row['horizon']:g} s" if first else ""}
+        for name, shown in core.ERRORS.items():
             worse = not row[name] <= baseline[row["horizon"]][name]
-            cells.append(f"{'* ' if worse else ''}{row[name] * scale:#.3g}".removesuffix("."))
-        first = row["model"] == errors["model"][0]
-        rows.append([f"{row['horizon']:g} s" if first else "", row["model"], *cells])
-    columns = ["ahead", "model", *(f"{name}\n{unit}" for name, _, unit in ERRORS.values())]
-    title = (
-        f"Open-loop prediction errors on {'simulated' if simulated else 'real'} flight, root mean "
-        "squares"
-    )
-    terminal.print_table(title, columns, rows, numbers_from=2)
-    if any(cell.startswith("*") for row in rows for cell in row[2:]):
-        print(f"* worse than the baseline, {PERSISTENCE}")
+            value = f"{row[name] * shown.scale:#.3g}".removesuffix(".")
+            cells[name] = f"{'* ' if worse else ''}{value}"
+        rows.append(cells)
+    columns = {"ahead": "{ahead}", "model": "{model}"}
+    columns |= {f"{one.name}\n{one.unit}": f"{{{name}}}" for name, one in core.ERRORS.items()}
+    flight = "simulated" if simulated else "real"
+    worse = any(row[name].startswith("*") for row in rows for name in core.ERRORS)
+    return [
+        Table(
+            "Likelihood of each row given the rows before, more is better",
+            {"drone": "{name}", "log likelihood\nnats a row": "{value:.2f}"},
+            [{"name": name, "value": value} for name, value in likelihoods.items()],
+        ),
+        Table(f"Open-loop prediction errors on {flight} flight, root mean squares", columns, rows),
+        *([f"* worse than the baseline, {core.PERSISTENCE}"] if worse else []),
+    ]

@@ -15,6 +15,7 @@ pytest.importorskip("cflib")
 
 from fake_drone import FakeDrone, Stepped
 
+from maidenflight import results
 from maidenflight.errors import InputError
 from maidenflight.flights import tables
 from maidenflight.integrations.radio import session
@@ -160,12 +161,11 @@ class Flight:
                     link,
                     [self.plan],
                     self.folder,
-                    {},
+                    results.record(seed=0, inputs=[], settings={}),
                     limits=Limits(),
                     clock=self.clock,
                     stops=stops,
                     say=say,
-                    seed=0,
                 )
                 self.reason = flown.ending.reason
             except (InputError, RuntimeError) as error:

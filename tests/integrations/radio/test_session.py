@@ -18,7 +18,7 @@ from fake_drone import FakeDrone, Stepped
 from plant import MOTOR_TIME_CONSTANT, THRUST_TO_WEIGHT
 
 import maidenflight as mf
-from maidenflight import parameters
+from maidenflight import parameters, results
 from maidenflight.errors import InputError
 from maidenflight.flights.compensation import thrust_command
 from maidenflight.flights.flight_plan import Block, FlightPlan
@@ -55,12 +55,11 @@ def flown(fake, folder, *plans, stops=lambda: 0, said=None, before=None):
             link,
             list(plans),
             folder,
-            {"task": "circle"},
+            results.record(seed=3, inputs=[], settings={"task": "circle"}),
             limits=Limits(),
             clock=clock,
             stops=stops,
             say=said.append,
-            seed=3,
         )
 
 
@@ -114,7 +113,7 @@ def test_excitation_of_motors_is_refused_before_anything_connects(tmp_path):
         BY_SETPOINTS, blocks=(*BY_SETPOINTS.blocks, Block(Manoeuvre("motors", 0.06), 2.0))
     )
     with pytest.raises(InputError, match=r"mine\.toml"):
-        session.record("udp://127.0.0.1:9", tmp_path, plan=shaken, count=1)
+        session.record("udp://127.0.0.1:9", tmp_path, shaken, 1)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -315,11 +314,8 @@ def test_a_whole_session(tmp_path, monkeypatch):
         flights = session.record(
             clock.fake.uri,
             tmp_path / "flights",
-            task="hover",
+            session.Course("hover", duration=0.5, height=0.4, steps=0.0),
             count=2,
-            duration=0.5,
-            height=0.4,
-            steps=0.0,
             seed=5,
             clock=clock,
             say=said.append,

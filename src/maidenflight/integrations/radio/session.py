@@ -1,18 +1,19 @@
 """A session with a real Crazyflie: checks, flights one after the other, a folder of logs."""
 
+import dataclasses
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from maidenflight import manifest, results, run_folder
+from maidenflight import cache, manifest, results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.flights.flight_plan import FlightPlan
 from maidenflight.integrations.radio import row_files, watch
@@ -33,6 +34,38 @@ LASTING = 0.5
 """Time that a step of the set-point lasts [s]."""
 PAUSE = 3.0
 """Between two flights [s]."""
+
+
+@dataclass(frozen=True)
+class Course:
+    """What is flown of a task."""
+
+    task: str = "circle"
+    """Whose reference is flown, a name of `tasks.TASKS`."""
+    duration: float = 30.0
+    """Of the reference [s]."""
+    height: float = 1.0
+    """Of its start [m]."""
+    steps: float = 0.1
+    """See `reference`; each flight has its own [m]."""
+    policy: bool = False
+    """Whether the policy on board flies."""
+    full_scale_counts: float | None = None
+    """In place of the policy's own counts of a thrust command of 1; see `Plan`."""
+
+    def plan(self, seed: int) -> Plan:
+        """Plans a flight, with random steps of a seed."""
+        trajectory = tasks.TASKS[self.task]().reference
+        places = reference(trajectory, self.duration, self.height, self.steps, seed)
+        return Plan(places, self.policy, self.full_scale_counts)
+
+    @property
+    def settings(self) -> dict[str, object]:
+        """Returns what it is, for records."""
+        own = dataclasses.asdict(self)
+        if not self.policy or self.full_scale_counts is None:
+            del own["full_scale_counts"]
+        return own
 
 
 class Flown(NamedTuple):
@@ -189,13 +222,12 @@ def flights(
     drone: Crazyflie,
     plans: list[Plan],
     folder: Path,
-    settings: dict[str, object],
+    record: Mapping[str, Any],
     *,
     limits: Limits,
     clock: Clock,
     stops: Callable[[], int],
     say: Callable[[str], None],
-    seed: int,
 ) -> list[Flown]:
     """Flies plans one after the other, as long as each one ends as it should.
 
@@ -205,12 +237,11 @@ def flights(
         drone: connected.
         plans: what to fly; see `checked_plan`.
         folder: where to write. Names go on where those in the folder end; nothing is overwritten.
-        settings: for the record.
+        record: how they are made, as `results.record` gives it; each flight adds its own.
         limits: where to break off.
         clock: the program's.
         stops: how often somebody has asked to stop.
         say: told what happens.
-        seed: for the record.
 
     Raises:
         InputError: the drone is not fit for the first flight, or rows can no longer be written; the
@@ -229,11 +260,8 @@ def flights(
             say(f"no further flight: {'; '.join(against)}")
             break
         name = _next_name(folder)
-        made = results.record(
-            seed=seed,
-            inputs=[],
-            settings={**settings, "flight": number + 1, "deck": ", ".join(drone.decks)},
-        )
+        own = {"flight": number + 1, "deck": ", ".join(drone.decks)}
+        made = {**record, "settings": {**record["settings"], **own}}
         file = row_files.RowFile(
             folder / f"{name}{row_files.SUFFIX}", drone.blocks, drone.simulated, made
         )
@@ -262,19 +290,12 @@ def flights(
 def record(
     uri: str,
     folder: Path,
-    *,
-    task: str = "circle",
-    count: int = 4,
-    duration: float = 30.0,
-    height: float = 1.0,
-    steps: float = 0.1,
-    policy: bool = False,
-    full_scale_counts: float | None = None,
-    plan: FlightPlan | None = None,
+    course: Course | FlightPlan,
+    count: int,
     seed: int = 0,
+    *,
     limits: Limits = Limits(),  # noqa: B008
     clock: Clock | None = None,
-    cache: Path | None = None,
     say: Callable[[str], None] = print,
 ) -> list[Flown]:
     """Connects, checks, flies and files; Ctrl-C lands, a second one stops the motors.
@@ -282,63 +303,34 @@ def record(
     Args:
         uri: see `Crazyflie`.
         folder: where to write; see `flights`.
-        task: whose reference is flown, a name of `tasks.TASKS`.
+        course: what to fly; the room of a flight plan narrows the limits.
         count: flights.
-        duration: of the reference, in each [s].
-        height: of its start [m].
-        steps: see `reference`; each flight has its own.
-        policy: whether the policy on board flies the reference.
-        full_scale_counts: overrides the policy's counts of a thrust command of 1; see `Plan`.
-        plan: what to fly instead of the task, `count` times, with its own duration, height and
-            steps; its room narrows the limits.
         seed: of the steps.
         limits: where to break off.
         clock: the computer's unless given.
-        cache: see `Crazyflie`.
         say: told what happens.
 
     Raises:
         InputError: no connection, an unfit drone, or a reference beyond the limits.
         WriteError: rows cannot be written.
     """
-    if plan is not None:
-        limits = within(plan.room, limits)
-        plans = [of_flight_plan(plan)] * count
-        settings: dict[str, object] = {"plan": Path(plan.name).name, "duration": plan.seconds}
+    settings: dict[str, object]
+    if isinstance(course, Course):
+        plans = [course.plan(seed + number) for number in range(count)]
+        settings = course.settings
     else:
-        trajectory = tasks.TASKS[task]().reference
-        plans = [
-            Plan(
-                reference(trajectory, duration, height, steps, seed + number),
-                policy,
-                full_scale_counts,
-            )
-            for number in range(count)
-        ]
-        settings = {
-            "task": task,
-            "duration": duration,
-            "height": height,
-            "steps": steps,
-            "policy": policy,
-        }
+        limits = within(course.room, limits)
+        plans = [of_flight_plan(course)] * count
+        settings = {"plan": Path(course.name).name, "duration": course.seconds}
     for one in plans:
         checked_plan(one, limits)
-    if policy and full_scale_counts is not None:
-        settings["full_scale_counts"] = full_scale_counts
+    made = results.record(seed=seed, inputs=[], settings=settings)
     clock = clock or WallClock()
-    with connected(uri, clock, cache) as drone, stop_requests() as stops:
-        return flights(
-            drone,
-            plans,
-            folder,
-            settings,
-            limits=limits,
-            clock=clock,
-            stops=stops,
-            say=say,
-            seed=seed,
-        )
+    with (
+        connected(uri, clock, cache.folder() / "crazyflie") as drone,
+        stop_requests() as stops,
+    ):
+        return flights(drone, plans, folder, made, limits=limits, clock=clock, stops=stops, say=say)
 
 
 def _next_name(folder: Path) -> str:

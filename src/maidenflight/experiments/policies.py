@@ -1,4 +1,4 @@
-"""Policies of a command: files and folders of ours and the authors', and policies by others."""
+"""Policies that fly: files and folders of ours and the authors', and policies by others."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +9,6 @@ from maidenflight import names, policy_file, run_folder
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
 from maidenflight.integrations.policies.policies import ForeignPolicy, foreign_policy
-from maidenflight.integrations.raptor.form import RAPTOR
 from maidenflight.policy import Policy
 from maidenflight.policy_file import PolicyFile
 
@@ -19,7 +18,7 @@ USUAL_TASK = "circle"
 
 @dataclass(frozen=True)
 class Policies:
-    """The policies that a verb flies."""
+    """Policies that fly together."""
 
     paths: tuple[Path, ...]
     """Of the files, ours and the authors'."""
@@ -59,9 +58,9 @@ class Policies:
         """Returns the policies by others, for records."""
         return {"policies": None, "foreign": [one.name for one in self.foreign] or None}
 
-    def path_of(self, name: str) -> Path:
-        """Returns the file that tables call so."""
-        return self.paths[self.own_names.index(name)]
+    def path_of(self, name: str | None) -> Path | None:
+        """Returns the file that tables call so; nothing of no name."""
+        return None if name is None else self.paths[self.own_names.index(name)]
 
     def policy_of(self, path: Path) -> Policy:
         """Returns the policy of a file."""
@@ -142,8 +141,3 @@ def shortest_names(files: Sequence[Path]) -> list[str]:
         if len(set(short)) == len(short):
             return short
     return [str(path) for path in files]
-
-
-def export_command(path: Path, policy: Policy) -> tuple[object, ...]:
-    """Returns the words of the command that exports a policy, with what its form needs."""
-    return ("export", path, *(("--to", RAPTOR) if policy.spec.form == RAPTOR else ()))

@@ -1,8 +1,8 @@
-"""`Validate` says what may make a drone's prediction differ."""
+"""What may make a drone's prediction differ is noted."""
 
 from maidenflight.identification.drone_file import DroneFile, Source
+from maidenflight.identification.held_out import note_other_law
 from maidenflight.parameters import crazyflie
-from maidenflight.verbs import validate
 
 LAW = "legacy propellers"
 
@@ -18,4 +18,4 @@ def test_another_battery_law_than_the_drone_s_is_said() -> None:
         (DroneFile(crazyflie()), LAW, 0),
         (DroneFile(crazyflie(), source=source, record={"settings": 3}), LAW, 1),
     ):
-        assert len(validate._other_law(file, law)) == notes
+        assert len(note_other_law(file, law)) == notes

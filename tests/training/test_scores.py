@@ -3,8 +3,8 @@
 import jax.numpy as jnp
 
 from maidenflight.training.evaluation import Evaluation
+from maidenflight.training.scores import best_scores
 from maidenflight.training.train import Progress
-from maidenflight.verbs.training_files import best_scores
 
 
 def test_best_scores_are_those_of_the_policy_that_is_kept() -> None:

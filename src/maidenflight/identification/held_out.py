@@ -1,0 +1,32 @@
+"""Notes on a validation: whether flights and their reading are a test of the drone."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from maidenflight import results
+from maidenflight.identification.drone_file import DroneFile
+
+
+def note_not_held_out(drone: DroneFile, paths: Sequence[Path]) -> list[str]:
+    """Returns a note if a drone was identified from some of the flights, going by its record."""
+    used = results.recorded_inputs(drone.record, drone.name)
+    known = sum(results.digest(path) in used for path in paths)
+    if known == 0:
+        return []
+    return [
+        f"{Path(drone.name).name} was identified from {known} of these {len(paths)} files; "
+        "how well it predicts those is no test."
+    ]
+
+
+def note_other_law(drone: DroneFile, law: str | None) -> list[str]:
+    """Returns a note if a drone was identified with another choice of the battery law."""
+    settings = drone.record.get("settings", {})
+    given = settings.get("battery_law") if isinstance(settings, dict) else None
+    if given == law or not drone.source:
+        return []
+    how = "without --battery-law" if given is None else f"with --battery-law {given!r}"
+    return [
+        f"{Path(drone.name).name} was identified {how}, unlike here; thrust may differ by that "
+        "alone."
+    ]

@@ -1,0 +1,69 @@
+"""The folder of a training: its policies, their scores, and a checkpoint to resume from."""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import polars
+
+from maidenflight import manifest, parameters, policy_file, results, run_folder
+from maidenflight.errors import InputError
+from maidenflight.parameters import Parameters
+from maidenflight.policy import Policy
+from maidenflight.simulator import dynamics
+
+
+def write_policies(
+    folder: Path,
+    policies: Sequence[Policy],
+    record: dict[str, Any],
+    drone: Parameters,
+    scores: polars.DataFrame,
+) -> manifest.Files:
+    """Writes policies with what an export needs to know of their drone, and their scores.
+
+    Returns:
+        The files by kind.
+    """
+    hover = round(float(dynamics.hover_command(drone)), 6)
+    rotors = {name: parameters.plain(getattr(drone, name)) for name in parameters.GEOMETRY}
+    written = [
+        policy_file.write(
+            run_folder.POLICY.path(folder, number),
+            policy,
+            {**record, "hover": hover, "rotors": rotors, "number": number},
+        )
+        for number, policy in enumerate(policies, 1)
+    ]
+    table = run_folder.TRAINING.write(folder / run_folder.TRAINING.name, scores)
+    _remove_older(folder, len(policies))
+    return {"policies": written, "training": [table]}
+
+
+def _remove_older(folder: Path, count: int) -> None:
+    """Removes policies of an earlier training that had more of them."""
+    for path in run_folder.POLICY.find(folder):
+        number = path.stem.removeprefix("policy_")
+        with suppress(InputError):
+            if (
+                number.isdecimal()
+                and int(number) > count
+                and policy_file.read(path).record.get("number") == int(number)
+            ):
+                path.unlink()
+
+
+def how_to_start(folder: Path) -> str:
+    """Returns what to do if there is no checkpoint to resume from."""
+    if (folder / run_folder.TRAINING.name).exists():
+        return (
+            "The policies there are of a training whose state is gone. Give --overwrite instead "
+            "of --resume to train others in their place."
+        )
+    started = folder.is_dir() and set(folder.iterdir()) > set(results.leftovers(folder))
+    return (
+        "Give --overwrite instead of --resume to start one."
+        if started
+        else "Leave out --resume to start one."
+    )

@@ -1,0 +1,77 @@
+"""Scores of policies in training, as they come and the best of each."""
+
+import time
+from collections.abc import Sequence
+from functools import reduce
+
+import polars
+
+from maidenflight.training.distillation import Distillation, phase
+from maidenflight.training.evaluation import Evaluation
+from maidenflight.training.settings import Settings
+from maidenflight.training.train import Progress
+
+
+class Scores:
+    """Evaluations of a training."""
+
+    def __init__(self, learner: Settings, resumed: bool) -> None:
+        self._learner, self._resumed = learner, resumed
+        self._evaluations: list[Progress] = []
+        self._first: Progress | None = None
+        self._began = time.perf_counter()
+        self._fresh = 0
+
+    def add(self, now: Progress) -> str:
+        """Adds an evaluation; returns it as text, with the speed of training."""
+        # Evaluations of a checkpoint take no time, and the first other includes compilation.
+        since, first = time.perf_counter() - self._began, self._first
+        speed = f", {(now.steps - first.steps) / since / 1e3:.0f} k steps/s" if first else ""
+        self._fresh += now.best is not None
+        # Of a checkpoint's evaluations the last one has policies.
+        if first is None and self._fresh == 1 + self._resumed:
+            self._first, self._began = now, time.perf_counter()
+        self._evaluations.append(now)
+        distilled = isinstance(self._learner, Distillation)
+        doing = f"{phase(now.update, self._learner.updates)}: " if distilled else ""
+        return f"{doing}{describe(now)}{speed}"
+
+    @property
+    def table(self) -> polars.DataFrame:
+        """Returns a row a policy and evaluation."""
+        return polars.DataFrame(
+            [
+                {"update": now.update, "steps": now.steps, "policy": number + 1}
+                | _plain(now.score, number)
+                for now in self._evaluations
+                for number in range(len(now.score.survival))
+            ]
+        )
+
+    @property
+    def best(self) -> list[dict[str, float]]:
+        """Returns each policy's best scores, which are those of the policy that training keeps."""
+        return best_scores(self._evaluations)
+
+
+def best_scores(evaluations: Sequence[Progress]) -> list[dict[str, float]]:
+    """Returns the best scores of each policy among the evaluations of a training."""
+
+    def best(number: int) -> Evaluation:
+        scores = (one.score for one in evaluations)
+        return reduce(lambda old, new: new if bool(new.beats(old)[number]) else old, scores)
+
+    count = len(evaluations[0].score.survival)
+    return [_plain(best(number), number) for number in range(count)]
+
+
+def describe(now: Progress) -> str:
+    """Returns mean scores of policies in training, as text."""
+    score = now.score
+    each = (score.episode_return, score.survival, score.position_error)
+    returns, survival, errors = (sum(map(float, values)) / len(values) for values in each)
+    return f"return {returns:.1f}, survival {survival:.0%}, error {errors * 100:.1f} cm"
+
+
+def _plain(score: Evaluation, number: int) -> dict[str, float]:
+    return {name: round(float(value[number]), 6) for name, value in score._asdict().items()}

@@ -1,0 +1,108 @@
+"""What verbs take from the rest of the package, each imported when it is first used.
+
+`--help` thus imports neither JAX nor polars.
+"""
+
+import ast
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from jax.random import split as split_key
+    from numpy import float32
+    from polars import DataFrame
+
+    from maidenflight import parameters, policy_file
+    from maidenflight.deployment.check import check_export, check_frame
+    from maidenflight.experiments import comparison, drones, envelope, flight_times
+    from maidenflight.experiments.as_flown import FIRMWARE as FIRMWARE_AS_FLOWN
+    from maidenflight.experiments.as_flown import controller_as_flown
+    from maidenflight.experiments.policies import Policies, read_policies
+    from maidenflight.experiments.transfer import transfer
+    from maidenflight.flights import flight_plan, planned, recording
+    from maidenflight.flights.flight_plan import FlightPlan
+    from maidenflight.flights.log import Flight
+    from maidenflight.flights.reading import COMMANDS, Flights, read_flights
+    from maidenflight.flights.summary import summaries
+    from maidenflight.identification import drone_file, planning
+    from maidenflight.identification.behaviour import BEHAVIOUR, flown_by
+    from maidenflight.identification.bounds import at_bounds
+    from maidenflight.identification.closed_loop import ClosedLoop, Match, match
+    from maidenflight.identification.drone_file import CLOSED_LOOP, DroneFile
+    from maidenflight.identification.ensembles import posterior_ensemble
+    from maidenflight.identification.estimates import Identification, source_of
+    from maidenflight.identification.held_out import note_not_held_out, note_other_law
+    from maidenflight.identification.identify import identify
+    from maidenflight.identification.likelihood import Likelihood, log_likelihood
+    from maidenflight.identification.matched_drone import merge_match
+    from maidenflight.identification.overall_progress import Overall
+    from maidenflight.identification.prediction import (
+        PERSISTENCE,
+        predicted_windows,
+        prediction_error,
+    )
+    from maidenflight.identification.progress import Progress as Stage
+    from maidenflight.identification.replay import Replay
+    from maidenflight.identification.start import note_kept_at_bounds, note_mass, read_start
+    from maidenflight.identification.truth import read_truth
+    from maidenflight.integrations.monitoring import live, loggers
+    from maidenflight.integrations.radio.flight import COMPLETE
+    from maidenflight.integrations.radio.row_files import recover as recover_rows
+    from maidenflight.integrations.radio.session import Course
+    from maidenflight.integrations.radio.session import record as fly_course
+    from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, crazyflie
+    from maidenflight.policy import Policy
+    from maidenflight.policy_file import PolicyFile
+    from maidenflight.reporting.figures.envelope import envelope as envelope_figure
+    from maidenflight.reporting.figures.identification import (
+        identification as identification_figure,
+    )
+    from maidenflight.reporting.figures.picture import svg
+    from maidenflight.reporting.page import report
+    from maidenflight.reporting.run import read_flights_of
+    from maidenflight.reporting.text import ERRORS
+    from maidenflight.simulator import control
+    from maidenflight.simulator.look_ahead import LookAhead
+    from maidenflight.simulator.policy_spec import PolicySpec
+    from maidenflight.simulator.reality import AnyReality
+    from maidenflight.simulator.tasks import TASKS, with_yaw_penalty
+    from maidenflight.simulator.virtual_drone import VirtualDrone
+    from maidenflight.studies import sweeping
+    from maidenflight.studies.engine import Resources
+    from maidenflight.studies.status import Progress as Status
+    from maidenflight.studies.status import clock
+    from maidenflight.studies.status import read as read_status
+    from maidenflight.studies.store import opened as open_store
+    from maidenflight.studies.study import read as read_study
+    from maidenflight.training import checkpoint, defaults, folder
+    from maidenflight.training.checkpoint import Checkpoint
+    from maidenflight.training.scores import Scores
+    from maidenflight.training.settings import Settings, override, recorded
+    from maidenflight.training.train import Progress as Training
+    from maidenflight.training.train import train
+    from maidenflight.verbs import estimates_output, logs
+else:
+
+    def __getattr__(name: str) -> Any:
+        """Imports a name as the lines above say."""
+        if name not in _sources():
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        module, original = _sources()[name]
+        return getattr(__import__(module, fromlist=[original]), original)
+
+
+@cache
+def _sources() -> dict[str, tuple[str, str]]:
+    """Returns the module of each name, and what it is called there."""
+    (block,) = (
+        statement
+        for statement in ast.parse(Path(__file__).read_text()).body
+        if isinstance(statement, ast.If)
+    )
+    return {
+        alias.asname or alias.name: (str(line.module), alias.name)
+        for line in block.body
+        if isinstance(line, ast.ImportFrom)
+        for alias in line.names
+    }
