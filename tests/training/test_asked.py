@@ -70,7 +70,7 @@ def test_distributions_that_cannot_be_trained_over_together_are_refused(
         ({"keys": 0}, "keys must be random keys, one a policy"),
         ({"settings": AnalyticGradient(updates=0)}, "updates = 0; expected 1 or more"),
         ({"spec": 3}, r"3 is no PolicySpec; expected what mf\.PolicySpec\(\) gives"),
-        ({"spec": PolicySpec(form="raptor"), "settings": PPO()}, "not by PPO"),
+        ({"spec": PolicySpec(form="raptor"), "settings": PPO()}, "not by ppo"),
         ({"initial": INITIAL, "controller": control.attitude()}, "control structure"),
         ({"initial": INITIAL, "settings": PPO()}, "by gradients"),
     ],

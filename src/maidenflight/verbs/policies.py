@@ -7,11 +7,11 @@ from typing import Any
 
 from maidenflight import names, policy_file, run_folder
 from maidenflight.errors import InputError
+from maidenflight.foreign_policy import ForeignPolicy, foreign_policy
 from maidenflight.inputs import StrPath
-from maidenflight.integrations.policies.policies import ForeignPolicy, foreign_policy
-from maidenflight.integrations.raptor.form import RAPTOR
 from maidenflight.policy import Policy
 from maidenflight.policy_file import PolicyFile
+from maidenflight.simulator.policy_spec import INSTANTS
 
 USUAL_TASK = "circle"
 """Task of policies that do not say what they were trained for, as the authors' do not."""
@@ -146,4 +146,4 @@ def shortest_names(files: Sequence[Path]) -> list[str]:
 
 def export_command(path: Path, policy: Policy) -> tuple[object, ...]:
     """Returns the words of the command that exports a policy, with what its form needs."""
-    return ("export", path, *(("--to", RAPTOR) if policy.spec.form == RAPTOR else ()))
+    return ("export", path, *(("--to", policy.spec.form) if policy.spec.form != INSTANTS else ()))

@@ -6,6 +6,7 @@ from typing import Any
 
 from maidenflight import run_folder
 from maidenflight.inputs import StrPath
+from maidenflight.registry import VIEWERS
 from maidenflight.settings import path, setting, several, text
 from maidenflight.verb import Output, Progress, Result, Verb
 
@@ -83,11 +84,10 @@ class Report(Verb):
         """Writes the page, or shows the flights."""
         progress.move(0, None, "reading the run")
         if self.view is not None:
-            from maidenflight.integrations.monitoring import live
             from maidenflight.reporting.run import read_flights_of
 
             flights = read_flights_of(self._find_source(), self._files)
-            live.show_flights(flights, output)
+            VIEWERS["flights"](flights, output)
             said = "sent to the viewer" if output is None else f"written to {output}"
             return Result(
                 content={"flights": len(flights), "file": None if output is None else str(output)},

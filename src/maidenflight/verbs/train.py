@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from maidenflight import names, results, run_folder
-from maidenflight.deployment import EXPORTERS
 from maidenflight.errors import InputError
-from maidenflight.integrations.monitoring.loggers import LOGGERS
+from maidenflight.registry import EXPORTERS, LOGGERS, VIEWERS
 from maidenflight.settings import (
     PENDING,
     choice,
     flag,
     listed,
+    name_of,
     number,
     path,
     setting,
@@ -94,7 +94,7 @@ class Train(Verb):
         rare=True,
     )
     target: str | None = setting(
-        choice(*EXPORTERS),
+        name_of(EXPORTERS),
         None,
         "Check first that the policies can be exported to this.",
         rare=True,
@@ -172,7 +172,7 @@ class Train(Verb):
         recorded=False,
     )
     log: tuple[str, ...] = setting(
-        several(choice(*LOGGERS), empty=True),
+        several(name_of(LOGGERS), empty=True),
         (),
         "Log evaluations while training runs: event files in OUTPUT/tensorboard, or Weights & "
         "Biases. May be repeated.",
@@ -252,8 +252,7 @@ class Train(Verb):
         """Trains; writes a JSON a policy, `training.csv` with their scores, and a checkpoint."""
         import jax
 
-        from maidenflight.integrations.monitoring import loggers
-        from maidenflight.training import checkpoint
+        from maidenflight.training import checkpoint, loggers
         from maidenflight.training.settings import recorded
         from maidenflight.verbs import training_files as files
 
@@ -370,11 +369,10 @@ class Train(Verb):
         if self.view is None:
             yield lambda progress: None
             return
-        from maidenflight.integrations.monitoring import live
         from maidenflight.verbs.training_files import fly_watched
 
         fly = partial(fly_watched, self.drone, self.task)
-        with live.training(fly, None if self.view == "." else Path(self.view)) as watch:
+        with VIEWERS["training"](fly, None if self.view == "." else Path(self.view)) as watch:
             yield watch
 
     def discard_state(self, output: Path) -> None:
