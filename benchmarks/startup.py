@@ -15,7 +15,7 @@ import time
 import click
 
 from maidenflight import terminal
-from maidenflight.verb import VERBS
+from maidenflight.registry import VERBS
 
 COUNT = "import atexit, sys\natexit.register(lambda: sys.stderr.write(str(len(sys.modules))))\n"
 """What has a process write at its end how many modules it has."""
@@ -26,7 +26,7 @@ PROGRAMS = {
     "Python alone": "",
     "import click": "import click",
     "maidenflight": HELP.format(words=""),
-    **{name: HELP.format(words=f"'{name}', ") for name in VERBS},
+    **{name: HELP.format(words=f"'{name}', ") for name in VERBS.own},
 }
 
 

@@ -30,8 +30,8 @@ from maidenflight.experiments import envelope, transfer
 from maidenflight.flights import flying
 from maidenflight.flights.flying import Rows
 from maidenflight.flights.log import thinned
+from maidenflight.foreign_policy import ForeignPolicy, foreign_policy
 from maidenflight.integrations.exporters.authors_json import EPSILON
-from maidenflight.integrations.policies.policies import ForeignPolicy, foreign_policy
 from maidenflight.names import ANY, POSTERIOR, WIDE
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy

@@ -1,4 +1,4 @@
-"""Imports run one way: each stage knows only the stages before it."""
+"""Imports run one way: each stage knows only the stages before it, and none the integrations."""
 
 import ast
 from pathlib import Path
@@ -6,32 +6,35 @@ from pathlib import Path
 import pytest
 
 import maidenflight
+from maidenflight import registry as registries
 
 ROOT = Path(maidenflight.__file__).parent
 ORDER = [
     "parameters",
     "simulator gru",
-    "flights foreign gym policy",
+    "flights foreign_policy policy",
     "policy_file",
     "identification training",
     "experiments",
-    "deployment reporting link",
-    "plant",
+    "deployment reporting",
     "terminal",
     "verb",
     "studies",
     "verbs",
     "cli",
+    "integrations",
 ]
 RANK = {name: rank for rank, names in enumerate(ORDER) for name in names.split()}
-FREE = set("cache compiler cores errors inputs manifest names results run_folder settings".split())
+FREE = set(
+    "cache compiler cores errors inputs manifest names registry results run_folder settings".split()
+)
 """May be imported by all, and import no stage."""
 APART = {"identification", "training", "deployment"}
 """Never import each other, whatever their rank."""
 
 
-def imported(source: str) -> set[str]:
-    """The parts of maidenflight that a module imports, at its top or inside a function."""
+def imported_names(source: str) -> set[str]:
+    """What a module imports, at its top or inside a function."""
     names = set()
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
@@ -39,7 +42,12 @@ def imported(source: str) -> set[str]:
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, "imports are absolute"
             names |= {f"{node.module}.{alias.name}" for alias in node.names}
-    parts = [name.split(".") for name in names]
+    return names
+
+
+def imported(source: str) -> set[str]:
+    """The parts of maidenflight that a module imports."""
+    parts = [name.split(".") for name in imported_names(source)]
     return {part[1] for part in parts if part[0] == "maidenflight" and len(part) > 1} - {
         "__version__"
     }
@@ -51,6 +59,7 @@ def forbidden(importer: str, target: str) -> bool:
     return importer in FREE or {importer, target} <= APART or RANK[target] >= RANK[importer]
 
 
+REGISTRIES = [one for one in vars(registries).values() if isinstance(one, registries.Registry)]
 MODULES = [
     path.relative_to(ROOT)
     for path in sorted(ROOT.rglob("*.py"))
@@ -94,8 +103,65 @@ def test_functions_are_short_and_take_few_arguments(module):
         ("deployment", "from maidenflight.training import ppo"),
         ("studies", "from maidenflight.verbs.train import Train"),
         ("verbs", "def f():\n    from maidenflight import cli"),
+        ("flights", "from maidenflight.integrations.logs import px4"),
+        ("cli", "def f():\n    import maidenflight.integrations.gym"),
         ("results", "from maidenflight.parameters import Parameters"),
     ],
 )
 def test_an_import_against_the_order_is_noticed(importer, source):
     assert any(forbidden(importer, target) for target in imported(source))
+
+
+def module_name(path: Path) -> str:
+    return ".".join(("maidenflight", *path.with_suffix("").parts)).removesuffix(".__init__")
+
+
+def graph(sources: dict[str, str]) -> dict[str, set[str]]:
+    """The modules that each module imports, at its top or inside a function."""
+    found: dict[str, set[str]] = {}
+    for name, source in sources.items():
+        found[name] = set()
+        for target in imported_names(source):
+            while target not in sources and "." in target:
+                target = target.rpartition(".")[0]
+            found[name] |= {target} & sources.keys() - {name}
+    return found
+
+
+def circles(imports: dict[str, set[str]]) -> set[str]:
+    """The modules that lie in a circle of imports, or behind one."""
+    left = dict(imports)
+    while free := [name for name, targets in left.items() if not targets & left.keys()]:
+        for name in free:
+            del left[name]
+    return left.keys()
+
+
+def test_no_modules_import_each_other_in_a_circle():
+    paths = [path.relative_to(ROOT) for path in ROOT.rglob("*.py")]
+    sources = {module_name(path): (ROOT / path).read_text() for path in paths}
+    assert not circles(graph(sources))
+
+
+def test_a_circle_of_imports_is_noticed():
+    sources = {
+        "maidenflight.a": "from maidenflight.b import one",
+        "maidenflight.b": "def f():\n    from maidenflight import c",
+        "maidenflight.c": "import maidenflight.a",
+        "maidenflight.d": "import maidenflight.errors",
+    }
+    assert circles(graph(sources)) == {f"maidenflight.{name}" for name in "abc"}
+
+
+@pytest.mark.parametrize("registry", REGISTRIES, ids=lambda one: one.kind)
+def test_what_a_registry_names_is_there(registry):
+    for name, text in registry.own.items():
+        module, _, attribute = text.partition(":")
+        place = Path(*module.split(".")[1:])
+        (path,) = {ROOT / place / "__init__.py", ROOT / f"{place}.py"} & set(ROOT.rglob("*.py"))
+        names = [
+            getattr(node, "name", None) or ast.unparse(node.targets[0])
+            for node in ast.parse(path.read_text()).body
+            if isinstance(node, ast.FunctionDef | ast.ClassDef | ast.Assign)
+        ]
+        assert attribute in names, name

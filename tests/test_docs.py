@@ -25,7 +25,6 @@ from jaxtyping import Array
 import maidenflight as mf
 from maidenflight import (
     cli,
-    deployment,
     inputs,
     parameters,
     policy,
@@ -40,8 +39,8 @@ from maidenflight.flights import log
 from maidenflight.identification.drone_file import DroneFile
 from maidenflight.parameters import noiseless
 from maidenflight.policy import Policy, untrained
+from maidenflight.registry import EXPORTERS, REALITIES, VERBS
 from maidenflight.simulator import control, dynamics, environment
-from maidenflight.simulator import reality as registry
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import Distribution
@@ -49,7 +48,7 @@ from maidenflight.simulator.tasks import Task
 from maidenflight.simulator.virtual_drone import VirtualDrone
 from maidenflight.studies import study
 from maidenflight.training import defaults
-from maidenflight.verb import VERBS, Verb, find_verb
+from maidenflight.verb import Verb, find_verb
 from quick import QUICK
 
 ROOT = Path(__file__).parent.parent
@@ -312,7 +311,7 @@ def test_a_reality_of_ones_own_as_the_page_on_extending_shows_it(
 ) -> None:
     made, used, entered = blocks("docs/extending.md", "python")[-3:]
     monkeypatch.setattr(mf, "transfer", partial(mf.transfer, duration=0.5), raising=False)
-    monkeypatch.setattr(registry, "REALITIES", dict(registry.REALITIES))
+    monkeypatch.setitem(REALITIES.own, "mine", "")
     names: dict[str, Any] = {"policies": [policy.untrained(jax.random.key(0))]}
     for snippet in (
         made,
@@ -614,7 +613,7 @@ def test_a_property_of_a_policy_s_input_is_one_class(monkeypatch: pytest.MonkeyP
     with pytest.raises(InputError, match="log_height = True, which the templates of the C"):
         mf.export(one, "firmware")
     with pytest.raises(InputError, match="log_height = True, but the authors' policies"):
-        deployment.EXPORTERS["authors"](one, "authors")
+        mf.export(one, "authors", "authors")
     with pytest.raises(InputError, match=r"\(41,\) values, expected 40"):
         policy_file.from_json(policy_file.to_json(one))
     # What it sees in flight is what training shows it.
@@ -675,11 +674,11 @@ def test_an_exporter_is_a_file_and_a_line(monkeypatch: pytest.MonkeyPatch) -> No
     file, line = extensions("An exporter")
     Path("scales.py").write_text(file)
     monkeypatch.syspath_prepend(str(Path.cwd()))
-    monkeypatch.setattr(deployment, "EXPORTERS", added := dict(deployment.EXPORTERS))
+    monkeypatch.setitem(EXPORTERS.own, "scales", "")
     exec(compile(line, "docs/extending.md", "exec"), {})
     assert len([one for one in line.splitlines() if one and "import" not in one]) == 1
     made = policy.untrained(jax.random.key(0))
-    (written,) = added["scales"](made, "scales", name="mine", seed=1, record={})
+    (written,) = mf.export(made, "scales", "scales", name="mine", seed=1, record={})
     assert json.loads(written.read_text())["name"] == "pwm"
     assert written == Path("scales/mine_scales.json")
 
@@ -696,8 +695,8 @@ def delay(monkeypatch: pytest.MonkeyPatch) -> type[Verb]:
 
 def test_a_verb_is_a_file_and_a_line(delay: type[Verb], monkeypatch: pytest.MonkeyPatch) -> None:
     page = " ".join(extending("A verb").split())
-    (word,) = re.findall(r'in `VERBS`, [^:]*: `"([^`]*)"`', page)
-    monkeypatch.setitem(VERBS, word, f"{word}:{word.capitalize()}")
+    (line,) = re.findall(r'`("delay": "[^`]*)`', page)
+    monkeypatch.setitem(VERBS.own, *ast.literal_eval(line.replace(":", ",", 1)))
     (command,) = re.findall(r"`maidenflight (delay [^`]*)`", page)
     cli.commands(shlex.split(command), standalone_mode=False)
     by_command = Path("delayed.toml").read_bytes()

@@ -14,9 +14,10 @@ import maidenflight
 from maidenflight import cli, verb
 from maidenflight.cli.command import VerbCommand
 from maidenflight.errors import InputError
+from maidenflight.registry import VERBS
 from maidenflight.settings import REQUIRED, plain
 from maidenflight.studies import study
-from maidenflight.verb import VERBS, Verb, find_verb
+from maidenflight.verb import Verb, find_verb
 
 ROOT = Path(maidenflight.__file__).parent
 ONLY_OF_COMMANDS = {"resume", "view", "status", "list", "recover"}
@@ -64,7 +65,7 @@ def wait(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
 
     def make(name: str, option: str = "") -> type[Verb]:
         (tmp_path / f"{name}.py").write_text(SOURCE.format(option=option))
-        monkeypatch.setitem(VERBS, "wait", f"{name}:Wait")
+        monkeypatch.setitem(VERBS.own, "wait", f"{name}:Wait")
         return find_verb("wait")
 
     return make
@@ -101,7 +102,7 @@ def test_a_new_option_is_one_line_in_one_file(wait: Any, capsys: Any) -> None:
         study.of([{"name": "a", "kind": "wait", "settings": {"patience": 0}}])
 
 
-@pytest.mark.parametrize("name", VERBS)
+@pytest.mark.parametrize("name", VERBS.own)
 def test_a_study_sets_every_setting_of_a_verb_that_shapes_its_result(name: str) -> None:
     made = find_verb(name)
     every = set(made.settings())
@@ -109,7 +110,7 @@ def test_a_study_sets_every_setting_of_a_verb_that_shapes_its_result(name: str) 
     assert all(made.settings()[one][1].recorded is False for one in every & ONLY_OF_COMMANDS)
 
 
-@pytest.mark.parametrize("name", VERBS)
+@pytest.mark.parametrize("name", VERBS.own)
 def test_the_command_line_sets_every_setting_of_a_verb(name: str) -> None:
     made = find_verb(name)
     command = VerbCommand(made)
@@ -120,16 +121,16 @@ def test_the_command_line_sets_every_setting_of_a_verb(name: str) -> None:
     assert ("--seed" in flags) == ("seed" in made.settings())
 
 
-@pytest.mark.parametrize("name", VERBS)
+@pytest.mark.parametrize("name", VERBS.own)
 def test_defaults_are_values_that_the_setting_takes(name: str) -> None:
     for setting, (_, declared) in find_verb(name).settings().items():
-        assert declared.made_by in ("", *VERBS)
+        assert declared.made_by in ("", *VERBS.own)
         if declared.default not in (REQUIRED, None, (), {}):
             value = declared.check(plain(declared.default), setting)
             assert plain(value) == plain(declared.default)
 
 
-@pytest.mark.parametrize("name", VERBS)
+@pytest.mark.parametrize("name", VERBS.own)
 def test_the_help_of_a_verb_fits_a_screen_of_50_lines(
     name: str, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
@@ -147,7 +148,7 @@ def test_the_help_of_a_verb_fits_a_screen_of_50_lines(
             assert f"--{one.replace('_', '-')} " not in shown
 
 
-@pytest.mark.parametrize("words", [[], *([name] for name in VERBS)], ids=" ".join)
+@pytest.mark.parametrize("words", [[], *([name] for name in VERBS.own)], ids=" ".join)
 def test_help_imports_nothing_heavy(words: list[str]) -> None:
     """By what is imported, and not by the time it takes, which is for benchmarks."""
     heavy = (
@@ -170,7 +171,7 @@ def test_help_imports_nothing_heavy(words: list[str]) -> None:
     )
     last = done.stdout.splitlines()[-1]
     assert last.startswith("HEAVY []"), done.stdout + done.stderr
-    assert int(last.split()[-1]) <= 32 + len(VERBS) * (not words)
+    assert int(last.split()[-1]) <= 32 + len(VERBS.own) * (not words)
 
 
 def test_unknown_verbs_and_settings_are_refused() -> None:

@@ -1,6 +1,8 @@
 """The exceptions that a user's mistake and a full disk raise."""
 
 import errno
+from collections.abc import Iterator
+from contextlib import contextmanager
 from os import PathLike
 
 LONGEST = 1500
@@ -22,18 +24,27 @@ class InputError(ValueError):
         )
 
 
-def not_installed(package: str, extra: str, what: str) -> InputError:
-    """The error where an optional package is lacking.
+@contextmanager
+def optional(package: str, extra: str, what: str, remark: str = "") -> Iterator[None]:
+    """Imports an optional package, in a `with` statement.
 
     Args:
-        package: what is lacking.
+        package: what is imported.
         extra: the extra that brings it.
-        what: what needs it, which begins the sentence's second half.
+        what: what needs it.
+        remark: on its installation.
+
+    Raises:
+        InputError: it is not installed.
     """
-    return InputError(
-        f"{package} is not installed, but {what} needs it. In maidenflight's source folder: "
-        f"pip install '.[{extra}]'"
-    )
+    try:
+        yield
+    except ImportError as error:
+        missing = getattr(error, "name", None) or package
+        raise InputError(
+            f"{missing.partition('.')[0]} is not installed, but {what} needs it. In maidenflight's "
+            f"source folder: pip install '.[{extra}]'{remark and f' ({remark})'}"
+        ) from error
 
 
 class WriteError(InputError):

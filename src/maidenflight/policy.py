@@ -11,8 +11,6 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 
 from maidenflight.errors import InputError
 from maidenflight.gru import Gru, untrained_gru
-from maidenflight.integrations.raptor import form as raptor_form
-from maidenflight.integrations.raptor.form import RAPTOR
 from maidenflight.simulator import interface as interfaces
 from maidenflight.simulator.environment import observe, remember
 from maidenflight.simulator.interface import ControlInterface
@@ -30,14 +28,14 @@ class Policy:
     With a `gru` it remembers: the unit sees the first layer's values, and the second layer sees
     them and the memory. An observation then ends with the memory, and the output with the next.
 
-    In RAPTOR's form the network sees 22 numbers, the second layer sees the memory alone, and
-    outputs are rotor speeds; observations and actions are those of other policies (`raptor_form`).
+    A network of another form (`policy_form`) sees and gives something else; the observations and
+    actions are those of other policies.
     """
 
     weights: tuple[Float[Array, "outputs inputs"], ...]
     biases: tuple[Float[Array, "outputs"], ...]
     observation_mean: Float[Array, "20H+3K"]
-    """Of what the network sees: 22 numbers in RAPTOR's form."""
+    """Of what the network sees."""
     observation_std: Float[Array, "20H+3K"]
     interface: ControlInterface = dataclasses.field(
         default=interfaces.pwm(), metadata={"static": True}
@@ -53,9 +51,8 @@ class Policy:
 
         Not clipped, because the next observation holds it as it is.
         """
-        raptor, size = self.spec.form == RAPTOR, self.spec.seen_size
-        seen, memory = observation[:size], observation[size:]
-        seen = raptor_form.observed(seen) if raptor else seen
+        form, size = self.spec.policy_form, self.spec.seen_size
+        seen, memory = form.observed(observation[:size]), observation[size:]
         values = (seen - self.observation_mean) / self.observation_std
         for number, (weight, bias) in enumerate(
             zip(self.weights[:-1], self.biases[:-1], strict=True)
@@ -63,9 +60,9 @@ class Policy:
             values = jax.nn.relu(weight @ values + bias)
             if self.gru is not None and number == 0:
                 memory = self.gru(values, memory)
-                values = memory if raptor else jnp.concatenate([values, memory])
+                values = memory if form.through_memory else jnp.concatenate([values, memory])
         output = self.weights[-1] @ values + self.biases[-1]
-        return jnp.concatenate([raptor_form.action_of(output) if raptor else output, memory])
+        return jnp.concatenate([form.action_of(output), memory])
 
     @property
     def multiplications(self) -> int:
@@ -109,7 +106,7 @@ class Policy:
 def untrained(
     key: Array, interface: ControlInterface | None = None, spec: PolicySpec = PolicySpec()
 ) -> Policy:
-    """A policy with Kaiming-uniform weights and zero biases; those of RAPTOR's first layer are 1.
+    """A policy with Kaiming-uniform weights and zero biases, unless its form says otherwise.
 
     Its last layer is small, so that it starts near a constant.
 
@@ -126,23 +123,22 @@ def untrained(
 
     Source: Gronauer et al. 2022, sec. Zero-Shot Experiments (layer sizes and initial weights).
     """
-    interface, raptor = interface or interfaces.pwm(), spec.form == RAPTOR
-    if raptor:
-        raptor_form.check(interface)
+    interface, form = interface or interfaces.pwm(), spec.policy_form
+    form.check(interface, "policy")
     sizes, memory = spec.layer_sizes, spec.memory
     inputs_of = list(sizes[:-1])
     if memory:
-        inputs_of[1] = memory if raptor else inputs_of[1] + memory
+        inputs_of[1] = memory if form.through_memory else inputs_of[1] + memory
     weights = []
     for key_, fan_in, outputs in zip(
         jax.random.split(key, len(sizes) - 1), inputs_of, sizes[1:], strict=True
     ):
         bound = np.float32(np.sqrt(6.0 / fan_in) * (0.1 if outputs == ACTION_SIZE else 1.0))
         weights.append(jax.random.uniform(key_, (outputs, fan_in), minval=-bound, maxval=bound))
-    biases = tuple(jnp.zeros(outputs) for outputs in sizes[1:])
-    if raptor:
-        # Nothing goes past the 16 values, so none of them begins at 0.
-        biases = (biases[0] + 1.0, *biases[1:])
+    biases = tuple(
+        jnp.full(outputs, 0.0 if number else form.first_bias, jnp.float32)
+        for number, outputs in enumerate(sizes[1:])
+    )
     gru = untrained_gru(jax.random.fold_in(key, 1), spec.hidden[0], memory) if memory else None
     mean, deviation = map(jnp.array, spec.scaling)
     return Policy(tuple(weights), biases, mean, deviation, interface, gru, spec)
@@ -263,12 +259,11 @@ def _check_sizes(policy: Policy, where: str) -> None:
             f"{where}: {len(policy.weights)} layers of weights and {len(policy.biases)} of biases; "
             "expected as many, and one or more."
         )
-    raptor = spec.form == RAPTOR
-    size = spec.layer_sizes[0]
+    form, size = spec.policy_form, spec.layer_sizes[0]
     if policy.observation_mean.shape != (size,) or policy.observation_std.shape != (size,):
         raise InputError(
             f"{where}: the normaliser has {policy.observation_mean.shape} values, expected {size} "
-            f"({'RAPTOR' if raptor else '20 x history, and 3 x points of the look-ahead'})."
+            f"({form.name if form.inputs else '20 x history, and 3 x points of the look-ahead'})."
         )
     for number, (weight, bias) in enumerate(zip(policy.weights, policy.biases, strict=True), 1):
         if weight.ndim != 2 or weight.shape[1] != size or bias.shape != weight.shape[:1]:
@@ -279,7 +274,7 @@ def _check_sizes(policy: Policy, where: str) -> None:
         size = weight.shape[0]
         if number == 1 and policy.gru is not None:
             _check_gru(policy.gru, size, where)
-            size = policy.gru.size if raptor else size + policy.gru.size
+            size = policy.gru.size if form.through_memory else size + policy.gru.size
     if size != ACTION_SIZE:
         raise InputError(f"{where}: {size} outputs, expected {ACTION_SIZE}.")
     memory = 0 if policy.gru is None else policy.gru.size
@@ -288,8 +283,7 @@ def _check_sizes(policy: Policy, where: str) -> None:
             f"{where}: layers {policy.layer_sizes} and a memory of {memory}, but its spec says "
             f"{spec.layer_sizes} and {spec.memory}."
         )
-    if raptor:
-        raptor_form.check(policy.interface, where)
+    form.check(policy.interface, where)
 
 
 def _check_gru(gru: Gru, inputs: int, where: str) -> None:

@@ -4,10 +4,11 @@ It is exact to the last bit of float32. `read` also reads the files of Gronauer 
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -17,14 +18,27 @@ from maidenflight import inputs, results
 from maidenflight.errors import InputError
 from maidenflight.gru import Gru, fields_of
 from maidenflight.inputs import StrPath
-from maidenflight.integrations.policies import authors_policy
 from maidenflight.parameters import GEOMETRY
 from maidenflight.policy import Policy
-from maidenflight.simulator.interface import CONTROLS, ControlInterface
-from maidenflight.simulator.policy_spec import INSTANT, OBSERVATION_SIZE, PolicySpec
+from maidenflight.registry import POLICY_FORMATS
+from maidenflight.simulator.interface import ControlInterface
+from maidenflight.simulator.policy_spec import INSTANT, PolicySpec
 
 FORMAT = "maidenflight policy 2"
 _SUCH_AS = "Give a policy file, such as policies/policy_1.json, which maidenflight train writes."
+
+
+class UnknownControl(InputError):
+    """Nothing says what a policy by others commands."""
+
+
+class PolicyFormat(NamedTuple):
+    """A way in which others write policies like ours down as JSON."""
+
+    keys: AbstractSet[str]
+    """What all of its files have, and ours have not."""
+    read: Callable[[Mapping[str, Any], str, str | None], Policy]
+    """Of the content, the file that errors name, and what the policy commands if that is given."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,12 +179,13 @@ def from_json(text: str, where: str = "policy", control: str | None = None) -> P
         ) from error
     keys = content.keys() if isinstance(content, dict) else set()
     ours = "format" in keys and content["format"] == FORMAT
-    if not ours and not keys >= authors_policy.MARKS:
+    other = None if ours else _format_of(keys)
+    if not ours and other is None:
         raise InputError(
             f"{where}: not a policy, neither ours (format is not {FORMAT!r}) nor the authors' (no "
             f"check_sum and layers). {_SUCH_AS}"
         )
-    policy = _own(content, where) if ours else _authors(content, where, control)
+    policy = _own(content, where) if other is None else other.read(content, where, control)
     policy.check(where)
     if control not in (None, policy.interface.name):
         raise InputError(
@@ -216,33 +231,10 @@ def _own(content: Mapping[str, Any], where: str) -> Policy:
     return policy
 
 
-def _authors(content: Mapping[str, Any], where: str, control: str | None) -> Policy:
-    """The policy of a file of the authors.
-
-    Raises:
-        InputError: it is damaged, or what it commands is not known.
-    """
-    control = control or authors_policy.control_of(Path(where))
-    if control is None:
-        raise authors_policy.UnknownControl(
-            f"{where}: one of the authors' policies, which do not say what they command. Begin its "
-            f"name, or call its folder, with one of {', '.join(CONTROLS)}, or give --control."
-        )
-    if control not in CONTROLS:
-        raise InputError(f"{where}: control = {control!r}, expected one of {', '.join(CONTROLS)}.")
-    network = authors_policy.network(content, where)
-    hidden = tuple(bias.size for bias in network.biases[:-1])
-    try:
-        spec = PolicySpec(history=len(network.mean) // OBSERVATION_SIZE, hidden=hidden)
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from error
-    return Policy(
-        weights=tuple(map(jnp.asarray, network.weights)),
-        biases=tuple(map(jnp.asarray, network.biases)),
-        observation_mean=jnp.asarray(network.mean),
-        observation_std=jnp.asarray(network.deviation),
-        interface=authors_policy.interface_of(control),
-        spec=spec,
+def _format_of(keys: AbstractSet[str]) -> PolicyFormat | None:
+    """The format by others of a file with some keys."""
+    return next(
+        (one for one in map(POLICY_FORMATS.__getitem__, POLICY_FORMATS) if keys >= one.keys), None
     )
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 from maidenflight.errors import InputError
 from maidenflight.inputs import is_number
+from maidenflight.registry import Registry
 
 REQUIRED: Any = object()
 """Default of a setting that must be given."""
@@ -78,6 +79,17 @@ def choice(*names: str) -> Values:
         lambda value: isinstance(value, str) and value in names,
         metavar=f"[{'|'.join(names)}]",
         choices=names,
+    )
+
+
+def name_of(registry: Registry) -> Values:
+    """Takes names of a registry, to which installed packages may add."""
+    own = tuple(registry.own)
+    return Values(
+        f"one of {', '.join(own)}, or what an installed package adds",
+        lambda value: isinstance(value, str) and value in registry,
+        metavar=f"[{'|'.join(own)}|...]",
+        choices=own,
     )
 
 

@@ -1,7 +1,7 @@
 """`Verb`, a stage of the pipeline: its settings declared once, and `run`, which does it.
 
 The command line, studies, the demo and Python call the same object. A verb is one class in one
-file, and a line in `VERBS`.
+file, and a line in `registry.VERBS`.
 """
 
 import dataclasses
@@ -14,6 +14,7 @@ from typing import Any, ClassVar, dataclass_transform
 from maidenflight import manifest, results
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
+from maidenflight.registry import VERBS
 from maidenflight.settings import PENDING, Setting, plain
 from maidenflight.terminal import Progress, Table
 
@@ -228,30 +229,15 @@ def _without_folders(value: Any) -> Any:
     return None if value is None else Path(value).name
 
 
-VERBS: dict[str, str] = {
-    name: f"maidenflight.verbs.{name}:{name.capitalize()}"
-    for name in (
-        *("log", "plan", "record", "fly", "drone", "identify", "match", "validate", "train"),
-        *("transfer", "predict", "envelope", "sweep", "export", "report", "demo"),
-    )
-}
-"""Verbs by their command, in the order of the flow; each with its module and class."""
-
-
 def find_verb(name: str) -> type[Verb]:
-    """Returns the verb of a name, one of `VERBS` or `MODULE:NAME`.
+    """Returns the verb of a name, one of `registry.VERBS` or `MODULE:NAME`.
 
     Raises:
         InputError: there is no such verb.
     """
-    if name in VERBS:
-        module, _, attribute = VERBS[name].partition(":")
-        return getattr(import_module(module), attribute)
     module, mark, attribute = name.partition(":")
     if not mark:
-        raise InputError(
-            f"{name!r}: no such verb. Expected {', '.join(VERBS)}, or MODULE:NAME of your own."
-        )
+        return VERBS[name]
     try:
         found = getattr(import_module(module), attribute)
     except (ImportError, AttributeError, TypeError, ValueError) as error:

@@ -11,13 +11,14 @@ from test_c import COMPILERS, Flown
 
 import maidenflight as mf
 from maidenflight import policy
-from maidenflight.deployment import EXPORTERS, Exporter
+from maidenflight.deployment import export
 from maidenflight.deployment.commands import described
 from maidenflight.errors import InputError
 from maidenflight.integrations.exporters.authors_json import export_authors_json
 from maidenflight.integrations.exporters.crazyflie_app import drives, export_crazyflie
 from maidenflight.parameters import crazyflie, noiseless, replace
 from maidenflight.policy import Actor, Policy
+from maidenflight.registry import EXPORTERS
 from maidenflight.simulator import control, dynamics, environment, interface
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.interface import THRUST, ControlInterface
@@ -108,14 +109,14 @@ def test_what_drives_the_motors_is_given_what_is_exported(meaning, tmp_path):
 def test_a_controller_of_one_s_own_is_exported_as_itself(tmp_path):
     onnx = pytest.importorskip("onnx")
     made = constant(WINCH, [0.0] * 4)
-    header, _ = (file.read_text() for file in EXPORTERS["c"](made, tmp_path, seed=1, record={}))
+    header, _ = (file.read_text() for file in export(made, tmp_path, "c", seed=1, record={}))
     words = " ".join(header.replace("\n *", " ").split())
     assert '#define MF_CONTROL "winch"' in header
     assert "#define MF_RATE 50" in header
     assert " ".join(described(WINCH).split()) in words
     for told in ("-2.9 to 3.1 N m", "-6 to 2 m/s", "65535 of the firmware's"):
         assert told in words
-    (file,) = EXPORTERS["onnx"](made, tmp_path, name="winch", seed=1, record={})
+    (file,) = export(made, tmp_path, "onnx", name="winch", seed=1, record={})
     told = {entry.key: entry.value for entry in onnx.load(file).metadata_props}
     assert ControlInterface.from_dict(json.loads(told["interface"])) == WINCH
     assert told["command"] == described(WINCH)
@@ -123,9 +124,9 @@ def test_a_controller_of_one_s_own_is_exported_as_itself(tmp_path):
 
 
 def test_what_a_target_cannot_express_is_refused(tmp_path):
-    for export in (export_authors_json, export_crazyflie):
+    for write in (export_authors_json, export_crazyflie):
         with pytest.raises(InputError, match="winch"):
-            export(constant(WINCH, [0.0] * 4), tmp_path)
+            write(constant(WINCH, [0.0] * 4), tmp_path)
     wide = constant(interface.attitude_rate(highest_rate=360.0), [0.0] * 4)
     with pytest.raises(InputError, match="span"):
         export_authors_json(wide, tmp_path)
@@ -133,7 +134,7 @@ def test_what_a_target_cannot_express_is_refused(tmp_path):
     assert drives() == sorted(interface.INTERFACES)
 
 
-@pytest.mark.parametrize("name", EXPORTERS)
+@pytest.mark.parametrize("name", EXPORTERS.own)
 def test_every_exporter_takes_the_same_call(name, tmp_path):
     if name == "onnx":
         pytest.importorskip("onnx")
@@ -141,7 +142,7 @@ def test_every_exporter_takes_the_same_call(name, tmp_path):
     if name == "raptor":
         pytest.importorskip("h5py")
         made = policy.untrained(KEY, spec=PolicySpec(form=name))
-    files = EXPORTERS[name](made, tmp_path, name="mine", seed=3, record={"seed": 3})
+    files = export(made, tmp_path, name, name="mine", seed=3, record={"seed": 3})
     assert files
     assert all(file.is_relative_to(tmp_path) and file.stat().st_size for file in files)
 
@@ -152,4 +153,3 @@ def test_a_policy_of_another_name_flies_with_its_own_controller_only():
         mf.transfer([made], [mf.virtual_drone(7)])
     with pytest.raises(InputError, match="winch"):
         mf.transfer([made], [mf.virtual_drone(7)], controller=mf.simulator.pwm())
-    assert isinstance(EXPORTERS["c"], Exporter)

@@ -9,7 +9,7 @@ from maidenflight.errors import InputError
 from maidenflight.experiments import transfer as transfers
 from maidenflight.experiments.transfer import activity, end_of_flight, transfer
 from maidenflight.flights.flying import Rows, to_flight
-from maidenflight.integrations.policies.policies import foreign_policy
+from maidenflight.foreign_policy import foreign_policy
 from maidenflight.parameters import crazyflie
 from maidenflight.policy import untrained
 from maidenflight.simulator.battery import Supply

@@ -8,10 +8,11 @@ import pytest
 from maidenflight import parameters
 from maidenflight.errors import InputError
 from maidenflight.integrations.plant.running_plant import plant_of
+from maidenflight.registry import REALITIES
 from maidenflight.simulator import control, tasks
 from maidenflight.simulator.additions import jump_of, split, with_additions
 from maidenflight.simulator.around import SENSORS, Late, Sensing, Uneven
-from maidenflight.simulator.reality import REALITIES, checked, reality
+from maidenflight.simulator.reality import checked, reality, seed_of
 from maidenflight.simulator.stepped import Stepped
 from maidenflight.simulator.virtual_drone import VirtualDrone
 from numpy_drone import NumpyDrone
@@ -85,7 +86,7 @@ def test_a_latency_between_two_steps_is_refused() -> None:
 
 
 def test_a_wrapped_latency_is_that_of_the_simulator(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(REALITIES, "numpy", lambda seed: NumpyDrone(latency_steps=2))
+    monkeypatch.setitem(REALITIES.own, "numpy", lambda seed: NumpyDrone(latency_steps=2))
     late, twin = reality("numpy:0+10ms"), NumpyDrone(latency_steps=12)
     assert isinstance(late, Late)
     assert checked(late) is late
@@ -182,7 +183,9 @@ def test_another_reality_has_no_payload_and_does_not_change_in_flight(addition: 
 def test_motors_of_other_realities_differ_by_it(
     addition: str, acting: list[float] | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(REALITIES, "numpy", lambda seed: NumpyDrone())
+    monkeypatch.setitem(
+        REALITIES.own, "numpy", lambda seed: NumpyDrone(resets=[seed_of(f"numpy:{seed}")])
+    )
     if acting is None:
         with pytest.raises(InputError):
             reality(f"numpy:0+{addition}")

@@ -7,8 +7,9 @@ import pytest
 
 from maidenflight import parameters
 from maidenflight.errors import InputError
+from maidenflight.registry import REALITIES
 from maidenflight.simulator import reality as realities
-from maidenflight.simulator.reality import MOTORS, REALITIES, checked, reality
+from maidenflight.simulator.reality import MOTORS, checked, reality
 from maidenflight.simulator.virtual_drone import VARIANTS, VirtualDrone
 from numpy_drone import NumpyDrone
 
@@ -42,7 +43,7 @@ def test_a_seed_makes_a_registered_reality(variant: str) -> None:
 
 
 def test_a_reality_is_added_by_one_entry(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(REALITIES, "numpy", lambda seed: NumpyDrone(name=f"numpy-{seed}"))
+    monkeypatch.setitem(REALITIES.own, "numpy", lambda seed: NumpyDrone(name=f"numpy-{seed}"))
     assert reality("numpy:3").name == "numpy-3"
     with pytest.raises(InputError, match="numpy:7"):
         reality("nunpy:7")

@@ -160,7 +160,7 @@ def test_jobs_of_submitit_give_the_same_bytes_and_one_that_is_killed_is_begun_ag
         {"name": "dying", "kind": "toy_kinds:Killed", "settings": ran},
         *toy_kinds.study(count=2, more=1),
     ]
-    jobs = Slurm(Resources(workers=3), str(tmp_path / "jobs"), cluster="local")
+    jobs = Slurm(Resources(workers=3, logs=str(tmp_path / "jobs")), cluster="local")
     mf.sweep(entries, tmp_path / "out", jobs, retries=0)
     assert (tmp_path / "ran").read_text() == "killed\nkilled\n"
     mf.sweep(entries, tmp_path / "expected", Here(), retries=0)

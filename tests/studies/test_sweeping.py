@@ -208,7 +208,7 @@ def test_status_tells_a_study_that_nobody_began_or_goes_on_with(
 @pytest.mark.parametrize("name", ["cloud", "local:2", ""])
 def test_an_unknown_engine_is_refused(name: str, tmp_path: Path) -> None:
     with pytest.raises(InputError):
-        engine.engine(name, Resources(), str(tmp_path))
+        engine.engine(name, Resources(logs=str(tmp_path)))
     assert isinstance(Here(), Engine)
 
 
@@ -218,7 +218,7 @@ def test_an_engine_whose_package_is_lacking_is_told(
 ) -> None:
     monkeypatch.setitem(__import__("sys").modules, package, None)
     with pytest.raises(InputError, match=rf"pip install '\.\[{name}\]'"):
-        engine.engine(name, Resources(), str(tmp_path))
+        engine.engine(name, Resources(logs=str(tmp_path)))
 
 
 def test_two_drivers_do_not_write_the_same_study(tmp_path: Path) -> None:

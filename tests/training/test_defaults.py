@@ -8,11 +8,11 @@ import jax
 import pytest
 
 from maidenflight import policy_file
-from maidenflight.deployment import EXPORTERS
 from maidenflight.deployment.check import check_export
 from maidenflight.identification.drone_file import DroneFile
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import untrained
+from maidenflight.registry import EXPORTERS
 from maidenflight.simulator import control, dynamics, tasks
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.training import defaults
@@ -35,7 +35,7 @@ def test_the_usual_network_of_every_structure_can_be_exported_to_everything(
 ) -> None:
     for task in tasks.TASKS:
         _, spec = chosen(control=structure, task=task, method=method)
-        for to in set(EXPORTERS) - {"raptor"}:
+        for to in set(EXPORTERS.own) - {"raptor"}:
             check_export(to, control.CONTROLLERS[structure]().interface, spec, crazyflie())
 
 

@@ -7,16 +7,17 @@ import jax
 import pytest
 
 from maidenflight import policy, policy_file
-from maidenflight.deployment import EXPORTERS
+from maidenflight.deployment import keywords_of
 from maidenflight.deployment.check import check_export
 from maidenflight.errors import InputError
 from maidenflight.parameters import GEOMETRY, crazyflie, plain, plus_frame, replace
+from maidenflight.registry import EXPORTERS
 from maidenflight.simulator import control
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.verbs.export import Export
 from maidenflight.verbs.in_realities import export_command
 
-RECORDED = [name for name, exporter in EXPORTERS.items() if "record" in exporter.takes]
+RECORDED = [name for name in EXPORTERS.own if "record" in keywords_of(name)]
 
 
 def test_a_crazyflie_takes_a_policy_that_remembers_16_numbers_and_the_authors_file_none() -> None:

@@ -17,8 +17,9 @@ from maidenflight import cache, compiler, cores, results, terminal
 from maidenflight.cli.interruption import resumable
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
+from maidenflight.registry import VERBS
 from maidenflight.settings import REQUIRED, Setting
-from maidenflight.verb import VERBS, Result, Verb, find_verb
+from maidenflight.verb import Result, Verb, find_verb
 
 _KEYWORDS = ("from", "for")
 _PLAIN = "Output"
@@ -161,7 +162,7 @@ class Commands(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Returns the names of the verbs in the order of the flow."""
-        return list(VERBS)
+        return list(VERBS.own)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Returns a verb's command."""

@@ -4,7 +4,7 @@ from tempfile import TemporaryDirectory
 
 import jax
 
-from maidenflight.deployment import EXPORTERS
+from maidenflight.deployment import export
 from maidenflight.errors import InputError
 from maidenflight.parameters import Parameters
 from maidenflight.policy import untrained
@@ -32,7 +32,7 @@ def check_export(to: str, interface: ControlInterface, spec: PolicySpec, drone: 
     """Checks before a training that its policies can be exported: exports an untrained one.
 
     Args:
-        to: a name in `deployment.EXPORTERS`.
+        to: a name in `registry.EXPORTERS`.
         interface: of the policies.
         spec: of the policies.
         drone: that they are trained for.
@@ -43,4 +43,4 @@ def check_export(to: str, interface: ControlInterface, spec: PolicySpec, drone: 
     check_frame(to, interface, drone)
     with TemporaryDirectory() as folder:
         policy = untrained(jax.random.key(0), interface, spec)
-        EXPORTERS[to](policy, folder, name="policy", seed=0)
+        export(policy, folder, to, name="policy", seed=0)

@@ -22,7 +22,7 @@ from maidenflight.errors import InputError
 from maidenflight.experiments import transfer
 from maidenflight.flights import flying
 from maidenflight.flights.flying import Rows
-from maidenflight.integrations.policies.policies import ForeignPolicy
+from maidenflight.foreign_policy import ForeignPolicy
 from maidenflight.parameters import QUANTITIES, Parameters, replace
 from maidenflight.policy import Policy
 from maidenflight.simulator import additions, control, tasks, trajectories

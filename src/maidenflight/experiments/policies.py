@@ -7,8 +7,8 @@ from typing import Any
 
 from maidenflight import names, policy_file, run_folder
 from maidenflight.errors import InputError
+from maidenflight.foreign_policy import ForeignPolicy, foreign_policy
 from maidenflight.inputs import StrPath
-from maidenflight.integrations.policies.policies import ForeignPolicy, foreign_policy
 from maidenflight.policy import Policy
 from maidenflight.policy_file import PolicyFile
 

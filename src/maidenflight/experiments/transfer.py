@@ -19,7 +19,7 @@ from maidenflight.errors import InputError
 from maidenflight.flights import flying
 from maidenflight.flights.flying import Pilot, Rows
 from maidenflight.flights.log import Flight
-from maidenflight.integrations.policies.policies import ForeignPolicy
+from maidenflight.foreign_policy import ForeignPolicy
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Act, Actor, Policy
 from maidenflight.simulator import control, rotations, tasks

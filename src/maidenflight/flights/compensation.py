@@ -22,6 +22,7 @@ from jaxtyping import Float
 
 from maidenflight import names
 from maidenflight.errors import InputError
+from maidenflight.flights.tables import Table
 from maidenflight.simulator import battery
 from maidenflight.simulator.battery import MOST_COUNTS
 
@@ -146,6 +147,27 @@ def said(head: Mapping[str, str], name: str) -> str | None:
             f"{name}: {SAID_IN_HEAD} {law[:60]!r}; known are {', '.join(map(repr, LAWS))}."
         )
     return law
+
+
+def choose_law(
+    table: Table,
+    pwm: Float[np.ndarray, "N 4"],
+    volts: Float[np.ndarray, "N"],
+    thrust: Float[np.ndarray, "N"] | None,
+    usual: str | None = None,
+) -> tuple[str, str]:
+    """Returns the law by which a table's motors are read, and why by it.
+
+    The table's head may name it, else its logged thrust decides; else it is `usual`, or `assumed`.
+
+    Raises:
+        InputError: the head names one that is not known.
+    """
+    if law := said(table.head, table.name):
+        return law, SAID
+    if thrust is not None and (law := law_of(pwm, volts, thrust)):
+        return law, BY_THRUST
+    return usual or assumed(pwm, volts), BY_VOLTAGE
 
 
 def note(name: str, law: str, how: str) -> str:

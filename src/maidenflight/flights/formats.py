@@ -1,12 +1,14 @@
 """The formats that flights are read from, and how a file is known to be in one.
 
-Tables are known by their columns, recordings of several signals by their first bytes.
+Tables are known by their columns, recordings of several signals by their first bytes. Which formats
+there are `registry.LOG_FORMATS` says.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -15,25 +17,17 @@ from maidenflight.errors import InputError
 from maidenflight.flights import compensation, log, tables
 from maidenflight.flights.log import Flight
 from maidenflight.flights.tables import Table
-from maidenflight.integrations.logs import (
-    authors,
-    blackbox,
-    cflib,
-    nanobench,
-    rosbag,
-    ulog,
-    usddeck,
-)
+from maidenflight.registry import LOG_FORMATS
 
 TABLES = (".csv", ".csv.gz", ".parquet")
 """Endings of files with tables."""
 HEAD = 64
-"""Bytes of a file's beginning by which recordings are known."""
+"""Bytes of a file's beginning by which it is known."""
 Found = tuple[list[tuple[Flight, np.ndarray]], list[str]]
 """Flights as they were logged, each with the time of its rows [s], and notes."""
 
 
-class Format(NamedTuple):
+class TableFormat(NamedTuple):
     """A way of writing flights down in a table.
 
     `compensated` says whether its commands are PWM that a battery law reads as thrust.
@@ -45,14 +39,27 @@ class Format(NamedTuple):
     compensated: bool = False
 
 
+class PackedTable(NamedTuple):
+    """A binary way of writing down a table in the columns of a `TableFormat`.
+
+    Its files have no ending.
+    """
+
+    what: str
+    recognises: Callable[[bytes], bool]
+    """By its first `HEAD` bytes, or more."""
+    table: Callable[[bytes, str], Table]
+    """Of a file's bytes, and the name that errors call it by."""
+
+
 class Recording(NamedTuple):
     """A binary way of writing flights down, with signals that have rates of their own."""
 
     what: str
     suffixes: tuple[str, ...]
     """Endings of its files, in lower case."""
-    recognises: Callable[[bytes], bool]
-    """By its first `HEAD` bytes."""
+    begins: bytes
+    """First bytes of its files."""
     flights: Callable[[Path, str], Found]
     """Of a file, and the name that errors call it by."""
     may_be_text: bool = False
@@ -61,31 +68,11 @@ class Recording(NamedTuple):
     """Whether others begin as they do, so that its ending must fit too."""
 
 
-FORMATS = (
-    Format(
-        f"maidenflight's own log ('{log.MARK}', see docs/flight-log.md)",
-        log.recognises,
-        log.flights,
-    ),
-    Format("the 22 columns of Gronauer et al.", authors.recognises, authors.flights),
-    Format("NanoBench's 51 columns", nanobench.recognises, nanobench.flights, True),
-    Format(
-        "log variables of a Crazyflie ('stateEstimate.x', 'gyro.x', ...)",
-        cflib.recognises,
-        cflib.flights,
-        True,
-    ),
+LogFormat = TableFormat | PackedTable | Recording
+Kind = TypeVar("Kind", TableFormat, PackedTable, Recording)
+OWN = TableFormat(
+    f"maidenflight's own log ('{log.MARK}', see docs/flight-log.md)", log.recognises, log.flights
 )
-RECORDINGS = (
-    Recording("PX4 ULog", (".ulg",), ulog.recognises, ulog.flights),
-    Recording(
-        "Betaflight blackbox log", (".bbl", ".bfl"), blackbox.recognises, blackbox.flights, True
-    ),
-    Recording("MCAP recording", (".mcap",), rosbag.recognises_mcap, rosbag.flights),
-    Recording("rosbag2 in SQLite", (".db3",), rosbag.recognises_sqlite, rosbag.flights, named=True),
-)
-SUFFIXES = (*TABLES, *(suffix for kind in RECORDINGS for suffix in kind.suffixes))
-"""Endings of files that are searched for in folders."""
 
 
 class Logged(NamedTuple):
@@ -98,15 +85,22 @@ class Logged(NamedTuple):
     notes: list[str]
 
 
+def suffixes() -> tuple[str, ...]:
+    """Returns the endings of files that are searched for in folders."""
+    return (*TABLES, *(suffix for kind in _formats(Recording) for suffix in kind.suffixes))
+
+
 def is_log(file: Path) -> bool:
     """Whether a file may be a log, by its ending or, where that does not tell, its first bytes."""
     name = file.name.lower()
-    if file.name.endswith(TABLES) or name.endswith(SUFFIXES[len(TABLES) :]):
+    if file.name.endswith(TABLES):
         return True
-    if name.endswith(".txt"):
-        kind = _recording(file)
-        return kind is not None and kind.may_be_text
-    return "." not in name and usddeck.recognises(_beginning(file))
+    if "." not in name:
+        head = _beginning(file)
+        return any(kind.recognises(head) for kind in _formats(PackedTable))
+    if name.endswith(".txt") and (kind := _recording(file)) is not None and kind.may_be_text:
+        return True
+    return any(name.endswith(kind.suffixes) for kind in _formats(Recording))
 
 
 def logged(file: Path, battery_law: str | None = None) -> Logged | Table:
@@ -119,8 +113,15 @@ def logged(file: Path, battery_law: str | None = None) -> Logged | Table:
     Raises:
         InputError: the file is damaged, or its commands are read by no battery law.
     """
-    name = _name(file)
-    recording = _recording(file)
+    name, ours = _name(file), LOG_FORMATS.own
+    recording, table, kind = _recording(file, ours), None, None
+    if recording is None:
+        with suppress(InputError):
+            table = _table(file, name, ours)
+            kind = _format_of(table, ours)
+    if recording is None and kind is None:
+        # Installed packages are asked only of what is in no format of ours.
+        recording = _recording(file)
     if recording is not None:
         if battery_law:
             raise InputError(_no_law(name))
@@ -128,9 +129,10 @@ def logged(file: Path, battery_law: str | None = None) -> Logged | Table:
             # Rows with what is not finite are dropped by `checking`.
             found, notes = recording.flights(file, name)
         return Logged(name, found, notes)
-    table = _table(file, name)
-    kind = next((kind for kind in FORMATS if kind.recognises(table)), None)
     if kind is None:
+        table = table or _table(file, name)
+        kind = _format_of(table)
+    if kind is None or table is None:
         return table
     if battery_law:
         if not kind.compensated:
@@ -143,10 +145,10 @@ def logged(file: Path, battery_law: str | None = None) -> Logged | Table:
 def unknown(table: Table) -> str:
     """What is wrong with a table in no known format."""
     columns = ",".join(table.frame.columns)
-    known = [*(kind.what for kind in FORMATS), *(kind.what for kind in RECORDINGS)]
+    known = [kind.what for of in (TableFormat, PackedTable, Recording) for kind in _formats(of)]
     return (
         f"{table.name}: unknown format; its columns are {columns[:60]!r}. Known are "
-        f"{'; '.join(known)}."
+        f"{'; '.join(known)}.{_unusable()}"
     )
 
 
@@ -169,35 +171,65 @@ def _beginning(file: Path) -> bytes:
         return b""
 
 
-def _recording(file: Path) -> Recording | None:
-    head = _beginning(file)
+def _recording(file: Path, names: Iterable[str] = LOG_FORMATS) -> Recording | None:
+    head, ending = _beginning(file), file.name.lower()
     return next(
         (
             kind
-            for kind in RECORDINGS
-            if kind.recognises(head)
-            and (not kind.named or file.name.lower().endswith(kind.suffixes))
+            for kind in _formats(Recording, names)
+            if head.startswith(kind.begins) and (not kind.named or ending.endswith(kind.suffixes))
         ),
         None,
     )
 
 
-def _table(file: Path, name: str) -> Table:
+def _format_of(table: Table, names: Iterable[str] = LOG_FORMATS) -> TableFormat | None:
+    return next((kind for kind in _formats(TableFormat, names) if kind.recognises(table)), None)
+
+
+def _table(file: Path, name: str, names: Iterable[str] = LOG_FORMATS) -> Table:
     """The table in a file.
 
     Raises:
         InputError: the file is damaged, or by its ending a recording and none by its beginning.
     """
     raw = tables.content(file)
-    if usddeck.recognises(raw):
-        return usddeck.table(raw, name)
-    packed = next((kind for kind in RECORDINGS if kind.recognises(raw[:HEAD])), None)
-    if packed is not None and not packed.named:
-        raise InputError(f"{name}: a {packed.what}, compressed. Decompress it.")
-    promised = next((kind for kind in RECORDINGS if file.suffix.lower() in kind.suffixes), None)
+    packed = next((kind for kind in _formats(PackedTable, names) if kind.recognises(raw)), None)
+    if packed is not None:
+        return packed.table(raw, name)
+    recordings = list(_formats(Recording, names))
+    held = next((kind for kind in recordings if raw.startswith(kind.begins)), None)
+    if held is not None and not held.named:
+        raise InputError(f"{name}: a {held.what}, compressed. Decompress it.")
+    promised = next((kind for kind in recordings if file.suffix.lower() in kind.suffixes), None)
     if promised is not None:
         raise InputError(
             f"{name}: not a {promised.what} (it begins with {raw[:4]!r}). Copy it again, or give "
             "it the ending of what it is."
         )
-    return tables.parsed(raw, file, name)
+    try:
+        return tables.parsed(raw, file, name)
+    except InputError as error:
+        raise InputError(f"{error}{_unusable(names)}") from error
+
+
+def _formats(kind: type[Kind], names: Iterable[str] = LOG_FORMATS) -> Iterator[Kind]:
+    """The formats of a kind that can be used, ours before those of installed packages."""
+    return (one for one in map(_imported, names) if isinstance(one, kind))
+
+
+def _imported(name: str) -> LogFormat | str:
+    """A format by name; of an installed package that is damaged, what is wrong."""
+    try:
+        one = LOG_FORMATS[name]
+    except InputError as error:
+        return str(error)
+    if not isinstance(one, LogFormat):
+        return f"log format {name!r}: a {type(one).__name__}; expected a flights.formats.LogFormat."
+    return one
+
+
+def _unusable(names: Iterable[str] = LOG_FORMATS) -> str:
+    """Sentences on formats of installed packages that cannot be used."""
+    found = [one for one in map(_imported, names) if isinstance(one, str)]
+    return "".join(f" {one}" for one in found)

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 
 from maidenflight.errors import InputError
 from maidenflight.flights import attitudes, rates, streams
-from maidenflight.flights.log import Flight
+from maidenflight.flights.log import Flight, flight_of
 from maidenflight.flights.streams import Stream
 
 ALONE = "read as accelerometer, gyro and motors alone"
@@ -98,8 +98,7 @@ def flight(
     if len(at) < 2:
         raise InputError(f"{name}: never in the air with armed motors. Leave it out.")
     speed, means = _told(at, motors, signals.whole)
-    unknown = np.full((len(at), 3), np.nan)
-    found: dict[str, Any] = dict.fromkeys(("position", "velocity", "attitude"), unknown)
+    found: dict[str, Any] = {}
     if signals.state is not None:
         rows = streams.between(at, signals.state)
         found = {
@@ -122,18 +121,17 @@ def flight(
     volts = np.full(len(at), np.nan)
     if signals.battery is not None:
         volts = streams.held(at, signals.battery)[:, 0]
-    logged = Flight(
-        name=name,
-        period=streams.period(at),
-        body_rates=streams.between(at, body_rates).astype(np.float32),
-        command=np.square(speed).astype(np.float32),
-        battery=np.where(volts > 0.5, volts, np.nan).astype(np.float32),
-        setpoint=unknown.astype(np.float32),
+    logged = flight_of(
+        name,
+        streams.period(at),
+        body_rates=streams.between(at, body_rates),
+        command=np.square(speed),
+        battery=np.where(volts > 0.5, volts, np.nan),
         zero_order_hold=means,
         by_battery_law=False,
         accelerometer_delay=signals.accelerometer_delay,
         gyro_delay=signals.gyro_delay,
-        **{group: values.astype(np.float32) for group, values in found.items()},
+        **found,
     )
     return logged, at - at[0], [*notes, *rates.notes(name, needed, remedy)]
 

@@ -208,6 +208,27 @@ def averaged(flight: Flight, every: int) -> Flight:
     )
 
 
+def flight_of(name: str, period: float, **known: Any) -> Flight:
+    """Returns a flight of what was logged.
+
+    Args:
+        name: where it comes from.
+        period: time between two rows [s].
+        known: other fields of `Flight`; arrays of any kind of number. What each row of our format
+            has, and was not logged, is NaN.
+    """
+    rows = len(known["command"])
+    for group, names in GROUPS.items():
+        if group != "time" and known.get(group) is None:
+            known[group] = np.full(rows if group == "battery" else (rows, len(names)), np.nan)
+    arrays = {
+        field: values.astype(np.float32)
+        for field, values in known.items()
+        if isinstance(values, np.ndarray)
+    }
+    return Flight(name=name, period=period, **{**known, **arrays})
+
+
 def to_csv(flight: Flight, record: Mapping[str, Any] | None = None) -> str:
     """The text of a flight in our format: four comment lines, a header line, one line a row."""
     columns: dict[str, np.ndarray] = {"time": np.arange(len(flight)) * flight.period}
@@ -318,22 +339,19 @@ def timed(table: Table) -> tuple[Flight, Float[np.ndarray, "N"]]:
     simulated = table.head.get("simulated", "no")
     known = column["time"][np.isfinite(column["time"])]
     arrays: dict[str, Any] = {
-        group: np.stack([column[name] for name in GROUPS[group]], axis=-1).astype(np.float32)
-        for group in ("position", "velocity", "attitude", "body_rates", "command", "setpoint")
+        group: np.stack([column[name] for name in names], axis=-1)
+        for group, names in (GROUPS | logged).items()
+        if group not in ("time", "battery")
     }
-    arrays |= {
-        group: np.stack([column[name] for name in names], axis=-1).astype(np.float32)
-        for group, names in logged.items()
-    }
-    flight = Flight(
-        name=table.name,
-        period=float(np.round(np.median(np.diff(known)), 6)) if len(known) > 1 else 0.01,
+    flight = flight_of(
+        table.name,
+        float(np.round(np.median(np.diff(known)), 6)) if len(known) > 1 else 0.01,
         zero_order_hold=table.head["commands"] == ZERO_ORDER_HOLD,
         simulated="" if simulated == "no" else simulated,
         full_scale_counts=_full_scale_counts(table),
         **{key: _delay(table, key) for key in _DELAYS},
         by_battery_law=table.head.get("by_battery_law", "yes") != "no",
-        battery=column["battery"].astype(np.float32),
+        battery=column["battery"],
         **arrays,
     )
     return flight, column["time"]

@@ -83,7 +83,7 @@ def read_flights(
 
     Args:
         path: a file, or a folder that is searched with all its folders for files with one of
-            `formats.SUFFIXES`, and for micro-SD logs of a Crazyflie, which have no extension.
+            `formats.suffixes`, and for micro-SD logs of a Crazyflie, which have no extension.
         on_file: called with (files read, files found), for a progress bar.
         most: flight to keep [s]. Of more, segments of every flight are kept, one file being in
             memory beside them.
@@ -240,7 +240,7 @@ def _nothing(path: Path, files: int, reasons: list[str]) -> str:
             return f"{path}: no flight logs that are read, but {not_logs.told(kinds)}"
         place = path / "flights" if others or not path.name else path
         return (
-            f"{path}: no flight logs ({', '.join(formats.SUFFIXES)}) in this folder or below it. "
+            f"{path}: no flight logs ({', '.join(formats.suffixes())}) in this folder or below it. "
             f"Give the folder that holds yours, or record some (maidenflight record -o {place})."
         )
     more = f"; and {len(reasons) - 3} more" if len(reasons) > 3 else ""
@@ -255,7 +255,7 @@ def _files(path: Path) -> tuple[list[Path], list[str]]:
     if path.is_file():
         return [path], []
     if not path.is_dir():
-        known = ", ".join(formats.SUFFIXES)
+        known = ", ".join(formats.suffixes())
         raise InputError(
             f"{path}: no such file or folder. Give a flight log ({known}) or a folder of them."
         )

@@ -5,8 +5,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from maidenflight import policy_file
-from maidenflight.integrations.policies.authors_policy import UnknownControl
-from maidenflight.policy_file import PolicyFile
+from maidenflight.policy_file import PolicyFile, UnknownControl
 
 
 def read_policies(paths: Sequence[Path]) -> dict[Path, PolicyFile]:

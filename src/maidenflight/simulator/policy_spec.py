@@ -15,10 +15,9 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from maidenflight.errors import InputError
-from maidenflight.integrations.raptor import form as raptor_form
-from maidenflight.integrations.raptor.form import RAPTOR
-from maidenflight.simulator import look_ahead
+from maidenflight.simulator import look_ahead, policy_form
 from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.policy_form import PolicyForm
 from maidenflight.simulator.trajectories import Trajectory
 
 ACTION_SIZE = 4
@@ -30,9 +29,8 @@ INSTANT = (
     "action 4; oldest first"
 )
 """Order of the numbers of an instant, for files."""
-INSTANTS = "instants"
+INSTANTS = policy_form.INSTANTS.name
 """Form of a policy whose network sees observations as they are, and gives actions."""
-FORMS = (INSTANTS, RAPTOR)
 MOST_INSTANTS = 1000
 MOST_MEMORY = 256
 """Numbers of a memory at most."""
@@ -59,7 +57,7 @@ _DEVIATION = (
 class PolicySpec:
     """Describes a kind of policies; hashable, for use as a static argument.
 
-    With RAPTOR's form all other fields are those of `raptor_form`, whatever is given.
+    Fields that its form settles are as the form says, whatever is given.
 
     Raises:
         InputError: a field is out of range, or there is a memory without a hidden layer.
@@ -76,7 +74,7 @@ class PolicySpec:
     hidden: tuple[int, ...] = (50, 50)
     """Sizes of the hidden layers (Gronauer et al. 2022, sec. Zero-Shot Experiments)."""
     form: str = INSTANTS
-    """One of `FORMS`."""
+    """`INSTANTS`, or one of `registry.POLICY_FORMS`."""
 
     OF_NETWORK: ClassVar = ("memory", "hidden")
     """Fields that the arrays of a network tell, so that policy files do not repeat them."""
@@ -85,13 +83,11 @@ class PolicySpec:
 
     def __post_init__(self) -> None:
         """Settles what the form settles, and checks all fields."""
-        if self.form not in FORMS:
-            raise InputError(f"form = {self.form!r}, expected one of {', '.join(FORMS)}.")
+        form = self.policy_form
         if not isinstance(self.look_ahead, LookAhead):
             raise InputError(f"look_ahead = {self.look_ahead!r}; expected such as LookAhead(5).")
         settled: dict[str, Any] = {} if self.look_ahead.points else {"look_ahead": look_ahead.NONE}
-        settled |= raptor_form.SETTLED if self.form == RAPTOR else {}
-        for name, value in settled.items():
+        for name, value in (settled | dict(form.settled)).items():
             object.__setattr__(self, name, value)
         if type(self.history) is not int or not 1 <= self.history <= MOST_INSTANTS:
             raise InputError(
@@ -109,6 +105,11 @@ class PolicySpec:
             raise InputError("memory without a hidden layer; give hidden layers, such as (50, 50).")
 
     @property
+    def policy_form(self) -> PolicyForm:
+        """What the form means."""
+        return policy_form.form_of(self.form)
+
+    @property
     def size(self) -> int:
         """Numbers of an observation, what is remembered included."""
         return self.seen_size + self.memory
@@ -121,14 +122,13 @@ class PolicySpec:
     @property
     def layer_sizes(self) -> tuple[int, ...]:
         """Sizes of input, hidden layers and output, such as (40, 50, 50, 4)."""
-        inputs = raptor_form.INPUTS if self.form == RAPTOR else self.seen_size
-        return (inputs, *self.hidden, ACTION_SIZE)
+        return (self.policy_form.inputs or self.seen_size, *self.hidden, ACTION_SIZE)
 
     @property
     def scaling(self) -> tuple[Float[np.ndarray, "inputs"], Float[np.ndarray, "inputs"]]:
         """Means and deviations by which a new policy scales what its network sees [SI]."""
-        if self.form == RAPTOR:
-            return raptor_form.MEAN, raptor_form.DEVIATION
+        if self.policy_form.scaling is not None:
+            return self.policy_form.scaling
         mean, deviation = (
             np.tile(np.array(one, np.float32), self.history) for one in (_MEAN, _DEVIATION)
         )
@@ -229,10 +229,10 @@ class PolicySpec:
             given["hidden"] = tuple(given["hidden"])
         spec = cls(**given)
         wrong = [name for name, value in given.items() if getattr(spec, name) != value]
-        if wrong and spec.form == RAPTOR:
+        if wrong and spec.policy_form.settled:
             raise InputError(
                 f"{', '.join(f'{name} = {given[name]}' for name in wrong)}; a policy of the form "
-                f"{RAPTOR} has {', '.join(f'{name} = {getattr(spec, name)}' for name in wrong)}."
+                f"{spec.form} has {', '.join(f'{name} = {getattr(spec, name)}' for name in wrong)}."
             )
         return spec
 

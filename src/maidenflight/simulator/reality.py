@@ -1,4 +1,4 @@
-"""What policies fly in: the `Reality` protocol, the `REALITIES` registry, and `reality` by name.
+"""What policies fly in: the `Reality` protocol, and `reality` by name.
 
 A reality is a `VirtualDrone`, of which many are flown at once in JAX, or anything that follows the
 `Reality` protocol: another simulator or a test bench, flown one command at a time.
@@ -7,9 +7,7 @@ A reality is a `VirtualDrone`, of which many are flown at once in JAX, or anythi
 import dataclasses
 import os
 import sys
-from collections.abc import Callable
 from difflib import get_close_matches
-from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -19,7 +17,7 @@ from jaxtyping import Float
 
 from maidenflight import parameters
 from maidenflight.errors import InputError
-from maidenflight.integrations.simulators.bullet import bullet_drone
+from maidenflight.registry import REALITIES
 from maidenflight.simulator import additions
 from maidenflight.simulator.battery import law_for
 from maidenflight.simulator.sensors import Measurement
@@ -98,39 +96,18 @@ class Reality(Protocol):
 
 AnyReality = VirtualDrone | Reality
 
-REALITIES: dict[str, Callable[[int], AnyReality]] = {
-    **{variant: partial(virtual_drone, variant=variant) for variant in VARIANTS},
-    "pybullet": bullet_drone,
-}
-"""Realities that a seed makes, by the NAME of `NAME:SEED`."""
-
-
-def _l2f(drone: str) -> Reality:
-    from maidenflight.integrations.simulators.l2f import L2F
-
-    return L2F(drone)
-
-
-def _crazyflow(drone: str) -> Reality:
-    from maidenflight.integrations.simulators.crazyflow import Crazyflow
-
-    return Crazyflow(drone)
-
-
-SIMULATORS: dict[str, Callable[[str], AnyReality]] = {"l2f": _l2f, "crazyflow": _crazyflow}
-"""Simulators by others with drones of their own, by the NAME of `NAME:DRONE`."""
-
 
 def reality(name: str) -> AnyReality:
     """A reality by name.
 
     Args:
-        name: `NAME:SEED` with a name of `REALITIES`; `NAME:SEED@DRONE` with one of `VARIANTS`,
-            drawn about a drone's TOML file or name; `NAME:DRONE` with a name of `SIMULATORS` and a
-            drone that it has; `MODULE:FACTORY`, a class or function without arguments that makes a
-            reality, in a Python module that can be imported or lies in the working folder; or a
-            drone's TOML file or name, simulated at 1 kHz like virtual drones. Behind any of them
-            `+sensors` and `+10ms` add noise and latency; see `additions` for these and others.
+        name: `NAME:SEED` with one of `VARIANTS`; `NAME:SEED@DRONE`, drawn about a drone's TOML
+            file or name; `NAME:SEED` or `NAME:DRONE` with a name of `registry.REALITIES` and a
+            seed, or a drone that the simulator has; `MODULE:FACTORY`, a class or function without
+            arguments that makes a reality, in a Python module that can be imported or lies in the
+            working folder; or a drone's TOML file or name, simulated at 1 kHz like virtual drones.
+            Behind any of them `+sensors` and `+10ms` add noise and latency; see `additions` for
+            these and others.
 
     Raises:
         InputError: none of these, or what simulates it is not installed.
@@ -147,20 +124,30 @@ def reality(name: str) -> AnyReality:
         drone = parameters.replace(parameters.read(name), time_step=0.001)
         law = law_for(parameters.full_scale_counts(name))
         return VirtualDrone(parameters.name_of(name), drone, thrust_law=law)
-    if kind in REALITIES:
-        if not rest.isdecimal():
-            raise InputError(f"{name}: expected {kind}:SEED with a whole number, such as {kind}:7.")
-        return REALITIES[kind](int(rest))
-    if kind in SIMULATORS and rest:
-        return SIMULATORS[kind](rest)
+    if kind in VARIANTS:
+        return virtual_drone(seed_of(name), kind)
+    if rest and kind in REALITIES:
+        return checked(REALITIES[kind](rest))
     if rest and not rest.isdecimal():
         return _imported(kind, rest)
     raise InputError(
         f"{name}: no such reality.{_hint(kind, rest)} Expected "
-        f"{', '.join(f'{one}:SEED' for one in REALITIES)}, {VARIANTS[1]}:SEED@DRONE, "
-        f"{', '.join(f'{one}:DRONE' for one in SIMULATORS)}, MODULE:FACTORY, a drone's TOML "
-        f"file, or {' or '.join(parameters.DRONES)}."
+        f"{', '.join(f'{one}:SEED' for one in VARIANTS)}, {VARIANTS[1]}:SEED@DRONE, NAME:SEED or "
+        f"NAME:DRONE with {', '.join(REALITIES)}, MODULE:FACTORY, a drone's TOML file, or "
+        f"{' or '.join(parameters.DRONES)}."
     )
+
+
+def seed_of(name: str) -> int:
+    """Returns the seed in a name such as `virtual:7`.
+
+    Raises:
+        InputError: there is none.
+    """
+    kind, _, seed = name.partition(":")
+    if not seed.isdecimal():
+        raise InputError(f"{name}: expected {kind}:SEED with a whole number, such as {kind}:7.")
+    return int(seed)
 
 
 def is_drone(name: str) -> bool:
@@ -200,14 +187,13 @@ _MEMBERS = ("name", "rate", "hover", "takes", "reset", "step", "observe", "truth
 
 
 def _hint(kind: str, rest: str) -> str:
-    others = SIMULATORS if rest and not rest.isdecimal() else ()
-    meant = get_close_matches(kind, [*REALITIES, *others, *parameters.DRONES], 1)
+    meant = get_close_matches(kind, [*VARIANTS, *REALITIES, *parameters.DRONES], 1)
     if not meant:
         return ""
-    if meant[0] in SIMULATORS:
-        return f" Did you mean {meant[0]}:{rest}?"
-    seed = rest if rest.isdecimal() else "7"
-    return f" Did you mean {f'{meant[0]}:{seed}' if meant[0] in REALITIES else meant[0]}?"
+    if meant[0] in parameters.DRONES:
+        return f" Did you mean {meant[0]}?"
+    seed = rest if rest.isdecimal() or meant[0] not in VARIANTS else ""
+    return f" Did you mean {meant[0]}:{seed or 7}?"
 
 
 def _imported(module: str, factory: str) -> AnyReality:

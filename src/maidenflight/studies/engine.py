@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
-from maidenflight.errors import InputError
+from maidenflight.registry import ENGINES
 from maidenflight.studies.worker import Ending, Order
 
 
@@ -45,32 +45,20 @@ class Resources:
     """Of a task."""
     slurm: Mapping[str, str] = field(default_factory=dict)
     """Options of sbatch."""
+    logs: str = ""
+    """Folder for scripts and output of jobs, which their machines share."""
 
 
-def engine(name: str, resources: Resources, logs: str) -> Engine:
-    """An engine by name: `local`, `ray`, `ray:ADDRESS`, `slurm` or `slurm:PARTITION`.
+def engine(name: str, resources: Resources) -> Engine:
+    """Returns an engine by name.
 
     Args:
-        name: as above.
+        name: `local`, `ray`, `ray:ADDRESS`, `slurm`, `slurm:PARTITION`, or `NAME` or `NAME:PLACE`
+            with another name of `registry.ENGINES`.
         resources: what it may use.
-        logs: a folder for what jobs of SLURM print.
 
     Raises:
         InputError: there is no such engine, its package is not installed, or it cannot be reached.
     """
     kind, _, place = name.partition(":")
-    if kind == "local" and not place:
-        from maidenflight.studies.local import Local
-
-        return Local(resources)
-    if kind == "ray":
-        from maidenflight.integrations.clusters.on_ray import OnRay
-
-        return OnRay(resources, place or None)
-    if kind == "slurm":
-        from maidenflight.integrations.clusters.slurm import Slurm
-
-        return Slurm(resources, logs, place or None)
-    raise InputError(
-        f"{name!r} is no engine. Expected local, ray, ray:ADDRESS, slurm or slurm:PARTITION."
-    )
+    return ENGINES[kind](resources, place)

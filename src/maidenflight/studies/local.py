@@ -53,12 +53,20 @@ class _Place:
 class Local:
     """Tasks in processes of this machine."""
 
-    def __init__(self, resources: Resources):
+    def __init__(self, resources: Resources, place: str = ""):
         """Begins with as many processes as cores and GPUs allow, each started when needed.
 
+        Args:
+            resources: what tasks may use.
+            place: nothing, as there is one machine.
+
         Raises:
-            InputError: there are not as many GPUs.
+            InputError: there are not as many GPUs, or there is a place.
         """
+        if place:
+            raise InputError(
+                f"local:{place}: expected local, which is this machine, or ray:{place}."
+            )
         self._most = resources.workers or max(1, cores.count() // resources.cpus)
         self._gpus = [""] * self._most
         if resources.gpus:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from maidenflight import inputs, results
-from maidenflight.errors import InputError, WriteError, not_installed
+from maidenflight.errors import InputError, WriteError, optional
 
 RESULT = "result.json"
 """In the folder of a result: its rows and record."""
@@ -173,10 +173,8 @@ class Address:
         Raises:
             InputError: fsspec, or its package for this kind of address, is not installed.
         """
-        try:
+        with optional("fsspec", "remote", address):
             fsspec: Any = import_module("fsspec")
-        except ImportError as error:
-            raise not_installed("fsspec", "remote", address) from error
         try:
             self._files, self._root = fsspec.core.url_to_fs(address)
         except (ImportError, ValueError) as error:

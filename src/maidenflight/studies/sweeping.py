@@ -131,10 +131,9 @@ def compute(
     if driving.over:
         driving.tell(on_progress, "ended")
         return {}
+    logs = os.path.join(os.path.abspath(store.address), "slurm")
     engine = (
-        engines.engine(on, resources, os.path.join(os.path.abspath(store.address), "slurm"))
-        if isinstance(on, str)
-        else on
+        engines.engine(on, dataclasses.replace(resources, logs=logs)) if isinstance(on, str) else on
     )
     try:
         while not driving.over:

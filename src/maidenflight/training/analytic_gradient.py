@@ -19,7 +19,6 @@ import optax
 from jax import lax, tree
 from jaxtyping import Array, Bool, Float
 
-from maidenflight.integrations.raptor import form as raptor_form
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy, untrained
 from maidenflight.simulator import dynamics, environment, rotations, stepping
@@ -175,8 +174,7 @@ def hovering(policy: Policy, drones: Parameters) -> Policy:
     share = lax.pmean(jnp.mean(jax.vmap(dynamics.hover_command)(drones)), DRONES)
     weights, (*biases, last), gru = policy.network
     level = policy.interface.level(jnp.clip(share, 0.0, 1.0))
-    if policy.spec.form == raptor_form.RAPTOR:
-        level = raptor_form.output_of(level)
+    level = policy.spec.policy_form.output_of(level)
     return policy.with_network((weights, (*biases, last + level), gru))
 
 

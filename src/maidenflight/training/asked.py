@@ -8,7 +8,6 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from maidenflight.errors import InputError
-from maidenflight.integrations.raptor.form import RAPTOR
 from maidenflight.policy import Policy
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
@@ -101,10 +100,8 @@ def checked(
     if initial is not None:
         _check_initial(initial, controller, settings)
     spec = policy if isinstance(policy, PolicySpec) else policy.spec
-    if isinstance(settings, PPO) and spec.form == RAPTOR:
-        raise InputError(
-            "policies of RAPTOR's form are trained by gradients or distillation, not by PPO."
-        )
+    if isinstance(settings, PPO):
+        spec.policy_form.check_method("ppo")
     env, *others = (Environment.matching(one.centre, task, controller, spec=spec) for one in boxes)
     if any(other != env for other in others):
         raise InputError(

@@ -4,7 +4,6 @@ import dataclasses
 from typing import Any
 
 from maidenflight.errors import InputError
-from maidenflight.integrations.raptor.form import RAPTOR
 from maidenflight.names import ANY_DAY, WIDE
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy
@@ -54,9 +53,6 @@ REMEMBERING: dict[str, Any] = {
 are smaller, because with those of the others training over unlike drones gets worse after some
 hundred updates."""
 
-RAPTORS_FORM: dict[str, Any] = {**REMEMBERING, "learning_rate": 2e-3}
-"""What differs in RAPTOR's form. Its few values bear no larger steps of their weights."""
-
 FINE_TUNING: dict[str, Any] = {"updates": 200, "evaluations": 8}
 """What differs where training starts from a policy, beside learning rates of a quarter: the policy
 flies already, and steps as large as from random weights would first undo what it knows."""
@@ -84,11 +80,9 @@ def choose_randomization(task: str, structure: str) -> float | str:
 def choose_method(spec: PolicySpec, initial: bool) -> str:
     """Returns the default method, a name in `names.METHODS`.
 
-    Policies with a memory are distilled, except from a policy, and except those of RAPTOR's form,
-    whose few values learn little from a teacher.
+    Policies with a memory are distilled, except from a policy or if their form says otherwise.
     """
-    distilled = spec.memory and not initial and spec.form != RAPTOR
-    return "distillation" if distilled else "gradient"
+    return spec.policy_form.methods[0] if spec.memory and not initial else "gradient"
 
 
 def choose_hidden(structure: str, method: str) -> tuple[int, ...]:
@@ -112,21 +106,17 @@ def choose_settings(
         initial: whether training starts from a policy.
 
     Raises:
-        InputError: policies of RAPTOR's form by PPO; or distillation of policies without a memory,
-            or from a policy.
+        InputError: policies of a form that the method does not train; or distillation of policies
+            without a memory, or from a policy.
     """
-    raptor = spec.form == RAPTOR
+    spec.policy_form.check_method(method)
     if method == "ppo":
-        if raptor:
-            raise InputError(
-                "policies of RAPTOR's form are trained by gradients or distillation, not by PPO."
-            )
         return PPO()
     settings = _by_gradient(structure, task, bool(spec.memory))
     if method == "distillation":
         return _by_distillation(settings, spec, initial)
     if spec.memory:
-        settings = dataclasses.replace(settings, **(RAPTORS_FORM if raptor else REMEMBERING))
+        settings = dataclasses.replace(settings, **{**REMEMBERING, **spec.policy_form.learning})
     if initial:
         rates = {
             name: getattr(settings, name) / 4 for name in ("learning_rate", "hidden_learning_rate")

@@ -46,11 +46,6 @@ if TYPE_CHECKING:
     from maidenflight.identification.replay import Replay
     from maidenflight.identification.start import note_kept_at_bounds, note_mass, read_start
     from maidenflight.identification.truth import read_truth
-    from maidenflight.integrations.monitoring import live, loggers
-    from maidenflight.integrations.radio.flight import COMPLETE
-    from maidenflight.integrations.radio.row_files import recover as recover_rows
-    from maidenflight.integrations.radio.session import Course
-    from maidenflight.integrations.radio.session import record as fly_course
     from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, crazyflie
     from maidenflight.policy import Policy
     from maidenflight.policy_file import PolicyFile
@@ -75,7 +70,7 @@ if TYPE_CHECKING:
     from maidenflight.studies.status import read as read_status
     from maidenflight.studies.store import opened as open_store
     from maidenflight.studies.study import read as read_study
-    from maidenflight.training import checkpoint, defaults, folder
+    from maidenflight.training import checkpoint, defaults, folder, loggers
     from maidenflight.training.checkpoint import Checkpoint
     from maidenflight.training.scores import Scores
     from maidenflight.training.settings import Settings, override, recorded

@@ -5,10 +5,11 @@ from pathlib import Path
 from typing import Any
 
 from maidenflight import manifest, names, run_folder
-from maidenflight.deployment import EXPORTERS
+from maidenflight.deployment import choose_folder, export, keywords_of
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
-from maidenflight.settings import REQUIRED, choice, path, setting
+from maidenflight.registry import EXPORTERS
+from maidenflight.settings import REQUIRED, choice, name_of, path, setting
 from maidenflight.verb import Output, Progress, Result, Verb
 from maidenflight.verbs import core, shared
 
@@ -22,15 +23,18 @@ class Export(Verb):
     output = Output(
         None,
         "Folder; "
-        + ", ".join(f"{exporter.folder} for {to}" for to, exporter in EXPORTERS.items())
+        + ", ".join(f"{choose_folder(to)} for {to}" for to in EXPORTERS.own)
         + " unless given.",
     )
 
     policy: Path = setting(path("a policy file"), REQUIRED, argument=True, files=True)
     to: str = setting(
-        choice(*EXPORTERS),
+        name_of(EXPORTERS),
         "c",
-        "; ".join(f"{to}: {exporter.help}" for to, exporter in EXPORTERS.items()) + ".",
+        "c: C99 without dependencies, policy.h and policy.c; onnx: policy.onnx; authors: a JSON as "
+        "the tools of Gronauer et al. read it; crazyflie: an app that builds beside an unmodified "
+        "Crazyflie firmware; raptor: policy.h5, which programs for RAPTOR read, of a policy "
+        "trained with --form raptor.",
     )
     control: str | None = shared.control_of_authors()
     propellers: str | None = setting(
@@ -43,11 +47,11 @@ class Export(Verb):
 
     def choose_output(self, output: StrPath | None) -> Path:
         """Returns the folder; the exporter's own unless given."""
-        return Path(EXPORTERS[self.to].folder if output is None else output)
+        return Path(choose_folder(self.to) if output is None else output)
 
     def check_early(self) -> None:
         """Refuses propellers where nothing depends on them."""
-        if self.propellers is not None and "propellers" not in EXPORTERS[self.to].takes:
+        if self.propellers is not None and "propellers" not in keywords_of(self.to):
             raise InputError(
                 f"--propellers: --to {self.to} does not depend on the propellers; leave it out."
             )
@@ -59,14 +63,14 @@ class Export(Verb):
             InputError: the file is no policy, or one of ours of another structure; or what is
                 written cannot hold it, or not fly the frame that it was trained for.
         """
-        exporter, file = EXPORTERS[self.to], core.policy_file.read(self.policy, self.control)
+        file = core.policy_file.read(self.policy, self.control)
         interface, rotors = file.interface, file.rotors
         if rotors is not None:
             drone = core.parameters.replace(core.crazyflie(), **rotors)
             drone = core.parameters.check(drone, str(self.policy))
             core.check_frame(self.to, interface, drone)
         record = self.make_record([self.policy], policy=None, control=interface.name, rotors=rotors)
-        if "seed" not in exporter.takes:
+        if "seed" not in keywords_of(self.to):
             record.pop("seed")
         given: dict[str, Any] = {
             "name": self.policy.stem,
@@ -75,7 +79,7 @@ class Export(Verb):
             "record": record,
         }
         given |= {} if self.propellers is None else {"propellers": self.propellers}
-        written = exporter(file.policy, output, **given)
+        written = export(file.policy, output, self.to, **given)
         home = self.policy.parent
         home = home.parent if home.name == run_folder.POLICIES else home
         listed = False

@@ -6,6 +6,7 @@ from typing import Any
 
 from maidenflight import run_folder
 from maidenflight.inputs import StrPath
+from maidenflight.registry import VIEWERS
 from maidenflight.settings import path, setting, several, text
 from maidenflight.verb import Output, Progress, Result, Verb
 from maidenflight.verbs import core
@@ -85,7 +86,7 @@ class Report(Verb):
         progress.move(0, None, "reading the run")
         if self.view is not None:
             flights = core.read_flights_of(self._find_source(), self._files)
-            core.live.show_flights(flights, output)
+            VIEWERS["flights"](flights, output)
             place = "sent to the viewer" if output is None else f"written to {output}"
             return Result(
                 content={"flights": len(flights), "file": None if output is None else str(output)},

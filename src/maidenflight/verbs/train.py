@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from maidenflight import names, results, run_folder
-from maidenflight.deployment import EXPORTERS
 from maidenflight.errors import InputError
-from maidenflight.integrations.monitoring.loggers import LOGGERS
+from maidenflight.registry import EXPORTERS, LOGGERS, VIEWERS
 from maidenflight.settings import (
     PENDING,
     choice,
     flag,
     listed,
+    name_of,
     number,
     path,
     setting,
@@ -90,7 +90,7 @@ class Train(Verb):
         rare=True,
     )
     target: str | None = setting(
-        choice(*EXPORTERS),
+        name_of(EXPORTERS),
         None,
         "Check first that the policies can be exported to this.",
         rare=True,
@@ -168,7 +168,7 @@ class Train(Verb):
         recorded=False,
     )
     log: tuple[str, ...] = setting(
-        several(choice(*LOGGERS), empty=True),
+        several(name_of(LOGGERS), empty=True),
         (),
         "Log evaluations while training runs: event files in OUTPUT/tensorboard, or Weights & "
         "Biases. May be repeated.",
@@ -333,7 +333,8 @@ class Train(Verb):
         if self.view is None:
             yield lambda progress: None
             return
-        with core.live.training(self._fly, None if self.view == "." else Path(self.view)) as watch:
+        view = VIEWERS["training"]
+        with view(self._fly, None if self.view == "." else Path(self.view)) as watch:
             yield watch
 
     def _fly(self, policy: "core.Policy") -> "core.Flight":

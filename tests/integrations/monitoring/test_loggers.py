@@ -14,7 +14,9 @@ import pytest
 
 from event_files import scalars
 from maidenflight.errors import InputError, WriteError
-from maidenflight.integrations.monitoring import loggers
+from maidenflight.integrations.monitoring.tensorboard import tensorboard
+from maidenflight.integrations.monitoring.wandb import wandb
+from maidenflight.training import loggers
 from maidenflight.training.evaluation import Evaluation
 from maidenflight.training.train import Progress
 
@@ -50,7 +52,7 @@ def test_tensorboard_holds_a_run_a_policy_and_each_score_once_after_a_resume(
 
 def test_scores_can_be_seen_while_training_goes_on(tmp_path: Path) -> None:
     pytest.importorskip("tensorboardX")
-    with loggers.tensorboard(tmp_path, 1, {}) as show:
+    with tensorboard(tmp_path, 1, {}) as show:
         show(heard(1))
         latest = time.monotonic() + 30
         while len(scalars(tmp_path / "tensorboard" / "policy_1")) < 3:
@@ -60,12 +62,12 @@ def test_scores_can_be_seen_while_training_goes_on(tmp_path: Path) -> None:
 
 def test_an_earlier_log_stays_until_there_is_a_score(tmp_path: Path) -> None:
     pytest.importorskip("tensorboardX")
-    with loggers.tensorboard(tmp_path, 2, {}) as show:
+    with tensorboard(tmp_path, 2, {}) as show:
         show(heard(1))
-    with pytest.raises(InputError, match="refused"), loggers.tensorboard(tmp_path, 1, {}):
+    with pytest.raises(InputError, match="refused"), tensorboard(tmp_path, 1, {}):
         raise InputError("refused")
     assert len(scalars(tmp_path / "tensorboard" / "policy_2")) == 3
-    with loggers.tensorboard(tmp_path, 1, {}) as show:
+    with tensorboard(tmp_path, 1, {}) as show:
         show(heard(1))
     assert scalars(tmp_path / "tensorboard" / "policy_2") == []
 
@@ -74,7 +76,7 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     pytest.importorskip("tensorboardX")
     (tmp_path / "tensorboard").write_text("in the way")
     with (
-        loggers.tensorboard(tmp_path, 1, {}) as show,
+        tensorboard(tmp_path, 1, {}) as show,
         pytest.raises(InputError, match="cannot be written"),
     ):
         show(heard(1))
@@ -89,7 +91,7 @@ def test_a_disk_that_fills_up_is_said_and_nothing_more_comes_of_it(
         raise OSError(errno.ENOSPC, "No space left on device")
 
     def two_scores() -> None:
-        with loggers.tensorboard(tmp_path, 1, {}) as show:
+        with tensorboard(tmp_path, 1, {}) as show:
             show(heard(1))
             monkeypatch.setattr(os, "fsync", full)
             show(heard(2))
@@ -167,7 +169,7 @@ def test_its_environment_variables_win(
     given = {"PROJECT": "mine", "RUN_GROUP": "first", "DIR": "elsewhere"}
     for name, value in given.items():
         monkeypatch.setenv(f"WANDB_{name}", value)
-    with loggers.wandb(tmp_path, 1, {}):
+    with wandb(tmp_path, 1, {}):
         pass
     assert [fake.runs[0].arguments[name] for name in ("project", "group", "dir")] == list(
         given.values()
@@ -175,7 +177,7 @@ def test_its_environment_variables_win(
 
 
 def test_runs_of_what_was_interrupted_end_as_failed(fake: Wandb, tmp_path: Path) -> None:
-    with pytest.raises(KeyboardInterrupt), loggers.wandb(tmp_path, 2, {}):
+    with pytest.raises(KeyboardInterrupt), wandb(tmp_path, 2, {}):
         raise KeyboardInterrupt
     assert [run.ended for run in fake.runs] == ["failed", "failed"]
 
@@ -186,7 +188,7 @@ def test_a_run_that_cannot_be_begun_gives_one_line_and_closes_the_others(
     fake.refuses = True
     with (
         pytest.raises(InputError, match=r"No API key configured\. Or set WANDB_MODE=offline"),
-        loggers.wandb(tmp_path, 2, {}),
+        wandb(tmp_path, 2, {}),
     ):
         pass
     assert [run.ended for run in fake.runs] == ["failed"]

@@ -10,9 +10,9 @@ import pytest
 
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import transfer
+from maidenflight.foreign_policy import ForeignPolicy, foreign_policy
 from maidenflight.integrations.exporters.onnx import export_onnx
 from maidenflight.integrations.policies.described import INPUTS, DescribedPolicy, described
-from maidenflight.integrations.policies.policies import ForeignPolicy, foreign_policy
 from maidenflight.policy import untrained
 from maidenflight.simulator import tasks
 from maidenflight.simulator.look_ahead import LookAhead

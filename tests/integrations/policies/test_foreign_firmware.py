@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from maidenflight.experiments.transfer import transfer
+from maidenflight.foreign_policy import ForeignPolicy, foreign_policy
 from maidenflight.integrations.policies.firmware import CONTROLLERS, FirmwareController
-from maidenflight.integrations.policies.policies import ForeignPolicy, foreign_policy
 from maidenflight.simulator import tasks
 from numpy_drone import NumpyDrone
 

@@ -10,8 +10,8 @@ import pytest
 
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import transfer
+from maidenflight.foreign_policy import ForeignPolicy, foreign_policy
 from maidenflight.integrations.policies.described import DescribedPolicy, described
-from maidenflight.integrations.policies.policies import ForeignPolicy, foreign_policy
 from maidenflight.simulator import tasks
 from maidenflight.simulator.environment import observe, remember
 from maidenflight.simulator.interface import NOTE

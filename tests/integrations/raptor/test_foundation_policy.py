@@ -9,7 +9,7 @@ import pytest
 
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import transfer
-from maidenflight.integrations.policies.policies import (
+from maidenflight.foreign_policy import (
     ForeignPolicy,
     foreign_policy,
     reference_velocity,

@@ -16,13 +16,14 @@ import numpy as np
 import pytest
 
 from maidenflight import __version__, cli, policy_file
-from maidenflight.deployment import EXPORTERS
+from maidenflight.deployment import export
 from maidenflight.deployment.check import check_export
 from maidenflight.errors import InputError
 from maidenflight.integrations.raptor.checkpoint import export_raptor, to_raptor
 from maidenflight.integrations.raptor.foundation_policy import observed
 from maidenflight.parameters import crazyflie
 from maidenflight.policy import Actor, Policy, untrained
+from maidenflight.registry import EXPORTERS
 from maidenflight.simulator import control, dynamics, environment, stepping, tasks
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.policy_spec import PolicySpec
@@ -112,7 +113,7 @@ def test_a_reader_commands_what_we_command_in_flight(
 
 def test_the_file_is_laid_out_as_raptors_own(tmp_path: Path) -> None:
     one = made()
-    (path,) = EXPORTERS["raptor"](one, tmp_path, name="mine", seed=3, record={"seed": 3}, hover=0.5)
+    (path,) = export(one, tmp_path, "raptor", name="mine", seed=3, record={"seed": 3}, hover=0.5)
     assert path == tmp_path / "policy.h5"
     with h5py.File(path) as file:
         shapes = {}
@@ -198,14 +199,14 @@ def test_a_damaged_form_is_refused() -> None:
         policy_file.from_json(json.dumps(content), "here")
 
 
-@pytest.mark.parametrize("to", [name for name in EXPORTERS if name != "raptor"])
+@pytest.mark.parametrize("to", [name for name in EXPORTERS.own if name != "raptor"])
 def test_other_exporters_refuse_the_form_and_name_the_one_that_takes_it(
     to: str, tmp_path: Path
 ) -> None:
     if to == "onnx":
         pytest.importorskip("onnx")
     with pytest.raises(InputError, match="--to raptor"):
-        EXPORTERS[to](made(), tmp_path, name="policy", seed=0)
+        export(made(), tmp_path, to, name="policy", seed=0)
     assert not list(tmp_path.iterdir())
 
 

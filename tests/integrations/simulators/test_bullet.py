@@ -371,7 +371,7 @@ def test_policies_transfer_to_pybullet(pybullet):
 
 def test_without_the_package_one_error_says_how_to_get_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "pybullet", None)
-    with pytest.raises(InputError, match=r"PyBullet is not installed.*pip install '.\[pybullet\]'"):
+    with pytest.raises(InputError, match=r"pybullet is not installed.*pip install '.\[pybullet\]'"):
         find_reality("pybullet:7")
 
 

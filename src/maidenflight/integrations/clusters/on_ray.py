@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import Any
 
-from maidenflight.errors import InputError, not_installed
+from maidenflight.errors import InputError, optional
 from maidenflight.studies import worker
 from maidenflight.studies.engine import Resources
 from maidenflight.studies.worker import FAILED, LOST, Ending, Order
@@ -16,26 +16,24 @@ _MOST = 1000
 class OnRay:
     """Tasks in a Ray cluster, whose machines have maidenflight installed and share the store."""
 
-    def __init__(self, resources: Resources, address: str | None = None):
+    def __init__(self, resources: Resources, address: str = ""):
         """Connects to a cluster.
 
         Args:
             resources: what tasks may use.
-            address: of the cluster's head; unless given, what RAY_ADDRESS says, a cluster that runs
+            address: of the cluster's head; without one, what RAY_ADDRESS says, a cluster that runs
                 on this machine, or else one of this machine that is started for the study.
 
         Raises:
             InputError: Ray is not installed, or the cluster cannot be reached.
         """
-        try:
+        with optional("ray", "ray", "--on ray"):
             ray: Any = import_module("ray")
-        except ImportError as error:
-            raise not_installed("Ray", "ray", "--on ray") from error
         self._ray = ray
         self._own = not ray.is_initialized()
         if self._own:
             try:
-                ray.init(address, log_to_driver=False, configure_logging=False)
+                ray.init(address or None, log_to_driver=False, configure_logging=False)
             except (ConnectionError, RuntimeError, ValueError) as error:
                 where = address or "this machine"
                 raise InputError(

@@ -8,7 +8,7 @@ from contextlib import suppress
 from importlib import import_module
 from typing import Any
 
-from maidenflight.errors import InputError, not_installed
+from maidenflight.errors import InputError, optional
 from maidenflight.studies import worker
 from maidenflight.studies.engine import Resources
 from maidenflight.studies.worker import FAILED, LOST, Ending, Order
@@ -38,27 +38,22 @@ def in_job(order: Order) -> Ending:
 class Slurm:
     """Tasks as jobs of SLURM, whose nodes have maidenflight installed and share the store."""
 
-    def __init__(
-        self, resources: Resources, logs: str, partition: str | None = None, cluster: str = "slurm"
-    ):
+    def __init__(self, resources: Resources, partition: str = "", cluster: str = "slurm"):
         """Begins with no jobs.
 
         Args:
             resources: what tasks may use.
-            logs: folder that the nodes share, for scripts and output of jobs.
             partition: of the cluster; its default unless given.
             cluster: `slurm`, or `local` for jobs that are processes of this machine, to try it.
 
         Raises:
             InputError: submitit is not installed, there is no SLURM here, or an option is unknown.
         """
-        try:
+        with optional("submitit", "slurm", "--on slurm"):
             submitit: Any = import_module("submitit")
-        except ImportError as error:
-            raise not_installed("submitit", "slurm", "--on slurm") from error
         self._submitit = submitit
         try:
-            self._executor = submitit.AutoExecutor(folder=logs, cluster=cluster)
+            self._executor = submitit.AutoExecutor(folder=resources.logs, cluster=cluster)
         except RuntimeError as error:
             raise InputError(
                 f"no SLURM here ({error}). Run the study on a login node, where sbatch is found."

@@ -15,7 +15,7 @@ import numpy as np
 from maidenflight import __version__, results
 from maidenflight.deployment.c import digest, golden_observations
 from maidenflight.deployment.commands import check_form, check_hover, described
-from maidenflight.errors import InputError, not_installed
+from maidenflight.errors import InputError, optional
 from maidenflight.inputs import StrPath
 from maidenflight.policy import Policy
 from maidenflight.simulator.policy_spec import ACTION_SIZE, INSTANT
@@ -51,10 +51,8 @@ def to_onnx(
         InputError: the `onnx` package is not installed, the policy or the share makes no sense, or
             the policy is of RAPTOR's form.
     """
-    try:
+    with optional("onnx", "onnx", "an ONNX export"):
         from onnx import TensorProto, helper, numpy_helper
-    except ImportError as error:
-        raise not_installed("onnx", "onnx", "an ONNX export") from error
     _check(policy)
     check_hover(hover)
     command, memory = described(policy.interface), policy.spec.memory

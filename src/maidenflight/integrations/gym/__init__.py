@@ -6,7 +6,7 @@ names the package: `gymnasium.make("maidenflight.integrations.gym:maidenflight/C
 
 from importlib.util import find_spec
 
-from maidenflight.errors import not_installed
+from maidenflight.errors import optional
 
 TASKS = {"Hover": "hover", "Circle": "circle", "TakeOff": "take_off", "Tracking": "tracking"}
 """Name in an environment's id to name of the task."""
@@ -18,14 +18,11 @@ def register() -> None:
     Raises:
         InputError: Gymnasium or Pillow is not installed.
     """
-    try:
+    with optional("gymnasium", "gym", __name__):
         from gymnasium.envs import registration
-    except ModuleNotFoundError as error:
-        if not (error.name or "").startswith("gymnasium"):
-            raise
-        raise not_installed("gymnasium", "gym", "maidenflight.integrations.gym") from error
-    if find_spec("PIL") is None:
-        raise not_installed("pillow", "gym", "maidenflight.integrations.gym")
+    with optional("pillow", "gym", __name__):
+        if find_spec("PIL") is None:
+            raise ImportError
     for name, task in TASKS.items():
         if f"maidenflight/{name}-v0" not in registration.registry:
             registration.register(

@@ -8,11 +8,11 @@ Source: github SvenGronauer/phoenix-drone-simulation c5d6907; signs and scales v
 """
 
 import numpy as np
-from jaxtyping import Float
 
 from maidenflight.errors import InputError
 from maidenflight.flights import tables
-from maidenflight.flights.log import Flight
+from maidenflight.flights.formats import Found, TableFormat
+from maidenflight.flights.log import Flight, flight_of
 from maidenflight.flights.tables import Table
 from maidenflight.simulator import battery
 
@@ -56,7 +56,7 @@ def recognises(table: Table) -> bool:
     return table.share(COLUMNS) >= 0.6
 
 
-def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], list[str]]:
+def flights(table: Table) -> Found:
     """Reads one file; where time runs backwards or leaps another flight begins.
 
     Returns:
@@ -127,15 +127,18 @@ def _flight(table: dict[str, np.ndarray], name: str) -> Flight:
     setpoint = np.stack(
         [0.25 * (1 - np.cos(angle)), 0.25 * np.sin(angle), np.ones_like(angle)], axis=-1
     )
-    return Flight(
-        name=name,
-        period=PERIOD,
+    return flight_of(
+        name,
+        PERIOD,
         position=columns("x", "y", "z"),
         velocity=columns("x_dot", "y_dot", "z_dot"),
         attitude=columns("roll", "pitch", "yaw"),
         body_rates=columns("roll_dot", "pitch_dot", "yaw_dot"),
-        command=command.astype(np.float32),
+        command=command,
         battery=voltage,
-        setpoint=setpoint.astype(np.float32),
+        setpoint=setpoint,
         zero_order_hold=held,
     )
+
+
+FORMAT = TableFormat("the 22 columns of Gronauer et al.", recognises, flights)

@@ -24,11 +24,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from maidenflight.errors import InputError, not_installed
+from maidenflight.errors import InputError, optional
 from maidenflight.flights import rates, streams
-from maidenflight.flights.log import LONGEST_DELAY, Flight
+from maidenflight.flights.formats import Found, Recording
+from maidenflight.flights.log import LONGEST_DELAY, Flight, flight_of
 
-BEGINS = b"H Product:Blackbox"
 DSHOT_ZERO, DSHOT_MOST = 48, 2047
 """DShot values of a motor that just does not turn, and of full throttle."""
 _ORDER = (1, 0, 2, 3)
@@ -46,12 +46,7 @@ REMEDY = (
 )
 
 
-def recognises(head: bytes) -> bool:
-    """Whether a file's first bytes are those of a blackbox log."""
-    return head.startswith(BEGINS)
-
-
-def flights(path: Path, name: str) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], list[str]]:
+def flights(path: Path, name: str) -> Found:
     """The flights in a file, unchecked, with the times of their rows [s], and what was assumed.
 
     Args:
@@ -61,12 +56,10 @@ def flights(path: Path, name: str) -> tuple[list[tuple[Flight, Float[np.ndarray,
     Raises:
         InputError: no log in it can be used; or `orangebox` is lacking.
     """
-    try:
+    with optional("orangebox", "blackbox", "reading a blackbox log"):
         from orangebox import decoders
         from orangebox.parser import Parser
         from orangebox.reader import Reader
-    except ImportError as error:
-        raise not_installed("orangebox", "blackbox", "reading a blackbox log") from error
     decoders.decoder_map[_VARIABLE] = _tag2_3svariable
     try:
         count = Reader(str(path)).log_count
@@ -228,26 +221,21 @@ def _flight(
         poles = _number(headers, "motor_poles", 0.0)
         if poles >= 2:
             turns = values["eRPM"][:, list(_ORDER)] * 100 / (poles / 2)
-            speed = (turns * 2 * np.pi / 60).astype(np.float32)
+            speed = turns * 2 * np.pi / 60
             notes.append(f"{name}: rotor speeds of eRPM with {poles:g} magnet poles")
     volts, said = _battery(name, len(time), values.get("battery"), headers)
-    unknown = np.full((len(time), 3), np.nan, np.float32)
     loop = _number(headers, "looptime", 125.0) * _number(headers, "pid_process_denom", 1.0) * 1e-6
-    return Flight(
-        name=name,
-        period=period,
-        position=unknown,
-        velocity=unknown,
-        attitude=unknown,
-        body_rates=np.radians(gyro).astype(np.float32),
-        command=command.astype(np.float32),
-        battery=volts.astype(np.float32),
-        setpoint=unknown,
+    return flight_of(
+        name,
+        period,
+        body_rates=np.radians(gyro),
+        command=command,
+        battery=volts,
         zero_order_hold=period < 1.25 * loop,
         by_battery_law=False,
         accelerometer_delay=min(accelerometer_delay, LONGEST_DELAY),
         gyro_delay=min(gyro_delay, LONGEST_DELAY),
-        accelerometer=(values["accSmooth"] / one_g * 9.81).astype(np.float32),
+        accelerometer=values["accSmooth"] / one_g * 9.81,
         rotor_speed=speed,
     ), [*notes, *said, *rates.notes(name, needed, REMEDY)]
 
@@ -366,3 +354,8 @@ def _signed(bits: int, width: int) -> int:
     """The two's complement in the lowest bits of a number."""
     value = bits & ((1 << width) - 1)
     return value - (1 << width) if value >> (width - 1) else value
+
+
+FORMAT = Recording(
+    "Betaflight blackbox log", (".bbl", ".bfl"), b"H Product:Blackbox", flights, may_be_text=True
+)

@@ -15,11 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 import polars
-from jaxtyping import Float
 
 from maidenflight.errors import InputError
 from maidenflight.flights import attitudes, compensation, streams, tables
-from maidenflight.flights.log import Flight
+from maidenflight.flights.formats import Found, TableFormat
+from maidenflight.flights.log import flight_of
 from maidenflight.flights.tables import Table
 from maidenflight.simulator.battery import MOST_COUNTS
 
@@ -120,7 +120,7 @@ def recognises(table: Table) -> bool:
     return len(_KNOWN & set(table.frame.columns)) >= 3
 
 
-def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], list[str]]:
+def flights(table: Table) -> Found:
     """The flight in a table, unchecked, with the time of its rows [s], and what was assumed.
 
     Position, velocity and attitude may be missing together where there is an accelerometer.
@@ -152,34 +152,26 @@ def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], 
     _refuse_rows_apart(
         table.name, {name: found for name, found in needed.items() if name != "battery"}
     )
-    law, how = _law(table, values, volts)
+    thrust = values["thrust"][:, 0] if "thrust" in values else None
+    law, how = compensation.choose_law(table, values["PWM"], volts, thrust)
     stamps = read[clock][np.isfinite(read[clock])]
     step = np.median(np.diff(stamps)) if len(stamps) > 1 else 10.0
     with np.errstate(invalid="ignore"):  # what is not finite is refused by checking
         time = (read[clock] - read[clock][0]) * (1e-3 if abs(step) >= 1 else 1.0)
-    unknown = np.full((rows, 3), np.nan)
     period = streams.period(time)
-    flight = Flight(
-        name=table.name,
-        period=period,
-        position=values.get("position", unknown).astype(np.float32),
-        velocity=values.get("velocity", unknown).astype(np.float32),
-        attitude=values.get("attitude", unknown).astype(np.float32),
-        body_rates=values["body_rates"].astype(np.float32),
+    known = ("position", "velocity", "attitude", "body_rates", "setpoint", "accelerometer")
+    flight = flight_of(
+        table.name,
+        period,
+        **{signal: values.get(signal) for signal in known},
         command=compensation.thrust_command(values["PWM"], volts, law),
-        battery=volts.astype(np.float32),
-        setpoint=values.get("setpoint", unknown).astype(np.float32),
+        battery=volts,
         zero_order_hold=period < _LOOP,
         full_scale_counts=MOST_COUNTS,
         assumed=period >= _LOOP,
-        accelerometer=_float32(values.get("accelerometer")),
-        rotor_speed=_float32(values.get("rotor speed")),
+        rotor_speed=values.get("rotor speed"),
     )
     return [(flight, time)], [compensation.note(table.name, law, how)]
-
-
-def _float32(values: np.ndarray | None) -> np.ndarray | None:
-    return None if values is None else values.astype(np.float32)
 
 
 def _chosen(table: Table) -> dict[str, Spelling]:
@@ -208,18 +200,6 @@ def _chosen(table: Table) -> dict[str, Spelling]:
             f"{table.name}: missing {'; '.join(lacking)}. Add them to the log's variables."
         )
     return chosen
-
-
-def _law(table: Table, values: dict[str, np.ndarray], volts: np.ndarray) -> tuple[str, str]:
-    """The battery law by which motors are read, and why by it."""
-    said = compensation.said(table.head, table.name)
-    if said is not None:
-        return said, compensation.SAID
-    if "thrust" in values:
-        found = compensation.law_of(values["PWM"], volts, values["thrust"][:, 0])
-        if found:
-            return found, compensation.BY_THRUST
-    return compensation.assumed(values["PWM"], volts), compensation.BY_VOLTAGE
 
 
 def _together(read: dict[str, np.ndarray], clock: str) -> dict[str, np.ndarray]:
@@ -257,3 +237,11 @@ def _refuse_rows_apart(name: str, values: dict[str, np.ndarray]) -> None:
             f"{counts}); blocks were logged apart."
             " Lay them together by their time first."
         )
+
+
+FORMAT = TableFormat(
+    "log variables of a Crazyflie ('stateEstimate.x', 'gyro.x', ...)",
+    recognises,
+    flights,
+    compensated=True,
+)

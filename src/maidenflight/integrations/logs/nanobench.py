@@ -26,8 +26,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from maidenflight.flights import compensation, tables
-from maidenflight.flights.log import Flight
+from maidenflight.flights import attitudes, compensation, tables
+from maidenflight.flights.formats import Found, TableFormat
+from maidenflight.flights.log import flight_of
 from maidenflight.flights.tables import Table
 from maidenflight.simulator.battery import MOST_COUNTS
 
@@ -53,7 +54,7 @@ def recognises(table: Table) -> bool:
     return table.share(COLUMNS) >= 0.6
 
 
-def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], list[str]]:
+def flights(table: Table) -> Found:
     """The flight in a table, unchecked, with the time of its rows [s], and a note on its commands.
 
     Raises:
@@ -65,7 +66,8 @@ def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], 
         return np.stack([column[name] for name in names], axis=-1)
 
     rates, volts, pwm = columns(*GYRO), column["pwr_pm_vbat"], columns(*MOTORS)
-    law, how = _law(table, pwm, volts, column["pid_controller_cmd_thrust"])
+    thrust = column["pid_controller_cmd_thrust"]
+    law, how = compensation.choose_law(table, pwm, volts, thrust, compensation.PLUS)
     vicon = columns(*VICON)
     vicon[np.isinf(vicon)] = np.nan
     vicon[:, 6:] = np.unwrap(vicon[:, 6:], axis=0)
@@ -73,37 +75,22 @@ def flights(table: Table) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], 
     pose = np.stack(
         [np.interp(rows - lag(rates, vicon[:, 6:]), rows, values) for values in vicon.T], axis=1
     )
-    flight = Flight(
-        name=table.name,
-        period=PERIOD,
-        position=pose[:, :3].astype(np.float32),
-        velocity=pose[:, 3:6].astype(np.float32),
-        attitude=_wrapped(pose[:, 6:]).astype(np.float32),
-        body_rates=rates.astype(np.float32),
+    flight = flight_of(
+        table.name,
+        PERIOD,
+        position=pose[:, :3],
+        velocity=pose[:, 3:6],
+        attitude=attitudes.wrapped(pose[:, 6:]),
+        body_rates=rates,
         command=compensation.thrust_command(pwm, volts, law),
-        battery=volts.astype(np.float32),
-        setpoint=columns(*SETPOINT).astype(np.float32),
+        battery=volts,
+        setpoint=columns(*SETPOINT),
         zero_order_hold=False,
         full_scale_counts=MOST_COUNTS,
     )
     with np.errstate(invalid="ignore"):  # what is not finite is refused by checking
         time = column["t"] - column["t"][0]
     return [(flight, time)], [compensation.note(table.name, law, how)]
-
-
-def _law(table: Table, pwm: np.ndarray, volts: np.ndarray, thrust: np.ndarray) -> tuple[str, str]:
-    """The battery law by which motors are read, and why by it."""
-    said = compensation.said(table.head, table.name)
-    if said is not None:
-        return said, compensation.SAID
-    found = compensation.law_of(pwm, volts, thrust)
-    if found is not None:
-        return found, compensation.BY_THRUST
-    return compensation.PLUS, compensation.BY_VOLTAGE
-
-
-def _wrapped(angle: np.ndarray) -> np.ndarray:
-    return np.remainder(angle + np.pi, 2 * np.pi) - np.pi
 
 
 def lag(
@@ -180,3 +167,6 @@ def _smoothest_path(match: np.ndarray, penalty: float = 0.02, farthest: int = 3)
     for step in reversed(back):
         path.append(int(step[path[-1]]))
     return np.array(path[::-1])
+
+
+FORMAT = TableFormat("NanoBench's 51 columns", recognises, flights, compensated=True)

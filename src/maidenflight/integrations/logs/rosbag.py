@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import polars
-from jaxtyping import Float
 
-from maidenflight.errors import InputError, not_installed
+from maidenflight.errors import InputError, optional
 from maidenflight.flights import joining, streams
+from maidenflight.flights.formats import Found, Recording
 from maidenflight.flights.log import Flight
 from maidenflight.flights.streams import Stream
 from maidenflight.flights.tables import Table
@@ -26,7 +26,6 @@ from maidenflight.integrations.logs import cflib, px4, ros_topics
 from maidenflight.integrations.logs.px4_topics import vector
 from maidenflight.integrations.logs.ros_topics import Layout, Source, Variables
 
-Found = tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], list[str]]
 MOST_FAULTS = 100
 """Messages that cannot be decoded before the rest is left."""
 _PX4_TYPE = "px4_msgs/msg/"
@@ -68,16 +67,6 @@ class Bag(NamedTuple):
     """Topic, time of recording [ns] and message, or None for one that cannot be decoded."""
 
 
-def recognises_mcap(head: bytes) -> bool:
-    """Whether a file's first bytes are those of an MCAP."""
-    return head.startswith(b"\x89MCAP")
-
-
-def recognises_sqlite(head: bytes) -> bool:
-    """Whether a file's first bytes are those of an SQLite database."""
-    return head.startswith(b"SQLite format 3\0")
-
-
 def flights(path: Path, name: str) -> Found:
     """The flights in a recording, unchecked, with the times of their rows [s], and notes.
 
@@ -109,12 +98,10 @@ def flights(path: Path, name: str) -> Found:
 
 @contextmanager
 def _opened(path: Path, name: str) -> Iterator[Bag]:
-    try:
+    with optional("rosbags", "rosbag", "reading a ROS 2 recording"):
         from rosbags.rosbag2 import Reader
         from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
-    except ImportError as error:
-        raise not_installed("rosbags", "rosbag", "reading a ROS 2 recording") from error
-    kind = ".db3" if recognises_sqlite(_first(path)) else ".mcap"
+    kind = ".db3" if _first(path).startswith(SQLITE.begins) else ".mcap"
     storage: Any = Reader.STORAGE_PLUGINS[kind](path)
     try:
         storage.open()
@@ -345,3 +332,7 @@ def _of_variables(bag: Bag, said: Variables) -> Found:
         raise InputError(f"{bag.name}: no messages in {', '.join(said.names)}. Leave it out.")
     found, more = cflib.flights(Table(bag.name, frame))
     return found, [*notes, *more]
+
+
+MCAP = Recording("MCAP recording", (".mcap",), b"\x89MCAP", flights)
+SQLITE = Recording("rosbag2 in SQLite", (".db3",), b"SQLite format 3\0", flights, named=True)

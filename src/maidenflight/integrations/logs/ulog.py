@@ -10,22 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
-from maidenflight.errors import InputError, not_installed
-from maidenflight.flights.log import Flight
+from maidenflight.errors import InputError, optional
+from maidenflight.flights.formats import Found, Recording
 from maidenflight.integrations.logs import px4
 from maidenflight.integrations.logs.px4_topics import REMEDY, vector
 
-BEGINS = b"ULog\x01\x12\x35"
 
-
-def recognises(head: bytes) -> bool:
-    """Whether a file's first bytes are those of a ULog."""
-    return head.startswith(BEGINS[:4])
-
-
-def flights(path: Path, name: str) -> tuple[list[tuple[Flight, Float[np.ndarray, "N"]]], list[str]]:
+def flights(path: Path, name: str) -> Found:
     """The flight in a ULog, unchecked, with the time of its rows [s], and what was assumed.
 
     Only the topics that are needed are held in memory.
@@ -37,10 +29,8 @@ def flights(path: Path, name: str) -> tuple[list[tuple[Flight, Float[np.ndarray,
     Raises:
         InputError: it is damaged or lacks a signal, see `px4.flight`; or `pyulog` is lacking.
     """
-    try:
+    with optional("pyulog", "ulog", "reading a PX4 ULog"):
         from pyulog import ULog
-    except ImportError as error:
-        raise not_installed("pyulog", "ulog", "reading a PX4 ULog") from error
     try:
         # It prints what is damaged.
         with path.open("rb") as file, contextlib.redirect_stdout(io.StringIO()):
@@ -86,3 +76,6 @@ def _changes(fields: Mapping[str, np.ndarray]) -> float:
     """How much the outputs of a topic change; nothing of one that has no outputs."""
     outputs = [fields[name] for name in vector("output", 4) if name in fields]
     return float(sum(np.nanstd(values.astype(float)) for values in outputs))
+
+
+FORMAT = Recording("PX4 ULog", (".ulg",), b"ULog", flights)

@@ -23,6 +23,7 @@ import polars
 from jaxtyping import Float, Int
 
 from maidenflight.errors import InputError
+from maidenflight.flights.formats import PackedTable
 from maidenflight.flights.tables import Table
 
 MAGIC = 0xBC
@@ -178,3 +179,6 @@ def _spread(
     column = np.full(count + 1, np.nan)
     column[rows] = values
     return column[:count]
+
+
+FORMAT = PackedTable("a Crazyflie's micro-SD log", recognises, table)

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from maidenflight.errors import InputError, WriteError, not_installed
+from maidenflight.errors import InputError, WriteError, optional
 from maidenflight.flights.log import Flight
 from maidenflight.reporting.run import usable
 from maidenflight.simulator import geometry
@@ -174,10 +174,8 @@ def _best(progress: "Progress") -> "Policy":
 
 
 def _packages() -> tuple[Any, Any]:
-    try:
+    with optional("rerun", "viewer", "the viewer"):
         return import_module("rerun"), import_module("rerun.blueprint")
-    except ModuleNotFoundError as error:
-        raise not_installed(str(error.name), "viewer", "the viewer") from error
 
 
 @contextmanager

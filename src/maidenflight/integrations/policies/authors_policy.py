@@ -13,12 +13,16 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from maidenflight import inputs
 from maidenflight.errors import InputError
+from maidenflight.policy import Policy
+from maidenflight.policy_file import PolicyFormat, UnknownControl
 from maidenflight.simulator.interface import CONTROLS, INTERFACES, ControlInterface
+from maidenflight.simulator.policy_spec import OBSERVATION_SIZE, PolicySpec
 
 EPSILON = 1e-5
 """What the authors' scaling adds to a standard deviation; one that is zero divides all the same."""
@@ -32,10 +36,6 @@ MARKS = {"check_sum", "scaling_parameters", "activation", "0"}
 """What all of the authors' policies have."""
 
 
-class UnknownControl(InputError):
-    """Nothing says what one of the authors' policies commands."""
-
-
 class Network(NamedTuple):
     """What a file holds, float32."""
 
@@ -45,12 +45,43 @@ class Network(NamedTuple):
     deviation: Float[np.ndarray, "inputs"]
 
 
-def network(content: Mapping[str, Any], where: str) -> Network:
-    """Reads the network of one of the authors' policies.
+def read(content: Mapping[str, Any], where: str, control: str | None) -> Policy:
+    """Reads the policy of a file of the authors.
 
     Args:
         content: the object in the file, with all of `MARKS`.
         where: what errors name, usually the file.
+        control: what it commands; what `where` says unless given.
+
+    Raises:
+        InputError: it is damaged, or what it commands is not known.
+    """
+    control = control or control_of(Path(where))
+    if control is None:
+        raise UnknownControl(
+            f"{where}: one of the authors' policies, which do not say what they command. Begin its "
+            f"name, or call its folder, with one of {', '.join(CONTROLS)}, or give --control."
+        )
+    if control not in CONTROLS:
+        raise InputError(f"{where}: control = {control!r}, expected one of {', '.join(CONTROLS)}.")
+    network = _network(content, where)
+    hidden = tuple(bias.size for bias in network.biases[:-1])
+    try:
+        spec = PolicySpec(history=len(network.mean) // OBSERVATION_SIZE, hidden=hidden)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
+    return Policy(
+        weights=tuple(map(jnp.asarray, network.weights)),
+        biases=tuple(map(jnp.asarray, network.biases)),
+        observation_mean=jnp.asarray(network.mean),
+        observation_std=jnp.asarray(network.deviation),
+        interface=interface_of(control),
+        spec=spec,
+    )
+
+
+def _network(content: Mapping[str, Any], where: str) -> Network:
+    """The network of one of the authors' policies.
 
     Raises:
         InputError: it is damaged, or its check sum does not hold.
@@ -136,3 +167,6 @@ def check_sum(weights: list[np.ndarray], biases: list[np.ndarray]) -> tuple[floa
         )
         values = weight.astype(np.float64) @ values + bias
     return float(values.sum()), size
+
+
+FORMAT = PolicyFormat(MARKS, read)

@@ -28,8 +28,10 @@ from scipy.spatial.transform import Rotation
 
 from maidenflight import inputs
 from maidenflight.errors import InputError
+from maidenflight.foreign_policy import Fly, reference_velocity
 from maidenflight.inputs import StrPath
-from maidenflight.integrations.policies.policies import Fly, reference_velocity
+from maidenflight.integrations.policies import onnx_file, stable_baselines
+from maidenflight.integrations.policies.onnx_file import Network
 from maidenflight.simulator.policy_spec import PolicySpec, points_at
 from maidenflight.simulator.sensors import Measurement
 from maidenflight.simulator.tasks import Task
@@ -83,10 +85,6 @@ _KEYS = {
     "normalization",
     *OBSERVED,
 }
-
-
-Network = Callable[[Float[np.ndarray, "N"]], Float[np.ndarray, "..."]]
-"""Inputs to outputs; raises `ValueError` where there are more or fewer inputs than it takes."""
 
 
 class DescribedPolicy:
@@ -156,8 +154,6 @@ def described(path: StrPath) -> DescribedPolicy:
     Raises:
         InputError: a package is not installed, or the files do not fit each other.
     """
-    from maidenflight.integrations.policies import onnx_file, stable_baselines
-
     told = _read(path)
     file = Path(path).parent / str(told["network"])
     if file.suffix != ".zip":
@@ -182,8 +178,6 @@ def of_own_environment(path: StrPath) -> DescribedPolicy:
     Raises:
         InputError: a package is not installed, or the file is another environment's.
     """
-    from maidenflight.integrations.policies import stable_baselines
-
     scaling = Path(path).parent / stable_baselines.SCALING
     model = stable_baselines.read(path, scaling if scaling.is_file() else None)
     name = Path(path).stem + (f"+{scaling.stem}" if scaling.is_file() else "")

@@ -14,7 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from maidenflight.integrations.policies.policies import Fly
+from maidenflight.errors import InputError
+from maidenflight.foreign_policy import Fly
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.mellinger import mellinger
 from maidenflight.simulator.pid import ATTITUDE_RATE, POSITION_RATE
@@ -41,7 +42,12 @@ class FirmwareController:
 
         Args:
             name: a key of `CONTROLLERS`.
+
+        Raises:
+            InputError: there is no such controller.
         """
+        if name not in CONTROLLERS:
+            raise InputError(f"{name}: no such controller. Expected {', '.join(CONTROLLERS)}.")
         self.name = name
 
     def begin(self, hover: float, task: Task) -> Fly:

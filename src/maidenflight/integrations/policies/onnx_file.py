@@ -1,17 +1,19 @@
 """Networks in ONNX, for `described.DescribedPolicy`. Needs onnxruntime (extra `onnx`)."""
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
-from maidenflight.errors import InputError, not_installed
+from maidenflight.errors import InputError, optional
 
-if TYPE_CHECKING:
-    from maidenflight.integrations.policies.described import Network
+Network = Callable[[Float[np.ndarray, "N"]], Float[np.ndarray, "..."]]
+"""Inputs to outputs; raises `ValueError` where there are more or fewer inputs than it takes."""
 
 
-def network(path: Path, output: str | None, where: str) -> "Network":
+def network(path: Path, output: str | None, where: str) -> Network:
     """The network of a file.
 
     Args:
@@ -44,10 +46,8 @@ def _session(path: Path) -> Any:
     Raises:
         InputError: onnxruntime is not installed, or the file is no network.
     """
-    try:
+    with optional("onnxruntime", "onnx", "a policy in ONNX"):
         import onnxruntime
-    except ImportError as error:
-        raise not_installed("onnxruntime", "onnx", "a policy in ONNX") from error
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
     try:

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from maidenflight.errors import InputError, not_installed
+from maidenflight.errors import InputError, optional
 from maidenflight.inputs import StrPath
 from maidenflight.simulator.interface import NOTE
 from maidenflight.simulator.policy_spec import PolicySpec
@@ -84,10 +84,8 @@ def read(path: StrPath, scaling: StrPath | None = None) -> Model:
         InputError: stable-baselines3 is not installed, a file cannot be read, or the policy is of
             another algorithm or sees more than a list of numbers.
     """
-    try:
+    with optional("stable_baselines3", "sb3", "a policy of Stable-Baselines3"):
         package: Any = importlib.import_module("stable_baselines3")
-    except ImportError as error:
-        raise not_installed("stable_baselines3", "sb3", "a policy of Stable-Baselines3") from error
     name = _algorithm(path)
     # Schedules of training are pickled code, often of another version; flying needs none, nor a
     # replay buffer.

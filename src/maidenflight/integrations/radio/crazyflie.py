@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from maidenflight.errors import InputError, not_installed
+from maidenflight.errors import InputError, optional
 from maidenflight.integrations.radio.blocks import (
     ACTIVE,
     AHEAD,
@@ -66,13 +66,11 @@ class Crazyflie:
             InputError: cflib is not installed, nothing answers, or the firmware lacks what is
                 needed.
         """
-        try:
+        with optional("cflib", "drone", "the radio link"):
             import cflib.crazyflie
             import cflib.crtp
             from cflib.crazyflie.log import LogConfig
             from cflib.crazyflie.param import ParamTocElement
-        except ImportError as error:
-            raise not_installed("cflib", "drone", "the radio link") from error
         self.uri, self.clock = uri, clock
         self.lost, self.received, self.latest, self.variance = "", 0, None, []
         self._rows: RowFile | None = None

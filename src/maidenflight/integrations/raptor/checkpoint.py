@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from maidenflight import __version__, results
 from maidenflight.deployment.c import digest, remembered
-from maidenflight.errors import InputError, not_installed
+from maidenflight.errors import InputError, optional
 from maidenflight.inputs import StrPath
 from maidenflight.integrations.raptor.form import RAPTOR
 from maidenflight.policy import Policy
@@ -57,10 +57,8 @@ def to_raptor(
     Raises:
         InputError: `h5py` is not installed, or the policy makes no sense or is of another form.
     """
-    try:
+    with optional("h5py", "raptor", "a checkpoint of RL-tools"):
         h5py: Any = importlib.import_module("h5py")
-    except ImportError as error:
-        raise not_installed("h5py", "raptor", "a checkpoint of RL-tools") from error
     policy.check()
     if policy.spec.form != RAPTOR:
         raise InputError(

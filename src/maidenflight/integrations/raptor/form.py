@@ -6,8 +6,8 @@ to 0.5 m), the rotation matrix row by row, the velocity less the set-point's (wo
 m/s), body rates and its last output. Outputs are rotor speeds a in [-1, 1]: ((a + 1) / 2)^2 of full
 thrust.
 
-Whatever flies policies gives such a policy an observation of ours, one instant and one point ahead,
-from which the velocity of the set-point follows, and takes an action of PWM control.
+Its observation of ours has one instant and one point ahead, from which the velocity of the
+set-point follows; its action is of PWM control.
 
 Source: Eschmann et al. 2025, RAPTOR; foundation-policy 1.0.2, README and PX4's mc_raptor.
 """
@@ -20,15 +20,12 @@ from maidenflight.errors import InputError
 from maidenflight.simulator import interface, rotations
 from maidenflight.simulator.interface import ControlInterface
 from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.policy_form import PolicyForm
 
 RAPTOR = "raptor"
 """Name of the form."""
 LOOK_AHEAD = LookAhead(1, 0.01)
 """The set-point one period later."""
-SETTLED = {"history": 1, "look_ahead": LOOK_AHEAD, "memory": 16, "hidden": (16,)}
-"""Fields of a `PolicySpec` that the form settles."""
-INPUTS = 22
-"""Numbers that the network sees."""
 MAX_POSITION_ERROR_M = 0.5
 MAX_VELOCITY_ERROR_M_S = 1.0
 MEAN = np.array([0.0] * 3 + list(np.eye(3).ravel()) + [0.0] * 6 + [0.5] * 4, np.float32)
@@ -88,3 +85,19 @@ def check(commanded: ControlInterface, where: str = "policy") -> None:
             f"{where}: {commanded.name} at {commanded.rate} Hz; a policy of the form {RAPTOR} has "
             f"pwm at {usual.rate} Hz."
         )
+
+
+FORM = PolicyForm(
+    RAPTOR,
+    settled={"history": 1, "look_ahead": LOOK_AHEAD, "memory": 16, "hidden": (16,)},
+    inputs=len(MEAN),
+    scaling=(MEAN, DEVIATION),
+    through_memory=True,
+    first_bias=1.0,  # Nothing goes past the 16 values, so none of them begins at 0.
+    observed=observed,
+    action_of=action_of,
+    output_of=output_of,
+    check=check,
+    methods=("gradient", "distillation"),  # Its few values learn little from a teacher.
+    learning={"learning_rate": 2e-3},  # They bear no larger steps of their weights.
+)

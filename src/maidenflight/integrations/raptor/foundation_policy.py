@@ -22,8 +22,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from maidenflight.errors import not_installed
-from maidenflight.integrations.policies.policies import Fly, reference_velocity
+from maidenflight.errors import InputError, optional
+from maidenflight.foreign_policy import Fly, reference_velocity
 from maidenflight.integrations.raptor.form import MAX_POSITION_ERROR_M, MAX_VELOCITY_ERROR_M_S
 from maidenflight.simulator.sensors import Measurement
 from maidenflight.simulator.tasks import Task
@@ -48,7 +48,12 @@ class Raptor:
 
         Args:
             name: a key of `RATES`.
+
+        Raises:
+            InputError: there is no such name.
         """
+        if name not in RATES:
+            raise InputError(f"{name}: no such policy. Expected {' or '.join(RATES)}.")
         self.name, self.command_rate = name, RATES[name]
         self._network = _network()
 
@@ -103,8 +108,6 @@ def _network() -> Any:
     Raises:
         InputError: its package is not installed.
     """
-    try:
+    with optional("foundation_policy", "raptor", "RAPTOR"):
         package: Any = importlib.import_module("foundation_policy")
-    except ImportError as error:
-        raise not_installed("foundation_policy", "raptor", "RAPTOR") from error
     return package.Raptor()

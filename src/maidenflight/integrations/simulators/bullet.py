@@ -31,11 +31,12 @@ import numpy as np
 from jax import lax, tree
 from jaxtyping import Array, ArrayLike, Float
 
-from maidenflight.errors import InputError
+from maidenflight.errors import optional
 from maidenflight.parameters import Parameters
 from maidenflight.parameters.frames import PLACES
 from maidenflight.simulator import dynamics
 from maidenflight.simulator.dynamics import State
+from maidenflight.simulator.reality import seed_of
 from maidenflight.simulator.virtual_drone import VirtualDrone, virtual_drone
 
 DAMPING = 0.04
@@ -136,6 +137,11 @@ def bullet_drone(seed: int) -> VirtualDrone:
     return replace(virtual_drone(seed), name=f"pybullet-{seed}", integrator=engine)
 
 
+def named_drone(seed: str) -> VirtualDrone:
+    """The drone of `pybullet:SEED`; see `bullet_drone`."""
+    return bullet_drone(seed_of(f"pybullet:{seed}"))
+
+
 class _World:
     """One Bullet world with one body in it, of plain numbers.
 
@@ -224,15 +230,9 @@ def _pybullet() -> Any:
     Raises:
         InputError: it is not installed.
     """
-    try:
+    remark = "compiled by pip in many minutes, except for Python 3.11 on Linux"
+    with optional("pybullet", "pybullet", "this drone", remark):
         return importlib.import_module("pybullet")
-    except ImportError as error:
-        raise InputError(
-            "PyBullet is not installed, and this drone is simulated in it. Install it with: pip "
-            "install '.[pybullet]' in maidenflight's source folder"
-            " (ready-made for Python 3.11 on Linux; elsewhere pip compiles it, which takes a C++ "
-            "compiler and many minutes)."
-        ) from error
 
 
 def _motors(

@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from maidenflight.errors import InputError
+from maidenflight.errors import InputError, optional
 from maidenflight.integrations.simulators import crazyflow_process
 from maidenflight.integrations.simulators.crazyflow_process import BEGIN, RATE, STEP, TOLD
 from maidenflight.parameters import Parameters, crazyflie, noiseless, replace, x_frame
@@ -56,11 +56,9 @@ class Crazyflow:
         Args:
             drone: crazyflow's name of it, such as `cf21B_500`.
         """
-        if importlib.util.find_spec("crazyflow") is None:
-            raise InputError(
-                "crazyflow is not installed, and this drone is simulated in it. Install it with: "
-                "pip install '.[crazyflow]' in maidenflight's source folder (1.2 GB)."
-            )
+        with optional("crazyflow", "crazyflow", "this drone", "1.2 GB"):
+            if importlib.util.find_spec("crazyflow") is None:
+                raise ImportError
         self.name = f"crazyflow-{drone}"
         # It prints much, and leaves a log of MuJoCo's in the folder that it is in.
         folder = tempfile.TemporaryDirectory(prefix="crazyflow-")

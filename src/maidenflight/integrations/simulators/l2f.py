@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from maidenflight.errors import InputError
+from maidenflight.errors import InputError, optional
 from maidenflight.parameters import (
     Parameters,
     crazyflie,
@@ -220,11 +220,6 @@ def _l2f() -> Any:
     Raises:
         InputError: it is not installed.
     """
-    try:
+    remark = "pip compiles it: a C++ compiler, some 8 GB of memory and about ten minutes"
+    with optional("l2f", "l2f", "this drone", remark):
         return importlib.import_module("l2f")
-    except ImportError as error:
-        raise InputError(
-            "l2f is not installed, and this drone is simulated in it. Install it with: pip install "
-            "'.[l2f]' in maidenflight's source folder (pip compiles it, which takes a C++ "
-            "compiler, some 8 GB of memory and about ten minutes)."
-        ) from error

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from maidenflight.registry import POLICIES
 from maidenflight.simulator.sensors import Measurement
 from maidenflight.simulator.tasks import Task
 
@@ -54,25 +55,19 @@ def foreign_policy(name: str | Path) -> ForeignPolicy | None:
     """A policy of others by the words of a command line, or nothing if it is none.
 
     Args:
-        name: `raptor`, `raptor:500hz`, a key of `firmware.CONTROLLERS`, a TOML file that describes
-            a network in ONNX or of Stable-Baselines3, or a file of the latter (`.zip`) that our
-            environments trained.
+        name: `NAME` or `NAME:MORE` with a name of `registry.POLICIES`, such as `raptor:500hz`, or a
+            file with an ending in it: a TOML file that describes a network in ONNX or of
+            Stable-Baselines3, or a file of the latter (`.zip`) that our environments trained.
 
     Raises:
         InputError: its package is not installed, or the file makes no sense.
     """
-    from maidenflight.integrations.policies.described import described, of_own_environment
-    from maidenflight.integrations.policies.firmware import CONTROLLERS, FirmwareController
-    from maidenflight.integrations.raptor.foundation_policy import RATES, Raptor
-
-    if str(name) in RATES and not Path(name).exists():
-        return Raptor(str(name))
-    if str(name) in CONTROLLERS and not Path(name).exists():
-        return FirmwareController(str(name))
-    if Path(name).suffix == ".toml":
-        return described(name)
-    if Path(name).suffix == ".zip":
-        return of_own_environment(name)
+    path = Path(name)
+    kind = str(name).partition(":")[0]
+    if not path.exists() and path.suffix != ".json" and kind in POLICIES:
+        return POLICIES[kind](str(name))
+    if path.suffix not in ("", ".json") and path.suffix in POLICIES:
+        return POLICIES[path.suffix](name)
     return None
 
 

@@ -89,8 +89,11 @@ class Fly(Verb):
         """Flies; writes a log a flight. Says on standard error what the drone does."""
         if self.recover:
             return _recover(output)
+        from maidenflight.integrations.radio.flight import COMPLETE
+        from maidenflight.integrations.radio.session import Course, record
+
         pid, real = self.pilot == "pid", (self.uri or "").startswith(("radio://", "usb://"))
-        course: core.FlightPlan | core.Course = core.Course(
+        course: core.FlightPlan | Course = Course(
             self.task,
             self.duration or (30.0 if pid else 10.0),
             self.height,
@@ -101,7 +104,7 @@ class Fly(Verb):
         if self.plan is not None:
             course = core.flight_plan.read(self.plan)
         count = self.flights or (4 if pid and self.plan is None else 1)
-        flown = core.fly_course(
+        flown = record(
             self.uri or "",
             output,
             course,
@@ -109,7 +112,7 @@ class Fly(Verb):
             self.seed,
             say=lambda line: print(line, file=sys.stderr, flush=True),
         )
-        complete = all(one.ending.reason == core.COMPLETE for one in flown) and len(flown) == count
+        complete = all(one.ending.reason == COMPLETE for one in flown) and len(flown) == count
         return Result(
             content={
                 "flights": [
@@ -133,9 +136,11 @@ class Fly(Verb):
 
 def _recover(folder: Path) -> Result:
     """Makes logs of the rows that a crash has left."""
+    from maidenflight.integrations.radio.row_files import recover
+
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder. Give the one that was recorded into, with -o.")
-    made, refused = core.recover_rows(folder)
+    made, refused = recover(folder)
     return Result(
         content={"logs": [str(path) for path in made], "refused": refused},
         summary=[f"{len(made)} logs made of rows in {folder}/"],

@@ -1,0 +1,226 @@
+"""What users name and the core does not import: log formats, realities, exporters and others.
+
+A name stands for a text, MODULE:ATTRIBUTE, which is imported when it is used. An installed package
+adds names by entry points in the group of a registry (docs/extending.md).
+"""
+
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from maidenflight.errors import InputError
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
+
+@dataclass(frozen=True, eq=False)
+class Registry:
+    """Parts of one kind by name."""
+
+    kind: str
+    """What one is called, for errors."""
+    group: str
+    """Of the entry points by which installed packages add some."""
+    own: dict[str, Any]
+    """Ours by name: MODULE:ATTRIBUTE, or the part itself. No package replaces one."""
+
+    def __iter__(self) -> Iterator[str]:
+        """Gives the names: ours, then, once these are through, those of installed packages."""
+        yield from self.own
+        yield from (name for name in _installed(self.group).entries if name not in self.own)
+
+    def __contains__(self, name: object) -> bool:
+        """Returns whether a name is known; installed packages are asked where it is not ours."""
+        return name in self.own or name in _installed(self.group).entries
+
+    def __getitem__(self, name: str) -> Any:
+        """Imports what a name stands for.
+
+        Raises:
+            InputError: no such name, two packages have it, or its package is damaged.
+        """
+        if name in self.own:
+            part = self.own[name]
+            if not isinstance(part, str):
+                return part
+            module, _, attribute = part.partition(":")
+            return getattr(import_module(module), attribute)
+        installed = _installed(self.group)
+        if name not in installed.entries:
+            damaged = "".join(f" {line}" for line in installed.damaged)
+            raise InputError(
+                f"{name!r}: no such {self.kind}. Expected one of {', '.join(self)}.{damaged}"
+            )
+        (package, entry), *others = installed.entries[name]
+        if others:
+            packages = ", ".join(sorted({package, *(other for other, _ in others)}))
+            raise InputError(
+                f"{self.kind} {name!r}: of several packages, {packages}. Uninstall all but one."
+            )
+        try:
+            return entry.load()
+        except Exception as error:  # whatever a module of others raises
+            raise InputError(
+                f"{self.kind} {name!r}: {entry.value} of the package {package} cannot be imported "
+                f"({type(error).__name__}: {error}). Mend or uninstall {package}."
+            ) from error
+
+
+class Installed(NamedTuple):
+    """What installed packages add to a registry."""
+
+    entries: dict[str, list[tuple[str, "EntryPoint"]]]
+    """By name, each with its package."""
+    damaged: list[str]
+    """Sentences on packages whose entry points cannot be read."""
+
+
+def _installed(group: str) -> Installed:
+    return _installed_on(group, tuple(sys.path))
+
+
+@cache
+def _installed_on(group: str, path: tuple[str, ...]) -> Installed:
+    """Looks for entry points in the packages on a path, of which the first of a name counts."""
+    from importlib.metadata import distributions
+
+    found, seen = Installed({}, []), set[str]()
+    for package in distributions(path=list(path)):
+        # Most packages have none of ours, and what they have is not read.
+        if group not in (package.read_text("entry_points.txt") or ""):
+            continue
+        name = package.name or f"in {package.locate_file('')}"
+        if name in seen:
+            continue
+        seen.add(name)
+        try:
+            entries = package.entry_points.select(group=group)
+        except Exception as error:
+            found.damaged.append(
+                f"The package {name} may have more, but its entry points cannot be read "
+                f"({type(error).__name__}: {error}). Mend or uninstall it."
+            )
+            continue
+        for entry in entries:
+            found.entries.setdefault(entry.name, []).append((name, entry))
+    return found
+
+
+_RING = "maidenflight.integrations"
+
+VERBS = Registry(
+    "verb",
+    "maidenflight.verbs",
+    {
+        "log": "maidenflight.verbs.log:Log",
+        "plan": "maidenflight.verbs.plan:Plan",
+        "record": "maidenflight.verbs.record:Record",
+        "fly": f"{_RING}.radio.fly:Fly",
+        "drone": "maidenflight.verbs.drone:Drone",
+        "identify": "maidenflight.verbs.identify:Identify",
+        "match": "maidenflight.verbs.match:Match",
+        "validate": "maidenflight.verbs.validate:Validate",
+        "train": "maidenflight.verbs.train:Train",
+        "transfer": "maidenflight.verbs.transfer:Transfer",
+        "predict": "maidenflight.verbs.predict:Predict",
+        "envelope": "maidenflight.verbs.envelope:Envelope",
+        "sweep": "maidenflight.verbs.sweep:Sweep",
+        "export": "maidenflight.verbs.export:Export",
+        "report": "maidenflight.verbs.report:Report",
+        "demo": "maidenflight.verbs.demo:Demo",
+    },
+)
+"""Each a `verb.Verb`, in the order of the flow."""
+
+LOG_FORMATS = Registry(
+    "log format",
+    "maidenflight.log_formats",
+    {
+        "maidenflight": "maidenflight.flights.formats:OWN",
+        "gronauer": f"{_RING}.logs.authors:FORMAT",
+        "nanobench": f"{_RING}.logs.nanobench:FORMAT",
+        "crazyflie": f"{_RING}.logs.cflib:FORMAT",
+        "crazyflie-card": f"{_RING}.logs.usddeck:FORMAT",
+        "px4": f"{_RING}.logs.ulog:FORMAT",
+        "betaflight": f"{_RING}.logs.blackbox:FORMAT",
+        "mcap": f"{_RING}.logs.rosbag:MCAP",
+        "rosbag2": f"{_RING}.logs.rosbag:SQLITE",
+    },
+)
+"""Each a `flights.formats.LogFormat`; the first that knows a file reads it."""
+REALITIES = Registry(
+    "reality",
+    "maidenflight.realities",
+    {
+        "pybullet": f"{_RING}.simulators.bullet:named_drone",
+        "l2f": f"{_RING}.simulators.l2f:L2F",
+        "crazyflow": f"{_RING}.simulators.crazyflow:Crazyflow",
+    },
+)
+"""Each makes a `simulator.reality.Reality`, or a virtual drone, of the text behind `NAME:`."""
+POLICIES = Registry(
+    "policy by others",
+    "maidenflight.policies",
+    {
+        "raptor": f"{_RING}.raptor.foundation_policy:Raptor",
+        "pid": f"{_RING}.policies.firmware:FirmwareController",
+        "mellinger": f"{_RING}.policies.firmware:FirmwareController",
+        ".toml": f"{_RING}.policies.described:described",
+        ".zip": f"{_RING}.policies.described:of_own_environment",
+    },
+)
+"""Each makes a `ForeignPolicy` of a name, all of it, or of a file with such an ending."""
+POLICY_FORMATS = Registry(
+    "format of policy files",
+    "maidenflight.policy_formats",
+    {"gronauer": f"{_RING}.policies.authors_policy:FORMAT"},
+)
+"""Each a `policy_file.PolicyFormat`, beside our own."""
+POLICY_FORMS = Registry(
+    "form of policies", "maidenflight.policy_forms", {"raptor": f"{_RING}.raptor.form:FORM"}
+)
+"""Each a `simulator.policy_form.PolicyForm`, beside `INSTANTS`."""
+EXPORTERS = Registry(
+    "exporter",
+    "maidenflight.exporters",
+    {
+        "c": "maidenflight.deployment.c:export_c",
+        "onnx": f"{_RING}.exporters.onnx:export_onnx",
+        "authors": f"{_RING}.exporters.authors_json:export_authors_json",
+        "crazyflie": f"{_RING}.exporters.crazyflie_app:export_crazyflie",
+        "raptor": f"{_RING}.raptor.checkpoint:export_raptor",
+    },
+)
+"""Each writes a policy to a folder; see `deployment.export`."""
+ENGINES = Registry(
+    "engine",
+    "maidenflight.engines",
+    {
+        "local": "maidenflight.studies.local:Local",
+        "ray": f"{_RING}.clusters.on_ray:OnRay",
+        "slurm": f"{_RING}.clusters.slurm:Slurm",
+    },
+)
+"""Each makes a `studies.engine.Engine` of `Resources` and the text behind `NAME:`."""
+LOGGERS = Registry(
+    "logger",
+    "maidenflight.loggers",
+    {
+        "tensorboard": f"{_RING}.monitoring.tensorboard:tensorboard",
+        "wandb": f"{_RING}.monitoring.wandb:wandb",
+    },
+)
+"""Each a `training.loggers.Logger`."""
+VIEWERS = Registry(
+    "view",
+    "maidenflight.views",
+    {
+        "flights": f"{_RING}.monitoring.live:show_flights",
+        "training": f"{_RING}.monitoring.live:training",
+    },
+)
+"""Each shows flights, or training while it runs, in another program."""

@@ -1,0 +1,49 @@
+"""Loggers of training, which show its scores elsewhere while it runs."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from os import PathLike
+from typing import TYPE_CHECKING, Any
+
+from maidenflight.registry import LOGGERS
+
+if TYPE_CHECKING:
+    from maidenflight.training.train import Progress
+
+Listener = Callable[["Progress"], None]
+Logger = Callable[[str | PathLike[str], int, Mapping[str, Any]], AbstractContextManager[Listener]]
+"""Of the policies' folder, their number and the settings: a context that gives what to call with
+each score, `train`'s `on_progress`."""
+
+
+@contextmanager
+def opened(
+    names: Sequence[str], folder: str | PathLike[str], policies: int, settings: Mapping[str, Any]
+) -> Iterator[Listener]:
+    """Several loggers as one; none, where none is named.
+
+    Args:
+        names: of `registry.LOGGERS`.
+        folder: of the policies.
+        policies: how many learn.
+        settings: plain values that are kept with the scores.
+
+    Raises:
+        InputError: a logger's package is not installed, or it cannot be opened.
+    """
+    with ExitStack() as stack:
+        loggers = [
+            stack.enter_context(LOGGERS[name](folder, policies, settings))
+            for name in dict.fromkeys(names)
+        ]
+
+        def show(progress: "Progress") -> None:
+            for logger in loggers:
+                logger(progress)
+
+        yield show
+
+
+def scores_of(progress: "Progress", number: int) -> dict[str, float]:
+    """Returns the scores of one of the policies by name."""
+    return {name: float(values[number]) for name, values in progress.score._asdict().items()}

@@ -1,0 +1,100 @@
+"""In how many files the library itself is extended: the table of docs/extending.md, by doing it."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import maidenflight
+
+SOURCE = Path(maidenflight.__file__).parent
+PAGE = Path(__file__).parents[1] / "docs" / "extending.md"
+Patches = dict[str, tuple[str, str]]
+"""By file, a text and what it is replaced by."""
+
+PARAMETER: Patches = {
+    "parameters/quantities.py": (
+        "    flapping_moment: Any = quantity(",
+        '    buoyancy: Any = quantity("body", "b", "m/s2", (0.0, 5.0), "of a balloon", "a test")\n'
+        "    flapping_moment: Any = quantity(",
+    ),
+    "parameters/named.py": (
+        "        flapping_moment=0.0,\n",
+        "        flapping_moment=0.0,\n        buoyancy=0.0,\n",
+    ),
+    "simulator/dynamics.py": (
+        "lift[2] - parameters.gravity",
+        "lift[2] - parameters.gravity + parameters.buoyancy",
+    ),
+    "identification/box.py": (
+        '        "latency": (0.0, 0.05),\n',
+        '        "latency": (0.0, 0.05),\n        "buoyancy": (0.0, 2.0),\n',
+    ),
+}
+FLOATS = """
+import jax
+import numpy as np
+import maidenflight as mf
+from maidenflight import parameters
+from maidenflight.identification.box import physical_bounds
+from maidenflight.simulator import dynamics
+
+lifted = parameters.replace(mf.crazyflie(), buoyancy=0.5)
+parameters.write("lifted.toml", lifted, {})
+assert parameters.read("lifted.toml").buoyancy == np.float32(0.5)
+state = dynamics.at_hover(np.zeros(3, np.float32), mf.crazyflie())
+up = [dynamics.linear_acceleration(state, one)[2] for one in (lifted, mf.crazyflie())]
+assert abs(up[0] - up[1] - 0.5) < 1e-5
+assert physical_bounds(lifted)["buoyancy"] == (0.0, 2.0)
+flights = mf.record(mf.reality("lifted.toml"), jax.random.key(0), flights=1, duration=8.0)
+few = mf.Likelihood(trials=1, evaluations=2)
+found = mf.identify(flights, few, over=("latency", "buoyancy"))
+assert "buoyancy" in found.estimates
+"""
+TASK: Patches = {
+    "simulator/tasks.py": (
+        "TASKS: dict[str,",
+        '@once\ndef high() -> Task:\n    return hover(2.0)._replace(name="high")\n\n\n'
+        "TASKS: dict[str,",
+    ),
+    "names.py": ('TASKS = ("circle",', 'TASKS = ("high", "circle",'),
+}
+FLIES = """
+import jax
+import maidenflight as mf
+from maidenflight.policy import untrained
+from maidenflight.simulator.tasks import TASKS
+from maidenflight.verbs.train import Train
+
+assert Train(task="high").task == "high"
+flown = mf.transfer([untrained(jax.random.key(0))], [mf.virtual_drone(7)], task=TASKS["high"]())
+assert flown.table.height
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("what", "patches", "program"),
+    [("task", TASK, FLIES), ("physical parameter", PARAMETER, FLOATS)],
+    ids=["task", "parameter"],
+)
+def test_the_library_is_extended_in_as_many_files_as_the_page_says(
+    what: str, patches: Patches, program: str, tmp_path: Path
+) -> None:
+    (row,) = re.findall(rf"^\| {what} \| (\d)", PAGE.read_text(), re.MULTILINE)
+    assert len(patches) == int(row)
+    copy = tmp_path / "src" / "maidenflight"
+    shutil.copytree(SOURCE, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    for file, (old, new) in patches.items():
+        text = (copy / file).read_text()
+        assert text.count(old) == 1, file
+        (copy / file).write_text(text.replace(old, new))
+    place = os.environ | {"PYTHONPATH": str(copy.parent)}
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=tmp_path, env=place, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
