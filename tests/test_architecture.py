@@ -1,6 +1,7 @@
 """Imports run one way: each stage knows only the stages before it."""
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -65,6 +66,29 @@ def test_a_module_imports_only_earlier_stages(module):
         target for target in imported((ROOT / module).read_text()) if forbidden(importer, target)
     ]
     assert not wrong, f"{module} imports {wrong}"
+
+
+PARTS = [
+    "drone_file methods behaviour",
+    "signals",
+    "search",
+    "outcome",
+    "replay",
+    "likelihood",
+    "identify closed_loop",
+    "design",
+]
+PART = {name: rank for rank, names in enumerate(PARTS) for name in names.split()}
+"""Of identification, in order."""
+
+
+@pytest.mark.parametrize(
+    "module", sorted((ROOT / "identification").rglob("[a-z]*.py")), ids=lambda path: path.stem
+)
+def test_a_part_of_identification_imports_only_earlier_parts(module):
+    part = module.relative_to(ROOT / "identification").parts[0].removesuffix(".py")
+    targets = re.findall(r"maidenflight\.identification(?:\.| import )(\w+)", module.read_text())
+    assert all(target == part or PART[target] < PART[part] for target in targets), targets
 
 
 @pytest.mark.parametrize(

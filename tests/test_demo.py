@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from maidenflight.identification import identify, likelihood
+from maidenflight.identification import identify
+from maidenflight.identification.likelihood import likelihood
 from maidenflight.training import defaults
 from maidenflight.verb import Progress, Result
 from maidenflight.verbs.demo import Demo, Stages

@@ -8,8 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from maidenflight.identification.drone_file import GroupGain
-from maidenflight.identification.information import Expected
-from maidenflight.identification.progress import CHOICE, EXPECTING, INTERVALS, STAGES, Progress
+from maidenflight.identification.outcome.plausible import Expected
+from maidenflight.identification.outcome.progress import (
+    CHOICE,
+    EXPECTING,
+    INTERVALS,
+    STAGES,
+    Progress,
+)
 from maidenflight.terminal import Bar
 from maidenflight.verb import Progress as Shown
 from maidenflight.verbs import identify

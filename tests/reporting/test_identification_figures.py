@@ -10,9 +10,9 @@ import pytest
 from drawn import of, rows, titles
 
 from maidenflight.errors import InputError
-from maidenflight.identification import surrogate
 from maidenflight.identification.drone_file import Estimate
-from maidenflight.identification.prediction import LOGGED, PERSISTENCE
+from maidenflight.identification.outcome import surrogate
+from maidenflight.identification.replay.prediction import LOGGED, PERSISTENCE
 from maidenflight.parameters import COMPONENTS
 from maidenflight.reporting import svg, text
 from maidenflight.reporting.corner_figure import MOST, corner

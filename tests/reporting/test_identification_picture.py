@@ -8,8 +8,8 @@ import polars
 import pytest
 
 from maidenflight.identification.drone_file import Estimate, GroupGain, Source
-from maidenflight.identification.estimates import Identification
-from maidenflight.identification.motor_response import Look
+from maidenflight.identification.outcome.estimates import Identification
+from maidenflight.identification.signals.motor_response import Look
 from maidenflight.parameters import crazyflie
 from maidenflight.reporting.identification_picture import identification_picture
 

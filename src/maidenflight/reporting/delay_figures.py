@@ -12,8 +12,8 @@ import polars
 from jaxtyping import Float
 
 from maidenflight.errors import InputError
-from maidenflight.identification import surrogate
-from maidenflight.identification.posterior import LEVEL
+from maidenflight.identification.outcome import surrogate
+from maidenflight.identification.outcome.posterior import LEVEL
 from maidenflight.parameters import crazyflie
 from maidenflight.reporting import charts, text
 from maidenflight.reporting.charts import Entry, Figure, Spec

@@ -5,7 +5,7 @@ from markupsafe import Markup
 
 from maidenflight.experiments import flight_times, recovery
 from maidenflight.flights.trims import trim
-from maidenflight.identification.prediction import PERSISTENCE
+from maidenflight.identification.replay.prediction import PERSISTENCE
 from maidenflight.parameters import crazyflie
 from maidenflight.reporting import tables
 from maidenflight.reporting.run import Run, viewable

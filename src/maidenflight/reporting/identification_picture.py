@@ -4,9 +4,9 @@ import math
 from collections.abc import Sequence
 
 from maidenflight.identification.drone_file import GroupGain
-from maidenflight.identification.estimates import Identification
-from maidenflight.identification.motor_response import Look
-from maidenflight.identification.selection import SMALLEST_GAIN
+from maidenflight.identification.likelihood.selection import SMALLEST_GAIN
+from maidenflight.identification.outcome.estimates import Identification
+from maidenflight.identification.signals.motor_response import Look
 from maidenflight.parameters import Parameters, component
 from maidenflight.reporting import svg, text
 from maidenflight.reporting.svg import Panel

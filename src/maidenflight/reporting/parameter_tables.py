@@ -4,8 +4,8 @@ import numpy as np
 import polars
 from markupsafe import Markup
 
-from maidenflight.identification.bounds import bound_reached
 from maidenflight.identification.drone_file import Estimate
+from maidenflight.identification.outcome.bounds import bound_reached
 from maidenflight.parameters import COMPONENTS, QUANTITIES, component
 from maidenflight.reporting import literature, tables, text
 from maidenflight.reporting.run import Run, true_ends

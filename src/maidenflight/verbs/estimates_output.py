@@ -8,7 +8,7 @@ from maidenflight import terminal
 from maidenflight.verbs.logs import scale_of
 
 if TYPE_CHECKING:
-    from maidenflight.identification.estimates import Identification
+    from maidenflight.identification.outcome.estimates import Identification
 
 
 def show_estimates(found: "Identification", truth: Mapping[str, str | float] | None = None) -> None:

@@ -21,10 +21,9 @@ from maidenflight.verbs.estimates_output import (
 if TYPE_CHECKING:
     from maidenflight.flights.reading import Flights
     from maidenflight.identification.drone_file import DroneFile
-    from maidenflight.identification.estimates import Identification
-    from maidenflight.identification.likelihood import Likelihood
-    from maidenflight.identification.progress import Progress as Stage
-    from maidenflight.identification.replay import Replay
+    from maidenflight.identification.methods import Likelihood, Replay
+    from maidenflight.identification.outcome.estimates import Identification
+    from maidenflight.identification.outcome.progress import Progress as Stage
 
 _SEARCH = "Search"
 _PAIR = dataclasses.replace(
@@ -205,8 +204,7 @@ class Identify(Verb):
         )
 
     def _objective(self) -> "Likelihood | Replay":
-        from maidenflight.identification.likelihood import Likelihood
-        from maidenflight.identification.replay import Replay
+        from maidenflight.identification.methods import Likelihood, Replay
 
         common: dict[str, Any] = {
             "lead_in": self.lead_in,
@@ -288,7 +286,7 @@ def _must_be_known(given: Iterable[str]) -> None:
 
 def _kept_at_bounds(start: "DroneFile", found: "Identification") -> list[str]:
     """Returns what was kept of a start although it lay at a search bound there."""
-    from maidenflight.identification.bounds import at_bounds
+    from maidenflight.identification.outcome.bounds import at_bounds
 
     return [
         f"kept from {Path(start.name).name}: {text}"

@@ -59,7 +59,7 @@ class Match(Verb):
         from maidenflight.identification.behaviour import flown_by
         from maidenflight.identification.closed_loop import ClosedLoop, match
         from maidenflight.identification.drone_file import CLOSED_LOOP
-        from maidenflight.identification.estimates import source_of
+        from maidenflight.identification.outcome.estimates import source_of
         from maidenflight.verbs.policies import read_policies
 
         progress.move(0, None, "compiling")

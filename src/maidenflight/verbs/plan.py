@@ -11,7 +11,7 @@ from maidenflight.verb import Output, Progress, Result, Verb
 from maidenflight.verbs import logs, shared
 
 if TYPE_CHECKING:
-    from maidenflight.identification.planning import Planned
+    from maidenflight.identification.design.planning import Planned
 
 _ROOM = listed(
     number(0.0, 1e4), "width, depth and height in metres, such as 2x2x1.5", "WxDxH", separator="x"
@@ -67,7 +67,7 @@ class Plan(Verb):
 
         from maidenflight import parameters
         from maidenflight.experiments.drones import find_reality
-        from maidenflight.identification import planning
+        from maidenflight.identification.design import planning
         from maidenflight.simulator.virtual_drone import VirtualDrone
 
         known = find_reality(self.drone, self.accept_bounds)
@@ -76,16 +76,17 @@ class Plan(Verb):
                 f"{self.drone}: {known.name} has physics of its own, in which nothing is planned. "
                 "Give a drone's TOML file or name, or virtual:SEED."
             )
-        found = planning.plan(
-            *(known, self.room, self.seconds, jax.random.key(self.seed)),
+        request = planning.Request(
+            room=self.room,
+            seconds=self.seconds,
             interest=self.interest,
             rate=self.rate,
             motors=self.motors,
             firmware=self.firmware,
             seed=self.seed,
             held=self.drone in parameters.DRONES,
-            on_stage=progress.move,
         )
+        found = planning.plan(known, request, jax.random.key(self.seed), progress.move)
         record = self.make_record(logs.own_files(self.drone))
         found = dataclasses.replace(found, plan=dataclasses.replace(found.plan, record=record))
         found.plan.write(output)

@@ -57,7 +57,7 @@ class Predict(Verb):
     def check(self) -> None:
         """Refuses what is no drone or no policy."""
         from maidenflight.experiments.drones import read_drone
-        from maidenflight.identification.ensembles import posterior_ensemble
+        from maidenflight.identification.outcome.ensembles import posterior_ensemble
         from maidenflight.verbs.policies import read_policies
 
         if self.get("drone"):

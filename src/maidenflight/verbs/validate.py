@@ -68,9 +68,12 @@ class Validate(Verb):
         from maidenflight import parameters
         from maidenflight.flights.reading import COMMANDS, read_flights
         from maidenflight.identification import drone_file
-        from maidenflight.identification.bounds import at_bounds
-        from maidenflight.identification.likelihood import log_likelihood
-        from maidenflight.identification.prediction import predicted_windows, prediction_error
+        from maidenflight.identification.likelihood.one_step import log_likelihood
+        from maidenflight.identification.outcome.bounds import at_bounds
+        from maidenflight.identification.replay.prediction import (
+            predicted_windows,
+            prediction_error,
+        )
 
         file = drone_file.read(self.drone)
         models = {
@@ -165,7 +168,7 @@ def _show(likelihoods: Mapping[str, float], errors: "DataFrame", simulated: bool
 
     `*` marks what is worse than the persistence baseline.
     """
-    from maidenflight.identification.prediction import PERSISTENCE
+    from maidenflight.identification.replay.prediction import PERSISTENCE
     from maidenflight.reporting.text import ERRORS
 
     terminal.print_table(
