@@ -8,8 +8,8 @@ import pytest
 import planted
 from maidenflight.flights.windows import Windows, windows
 from maidenflight.identification.methods import DISCOUNT
-from maidenflight.identification.replay import chunks
 from maidenflight.identification.replay import objective as module
+from maidenflight.identification.replay import open_loop
 from maidenflight.identification.replay.objective import WEIGHTS, Objective, window_loss
 from maidenflight.parameters import crazyflie, replace
 
@@ -199,7 +199,7 @@ def test_what_is_computed_does_not_depend_on_the_number_of_cores(monkeypatch, co
     )
     alone = {}
     for used in (1, cores):
-        monkeypatch.setattr(chunks.cores, "count", lambda used=used: used)
+        monkeypatch.setattr(open_loop.cores, "count", lambda used=used: used)
         alone[used] = (
             measured.per_window(at),
             *measured.normal_equations(at, ("latency",)),

@@ -7,7 +7,7 @@ import pytest
 import planted
 from maidenflight.errors import InputError
 from maidenflight.flights.windows import windows
-from maidenflight.identification.replay import chunks, prediction
+from maidenflight.identification.replay import open_loop, prediction
 from maidenflight.identification.replay.open_loop import simulate
 from maidenflight.identification.replay.prediction import (
     ERROR_UNITS,
@@ -170,7 +170,7 @@ def test_other_input_that_makes_no_sense_is_refused(flights):
 @pytest.mark.slow
 def test_chunks_are_filled_and_cut(flights):
     cut = windows(flights * 5, 5)
-    assert len(cut.segment) > chunks.CHUNK
+    assert len(cut.segment) > open_loop.CHUNK
     said = prediction.predict(cut, TRUE, 0.01)
     assert said.shape == (len(cut.segment), 5, 12)
     few = jax.tree.map(lambda array: array[-3:], cut)

@@ -40,7 +40,7 @@ from maidenflight.identification.likelihood.one_step_errors import (
     Innovations,
 )
 from maidenflight.identification.methods import Likelihood
-from maidenflight.identification.replay.chunks import in_chunks, on_all_cores
+from maidenflight.identification.replay.open_loop import in_chunks, on_all_cores
 from maidenflight.identification.signals.flight_signals import sharp, stride
 from maidenflight.parameters import Parameters, replace
 
@@ -222,7 +222,8 @@ class OneStep(ObservationModel):
         whole = np.sqrt(products.sum(axis=0)[:, 0, 0] / self.rows)
         by_moment = np.array([name in BY_MOMENT for name in names] + [False] * (-d % _AT_ONCE))
         sizes = noise.coefficients, noise.deviation, noise.deviation / whole
-        new = Innovations(*(np.asarray(part, np.float32) for part in sizes), by_moment)
+        weights, deviation, share = (np.asarray(part, np.float32) for part in sizes)
+        new = Innovations(weights, deviation, share, by_moment)
 
         def compute(first: int, end: int) -> tuple[np.ndarray, ...]:
             return _stacked(

@@ -19,6 +19,7 @@ from maidenflight.identification.likelihood.fit import box_of, fit
 from maidenflight.identification.likelihood.flight_differences import differences
 from maidenflight.identification.likelihood.laplace import anywhere_in
 from maidenflight.identification.likelihood.noise_levels import noise_levels
+from maidenflight.identification.likelihood.observation import ObservationModel
 from maidenflight.identification.likelihood.one_step import LENGTH, OneStep, one_step_objective
 from maidenflight.identification.likelihood.one_step_errors import ORDER
 from maidenflight.identification.likelihood.selection import Parts
@@ -250,7 +251,7 @@ def _parts(flights: Sequence[Flight], settings: Likelihood) -> Parts:
 
 
 def _beside_optimum(
-    problem: Problem, settings: Likelihood, sample: OneStep, untold: Collection[str]
+    problem: Problem, settings: Likelihood, sample: ObservationModel, untold: Collection[str]
 ) -> Parameters:
     """The start, or the start with another lag and latency if these lead to a better optimum.
 

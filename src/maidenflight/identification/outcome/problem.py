@@ -62,7 +62,6 @@ class Problem:
         if not flights:
             raise InputError("no flights to identify from; give at least one.")
         _must_be_frequent(flights)
-        seed = jax.random.bits(jax.random.key(0) if key is None else key, (2,))
         names = None if over is None or over == AUTO else over
         return cls(
             flights=flights,
@@ -70,9 +69,15 @@ class Problem:
             start=crazyflie() if start is None else start,
             over=names if names is None else tuple([names] if isinstance(names, str) else names),
             bounds=bounds or {},
-            generator=np.random.default_rng(np.asarray(seed).tolist()),
+            generator=generator_of(key),
             reporter=Reporter(on_progress),
         )
+
+
+def generator_of(key: Array | None) -> np.random.Generator:
+    """Returns NumPy's random numbers of a key; of `jax.random.key(0)` without one."""
+    bits = jax.random.bits(jax.random.key(0) if key is None else key, (2,))
+    return np.random.default_rng(np.asarray(bits).tolist())
 
 
 def _must_be_frequent(flights: Sequence[Flight]) -> None:

@@ -15,8 +15,14 @@ from jaxtyping import Array, Float
 
 from maidenflight.flights.windows import Windows
 from maidenflight.identification.methods import DISCOUNT
-from maidenflight.identification.replay.chunks import CHUNK, in_chunks, on_all_cores
-from maidenflight.identification.replay.open_loop import physics_steps, simulate, wrapped
+from maidenflight.identification.replay.open_loop import (
+    CHUNK,
+    in_chunks,
+    on_all_cores,
+    physics_steps,
+    simulate,
+    wrapped,
+)
 from maidenflight.identification.search.gauss_newton import NormalEquations
 from maidenflight.parameters import Parameters, component, replace
 

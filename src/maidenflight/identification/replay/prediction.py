@@ -20,8 +20,13 @@ from maidenflight.errors import InputError
 from maidenflight.flights.log import GROUPS, Flight, averaged
 from maidenflight.flights.windows import EVERY, LEAD_IN, Windows, first_start, windows
 from maidenflight.identification.outcome.posterior import RESAMPLES, interval
-from maidenflight.identification.replay.chunks import in_chunks
-from maidenflight.identification.replay.open_loop import PHYSICS_STEP, physics_steps, simulate
+from maidenflight.identification.outcome.problem import generator_of
+from maidenflight.identification.replay.open_loop import (
+    PHYSICS_STEP,
+    in_chunks,
+    physics_steps,
+    simulate,
+)
 from maidenflight.identification.signals.flight_signals import stride
 from maidenflight.parameters import Parameters, replace
 from maidenflight.run_folder import ERROR_UNITS
@@ -87,9 +92,7 @@ def prediction_error(
     period = flights[0].period
     rows = _rows(horizons, period)
     cut = windows(flights, int(rows[-1]), lead_in=lead_in)
-    start = np.concatenate(
-        [cut.position, cut.velocity, _attitude(cut.quaternion), cut.body_rates], axis=1
-    )
+    start = _start(cut)
     predictions = {name: predict(cut, drone, period)[:, rows - 1] for name, drone in models.items()}
     for name, rows_ahead in predictions.items():
         if not np.all(np.isfinite(rows_ahead)):
@@ -102,7 +105,7 @@ def prediction_error(
         [_errors(each, cut.measured[:, rows - 1]) ** 2 for each in predictions.values()], axis=1
     )
     numbers, segment = np.unique(cut.segment, return_inverse=True)
-    low, high = _interval(squares, segment, jax.random.key(0) if key is None else key)
+    low, high = _interval(squares, segment, key)
     value = np.sqrt(squares.mean(axis=0))
     table = []
     for place, row in enumerate(rows):
@@ -167,9 +170,7 @@ def predicted_windows(
     period = flights[0].period
     length = int(_rows([horizon], period)[0])
     long = [flight for flight in flights if len(flight) > first_start(flight) + length] or flights
-    generator = np.random.default_rng(
-        np.asarray(jax.random.bits(jax.random.key(0) if key is None else key, (2,))).tolist()
-    )
+    generator = generator_of(key)
     repeats = np.bincount(np.resize(generator.permutation(len(long)), count), minlength=len(long))
     parts, places = [], []
     for number in np.flatnonzero(repeats):
@@ -184,9 +185,7 @@ def predicted_windows(
             (long[number].name, first_start(long[number]) + EVERY * int(row)) for row in rows
         ]
     cut = jax.tree.map(lambda *pieces: np.concatenate(pieces), *parts)
-    start = np.concatenate(
-        [cut.position, cut.velocity, _attitude(cut.quaternion), cut.body_rates], axis=1
-    )[:, None]
+    start = _start(cut)[:, None]
     ahead = {
         LOGGED: cut.measured,
         **{name: predict(cut, drone, period) for name, drone in models.items()},
@@ -269,8 +268,10 @@ def _rows(horizons: Sequence[float], period: float) -> Int[np.ndarray, "K"]:
     return rows
 
 
-def _attitude(quaternion: Float[np.ndarray, "W 4"]) -> Float[np.ndarray, "W 3"]:
-    return Rotation.from_quat(quaternion).as_euler("ZYX")[:, ::-1]
+def _start(cut: Windows) -> Float[np.ndarray, "W 12"]:
+    """Position, velocity, attitude and body rates at the start of each window."""
+    attitude = Rotation.from_quat(cut.quaternion).as_euler("ZYX")[:, ::-1]
+    return np.concatenate([cut.position, cut.velocity, attitude, cut.body_rates], axis=1)
 
 
 def _errors(
@@ -291,15 +292,16 @@ def _errors(
 
 
 def _interval(
-    squares: Float[np.ndarray, "W M K 4"], segment: Int[np.ndarray, "W"], key: Array
+    squares: Float[np.ndarray, "W M K 4"], segment: Int[np.ndarray, "W"], key: Array | None
 ) -> tuple[Float[np.ndarray, "M K 4"], Float[np.ndarray, "M K 4"]]:
     """Bootstrap interval of the root mean squares; all models have the same draws of segments."""
     counts = np.bincount(segment).astype(np.float64)
     sums = np.zeros((len(counts), *squares.shape[1:]))
     np.add.at(sums, segment, squares)
-    generator = np.random.default_rng(np.asarray(jax.random.bits(key, (2,))).tolist())
-    draws = generator.multinomial(
-        len(counts), np.full(len(counts), 1 / len(counts)), RESAMPLES
-    ).astype(np.float64)
+    draws = (
+        generator_of(key)
+        .multinomial(len(counts), np.full(len(counts), 1 / len(counts)), RESAMPLES)
+        .astype(np.float64)
+    )
     redrawn = np.sqrt(np.tensordot(draws, sums, 1) / (draws @ counts)[:, None, None, None])
     return interval(redrawn)
