@@ -23,13 +23,12 @@ from page import write
 from maidenflight.flights import recording
 from maidenflight.flights.reading import read_flights
 from maidenflight.flights.windows import Windows, windows
-from maidenflight.identification import bayesian, gradient
-from maidenflight.identification.box import PAPER_BOUNDS, Box
-from maidenflight.identification.gauss_newton import NormalEquations, in_unit_cube
 from maidenflight.identification.identify import identify
-from maidenflight.identification.likelihood import Likelihood
-from maidenflight.identification.objective import Objective
-from maidenflight.identification.replay import Replay
+from maidenflight.identification.methods import Likelihood, Replay
+from maidenflight.identification.replay.objective import Objective
+from maidenflight.identification.search import bayesian, gradient
+from maidenflight.identification.search.box import PAPER_BOUNDS, Box
+from maidenflight.identification.search.gauss_newton import NormalEquations, in_unit_cube
 from maidenflight.parameters import Parameters, crazyflie, replace
 from maidenflight.simulator.virtual_drone import VirtualDrone
 

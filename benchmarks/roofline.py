@@ -41,7 +41,7 @@ from page import write
 
 import maidenflight as mf
 from maidenflight.flights.windows import LEAD_IN, Windows
-from maidenflight.identification import one_step_errors
+from maidenflight.identification.likelihood import one_step_errors
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import untrained
 from maidenflight.simulator import control, tasks

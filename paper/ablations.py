@@ -36,7 +36,7 @@ from maidenflight.experiments.drones import find_reality
 from maidenflight.experiments.transfer import MAX_DURATION_S, transfer
 from maidenflight.flights.log import Flight
 from maidenflight.identification import drone_file
-from maidenflight.identification.ensembles import posterior_ensemble, trim_ensemble
+from maidenflight.identification.outcome.ensembles import posterior_ensemble, trim_ensemble
 from maidenflight.parameters import Parameters, component, replace
 from maidenflight.policy import Policy
 from maidenflight.reporting.figures import charts, intervals, picture

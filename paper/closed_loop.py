@@ -36,9 +36,9 @@ from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import read_flights
 from maidenflight.flights.rotors import rotors
 from maidenflight.flights.windows import windows
-from maidenflight.identification import one_step
-from maidenflight.identification.ensembles import BETWEEN_FLIGHTS
-from maidenflight.identification.flight_signals import stride
+from maidenflight.identification.likelihood import one_step
+from maidenflight.identification.outcome.ensembles import BETWEEN_FLIGHTS
+from maidenflight.identification.signals.flight_signals import stride
 from maidenflight.names import TRIMS
 from maidenflight.parameters import Parameters, replace
 from maidenflight.policy import Policy

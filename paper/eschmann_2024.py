@@ -26,11 +26,9 @@ from maidenflight.flights import checking
 from maidenflight.flights.log import ACCELEROMETER_DELAY, Flight
 from maidenflight.flights.reading import read_flights
 from maidenflight.flights.tables import Table
-from maidenflight.identification.estimates import Identification
 from maidenflight.identification.identify import identify
-from maidenflight.identification.inertial import FORCE, FORCE_GROUPS
-from maidenflight.identification.inertial_errors import InertialErrors
-from maidenflight.identification.inertial_signals import ACCELEROMETER, signals
+from maidenflight.identification.likelihood.inertial_errors import AccelerometerErrors
+from maidenflight.identification.likelihood.without_state import FORCE, FORCE_GROUPS
 from maidenflight.integrations.logs import cflib, usddeck
 from maidenflight.parameters import Parameters, crazyflie
 from maidenflight.parameters import replace as with_values
@@ -204,7 +202,7 @@ def main() -> None:
         "whole logs, the source's model": identify(whole, start=start, over=MODEL),
         "whole logs, thrust at standstill too": identify(whole, start=start, over=BOTH),
     }
-    measured = InertialErrors(signals(whole, ACCELEROMETER))
+    measured = AccelerometerErrors.of(whole)
     used = measured.signals.used
     print("errors of the accelerometer, all steps of 10 ms in the air [m/s2]:")
     for name, one in found.items():

@@ -19,7 +19,7 @@ from maidenflight import results
 from maidenflight.errors import InputError
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import Estimate
-from maidenflight.identification.posterior import basis
+from maidenflight.identification.outcome.posterior import basis
 from maidenflight.reporting.figures import delays, picture
 from maidenflight.reporting.figures.charts import Entry, Figure, Spec
 from maidenflight.reporting.figures.delays import DELAYS

@@ -20,7 +20,7 @@ import polars
 from maidenflight import results
 from maidenflight.flights.log import Flight, thinned
 from maidenflight.flights.reading import read_flights
-from maidenflight.identification.motor_response import MotorResponse, motor_response
+from maidenflight.identification.signals.motor_response import MotorResponse, motor_response
 from maidenflight.parameters import crazyflie
 
 FOLDERS = ("brushed", "brushless", "payload")

@@ -28,15 +28,14 @@ from maidenflight.experiments.flight_times import predict_flight_times, summary
 from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import read_flights
 from maidenflight.flights.windows import windows
-from maidenflight.identification import one_step
-from maidenflight.identification.ensembles import TRIM, trim_ensemble
-from maidenflight.identification.estimates import Identification
 from maidenflight.identification.identify import identify
-from maidenflight.identification.likelihood import Likelihood
-from maidenflight.identification.one_step import OneStep
-from maidenflight.identification.prediction import predict
-from maidenflight.identification.replay import Replay
-from maidenflight.identification.selection import FIRST
+from maidenflight.identification.likelihood import one_step
+from maidenflight.identification.likelihood.one_step import OneStep
+from maidenflight.identification.likelihood.selection import FIRST
+from maidenflight.identification.methods import Likelihood, Replay
+from maidenflight.identification.outcome.ensembles import TRIM, trim_ensemble
+from maidenflight.identification.outcome.estimates import Identification
+from maidenflight.identification.replay.prediction import predict
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy
 

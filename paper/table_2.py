@@ -25,11 +25,11 @@ from maidenflight.flights import recording
 from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import read_flights
 from maidenflight.flights.windows import windows
-from maidenflight.identification.box import PAPER_BOUNDS
-from maidenflight.identification.estimates import Identification
 from maidenflight.identification.identify import identify
-from maidenflight.identification.objective import Objective
-from maidenflight.identification.replay import METHODS, Replay
+from maidenflight.identification.methods import METHODS, Replay
+from maidenflight.identification.outcome.estimates import Identification
+from maidenflight.identification.replay.objective import Objective
+from maidenflight.identification.search.box import PAPER_BOUNDS
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.simulator.control import CONTROLLERS
 from maidenflight.simulator.virtual_drone import VirtualDrone

@@ -1,6 +1,7 @@
 """Imports run one way: each stage knows only the stages before it, and none the integrations."""
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -92,6 +93,30 @@ def test_functions_are_short_and_take_few_arguments(module):
             names = [one.arg for one in taken if one.arg not in ("self", "cls")]
             assert len(names) <= MOST_ARGUMENTS, node.name
             assert (node.end_lineno or 0) - node.lineno < MOST_LINES, node.name
+
+
+PARTS = [
+    "drone_file methods behaviour",
+    "signals",
+    "search",
+    "outcome",
+    "replay",
+    "likelihood",
+    "identify closed_loop held_out overall_progress start truth",
+    "matched_drone",
+    "design",
+]
+PART = {name: rank for rank, names in enumerate(PARTS) for name in names.split()}
+"""Of identification, in order."""
+
+
+@pytest.mark.parametrize(
+    "module", sorted((ROOT / "identification").rglob("[a-z]*.py")), ids=lambda path: path.stem
+)
+def test_a_part_of_identification_imports_only_earlier_parts(module):
+    part = module.relative_to(ROOT / "identification").parts[0].removesuffix(".py")
+    targets = re.findall(r"maidenflight\.identification(?:\.| import )(\w+)", module.read_text())
+    assert all(target == part or PART[target] < PART[part] for target in targets), targets
 
 
 @pytest.mark.parametrize(

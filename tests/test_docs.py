@@ -628,6 +628,17 @@ def test_a_property_of_a_policy_s_input_is_one_class(monkeypatch: pytest.MonkeyP
     assert np.isfinite(act.action).all()
 
 
+@pytest.mark.slow
+def test_an_observation_model_is_one_class_that_the_estimator_fits() -> None:
+    names: dict[str, Any] = {}
+    for snippet in extensions("An observation model"):
+        exec(compile(snippet, "docs/extending.md", "exec"), names)
+    assert set(names["found"].samples) == set(names["names"])
+    for name, samples in names["found"].samples.items():
+        low, high = np.quantile(samples, [0.025, 0.975])
+        assert low <= float(parameters.component(names["drone"].parameters, name)) <= high, name
+
+
 def named_in_source(*words: str) -> set[str]:
     """The source files in whose code one of some words is an identifier or a text by itself."""
     kinds = (ast.Name, "id"), (ast.Attribute, "attr"), (ast.arg, "arg"), (ast.keyword, "arg")

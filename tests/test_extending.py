@@ -30,7 +30,7 @@ PARAMETER: Patches = {
         "lift[2] - parameters.gravity",
         "lift[2] - parameters.gravity + parameters.buoyancy",
     ),
-    "identification/box.py": (
+    "identification/search/box.py": (
         '        "latency": (0.0, 0.05),\n',
         '        "latency": (0.0, 0.05),\n        "buoyancy": (0.0, 2.0),\n',
     ),
@@ -40,7 +40,7 @@ import jax
 import numpy as np
 import maidenflight as mf
 from maidenflight import parameters
-from maidenflight.identification.box import physical_bounds
+from maidenflight.identification.search.box import physical_bounds
 from maidenflight.simulator import dynamics
 
 lifted = parameters.replace(mf.crazyflie(), buoyancy=0.5)

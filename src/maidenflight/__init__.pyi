@@ -13,9 +13,9 @@ from .flights.recording import record as record
 from .identification.drone_file import DroneFile as DroneFile
 from .identification.identify import expected_intervals as expected_intervals
 from .identification.identify import identify as identify
-from .identification.likelihood import Likelihood as Likelihood
-from .identification.prediction import prediction_error as prediction_error
-from .identification.replay import Replay as Replay
+from .identification.methods import Likelihood as Likelihood
+from .identification.methods import Replay as Replay
+from .identification.replay.prediction import prediction_error as prediction_error
 from .parameters import Parameters as Parameters
 from .parameters import crazyflie as crazyflie
 from .parameters import named_drone as named_drone

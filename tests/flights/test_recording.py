@@ -12,7 +12,7 @@ import pytest
 from made_flights import same, volts
 from maidenflight.errors import InputError
 from maidenflight.flights import checking, flying, log, recording
-from maidenflight.identification.flight_signals import rotor_speeds
+from maidenflight.identification.signals.flight_signals import lagged
 from maidenflight.parameters import replace as with_values
 from maidenflight.simulator.battery import Supply
 from maidenflight.simulator.virtual_drone import virtual_drone
@@ -96,7 +96,8 @@ def test_excitation_moves_the_motors_by_its_strength(flights, plain):
 def test_the_accelerometer_reads_gravity_at_rest_and_follows_thrust_behind_its_filter(flights):
     for flight in flights:
         assert flight.accelerometer.mean(axis=0) == pytest.approx([0.0, 0.0, 9.8], abs=0.15)
-        push = np.square(rotor_speeds(flight, float(DRONE.parameters.motor_time_constant), 0.006))
+        lag = float(DRONE.parameters.motor_time_constant)
+        push = np.square(lagged(flight.speed_command, flight.period, lag, 0.006))
         late = np.interp(np.arange(2000) - 3.75, np.arange(2001), push.mean(axis=1))
         seen = flight.accelerometer[200:, 2]
         assert np.corrcoef(late[200:], seen)[0, 1] > 0.75

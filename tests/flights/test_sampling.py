@@ -11,7 +11,7 @@ from maidenflight.flights import sampling
 from maidenflight.flights.log import GROUPS
 from maidenflight.flights.sampling import sampled
 from maidenflight.flights.windows import windows
-from maidenflight.identification.selection import split
+from maidenflight.identification.likelihood.selection import split
 
 
 def flights(lengths=(3000, 150, 900, 2000)):

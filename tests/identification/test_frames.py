@@ -6,7 +6,7 @@ import pytest
 
 from maidenflight.flights.recording import record
 from maidenflight.identification.identify import identify
-from maidenflight.identification.likelihood import Likelihood
+from maidenflight.identification.methods import Likelihood
 from maidenflight.parameters import component, crazyflie, noiseless, plus_frame, replace
 from maidenflight.simulator import dynamics
 from maidenflight.simulator.virtual_drone import VirtualDrone

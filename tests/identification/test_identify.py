@@ -7,24 +7,24 @@ from typing import Any
 
 import jax
 import numpy as np
-import planted
 import pytest
 
+import planted
 from maidenflight.errors import InputError
 from maidenflight.flights.log import write as write_log
 from maidenflight.flights.reading import read_flights
 from maidenflight.identification import drone_file
-from maidenflight.identification.bounds import bound_reached
-from maidenflight.identification.box import PAPER_BOUNDS, physical_bounds
 from maidenflight.identification.drone_file import SAVED, Estimate
-from maidenflight.identification.ensembles import posterior_ensemble, trim_ensemble
-from maidenflight.identification.estimates import doubts
-from maidenflight.identification.identify import AUTO, identify
-from maidenflight.identification.likelihood import Likelihood
-from maidenflight.identification.posterior import DESIGN
-from maidenflight.identification.progress import FITTING, Progress
-from maidenflight.identification.replay import METHODS, Replay
-from maidenflight.identification.selection import FIRST
+from maidenflight.identification.identify import identify
+from maidenflight.identification.likelihood.selection import FIRST
+from maidenflight.identification.methods import METHODS, Likelihood, Replay
+from maidenflight.identification.outcome.bounds import bound_reached
+from maidenflight.identification.outcome.ensembles import posterior_ensemble, trim_ensemble
+from maidenflight.identification.outcome.estimates import doubts
+from maidenflight.identification.outcome.posterior import DESIGN
+from maidenflight.identification.outcome.problem import AUTO
+from maidenflight.identification.outcome.progress import FITTING, Progress
+from maidenflight.identification.search.box import PAPER_BOUNDS, physical_bounds
 from maidenflight.parameters import QUANTITIES, check, crazyflie, noiseless, replace
 from maidenflight.verbs.identify import Identify
 
@@ -172,7 +172,7 @@ def test_few_samples_of_commands_are_doubted(flights):
 
 
 @pytest.mark.parametrize(
-    ("settings", "module"), [(Replay(), "replay"), (Likelihood(), "most_likely")]
+    ("settings", "module"), [(Replay(), "replay.replay"), (Likelihood(), "likelihood.with_state")]
 )
 def test_logs_too_slow_for_the_lag_are_refused_before_the_fit(
     flights, settings, module, monkeypatch

@@ -4,9 +4,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from maidenflight.identification.drone_file import GroupGain
-from maidenflight.identification.information import Expected
+from maidenflight.identification.likelihood.information import Expected
+from maidenflight.identification.outcome.progress import (
+    CHOICE,
+    EXPECTING,
+    INTERVALS,
+    STAGES,
+    Progress,
+)
 from maidenflight.identification.overall_progress import READING, SHARES, Overall, describe
-from maidenflight.identification.progress import CHOICE, EXPECTING, INTERVALS, STAGES, Progress
 
 EXPECTED = {
     "latency": Expected((0.0, 0.03), (0.0, 0.02), True),

@@ -10,7 +10,7 @@ import pytest
 from maidenflight.flights import recording
 from maidenflight.flights.log import thinned
 from maidenflight.identification.identify import identify
-from maidenflight.identification.likelihood import Likelihood
+from maidenflight.identification.methods import Likelihood
 from maidenflight.parameters import component, crazyflie, replace
 from maidenflight.simulator.virtual_drone import virtual_drone
 

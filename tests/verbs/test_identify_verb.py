@@ -11,7 +11,7 @@ from made_flights import calm
 from maidenflight.flights.reading import Flights
 from maidenflight.identification import drone_file
 from maidenflight.identification.drone_file import DroneFile, Source
-from maidenflight.identification.estimates import Identification
+from maidenflight.identification.outcome.estimates import Identification
 from maidenflight.identification.start import note_mass, read_start
 from maidenflight.parameters import crazyflie
 from maidenflight.verbs.identify import Identify

@@ -9,9 +9,9 @@ import numpy as np
 from maidenflight.errors import InputError
 from maidenflight.flights.reading import read_flights
 from maidenflight.identification import drone_file
-from maidenflight.identification.bounds import must_lie_within_bounds
 from maidenflight.identification.drone_file import DroneFile
-from maidenflight.identification.ensembles import (
+from maidenflight.identification.outcome.bounds import must_lie_within_bounds
+from maidenflight.identification.outcome.ensembles import (
     TRIM,
     drone_of_the_day,
     posterior_ensemble,

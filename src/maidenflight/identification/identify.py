@@ -9,28 +9,18 @@ import dataclasses
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
-import jax
-import numpy as np
 from jaxtyping import Array
 
 from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
-from maidenflight.flights.windows import SAME_RATE
-from maidenflight.identification import inertial, most_likely, replay
-from maidenflight.identification.estimates import Identification, source_of
-from maidenflight.identification.information import Expected
-from maidenflight.identification.likelihood import Likelihood
-from maidenflight.identification.problem import Problem
-from maidenflight.identification.progress import Progress, Reporter
-from maidenflight.identification.replay import Replay
-from maidenflight.parameters import Parameters, crazyflie
-
-LONGEST_PERIOD = 0.025
-"""Time between two rows beyond which nothing is identified [s]. From a PID's flights inertia comes
-out 2.8 times too large at 25 Hz, with a narrow interval, and at 20 Hz the fit fails
-(docs/studies/identification.md)."""
-AUTO = "auto"
-"""Instead of parameters' names: let the flights choose them."""
+from maidenflight.identification.likelihood import with_state, without_state
+from maidenflight.identification.methods import Likelihood, Replay
+from maidenflight.identification.outcome.estimates import Identification
+from maidenflight.identification.outcome.plausible import Expected
+from maidenflight.identification.outcome.problem import AUTO, Problem
+from maidenflight.identification.outcome.progress import Progress
+from maidenflight.identification.replay import replay
+from maidenflight.parameters import Parameters
 
 
 def identify(
@@ -82,13 +72,13 @@ def identify(
             f"{flights[0].name}: no position, velocity and attitude in it, which a replay is "
             "compared with. Use Likelihood (--objective likelihood)."
         )
-    problem = _problem(flights, start, over, bounds, key, Reporter(on_progress))
+    problem = Problem.of(flights, start, over, bounds, key, on_progress)
     if isinstance(settings, Replay):
         found = replay.identified(problem, settings)
     elif stateless:
-        found = inertial.identified(problem, settings)
+        found = without_state.identified(problem, settings)
     else:
-        found = most_likely.identified(problem, settings)
+        found = with_state.identified(problem, settings)
     notes = (*left_out, *found.notes)
     return dataclasses.replace(found, notes=notes, seconds=time.perf_counter() - began)
 
@@ -139,45 +129,5 @@ def expected_intervals(
             f"{flights[0].name}: no position, velocity and attitude in it, without which nothing "
             "is said beforehand. Identify from it."
         )
-    problem = _problem(flights, start, over, bounds, key, Reporter(None))
-    return most_likely.expected_intervals(problem, settings or Likelihood())
-
-
-def _problem(
-    flights: Iterable[Flight],
-    start: Parameters | None,
-    over: Sequence[str] | str | None,
-    bounds: Mapping[str, tuple[float, float]] | None,
-    key: Array | None,
-    reporter: Reporter,
-) -> Problem:
-    flights = list(flights)
-    if not flights:
-        raise InputError("no flights to identify from; give at least one.")
-    _must_be_frequent(flights)
-    seed = jax.random.bits(jax.random.key(0) if key is None else key, (2,))
-    return Problem(
-        flights=flights,
-        source=source_of(flights),
-        start=crazyflie() if start is None else start,
-        over=_names(over),
-        bounds=bounds or {},
-        generator=np.random.default_rng(np.asarray(seed).tolist()),
-        reporter=reporter,
-    )
-
-
-def _must_be_frequent(flights: Sequence[Flight]) -> None:
-    slowest = max(flights, key=lambda flight: flight.period)
-    if slowest.period > (1 + SAME_RATE) * LONGEST_PERIOD:
-        raise InputError(
-            f"{slowest.name}: rows are {1e3 * slowest.period:.4g} ms apart "
-            f"({1 / slowest.period:.4g} Hz); the motors' lag needs {1 / LONGEST_PERIOD:g} Hz or "
-            "more. Log at 100 Hz."
-        )
-
-
-def _names(over: Sequence[str] | str | None) -> tuple[str, ...] | None:
-    if over is None or over == AUTO:
-        return None
-    return (over,) if isinstance(over, str) else tuple(over)
+    problem = Problem.of(flights, start, over, bounds, key)
+    return with_state.expected_intervals(problem, settings or Likelihood())

@@ -1,6 +1,6 @@
 """How far all of an identification is, with the reading of its flights, and what it does."""
 
-from maidenflight.identification.progress import (
+from maidenflight.identification.outcome.progress import (
     CHOICE,
     EXPECTING,
     FITTING,

@@ -7,8 +7,8 @@ from pathlib import Path
 from maidenflight import parameters
 from maidenflight.flights.reading import Flights
 from maidenflight.identification import drone_file
-from maidenflight.identification.bounds import at_bounds
 from maidenflight.identification.drone_file import DroneFile
+from maidenflight.identification.outcome.bounds import at_bounds
 
 
 def read_start(drone: str, mass_g: float | None) -> DroneFile:

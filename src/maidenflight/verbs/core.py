@@ -25,25 +25,26 @@ if TYPE_CHECKING:
     from maidenflight.flights.log import Flight
     from maidenflight.flights.reading import COMMANDS, Flights, read_flights
     from maidenflight.flights.summary import summaries
-    from maidenflight.identification import drone_file, planning
+    from maidenflight.identification import drone_file
     from maidenflight.identification.behaviour import BEHAVIOUR, flown_by
-    from maidenflight.identification.bounds import at_bounds
     from maidenflight.identification.closed_loop import ClosedLoop, Match, match
+    from maidenflight.identification.design import planning
     from maidenflight.identification.drone_file import CLOSED_LOOP, DroneFile
-    from maidenflight.identification.ensembles import posterior_ensemble
-    from maidenflight.identification.estimates import Identification, source_of
     from maidenflight.identification.held_out import note_not_held_out, note_other_law
     from maidenflight.identification.identify import identify
-    from maidenflight.identification.likelihood import Likelihood, log_likelihood
+    from maidenflight.identification.likelihood.one_step import log_likelihood
     from maidenflight.identification.matched_drone import merge_match
+    from maidenflight.identification.methods import Likelihood, Replay
+    from maidenflight.identification.outcome.bounds import at_bounds
+    from maidenflight.identification.outcome.ensembles import posterior_ensemble
+    from maidenflight.identification.outcome.estimates import Identification, source_of
+    from maidenflight.identification.outcome.progress import Progress as Stage
     from maidenflight.identification.overall_progress import Overall
-    from maidenflight.identification.prediction import (
+    from maidenflight.identification.replay.prediction import (
         PERSISTENCE,
         predicted_windows,
         prediction_error,
     )
-    from maidenflight.identification.progress import Progress as Stage
-    from maidenflight.identification.replay import Replay
     from maidenflight.identification.start import note_kept_at_bounds, note_mass, read_start
     from maidenflight.identification.truth import read_truth
     from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, crazyflie

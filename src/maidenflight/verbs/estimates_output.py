@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from textwrap import fill
 from typing import Any
 
-from maidenflight.identification.estimates import Identification
+from maidenflight.identification.outcome.estimates import Identification
 from maidenflight.parameters import COMPONENTS, GEOMETRY, QUANTITIES, arm_length
 from maidenflight.reporting.text import with_error
 from maidenflight.terminal import Table

@@ -17,7 +17,7 @@ from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import Flights, read_flights
 from maidenflight.identification.identify import identify
-from maidenflight.identification.likelihood import Likelihood
+from maidenflight.identification.methods import Likelihood
 from maidenflight.parameters import component, crazyflie, replace
 
 pytest.importorskip("orangebox")

@@ -18,7 +18,7 @@ from maidenflight.flights import compensation
 from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import read_flights
 from maidenflight.identification.identify import identify
-from maidenflight.identification.likelihood import Likelihood
+from maidenflight.identification.methods import Likelihood
 from maidenflight.integrations.logs import ros_topics, rosbag
 from maidenflight.parameters import component, crazyflie, replace
 

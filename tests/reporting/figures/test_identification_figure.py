@@ -4,8 +4,8 @@ import polars
 import pytest
 
 from maidenflight.identification.drone_file import Estimate, GroupGain, Source
-from maidenflight.identification.estimates import Identification
-from maidenflight.identification.motor_response import Look
+from maidenflight.identification.outcome.estimates import Identification
+from maidenflight.identification.signals.motor_response import Look
 from maidenflight.parameters import crazyflie
 from maidenflight.reporting.figures.identification import estimates, identification
 from maidenflight.reporting.figures.picture import svg

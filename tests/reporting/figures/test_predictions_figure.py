@@ -4,7 +4,7 @@ import numpy as np
 import polars
 import pytest
 
-from maidenflight.identification.prediction import LOGGED, PERSISTENCE
+from maidenflight.identification.replay.prediction import LOGGED, PERSISTENCE
 from maidenflight.reporting.figures.predictions import horizons
 from maidenflight.reporting.figures.predictions import windows as window_figure
 from reporting.drawn import of, rows, titles

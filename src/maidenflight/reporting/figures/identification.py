@@ -3,9 +3,9 @@
 from collections.abc import Mapping, Sequence
 
 from maidenflight.identification.drone_file import Estimate, GroupGain
-from maidenflight.identification.estimates import Identification
-from maidenflight.identification.motor_response import Look
-from maidenflight.identification.selection import SMALLEST_GAIN
+from maidenflight.identification.likelihood.selection import SMALLEST_GAIN
+from maidenflight.identification.outcome.estimates import Identification
+from maidenflight.identification.signals.motor_response import Look
 from maidenflight.parameters import Parameters, component
 from maidenflight.reporting import text
 from maidenflight.reporting.figures import charts, intervals

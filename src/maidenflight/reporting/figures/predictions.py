@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import polars
 
-from maidenflight.identification.prediction import LOGGED, PERSISTENCE
+from maidenflight.identification.replay.prediction import LOGGED, PERSISTENCE
 from maidenflight.reporting.figures import charts
 from maidenflight.reporting.figures.charts import Entry, Figure, Spec
 from maidenflight.reporting.text import ERRORS, Shown

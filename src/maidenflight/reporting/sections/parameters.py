@@ -9,7 +9,7 @@ import polars
 from markupsafe import Markup
 
 from maidenflight.flights.windows import SEGMENT_SECONDS
-from maidenflight.identification.bounds import bound_reached
+from maidenflight.identification.outcome.bounds import bound_reached
 from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, component, crazyflie
 from maidenflight.reporting import identified, tables, text
 from maidenflight.reporting import run as runs

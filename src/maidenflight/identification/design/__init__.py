@@ -1,0 +1,1 @@
+"""Design of flights that tell most."""

@@ -1,0 +1,387 @@
+"""Planning of a flight that tells most of a drone, within a room.
+
+Each manoeuvre of a library is simulated once, on the drone and on others about it. Those that leave
+the room, tilt or lag too much on any of them are left out. The information of each is that of the
+one-step likelihood, with one noise model for all; `optimal_design` chooses the seconds. What is to
+be expected is then told as `identify` tells it, by simulating the whole plan and as many seconds of
+hover.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import jax
+import numpy as np
+from jaxtyping import Array, Float
+
+from maidenflight.errors import InputError
+from maidenflight.flights import flight_plan, planned
+from maidenflight.flights.flight_plan import REST, Block, Expected, Extremes, FlightPlan
+from maidenflight.flights.flying import Rows
+from maidenflight.flights.log import Flight
+from maidenflight.flights.manoeuvres import HOVER, Manoeuvre, library
+from maidenflight.flights.recording import RATE, flight_log, must_divide
+from maidenflight.identification.design import optimal_design
+from maidenflight.identification.identify import expected_intervals
+from maidenflight.identification.likelihood import one_step, selection
+from maidenflight.identification.outcome.plausible import UNIFORM, prior_ranges
+from maidenflight.identification.search.box import physical_bounds
+from maidenflight.identification.signals.flight_signals import stride
+from maidenflight.parameters import replace as changed
+from maidenflight.simulator.virtual_drone import VirtualDrone, virtual_drone
+
+LOOK = 9.0
+"""Seconds for which each manoeuvre is simulated, the rest after it not counted."""
+CHUNK = 2.0
+"""Manoeuvres last multiples of this [s]."""
+MOST = 8
+"""Manoeuvres of a round."""
+ROUNDS = 3
+"""How often they are flown, one after the other: `identify` judges what a flight supports by a
+third of it that it has not fitted, which must be like the others."""
+SHORTEST_ROUND = 12.0
+"""Length of a round below which there is one only [s]."""
+SLOWER = (1.5, 1.4, 1.3, 1.2, 1.1, 1.05)
+"""Factors of the motors' lag; the slowest drone that still hovers calmly must be safe too."""
+OTHERS = 8
+"""Virtual drones about the planned one on which the limits must be kept too, as far as the PID
+holds them in a hover: what is planned for will be held."""
+MARGIN = 0.2
+"""Distance from walls, floor and ceiling [m]."""
+LESS_LATENCY = (0.5, 0.25, 0.0)
+"""Shares of a guessed latency that are tried where the PID does not hold a drone."""
+LOWEST = 0.3
+"""Least height of the flight [m]: ground effect, and what a radio flight is allowed."""
+
+
+@dataclass(frozen=True)
+class Allowed:
+    """What no manoeuvre may exceed on any simulated drone."""
+
+    tilt: float = np.radians(35.0)
+    """[rad]; the firmware's PID asks for 22 deg a axis at most."""
+    calm: float = np.radians(10.0)
+    """Tilt of a hover beyond which the PID is near a limit cycle [rad]."""
+    speed: float = 1.5
+    """[m/s]."""
+    astray: float = 0.45
+    """From the set-point [m]; a radio flight is broken off at 0.6 m."""
+    sunk: float = 0.3
+    """Below the set-point [m]; a radio flight is broken off at 0.35 m."""
+    at_limits: float = 0.05
+    """Share of commands that are 0 or full."""
+
+    def excess(self, found: Extremes, room: tuple[float, float, float]) -> str:
+        """What of a flight exceeds this or leaves the room; empty if nothing does."""
+        sides = (
+            (found.lateral_x > room[0] / 2 - MARGIN, "room along x"),
+            (found.lateral_y > room[1] / 2 - MARGIN, "room along y"),
+            (found.highest > room[2] - MARGIN, "ceiling"),
+            (found.lowest < LOWEST, "floor"),
+            (found.tilt > self.tilt, "tilt"),
+            (found.speed > self.speed, "speed"),
+            (found.astray > self.astray, "distance from the set-point"),
+            (found.sunk > self.sunk, "distance below the set-point"),
+            (found.at_limits > self.at_limits, "motors at their limits"),
+        )
+        return next((what for wrong, what in sides if wrong), "")
+
+    def unrest(self, hover: Extremes, room: tuple[float, float, float]) -> str:
+        """What of a hover exceeds this or what a drone that is well held does."""
+        return self.excess(hover, room) or ("tilt of hover" if hover.tilt > self.calm else "")
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A plan and how it was chosen."""
+
+    plan: FlightPlan
+    left_out: dict[str, str]
+    """What manoeuvres that do not fit exceed, by name."""
+    untold: tuple[str, ...]
+    """Parameters of interest of which the plan says less than is plausible beforehand."""
+    excess: float
+    """Of the approximate design over the optimum, by the equivalence theorem."""
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Request:
+    """What a plan is asked for."""
+
+    room: tuple[float, float, float]
+    """Width, depth and height [m]; the drone takes off in the middle of the floor."""
+    seconds: float
+    """Length of the flight, without take-off and landing [s]."""
+    interest: Sequence[str] | None = None
+    """Parameters to tell; all that may be identified unless given."""
+    rate: int = RATE
+    """Rows a second of the log from which they will be identified [Hz]."""
+    motors: bool = False
+    """Whether motors may be excited, which only a simulated drone takes."""
+    firmware: str = "2021.10"
+    """Whose PID flies."""
+    seed: int = 0
+    """Of random steps."""
+    held: bool = False
+    """Whether the drone's latency is a guess, to be lowered if the firmware's PID could not hold
+    the drone with it."""
+    allowed: Allowed = Allowed()
+    """Limits of the flight."""
+
+
+def plan(
+    drone: VirtualDrone,
+    request: Request,
+    key: Array,
+    on_stage: Callable[[int, int, str], None] = lambda done, of, what: None,
+) -> Planned:
+    """Proposes the flight that tells most of a drone.
+
+    Args:
+        drone: what is known of it.
+        request: what is wanted.
+        key: random key of the simulated noise.
+        on_stage: called with stages done, stages, and what is next.
+
+    Raises:
+        InputError: a room or time that is too small, a parameter that cannot be told, or a drone
+            that does not hover within these limits.
+    """
+    must_divide(request.rate)
+    room, seconds, allowed = request.room, request.seconds, request.allowed
+    height = _height(room)
+    if not 2 * CHUNK <= seconds <= flight_plan.LONGEST_PLAN:
+        raise InputError(
+            f"{seconds:g} s of flight; expected {2 * CHUNK:g} to {flight_plan.LONGEST_PLAN:g} s."
+        )
+    _names(request.interest, None)
+    half_height = min(room[2] - MARGIN - height, height - LOWEST)
+    half_width = min(room[:2]) / 2 - MARGIN
+    looks = {
+        one: FlightPlan((Block(one, LOOK),), room, height, request.seed)
+        for one in library(half_width, half_height, request.motors)
+    }
+    keys = jax.random.split(key, len(looks) + 2)
+    drone, drones, found, flights, notes = _held(drone, request, looks, keys, on_stage)
+    left_out = {one.name: why for one in looks if (why := allowed.excess(found[one], room))}
+    kept = [number for number, one in enumerate(looks) if one.name not in left_out]
+    on_stage(OTHERS + 1, OTHERS + 3, "information of each manoeuvre")
+    names = _names(request.interest, flights[0])
+    parts = _information(drone, [flights[number] for number in kept], names)
+    of = [names.index(name) for name in request.interest or names]
+    fitting = {list(looks)[number]: part for number, part in zip(kept, parts, strict=True)}
+    on_stage(OTHERS + 2, OTHERS + 3, "flying the plan and a hover")
+    while True:
+        rounds = ROUNDS if seconds >= ROUNDS * SHORTEST_ROUND else 1
+        blocks, excess = _blocks(fitting, seconds, of, rounds)
+        blocks = sorted(blocks, key=lambda block: _agility(found[block.manoeuvre]))
+        made = FlightPlan(tuple(blocks) * rounds, room, height, request.seed)
+        rows = [planned.fly(one, [made], keys[-1:], request.firmware)[0][0] for one in drones]
+        extremes = planned.worst([planned.extremes(one) for one in rows])
+        # One after the other they may do what none does alone.
+        wrong = _beyond(made, rows, allowed) if allowed.excess(extremes, room) else {}
+        wrong.pop(Manoeuvre(HOVER), None)
+        if not wrong:
+            break
+        left_out |= {one.name: why for one, why in wrong.items()}
+        fitting = {one: part for one, part in fitting.items() if one not in wrong}
+    made, untold = _expecting(drone, replace(made, extremes=extremes), keys[-2:], request)
+    return Planned(made, left_out, untold, excess, tuple(notes))
+
+
+def _held(
+    drone: VirtualDrone,
+    request: Request,
+    looks: Mapping[Manoeuvre, FlightPlan],
+    keys: Array,
+    on_stage: Callable[[int, int, str], None],
+) -> tuple[VirtualDrone, list[VirtualDrone], dict[Manoeuvre, Extremes], list[Flight], list[str]]:
+    """The drone as the PID holds it, what `_looks` shows of it, and notes.
+
+    Raises:
+        InputError: it does not hover within the limits.
+    """
+    why = ""
+    for share in (1.0, *(LESS_LATENCY if request.held else ())):
+        believed = _with_latency(drone, share)
+        drones, found, flights = _looks(believed, request, looks, keys, on_stage)
+        why = request.allowed.unrest(found[Manoeuvre(HOVER)], request.room)
+        if why:
+            continue
+        note = (
+            f"the firmware's PID does not hold {drone.name} with a latency of "
+            f"{1e3 * float(drone.parameters.latency):.3g} ms; planned with "
+            f"{1e3 * float(believed.parameters.latency):.3g} ms, since yours is held"
+        )
+        return believed, drones, found, flights, [note] if share < 1.0 else []
+    raise InputError(
+        f"{drone.name}: in simulation hover already exceeds a limit ({why}). Give "
+        "a larger --room, or check the drone's parameters."
+    )
+
+
+def _blocks(
+    fitting: Mapping[Manoeuvre, Float[np.ndarray, "d d"]],
+    seconds: float,
+    of: Sequence[int],
+    rounds: int,
+) -> tuple[list[Block], float]:
+    """Manoeuvres of a round, and the excess of the design before it was rounded."""
+    parts = np.stack(list(fitting.values()))
+    before = UNIFORM * np.eye(parts.shape[1])
+    wanted = optimal_design.optimal(parts, before, seconds, of)
+    lasting = optimal_design.rounded(wanted, CHUNK, REST, seconds / rounds, MOST)
+    blocks = [
+        Block(one, float(each)) for one, each in zip(fitting, lasting, strict=True) if each > 0
+    ]
+    return blocks, optimal_design.excess(parts, before, wanted, of)
+
+
+def _beyond(made: FlightPlan, flown: Sequence[Rows], allowed: Allowed) -> dict[Manoeuvre, str]:
+    """The manoeuvres of a plan during which, or in the rest after which, it exceeds a limit."""
+    found, first = {}, 0
+    for block in made.blocks:
+        end = first + round((block.seconds + REST) * RATE)
+        parts = [
+            jax.tree.map(lambda part, some=slice(first, end): part[some], rows) for rows in flown
+        ]
+        worst = planned.worst([planned.extremes(part) for part in parts])
+        if why := allowed.excess(worst, made.room):
+            found[block.manoeuvre] = why
+        first = end
+    return found
+
+
+def _with_latency(drone: VirtualDrone, share: float) -> VirtualDrone:
+    latency = np.float32(share * float(drone.parameters.latency))
+    return replace(drone, parameters=changed(drone.parameters, latency=latency))
+
+
+def _slower(drone: VirtualDrone, factor: float) -> VirtualDrone:
+    """The drone with slower motors, under one name for all factors."""
+    lag = np.float32(factor * float(drone.parameters.motor_time_constant))
+    slow = changed(drone.parameters, motor_time_constant=lag)
+    return replace(drone, name=f"{drone.name}, slower", parameters=slow)
+
+
+def _looks(
+    drone: VirtualDrone,
+    request: Request,
+    looks: Mapping[Manoeuvre, FlightPlan],
+    keys: Array,
+    on_stage: Callable[[int, int, str], None],
+) -> tuple[list[VirtualDrone], dict[Manoeuvre, Extremes], list[Flight]]:
+    """The drone and those about it that hover, how far each manoeuvre goes on any, and its logs."""
+    drones: list[VirtualDrone] = []
+    found: dict[Manoeuvre, Extremes] = {}
+    flights: list[Flight] = []
+    others = about(drone)
+    slower = [_slower(one, factor) for one in (drone, others[0]) for factor in SLOWER]
+    slowest: set[str] = set()
+    for number, flown in enumerate([drone, *others, *slower]):
+        if number > OTHERS and flown.name in slowest:
+            continue
+        on_stage(min(number, OTHERS), OTHERS + 3, f"{len(looks)} manoeuvres on {flown.name}")
+        own = keys[: len(looks)]
+        rows, supply = planned.fly(flown, list(looks.values()), own, request.firmware)
+        far = {one: planned.extremes(each) for one, each in zip(looks, rows, strict=True)}
+        held = not request.allowed.unrest(far[Manoeuvre(HOVER)], request.room)
+        if number and not held:
+            continue
+        if number > OTHERS:
+            slowest.add(flown.name)
+        drones.append(flown)
+        found = {one: planned.worst([found.get(one, here), here]) for one, here in far.items()}
+        if number == 0:
+            flights = [
+                flight_log(each, flown, one.name, request.rate, supply, keys[0])
+                for one, each in zip(looks, rows, strict=True)
+            ]
+            if not held:
+                break
+    return drones, found, flights
+
+
+def about(drone: VirtualDrone) -> list[VirtualDrone]:
+    """Virtual drones about one, on which its plan must be safe too."""
+    return [
+        replace(virtual_drone(seed, "virtual", drone.parameters), thrust_law=drone.thrust_law)
+        for seed in range(1, OTHERS + 1)
+    ]
+
+
+def _height(room: tuple[float, float, float]) -> float:
+    """The middle of the heights that may be flown."""
+    if not all(0.8 <= size <= 100.0 for size in room):
+        raise InputError(
+            f"a room of {'x'.join(f'{size:g}' for size in room)} m; expected 0.8 to 100 m each "
+            f"way, of which {MARGIN:g} m at each wall are kept free."
+        )
+    return min(1.0, round((room[2] - MARGIN + LOWEST) / 2, 2))
+
+
+def _names(interest: Sequence[str] | None, flight: Flight | None) -> tuple[str, ...]:
+    """Parameters that are unknown together, by what a log shows; all there are without a log.
+
+    Raises:
+        InputError: one of interest is not among them.
+    """
+    offered = (selection.WITH_KNOWN_LAG, selection.GROUPS)
+    if flight is not None:
+        offered = offered[flight.accelerometer is None :][:1]
+    groups = (names for some in offered for group in some.values() for names in group)
+    names = tuple(dict.fromkeys((*selection.FIRST, *groups)))
+    for name in interest or ():
+        if name not in names:
+            raise InputError(
+                f"{name}: not a parameter that "
+                f"{'a plan' if flight is None else 'a log at this rate'} can tell; "
+                f"{', '.join(names)} are."
+            )
+    return names
+
+
+def _agility(found: Extremes) -> float:
+    """By which manoeuvres are put in order, calm ones first."""
+    return found.tilt + 0.2 * found.speed + found.at_limits
+
+
+def _information(
+    drone: VirtualDrone, flights: Sequence[Flight], names: Sequence[str]
+) -> Float[np.ndarray, "m d d"]:
+    """Information of a second of each flight, in widths of the plausible ranges."""
+    bounds = physical_bounds(drone.parameters)
+    priors = prior_ranges(drone.parameters, {name: bounds[name] for name in names})
+    widths = np.array([priors[name][1] - priors[name][0] for name in names])
+    objective = one_step.coarse_objective(flights)
+    _, _, curvatures = objective.derivatives(drone.parameters, names)
+    pieces = objective.segments // len(flights)
+    sums = curvatures.reshape(len(flights), pieces, len(names), len(names)).sum(axis=1)
+    counts = objective.rows_per_segment.reshape(len(flights), pieces).sum(axis=1)
+    lengths = counts * stride(flights[0]) * flights[0].period
+    return sums * (objective.rows / lengths)[:, None, None] * np.outer(widths, widths)
+
+
+def _half(ends: tuple[float, float]) -> float:
+    return (ends[1] - ends[0]) / 2
+
+
+def _expecting(
+    drone: VirtualDrone,
+    made: FlightPlan,
+    keys: Array,
+    request: Request,
+) -> tuple[FlightPlan, tuple[str, ...]]:
+    """The plan with what it and a hover tell, and the parameters that it does not tell."""
+    of = []
+    for flown, key in ((made, keys[0]), (flight_plan.hovering(made), keys[1])):
+        logs = planned.record(drone, flown, key, rate=request.rate, firmware=request.firmware)
+        of.append(expected_intervals(logs, start=drone.parameters))
+    names = [name for name in of[0] if request.interest is None or name in request.interest]
+    expected = {
+        name: Expected(*map(_half, (of[0][name].interval, of[1][name].interval, of[0][name].prior)))
+        for name in names
+    }
+    untold = tuple(name for name in names if not of[0][name].identifiable)
+    return replace(made, expected=expected), untold

@@ -1,0 +1,1 @@
+"""The likelihood of flights: observation models, and the estimator that fits them."""

@@ -1,0 +1,212 @@
+"""Estimating a drone's parameters by an observation model, whatever it observes.
+
+Parameters are chosen by the likelihood of held-out flights, several trials descend to its maximum,
+fits in other ways show what it does not know of, and samples of the posterior say how far each
+parameter may lie from there. What is asked and known is a `Question`.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from maidenflight.identification.drone_file import GroupGain
+from maidenflight.identification.likelihood import selection
+from maidenflight.identification.likelihood.fit import Fit, box_of, fit
+from maidenflight.identification.likelihood.laplace import (
+    NO_OTHERS,
+    Others,
+    Posterior,
+    anywhere_in,
+    posterior,
+)
+from maidenflight.identification.likelihood.observation import ObservationModel
+from maidenflight.identification.likelihood.selection import Parts
+from maidenflight.identification.methods import Likelihood
+from maidenflight.identification.outcome.bounds import any_reached
+from maidenflight.identification.outcome.plausible import Ranges
+from maidenflight.identification.outcome.problem import Problem
+from maidenflight.identification.outcome.progress import FITTING, INTERVALS
+from maidenflight.parameters import Parameters, component
+from maidenflight.parameters import replace as replace_values
+
+
+class Models(NamedTuple):
+    """One observation model of some flights, from the quickest to the most exact."""
+
+    pilot: ObservationModel
+    """On which a random start comes near the optimum."""
+    coarse: ObservationModel
+    """On which every trial ends."""
+    fine: ObservationModel
+    """On which the best trial goes on."""
+
+
+Ways = Mapping[str, tuple[ObservationModel, Sequence[str]]]
+"""Other ways of fitting: the model and its parameters, by name."""
+
+
+def no_doubt(found: Fit, others: Mapping[str, Fit]) -> Float[np.ndarray, "d d"]:
+    """Returns the covariance of a fit that nothing contradicts."""
+    return np.zeros((len(found.box.names),) * 2)
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked of flights, and what is known besides."""
+
+    models: Models
+    names: tuple[str, ...]
+    """Parameters to fit."""
+    start: Parameters
+    """Where the search begins, and the parameters that are kept."""
+    parts: Parts | None = None
+    """By which groups of parameters are chosen; none are without."""
+    groups: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    """Parameters that are added if they predict held-out flight better."""
+    seen: Mapping[str, Float[np.ndarray, "N"]] = field(default_factory=dict)
+    """Samples of parameters that logs show by themselves, and which are not searched for."""
+    others: Callable[[Parameters], Others] = lambda drone: NO_OTHERS
+    """From the drone found, parameters that are not fitted and have samples of their own."""
+    ways: Callable[[tuple[str, ...]], Ways] = lambda names: {}
+    """Other ways of fitting some parameters."""
+    doubt: Callable[[Fit, Mapping[str, Fit]], Float[np.ndarray, "d d"]] = no_doubt
+    """From the fit and those in other ways, the covariance in the unit cube of what they show."""
+    at_least_laplace: bool = False
+    """Whether no variance is below that of a model which is right."""
+
+
+@dataclass(frozen=True)
+class Estimated:
+    """An answer to a `Question`."""
+
+    fits: tuple[Fit, ...]
+    """One for each trial."""
+    best: Fit
+    """The lowest of them."""
+    others: Mapping[str, Fit]
+    """Fits in other ways."""
+    posterior: Posterior
+    gains: tuple[GroupGain, ...]
+    """Of each group of parameters that was tried."""
+    untold: Ranges = field(default_factory=dict)
+    """What was asked for and keeps the start's value, with the range that is plausible."""
+
+    @property
+    def samples(self) -> dict[str, Float[np.ndarray, "N"]]:
+        """Samples of the posterior by parameter, SI units."""
+        return self.posterior.samples
+
+    @property
+    def runs(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Points evaluated in each trial, in the unit cube, and their values."""
+        return [(one.points, one.values) for one in self.fits]
+
+    @property
+    def optima(self) -> Float[np.ndarray, "trials d"]:
+        """The best point of each trial, in the unit cube."""
+        return np.array([one.points[int(np.argmin(one.values))] for one in self.fits])
+
+    def without(
+        self, lost: Ranges, start: Parameters, generator: np.random.Generator
+    ) -> "Estimated":
+        """Returns the same without some parameters.
+
+        They have the start's values, and samples anywhere in the ranges that are plausible.
+        """
+        values = {name: np.float32(component(start, name)) for name in lost}
+        drone = replace_values(self.best.drone, **values)
+        others = {**self.posterior.others, **anywhere_in(lost, drone, generator).samples}
+        return replace(
+            self,
+            best=replace(self.best, drone=drone),
+            posterior=replace(self.posterior, others=others),
+            untold={**self.untold, **lost},
+        )
+
+
+def estimated(problem: Problem, settings: Likelihood, question: Question) -> Estimated:
+    """Answers a question.
+
+    Args:
+        problem: bounds of the search, random numbers and what is told of progress.
+        settings: uses `trials` and `evaluations`.
+        question: what is asked.
+
+    Raises:
+        InputError: there is nothing to fit, or something that cannot be searched.
+    """
+    names, first, gains = _chosen(problem, settings.evaluations, question)
+    fits, best = _trials(problem, settings, question, names, first)
+    found, tell = fits[best], problem.reporter.stage
+    tell(INTERVALS, 0, 2)
+    others = {
+        way: fit(problem, settings.evaluations, [model], some, found.drone, question.seen)
+        for way, (model, some) in question.ways(names).items()
+    }
+    tell(INTERVALS, 1, 2)
+    drawn = posterior(
+        found,
+        question.seen,
+        question.others(found.drone),
+        question.doubt(found, others),
+        problem.generator,
+        at_least_laplace=question.at_least_laplace,
+    )
+    tell(INTERVALS, 2, 2)
+    return Estimated(tuple(fits), found, others, drawn, tuple(gains))
+
+
+def _chosen(
+    problem: Problem, evaluations: int, question: Question
+) -> tuple[tuple[str, ...], Parameters, list[GroupGain]]:
+    """The parameters that predict held-out flights better, and the best drone of the others."""
+    names, parts, groups = question.names, question.parts, question.groups
+    if parts is None:
+        return names, question.start, []
+    models = [parts.sample, parts.training]
+
+    def roughly(names: Sequence[str], first: Parameters) -> Parameters:
+        found = fit(
+            problem, evaluations, models, names, first, question.seen, close=selection.ROUGH
+        )
+        return found.drone
+
+    return selection.choose(
+        parts,
+        roughly,
+        question.start,
+        names,
+        groups,
+        problem.reporter.choosing(len(groups)),
+        lambda drone, names: any_reached(drone, box_of(problem, names).limits),
+    )
+
+
+def _trials(
+    problem: Problem,
+    settings: Likelihood,
+    question: Question,
+    names: Sequence[str],
+    first: Parameters,
+) -> tuple[list[Fit], int]:
+    """The end of each trial, and which is best."""
+    pilot, coarse, fine = question.models
+    most, tell, trials = settings.evaluations, problem.reporter.stage, settings.trials
+    # The last steps are the fine model's, whose optimum is farther away than this.
+    close, count = (0.0, trials) if fine is coarse else (selection.ROUGH, trials + 1)
+    tell(FITTING, 0, count)
+    found = [fit(problem, most, [coarse], names, first, question.seen, close=close)]
+    for trial in range(1, trials):
+        tell(FITTING, trial, count)
+        models, start = [pilot, coarse], question.start
+        found.append(
+            fit(problem, most, models, names, start, question.seen, at_random=True, close=close)
+        )
+    best = int(np.argmin([one.value for one in found]))
+    if fine is not coarse:
+        tell(FITTING, trials, count)
+        found[best] = fit(problem, most, [fine], names, found[best].drone, question.seen)
+    return found, best

@@ -1,0 +1,185 @@
+"""Maximising the likelihood over some parameters, while others follow.
+
+Parameters that logs show by themselves are not searched for, and where a model finds thrust by its
+moment it is what hovering takes.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from maidenflight.identification.likelihood.observation import ObservationModel
+from maidenflight.identification.outcome.plausible import HOVERING
+from maidenflight.identification.outcome.problem import Problem
+from maidenflight.identification.search.box import Box, physical_bounds, search_box
+from maidenflight.identification.search.gauss_newton import (
+    INSIDE,
+    NormalEquations,
+    Rules,
+    descend,
+    in_unit_cube,
+    inside,
+)
+from maidenflight.identification.signals.lag import LAG
+from maidenflight.parameters import Parameters, component, replace
+
+SLOWING_DOWN = "spin_down_ratio"
+"""Slowing down over speeding up."""
+_CLOSE = 0.02
+"""Gain of the log likelihood of all flights [nats] below which a step is the last; a fifth of a
+standard error changes it by as much."""
+
+
+def box_of(problem: Problem, names: Sequence[str]) -> Box:
+    """Returns the search box of some parameters."""
+    return search_box(names, {**physical_bounds(problem.start), **problem.bounds})
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Where a maximisation ended."""
+
+    model: ObservationModel
+    """The last that was maximised."""
+    box: Box
+    drone: Parameters
+    points: Float[np.ndarray, "n d"]
+    """Points evaluated on the last model, in the box's unit cube."""
+    values: Float[np.ndarray, "n"]
+    """Minus the mean log likelihood of a row there."""
+
+    @property
+    def optimum(self) -> Float[np.ndarray, "d"]:
+        """Where the drone lies in the box's unit cube."""
+        return self.box.unit_of(self.drone)
+
+    @property
+    def value(self) -> float:
+        """Minus the mean log likelihood of a row at the optimum."""
+        return float(self.values.min())
+
+
+def fit(
+    problem: Problem,
+    evaluations: int,
+    models: Sequence[ObservationModel],
+    names: Sequence[str],
+    first: Parameters,
+    seen: Mapping[str, Float[np.ndarray, "N"]],
+    *,
+    at_random: bool = False,
+    close: float = 0.0,
+) -> Fit:
+    """Maximises one likelihood after another.
+
+    Args:
+        problem: bounds of the search, random numbers and what counts evaluations.
+        evaluations: most evaluations of each model.
+        models: each is maximised until a step gains less than `_CLOSE` in all, or than `close` a
+            row; one that is named twice, once.
+        names: of the d parameters.
+        first: where to begin, and the parameters that are kept.
+        seen: samples of parameters; those among `names` are not searched for, but their median.
+        at_random: begin at a random point instead.
+        close: log-likelihood gain of a row [nats] below which a step is the last.
+    """
+    box = box_of(problem, names)
+    seen = {name: samples for name, samples in seen.items() if name in names}
+    drone = _with_seen(first, seen)
+    free = tuple(
+        name
+        for name in names
+        if name not in seen and not (name == HOVERING and models[0].thrust is not None)
+    )
+    inner = box_of(problem, free) if free else None
+    if inner and at_random:
+        drone = inner.drone(drone, problem.generator.random(len(free)))
+    points, values = np.empty((0, len(names))), np.empty(0)
+    for model in dict.fromkeys(models):
+        small = max(close, _CLOSE / model.rows)
+        rules = Rules(1, evaluations - 1, small_gain=small, easing=8.0, firmness=2.0)
+        if inner:
+            drones, values = _descended(problem, model, rules, inner, box, drone, seen)
+            drone = drones[int(np.argmin(values))]
+        else:
+            drone = _carried(model, drone, box)
+            drones, values = [drone], np.array([model(drone)])
+            problem.reporter.evaluated()
+        points = np.array([box.unit_of(one) for one in drones])
+    return Fit(models[-1], box, drone, points, values)
+
+
+def _with_seen(drone: Parameters, seen: Mapping[str, Float[np.ndarray, "N"]]) -> Parameters:
+    """The drone with the medians of what is seen.
+
+    The lag that is seen is the mean of motors that speed up and slow down.
+    """
+    if not seen:
+        return drone
+    middle = {name: float(np.median(samples)) for name, samples in seen.items()}
+    if LAG in middle:
+        middle[LAG] *= 2 / (1 + float(drone.spin_down_ratio))
+    return replace(drone, **{name: np.float32(value) for name, value in middle.items()})
+
+
+def _carried(model: ObservationModel, drone: Parameters, box: Box) -> Parameters:
+    """The drone with the thrust that hovering takes, if it is sought and found by its moment."""
+    if model.thrust is None or HOVERING not in box.names:
+        return drone
+    place = box.names.index(HOVERING)
+    value = np.clip(model.thrust.carrying(drone), box.lower[place], box.upper[place])
+    return replace(drone, thrust_to_weight=np.float32(value))
+
+
+def _descended(
+    problem: Problem,
+    model: ObservationModel,
+    rules: Rules,
+    inner: Box,
+    box: Box,
+    first: Parameters,
+    seen: Mapping[str, Float[np.ndarray, "N"]],
+) -> tuple[list[Parameters], Float[np.ndarray, "n"]]:
+    """Drones evaluated from one on, and their values.
+
+    Two parameters follow those of the inner box, and so do the derivatives: thrust, so that the
+    mean vertical error stays zero, and a lag that is seen, the ratio of slowing down.
+    """
+    drones, values = [], []
+    thrust = model.thrust if HOVERING in box.names else None
+    followers = [
+        *([LAG] if LAG in seen and SLOWING_DOWN in inner.names else []),
+        *([HOVERING] if thrust else []),
+    ]
+
+    def equations(unit: np.ndarray) -> NormalEquations:
+        problem.reporter.evaluated()
+        drone = inner.drone(drones[int(np.argmin(values))] if drones else first, unit)
+        drone = _carried(model, _with_seen(drone, seen), box)
+        names = (*inner.names, *followers)
+        found = model.normal_equations(drone, names)
+        if followers:
+            along = np.eye(len(inner.names))
+            if LAG in followers:
+                lag, ratio = float(drone.motor_time_constant), float(drone.spin_down_ratio)
+                slope = np.where(np.array(inner.names) == SLOWING_DOWN, -lag / (1 + ratio), 0.0)
+                along = np.concatenate([along, slope[None]])
+            if thrust:
+                climbs = thrust.climbs(drone, names)
+                follow = climbs[None, :-1] @ along / climbs[-1]
+                along = np.concatenate([along, -follow])
+            found = NormalEquations(
+                found.loss,
+                along.T @ found.gradient,
+                along.T @ found.curvature @ along,
+                along.T @ found.majorant @ along,
+            )
+        drones.append(drone)
+        values.append(found.loss)
+        return in_unit_cube(found, inner, unit)
+
+    point = inner.unit(np.array([float(component(first, name)) for name in inner.names]))
+    descend(equations, np.clip(point, INSIDE, 1 - INSIDE), rules, inside, damping=0.0)
+    return drones, np.array(values)

@@ -1,0 +1,210 @@
+"""The posterior of a likelihood's maximum, by Laplace's approximation."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from maidenflight.identification.likelihood.fit import SLOWING_DOWN, Fit
+from maidenflight.identification.outcome.plausible import (
+    HOVERING,
+    NEXT_FLIGHT,
+    Ranges,
+    other_days,
+)
+from maidenflight.identification.outcome.posterior import (
+    RESAMPLES,
+    between_segment_sd,
+    interval,
+    inverse,
+    sandwich,
+)
+from maidenflight.identification.search.box import Box
+from maidenflight.identification.signals.lag import LAG
+from maidenflight.parameters import Parameters, component
+
+_AT_BOUND = 0.01
+"""Distance from a search bound, as a share of the range, within which a value lies at it."""
+
+
+class Others(NamedTuple):
+    """Parameters that are not fitted and have samples of their own, which those fitted follow."""
+
+    samples: Mapping[str, Float[np.ndarray, "N"]]
+    """SI units, by name of the k parameters."""
+    moves: Float[np.ndarray, "N k"]
+    """From the drone, on the scales on which the likelihood is taken for quadratic."""
+    slope: Float[np.ndarray, "k"]
+    """SI units to a unit of these scales."""
+    vary: bool
+    """Whether segments of flight may differ in them."""
+
+
+NO_OTHERS = Others({}, np.empty((RESAMPLES, 0)), np.empty(0), False)
+"""None of them."""
+
+
+def measured_by_others(samples: Mapping[str, Float[np.ndarray, "N"]], drone: Parameters) -> Others:
+    """Returns parameters of a drone of which another sensor gave samples."""
+    if not samples:
+        return NO_OTHERS
+    values = np.array([float(component(drone, name)) for name in samples])
+    moves = np.stack(list(samples.values()), axis=1) - values
+    return Others(samples, moves, np.ones(len(values)), False)
+
+
+def anywhere_in(ranges: Ranges, drone: Parameters, generator: np.random.Generator) -> Others:
+    """Returns parameters of a drone that may be anywhere in their ranges."""
+    samples = {name: generator.uniform(*ends, RESAMPLES) for name, ends in ranges.items()}
+    if not samples:
+        return NO_OTHERS
+    box = Box(tuple(ranges), *zip(*ranges.values(), strict=True))
+    unit = box.unit_of(drone)
+    moves = box.unit(np.stack(list(samples.values()), axis=1)) - unit
+    return Others(samples, moves, box.slope(unit), True)
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Samples about a likelihood's maximum over d parameters."""
+
+    box: Box
+    unit: Float[np.ndarray, "N d"]
+    """Samples in the box's unit cube."""
+    spread: Mapping[str, float]
+    """Standard deviation between segments of flight by parameter, SI units."""
+    error: Mapping[str, float]
+    """Standard error by parameter, SI units; infinite at a search bound."""
+    others: Mapping[str, Float[np.ndarray, "N"]]
+    """Samples of parameters that were not fitted, SI units."""
+
+    @property
+    def samples(self) -> dict[str, Float[np.ndarray, "N"]]:
+        """Samples of all parameters by name, SI units."""
+        own = zip(self.box.names, self.box.values(self.unit).T, strict=True)
+        return {**dict(own), **self.others}
+
+    @property
+    def interval(self) -> tuple[Float[np.ndarray, "d"], Float[np.ndarray, "d"]]:
+        """Ends of the interval in the unit cube."""
+        return interval(self.unit)
+
+
+def posterior(
+    fit: Fit,
+    seen: Mapping[str, Float[np.ndarray, "N"]],
+    others: Others,
+    doubt: Float[np.ndarray, "d d"],
+    generator: np.random.Generator,
+    *,
+    at_least_laplace: bool = False,
+) -> Posterior:
+    """Draws from the posterior of d parameters.
+
+    Laplace's approximation with the sandwich covariance, given the parameters that are seen and
+    the others; these have samples of their own, which the rest follows. Of the spread between
+    segments so much is added that the interval holds what another flight of `NEXT_FLIGHT` segments
+    will show, on another day.
+
+    Args:
+        fit: the maximum.
+        seen: samples of parameters that logs show by themselves; those of the fit count.
+        others: parameters that are not fitted.
+        doubt: covariance in the unit cube of what the likelihood does not know of.
+        generator: random numbers.
+        at_least_laplace: no variance is below Laplace's own, the inverse of the curvature.
+    """
+    box, model, unit = fit.box, fit.model, fit.optimum
+    size, names = len(box.names), (*box.names, *others.samples)
+    slope = np.concatenate([box.slope(unit), others.slope])
+    _, scores, curvatures = model.derivatives(fit.drone, names)
+    vary = len(names) if others.vary else size
+    spread = between_segment_sd(
+        scores[:, :vary] * model.rows, curvatures[:, :vary, :vary] * model.rows
+    )[:size]
+    seen = {name: samples for name, samples in seen.items() if name in box.names}
+    hovers = box.names.index(HOVERING) if model.thrust and HOVERING in box.names else None
+    moved = [place for place in range(len(names)) if place != hovers]
+    along, noise = np.eye(len(names))[:, moved], np.zeros((RESAMPLES, 1))
+    if model.thrust and hovers is not None:
+        climbs = model.thrust.climbs(fit.drone, names) * slope
+        along[hovers] = -climbs[moved] / climbs[hovers]
+        spread[hovers] = float(np.std(model.thrust.hovering(fit.drone)[1]))
+        error = spread[hovers] * np.sqrt(1 / model.segments + 1 / NEXT_FLIGHT)
+        error = np.hypot(error / slope[hovers], np.sqrt(doubt[hovers, hovers]))
+        noise = generator.normal(0.0, error, (RESAMPLES, 1))
+    along = along @ _mean_lag_kept([names[place] for place in moved], fit, seen, slope[moved])
+    curvature = curvatures.sum(axis=0) * np.outer(slope, slope)
+    known = np.array([names[place] in {*seen, *others.samples} for place in moved], bool)
+    moves = np.zeros((RESAMPLES, len(moved)))
+    for number, place in enumerate(moved):
+        if place >= size:
+            moves[:, number] = others.moves[:, place - size]
+        elif known[number]:
+            moves[:, number] = _shown(fit, place, seen, generator)
+            spread[place] = 0.0
+    if not known.all():
+        own = [place for place, given in zip(moved, known, strict=True) if not given]
+        reduced = along.T @ curvature @ along
+        inner = reduced[np.ix_(~known, ~known)]
+        follow = inverse(inner)
+        covariance = sandwich(((scores * slope) @ along)[:, ~known], inner)
+        if at_least_laplace:
+            least = np.diag(follow) / model.rows
+            covariance += np.diag(np.maximum(least - np.diag(covariance), 0.0))
+        covariance += np.diag((spread / slope[:size])[own] ** 2 / NEXT_FLIGHT)
+        covariance += doubt[np.ix_(own, own)]
+        free = generator.multivariate_normal(
+            np.zeros(len(own)), covariance, RESAMPLES, method="eigh"
+        )
+        free -= moves[:, known] @ (follow @ reduced[np.ix_(~known, known)]).T
+        if hovers is not None:
+            free -= noise @ (follow @ (along.T @ curvature[:, [hovers]])[~known]).T
+        moves[:, ~known] += free
+    moves = (moves @ along.T)[:, :size]
+    if hovers is not None:
+        moves[:, hovers] += noise[:, 0]
+    if HOVERING in box.names:
+        place = box.names.index(HOVERING)
+        moves[:, place] += other_days(fit.drone, RESAMPLES, generator) / slope[place]
+    # A latency or drag of zero is no search bound but where nature ends.
+    bounded = (unit > 1 - _AT_BOUND) | ((unit < _AT_BOUND) & (np.array(box.lower) != 0.0))
+    error = np.where(bounded, np.inf, np.std(moves, axis=0) * slope[:size])
+    spread, error = (dict(zip(box.names, sizes.tolist(), strict=True)) for sizes in (spread, error))
+    return Posterior(box, np.clip(unit + moves, 0.0, 1.0), spread, error, others.samples)
+
+
+def _mean_lag_kept(
+    names: Sequence[str],
+    fit: Fit,
+    seen: Mapping[str, Float[np.ndarray, "N"]],
+    slope: Float[np.ndarray, "n"],
+) -> Float[np.ndarray, "n n"]:
+    """How parameters move in the unit cube where the ratio of slowing down moves.
+
+    The lag that is seen is the mean of speeding up and slowing down, T_m (1 + ratio) / 2. With
+    another ratio it stays the same, and T_m does not.
+    """
+    moved = np.eye(len(names))
+    if LAG in seen and LAG in names and SLOWING_DOWN in names:
+        lag, ratio = names.index(LAG), names.index(SLOWING_DOWN)
+        change = -float(fit.drone.motor_time_constant) / (1 + float(fit.drone.spin_down_ratio))
+        moved[lag, ratio] = change * slope[ratio] / slope[lag]
+    return moved
+
+
+def _shown(
+    fit: Fit,
+    place: int,
+    seen: Mapping[str, Float[np.ndarray, "N"]],
+    generator: np.random.Generator,
+) -> Float[np.ndarray, "N"]:
+    """Moves in the unit cube of a parameter that is seen, about the drone's, as many as samples."""
+    box, name = fit.box, fit.box.names[place]
+    samples = seen[name] * (float(component(fit.drone, name)) / max(np.median(seen[name]), 1e-9))
+    if len(samples) != RESAMPLES:
+        samples = generator.choice(samples, RESAMPLES)
+    unit = box.unit(np.tile(samples[:, None], (1, len(box.names))))
+    return unit[:, place] - fit.optimum[place]

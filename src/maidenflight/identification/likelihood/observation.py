@@ -1,0 +1,125 @@
+"""Observation models: how likely it is what flights measured, under a drone.
+
+Of what a model predicts the errors are autoregressive noise. `estimator` fits every
+`ObservationModel`: `one_step` for logs with a state, `inertial_errors` for those without.
+
+Constant torques are estimated by their moment: they make the mean error zero. An autoregression
+takes what lasts for noise, whose mean hardly counts, so that the likelihood of a constant is flat,
+and drifts within flights carry it to any bound.
+
+Source: Ljung 1999, System identification: theory for the user, ch. 7 (prediction errors).
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from jaxtyping import Float
+
+from maidenflight.identification.search.gauss_newton import NormalEquations
+from maidenflight.parameters import Parameters
+
+BY_MOMENT = ("torque_bias_x", "torque_bias_y", "torque_bias_z")
+"""Parameters that the mean errors tell, not the likelihood."""
+MOTORS = ("motor_time_constant", "spin_down_ratio", "motor_coasting", "latency")
+"""Parameters on which the rotors' speeds depend, besides commands."""
+
+
+class NoiseModel(NamedTuple):
+    """What prediction errors are: an autoregression of P rows for each of C columns."""
+
+    coefficients: Float[np.ndarray, "C P"]
+    """Weight of the error 1 ... P rows ago."""
+    deviation: Float[np.ndarray, "C"]
+    """Standard deviation of what is new in each row, in the column's unit."""
+
+
+def noise_model(products: Float[np.ndarray, "C P+1 P+1"]) -> NoiseModel:
+    """Returns the least-squares autoregression by the products of errors with their past."""
+    past, now = products[:, 1:, 1:], products[:, 1:, 0]
+    ridge = 1e-9 * np.trace(past, axis1=1, axis2=2)[:, None, None] * np.eye(past.shape[1])
+    coefficients = np.linalg.solve(past + ridge, now[..., None])[..., 0]
+    variance = products[:, 0, 0] - np.sum(coefficients * now, axis=1)
+    return NoiseModel(coefficients, np.sqrt(np.maximum(variance, 1e-16)))
+
+
+class Thrust(Protocol):
+    """How a model finds the thrust-to-weight ratio by the mean error instead of the likelihood."""
+
+    def carrying(self, parameters: Parameters) -> float:
+        """Returns the ratio at which vertical errors are zero in the mean."""
+        ...
+
+    def hovering(self, parameters: Parameters) -> tuple[float, Float[np.ndarray, "S"]]:
+        """Returns the same, and that of each segment of flight alone."""
+        ...
+
+    def climbs(self, parameters: Parameters, names: Sequence[str]) -> Float[np.ndarray, "d"]:
+        """Returns the slope of the sum of vertical errors with respect to each parameter."""
+        ...
+
+
+class ObservationModel(Protocol):
+    """Minus the mean log likelihood of a row, with the noise model that fits best.
+
+    A model says `rows_per_segment`, `noise_model`, `per_segment` and `derivatives` of flights in S
+    segments; the rest follows.
+    """
+
+    rows_per_segment: Float[np.ndarray, "S"]
+    """Rows that count."""
+
+    def noise_model(self, parameters: Parameters) -> NoiseModel:
+        """Returns the noise model that fits best (least squares)."""
+        ...
+
+    def per_segment(self, parameters: Parameters, noise: NoiseModel) -> Float[np.ndarray, "S"]:
+        """Returns minus the log likelihood of each segment of flight under a given noise model."""
+        ...
+
+    def derivatives(
+        self, parameters: Parameters, names: Sequence[str]
+    ) -> tuple[float, Float[np.ndarray, "S d"], Float[np.ndarray, "S d d"]]:
+        """Returns the value, and what each segment of flight adds to its slope and curvature.
+
+        The noise model is the best at each point: what a change of the autoregression could do as
+        well is taken from every slope (variable projection). Left in, it makes steps too short and
+        intervals too narrow by a quarter.
+
+        A parameter of `BY_MOMENT` has the gradient and the curvature of half the errors' mean
+        square instead, and shares no curvature with others: what minimises that makes the mean
+        error zero.
+
+        Args:
+            parameters: where.
+            names: d names of `parameters.COMPONENTS`.
+
+        Source: Golub and Pereyra 1973, The differentiation of pseudo-inverses and nonlinear least
+        squares problems whose variables separate; Kaufman 1975.
+        """
+        ...
+
+    @property
+    def rows(self) -> float:
+        """Rows of all segments that count."""
+        return float(self.rows_per_segment.sum())
+
+    @property
+    def segments(self) -> int:
+        """Segments of flight, S."""
+        return len(self.rows_per_segment)
+
+    @property
+    def thrust(self) -> Thrust | None:
+        """How thrust is found by its moment; None where the likelihood tells it."""
+        return None
+
+    def __call__(self, parameters: Parameters) -> float:
+        """Minus the mean log likelihood of a row."""
+        return float(self.per_segment(parameters, self.noise_model(parameters)).sum() / self.rows)
+
+    def normal_equations(self, parameters: Parameters, names: Sequence[str]) -> NormalEquations:
+        """Returns value, gradient and Gauss-Newton curvature; see `derivatives`."""
+        value, scores, curvatures = self.derivatives(parameters, names)
+        total = curvatures.sum(axis=0)
+        return NormalEquations(value, scores.sum(axis=0), total, total)

@@ -1,0 +1,359 @@
+"""One-step prediction errors and their likelihood, an objective that feedback does not bias.
+
+Logged commands react to what the drone did. A replay over many rows does not see the disturbances
+that they react to, so it takes the reaction for a cause and favours every model that damps: more
+inertia, more drag, more latency. One row ahead from measured states there is hardly time for that,
+and what is left, errors that last from one row to the next, is described by a noise model: each
+velocity's and each body rate's error is an autoregression on its own past. Given the model, what
+remains is new at each row and does not depend on past commands, so maximum likelihood is consistent
+for flights under feedback.
+
+Source: Ljung 1999, System identification: theory for the user, ch. 7 and 13.4 (prediction errors,
+closed loop).
+"""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from itertools import pairwise
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Array, Float
+
+from maidenflight import cores
+from maidenflight.flights.log import Flight
+from maidenflight.flights.windows import Windows, windows
+from maidenflight.identification.likelihood import one_step_errors
+from maidenflight.identification.likelihood.observation import (
+    BY_MOMENT,
+    NoiseModel,
+    ObservationModel,
+    Thrust,
+    noise_model,
+)
+from maidenflight.identification.likelihood.one_step_errors import (
+    COLUMNS,
+    ORDER,
+    VERTICAL,
+    Innovations,
+)
+from maidenflight.identification.methods import Likelihood
+from maidenflight.identification.replay.open_loop import in_chunks, on_all_cores
+from maidenflight.identification.signals.flight_signals import sharp, stride
+from maidenflight.parameters import Parameters, replace
+
+LENGTH = 100
+"""Rows of a window; its first rows only start the noise model, so that windows that are short waste
+much."""
+CHUNK = 64
+"""Windows differentiated side by side; with up to sixteen directions their state still fits a
+core's cache."""
+_AT_ONCE = 8
+"""Directions are differentiated along in multiples of this."""
+
+
+class OneStep(ObservationModel):
+    """Minus the mean log likelihood of a row, with the noise model that fits best.
+
+    Compiled once for all parameters.
+
+    Cost grows linearly with rows and, for derivatives, with the number of parameters.
+    """
+
+    def __init__(self, windows: Windows, period: float, steps: int, stride: int = 1):
+        """Prepares the windows.
+
+        Args:
+            windows: W windows that do not overlap.
+            period: time between their commands [s].
+            steps: physics steps a command.
+            stride: commands to a row.
+        """
+        chunked = in_chunks(windows, CHUNK)
+        # One by one, so that one program serves any number of windows.
+        self._chunks = [type(windows)(*arrays) for arrays in zip(*chunked, strict=True)]
+        self.size = len(windows.segment)
+        counts = np.bincount(windows.segment)
+        # Windows are cut one segment after the other.
+        self._ends = np.searchsorted(windows.segment, np.arange(len(counts) + 1))
+        self.rows_per_segment = counts * float(windows.measured.shape[1] - ORDER)
+        self.steps, self.stride = steps, stride
+        self._time_step = np.float32(period / steps)
+        self._climbs = np.empty(0)
+        self._slope: float | None = None
+        self._latest: (
+            tuple[Parameters, tuple[str, ...], tuple[float, np.ndarray, np.ndarray]] | None
+        ) = None
+
+    def compile(self, parameters: Parameters) -> None:
+        """Compiles all programs that an identification needs, side by side.
+
+        One after the other, as they are needed, they take twice as long.
+        """
+        chunk, drone = self._chunks[0], self._drone(parameters)
+        by, noise = (self.steps, self.stride), np.ones((6, ORDER), np.float32)
+
+        def derivatives(count: int) -> Array:
+            directions = _directions(drone, [BY_MOMENT[0]] * count)
+            new = Innovations(noise, noise[:, 0], noise[:, 0], np.zeros(count, bool))
+            return one_step_errors.derivatives(chunk, drone, directions, new, *by)[0]
+
+        programs = [
+            partial(one_step_errors.products, chunk, drone, *by),
+            partial(derivatives, 2 * _AT_ONCE),
+            partial(derivatives, _AT_ONCE),
+            partial(one_step_errors.sums, chunk, drone, *by),
+        ]
+        with ThreadPoolExecutor(cores.count()) as pool:
+            for ended in [pool.submit(program) for program in programs]:
+                ended.result()
+
+    def _drone(self, parameters: Parameters) -> Parameters:
+        # All at once: leaf by leaf it took a twentieth of an identification.
+        return jax.device_put(replace(parameters, time_step=self._time_step))
+
+    def _by_segment(self, per_window: np.ndarray) -> np.ndarray:
+        """Sums of what each window adds, by segment of flight."""
+        rows = per_window.reshape(-1, *per_window.shape[2:])
+        return np.stack(
+            [rows[first:end].sum(axis=0, dtype=np.float64) for first, end in pairwise(self._ends)]
+        )
+
+    def _summed(
+        self, of_chunk: Callable[[Windows, Parameters, int, int], Array], parameters: Parameters
+    ) -> np.ndarray:
+        """Sums of something that a compiled function has for each window, by segment of flight."""
+        drone = self._drone(parameters)
+
+        def compute(first: int, end: int) -> tuple[np.ndarray, ...]:
+            return _stacked(
+                [
+                    (of_chunk(chunk, drone, self.steps, self.stride),)
+                    for chunk in self._chunks[first:end]
+                ]
+            )
+
+        return self._by_segment(on_all_cores(compute, len(self._chunks))[0])
+
+    def products(self, parameters: Parameters) -> Float[np.ndarray, "S 12 P+1 P+1"]:
+        """Products of an error with itself 0 ... P rows before, summed over each segment of flight.
+
+        All twelve columns.
+        """
+        return self._summed(one_step_errors.products, parameters)
+
+    def sums(self, parameters: Parameters) -> Float[np.ndarray, "S 12"]:
+        """Sum of the errors in each segment of flight, without those that start the noise model."""
+        return self._summed(one_step_errors.sums, parameters)
+
+    @property
+    def thrust(self) -> Thrust:
+        """How thrust is found: vertical errors are linear in it."""
+        return self
+
+    def hovering(self, parameters: Parameters) -> tuple[float, Float[np.ndarray, "S"]]:
+        """The thrust-to-weight ratio at which vertical errors are zero in the mean.
+
+        And that of each segment alone. Errors are linear in it.
+        """
+        here = float(parameters.thrust_to_weight)
+        ahead = replace(parameters, thrust_to_weight=np.float32(1.1 * here))
+        errors = self.sums(parameters)[:, VERTICAL]
+        slopes = (self.sums(ahead)[:, VERTICAL] - errors) / (0.1 * here)
+        return here - errors.sum() / slopes.sum(), here - errors / slopes
+
+    def carrying(self, parameters: Parameters) -> float:
+        """As `hovering`, the ratio alone, in one pass with the slope of the first time."""
+        here = float(parameters.thrust_to_weight)
+        if self._slope is None:
+            ahead = replace(parameters, thrust_to_weight=np.float32(1.1 * here))
+            change = self.sums(ahead)[:, VERTICAL].sum() - self.sums(parameters)[:, VERTICAL].sum()
+            self._slope = float(change / (0.1 * here))
+        return here - float(self.sums(parameters)[:, VERTICAL].sum()) / self._slope
+
+    def climbs(self, parameters: Parameters, names: Sequence[str]) -> Float[np.ndarray, "d"]:
+        """Derivative of the sum of vertical errors with respect to each parameter."""
+        self.derivatives(parameters, names)
+        return self._climbs
+
+    def mean_products(self, parameters: Parameters) -> Float[np.ndarray, "12 P+1 P+1"]:
+        """Their mean over the rows."""
+        return self.products(parameters).sum(axis=0) / self.rows
+
+    def products_about_means(self, parameters: Parameters) -> Float[np.ndarray, "12 P+1 P+1"]:
+        """The same of what errors differ by from the mean of their segment of flight."""
+        rows = np.maximum(self.rows_per_segment, 1.0)[:, None]
+        constant = (self.sums(parameters) ** 2 / rows).sum(axis=0) / self.rows
+        return self.mean_products(parameters) - constant[:, None, None]
+
+    def noise_model(self, parameters: Parameters) -> NoiseModel:
+        """As `ObservationModel.noise_model`."""
+        return noise_model(self.mean_products(parameters)[np.array(COLUMNS)])
+
+    def __call__(self, parameters: Parameters) -> float:
+        """Minus the mean log likelihood of a row."""
+        return float(_minus_log_likelihood(self.noise_model(parameters).deviation, np.ones(6)))
+
+    def per_segment(self, parameters: Parameters, noise: NoiseModel) -> Float[np.ndarray, "S"]:
+        """As `ObservationModel.per_segment`."""
+        products = self.products(parameters)[:, np.array(COLUMNS)]
+        weights = np.concatenate([np.ones((6, 1)), -noise.coefficients], axis=1)
+        new = np.einsum("ci,bcij,cj->bc", weights, products, weights) / noise.deviation[None] ** 2
+        rows = self.rows_per_segment
+        return rows * _minus_log_likelihood(noise.deviation, new / np.maximum(rows[:, None], 1.0))
+
+    def derivatives(
+        self, parameters: Parameters, names: Sequence[str]
+    ) -> tuple[float, Float[np.ndarray, "S d"], Float[np.ndarray, "S d d"]]:
+        """As `ObservationModel.derivatives`."""
+        # Where a search ends, what it computed last is asked for once more.
+        if (
+            self._latest is not None
+            and self._latest[1] == tuple(names)
+            and _same(self._latest[0], parameters)
+        ):
+            return self._latest[2]
+        products = self.products(parameters)[:, np.array(COLUMNS)]
+        noise, drone = noise_model(products.sum(axis=0) / self.rows), self._drone(parameters)
+        d = len(names)
+        directions = _directions(drone, names)
+        whole = np.sqrt(products.sum(axis=0)[:, 0, 0] / self.rows)
+        by_moment = np.array([name in BY_MOMENT for name in names] + [False] * (-d % _AT_ONCE))
+        sizes = noise.coefficients, noise.deviation, noise.deviation / whole
+        weights, deviation, share = (np.asarray(part, np.float32) for part in sizes)
+        new = Innovations(weights, deviation, share, by_moment)
+
+        def compute(first: int, end: int) -> tuple[np.ndarray, ...]:
+            return _stacked(
+                [
+                    one_step_errors.derivatives(
+                        chunk, drone, directions, new, self.steps, self.stride
+                    )
+                    for chunk in self._chunks[first:end]
+                ]
+            )
+
+        scores, curvatures, shared, climbs = (
+            self._by_segment(part) for part in on_all_cores(compute, len(self._chunks))
+        )
+        pasts = products[..., 1:, 1:] / noise.deviation[:, None, None] ** 2
+        left = (
+            products[..., 1:, 0]
+            - np.einsum("bcij,cj->bci", products[..., 1:, 1:], noise.coefficients)
+        ) / noise.deviation[:, None] ** 2
+        # The weights with which an error's past stands in for a slope, column by column.
+        columns = zip(pasts.sum(axis=0), shared.sum(axis=0).swapaxes(0, 1), strict=True)
+        weights = np.stack(
+            [np.linalg.lstsq(past, part.T, rcond=1e-12)[0].T for past, part in columns]
+        )
+        scores = scores - np.einsum("cdi,bci->bd", weights, left, optimize=True)
+        twice = np.einsum("cdi,bfci->bdf", weights, shared, optimize=True)
+        curvatures = (
+            curvatures
+            - twice
+            - twice.swapaxes(1, 2)
+            + np.einsum("cdi,bcij,cfj->bdf", weights, pasts, weights, optimize=True)
+        )
+        value = float(_minus_log_likelihood(noise.deviation, np.ones(6)))
+        found = value, scores[:, :d] / self.rows, curvatures[:, :d, :d] / self.rows
+        self._climbs = climbs.sum(axis=0)[:d] * noise.deviation[COLUMNS.index(VERTICAL)]
+        self._latest = parameters, tuple(names), found
+        return found
+
+
+def log_likelihood(
+    flights: Sequence[Flight], drone: Parameters, settings: Likelihood | None = None
+) -> float:
+    """Mean log likelihood of a row [nats] of flights under a drone and the best noise model.
+
+    Args:
+        flights: checked flights of one rate.
+        drone: the drone; its noise does not count.
+        settings: uses `lead_in` and `physics_step`; `Likelihood()` unless given.
+
+    Raises:
+        InputError: too little flight.
+    """
+    settings = Likelihood() if settings is None else settings
+    return -one_step_objective(flights, settings, settings.physics_step)(drone)
+
+
+def coarse_objective(flights: Sequence[Flight], settings: Likelihood | None = None) -> OneStep:
+    """The objective by which information is judged before a fit, on all windows.
+
+    Args:
+        flights: checked flights of one rate; where they show the motors, the gyro's delay is
+            undone.
+        settings: uses `lead_in` and `coarse_physics_step`; `Likelihood()` unless given.
+
+    Raises:
+        InputError: too little flight.
+    """
+    settings = Likelihood() if settings is None else settings
+    if all(one.accelerometer is not None or one.rotor_speed is not None for one in flights):
+        flights = [sharp(flight) for flight in flights]
+    return one_step_objective(flights, settings, settings.coarse_physics_step)
+
+
+def one_step_objective(
+    flights: Sequence[Flight], settings: Likelihood, step: float, every: int = 1
+) -> OneStep:
+    """The objective on each `every`-th window, in physics steps of about `step` seconds.
+
+    Args:
+        flights: checked flights of one rate.
+        settings: uses `lead_in`.
+        step: nominal physics step [s].
+        every: windows from one that counts to the next.
+
+    Raises:
+        InputError: too little flight.
+    """
+    rows, period = stride(flights[0]), flights[0].period
+    cut = windows(
+        flights,
+        LENGTH,
+        every=LENGTH,
+        lead_in=settings.lead_in,
+        stride=rows,
+    )
+    return OneStep(
+        type(cut)(*(array[::every] for array in cut)), period, max(1, round(period / step)), rows
+    )
+
+
+def _directions(drone: Parameters, names: Sequence[str]) -> Parameters:
+    """A unit direction for each parameter, stacked.
+
+    In eights, so that two programs serve all numbers of parameters; those without a name are zero.
+    """
+    nothing = jax.tree.map(lambda leaf: np.zeros_like(np.asarray(leaf)), drone)
+    units = [replace(nothing, **{name: np.float32(1)}) for name in names]
+    units += [nothing] * (-len(names) % _AT_ONCE)
+    return jax.tree.map(lambda *leaves: np.stack(leaves), *units)
+
+
+def _same(one: Parameters, other: Parameters) -> bool:
+    return all(
+        np.array_equal(a, b)
+        for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True)
+    )
+
+
+def _stacked(chunks: Sequence[tuple[Array, ...]]) -> tuple[np.ndarray, ...]:
+    """What was computed for each of some chunks, with a leading axis for them.
+
+    By NumPy, which compiles nothing for each number of them.
+    """
+    return tuple(
+        np.stack([np.asarray(part) for part in parts]) for parts in zip(*chunks, strict=True)
+    )
+
+
+def _minus_log_likelihood(
+    deviation: Float[np.ndarray, "6"], ratio: Float[np.ndarray, "... 6"]
+) -> Any:
+    """Of a row whose mean squared new errors are `ratio` times the noise model's variances."""
+    return np.sum(np.log(deviation)) + 3 * np.log(2 * np.pi) + 0.5 * np.sum(ratio, axis=-1)

@@ -1,0 +1,229 @@
+"""One-step prediction errors of windows of flight, their products, and their derivatives.
+
+Compiled for a chunk of windows; `one_step` says what they are for and joins the chunks.
+"""
+
+from collections.abc import Sequence
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Bool, Float
+
+from maidenflight.flights.windows import Windows
+from maidenflight.identification.likelihood.observation import MOTORS
+from maidenflight.identification.replay.open_loop import (
+    columns,
+    commands,
+    places,
+    under_way,
+    wrapped,
+)
+from maidenflight.parameters import Parameters, replace
+from maidenflight.simulator import dynamics, rotations, stepping
+from maidenflight.simulator.dynamics import State
+from maidenflight.simulator.latency import DelayLine
+from maidenflight.simulator.vectors import entries
+
+ORDER = 16
+"""Rows of the past in an error's autoregression. Half as many cannot tell slow disturbances from a
+lag: on simulated flights it then comes out up to 2 ms off, and intervals are too narrow to hold the
+truth."""
+VERTICAL = 5
+"""Where the vertical velocity stands in a row."""
+COLUMNS = (3, 4, 5, 9, 10, 11)
+"""Where velocity and body rates stand in a row. Position and attitude follow from them, and say
+nothing more of the drone."""
+
+
+def errors(
+    window: Windows, parameters: Parameters, steps: int | Array, stride: int = 1
+) -> Float[Array, "T 12"]:
+    """Measured minus predicted position, velocity, attitude and body rates.
+
+    Each row is predicted from the measured one before it.
+
+    Args:
+        window: one of `Windows` (no leading axis).
+        parameters: the drone; its `time_step` times `steps` is the period of the commands.
+        steps: physics steps a command.
+        stride: commands to a row.
+    """
+    speeds = _speeds(window, parameters, steps, stride)
+    return jnp.stack(_by_column(window, speeds, parameters, steps, stride), axis=1)
+
+
+@partial(jax.jit, static_argnums=3)
+def _speeds(
+    window: Windows, parameters: Parameters, steps: int | Array, stride: int
+) -> Float[Array, "T 4"]:
+    """Speeds of the rotors before each row; they depend on commands and `MOTORS` alone."""
+    given, places, speed = under_way(window, parameters, steps, stride)
+
+    def turn(speed: Array, newest: Array) -> tuple[Array, Array]:
+        def spin(speed: Array, place: Array) -> tuple[Array, None]:
+            return stepping.spin(speed, DelayLine(given, place), steps, parameters), None
+
+        return lax.scan(spin, speed, newest)[0], speed
+
+    return lax.scan(turn, speed, places.reshape(-1, stride))[1]
+
+
+@partial(jax.jit, static_argnums=4)
+def _by_column(
+    window: Windows,
+    speeds: Float[Array, "T 4"],
+    parameters: Parameters,
+    steps: int | Array,
+    stride: int,
+) -> list[Float[Array, "T"]]:
+    """The twelve columns of `errors`.
+
+    Once the rotors' speeds are known, rows do not depend on each other: all side by side they are a
+    few long loops, where one after the other they were many short ones.
+    """
+    given = commands(window)
+
+    def predicted(speed: Array, newest: Array, before: Sequence[Array]) -> list[Array]:
+        position, velocity, attitude, rates = (
+            jnp.stack(before[first : first + 3]) for first in range(0, 12, 3)
+        )
+        quaternion = rotations.from_attitude(attitude)
+        state = entries(State(position, velocity, quaternion, rates, speed))
+
+        def drive(state: State, place: Array) -> tuple[State, None]:
+            line = DelayLine(given, place)
+            return stepping.drive_entries(dynamics.midpoint, state, line, steps, parameters), None
+
+        state, _ = lax.scan(drive, state, newest)
+        return columns(state)
+
+    measured = list(jnp.asarray(window.measured).T)
+    first = [
+        *window.position,
+        *window.velocity,
+        *rotations.to_attitude(jnp.asarray(window.quaternion)),
+        *window.body_rates,
+    ]
+    before = [
+        jnp.concatenate([start[None], column[:-1]])
+        for start, column in zip(first, measured, strict=True)
+    ]
+    rows = places(window, stride).reshape(-1, stride)
+    ahead = jax.vmap(predicted)(speeds, rows, before)
+    wrong = [real - simulated for real, simulated in zip(measured, ahead, strict=True)]
+    return [*wrong[:6], *map(wrapped, wrong[6:9]), *wrong[9:]]
+
+
+def _late(wrong: Float[Array, "... T"], lag: int) -> Float[Array, "... T-P"]:
+    """Errors so many rows ago, of the rows that have `ORDER` before them."""
+    return wrong[..., ORDER - lag : wrong.shape[-1] - lag]
+
+
+@partial(jax.jit, static_argnums=3)
+def products(
+    chunk: Windows, parameters: Parameters, steps: int | Array, stride: int
+) -> Float[Array, "64 12 P+1 P+1"]:
+    """Products of the errors in each window of a chunk."""
+
+    def one(window: Windows) -> Float[Array, "12 P+1 P+1"]:
+        wrong = errors(window, parameters, steps, stride).T
+        late = jnp.stack([_late(wrong, lag) for lag in range(ORDER + 1)], axis=1)
+        return jnp.einsum("cit,cjt->cij", late, late)
+
+    return jax.vmap(one)(chunk)
+
+
+@partial(jax.jit, static_argnums=3)
+def sums(
+    chunk: Windows, parameters: Parameters, steps: int | Array, stride: int
+) -> Float[Array, "64 12"]:
+    """Sums of the errors in each window of a chunk."""
+
+    def one(window: Windows) -> Float[Array, "12"]:
+        return errors(window, parameters, steps, stride)[ORDER:].sum(axis=0)
+
+    return jax.vmap(one)(chunk)
+
+
+class Innovations(NamedTuple):
+    """What of the errors is new, and for which of d directions it counts."""
+
+    coefficients: Float[Array | np.ndarray, "6 P"]
+    """Of the noise model."""
+    deviation: Float[Array | np.ndarray, "6"]
+    """Of the innovations."""
+    share: Float[Array | np.ndarray, "6"]
+    """That deviation over the errors'."""
+    by_moment: Bool[Array | np.ndarray, "d"]
+    """Along these directions the errors themselves count."""
+
+
+@partial(jax.jit, static_argnums=5)
+def derivatives(
+    chunk: Windows,
+    parameters: Parameters,
+    directions: Parameters,
+    new: Innovations,
+    steps: int | Array,
+    stride: int,
+) -> tuple[
+    Float[Array, "64 d"], Float[Array, "64 d d"], Float[Array, "64 d 6 P"], Float[Array, "64 d"]
+]:
+    """Derivatives of half the sum of squared innovations in each window of a chunk.
+
+    They are gradient, curvature, the slopes' products with the past errors, and the sum of the
+    vertical errors' slopes.
+
+    Where `by_moment`, half the sum of squares of the errors themselves, over their own variance.
+    """
+    coefficients, deviation, share, by_moment = new
+
+    def speeds(motors: dict[str, Array]) -> Float[Array, "64 T 4"]:
+        drone = replace(parameters, **motors)
+        return jax.vmap(lambda window: _speeds(window, drone, steps, stride))(chunk)
+
+    def scaled(drone: Parameters, speeds: Array) -> Float[Array, "64 6 T"]:
+        def one(window: Windows, speeds: Array) -> Float[Array, "6 T"]:
+            wrong = _by_column(window, speeds, drone, steps, stride)
+            return jnp.stack([wrong[column] for column in COLUMNS]) / deviation[:, None]
+
+        return jax.vmap(one)(chunk, speeds)
+
+    # Rotors are simulated row by row, so that a slope of their speeds costs as much as all else. It
+    # takes four, and no more: along a direction it is a sum of these.
+    motors = {name: getattr(parameters, name) for name in MOTORS}
+    units = dict(zip(MOTORS, jnp.eye(len(MOTORS)), strict=True))
+    speed, by_motor = jax.vmap(
+        lambda unit: jax.jvp(speeds, (motors,), (unit,)), out_axes=(None, 0)
+    )(units)
+
+    def innovations(wrong: Float[Array, "64 6 T"]) -> Float[Array, "64 6 T-P"]:
+        left = wrong[..., ORDER:]
+        for lag in range(1, ORDER + 1):
+            left = left - coefficients[None, :, lag - 1, None] * _late(wrong, lag)
+        return left
+
+    def along(direction: Parameters) -> tuple[Array, Array]:
+        parts = jnp.stack([getattr(direction, name) for name in MOTORS])
+        faster = jnp.tensordot(parts, by_motor, 1)
+        wrong, slope = jax.jvp(scaled, (parameters, speed), (direction, faster))
+        return wrong, jnp.where(jnp.isfinite(slope), slope, 0.0)
+
+    # Directions before windows, so that what all directions share is computed once for them.
+    wrong, slopes = jax.vmap(along, out_axes=(None, 0))(directions)
+    climbs = jnp.sum(slopes[:, :, COLUMNS.index(VERTICAL), ORDER:], axis=2)
+    apart = by_moment[:, None, None, None]
+    part = share[None, :, None]
+    left, plain = wrong[..., ORDER:] * part, slopes[..., ORDER:] * part[None]
+    slopes = jnp.where(apart, plain, jax.vmap(innovations)(slopes))
+    score = jnp.sum(slopes * jnp.where(apart, left[None], innovations(wrong)[None]), axis=(2, 3))
+    curvature = jnp.einsum("dwct,ewct->wde", slopes, slopes)
+    curvature = jnp.where((by_moment[:, None] == by_moment[None])[None], curvature, 0.0)
+    past = jnp.stack([_late(wrong, lag) for lag in range(1, ORDER + 1)], axis=2)
+    shared = jnp.einsum("dwct,wcpt->wdcp", slopes, past)
+    shared = jnp.where(by_moment[None, :, None, None], 0.0, shared)
+    return score.T, curvature, shared, climbs.T

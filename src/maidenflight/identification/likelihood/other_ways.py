@@ -1,0 +1,95 @@
+"""Fits in other ways, of which the difference counts as a standard error.
+
+Where commands are samples of a faster loop, parameters are identified from every second row too: an
+error that grows with the distance of rows is as large as what this changes.
+
+What accelerometer or gyro tell counts half of what white noise changes, which weighs slow motion
+more and takes the answers of a controller for causes, and of inertia half of what a lag of the
+gyro's own changes, so that flights which hardly excite an axis have wide intervals.
+
+Source: Richardson 1911, The approximate arithmetical solution by finite differences (error from the
+change with the step).
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from maidenflight.flights.log import Flight, thinned
+from maidenflight.identification.likelihood.estimator import Ways
+from maidenflight.identification.likelihood.fit import Fit
+from maidenflight.identification.likelihood.one_step import one_step_objective
+from maidenflight.identification.likelihood.sensor_errors import SensorErrors
+from maidenflight.identification.methods import Likelihood
+from maidenflight.identification.signals.lag import DELAYS
+
+_SPARSER = 2
+"""Rows to one that is kept, where it is tried what a sparser log would change."""
+ABOUT_Z = ("torque_to_thrust", "rotor_momentum", "torque_bias_z")
+"""Parameters that yaw shows, as shares of the inertia about z. Of what white noise differs by, all
+counts: no lag of its own tells of a controller's answers there."""
+WHITE, OWN_LAG, SPARSER = "white noise", "its own lag", "every second row"
+"""Other ways of fitting."""
+_SHARES = {WHITE: 0.5, OWN_LAG: 0.5, SPARSER: 1.0}
+"""What of their difference counts as a standard error."""
+_ANSWERS = 0.15
+"""Share of an inertia beyond which white noise only shows a controller's answers, which are hardly
+left in the fit itself; its own lag tells where they are."""
+FILTER = 1e-3
+"""Standard error of the delay of a sensor's own filter [s], which passes for latency. Where
+commands are samples of a faster loop, half a row is added."""
+
+
+def is_held(flights: Sequence[Flight]) -> bool:
+    """Returns whether each logged command acted until the next."""
+    return all(flight.zero_order_hold for flight in flights)
+
+
+def of_states(flights: Sequence[Flight], settings: Likelihood, names: Sequence[str]) -> Ways:
+    """Returns other ways of fitting logs with a state."""
+    if is_held(flights):
+        return {}
+    sparse = [thinned(one, _SPARSER) for one in flights]
+    model = one_step_objective(sparse, settings, _SPARSER * settings.physics_step)
+    return {SPARSER: (model, names)}
+
+
+def doubt_of_states(found: Fit, others: Mapping[str, Fit]) -> Float[np.ndarray, "d d"]:
+    """Returns the covariance in the unit cube of what they differ by, each parameter by itself."""
+    apart = [other.optimum - found.optimum for other in others.values()]
+    return np.diag(np.sum(np.square(apart), axis=0) if apart else np.zeros(len(found.box.names)))
+
+
+def of_sensor(flights: Sequence[Flight], model: SensorErrors, names: Sequence[str]) -> Ways:
+    """Returns other ways of fitting a sensor."""
+    found: dict[str, tuple[SensorErrors, Sequence[str]]] = {WHITE: (model.white(), names)}
+    if {"inertia_x", "inertia_y"} <= set(names):
+        found[OWN_LAG] = model, (*names, *DELAYS)
+    if not is_held(flights):
+        sparse = [thinned(one, _SPARSER) for one in flights]
+        found[SPARSER] = type(model).of(sparse, model.priors), names
+    return found
+
+
+def doubt_of_sensor(
+    flights: Sequence[Flight], found: Fit, others: Mapping[str, Fit]
+) -> Float[np.ndarray, "d d"]:
+    """Returns the covariance in the unit cube of what they differ by, and of the sensor's delay."""
+    late = FILTER if is_held(flights) else float(np.hypot(FILTER, flights[0].period / np.sqrt(12)))
+    box, names, unit = found.box, found.box.names, found.optimum
+    slope = box.slope(unit)
+    covariance = np.zeros((len(names), len(names)))
+    for way, other in others.items():
+        apart = _SHARES[way] * (box.unit_of(other.drone) - unit)
+        if way == WHITE:
+            about_z = np.array([name in ABOUT_Z for name in names])
+            apart = np.where(about_z, 2.0 * apart, apart)
+        if way == WHITE and OWN_LAG in others:
+            most = _ANSWERS * np.abs(box.values(unit)) / slope
+            level = np.array([name in ("inertia_x", "inertia_y") for name in names])
+            apart = np.where(level, np.clip(apart, -most, most), apart)
+        covariance += np.outer(apart, apart)
+    return (
+        covariance + np.diag([late**2 if name == "latency" else 0.0 for name in names]) / slope**2
+    )

@@ -1,0 +1,204 @@
+"""Choice of the parameters to identify, by the likelihood of held-out flights."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from maidenflight.flights.log import Flight
+from maidenflight.flights.windows import SHORTEST_LEAD_IN
+from maidenflight.identification.drone_file import GroupGain
+from maidenflight.identification.likelihood import one_step
+from maidenflight.identification.likelihood.observation import ObservationModel
+from maidenflight.identification.signals.flight_signals import stride
+from maidenflight.parameters import Parameters
+
+FIRST = ("thrust_to_weight", "motor_time_constant", "latency")
+"""The paper's three, which every model has."""
+GROUPS: dict[str, tuple[str, ...]] = {
+    "motor_coasting": ("motor_coasting",),
+    "spin_down_ratio": ("spin_down_ratio",),
+    "inertia": ("inertia_x", "inertia_y"),
+    "torque_to_thrust": ("torque_to_thrust",),
+    "rotor_momentum": ("rotor_momentum",),
+    "torque_bias": ("torque_bias_x", "torque_bias_y", "torque_bias_z"),
+    "flapping_moment": ("flapping_moment",),
+    "drag": ("drag_x", "drag_y"),
+}
+"""What may be added, a group at a time: its name, and the parameters in it.
+
+Not among them are damping of the rates and the thrust curve: a little misfit of the sensors' lag
+passes for damping one step ahead, and policies that crashed within a second are then predicted to
+fly (docs/identification.md). Name them to identify them."""
+WITH_KNOWN_LAG: dict[str, tuple[str, ...]] = {
+    **{name: parts for name, parts in GROUPS.items() if name not in ("motor_coasting", "drag")},
+    "drag": ("drag_x", "drag_y", "drag_z"),
+    "rotational_damping": ("rotational_damping",),
+}
+"""Groups where a log shows the motors' lag by itself, so that no damping can pass for it."""
+MOVING = 0.1
+"""Root mean square of the velocity [m/s] below which drag and flapping are not looked for: the
+estimate's noise, some 0.015 m/s, returns to its mean and passes for drag."""
+HELD_OUT = 3
+"""Every third flight is held out; if there are fewer flights, every third segment."""
+SIGNIFICANT = 2.0
+"""Gain over its standard error above which a group is kept."""
+SMALLEST_GAIN = 1e-3
+"""Log-likelihood gain of a row [nats] above which a group is kept."""
+ROUGH = SMALLEST_GAIN / 50
+"""Log-likelihood gain of a row [nats] below which a fit need not be improved for the choice."""
+
+
+def groups(flights: Sequence[Flight], lag_seen: bool) -> dict[str, tuple[str, ...]]:
+    """The groups that may be added for some flights.
+
+    Args:
+        flights: checked flights.
+        lag_seen: whether they show the motors' lag by themselves.
+    """
+    square = np.mean(np.concatenate([flight.velocity for flight in flights]) ** 2, axis=0)
+    still = {"drag_x", "drag_y", "flapping_moment"} if square[0] + square[1] < MOVING**2 else set()
+    still |= {"drag_z"} if square[2] < MOVING**2 else set()
+    offered = WITH_KNOWN_LAG if lag_seen else GROUPS
+    left = {
+        group: tuple(name for name in names if name not in still)
+        for group, names in offered.items()
+    }
+    return {group: names for group, names in left.items() if names}
+
+
+class Parts(NamedTuple):
+    """Flights by which groups of parameters are chosen."""
+
+    training: ObservationModel
+    """Flights to fit."""
+    held_out: ObservationModel
+    """Flights that the gains are measured on."""
+    sample: ObservationModel
+    """Some of the training flights' windows, by which the groups are put in order."""
+
+
+def choose(
+    parts: Parts,
+    fit: Callable[[Sequence[str], Parameters], Parameters],
+    start: Parameters,
+    first: Sequence[str] = FIRST,
+    offered: Mapping[str, Sequence[str]] = GROUPS,
+    on_group: Callable[[GroupGain], None] | None = None,
+    at_bound: Callable[[Parameters, Sequence[str]], bool] = lambda drone, names: False,
+) -> tuple[tuple[str, ...], Parameters, list[GroupGain]]:
+    """Adds one group after another, each kept if the likelihood of held-out flights gains.
+
+    The group with the largest promised gain is next.
+
+    What a group promises is the gain of the quadratic model of the likelihood around the fit
+    without it, so that adding a group costs one fit.
+
+    Args:
+        parts: flights to fit and to judge by.
+        fit: names and where to begin, to the training flights' best drone.
+        start: where the first fit begins.
+        first: what every model has, at least one parameter.
+        offered: groups that may be added.
+        on_group: called with the gain of each group.
+        at_bound: whether one of a drone's parameters ended where its search does. Such a group is
+            not kept: it stands for something that the model lacks.
+
+    Returns:
+        Names of the parameters chosen, the training flights' best drone, and the gain of each
+        group, in the order of trying.
+
+    Source: Rao 1948 (score test); forward selection judged by held-out likelihood.
+    """
+    training, held_out, sample = parts
+    names, left, gains = tuple(first), dict(offered), []
+    drone = fit(names, start)
+    value = held_out.per_segment(drone, training.noise_model(drone))
+    while left:
+        everything = (*names, *(name for group in left.values() for name in group))
+        equations = sample.normal_equations(drone, everything)
+        promised = {
+            group: _promise(
+                equations.gradient, equations.curvature, everything, (*names, *left[group])
+            )
+            for group in left
+        }
+        group = max(promised, key=lambda one: promised[one])
+        wider = (*names, *left.pop(group))
+        ahead = fit(wider, drone)
+        value_ahead = held_out.per_segment(ahead, training.noise_model(ahead))
+        gain, error = _mean_gain(value - value_ahead, held_out.rows_per_segment)
+        keep = gain > max(SMALLEST_GAIN, SIGNIFICANT * (error or 0.0))
+        keep = keep and not at_bound(ahead, offered[group])
+        gains.append(GroupGain(group, gain, error, keep))
+        if on_group is not None:
+            on_group(gains[-1])
+        if keep:
+            names, drone, value = wider, ahead, value_ahead
+    return names, drone, gains
+
+
+def _promise(
+    gradient: Float[np.ndarray, "d"],
+    curvature: Float[np.ndarray, "d d"],
+    all_names: Sequence[str],
+    names: Sequence[str],
+) -> float:
+    """Gain of the quadratic model when these parameters may move."""
+    place = [all_names.index(name) for name in names]
+    slope, matrix = gradient[place], curvature[np.ix_(place, place)]
+    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-30))
+    scaled = matrix / np.outer(scale, scale) + 1e-9 * np.eye(len(place))
+    return 0.5 * float(slope / scale @ np.linalg.solve(scaled, slope / scale))
+
+
+def _mean_gain(
+    gain: Float[np.ndarray, "S"], rows: Float[np.ndarray, "S"]
+) -> tuple[float, float | None]:
+    """Gain of a row and its standard error, where segments are independent; `None` of one segment.
+
+    Segments without a window have no rows and do not count.
+    """
+    gain, rows = gain[rows > 0], rows[rows > 0]
+    mean, count = float(gain.sum() / rows.sum()), len(rows)
+    if count < 2:
+        return mean, None
+    residual = gain - mean * rows
+    return mean, float(np.sqrt(np.sum(residual**2) * count / (count - 1)) / rows.sum())
+
+
+def split(flights: Sequence[Flight]) -> tuple[list[Flight], list[Flight]]:
+    """Flights to fit and, every third of them, to judge by.
+
+    The longest is cut in three where there are fewer than three.
+
+    Segments of one flight stay together, unless there are fewer than three flights.
+    """
+    long_enough = [
+        flight
+        for flight in flights
+        if len(flight)
+        > one_step.LENGTH * stride(flight)
+        + max((SHORTEST_LEAD_IN + 1) * stride(flight), flight.lead)
+    ]
+    whole: list[list[Flight]] = []
+    for flight in long_enough:
+        before = whole[-1][-1] if whole else None
+        if before and flight.lead and before.lead and before.name == flight.name:
+            whole[-1].append(flight)
+        else:
+            whole.append([flight])
+    if len(whole) < HELD_OUT:
+        whole = [[flight] for flight in long_enough]
+    if len(whole) < HELD_OUT:
+        whole = []
+        for flight in flights:
+            ends = [len(flight) * part // 3 for part in range(4)]
+            for first, end in zip(ends[:-1], ends[1:], strict=True):
+                whole.append([flight.part(first, end)])
+    judged = whole[HELD_OUT - 1 :: HELD_OUT]
+    fitted = [parts for number, parts in enumerate(whole) if number % HELD_OUT != HELD_OUT - 1]
+    return [part for parts in fitted for part in parts], [
+        part for parts in judged for part in parts
+    ]

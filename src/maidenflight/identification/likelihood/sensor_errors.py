@@ -1,0 +1,228 @@
+"""Errors of what a sensor measures, and their likelihood: no state is needed.
+
+What is measured follows from the rotors' speeds, and these from the logged commands. Errors are an
+autoregression over the last quarter of a second; `one_step` says why. `SensorErrors` turns any
+prediction of that kind into an observation model.
+
+Source: Ljung 1999, System identification: theory for the user, ch. 7 and 13.4 (prediction errors,
+closed loop).
+"""
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import ClassVar, Self
+
+import numpy as np
+import scipy
+from jaxtyping import Float
+from numpy.lib.stride_tricks import sliding_window_view
+
+from maidenflight.flights.log import Flight
+from maidenflight.identification.likelihood.observation import (
+    BY_MOMENT,
+    MOTORS,
+    NoiseModel,
+    ObservationModel,
+    noise_model,
+)
+from maidenflight.identification.likelihood.selection import Parts
+from maidenflight.identification.likelihood.sensor_signals import Rotors, Sensor, Signals, signals
+from maidenflight.identification.signals.regression import MEMORY
+from maidenflight.parameters import Parameters, component, replace
+
+_NUDGES = {
+    "latency": 1e-3,
+    "motor_coasting": 5e-3,
+    "thrust_offset": 1e-2,
+    "thrust_linear": 1e-2,
+    "drag_z": 1e-2,
+    "torque_to_thrust": 1e-4,
+    **dict.fromkeys((*BY_MOMENT, "rotor_momentum", "rotational_damping"), 1e-6),
+}
+"""Changes over which slopes are taken, SI units; a hundredth of the value unless given. All slopes
+but the motors' are constant over them."""
+
+
+class SensorErrors(ObservationModel):
+    """Minus the mean log likelihood of a step of a sensor's signals.
+
+    A sensor says what it measures (`sensor`) and what that follows from (`predicted`). Slopes are
+    differences, by which the rest follows.
+    """
+
+    sensor: ClassVar[Sensor]
+    """What is measured, and in which steps."""
+    levels: ClassVar[Mapping[int, float]] = {}
+    """Standard deviation of a segment's mean error, by number of the signal. An autoregression
+    hardly weighs what lasts, so that of signals whose mean is known it is said apart."""
+
+    def __init__(
+        self,
+        signals: Signals,
+        priors: Mapping[str, tuple[float, float]] | None = None,
+        white: bool = False,
+    ):
+        """Prepares what does not depend on the drone.
+
+        Args:
+            signals: of the sensor.
+            priors: mean and standard deviation of what is known beforehand, by parameter.
+            white: whether errors are white noise, as in plain least squares.
+        """
+        self.signals, self.priors = signals, priors or {}
+        self.order = 0 if white else round(MEMORY / signals.step)
+        self.rows_per_segment = signals.used.sum(axis=0).astype(float)
+        self._latest: tuple[list[float], Rotors] | None = None
+
+    @classmethod
+    def of(
+        cls, flights: Sequence[Flight], priors: Mapping[str, tuple[float, float]] | None = None
+    ) -> Self:
+        """Returns the model of some flights; see `sensor_signals.signals`.
+
+        Raises:
+            InputError: the flights have different rates, or none is long enough.
+        """
+        return cls(signals(flights, cls.sensor), priors)
+
+    @abstractmethod
+    def predicted(self, drone: Parameters, rotors: Rotors) -> Float[np.ndarray, "M S C"]:
+        """Returns what the sensor measures of a drone whose rotors do so."""
+        ...
+
+    def white(self) -> Self:
+        """Returns the same with white noise."""
+        return type(self)(self.signals, self.priors, white=True)
+
+    def parts(self) -> Parts | None:
+        """Returns segments to fit and others to judge by; see `Signals.parted`."""
+        parts = self.signals.parted()
+        if parts is None:
+            return None
+        training, held_out = (type(self)(some, self.priors) for some in parts)
+        return Parts(training, held_out, training)
+
+    def _rotors(self, drone: Parameters) -> Rotors:
+        """The rotors of a drone; those of the last one are kept, since many share their motors."""
+        motors = [float(component(drone, name)) for name in MOTORS]
+        if self._latest is None or self._latest[0] != motors:
+            self._latest = motors, self.signals.rotors(drone)
+        return self._latest[1]
+
+    def errors(self, parameters: Parameters) -> Float[np.ndarray, "M S C"]:
+        """Returns measured minus predicted, signal by signal."""
+        return self.signals.measured - self.predicted(parameters, self._rotors(parameters))
+
+    def noise_model(self, parameters: Parameters) -> NoiseModel:
+        """As `observation.ObservationModel.noise_model`."""
+        return noise_model(self._products(self.errors(parameters)) / self.rows)
+
+    def _products(self, errors: Float[np.ndarray, "M S C"]) -> Float[np.ndarray, "C P+1 P+1"]:
+        """Products of errors with themselves 0 ... P steps before, summed."""
+        late = (self._late(errors[..., place]) for place in range(errors.shape[-1]))
+        return np.stack([some.T @ some for some in late])
+
+    def _late(self, errors: Float[np.ndarray, "M S"]) -> Float[np.ndarray, "T P+1"]:
+        """Errors 0 ... P steps before each step that counts; zero where there are none."""
+        padded = np.concatenate([np.zeros((self.order, errors.shape[1])), errors])
+        return self._counted(sliding_window_view(padded, self.order + 1, axis=0)[..., ::-1])
+
+    def _counted(self, values: Float[np.ndarray, "M S ..."]) -> Float[np.ndarray, "T ..."]:
+        """The steps that count, segment after segment."""
+        return np.swapaxes(values, 0, 1)[self.signals.used.T]
+
+    def _means(self, values: Float[np.ndarray, "M S ..."]) -> Float[np.ndarray, "S ..."]:
+        """Means over the steps of each segment that count."""
+        return self._sums(self._counted(values)) / self.rows_per_segment.reshape(
+            -1, *(1,) * (values.ndim - 2)
+        )
+
+    def _sums(self, counted: Float[np.ndarray, "T ..."]) -> Float[np.ndarray, "S ..."]:
+        """Sums over the steps of each segment."""
+        ends = np.cumsum(self.rows_per_segment).astype(int)
+        return np.add.reduceat(counted, np.concatenate([[0], ends[:-1]]), axis=0)
+
+    def per_segment(self, parameters: Parameters, noise: NoiseModel) -> Float[np.ndarray, "S"]:
+        """As `observation.ObservationModel.per_segment`."""
+        return self._minus_log_likelihood(self.errors(parameters), noise)
+
+    def _minus_log_likelihood(
+        self, errors: Float[np.ndarray, "M S C"], noise: NoiseModel
+    ) -> Float[np.ndarray, "S"]:
+        constant = np.sum(np.log(noise.deviation) + 0.5 * np.log(2 * np.pi))
+        new = self._counted(_whitened(errors, noise))
+        found = self.rows_per_segment * constant + 0.5 * self._sums((new**2).sum(axis=1))
+        for place, level in self.levels.items():
+            found += 0.5 * (self._means(errors[..., place]) / level) ** 2
+        return found
+
+    def derivatives(
+        self, parameters: Parameters, names: Sequence[str]
+    ) -> tuple[float, Float[np.ndarray, "S d"], Float[np.ndarray, "S d d"]]:
+        """As `observation.ObservationModel.derivatives`, priors included."""
+        errors, slopes = self._slopes(parameters, names)
+        products = self._products(errors)
+        noise = noise_model(products / self.rows)
+        value = float(self._minus_log_likelihood(errors, noise).sum() / self.rows)
+        scores = np.zeros((self.segments, len(names)))
+        curvatures = np.zeros((self.segments, len(names), len(names)))
+        moment = np.array([name in BY_MOMENT for name in names])
+        whitened = _whitened(slopes, noise)
+        for place in range(errors.shape[-1]):
+            late, steep = self._late(errors[..., place]), self._counted(slopes[..., place, :])
+            flat, past = self._counted(whitened[..., place, :]), late[:, 1:]
+            if self.order:
+                weights = np.linalg.lstsq(products[place, 1:, 1:], past.T @ flat, rcond=1e-12)[0]
+                flat = flat - past @ weights
+            new = late @ np.concatenate([[1.0], -noise.coefficients[place]])
+            whole = np.sqrt(products[place, 0, 0] / self.rows)
+            slope = np.where(moment, steep / whole, flat)
+            error = np.where(moment, late[:, :1] / whole, new[:, None] / noise.deviation[place])
+            scores += self._sums(slope * error)
+            both = self._sums(slope[:, :, None] * slope[:, None])
+            curvatures += np.where(moment[:, None] == moment, both, 0.0)
+        for place, level in self.levels.items():
+            tilt = self._means(slopes[..., place, :]) / level
+            scores += tilt * (self._means(errors[..., place]) / level)[:, None]
+            curvatures += tilt[:, :, None] * tilt[:, None]
+        for name, (mean, deviation) in self.priors.items():
+            away = (float(component(parameters, name)) - mean) / deviation
+            value += 0.5 * away**2 / self.rows
+            mine = np.array([one == name for one in names]) / deviation
+            scores += away * mine / self.segments
+            curvatures += np.outer(mine, mine) / self.segments
+        return value, scores / self.rows, curvatures / self.rows
+
+    def _slopes(
+        self, parameters: Parameters, names: Sequence[str]
+    ) -> tuple[Float[np.ndarray, "M S C"], Float[np.ndarray, "M S C d"]]:
+        """Errors, and their derivatives by differences."""
+        rotors = self._rotors(parameters)
+        here = self.predicted(parameters, rotors)
+        slopes = np.empty((*here.shape, len(names)))
+        for number, name in enumerate(names):
+            value = float(component(parameters, name))
+            nudge = _NUDGES.get(name, 0.01 * abs(value))
+            ahead = replace(parameters, **{name: np.float32(value + nudge)})
+            moved = self.signals.rotors(ahead) if name in MOTORS else rotors
+            change = float(component(ahead, name)) - value
+            slopes[..., number] = (here - self.predicted(ahead, moved)) / change
+        return self.signals.measured - here, slopes
+
+
+def _whitened(
+    errors: Float[np.ndarray, "M S C ..."], noise: NoiseModel
+) -> Float[np.ndarray, "M S C ..."]:
+    """What of errors, or of their slopes, is new, in units of its standard deviation."""
+    return np.stack(
+        [
+            scipy.signal.lfilter(
+                np.concatenate([[1.0], -weights]), 1.0, errors[:, :, place], axis=0
+            )
+            / deviation
+            for place, (weights, deviation) in enumerate(
+                zip(noise.coefficients, noise.deviation, strict=True)
+            )
+        ],
+        axis=2,
+    )

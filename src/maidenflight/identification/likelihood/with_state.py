@@ -1,0 +1,284 @@
+"""Identification of flights with a state: the drone under which the next rows are most likely.
+
+`identified` finds it and the noise of its sensors and motors, `expected_intervals` what the flights
+can tell of it.
+"""
+
+from collections.abc import Collection, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace as replace_
+from functools import partial
+
+import numpy as np
+from jaxtyping import Float
+
+from maidenflight.flights.log import Flight
+from maidenflight.identification.likelihood import information, other_ways, selection
+from maidenflight.identification.likelihood.estimator import Models, Question, estimated
+from maidenflight.identification.likelihood.fit import box_of, fit
+from maidenflight.identification.likelihood.flight_differences import differences
+from maidenflight.identification.likelihood.laplace import anywhere_in
+from maidenflight.identification.likelihood.noise_levels import noise_levels
+from maidenflight.identification.likelihood.observation import ObservationModel
+from maidenflight.identification.likelihood.one_step import LENGTH, OneStep, one_step_objective
+from maidenflight.identification.likelihood.one_step_errors import ORDER
+from maidenflight.identification.likelihood.selection import Parts
+from maidenflight.identification.methods import Likelihood
+from maidenflight.identification.outcome import posterior
+from maidenflight.identification.outcome.bounds import of_seen_lag
+from maidenflight.identification.outcome.ensembles import as_flights_differ
+from maidenflight.identification.outcome.estimates import (
+    Identification,
+    doubts,
+    estimates_of,
+    evaluations_table,
+    notes_on,
+)
+from maidenflight.identification.outcome.plausible import Expected, Ranges, prior_ranges
+from maidenflight.identification.outcome.problem import Problem, must_tell
+from maidenflight.identification.outcome.progress import EXPECTING, MOTOR_LAG
+from maidenflight.identification.signals import lag
+from maidenflight.identification.signals.flight_signals import sharp, stride
+from maidenflight.identification.signals.lag import DELAYS, LAG
+from maidenflight.identification.signals.motor_response import MotorResponse, motor_response
+from maidenflight.parameters import Parameters, check, replace
+
+_TURNING = (*selection.FIRST, "spin_down_ratio", "inertia_x", "inertia_y")
+"""What decides, together, how fast the drone answers a command."""
+_LATENCIES = (0.002, 0.02)
+"""Latencies from which an optimum is looked for too [s]."""
+_APART = 0.005
+"""Difference from the start's latency above which that is another place to begin [s]."""
+_CLEARLY = 0.1
+"""Log-likelihood gain of a row [nats] above which another optimum is clearly better."""
+
+
+def identified(problem: Problem, settings: Likelihood) -> Identification:
+    """Finds the drone and the noise under which the flights are most likely.
+
+    Raises:
+        InputError: too little flight, or a parameter that cannot be searched.
+    """
+    if problem.over is not None:
+        box_of(problem, problem.over)
+    start, coarse = problem.start, _coarse(problem, settings)
+    # Programs depend on the flights' shapes alone, and to look at the motors takes one core.
+    with ThreadPoolExecutor(1) as pool:
+        compiled = pool.submit(coarse.compile, start)
+        motors = _motors(problem)
+        problem.reporter.stage(EXPECTING, 0, 1)
+        compiled.result()
+    if motors:
+        problem = _sharp(problem)
+        coarse = _coarse(problem, settings)
+    flights = problem.flights
+    fine = one_step_objective(flights, settings, settings.physics_step)
+    expected = _expected(problem, coarse, motors)
+    problem.reporter.expected(expected)
+    untold = {name: one.prior for name, one in expected.items() if not one.identifiable}
+    while True:
+        question = _question(problem, settings, (coarse, fine), motors, untold)
+        found = estimated(problem, settings, question)
+        box, draws = found.best.box, found.samples
+        wide = _too_wide(draws, box.names, expected, _groups(problem, motors))
+        if not wide:
+            break
+        untold |= {name: expected[name].prior for name in wide}
+    drone = found.best.drone
+    left = fine.products_about_means(drone)
+    noise = noise_levels(left, drone, stride(flights[0]) * flights[0].period)
+    drone = replace(drone, **{name: np.float32(value) for name, value in noise.items()})
+    interval, spread = found.posterior.interval, np.array([*found.posterior.spread.values()])
+    estimates = estimates_of(box, found.best.optimum, found.optima, interval, spread)
+    estimates |= as_flights_differ(estimates, flights, drone)
+    if motors and LAG in box.names:
+        estimates = of_seen_lag(estimates)
+    looks = lag.looks(motors, flights, draws, untold, drone)
+    return Identification(
+        parameters=check(drone, "identified parameters"),
+        estimates=estimates,
+        unidentified=untold,
+        expected=expected,
+        objective="likelihood",
+        value=found.best.value,
+        start_value=fine(start),
+        source=problem.source,
+        windows=int(fine.rows) // (LENGTH - ORDER),
+        evaluations=sum(len(values) for _, values in found.runs),
+        search=evaluations_table(box, found.runs),
+        posterior=draws,
+        gains=found.gains,
+        noise=noise,
+        notes=(
+            *notes_on(estimates, fine.segments),
+            *doubts(noise, flights),
+            *map(str, differences(flights, coarse, drone, motors)),
+            *lag.notes(looks, motors),
+        ),
+        lag_looks=looks,
+    )
+
+
+def expected_intervals(problem: Problem, settings: Likelihood) -> dict[str, Expected]:
+    """What the flights can tell of the parameters that are asked for, or that may be chosen.
+
+    Raises:
+        InputError: too little flight, or a parameter that cannot be searched.
+    """
+    motors = _motors(problem)
+    if motors:
+        problem = _sharp(problem)
+    return _expected(problem, _coarse(problem, settings), motors)
+
+
+def _sharp(problem: Problem) -> Problem:
+    """The flights with the gyro's delay undone, for those that show the motors."""
+    return replace_(problem, flights=[sharp(flight) for flight in problem.flights])
+
+
+def _coarse(problem: Problem, settings: Likelihood) -> OneStep:
+    """The objective by which parameters are chosen."""
+    return one_step_objective(problem.flights, settings, settings.coarse_physics_step)
+
+
+def _expected(
+    problem: Problem, coarse: OneStep, motors: MotorResponse | None
+) -> dict[str, Expected]:
+    names, offered = problem.over, problem.over
+    if names is None or offered is None:
+        every = selection.WITH_KNOWN_LAG if motors else selection.GROUPS
+        names, offered = (
+            (*selection.FIRST, *(name for group in some.values() for name in group))
+            for some in (every, _groups(problem, motors))
+        )
+    priors = prior_ranges(problem.start, box_of(problem, names).limits)
+    found = information.expected(coarse, problem.start, names, priors, _seen(motors))
+    # What is not even looked for in such flights cannot be told by them either.
+    return {
+        name: replace_(one, identifiable=one.identifiable and name in offered)
+        for name, one in found.items()
+    }
+
+
+def _groups(problem: Problem, motors: MotorResponse | None) -> Mapping[str, Sequence[str]]:
+    """Parameters that may be chosen."""
+    return selection.groups(problem.flights, lag_seen=motors is not None)
+
+
+def _too_wide(
+    draws: Mapping[str, np.ndarray],
+    names: Sequence[str],
+    expected: Mapping[str, Expected],
+    groups: Mapping[str, Sequence[str]],
+) -> list[str]:
+    """The parameter whose interval exceeds its plausible range most, and those of its group.
+
+    None at all if all are narrower. Others may be wide only because of this one.
+    """
+    share = {}
+    for name in names:
+        low, high = posterior.interval(draws[name])
+        share[name] = float((high - low) / np.ptp(expected[name].prior))
+    widest = max(share, key=lambda name: share[name])
+    alike = next((group for group in groups.values() if widest in group), (widest,))
+    return [name for name in alike if share.get(name, 0.0) >= 1.0]
+
+
+def _question(
+    problem: Problem,
+    settings: Likelihood,
+    models: tuple[OneStep, OneStep],
+    motors: MotorResponse | None,
+    untold: Ranges,
+) -> Question:
+    """What is asked of the flights that is not yet known to be hidden from them.
+
+    Raises:
+        InputError: the flights tell no parameter that is asked for.
+    """
+    (coarse, fine), start, parts = models, problem.start, None
+    asked = selection.FIRST if problem.over is None else problem.over
+    names = tuple(name for name in asked if name not in untold)
+    if problem.over is None:
+        parts = _parts(problem.flights, settings)
+        if not motors:
+            start = _beside_optimum(problem, settings, parts.sample, untold)
+    else:
+        must_tell(names, untold)
+    left = {
+        group: tuple(name for name in names if name not in untold)
+        for group, names in _groups(problem, motors).items()
+    }
+    return Question(
+        Models(_pilot(problem.flights, settings, coarse), coarse, fine),
+        names,
+        start,
+        parts,
+        {group: names for group, names in left.items() if names},
+        _seen(motors),
+        partial(anywhere_in, untold, generator=problem.generator),
+        partial(other_ways.of_states, problem.flights, settings),
+        other_ways.doubt_of_states,
+    )
+
+
+def _motors(problem: Problem) -> MotorResponse | None:
+    """What logs show of the motors' lag, if it is asked for."""
+    asked = selection.FIRST if problem.over is None else problem.over
+    if not set(DELAYS) <= set(asked):
+        return None
+
+    def looked(done: int, of: int) -> None:
+        problem.reporter.stage(MOTOR_LAG, done, of)
+
+    looked(0, 0)
+    return motor_response(problem.flights, problem.generator, problem.start, looked)
+
+
+def _seen(motors: MotorResponse | None) -> dict[str, Float[np.ndarray, "N"]]:
+    """Samples of the parameters that are not searched for but seen, those of thrust apart."""
+    return {} if motors is None else dict(zip(DELAYS, (motors.lag, motors.latency), strict=True))
+
+
+def _parts(flights: Sequence[Flight], settings: Likelihood) -> Parts:
+    """The objectives on flights to fit and to judge by."""
+    fitted, judged = selection.split(flights)
+    training, held_out = (
+        one_step_objective(part, settings, settings.coarse_physics_step)
+        for part in (fitted, judged)
+    )
+    return Parts(training, held_out, _pilot(fitted, settings, training))
+
+
+def _beside_optimum(
+    problem: Problem, settings: Likelihood, sample: ObservationModel, untold: Collection[str]
+) -> Parameters:
+    """The start, or the start with another lag and latency if these lead to a better optimum.
+
+    Without noise the likelihood has an optimum for each latency of about a row, of which the start
+    may be beside the wrong one: all that turns the drone then makes up for it.
+    """
+    names = tuple(name for name in _TURNING if name not in untold)
+    best, least = problem.start, np.inf
+    for latency in (None, *_LATENCIES):
+        if latency is None:
+            begin = problem.start
+        elif abs(latency - float(problem.start.latency)) > _APART:
+            begin = replace(problem.start, latency=np.float32(latency))
+        else:
+            continue
+        found = fit(problem, settings.evaluations, [sample], names, begin, {}, close=_CLEARLY)
+        value = float(found.values.min())
+        if value < least - _CLEARLY:
+            kept = {name: getattr(found.drone, name) for name in DELAYS if name in names}
+            least = value
+            best = problem.start if latency is None else replace(problem.start, **kept)
+    return best
+
+
+def _pilot(flights: Sequence[Flight], settings: Likelihood, whole: OneStep) -> OneStep:
+    """The objective on some of the windows, or the whole itself where there are hardly more."""
+    every = whole.size // settings.pilot_windows
+    if every < 2:
+        return whole
+    return one_step_objective(flights, settings, settings.coarse_physics_step, every)

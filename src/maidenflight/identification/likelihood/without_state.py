@@ -1,0 +1,327 @@
+"""Identification from accelerometer, gyro and motor commands alone.
+
+Thrust and motors are what the accelerometer tells, inertia and torques what the gyro tells, given
+the motors: a controller answers the gyro within milliseconds, so that whatever the model lacks
+would move the lag there. Drag across and what else these sensors do not show keeps the start's
+value, and so does what the flights tell no better than is known without them.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace as replace_
+from functools import partial
+
+import numpy as np
+from jaxtyping import Float
+
+from maidenflight.errors import InputError
+from maidenflight.identification.likelihood import other_ways
+from maidenflight.identification.likelihood.estimator import (
+    Estimated,
+    Models,
+    Question,
+    estimated,
+)
+from maidenflight.identification.likelihood.fit import Fit, box_of
+from maidenflight.identification.likelihood.inertial_errors import AccelerometerErrors, GyroErrors
+from maidenflight.identification.likelihood.laplace import measured_by_others
+from maidenflight.identification.likelihood.observation import MOTORS
+from maidenflight.identification.likelihood.other_ways import ABOUT_Z, OWN_LAG, WHITE
+from maidenflight.identification.likelihood.sensor_errors import SensorErrors
+from maidenflight.identification.methods import Likelihood
+from maidenflight.identification.outcome import posterior
+from maidenflight.identification.outcome.estimates import (
+    Identification,
+    estimates_of,
+    evaluations_table,
+    notes_on,
+)
+from maidenflight.identification.outcome.plausible import Ranges, is_told, prior_ranges
+from maidenflight.identification.outcome.problem import Problem, must_tell
+from maidenflight.identification.search.box import Box
+from maidenflight.identification.signals import lag
+from maidenflight.identification.signals.lag import DELAYS
+from maidenflight.identification.signals.motor_response import Look, MotorResponse
+from maidenflight.parameters import Parameters, check, component, replace
+
+FORCE = ("thrust_to_weight", "thrust_linear", *DELAYS, "drag_z")
+"""What the accelerometer is asked for."""
+FORCE_GROUPS: dict[str, tuple[str, ...]] = {"slowing_down": ("motor_coasting", "spin_down_ratio")}
+"""What is added if it predicts held-out flight better. Together, since each passes for much of the
+other, and the inertia then found is a fifth off. The thrust of a rotor that stands is not
+among it: it is zero, and a motor that coasts passes for it."""
+TORQUE = (
+    "inertia_x",
+    "inertia_y",
+    "torque_to_thrust",
+    "torque_bias_x",
+    "torque_bias_y",
+    "torque_bias_z",
+)
+"""What the gyro is asked for."""
+TORQUE_GROUPS: dict[str, tuple[str, ...]] = {"rotor_momentum": ("rotor_momentum",)}
+"""Likewise."""
+OF_ACCELEROMETER = (
+    *FORCE,
+    "thrust_offset",
+    "motor_coasting",
+    "spin_down_ratio",
+)
+OF_GYRO = (*TORQUE, "inertia_z", "rotor_momentum", "rotational_damping")
+CLIMB_DRAG = 0.3
+"""Standard deviation of `drag_z` beforehand [1/s]: that of a Crazyflie's climb is 0.4."""
+SHAPE, SHAPE_OF_PWM = 0.1, 0.3
+"""Standard deviation of `thrust_linear` beforehand: of commands that a battery law made of logged
+PWM and voltage, and of others, such as PWM alone, of which a Crazyflie's thrust has 0.27."""
+BOUNDS: Mapping[str, tuple[float, float]] = {
+    "thrust_offset": (-0.5, 0.5),
+    "thrust_linear": (-1.0, 2.0),
+    # Of logs on board. Where little is excited, a longer latency passes for lag.
+    "latency": (0.0, 0.02),
+}
+"""Search bounds where they are not those of a log with a state."""
+_MOST = 20
+"""Evaluations of a search at most."""
+
+
+def identified(problem: Problem, settings: Likelihood) -> Identification:
+    """Finds the drone under which what accelerometer and gyro measured is most likely.
+
+    Args:
+        problem: its flights need no position, velocity or attitude.
+        settings: uses `trials` and `evaluations`.
+
+    Raises:
+        InputError: too little flight, or a parameter that these sensors do not show.
+    """
+    _must_be_shown(problem.over)
+    problem = replace_(problem, bounds={**BOUNDS, **problem.bounds})
+    settings = replace_(settings, evaluations=min(settings.evaluations, _MOST))
+    force = _force(problem, settings)
+    found = [one for one in (force, _torque(problem, settings, force)) if one is not None]
+    untold = {name: ends for one in found for name, ends in one.untold.items()}
+    draws = {name: samples for one in found for name, samples in one.samples.items()}
+    spread = {name: size for one in found for name, size in one.posterior.spread.items()}
+    drone, draws, spread, notes = _with_inertia_z(
+        problem.start, found[-1].best.drone, draws, spread, untold
+    )
+    names = tuple(name for name in draws if name not in untold)
+    must_tell(names, untold)
+    box = box_of(problem, names)
+    optimum = box.unit_of(drone)
+    fits = [fit for one in found for fit in sorted(one.fits, key=lambda fit: fit.value)]
+    runs = [_in_box(fit, box) for fit in fits]
+    optima = np.array([points[int(np.argmin(values))] for points, values in runs])
+    optima[0] = optimum
+    samples = box.unit(np.stack([draws[name] for name in names], axis=1))
+    deviations = np.array([spread[name] for name in names])
+    estimates = estimates_of(box, optimum, optima, posterior.interval(samples), deviations)
+    segments, motors = found[0].best.model.segments, _motors(found)
+    looks = lag.looks(motors, problem.flights, found[0].samples, found[0].untold, drone)
+    return Identification(
+        parameters=check(drone, "identified parameters"),
+        estimates=estimates,
+        unidentified=untold,
+        objective="likelihood",
+        value=sum(one.best.value for one in found),
+        start_value=sum(one.best.model(problem.start) for one in found),
+        source=problem.source,
+        windows=segments,
+        evaluations=sum(len(values) for _, values in runs),
+        search=evaluations_table(box, runs),
+        posterior=draws,
+        gains=tuple(gain for one in found for gain in one.gains),
+        notes=(*notes_on(estimates, segments), *notes, *lag.notes(looks, motors)),
+        lag_looks=looks,
+    )
+
+
+def _must_be_shown(over: Sequence[str] | None) -> None:
+    if over is None:
+        return
+    hidden = [name for name in over if name not in (*OF_ACCELEROMETER, *OF_GYRO)]
+    if hidden:
+        raise InputError(
+            f"{', '.join(hidden)}: not told by accelerometer, gyro and commands alone, which tell "
+            f"{', '.join((*OF_ACCELEROMETER, *OF_GYRO))}."
+        )
+    if {"inertia_z", "torque_to_thrust"} <= set(over):
+        raise InputError(
+            "inertia_z and torque_to_thrust: yaw shows only their ratio. Name one, or none, where "
+            "inertia_z follows inertia_x and inertia_y."
+        )
+
+
+def _asked(problem: Problem, first: tuple[str, ...], shown: tuple[str, ...]) -> tuple[str, ...]:
+    """What is asked of a sensor."""
+    return first if problem.over is None else tuple(one for one in problem.over if one in shown)
+
+
+def _force(problem: Problem, settings: Likelihood) -> Estimated | None:
+    """What the accelerometer tells."""
+    names, start = _asked(problem, FORCE, OF_ACCELEROMETER), problem.start
+    if not names:
+        return None
+    by_law = all(
+        flight.by_battery_law and np.isfinite(flight.battery).any() for flight in problem.flights
+    )
+    priors = {
+        "thrust_linear": (float(start.thrust_linear), SHAPE if by_law else SHAPE_OF_PWM),
+        "drag_z": (float(component(start, "drag_z")), CLIMB_DRAG),
+    }
+    model = AccelerometerErrors.of(problem.flights, priors)
+    groups = FORCE_GROUPS if problem.over is None else {}
+    found = _told(problem, settings, model, names, groups, start)
+    plausible = _plausible(problem, tuple(found.samples), priors)
+    lost = [name for name in DELAYS if name in names and not _lag_is_told(found, plausible)]
+    if lost:
+        lost = [name for name in found.samples if name in MOTORS]
+    if "thrust_linear" in names and not is_told(
+        found.posterior.error["thrust_linear"], plausible["thrust_linear"]
+    ):
+        lost.append("thrust_linear")
+    if not lost:
+        return found
+    less = found.without({name: plausible[name] for name in lost}, start, problem.generator)
+    kept = tuple(name for name in found.samples if name not in lost)
+    if not kept:
+        return less
+    known = {name: less.samples[name] for name in lost}
+    again = _told(problem, settings, model, kept, {}, less.best.drone, known)
+    return replace_(again, untold=less.untold, gains=found.gains)
+
+
+def _told(
+    problem: Problem,
+    settings: Likelihood,
+    model: SensorErrors,
+    names: tuple[str, ...],
+    groups: Mapping[str, Sequence[str]],
+    start: Parameters,
+    known: Mapping[str, Float[np.ndarray, "N"]] | None = None,
+) -> Estimated:
+    """What a sensor tells of some parameters, given samples of others."""
+    question = Question(
+        Models(model, model, model),
+        names,
+        start,
+        parts=model.parts() if groups else None,
+        groups=groups,
+        others=partial(measured_by_others, known or {}),
+        ways=partial(other_ways.of_sensor, problem.flights, model),
+        doubt=partial(other_ways.doubt_of_sensor, problem.flights),
+        at_least_laplace=True,
+    )
+    return estimated(problem, settings, question)
+
+
+def _plausible(
+    problem: Problem, names: tuple[str, ...], priors: Mapping[str, tuple[float, float]]
+) -> dict[str, tuple[float, float]]:
+    """Plausible range of each parameter: of a prior the uniform one of the same variance."""
+    limits = box_of(problem, names).limits
+    found = prior_ranges(problem.start, limits)
+    for name in found.keys() & priors.keys():
+        (mean, deviation), (low, high) = priors[name], limits[name]
+        reach = np.sqrt(3.0) * deviation
+        found[name] = max(low, float(mean - reach)), min(high, float(mean + reach))
+    return found
+
+
+def _lag_is_told(found: Estimated, plausible: Ranges) -> bool:
+    """Whether lag and latency together are told, and neither lies at a search bound."""
+    if np.isinf([found.posterior.error.get(name, 0.0) for name in DELAYS]).any():
+        return False
+    samples = sum(found.samples[name] for name in DELAYS if name in found.samples)
+    return is_told(
+        float(np.std(samples)), plausible.get(DELAYS[0], plausible.get(DELAYS[1], (0, 0)))
+    )
+
+
+def _torque(problem: Problem, settings: Likelihood, force: Estimated | None) -> Estimated | None:
+    """What the gyro tells, given what the accelerometer tells."""
+    names = _asked(problem, TORQUE, OF_GYRO)
+    if not names:
+        return None
+    known, drone = ({}, problem.start) if force is None else (force.samples, force.best.drone)
+    model = GyroErrors.of(problem.flights)
+    groups = TORQUE_GROUPS if problem.over is None else {}
+    found = _told(problem, settings, model, names, groups, drone, known)
+    plausible = _plausible(problem, names, {})
+    error = found.posterior.error
+    lost = {name: plausible[name] for name in names if not is_told(error[name], plausible[name])}
+    return found.without(lost, problem.start, problem.generator)
+
+
+def _with_inertia_z(
+    start: Parameters,
+    drone: Parameters,
+    draws: dict[str, Float[np.ndarray, "N"]],
+    spread: dict[str, float],
+    untold: Ranges,
+) -> tuple[Parameters, dict[str, Float[np.ndarray, "N"]], dict[str, float], list[str]]:
+    """What is told, with the inertia about z in the start's ratio to those about x and y.
+
+    Torques about z follow, since yaw shows them as shares of that inertia.
+    """
+    told_of = draws.keys() - untold.keys()
+    if not told_of.intersection(ABOUT_Z) or "inertia_z" in draws:
+        return drone, draws, spread, []
+    level = [name for name in ("inertia_x", "inertia_y") if name in told_of]
+    if not level:
+        note = "yaw shows its torques only as shares of inertia_z, which is the start's"
+        return drone, draws, spread, [note]
+    shares = {name: 1 / float(component(start, name)) / len(level) for name in level}
+    factor = np.sum([share * draws[name] for name, share in shares.items()], axis=0)
+    best = sum(share * float(component(drone, name)) for name, share in shares.items())
+    about_z = float(component(start, "inertia_z"))
+    changes = {"inertia_z": np.float32(best * about_z)}
+    draws, spread = dict(draws), dict(spread)
+    for name in told_of.intersection(ABOUT_Z):
+        changes[name] = np.float32(best * float(component(drone, name)))
+        draws[name], spread[name] = factor * draws[name], best * spread[name]
+    draws["inertia_z"] = about_z * factor
+    spread["inertia_z"] = about_z * float(
+        np.linalg.norm([share * spread[name] for name, share in shares.items()])
+    )
+    ratio = about_z / np.mean([float(component(start, name)) for name in level])
+    note = (
+        f"yaw shows its torques only as shares of inertia_z, which is taken as {ratio:.3g} times "
+        f"the mean of {' and '.join(level)}, as in the start"
+    )
+    return replace(drone, **changes), draws, spread, [note]
+
+
+def _in_box(fit: Fit, box: Box) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n"]]:
+    """Points of a search in a box of other parameters, those that it lacks as in its drone."""
+    points, own = np.tile(box.unit_of(fit.drone), (len(fit.points), 1)), fit.box.values(fit.points)
+    values = box.values(points)
+    for place, name in enumerate(box.names):
+        if name in fit.box.names:
+            values[:, place] = own[:, fit.box.names.index(name)]
+    return box.unit(values), fit.values
+
+
+def _motors(found: Sequence[Estimated]) -> MotorResponse | None:
+    """What the signals show of the motors' lag."""
+    force = found[0]
+    if not set(DELAYS) <= force.samples.keys():
+        return None
+    looks = [
+        _look("accelerometer", force.best),
+        _look("accelerometer with white noise", force.others[WHITE]),
+        *(_look("gyro", one.others[OWN_LAG]) for one in found if OWN_LAG in one.others),
+    ]
+    lags, latency = (np.asarray(force.samples[name]) for name in DELAYS)
+    return MotorResponse(lags, latency, 0.0, tuple(looks), (), {})
+
+
+def _look(signal: str, fit: Fit) -> Look:
+    """Lag and latency together by one fit, with its own standard error."""
+    names = fit.box.names
+    _, scores, curvatures = fit.model.derivatives(fit.drone, names)
+    rows = fit.model.rows
+    covariance = posterior.sandwich(scores * rows, curvatures.sum(axis=0) * rows)
+    along = np.array([name in DELAYS for name in names], float)
+    value = float(sum(component(fit.drone, name) for name in DELAYS))
+    share = 1.96 * float(np.sqrt(along @ covariance @ along)) / value
+    return Look(signal, value, (value * np.exp(-share), value * np.exp(share)))

@@ -1,0 +1,1 @@
+"""What an identification is asked for and what it yields."""

@@ -1,0 +1,167 @@
+"""Parameters that lie at a bound of their search.
+
+The best value is then somewhere beyond, and the interval, cut off at the bound, is too narrow.
+Where nature ends, as at a latency or a drag of zero, a bound says nothing of the kind.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from maidenflight.errors import InputError
+from maidenflight.identification.drone_file import DroneFile, Estimate
+from maidenflight.identification.search.box import LOGARITHMIC
+from maidenflight.identification.signals.motor_response import SEEN_LAGS
+from maidenflight.parameters import COMPONENTS, QUANTITIES, Parameters, Quantity, component
+
+_SHARE = 0.01
+"""Share of the search range within which a value is at its bound."""
+_OF_BOUND = 0.02
+"""Share of the bound itself within which it is: thrust-to-weight ratio is searched from 1.01 to 8,
+of which a hundredth is much."""
+_WIDER = 3.0
+"""Factor by which a search range is to be widened."""
+_HARDLY_FLIES = 1.05
+"""Thrust-to-weight ratio below which a drone cannot be controlled."""
+
+
+def bound_reached(name: str, estimate: Estimate) -> float | None:
+    """The search bound at which an estimate lies; `None` if at none, or where nature ends there.
+
+    Args:
+        name: of the parameter, of `parameters.COMPONENTS`.
+        estimate: with its search bounds, or at none without them.
+    """
+    return None if estimate.bounds is None else reached(name, estimate.value, estimate.bounds)
+
+
+def reached(name: str, value: float, bounds: tuple[float, float]) -> float | None:
+    """The search bound at which a value lies; `None` if at none, or where nature ends there.
+
+    Args:
+        name: of the parameter, of `parameters.COMPONENTS`.
+        value: of it.
+        bounds: of the search.
+    """
+    low, high = bounds
+    span = np.log(high / low) if name in LOGARITHMIC else high - low
+    for bound, inward in ((low, 1.0), (high, -1.0)):
+        if bound == 0.0 == _quantity(name).lower:
+            continue
+        reach = _SHARE * span * (bound if name in LOGARITHMIC else 1.0)
+        reach = reach if bound == 0.0 else min(reach, _OF_BOUND * abs(bound))
+        if inward * (value - bound) <= reach:
+            return bound
+    return None
+
+
+def any_reached(drone: Parameters, limits: Mapping[str, tuple[float, float]]) -> bool:
+    """Whether one of a drone's parameters lies at its search bound."""
+    return any(
+        reached(name, float(component(drone, name)), ends) is not None
+        for name, ends in limits.items()
+    )
+
+
+def at_bounds(estimates: Mapping[str, Estimate]) -> dict[str, str]:
+    """What to say and do of each estimate at a search bound, by the parameter's name."""
+    found = {}
+    for name, estimate in estimates.items():
+        bound = bound_reached(name, estimate)
+        if bound is not None:
+            found[name] = (
+                f"{name} = {estimate.value:.4g} lies at its search bound {_shown(name, bound)}, "
+                f"and its interval is too narrow; {_cure(name, bound, estimates)}"
+            )
+    return found
+
+
+def cut_off(estimates: Mapping[str, Estimate]) -> dict[str, str]:
+    """The same of estimates of which only the interval reaches a search bound."""
+    found = {}
+    for name, estimate in estimates.items():
+        if estimate.bounds is None:
+            continue
+        ends = (reached(name, end, estimate.bounds) for end in estimate.interval)
+        bounds = [bound for bound in ends if bound is not None]
+        if bounds and bound_reached(name, estimate) is None:
+            found[name] = (
+                f"the interval of {name} is cut off at its search bound {_shown(name, bounds[0])}; "
+                f"{_cure(name, bounds[0], estimates)}"
+            )
+    return found
+
+
+def _shown(name: str, bound: float) -> str:
+    return f"{bound:.4g} {_quantity(name).unit}".removesuffix(" -")
+
+
+def _cure(name: str, bound: float, estimates: Mapping[str, Estimate]) -> str:
+    bounds = estimates[name].bounds or (bound, bound)
+    if name == "thrust_to_weight" and bound <= _HARDLY_FLIES:
+        return (
+            "logged commands hardly carry the drone: they are at their limit, or are read by the "
+            "wrong battery law (--battery-law)"
+        )
+    if name == "motor_time_constant" and np.isclose(bound, _seen_lags(estimates), rtol=1e-4).any():
+        return (
+            "rotor speeds and accelerometer tell no lag beyond; leave them out (--ignore "
+            "rotor_speed --ignore accelerometer)"
+        )
+    wider = widened(name, bound, bounds)
+    if wider == bounds:
+        return (
+            "the model ends there; check units and --commands of the logs, or leave it out of "
+            "--over"
+        )
+    return f"widen it: --bounds {name}={wider[0]:.6g},{wider[1]:.6g}"
+
+
+def widened(name: str, bound: float, bounds: tuple[float, float]) -> tuple[float, float]:
+    """Search bounds beyond the one that was reached, within the physical range.
+
+    Args:
+        name: of the parameter.
+        bound: the one that was reached.
+        bounds: both.
+    """
+    low, high = bounds
+    quantity = _quantity(name)
+    if bound == low:
+        away = low / _WIDER if low > 0 else low - (_WIDER - 1) * (-low or high)
+        return max(quantity.lower, away), high
+    return low, min(quantity.upper, high * _WIDER if high > 0 else high / _WIDER)
+
+
+def must_lie_within_bounds(drone: DroneFile) -> None:
+    """Refuses a drone with a parameter at a search bound.
+
+    Raises:
+        InputError: names the parameters, their bounds, and what to do.
+    """
+    found = at_bounds(drone.estimates)
+    if found:
+        raise InputError(
+            f"{drone.name}: {'; '.join(found.values())}. Identify again, or accept it with "
+            "--accept-bounds."
+        )
+
+
+def of_seen_lag(estimates: Mapping[str, Estimate]) -> dict[str, Estimate]:
+    """Estimates whose lag was not searched for but seen, with the bounds within which it is."""
+    lag = estimates["motor_time_constant"]
+    seen = _seen_lags(estimates)
+    low, high = np.clip(seen if lag.bounds is None else lag.bounds, *seen)
+    return {**estimates, "motor_time_constant": replace(lag, bounds=(float(low), float(high)))}
+
+
+def _seen_lags(estimates: Mapping[str, Estimate]) -> tuple[float, float]:
+    """Lags of speeding up that are told where the mean of speeding up and slowing down is seen."""
+    ratio = estimates.get("spin_down_ratio")
+    share = 1.0 if ratio is None else 2 / (1 + ratio.value)
+    return share * SEEN_LAGS[0], share * SEEN_LAGS[1]
+
+
+def _quantity(name: str) -> Quantity:
+    return QUANTITIES[COMPONENTS[name][0]]

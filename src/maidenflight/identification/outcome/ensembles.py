@@ -1,0 +1,166 @@
+"""Drones to randomize over: posterior samples, or trims and thrust as flights differed."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace as replace_
+
+import numpy as np
+import scipy
+from jaxtyping import Float
+
+from maidenflight.errors import InputError
+from maidenflight.flights import trims
+from maidenflight.flights.log import Flight, by_log
+from maidenflight.flights.trims import ENOUGH_FLIGHTS, SEGMENT_S, between_flights, trim
+from maidenflight.identification.drone_file import Estimate
+from maidenflight.identification.outcome.plausible import HOVERING
+from maidenflight.parameters import Parameters, check, component, replace
+from maidenflight.simulator.randomization import Ensemble, ensemble
+
+TRIM = ("torque_bias_x", "torque_bias_y", "torque_bias_z")
+"""Constant torques: how the battery sits and the propellers are mounted, which people change
+between flights."""
+BETWEEN_FLIGHTS = (*TRIM, HOVERING)
+"""What differs from flight to flight: a log of the day tells it."""
+_IN_A_TRIM = (HOVERING, *TRIM)
+"""The same in the order of `trims.told`."""
+
+WITHIN_A_DAY = 0.5
+"""Standard deviation of a trim between flights of a day, as a share of that between all flights;
+chosen on two thirds of the policies of docs/studies/flight-times.md. By the trims of their flights
+it is 0.3 to 0.5."""
+
+
+def posterior_ensemble(
+    drone: Parameters, samples: Mapping[str, Float[np.ndarray, "N"]], where: str
+) -> Ensemble:
+    """Drones with the values of posterior samples in place.
+
+    Args:
+        drone: the identified drone.
+        samples: see `DroneFile.posterior`.
+        where: the drone's file, for errors.
+
+    Raises:
+        InputError: there are no samples, or one is outside its physical range.
+    """
+    if not samples:
+        raise InputError(
+            f"{where}: no [posterior] to draw drones from. Make the file with: maidenflight "
+            f"identify LOGS -o {where}."
+        )
+    rows = np.stack(list(samples.values()), axis=1).astype(np.float32)
+    drones = [
+        check(replace(drone, **dict(zip(samples, row, strict=True))), f"{where} [posterior] {i}")
+        for i, row in enumerate(rows, 1)
+    ]
+    return ensemble(drones)
+
+
+def as_flights_differ(
+    estimates: Mapping[str, Estimate], flights: Sequence[Flight], drone: Parameters
+) -> dict[str, Estimate]:
+    """The estimates of thrust and constant torques, with how they differ from flight to flight.
+
+    Args:
+        estimates: by name.
+        flights: those of one name are pieces of one.
+        drone: the identified drone.
+
+    Returns:
+        Those that differ; nothing where there are too few flights (`trims.ENOUGH_FLIGHTS`).
+    """
+    logs = by_log(flights).values()
+    if len(logs) < ENOUGH_FLIGHTS or not estimates.keys() & set(BETWEEN_FLIGHTS):
+        return {}
+    deviations = between_flights([trim(pieces, drone) for pieces in logs])
+    if deviations is None:
+        return {}
+    return {
+        name: replace_(estimates[name], between_sd=float(deviation))
+        for name, deviation in zip(_IN_A_TRIM, deviations, strict=True)
+        if name in estimates
+    }
+
+
+def drone_of_the_day(
+    drone: Parameters, estimates: Mapping[str, Estimate], flights: Sequence[Flight], where: str
+) -> tuple[Parameters, dict[str, Estimate]]:
+    """The drone with the constant torques and the thrust that flights of the day show.
+
+    What the drone's file says of each and how it differs from flight to flight, and what
+    balances the mean commands of each flight, with its standard error, are normal: the result is
+    their product. Flights of a day differ by `WITHIN_A_DAY` of that difference.
+
+    Args:
+        drone: the identified drone.
+        estimates: see `DroneFile.estimates`.
+        flights: of the day, by any policy or controller; those of one name are pieces of one.
+        where: the drone's file, for errors.
+
+    Returns:
+        The drone, and its estimates: the SD between flights of what the day tells is what its
+        flights leave open of the next one.
+
+    Raises:
+        InputError: no constant torque was identified, or no flight is long enough to tell one.
+    """
+    if not set(TRIM) & set(estimates):
+        raise InputError(_UNTOLD.format(where=where))
+    # Pieces of one flight have its trim: they are no flights of their own.
+    rows = [trim(pieces, drone) for pieces in by_log(flights).values()]
+    known, errors = trims.told(rows)
+    if not len(known):
+        raise InputError(
+            f"none of {len(rows)} flights of the day tells a constant torque. Give one of "
+            f"{2 * SEGMENT_S:g} s or more with the motors' commands."
+        )
+    told, values = dict(estimates), {}
+    for place, name in enumerate(_IN_A_TRIM):
+        old = estimates.get(name)
+        if old is None or not old.between_sd > 0.0:
+            continue
+        within = WITHIN_A_DAY * old.between_sd
+        weights = 1.0 / (errors[:, place] ** 2 + within**2)
+        before = old.between_sd**-2
+        total = before + weights.sum()
+        value = float((before * old.value + weights @ known[:, place]) / total)
+        deviation = float(np.sqrt(1.0 / total + within**2))
+        ends = value - 1.96 * deviation, value + 1.96 * deviation
+        told[name] = Estimate(value, ends, (value,), deviation)
+        values[name] = np.float32(value)
+    return check(replace(drone, **values), where), told
+
+
+_UNTOLD = (
+    "{where}: none of torque_bias_x, torque_bias_y, torque_bias_z was identified, so it is not "
+    "known how trims differ from flight to flight. Identify it from flights by likelihood, or "
+    "choose another randomization."
+)
+
+
+def trim_ensemble(
+    drone: Parameters, estimates: Mapping[str, Estimate], where: str, count: int = 256
+) -> Ensemble:
+    """Drones whose constant torques and thrust differ as those of the identified flights did.
+
+    Args:
+        drone: the identified drone.
+        estimates: see `DroneFile.estimates`.
+        where: the drone's file, for errors.
+        count: of drones, always the same ones.
+
+    Raises:
+        InputError: no constant torque was identified, or a drone is outside its physical range.
+    """
+    names = [name for name in BETWEEN_FLIGHTS if name in estimates]
+    if not set(TRIM) & set(names):
+        raise InputError(_UNTOLD.format(where=where))
+    deviations = np.array([estimates[name].between_sd for name in names])
+    # A low-discrepancy sequence represents the distribution better than as many random points.
+    sobol = scipy.stats.qmc.Sobol(len(names), rng=np.random.default_rng(0)).random(count)
+    drones = []
+    for row in deviations * scipy.stats.norm.ppf(sobol.clip(1e-6, 1 - 1e-6)):
+        changes = zip(names, row, strict=True)
+        values = {name: np.float32(component(drone, name) + change) for name, change in changes}
+        drones.append(check(replace(drone, **values), where))
+    return ensemble(drones)

@@ -1,0 +1,96 @@
+"""What is plausible of a drone's parameters before any flight, and when flights say more."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from maidenflight.parameters import Parameters, arm_length, component
+
+HOVERING = "thrust_to_weight"
+"""The parameter that is found by its moment: mean thrust carries the weight and what accelerates
+the drone. A likelihood of one row ahead hardly weighs what lasts."""
+NEXT_FLIGHT = 6
+"""Segments of the flight that intervals are to hold: 30 s."""
+OTHER_DAY = 0.015
+"""Standard deviation of thrust from day to day, a share: that of the air's density over 4.5 K or 15
+hPa, without battery and propellers. Three sets of flights of one Crazyflie differ by 3 % in what
+hovering takes (docs/studies/identification.md)."""
+TOLD = 0.5
+"""Share of its variance beforehand below which a parameter's variance must lie for flights to tell
+it: they then say more than is known without them."""
+UNIFORM = 12.0
+"""Squared width of a uniform distribution over its variance."""
+
+Ranges = Mapping[str, tuple[float, float]]
+"""Lowest and highest value by parameter, SI units."""
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What flights can tell of one parameter, in its SI unit."""
+
+    prior: tuple[float, float]
+    """Range that is plausible beforehand."""
+    interval: tuple[float, float]
+    """95 % interval to expect about the start's value, within the prior."""
+    identifiable: bool
+    """Whether flights say more of it than the prior does."""
+
+
+def prior_ranges(start: Parameters, bounds: Ranges) -> dict[str, tuple[float, float]]:
+    """Plausible ranges about a drone, by parameter; its search bounds for others than these.
+
+    They hold what was identified from real Crazyflies and what the virtual drones have
+    (docs/studies/identification.md); torques grow with weight times arm, as do the bounds.
+
+    Args:
+        start: the drone.
+        bounds: search bounds, which no range exceeds.
+    """
+    torque = float(start.mass * start.gravity) * arm_length(start)
+    factors = {
+        HOVERING: (0.8, 1.25),
+        "motor_time_constant": (0.5, 1.6),
+        "torque_to_thrust": (0.5, 1.5),
+        **{f"inertia_{axis}": (0.7, 1.5) for axis in "xyz"},
+    }
+    values = {
+        "latency": (0.0, 0.03),
+        "spin_down_ratio": (0.7, 2.5),
+        "motor_coasting": (0.0, 0.16),
+        "rotor_momentum": (0.0, 0.013 * torque),
+        "flapping_moment": (0.0, 0.037 * torque),
+        "rotational_damping": (0.0, 0.01 * torque),
+        "torque_bias_x": (-0.05 * torque, 0.05 * torque),
+        "torque_bias_y": (-0.05 * torque, 0.05 * torque),
+        "torque_bias_z": (-0.014 * torque, 0.014 * torque),
+        **{f"drag_{axis}": (0.0, 0.5) for axis in "xyz"},
+    }
+    found = {}
+    for name, (lowest, highest) in bounds.items():
+        here = float(component(start, name))
+        low, high = values.get(name, (lowest, highest))
+        if name in factors:
+            low, high = (factor * here for factor in factors[name])
+        found[name] = (max(min(low, here), lowest), min(max(high, here), highest))
+    return found
+
+
+def is_told(deviation: float, prior: tuple[float, float]) -> bool:
+    """Whether flights say more of a parameter than the range that is plausible without them."""
+    return bool(deviation**2 < TOLD * (prior[1] - prior[0]) ** 2 / UNIFORM)
+
+
+def other_days(
+    drone: Parameters, count: int, generator: np.random.Generator
+) -> Float[np.ndarray, "N"]:
+    """By how much the thrust-to-weight ratio differs on other days.
+
+    Args:
+        drone: on the day of the flights.
+        count: of samples.
+        generator: random numbers.
+    """
+    return generator.normal(0.0, OTHER_DAY * float(drone.thrust_to_weight), count)

@@ -1,0 +1,1 @@
+"""Windows simulated open loop: the paper's objective, and errors of prediction."""

@@ -1,0 +1,1 @@
+"""Search of an optimum in a box of parameters."""

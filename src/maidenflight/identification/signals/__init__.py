@@ -1,0 +1,1 @@
+"""What flights show by themselves: their signals, and the motors' lag."""

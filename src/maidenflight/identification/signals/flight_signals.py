@@ -1,0 +1,85 @@
+"""What a flight's sensors measured and what its rotors did, in steps of about 10 ms.
+
+Delays of the sensors' low-pass filters are undone, so that signals and commands have one clock.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import scipy
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from maidenflight.flights.log import Flight
+
+STEP = 0.01
+"""Time over which signals are averaged [s]."""
+
+
+def stride(flight: Flight) -> int:
+    """Rows of a step."""
+    return max(1, round(STEP / flight.period))
+
+
+def body_velocity(flight: Flight) -> Float[np.ndarray, "N 3"]:
+    """Velocity along the body's axes [m/s]; zero where it is unknown."""
+    if not flight.has_state:
+        return np.zeros((len(flight), 3))
+    attitude = Rotation.from_euler("ZYX", flight.attitude[:, ::-1].astype(float))
+    return attitude.inv().apply(flight.velocity.astype(float))
+
+
+def means(values: Float[np.ndarray, "N c"], rows: int) -> Float[np.ndarray, "M c"]:
+    """Means of each so many rows."""
+    count = len(values) // rows
+    return values[: count * rows].reshape(count, rows, -1).mean(axis=1)
+
+
+def force_along_z(flight: Flight) -> Float[np.ndarray, "N"]:
+    """Specific force along z half a row later, the filter's delay undone [m/s2]."""
+    if flight.accelerometer is None:
+        raise ValueError(f"{flight.name} has no accelerometer")
+    places = np.arange(len(flight))
+    later = places + 0.5 + flight.accelerometer_delay / flight.period
+    return np.interp(later, places, flight.accelerometer[:, 2].astype(float))
+
+
+def gyro(flight: Flight) -> Float[np.ndarray, "N 3"]:
+    """Body rates [rad/s], the filter's delay undone where rows are close enough."""
+    rates = flight.body_rates.astype(float)
+    if stride(flight) == 1:
+        return rates
+    places = np.arange(len(flight))
+    later = places + flight.gyro_delay / flight.period
+    return np.stack([np.interp(later, places, column) for column in rates.T], axis=1)
+
+
+def sharp(flight: Flight) -> Flight:
+    """The flight with the delay of the gyro's filter undone."""
+    return replace(flight, body_rates=gyro(flight).astype(np.float32))
+
+
+def lagged(
+    command: Float[np.ndarray, "N 4"], period: float, lag: float, latency: float
+) -> Float[np.ndarray, "N+1 4"]:
+    """Speeds nu of rotors of a lag [s] whose commands come late, at each row and behind the last.
+
+    They begin at the speed of the first command.
+
+    Args:
+        command: sqrt(u), held until the next row.
+        period: of a row [s].
+        lag: of the motors [s].
+        latency: of the commands [s].
+    """
+    late = delayed(command, latency / period)
+    kept = np.exp(-period / lag)
+    after = scipy.signal.lfilter([1 - kept], [1.0, -kept], late, axis=0, zi=kept * late[:1])[0]
+    return np.concatenate([late[:1], after])
+
+
+def delayed(command: Float[np.ndarray, "N ..."], rows: float) -> Float[np.ndarray, "N ..."]:
+    """Mean command of each row where all come so many rows late, the first also before it."""
+    whole, share = divmod(rows, 1.0)
+    late = np.concatenate([np.repeat(command[:1], int(whole) + 1, axis=0), command])
+    return (1 - share) * late[1 : len(command) + 1] + share * late[: len(command)]
