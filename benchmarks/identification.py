@@ -20,9 +20,9 @@ import jax
 import numpy as np
 from page import write
 
-from maidenflight.flights import recording
 from maidenflight.flights.reading import read_flights
 from maidenflight.flights.windows import Windows, windows
+from maidenflight.flying import recording
 from maidenflight.identification import bayesian, gradient
 from maidenflight.identification.box import PAPER_BOUNDS, Box
 from maidenflight.identification.gauss_newton import NormalEquations, in_unit_cube

@@ -11,7 +11,9 @@ ROOT = Path(maidenflight.__file__).parent
 ORDER = [
     "parameters",
     "simulator gru",
-    "flights foreign gym policy",
+    "flights gym policy",
+    "flying",
+    "foreign",
     "policy_file",
     "identification training",
     "experiments",

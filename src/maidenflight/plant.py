@@ -18,7 +18,7 @@ from maidenflight.link import crazysim, lock_step
 from maidenflight.parameters import full_scale_counts
 from maidenflight.simulator.battery import COUNTS, PLUS
 from maidenflight.simulator.plant import RunningPlant
-from maidenflight.simulator.virtual_drone import VirtualDrone
+from maidenflight.simulator.virtual_drone import must_be_virtual
 
 ADDRESS = "127.0.0.1:19960"
 """Where datagrams are served unless another way is given."""
@@ -37,12 +37,8 @@ def plant(drone: str, seed: int, compensated: bool = True) -> Callable[[], Runni
         InputError: no such drone, or a reality that is no virtual drone or changes in the course of
             a flight.
     """
-    found = find_reality(drone, accept_bounds=True)
-    if not isinstance(found, VirtualDrone):
-        raise InputError(
-            f"{drone}: {found.name} has physics of its own. Give a drone's TOML file, or "
-            "virtual:SEED."
-        )
+    known = find_reality(drone, accept_bounds=True)
+    found = must_be_virtual(known, "Give a drone's TOML file, or virtual:SEED.")
     found.must_not_change()
     law = PLUS if compensated and found.thrust_law is not None else None
     own = drone_of(drone)

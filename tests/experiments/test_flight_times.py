@@ -14,10 +14,11 @@ import pytest
 from scipy import stats
 
 from maidenflight.errors import InputError
-from maidenflight.experiments import as_flown, guarded_flights
+from maidenflight.experiments import as_flown
 from maidenflight.experiments.agreement import agreement
 from maidenflight.experiments.flight_times import predict_flight_times, summary
-from maidenflight.experiments.guarded_flights import PUBLISHED_START
+from maidenflight.flying import guarded
+from maidenflight.flying.scenario import PUBLISHED_START
 from maidenflight.parameters import Parameters, crazyflie, noiseless, replace
 from maidenflight.policy import Policy, untrained
 from maidenflight.simulator import (
@@ -144,7 +145,7 @@ def test_the_guard_is_the_papers_on_what_the_sensors_tell(
     begun = environment.begin(
         env, dynamics.at_hover(place, crazyflie()), jnp.zeros(()), crazyflie(), KEY
     )
-    found = guarded_flights.guard(
+    found = guarded.end_reason(
         begun._replace(measurement=seen), jnp.array([0.0, 0.0, 1.0]), jnp.float32(2.5)
     )
     assert failures.END_REASONS[int(found)] == reason
@@ -175,7 +176,7 @@ def test_policies_see_the_history_and_hold_the_actions_of_their_own_rate(
     env = Environment.matching(
         drone, tasks.circle(), structure, spec=PolicySpec(look_ahead=look_ahead)
     )
-    state = guarded_flights._first_state(env, drone, STILL, KEY)
+    state = STILL.draw(env, drone, KEY)
 
     @jax.jit
     def fly(policy: Policy) -> jax.Array:

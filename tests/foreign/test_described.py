@@ -11,8 +11,9 @@ import pytest
 from maidenflight.deployment.onnx import export_onnx
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import transfer
+from maidenflight.flying.pilots import ForeignPolicy
 from maidenflight.foreign.described import INPUTS, DescribedPolicy, described
-from maidenflight.foreign.policies import ForeignPolicy, foreign_policy
+from maidenflight.foreign.policies import foreign_policy
 from maidenflight.policy import untrained
 from maidenflight.simulator import tasks
 from maidenflight.simulator.look_ahead import LookAhead

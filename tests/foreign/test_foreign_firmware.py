@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from maidenflight.experiments.transfer import transfer
+from maidenflight.flying.pilots import ForeignPolicy
 from maidenflight.foreign.firmware import CONTROLLERS, FirmwareController
-from maidenflight.foreign.policies import ForeignPolicy, foreign_policy
+from maidenflight.foreign.policies import foreign_policy
 from maidenflight.simulator import tasks
 from numpy_drone import NumpyDrone
 

@@ -9,7 +9,8 @@ import pytest
 
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import transfer
-from maidenflight.foreign.policies import ForeignPolicy, foreign_policy, reference_velocity
+from maidenflight.flying.pilots import ForeignPolicy
+from maidenflight.foreign.policies import foreign_policy, reference_velocity
 from maidenflight.foreign.raptor import _network, observed
 from maidenflight.policy import untrained
 from maidenflight.simulator import tasks

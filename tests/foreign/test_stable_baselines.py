@@ -10,8 +10,9 @@ import pytest
 
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import transfer
+from maidenflight.flying.pilots import ForeignPolicy
 from maidenflight.foreign.described import DescribedPolicy, described
-from maidenflight.foreign.policies import ForeignPolicy, foreign_policy
+from maidenflight.foreign.policies import foreign_policy
 from maidenflight.simulator import tasks
 from maidenflight.simulator.environment import observe, remember
 from maidenflight.simulator.interface import NOTE

@@ -8,9 +8,9 @@ import numpy as np
 import planted
 import pytest
 
-from maidenflight.flights import recording
 from maidenflight.flights.log import Flight
 from maidenflight.flights.windows import segment_names, windows
+from maidenflight.flying import recording
 from maidenflight.identification import one_step
 from maidenflight.identification.flight_differences import _groups
 from maidenflight.identification.identify import identify

@@ -15,7 +15,7 @@ from jax import lax
 from maidenflight.errors import InputError
 from maidenflight.experiments.drones import find_reality
 from maidenflight.experiments.transfer import transfer
-from maidenflight.flights import recording
+from maidenflight.flying import recording
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import untrained
 from maidenflight.simulator import bullet, control, dynamics, environment, rotations, tasks

@@ -11,7 +11,7 @@ from jax import lax
 
 from maidenflight import parameters
 from maidenflight.errors import InputError
-from maidenflight.flights import recording
+from maidenflight.flying import recording
 from maidenflight.parameters import replace
 from maidenflight.simulator import dynamics
 from maidenflight.simulator.geometry import TORQUES

@@ -28,7 +28,8 @@ from scipy.spatial.transform import Rotation
 
 from maidenflight import inputs
 from maidenflight.errors import InputError
-from maidenflight.foreign.policies import Fly, reference_velocity
+from maidenflight.flying.pilots import Fly
+from maidenflight.foreign.policies import reference_velocity
 from maidenflight.inputs import StrPath
 from maidenflight.simulator.policy_spec import PolicySpec, points_at
 from maidenflight.simulator.sensors import Measurement

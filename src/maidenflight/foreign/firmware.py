@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from maidenflight.foreign.policies import Fly
+from maidenflight.flying.pilots import Fly
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.mellinger import mellinger
 from maidenflight.simulator.pid import ATTITUDE_RATE, POSITION_RATE

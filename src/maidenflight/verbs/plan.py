@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from maidenflight import terminal
-from maidenflight.errors import InputError
 from maidenflight.settings import flag, listed, number, setting
 from maidenflight.verb import Output, Progress, Result, Verb
 from maidenflight.verbs import logs, shared
@@ -68,14 +67,10 @@ class Plan(Verb):
         from maidenflight import parameters
         from maidenflight.experiments.drones import find_reality
         from maidenflight.identification import planning
-        from maidenflight.simulator.virtual_drone import VirtualDrone
+        from maidenflight.simulator.virtual_drone import must_be_virtual
 
-        known = find_reality(self.drone, self.accept_bounds)
-        if not isinstance(known, VirtualDrone):
-            raise InputError(
-                f"{self.drone}: {known.name} has physics of its own, in which nothing is planned. "
-                "Give a drone's TOML file or name, or virtual:SEED."
-            )
+        cure = "Plan for a drone's TOML file or name, or virtual:SEED."
+        known = must_be_virtual(find_reality(self.drone, self.accept_bounds), cure)
         found = planning.plan(
             *(known, self.room, self.seconds, jax.random.key(self.seed)),
             interest=self.interest,

@@ -60,7 +60,8 @@ class Record(Verb):
 
         from maidenflight import results
         from maidenflight.experiments.drones import find_reality
-        from maidenflight.flights import flight_plan, log, planned, recording
+        from maidenflight.flights import flight_plan, log
+        from maidenflight.flying import recording
         from maidenflight.identification.drone_file import DroneFile
         from maidenflight.parameters import Parameters
 
@@ -71,7 +72,7 @@ class Record(Verb):
         settled: dict[str, Any] = {"reality": drone.name, "flights": count}
         if plan is not None:
             settled |= {"duration": plan.seconds, "controller": None, "excitation": None}
-            flown = planned.record(drone, plan, key, count, self.rate, self.firmware)
+            flown = recording.record_plan(drone, plan, key, count, self.rate, self.firmware)
         else:
             flown = recording.record(
                 *(drone, key, count, self.duration, self.excitation),
