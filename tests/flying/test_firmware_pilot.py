@@ -6,7 +6,6 @@ import jax
 import numpy as np
 import pytest
 
-from maidenflight.errors import InputError
 from maidenflight.flights import flight_plan
 from maidenflight.flights.flight_plan import Block, FlightPlan
 from maidenflight.flights.manoeuvres import MOTORS, Manoeuvre
@@ -87,11 +86,6 @@ def test_another_reality_flies_it_by_motors_or_by_positions():
     short = dataclasses.replace(PLAN, blocks=(Block(Manoeuvre("steps_yaw", 0.4, 2.0), 1.0),))
     log = record_plan(NumpyDrone(), short, jax.random.key(0))[0]
     assert log.attitude[400:500, 2].mean() == pytest.approx(0.4, abs=0.15)
-
-
-def test_a_rate_that_does_not_divide_is_refused():
-    with pytest.raises(InputError):
-        record_plan(DRONE, PLAN, jax.random.key(0), rate=120)
 
 
 def test_dither_is_plus_or_minus_one_and_new_every_46_ms():

@@ -2,6 +2,7 @@
 real one would."""
 
 from dataclasses import replace
+from functools import partial
 
 import jax
 import numpy as np
@@ -10,6 +11,8 @@ import pytest
 from flights.made_flights import same, volts
 from maidenflight.errors import InputError
 from maidenflight.flights import checking, log
+from maidenflight.flights.flight_plan import Block, FlightPlan
+from maidenflight.flights.manoeuvres import Manoeuvre
 from maidenflight.flying import recording
 from maidenflight.identification.flight_signals import rotor_speeds
 from maidenflight.parameters import replace as with_values
@@ -106,8 +109,10 @@ def test_a_slower_log_holds_every_so_many_rows_and_another_rate_is_refused(fligh
         assert (other.period, other.zero_order_hold, len(other)) == (0.01, False, 400)
         for group, values in other.arrays.items():
             np.testing.assert_array_equal(values, one.arrays[group][::5])
-    with pytest.raises(InputError, match="120"):
-        recording.record(DRONE, jax.random.key(1), FLIGHTS, SECONDS, 0.05, rate=120)
+    plan = FlightPlan((Block(Manoeuvre("hover"), 2.0),), (2.0, 2.0, 1.5), 0.8)
+    for record in (recording.record, partial(recording.record_plan, plan=plan)):
+        with pytest.raises(InputError, match="120"):
+            record(DRONE, key=jax.random.key(1), rate=120)
 
 
 def test_a_recorded_flight_has_nothing_to_complain_about_and_survives_its_file(flights):
