@@ -124,8 +124,9 @@ class FirmwarePilot:
 
     def _turned(self, controller: Controller) -> Controller:
         """The controller, which turns as the set-points say."""
-        if self.setpoints is None or controller.turning is None:
+        if self.setpoints is None:
             return controller
+        assert controller.turning is not None, "by set-points only the PID flies"
         table = jnp.asarray(self.setpoints)[:, 3]
         return controller.turning(
             lambda number: table[jnp.clip(number // _EVERY, 0, len(table) - 1)]
