@@ -20,9 +20,9 @@ import jax
 import numpy as np
 from page import write
 
-from maidenflight.flights import recording
 from maidenflight.flights.reading import read_flights
 from maidenflight.flights.windows import Windows, windows
+from maidenflight.flying import recording
 from maidenflight.identification.identify import identify
 from maidenflight.identification.methods import Likelihood, Replay
 from maidenflight.identification.replay.objective import Objective

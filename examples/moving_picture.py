@@ -22,9 +22,8 @@ from scipy.spatial.transform import Rotation
 
 import maidenflight as mf
 from maidenflight import results
-from maidenflight.experiments.transfer import as_seen_by
-from maidenflight.flights import flying
-from maidenflight.flights.flying import Rows
+from maidenflight.flying import engine
+from maidenflight.flying.rows import Rows
 from maidenflight.policy import Policy
 from maidenflight.simulator.environment import Environment
 from maidenflight.training.train import Progress
@@ -84,7 +83,8 @@ def film(progress: Progress, seed: int) -> Film:
     """Three flights of the best policy so far."""
     policy = jax.tree.map(lambda leaf: leaf[0], progress.best)
     reality = mf.virtual_drone(7)
-    env = as_seen_by(policy, reality.environment(mf.simulator.circle(), mf.simulator.pwm()))
+    task, controller = mf.simulator.circle(), mf.simulator.pwm()
+    env = reality.environment(task, controller, spec=policy.spec)
     keys = jax.random.split(jax.random.key(seed + 1), len(COLOURS))
     rows = jax.tree.map(np.asarray, _fly(env, policy, reality.parameters, keys))
     every = round(mf.simulator.pwm().interface.rate / FRAMES)
@@ -123,7 +123,7 @@ def _fly(env: Environment, policy: Policy, drone: mf.Parameters, keys: Array) ->
     starts = PERIOD * jnp.arange(len(COLOURS)) / len(COLOURS)
 
     def one(key: Array, start: Array) -> Rows:
-        return flying.fly(
+        return engine.simulate(
             env, lambda observation, number: policy(observation), drone, key, steps, start
         )
 

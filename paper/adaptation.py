@@ -24,8 +24,7 @@ from jaxtyping import Array, Float
 
 from maidenflight import results
 from maidenflight.experiments.recovery import SOON_S, recovery
-from maidenflight.experiments.transfer import as_seen_by
-from maidenflight.flights import flying
+from maidenflight.flying import engine
 from maidenflight.parameters import Parameters, crazyflie, replace
 from maidenflight.policy import Policy
 from maidenflight.policy_file import read
@@ -59,7 +58,7 @@ def errors_of(
     """Distances from the set-point [m] of `flights` flights of each virtual drone."""
     drones = [virtual_drone(seed, variant) for seed in seeds]
     controller = control.controller_for(policy.interface)
-    env = as_seen_by(policy, drones[0].environment(tasks.circle(), controller))
+    env = drones[0].environment(tasks.circle(), controller, spec=policy.spec)
     stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *(one.parameters for one in drones))
     keys = jax.random.split(jax.random.key(len(jump)), (len(seeds), flights))
 
@@ -70,7 +69,7 @@ def errors_of(
 
     def one(drone: Parameters, key: Array) -> Float[Array, "T"]:
         steps = round(FLIGHT_S * policy.interface.rate)
-        rows = flying.fly(env, lambda seen, _: policy(seen), drone, key, steps, during=changed)
+        rows = engine.simulate(env, lambda seen, _: policy(seen), drone, key, steps, during=changed)
         return jnp.linalg.norm(rows.true_position - rows.true_setpoint, axis=1)
 
     flown = jax.jit(jax.vmap(jax.vmap(one, (None, 0))))(stacked, keys)
@@ -143,7 +142,7 @@ def watched(policy: Policy) -> tuple[Parameters, np.ndarray, np.ndarray]:
     """
     controller = control.controller_for(policy.interface)
     centre = control.in_fitting_steps(crazyflie(), controller)
-    env = as_seen_by(policy, Environment.matching(centre, tasks.circle(), controller))
+    env = Environment.matching(centre, tasks.circle(), controller, spec=policy.spec)
     times = np.array([round(time * policy.interface.rate) for time in KNOWN_AT_S])
     steps = int(times.max()) + 1
 

@@ -29,6 +29,7 @@ from maidenflight.flights.tables import Table
 from maidenflight.identification.identify import identify
 from maidenflight.identification.likelihood.inertial_errors import AccelerometerErrors
 from maidenflight.identification.likelihood.without_state import FORCE, FORCE_GROUPS
+from maidenflight.identification.outcome.estimates import Identification
 from maidenflight.integrations.logs import cflib, usddeck
 from maidenflight.parameters import Parameters, crazyflie
 from maidenflight.parameters import replace as with_values

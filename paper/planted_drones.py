@@ -24,8 +24,9 @@ from rich.progress import track
 
 import maidenflight as mf
 from maidenflight import results
-from maidenflight.flights import flying
 from maidenflight.flights.log import Flight
+from maidenflight.flying import engine
+from maidenflight.flying.rows import Flown, Rows
 from maidenflight.parameters import Parameters, crazyflie, replace
 from maidenflight.policy import Policy
 from maidenflight.simulator.battery import Supply
@@ -52,21 +53,21 @@ def flown(policy: Policy, drone: Parameters, seed: int) -> list[Flight]:
     keys = jax.random.split(jax.random.key(seed), FLIGHTS)
     rows = jax.tree.map(np.asarray, _fly(world, policy, drone, keys))
     return [
-        flying.to_flight(
+        Flown(
             jax.tree.map(lambda values, number=number: values[number], rows),
-            f"drone {seed} flight {number + 1}",
+            world.controller.interface.rate,
             zero_order_hold=True,
             supply=Supply(),
-            simulated=f"drone {seed}",
-        )
+            reality=f"drone {seed}",
+        ).to_flight(f"drone {seed} flight {number + 1}")
         for number in range(FLIGHTS)
     ]
 
 
 @partial(jax.jit, static_argnums=0)
-def _fly(world: Environment, policy: Policy, drone: Parameters, keys: jax.Array) -> flying.Rows:
-    def one(key: jax.Array) -> flying.Rows:
-        return flying.fly(
+def _fly(world: Environment, policy: Policy, drone: Parameters, keys: jax.Array) -> Rows:
+    def one(key: jax.Array) -> Rows:
+        return engine.simulate(
             world, lambda observation, _: policy(observation), drone, key, round(DURATION / 0.01)
         )
 

@@ -27,10 +27,11 @@ import polars
 
 from maidenflight import results
 from maidenflight.experiments import envelope, transfer
-from maidenflight.flights import flying
-from maidenflight.flights.flying import Rows
 from maidenflight.flights.log import thinned
-from maidenflight.foreign_policy import ForeignPolicy, foreign_policy
+from maidenflight.flying import engine
+from maidenflight.flying.foreign_policy import foreign_policy
+from maidenflight.flying.pilots import AnyPolicy
+from maidenflight.flying.rows import Flown, Rows
 from maidenflight.integrations.exporters.authors_json import EPSILON
 from maidenflight.names import ANY, POSTERIOR, WIDE
 from maidenflight.parameters import Parameters
@@ -138,11 +139,11 @@ def published(folder: Path) -> list[Policy]:
 
 def rivals_of(
     folder: Path, drone: VirtualDrone, seed: int, policies: int, given: Given
-) -> dict[str, Sequence[Policy | ForeignPolicy]]:
+) -> dict[str, Sequence[AnyPolicy]]:
     """All policies that fly a drone, by their training."""
     made = partial(trained, policies=policies)
     known = identified(folder / drone.name, seed)
-    found: dict[str, Sequence[Policy | ForeignPolicy]] = {
+    found: dict[str, Sequence[AnyPolicy]] = {
         f"unidentified, {name}": made(folder / UNKNOWN / name, UNKNOWN, kind)
         for name, kind in RANDOMIZATIONS.items()
     }
@@ -203,13 +204,13 @@ def _fly(
 
     def one(key: jax.Array) -> Rows:
         act = lambda seen, _: jnp.zeros(4) if policy is None else policy(seen)  # noqa: E731
-        return flying.fly(env, act, drone, key, steps)
+        return engine.simulate(env, act, drone, key, steps)
 
     return jax.vmap(one)(keys)
 
 
 def precision(
-    rivals: dict[str, Sequence[Policy | ForeignPolicy]], drone: VirtualDrone, flights: int
+    rivals: dict[str, Sequence[AnyPolicy]], drone: VirtualDrone, flights: int
 ) -> polars.DataFrame:
     """How close and how calmly a drone flies the first `SECONDS` of a circle that gets faster.
 
@@ -225,19 +226,18 @@ def precision(
     for place, (name, policy) in enumerate([*several, *((name, None) for name in makers)]):
         assert policy is None or isinstance(policy, Policy)
         controller = makers[name] if policy is None else control.controller_for(policy.interface)
-        env = drone.environment(task, controller)
-        env = env if policy is None else transfer.as_seen_by(policy, env)
+        seen = {} if policy is None else {"spec": policy.spec}
+        env = drone.environment(task, controller, **seen)
         flown = jax.tree.map(np.asarray, _fly(env, drone.parameters, keys, policy, SECONDS))
         for number in range(flights):
             one = Rows(*(column[number] for column in flown))
-            log = flying.to_flight(
+            log = Flown(
                 one,
-                name,
+                controller.interface.rate,
                 zero_order_hold=True,
                 supply=env.supply,
-                simulated=drone.name,
-                period=1 / controller.interface.rate,
-            )
+                reality=drone.name,
+            ).to_flight(name)
             slow = thinned(log, controller.interface.rate // 100)
             away = np.linalg.norm(one.true_position - one.true_setpoint, axis=1)
             rows.append(

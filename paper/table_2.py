@@ -21,10 +21,10 @@ import polars
 
 from maidenflight import results, terminal
 from maidenflight.errors import InputError
-from maidenflight.flights import recording
 from maidenflight.flights.log import Flight
 from maidenflight.flights.reading import read_flights
 from maidenflight.flights.windows import windows
+from maidenflight.flying import recording
 from maidenflight.identification.identify import identify
 from maidenflight.identification.methods import METHODS, Replay
 from maidenflight.identification.outcome.estimates import Identification

@@ -13,7 +13,8 @@ ROOT = Path(maidenflight.__file__).parent
 ORDER = [
     "parameters",
     "simulator gru",
-    "flights foreign_policy policy",
+    "flights policy",
+    "flying",
     "policy_file",
     "identification training",
     "experiments",

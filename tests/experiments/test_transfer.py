@@ -4,15 +4,14 @@ from typing import Any
 import jax
 import numpy as np
 import pytest
+from flights.made_flights import calm
 
 from maidenflight.errors import InputError
-from maidenflight.experiments import transfer as transfers
-from maidenflight.experiments.transfer import activity, end_of_flight, transfer
-from maidenflight.flights.flying import Rows, to_flight
-from maidenflight.foreign_policy import foreign_policy
+from maidenflight.experiments.transfer import activity, transfer
+from maidenflight.flying import engine
+from maidenflight.flying.foreign_policy import foreign_policy
 from maidenflight.parameters import crazyflie
 from maidenflight.policy import untrained
-from maidenflight.simulator.battery import Supply
 from maidenflight.simulator.control import attitude_rate
 from maidenflight.simulator.look_ahead import NONE, LookAhead
 from maidenflight.simulator.policy_spec import PolicySpec
@@ -21,56 +20,6 @@ from maidenflight.simulator.virtual_drone import virtual_drone
 from numpy_drone import TWIN, NumpyDrone
 
 POLICIES = [untrained(jax.random.key(number)) for number in range(2)]
-
-
-def rows(**changes: tuple[int, int, float]) -> Rows:
-    """A perfect flight of 100 periods but for entries (from row, column, value) of named fields."""
-    length = 100
-    widths = {"ratio": 4, "battery": 0}
-    fields = {
-        name: np.zeros((length, widths.get(name, 3)) if widths.get(name, 3) else length)
-        for name in Rows._fields
-    }
-    for name, (start, column, value) in changes.items():
-        fields[name][start:, column] = value
-    return Rows(**fields)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(
-    ("field", "value", "reason"),
-    [
-        ("true_position", 0.26, "position error"),
-        ("true_position", np.nan, "not finite"),
-        ("true_attitude", np.radians(31.0), "tilt"),
-        ("true_attitude", -np.radians(31.0), "tilt"),
-        ("true_body_rates", np.radians(-801.0), "body rate"),
-    ],
-)
-def test_each_guard_ends_the_flight_in_the_period_it_trips(
-    field: str, value: float, reason: str
-) -> None:
-    assert end_of_flight(rows(**{field: (40, 1, value)})) == (41, reason)
-
-
-@pytest.mark.parametrize(
-    ("field", "column", "value"),
-    [
-        ("true_position", 0, 0.249),
-        ("true_attitude", 0, np.radians(29.0)),
-        ("true_attitude", 2, 3.0),
-        ("true_body_rates", 1, np.radians(799.0)),
-        ("true_body_rates", 2, np.radians(900.0)),
-    ],
-)
-def test_within_the_guards_a_flight_lasts_to_the_time_limit(
-    field: str, column: int, value: float
-) -> None:
-    assert end_of_flight(rows(**{field: (0, column, value)})) == (100, "time limit")
-
-
-def test_the_first_guard_to_trip_is_the_reason() -> None:
-    flown = rows(true_attitude=(30, 0, 1.0), true_position=(20, 0, 1.0))
-    assert end_of_flight(flown) == (21, "position error")
 
 
 @pytest.mark.slow
@@ -99,7 +48,7 @@ def test_every_policy_flies_every_reality_and_the_logs_match_the_table() -> None
 @pytest.mark.slow
 def test_a_flight_is_the_same_until_its_drone_changes() -> None:
     names = ("virtual:1", "virtual:1+yaw20000@0.2", "virtual:1+payload15@0.1+weak10@0.1")
-    program: Any = transfers._fly
+    program: Any = engine._simulate
     flown, programs = [], []
     for name in names:
         given = transfer(POLICIES, named(name), 2, jax.random.key(0), duration=0.6)
@@ -251,10 +200,8 @@ def test_a_reality_that_takes_something_else_is_refused() -> None:
 
 def test_activity_is_the_change_of_commands_in_10_ms_and_their_share_at_limits():
     def flight(low, high, period):
-        command = np.tile(np.array([[low] * 4, [high] * 4], np.float32), (50, 1))
-        made = rows()._replace(ratio=command)
-        named = {"zero_order_hold": True, "supply": Supply(), "simulated": "made"}
-        return to_flight(made, "made", period=period, **named)
+        logged = calm(100, command=np.tile(np.array([[low] * 4, [high] * 4], np.float32), (50, 1)))
+        return dataclasses.replace(logged, period=period)
 
     assert activity(flight(0.5, 0.7, 0.01)) == {
         "command_change": pytest.approx(0.2, abs=1e-5),

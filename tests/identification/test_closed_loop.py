@@ -7,7 +7,7 @@ import pytest
 from flying_policy import flying_policy
 from made_flights import calm
 from maidenflight.errors import InputError
-from maidenflight.flights import flying
+from maidenflight.flying import engine
 from maidenflight.identification.behaviour import BEHAVIOUR
 from maidenflight.identification.closed_loop import PRIOR, ClosedLoop, match
 from maidenflight.parameters import crazyflie, replace
@@ -30,7 +30,7 @@ def test_loops_that_are_nearer_to_instability_are_told_from_their_flights() -> N
     drone = control.in_fitting_steps(truth, control.pwm())
     fly = jax.jit(
         lambda policy, keys: jax.vmap(
-            lambda key: flying.fly(env, lambda seen, _: policy(seen), drone, key, 640)
+            lambda key: engine.simulate(env, lambda seen, _: policy(seen), drone, key, 640)
         )(keys)
     )
     flown = {}

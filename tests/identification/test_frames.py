@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from maidenflight.flights.recording import record
+from maidenflight.flying.recording import record
 from maidenflight.identification.identify import identify
 from maidenflight.identification.methods import Likelihood
 from maidenflight.parameters import component, crazyflie, noiseless, plus_frame, replace

@@ -7,8 +7,8 @@ import jax
 import numpy as np
 import pytest
 
-from maidenflight.flights import recording
 from maidenflight.flights.log import thinned
+from maidenflight.flying import recording
 from maidenflight.identification.identify import identify
 from maidenflight.identification.methods import Likelihood
 from maidenflight.parameters import component, crazyflie, replace

@@ -5,34 +5,34 @@ not flown any more: a guard trips, or the mean distance from the set-point excee
 a flight reaches is the hardest that it still flew. What 95 % of flights reach is the envelope.
 """
 
-import dataclasses
 import math
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import polars
+from jax.tree_util import Partial
 from jaxtyping import Array, Float
 
 from maidenflight import names as known
 from maidenflight.errors import InputError
-from maidenflight.experiments import transfer
-from maidenflight.flights import flying
-from maidenflight.flights.flying import Rows
-from maidenflight.foreign_policy import ForeignPolicy
+from maidenflight.flying.engine import fly_all
+from maidenflight.flying.pilots import (
+    AnyPolicy,
+    ForeignPilot,
+    PolicyPilot,
+    pilots_of,
+)
+from maidenflight.flying.rows import Flown, Rows
+from maidenflight.flying.scenario import Change, Scenario
 from maidenflight.parameters import QUANTITIES, Parameters, replace
-from maidenflight.policy import Policy
-from maidenflight.simulator import additions, control, tasks, trajectories
-from maidenflight.simulator.control import Controller
-from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.failures import MAX_POSITION_ERROR_M
-from maidenflight.simulator.reality import AnyReality, Truth
-from maidenflight.simulator.stepped import Stepped
+from maidenflight.simulator import additions, tasks, trajectories
+from maidenflight.simulator.failures import LOST, TIME_LIMIT
+from maidenflight.simulator.reality import AnyReality, Reality
 from maidenflight.simulator.tasks import Task
-from maidenflight.simulator.virtual_drone import VirtualDrone
+from maidenflight.simulator.virtual_drone import VirtualDrone, must_be_virtual
 
 WITHIN_M = 0.10
 """Mean distance from the set-point [m] up to which a flight is flown."""
@@ -65,7 +65,7 @@ class Condition(NamedTuple):
     grades: tuple[float, ...]
     changed: Callable[[Parameters, float, int], Parameters]
     """(drone, grade, number of the flight) to the drone that bears it."""
-    during: flying.Change | None = None
+    during: Change | None = None
     """What changes in the course of a flight."""
 
 
@@ -114,7 +114,7 @@ AXES: dict[str, Pace | Condition] = dict(
         (
             Pace("m/s", trajectories.quickening_circle, 3.0, 0.5),
             Pace("m/s", trajectories.quickening_figure_eight, 3.0, 1.0 / 3.0),
-            Condition("m/s", _grades(1.0, 12), _in_wind, gust),
+            Condition("m/s", _grades(1.0, 12), _in_wind, Partial(gust)),
             Condition("of mass", _grades(0.05, 12), _loaded),
             Condition("V less", _grades(0.1, 12), _drained),
             Condition("of a rotor's thrust", _grades(0.05, 10), _damaged),
@@ -132,7 +132,7 @@ def limit(axis: str, reality: AnyReality) -> float:
     A level curve of radius r takes v^2 / r sideways beside g upwards, and thrust gives k_F g.
     """
     pace = AXES[axis]
-    if not isinstance(pace, Pace) or not isinstance(reality, VirtualDrone):
+    if not isinstance(pace, Pace) or isinstance(reality, Reality):
         return float("nan")
     thrust, gravity = (
         float(value) for value in (reality.parameters.thrust_to_weight, reality.parameters.gravity)
@@ -141,7 +141,7 @@ def limit(axis: str, reality: AnyReality) -> float:
 
 
 def envelope(
-    policies: Sequence[Policy | ForeignPolicy],
+    policies: Sequence[AnyPolicy],
     reality: AnyReality,
     axis: str,
     *,
@@ -174,20 +174,16 @@ def envelope(
         raise InputError(f"axis {axis!r}: no such axis. Give one of {', '.join(AXES)}.")
     if flights < 1 or not policies:
         raise InputError("an envelope needs at least one policy and one flight.")
-    along, own = AXES[axis], [one for one in policies if isinstance(one, Policy)]
-    controller = transfer.controller_of(own, None) if own else control.pwm()
+    along, pilots = AXES[axis], pilots_of(policies)
     keys = jax.random.split(jax.random.key(0) if key is None else key, flights)
     if isinstance(along, Pace):
         hardest = along.fastest
-        reached = _paced(policies, reality, controller, along, keys)
-    elif isinstance(reality, VirtualDrone):
-        hardest = along.grades[-1]
-        reached = _under(policies, reality, controller, along, keys, task or tasks.circle())
+        reached = [_paced(pilot, reality, along, keys) for pilot in pilots]
     else:
-        raise InputError(
-            f"{reality.name}: its drone is not ours to change, so {axis} cannot be flown there. "
-            f"Give axes of speed: {', '.join(name for name in AXES if _is_pace(name))}."
-        )
+        hardest, paces = along.grades[-1], [name for name in AXES if isinstance(AXES[name], Pace)]
+        drone = must_be_virtual(reality, f"Give axes of speed: {', '.join(paces)}.")
+        flown = task or tasks.circle()
+        reached = [_under(pilot, drone, along, keys, flown) for pilot in pilots]
     called = names or [f"policy_{number}" for number in range(1, len(policies) + 1)]
     rows = [
         {
@@ -206,24 +202,16 @@ def envelope(
     return polars.DataFrame(rows)
 
 
-def _is_pace(axis: str) -> bool:
-    return isinstance(AXES[axis], Pace)
-
-
 def _paced(
-    policies: Sequence[Policy | ForeignPolicy],
-    reality: AnyReality,
-    controller: Controller,
-    pace: Pace,
-    keys: Array,
-) -> list[list[float]]:
-    """The speed that each flight of each policy reaches."""
+    pilot: PolicyPilot | ForeignPilot, reality: AnyReality, pace: Pace, keys: Array
+) -> list[float]:
+    """The speed that each flight reaches."""
     task = tasks.tracking(pace.of(pace.fastest), trajectories.QUICKENING)
-    found = []
-    for rows, rate in _flown(policies, reality, controller, task, keys, trajectories.QUICKENING):
-        share = rows_flown(rows, rate) / round(trajectories.QUICKENING * rate)
-        found.append(pace.fastest * share if share else float("nan"))
-    return _by_policy(found, len(policies))
+    scenario, reached = Scenario(task, trajectories.QUICKENING), []
+    for one in fly_all(reality, pilot, scenario, keys, LOST):
+        share = rows_flown(one.rows, one.rate) / round(trajectories.QUICKENING * one.rate)
+        reached.append(pace.fastest * share if share else float("nan"))
+    return reached
 
 
 def rows_flown(rows: Rows, rate: int) -> int:
@@ -233,8 +221,10 @@ def rows_flown(rows: Rows, rate: int) -> int:
         rows: one flight.
         rate: its rows a second.
     """
-    end = _guarded(rows)
-    distance = _distance(rows)[:end]
+    steps, reason = rows.end(LOST)
+    # The row in which it is lost is not flown; the tilt that speed takes trips no guard here.
+    end = int(steps) - (reason != TIME_LIMIT)
+    distance = rows.distance[:end]
     window = round(WINDOW_S * rate)
     if len(distance) < window:
         return 0
@@ -245,108 +235,28 @@ def rows_flown(rows: Rows, rate: int) -> int:
 
 
 def _under(
-    policies: Sequence[Policy | ForeignPolicy],
+    pilot: PolicyPilot | ForeignPilot,
     reality: VirtualDrone,
-    controller: Controller,
     condition: Condition,
     keys: Array,
     task: Task,
-) -> list[list[float]]:
-    """The grade up to which each flight of each policy lasts within the distance."""
-    flown = np.ones((len(policies) * len(keys), len(condition.grades)), bool)
+) -> list[float]:
+    """The grade up to which each flight lasts within the distance."""
+    held = np.ones((len(keys), len(condition.grades)), bool)
     for place, grade in enumerate(condition.grades):
         drones = [
             condition.changed(reality.parameters, grade, number) for number in range(len(keys))
         ]
-        for flight, (rows, rate) in enumerate(
-            _flown(policies, reality, controller, task, keys, DURATION_S, drones, condition.during)
-        ):
-            lasted = _guarded(rows) == round(DURATION_S * rate)
-            flown[flight, place] = lasted and float(np.mean(_distance(rows))) <= WITHIN_M
-    found = [
-        condition.grades[int(np.argmin(row)) - 1] if not row.all() else condition.grades[-1]
-        for row in flown
+        scenario = Scenario(task, DURATION_S, drones=drones, during=condition.during)
+        held[:, place] = [_holds(one) for one in fly_all(reality, pilot, scenario, keys, LOST)]
+    return [
+        condition.grades[int(np.argmin([*row, False])) - 1] if row[0] else float("nan")
+        for row in held
     ]
-    found = [value if row[0] else float("nan") for value, row in zip(found, flown, strict=True)]
-    return _by_policy(found, len(policies))
 
 
-def _by_policy(found: Sequence[float], policies: int) -> list[list[float]]:
-    each = len(found) // policies
-    return [list(found[each * place : each * (place + 1)]) for place in range(policies)]
-
-
-def _distance(rows: Rows) -> Float[np.ndarray, "N"]:
-    return np.linalg.norm(
-        np.subtract(rows.true_position, rows.true_setpoint, dtype=np.float64), axis=1
-    )
-
-
-def _guarded(rows: Rows) -> int:
-    """Rows until the drone is lost: the tilt that speed takes trips no guard here."""
-    finite = np.isfinite(np.concatenate([rows.true_position, rows.true_attitude], axis=1)).all(1)
-    lost = ~finite | (_distance(rows) > MAX_POSITION_ERROR_M)
-    return int(np.argmax(lost)) if lost.any() else len(lost)
-
-
-def _flown(
-    policies: Sequence[Policy | ForeignPolicy],
-    reality: AnyReality,
-    controller: Controller,
-    task: Task,
-    keys: Array,
-    duration: float,
-    drones: Sequence[Parameters] | None = None,
-    during: flying.Change | None = None,
-) -> Iterator[tuple[Rows, int]]:
-    """Rows and their rate of the first policy's flights, of the second's, and so on.
-
-    Drones are those of the keys; our policies fly them all at once.
-    """
-    given = drones or [getattr(reality, "parameters", None)] * len(keys)
-    for policy in policies:
-        if isinstance(policy, Policy) and isinstance(reality, VirtualDrone):
-            rate = controller.interface.rate
-            env = transfer.as_seen_by(policy, reality.environment(task, controller))
-            stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *given)
-            steps = round(duration * rate)
-            rows = jax.tree.map(np.asarray, _fly(env, during, policy, stacked, keys, steps))
-            for place in range(len(keys)):
-                yield jax.tree.map(lambda values, place=place: values[place], rows), rate
-            continue
-        if during is not None:
-            raise InputError(
-                f"{policy}: what changes in the course of a flight is flown by our own policies "
-                "only. Leave it out of --along."
-            )
-        for drone, key in zip(given, keys, strict=True):
-            place: Any = reality
-            if isinstance(reality, VirtualDrone):
-                place = Stepped(dataclasses.replace(reality, parameters=drone))
-            pilot = transfer.pilot_of(place, policy, controller, task)
-            steps = round(duration * pilot.rate)
-            yield flying.fly_reality(place, pilot, task, key, steps, _lost), pilot.rate
-
-
-@partial(jax.jit, static_argnums=(0, 1, 5))
-def _fly(
-    env: Environment,
-    during: flying.Change | None,
-    policy: Policy,
-    drones: Parameters,
-    keys: Array,
-    steps: int,
-) -> Rows:
-    def one(drone: Parameters, key: Array) -> Rows:
-        act = lambda observation, _: policy(observation)  # noqa: E731
-        return flying.fly(env, act, drone, key, steps, during=during)
-
-    return jax.vmap(one)(drones, keys)
-
-
-def _lost(truth: Truth, setpoint: Float[np.ndarray, "3"]) -> bool:
-    distance = np.linalg.norm(np.asarray(truth.position) - setpoint)
-    return not distance <= MAX_POSITION_ERROR_M
+def _holds(flown: Flown) -> bool:
+    return flown.reason == TIME_LIMIT and float(np.mean(flown.rows.distance)) <= WITHIN_M
 
 
 def summary(flights: polars.DataFrame) -> polars.DataFrame:

@@ -29,16 +29,16 @@ from jax.sharding import NamedSharding, PartitionSpec
 from jaxtyping import Array
 
 from maidenflight.errors import InputError
-from maidenflight.experiments import guarded_flights
 from maidenflight.experiments.as_flown import GUARD_RATE, controller_as_flown
-from maidenflight.experiments.guarded_flights import PUBLISHED_START, Flights, Start
 from maidenflight.experiments.transfer import MAX_DURATION_S
+from maidenflight.flying import guarded
+from maidenflight.flying.scenario import PUBLISHED_START, Start
 from maidenflight.parameters import Parameters, replace
 from maidenflight.policy import Policy
 from maidenflight.simulator import control, tasks
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.failures import END_REASONS
+from maidenflight.simulator.failures import END_REASONS, End
 from maidenflight.simulator.interface import ControlInterface
 
 MAX_POSITION_ERROR_M = 2.5
@@ -108,10 +108,11 @@ def predict_flight_times(
                 f"divide the guard's {GUARD_RATE} Hz."
             )
     drones = drone if np.ndim(drone.mass) else tree.map(lambda leaf: np.asarray(leaf)[None], drone)
+    limits = guarded.Limits(np.int32(rows), np.float32(farthest))  # type: ignore[arg-type]
     kinds: dict[tuple, list[int]] = {}
     for place, policy in enumerate(policies):
         kinds.setdefault((policy.interface, policy.spec), []).append(place)
-    steps, reasons = (np.zeros((len(policies), trials), np.int32) for _ in Flights._fields)
+    steps, reasons = (np.zeros((len(policies), trials), np.int32) for _ in End._fields)
     done = 0
     for places in kinds.values():
         flown = _fly_kind(
@@ -119,8 +120,7 @@ def predict_flight_times(
             drones,
             key,
             trials,
-            rows,
-            farthest,
+            limits,
             start,
             controller_for,
         )
@@ -145,8 +145,7 @@ def _fly_kind(
     drones: Parameters,
     key: Array,
     trials: int,
-    rows: int,
-    farthest: float,
+    limits: guarded.Limits,
     start: Start,
     controller_for: Callable[[ControlInterface], Controller],
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -169,7 +168,7 @@ def _fly_kind(
         estimator_memory=_MEMORY if late else 0,
         spec=policies[0].spec,
     )
-    laid = NamedSharding(guarded_flights.mesh(), PartitionSpec(guarded_flights.POLICIES))
+    laid = NamedSharding(guarded.mesh(), PartitionSpec(guarded.POLICIES))
     size = laid.mesh.size * AT_ONCE.get(jax.default_backend(), AT_ONCE_ELSEWHERE)
     policies = [tree.map(np.asarray, policy) for policy in policies]
     own, blocks = (
@@ -183,24 +182,16 @@ def _fly_kind(
         # The last portion is filled up with flights that end at once.
         wanted = (numbers < trials) & (places < len(policies))[:, None]
         places = np.minimum(places, len(policies) - 1)
-        drawn, keys = guarded_flights.draw(
+        drawn, keys = guarded.draw(
             key, own[places], numbers.astype(np.uint32), np.int32(len(drones.mass))
         )
         return places, wanted, np.asarray(drawn), keys
 
-    def fly(places: np.ndarray, wanted: np.ndarray, drawn: np.ndarray, keys: Array) -> Flights:
+    def fly(places: np.ndarray, wanted: np.ndarray, drawn: np.ndarray, keys: Array) -> End:
         flying = tree.map(lambda *leaves: np.stack(leaves), *(policies[place] for place in places))
-        flights = jax.device_put(
-            (flying, tree.map(lambda leaf: leaf[drawn], drones), keys, wanted), laid
-        )
-        return guarded_flights.fly_together(
-            env,
-            GUARD_RATE // policies[0].interface.rate,
-            *flights,
-            np.int32(rows),
-            np.float32(farthest),
-            start,
-        )
+        flights = guarded.Trials(flying, tree.map(lambda leaf: leaf[drawn], drones), keys, wanted)
+        every = GUARD_RATE // policies[0].interface.rate
+        return guarded.fly_together(env, every, jax.device_put(flights, laid), limits, start)
 
     # Drones are drawn first: waiting for a draw would be waiting for the flights before it.
     portions = [portion(first) for first in range(0, blocks * len(policies), size)]
@@ -221,8 +212,8 @@ _UNDER_WAY = 8
 memory is bounded."""
 
 
-def _landed(begun: Iterable[Flights]) -> Iterator[Flights]:
-    under_way: deque[Flights] = deque()
+def _landed(begun: Iterable[End]) -> Iterator[End]:
+    under_way: deque[End] = deque()
     for flights in begun:
         under_way.append(flights)
         if len(under_way) > _UNDER_WAY:

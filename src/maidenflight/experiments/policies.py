@@ -7,7 +7,8 @@ from typing import Any
 
 from maidenflight import names, policy_file, run_folder
 from maidenflight.errors import InputError
-from maidenflight.foreign_policy import ForeignPolicy, foreign_policy
+from maidenflight.flying.foreign_policy import foreign_policy
+from maidenflight.flying.pilots import ForeignPolicy
 from maidenflight.inputs import StrPath
 from maidenflight.policy import Policy
 from maidenflight.policy_file import PolicyFile

@@ -20,8 +20,9 @@ from jax import tree
 from jaxtyping import Array, Float
 
 from maidenflight.errors import InputError
-from maidenflight.flights import flying
 from maidenflight.flights.log import Flight
+from maidenflight.flying import engine
+from maidenflight.flying.rows import Rows
 from maidenflight.identification.behaviour import (
     BEGIN_S,
     BEHAVIOUR,
@@ -37,6 +38,7 @@ from maidenflight.policy import Policy
 from maidenflight.simulator import control, tasks
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.failures import BACKUP
 from maidenflight.simulator.interface import ControlInterface
 
 PRIOR: Mapping[str, tuple[str, float]] = {
@@ -58,8 +60,6 @@ WIDTH, FARTHEST, NEAR = 0.25, 0.75, 0.05
 [standard deviations of the prior]."""
 LEAST_DAMPING = 0.1
 """Share of a step below which none is taken."""
-MAX_TILT = np.radians(30.0)
-"""Tilt at which a simulated flight ends, as the drone's guard ends a real one [rad]."""
 
 
 @dataclass(frozen=True)
@@ -276,8 +276,8 @@ def _simulation(
     @jax.jit
     @partial(jax.vmap, in_axes=(0, 0, 0))
     @partial(jax.vmap, in_axes=(None, 0, 0))
-    def fly(policy: Policy, drone: Parameters, key: Array) -> flying.Rows:
-        return flying.fly(env, lambda seen, _: policy(seen), drone, key, rows)
+    def fly(policy: Policy, drone: Parameters, key: Array) -> Rows:
+        return engine.simulate(env, lambda seen, _: policy(seen), drone, key, rows)
 
     def simulate(drones: Parameters) -> np.ndarray:
         steps = np.broadcast_to(np.float32(nominal.time_step), np.shape(drones.mass))
@@ -300,11 +300,12 @@ def _simulation(
 
 
 def _until_it_falls(
-    flown: flying.Rows, policy: int, flight: int, drone: Parameters, period: float
+    flown: Rows, policy: int, flight: int, drone: Parameters, period: float
 ) -> np.ndarray | None:
     """Behaviour of one simulated flight until it tilts too far."""
     names = ("position", "velocity", "attitude", "body_rates", "ratio")
     rows = [getattr(flown, name)[policy, flight] for name in names]
-    fallen = np.abs(rows[2][:, :2]).max(axis=1) > MAX_TILT
+    # As the drone's guard ends a real flight, which does not look at the distance.
+    fallen = BACKUP.trips(rows[0], rows[2], rows[3], rows[0])["tilt"]
     end = int(np.argmax(fallen)) if fallen.any() else len(fallen)
     return behaviour(*(row[:end] for row in rows), drone, period)  # type: ignore[arg-type]

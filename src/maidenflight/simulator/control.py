@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Self, cast
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from maidenflight.errors import InputError
 from maidenflight.names import CONTROLS
@@ -45,6 +45,9 @@ Drive = Callable[
     [Any, Float[Array, "4"], Measurement, Float[Array, "3"]], tuple[Any, Float[Array, "4"]]
 ]
 """(memory, command or action, measurement, setpoint [m]) to (memory, thrust commands u)."""
+Heading = Callable[[Int[Array, ""]], Float[Array, ""]]
+"""(number of the command) to the yaw that is asked for [rad]. It may hold traced arrays, so that
+flights with other headings are one compiled program."""
 
 
 class Controller(NamedTuple):
@@ -63,6 +66,8 @@ class Controller(NamedTuple):
     taking_over: Callable[[Float[Array, "4"], Measurement], Any] | None = None
     """(thrust commands u that hover the drone, measurement) to the memory where the firmware has
     hovered it before; None: that of switch-on."""
+    turning: Callable[[Heading], "Controller"] | None = None
+    """The same that also turns; None: it does not."""
 
     def acting_at(self, rate: int) -> Self:
         """The same controller with so many actions a second [Hz]."""

@@ -1,17 +1,22 @@
-"""Why episodes end: the failures of tasks, and the differentiable margins to them."""
+"""Why flights end: guards, the failures of tasks, and the differentiable margins to those.
+
+Guards and reasons are of JAX or NumPy, as the arrays are that they are given.
+"""
 
 from functools import reduce
+from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from maidenflight.simulator import rotations
 from maidenflight.simulator.dynamics import State
 from maidenflight.simulator.vectors import norm, squared
 
 END_REASONS = ("", "time limit", "not finite", "body rate", "tilt", "position error", "height")
-"""Why an episode ends. Where several hold at once, it is the first of these."""
+"""Why a flight ends. Where several hold at once, it is the first of these."""
 TIME_LIMIT, NOT_FINITE = END_REASONS.index("time limit"), END_REASONS.index("not finite")
 MAX_POSITION_ERROR_M = 0.25
 """Distance from the set-point [m] at which an episode fails (Gronauer et al. 2022, sec.
@@ -29,6 +34,68 @@ AIRBORNE_HEIGHT_M = 0.05
 """Height [m] that a drone has once it has left the ground; ours."""
 
 
+class End(NamedTuple):
+    """How a flight ended, or many did."""
+
+    steps: Int[Any, "..."]
+    """Rows flown."""
+    reason: Int[Any, "..."]
+    """Index of `END_REASONS`; 0 while it flies."""
+
+
+class Guard(NamedTuple):
+    """Limits at which a flight is ended; what is not given may be anything, but finite."""
+
+    tilt: Float[Any, ""] = np.inf
+    """Roll or pitch [rad]."""
+    body_rate: Float[Any, ""] = np.inf
+    """Roll or pitch rate [rad/s]."""
+    position_error: Float[Any, ""] = np.inf
+    """Distance from the set-point [m]."""
+
+    def trips(
+        self,
+        position: Float[ArrayLike, "... 3"],
+        attitude: Float[ArrayLike, "... 3"],
+        body_rates: Float[ArrayLike, "... 3"],
+        setpoint: Float[ArrayLike, "... 3"],
+    ) -> dict[str, Any]:
+        """Returns which limits are exceeded, as `reason` takes them.
+
+        Args:
+            position: [m].
+            attitude: roll, pitch, yaw [rad].
+            body_rates: [rad/s].
+            setpoint: [m].
+        """
+        given: list[Any] = [setpoint, position, attitude, body_rates]
+        library: Any = jnp
+        if not isinstance(position, jax.Array):
+            library, given = np, [np.asarray(part, np.float64) for part in given]
+        wanted, place, angles, rates = given
+        x, y, z = (wanted[..., axis] - place[..., axis] for axis in range(3))
+        distance = library.sqrt(x * x + y * y + z * z)
+        tilt, rate = (
+            library.maximum(library.abs(part[..., 0]), library.abs(part[..., 1]))
+            for part in (angles, rates)
+        )
+        return {
+            "not_finite": ~library.isfinite(distance + tilt + rate),
+            "body_rate": rate > self.body_rate,
+            "tilt": tilt > self.tilt,
+            "position_error": distance > self.position_error,
+        }
+
+
+BACKUP = Guard(float(np.radians(30.0)), float(np.radians(800.0)))
+"""At which the firmware's PID takes over from a policy (Gronauer et al. 2022, sec. Zero-Shot
+Experiments)."""
+ZERO_SHOT = BACKUP._replace(position_error=MAX_POSITION_ERROR_M)
+"""Of zero-shot flights: the same, and the distance at which an episode fails."""
+LOST = Guard(position_error=MAX_POSITION_ERROR_M)
+"""Of flights at any speed, whose tilt is no failure."""
+
+
 def too_far(
     state: State, setpoint: Float[Array, "3"], farthest: float = MAX_POSITION_ERROR_M
 ) -> Bool[Array, ""]:
@@ -42,16 +109,26 @@ def too_steep(state: State) -> Bool[Array, ""]:
     return jnp.maximum(roll, pitch) > np.float32(MAX_TILT_RAD)
 
 
-def reason(**failures: Bool[Array, ""]) -> Int[Array, ""]:
-    """The index of the first of `END_REASONS` that holds, 0 if none does.
+def reason(**failures: Bool[ArrayLike, "..."]) -> Int[Any, "..."]:
+    """Returns the index of the first of `END_REASONS` that holds, 0 if none does.
 
     Names have _ for a blank.
     """
-    found = jnp.zeros((), jnp.int32)
+    of_jax = any(isinstance(holds, jax.Array) for holds in failures.values())
+    library: Any = jnp if of_jax else np
+    found = library.zeros((), library.int32)
     for index, name in reversed(list(enumerate(END_REASONS))):
         if name.replace(" ", "_") in failures:
-            found = jnp.where(failures[name.replace(" ", "_")], index, found)
+            found = library.where(failures[name.replace(" ", "_")], index, found)
     return found
+
+
+def first_end(reasons: Int[np.ndarray, "N"]) -> End:
+    """Returns how a flight ended, of the reasons after each row: the first, or the time limit."""
+    ended = np.flatnonzero(reasons)
+    if not len(ended):
+        return End(len(reasons), TIME_LIMIT)
+    return End(int(ended[0]) + 1, int(reasons[ended[0]]))
 
 
 def strayed(

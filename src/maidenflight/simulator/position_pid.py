@@ -1,6 +1,5 @@
 """The firmware's cascaded PID as a controller that holds a set-point, or turns while it does."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
 from typing import Any, NamedTuple
@@ -10,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from maidenflight.simulator.battery import COUNTS
-from maidenflight.simulator.control import NOTHING, Controller, sensed
+from maidenflight.simulator.control import NOTHING, Controller, Heading, sensed
 from maidenflight.simulator.firmware import ABSOLUTE, DISABLE, Memory, switched_on, tick
 from maidenflight.simulator.interface import ControlInterface
 from maidenflight.simulator.mixing import Mixer
@@ -43,7 +42,7 @@ def position_pid(firmware: str = "2021.10", full_scale_counts: float = COUNTS) -
     Position and velocity loops run at 100 Hz, attitude and rate loops at 500 Hz.
 
     The action is added to the four commands, so that flights can be excited for identification;
-    zero is the plain PID. Yaw is held at zero.
+    zero is the plain PID. Yaw is held at zero, but by its `turning`.
 
     Args:
         firmware: `"2021.10"`, which the paper's flights had, or `"2026.08"`.
@@ -57,41 +56,20 @@ def position_pid(firmware: str = "2021.10", full_scale_counts: float = COUNTS) -
     )
 
 
-def turning_pid(
-    heading: Callable[[Int[Array, ""]], Float[Array, ""]],
-    firmware: str = "2021.10",
-    full_scale_counts: float = COUNTS,
-    mixer: Mixer | None = None,
-) -> Controller:
-    """`position_pid` that also turns.
-
-    Args:
-        heading: number of the command, at 500 Hz, to the yaw that is asked for [rad]; it may hold
-            traced arrays, so that flights with other headings are one compiled program.
-        firmware: as of `position_pid`.
-        full_scale_counts: as of `position_pid`.
-        mixer: of another frame than the firmware's X.
-
-    Raises:
-        InputError: there is no such firmware.
-    """
-    interface = replace(EXCITATION, full_scale_counts=full_scale_counts)
-    return _cascade(checked(firmware), interface, heading, mixer)
-
-
 @cache
 def _position_pid(
     firmware: Generation, interface: ControlInterface, mixer: Mixer | None = None
 ) -> Controller:
-    flying = _cascade(firmware, interface, None, mixer)
-    return flying._replace(mixed=partial(_position_pid, firmware, interface))
+    cascade = partial(_cascade, firmware, interface, mixer)
+    mixed = partial(_position_pid, firmware, interface)
+    return cascade(None)._replace(mixed=mixed, turning=cascade)
 
 
 def _cascade(
     firmware: Generation,
     interface: ControlInterface,
-    heading: Callable[[Int[Array, ""]], Float[Array, ""]] | None,
     mixer: Mixer | None,
+    heading: Heading | None,
 ) -> Controller:
     mode: Any = np.array([ABSOLUTE, ABSOLUTE, ABSOLUTE, DISABLE, DISABLE, ABSOLUTE], np.int32)
     every = ATTITUDE_RATE // POSITION_RATE

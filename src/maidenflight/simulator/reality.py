@@ -174,7 +174,7 @@ def checked(given: Any) -> AnyReality:
     Raises:
         InputError: it is none.
     """
-    if isinstance(given, VirtualDrone | Reality) and not isinstance(given, type):
+    if isinstance(given, AnyReality) and not isinstance(given, type):
         return given
     lacking = ", ".join(member for member in _MEMBERS if not hasattr(given, member))
     raise InputError(

@@ -13,7 +13,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from maidenflight.errors import InputError
 from maidenflight.parameters import (
@@ -29,6 +32,7 @@ from maidenflight.simulator.battery import FIRMWARE_2021, Supply, ThrustLaw
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.dynamics import Integrator
 from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.tasks import Task
 
 
@@ -39,6 +43,12 @@ class Later(NamedTuple):
     """From then on; like those before in `latency`, `time_step` and what else is static."""
     at: float
     """When [s] after the flight's start."""
+
+    def __call__(self, drone: Parameters, elapsed: Float[Array, ""]) -> Parameters:
+        """Returns the drone at a time; it changes in the first control period that begins then."""
+        # The time is a sum of periods in float32.
+        before = elapsed + drone.time_step / 2 < self.at
+        return jax.tree.map(lambda new, old: jnp.where(before, old, new), self.parameters, drone)
 
 
 @dataclass(frozen=True)
@@ -74,13 +84,19 @@ class VirtualDrone:
         return Supply(self.thrust_law, full_scale_counts, battery=self.thrust_law is not None)
 
     def environment(
-        self, task: Task, controller: Controller, *, changing: bool = False
+        self,
+        task: Task,
+        controller: Controller,
+        *,
+        spec: PolicySpec = PolicySpec(),
+        changing: bool = False,
     ) -> Environment:
         """The environment in which this drone flies a task under a control structure.
 
         Args:
             task: what is flown.
             controller: what carries out the commands.
+            spec: what the policy sees.
             changing: whether the caller makes the drone become what `later` says.
 
         Raises:
@@ -97,8 +113,25 @@ class VirtualDrone:
             "thrust_law": self.thrust_law,
             "battery": self.thrust_law is not None,
             "estimator_memory": memory,
+            "spec": spec,
         }
         return Environment.matching(self.parameters, task, controller, **settings)
+
+
+def must_be_virtual(reality: object, cure: str) -> VirtualDrone:
+    """Returns a virtual drone.
+
+    Args:
+        reality: any.
+        cure: what to do where its physics are not ours.
+
+    Raises:
+        InputError: it is none.
+    """
+    if not isinstance(reality, VirtualDrone):
+        name = getattr(reality, "name", reality)
+        raise InputError(f"{name} has physics of its own, which are not ours to change. {cure}")
+    return reality
 
 
 RANGES: dict[str, tuple[float, float]] = {

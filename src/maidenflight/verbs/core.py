@@ -20,11 +20,12 @@ if TYPE_CHECKING:
     from maidenflight.experiments.as_flown import controller_as_flown
     from maidenflight.experiments.policies import Policies, read_policies
     from maidenflight.experiments.transfer import transfer
-    from maidenflight.flights import flight_plan, planned, recording
+    from maidenflight.flights import flight_plan
     from maidenflight.flights.flight_plan import FlightPlan
     from maidenflight.flights.log import Flight
     from maidenflight.flights.reading import COMMANDS, Flights, read_flights
     from maidenflight.flights.summary import summaries
+    from maidenflight.flying import recording
     from maidenflight.identification import drone_file
     from maidenflight.identification.behaviour import BEHAVIOUR, flown_by
     from maidenflight.identification.closed_loop import ClosedLoop, Match, match
@@ -63,7 +64,7 @@ if TYPE_CHECKING:
     from maidenflight.simulator.policy_spec import PolicySpec
     from maidenflight.simulator.reality import AnyReality
     from maidenflight.simulator.tasks import TASKS, with_yaw_penalty
-    from maidenflight.simulator.virtual_drone import VirtualDrone
+    from maidenflight.simulator.virtual_drone import VirtualDrone, must_be_virtual
     from maidenflight.studies import sweeping
     from maidenflight.studies.engine import Resources
     from maidenflight.studies.status import Progress as Status

@@ -3,7 +3,6 @@
 import dataclasses
 from pathlib import Path
 
-from maidenflight.errors import InputError
 from maidenflight.settings import flag, listed, number, setting
 from maidenflight.terminal import Table
 from maidenflight.verb import Output, Progress, Result, Verb
@@ -59,12 +58,8 @@ class Plan(Verb):
 
     def compute(self, output: Path, progress: Progress) -> Result:
         """Plans; writes the plan."""
-        known = core.drones.find_reality(self.drone, self.accept_bounds)
-        if not isinstance(known, core.VirtualDrone):
-            raise InputError(
-                f"{self.drone}: {known.name} has physics of its own, in which nothing is planned. "
-                "Give a drone's TOML file or name, or virtual:SEED."
-            )
+        cure = "Plan for a drone's TOML file or name, or virtual:SEED."
+        known = core.must_be_virtual(core.drones.find_reality(self.drone, self.accept_bounds), cure)
         found = core.planning.plan(
             *(known, self.room, self.seconds, self.key),
             interest=self.interest,

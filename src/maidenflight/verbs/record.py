@@ -64,7 +64,9 @@ class Record(Verb):
         settled: dict[str, Any] = {"reality": drone.name, "flights": count}
         if plan is not None:
             settled |= {"duration": seconds, "controller": None, "excitation": None}
-            flown = core.planned.record(drone, plan, self.key, count, self.rate, self.firmware)
+            flown = core.recording.record_plan(
+                drone, plan, self.key, count, self.rate, self.firmware
+            )
         else:
             flown = core.recording.record(
                 *(drone, self.key, count, seconds, self.excitation),

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from maidenflight.errors import InputError
-from maidenflight.flights import planned
 from maidenflight.flights.flight_plan import REST, Extremes
 from maidenflight.flights.manoeuvres import HOVER
+from maidenflight.flying.extremes import extremes_of
+from maidenflight.flying.recording import fly_plans
 from maidenflight.identification.design import optimal_design, planning
 from maidenflight.identification.design.planning import CHUNK, LOWEST, MARGIN, Allowed, Request
 from maidenflight.simulator.virtual_drone import virtual_drone
@@ -104,10 +105,10 @@ def test_the_room_is_kept_on_drones_that_it_was_not_planned_for(proposed):
     assert made.extremes is not None
     assert Allowed().excess(made.extremes, ROOM) == ""
     for seed in (1, 2, 4):
-        rows, _ = planned.fly(
+        (flown,) = fly_plans(
             virtual_drone(seed), [made], jax.random.split(jax.random.key(seed), 1), "2021.10"
         )
-        found = planned.extremes(rows[0])
+        found = extremes_of(flown.rows)
         assert max(found.lateral_x, found.lateral_y) < ROOM[0] / 2 - MARGIN / 2
         assert found.lowest > LOWEST - MARGIN / 2
         assert found.highest < ROOM[2] - MARGIN / 2

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import planted
-from maidenflight.flights import recording
 from maidenflight.flights.log import Flight
 from maidenflight.flights.windows import segment_names, windows
+from maidenflight.flying import recording
 from maidenflight.identification.identify import identify
 from maidenflight.identification.likelihood import one_step
 from maidenflight.identification.likelihood.flight_differences import _groups

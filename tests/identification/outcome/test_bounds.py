@@ -178,7 +178,7 @@ def test_what_flies_or_trains_refuses_it_in_one_line_unless_it_is_accepted(
     for stage in (
         "training.train.train",
         "experiments.transfer.transfer",
-        "flights.recording.record",
+        "flying.recording.record",
         "experiments.flight_times.predict_flight_times",
         "experiments.envelope.envelope",
     ):

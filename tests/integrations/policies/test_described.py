@@ -10,7 +10,8 @@ import pytest
 
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import transfer
-from maidenflight.foreign_policy import ForeignPolicy, foreign_policy
+from maidenflight.flying.foreign_policy import foreign_policy
+from maidenflight.flying.pilots import ForeignPolicy
 from maidenflight.integrations.exporters.onnx import export_onnx
 from maidenflight.integrations.policies.described import INPUTS, DescribedPolicy, described
 from maidenflight.policy import untrained

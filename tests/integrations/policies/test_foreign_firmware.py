@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from maidenflight.experiments.transfer import transfer
-from maidenflight.foreign_policy import ForeignPolicy, foreign_policy
+from maidenflight.flying.foreign_policy import foreign_policy
+from maidenflight.flying.pilots import ForeignPolicy
 from maidenflight.integrations.policies.firmware import CONTROLLERS, FirmwareController
 from maidenflight.simulator import tasks
 from numpy_drone import NumpyDrone

@@ -10,7 +10,8 @@ import pytest
 
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import transfer
-from maidenflight.foreign_policy import ForeignPolicy, foreign_policy
+from maidenflight.flying.foreign_policy import foreign_policy
+from maidenflight.flying.pilots import ForeignPolicy
 from maidenflight.integrations.policies.described import DescribedPolicy, described
 from maidenflight.simulator import tasks
 from maidenflight.simulator.environment import observe, remember

@@ -9,11 +9,8 @@ import pytest
 
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import transfer
-from maidenflight.foreign_policy import (
-    ForeignPolicy,
-    foreign_policy,
-    reference_velocity,
-)
+from maidenflight.flying.foreign_policy import foreign_policy, reference_velocity
+from maidenflight.flying.pilots import ForeignPolicy
 from maidenflight.integrations.raptor.foundation_policy import _network, observed
 from maidenflight.policy import untrained
 from maidenflight.simulator import tasks

@@ -15,7 +15,7 @@ from arrays import float32, float64
 from maidenflight.errors import InputError
 from maidenflight.experiments.drones import find_reality
 from maidenflight.experiments.transfer import transfer
-from maidenflight.flights import recording
+from maidenflight.flying import recording
 from maidenflight.integrations.simulators import bullet
 from maidenflight.integrations.simulators.bullet import DAMPING, Bullet, bullet_drone
 from maidenflight.parameters import crazyflie, replace

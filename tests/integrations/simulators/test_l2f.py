@@ -11,7 +11,7 @@ from jax import lax
 from arrays import float32
 from maidenflight import parameters
 from maidenflight.errors import InputError
-from maidenflight.flights import recording
+from maidenflight.flying import recording
 from maidenflight.integrations.simulators.l2f import BODIES, L2F
 from maidenflight.parameters import replace
 from maidenflight.simulator import dynamics

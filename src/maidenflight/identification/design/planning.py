@@ -15,12 +15,14 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from maidenflight.errors import InputError
-from maidenflight.flights import flight_plan, planned
+from maidenflight.flights import flight_plan
 from maidenflight.flights.flight_plan import REST, Block, Expected, Extremes, FlightPlan
-from maidenflight.flights.flying import Rows
 from maidenflight.flights.log import Flight
 from maidenflight.flights.manoeuvres import HOVER, Manoeuvre, library
-from maidenflight.flights.recording import RATE, flight_log, must_divide
+from maidenflight.flying.extremes import extremes_of, worst_of
+from maidenflight.flying.firmware_pilot import RATE
+from maidenflight.flying.recording import flight_log, fly_plans, must_divide, record_plan
+from maidenflight.flying.rows import Rows
 from maidenflight.identification.design import optimal_design
 from maidenflight.identification.identify import expected_intervals
 from maidenflight.identification.likelihood import one_step, selection
@@ -177,8 +179,8 @@ def plan(
         blocks, excess = _blocks(fitting, seconds, of, rounds)
         blocks = sorted(blocks, key=lambda block: _agility(found[block.manoeuvre]))
         made = FlightPlan(tuple(blocks) * rounds, room, height, request.seed)
-        rows = [planned.fly(one, [made], keys[-1:], request.firmware)[0][0] for one in drones]
-        extremes = planned.worst([planned.extremes(one) for one in rows])
+        rows = [fly_plans(one, [made], keys[-1:], request.firmware)[0].rows for one in drones]
+        extremes = worst_of([extremes_of(one) for one in rows])
         # One after the other they may do what none does alone.
         wrong = _beyond(made, rows, allowed) if allowed.excess(extremes, room) else {}
         wrong.pop(Manoeuvre(HOVER), None)
@@ -246,7 +248,7 @@ def _beyond(made: FlightPlan, flown: Sequence[Rows], allowed: Allowed) -> dict[M
         parts = [
             jax.tree.map(lambda part, some=slice(first, end): part[some], rows) for rows in flown
         ]
-        worst = planned.worst([planned.extremes(part) for part in parts])
+        worst = worst_of([extremes_of(part) for part in parts])
         if why := allowed.excess(worst, made.room):
             found[block.manoeuvre] = why
         first = end
@@ -279,24 +281,23 @@ def _looks(
     others = about(drone)
     slower = [_slower(one, factor) for one in (drone, others[0]) for factor in SLOWER]
     slowest: set[str] = set()
-    for number, flown in enumerate([drone, *others, *slower]):
-        if number > OTHERS and flown.name in slowest:
+    for number, other in enumerate([drone, *others, *slower]):
+        if number > OTHERS and other.name in slowest:
             continue
-        on_stage(min(number, OTHERS), OTHERS + 3, f"{len(looks)} manoeuvres on {flown.name}")
-        own = keys[: len(looks)]
-        rows, supply = planned.fly(flown, list(looks.values()), own, request.firmware)
-        far = {one: planned.extremes(each) for one, each in zip(looks, rows, strict=True)}
+        on_stage(min(number, OTHERS), OTHERS + 3, f"{len(looks)} manoeuvres on {other.name}")
+        flown = fly_plans(other, list(looks.values()), keys[: len(looks)], request.firmware)
+        far = {one: extremes_of(each.rows) for one, each in zip(looks, flown, strict=True)}
         held = not request.allowed.unrest(far[Manoeuvre(HOVER)], request.room)
         if number and not held:
             continue
         if number > OTHERS:
-            slowest.add(flown.name)
-        drones.append(flown)
-        found = {one: planned.worst([found.get(one, here), here]) for one, here in far.items()}
+            slowest.add(other.name)
+        drones.append(other)
+        found = {one: worst_of([found.get(one, here), here]) for one, here in far.items()}
         if number == 0:
             flights = [
-                flight_log(each, flown, one.name, request.rate, supply, keys[0])
-                for one, each in zip(looks, rows, strict=True)
+                flight_log(each, one.name, request.rate, keys[0])
+                for one, each in zip(looks, flown, strict=True)
             ]
             if not held:
                 break
@@ -376,7 +377,7 @@ def _expecting(
     """The plan with what it and a hover tell, and the parameters that it does not tell."""
     of = []
     for flown, key in ((made, keys[0]), (flight_plan.hovering(made), keys[1])):
-        logs = planned.record(drone, flown, key, rate=request.rate, firmware=request.firmware)
+        logs = record_plan(drone, flown, key, rate=request.rate, firmware=request.firmware)
         of.append(expected_intervals(logs, start=drone.parameters))
     names = [name for name in of[0] if request.interest is None or name in request.interest]
     expected = {

@@ -20,7 +20,6 @@ import scipy
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
-from maidenflight.errors import InputError
 from maidenflight.experiments.drones import drone_of, find_reality
 from maidenflight.parameters import Parameters, full_scale_counts, replace
 from maidenflight.simulator import (
@@ -35,7 +34,7 @@ from maidenflight.simulator import (
 from maidenflight.simulator.battery import Supply
 from maidenflight.simulator.dynamics import Integrator, State
 from maidenflight.simulator.tasks import STANDING_HEIGHT_M
-from maidenflight.simulator.virtual_drone import VirtualDrone
+from maidenflight.simulator.virtual_drone import VirtualDrone, must_be_virtual
 
 STEP = 0.001
 """Time from a message to the next [s]: the firmware's main loop."""
@@ -346,12 +345,8 @@ def find_plant(drone: str, seed: int, compensated: bool = True) -> Callable[[], 
         InputError: no such drone, or a reality that is no virtual drone or changes in the course of
             a flight.
     """
-    found = find_reality(drone, accept_bounds=True)
-    if not isinstance(found, VirtualDrone):
-        raise InputError(
-            f"{drone}: {found.name} has physics of its own. Give a drone's TOML file, or "
-            "virtual:SEED."
-        )
+    known = find_reality(drone, accept_bounds=True)
+    found = must_be_virtual(known, "Give a drone's TOML file, or virtual:SEED.")
     found.must_not_change()
     law = battery.PLUS if compensated and found.thrust_law is not None else None
     own = drone_of(drone)

@@ -28,7 +28,8 @@ from scipy.spatial.transform import Rotation
 
 from maidenflight import inputs
 from maidenflight.errors import InputError
-from maidenflight.foreign_policy import Fly, reference_velocity
+from maidenflight.flying.foreign_policy import reference_velocity
+from maidenflight.flying.pilots import Fly
 from maidenflight.inputs import StrPath
 from maidenflight.integrations.policies import onnx_file, stable_baselines
 from maidenflight.integrations.policies.onnx_file import Network

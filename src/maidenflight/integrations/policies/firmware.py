@@ -6,21 +6,15 @@ alone. All mix for the firmware's X, and none knows the drone that it flies.
 """
 
 from collections.abc import Callable
-from functools import cache
-from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
 
 from maidenflight.errors import InputError
-from maidenflight.foreign_policy import Fly
+from maidenflight.flying.pilots import Fly, cascade
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.mellinger import mellinger
 from maidenflight.simulator.pid import ATTITUDE_RATE, POSITION_RATE
 from maidenflight.simulator.position_pid import position_pid
-from maidenflight.simulator.sensors import Measurement
 from maidenflight.simulator.tasks import Task
 from maidenflight.simulator.trajectories import Trajectory
 
@@ -53,20 +47,4 @@ class FirmwareController:
     def begin(self, hover: float, task: Task) -> Fly:
         """Begins a flight, as switched on; it does not know at what command the drone hovers."""
         controller = CONTROLLERS[self.name](task.reference)
-        command, memory = _compiled(controller), controller.init()
-
-        def fly(
-            measurement: Measurement, setpoint: Float[np.ndarray, "3"]
-        ) -> Float[np.ndarray, "4"]:
-            nonlocal memory
-            seen = Measurement(*(jnp.asarray(part, jnp.float32) for part in measurement))
-            asked = jnp.asarray(setpoint, jnp.float32)
-            memory, motors = command(memory, jnp.zeros(4), seen, asked)
-            return np.asarray(motors, np.float64)
-
-        return fly
-
-
-@cache
-def _compiled(controller: Controller) -> Any:
-    return jax.jit(controller.command)
+        return cascade(controller, lambda *_: np.zeros(4, np.float32))

@@ -23,7 +23,8 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from maidenflight.errors import InputError, optional
-from maidenflight.foreign_policy import Fly, reference_velocity
+from maidenflight.flying.foreign_policy import reference_velocity
+from maidenflight.flying.pilots import Fly
 from maidenflight.integrations.raptor.form import MAX_POSITION_ERROR_M, MAX_VELOCITY_ERROR_M_S
 from maidenflight.simulator.sensors import Measurement
 from maidenflight.simulator.tasks import Task

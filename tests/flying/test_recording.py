@@ -2,19 +2,20 @@
 real one would."""
 
 from dataclasses import replace
-from typing import Any
+from functools import partial
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from made_flights import same, volts
 from maidenflight.errors import InputError
-from maidenflight.flights import checking, flying, log, recording
+from maidenflight.flights import checking, log
+from maidenflight.flights.flight_plan import Block, FlightPlan
+from maidenflight.flights.manoeuvres import Manoeuvre
+from maidenflight.flying import recording
 from maidenflight.identification.signals.flight_signals import lagged
 from maidenflight.parameters import replace as with_values
-from maidenflight.simulator.battery import Supply
 from maidenflight.simulator.virtual_drone import virtual_drone
 from numpy_drone import NumpyDrone
 from numpy_reference import PAPER
@@ -109,17 +110,10 @@ def test_a_slower_log_holds_every_so_many_rows_and_another_rate_is_refused(fligh
         assert (other.period, other.zero_order_hold, len(other)) == (0.01, False, 400)
         for group, values in other.arrays.items():
             np.testing.assert_array_equal(values, one.arrays[group][::5])
-    with pytest.raises(InputError, match="120"):
-        recording.record(DRONE, jax.random.key(1), FLIGHTS, SECONDS, 0.05, rate=120)
-
-
-def test_dither_is_plus_or_minus_its_strength_and_new_every_46_ms():
-    act = recording.dither(jnp.float32(0.05), 460, jax.random.key(4))
-    actions = np.stack([act(jnp.zeros(40), jnp.int32(number)) for number in range(460)])
-    np.testing.assert_allclose(np.abs(actions), 0.05)
-    held = actions.reshape(20, 23, 4)
-    assert (held == held[:, :1]).all()
-    assert 0.3 < (held[1:, 0] != held[:-1, 0]).mean() < 0.7
+    plan = FlightPlan((Block(Manoeuvre("hover"), 2.0),), (2.0, 2.0, 1.5), 0.8)
+    for record in (recording.record, partial(recording.record_plan, plan=plan)):
+        with pytest.raises(InputError, match="120"):
+            record(DRONE, key=jax.random.key(1), rate=120)
 
 
 def test_a_recorded_flight_has_nothing_to_complain_about_and_survives_its_file(flights):
@@ -129,21 +123,6 @@ def test_a_recorded_flight_has_nothing_to_complain_about_and_survives_its_file(f
         assert (len(kept), len(kept[0]), notes) == (1, 2000, [])
         np.testing.assert_allclose(kept[0].command, flight.command, atol=1e-6)
         assert kept[0].simulated == "virtual-3"
-
-
-def test_without_a_battery_the_logged_command_is_the_ratio():
-    values: dict[str, Any] = {name: np.ones((5, 3), np.float32) for name in flying.Rows._fields}
-    values |= {"ratio": np.full((5, 4), 0.625, np.float32), "battery": np.full(5, 3.5, np.float32)}
-    flight = flying.to_flight(
-        flying.Rows(**values),
-        "made",
-        zero_order_hold=True,
-        supply=Supply(),
-        simulated="x",
-        period=0.02,
-    )
-    np.testing.assert_array_equal(flight.command, values["ratio"])
-    assert (flight.zero_order_hold, flight.simulated, flight.period) == (True, "x", 0.02)
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Flights by a plan: what is asked for is flown, in any reality, and logged."""
+"""Controllers of the firmware: plans are flown as they ask, in any reality, and logged."""
 
 import dataclasses
 
@@ -6,14 +6,14 @@ import jax
 import numpy as np
 import pytest
 
-from maidenflight.errors import InputError
-from maidenflight.flights import flight_plan, planned
+from maidenflight.flights import flight_plan
 from maidenflight.flights.flight_plan import Block, FlightPlan
 from maidenflight.flights.manoeuvres import MOTORS, Manoeuvre
+from maidenflight.flying.extremes import extremes_of, worst_of
+from maidenflight.flying.firmware_pilot import dither
+from maidenflight.flying.recording import fly_plans, record_plan
 from maidenflight.simulator.virtual_drone import virtual_drone
 from numpy_drone import NumpyDrone
-
-pytestmark = pytest.mark.slow
 
 DRONE = virtual_drone(3)
 PLAN = FlightPlan(
@@ -31,9 +31,10 @@ def flown():
     first, second = jax.random.split(jax.random.key(0))
     calm = flight_plan.hovering(SHAKEN)
     keys = jax.numpy.stack([first, second, second])
-    return planned.fly(DRONE, [PLAN, SHAKEN, calm], keys, "2021.10")[0]
+    return [one.rows for one in fly_plans(DRONE, [PLAN, SHAKEN, calm], keys, "2021.10")]
 
 
+@pytest.mark.slow
 def test_the_drone_turns_and_moves_where_the_plan_says_so(flown):
     yaw = np.asarray(flown[0].true_attitude[:, 2])
     position = np.asarray(flown[0].true_position)
@@ -46,30 +47,33 @@ def test_the_drone_turns_and_moves_where_the_plan_says_so(flown):
     assert position[:, 2] == pytest.approx(0.8, abs=0.1)
 
 
+@pytest.mark.slow
 def test_motors_are_excited_where_the_plan_says_so_alone(flown):
     added = np.asarray(flown[1].ratio) - np.asarray(flown[2].ratio)
     np.testing.assert_array_equal(added[:1490], 0.0)
     assert np.abs(added[1520:2500]).mean() > 0.01
 
 
+@pytest.mark.slow
 def test_extremes_are_of_the_true_flight(flown):
-    found = planned.extremes(flown[0])
+    found = extremes_of(flown[0])
     assert found.lateral_x == pytest.approx(np.abs(flown[0].true_position[:, 0]).max())
     assert found.lowest <= 0.8 <= found.highest
     assert 0.0 < found.tilt < 0.6
     assert 0.2 <= found.astray < 0.6
     assert -0.01 <= found.sunk <= found.astray
     assert 0.0 <= found.at_limits < 0.1
-    other = planned.extremes(flown[1])
-    both = planned.worst([found, other])
+    other = extremes_of(flown[1])
+    both = worst_of([found, other])
     assert both.lowest == min(found.lowest, other.lowest)
     assert both.highest == max(found.highest, other.highest)
     lost = flown[0]._replace(true_position=np.full_like(flown[0].true_position, np.nan))
-    assert planned.extremes(lost).lateral_x > 100.0
+    assert extremes_of(lost).lateral_x > 100.0
 
 
+@pytest.mark.slow
 def test_a_recorded_plan_is_a_log_like_any_other():
-    log, again = (planned.record(DRONE, PLAN, jax.random.key(5), 3, 100)[0] for _ in range(2))
+    log, again = (record_plan(DRONE, PLAN, jax.random.key(5), 3, 100)[0] for _ in range(2))
     assert (len(log), log.period) == (600, 0.01)
     np.testing.assert_array_equal(log.position, again.position)
     setpoint = log.setpoint
@@ -77,12 +81,15 @@ def test_a_recorded_plan_is_a_log_like_any_other():
     np.testing.assert_allclose(setpoint, PLAN.setpoints()[:, :3], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_another_reality_flies_it_by_motors_or_by_positions():
     short = dataclasses.replace(PLAN, blocks=(Block(Manoeuvre("steps_yaw", 0.4, 2.0), 1.0),))
-    log = planned.record(NumpyDrone(), short, jax.random.key(0))[0]
+    log = record_plan(NumpyDrone(), short, jax.random.key(0))[0]
     assert log.attitude[400:500, 2].mean() == pytest.approx(0.4, abs=0.15)
 
 
-def test_a_rate_that_does_not_divide_is_refused():
-    with pytest.raises(InputError):
-        planned.record(DRONE, PLAN, jax.random.key(0), rate=120)
+def test_dither_is_plus_or_minus_one_and_new_every_46_ms():
+    signs = np.asarray(dither(460, jax.random.key(4)))
+    assert (signs.shape, signs.dtype) == ((21, 4), np.float32)
+    np.testing.assert_array_equal(np.abs(signs), 1.0)
+    assert 0.3 < (signs[1:, 0] != signs[:-1, 0]).mean() < 0.7

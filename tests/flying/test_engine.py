@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from maidenflight.errors import InputError
-from maidenflight.flights import recording
+from maidenflight.flying import recording
 from maidenflight.simulator.reality import POSITION, Truth
 from maidenflight.simulator.sensors import Measurement
 from numpy_drone import TWIN, NumpyDrone

@@ -1,54 +1,17 @@
-"""`ForeignPolicy`, what flies like a policy of ours but is none, and `foreign_policy` by name.
-
-It is flown one command at a time, in realities of the protocol and in virtual drones alike, and
-commands the four motors.
-"""
+"""`foreign_policy`, policies by others by name."""
 
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from maidenflight.flying.pilots import ForeignPolicy
 from maidenflight.registry import POLICIES
-from maidenflight.simulator.sensors import Measurement
 from maidenflight.simulator.tasks import Task
-
-Fly = Callable[[Measurement, Float[np.ndarray, "3"]], Float[np.ndarray, "4"]]
-"""(measurement, set-point [m]) to thrust commands u of the motors, once a command."""
-
-
-@runtime_checkable
-class ForeignPolicy(Protocol):
-    """A policy that is none of ours."""
-
-    @property
-    def name(self) -> str:
-        """What tables call it."""
-        ...
-
-    @property
-    def rate(self) -> int:
-        """Set-points and rows of the log a second [Hz]."""
-        ...
-
-    @property
-    def command_rate(self) -> int:
-        """Commands a second [Hz], a multiple of `rate`."""
-        ...
-
-    def begin(self, hover: float, task: Task) -> Fly:
-        """Begins a flight.
-
-        Args:
-            hover: thrust command at which the drone hovers.
-            task: what it follows; some policies see its velocity.
-        """
-        ...
 
 
 def foreign_policy(name: str | Path) -> ForeignPolicy | None:

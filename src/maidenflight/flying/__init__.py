@@ -1,0 +1,1 @@
+"""Simulated flights: pilots, scenarios, the engine that flies them, and their logs."""

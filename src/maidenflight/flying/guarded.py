@@ -1,0 +1,183 @@
+"""Flights of many policies at once until a guard trips, spread over devices by one program.
+
+The guard reads the estimates 100 times a second, between two actions too. Beside the engine's
+`simulate` this is a loop of its own: it keeps no rows, and ends with the last flight.
+"""
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.sharding import Mesh, PartitionSpec
+from jaxtyping import Array, Bool, Float, Int, UInt
+
+from maidenflight.flying.scenario import Start, after_hover
+from maidenflight.parameters import Parameters
+from maidenflight.policy import Policy
+from maidenflight.simulator import environment, failures, rotations, stepping
+from maidenflight.simulator.environment import Environment, EnvState
+from maidenflight.simulator.failures import BACKUP, End
+from maidenflight.simulator.policy_spec import OBSERVATION_SIZE
+
+
+class Trials(NamedTuple):
+    """Trials of policies of one kind."""
+
+    policies: Policy
+    """Stacked along a first axis."""
+    drones: Parameters
+    """What each trial of each policy flies."""
+    keys: Array
+    """Of each trial."""
+    wanted: Bool[Array, "policies lanes"]
+    """Whether a trial is flown at all; the others end at once."""
+
+
+class Limits(NamedTuple):
+    """Of a flight, beside `BACKUP`."""
+
+    rows: Int[Array, ""]
+    """Longest flight."""
+    farthest: Float[Array, ""]
+    """Distance from the set-point at which it ends [m]."""
+
+
+POLICIES = "policies"
+"""The axis along which devices share the policies."""
+
+
+def mesh() -> Mesh:
+    """All devices, in a row."""
+    return Mesh(np.array(jax.local_devices()), (POLICIES,))
+
+
+@jax.jit
+def draw(
+    key: Array,
+    own: UInt[Array, "policies"],
+    trials: UInt[Array, "policies lanes"],
+    count: Int[Array, ""],
+) -> tuple[Int[Array, "policies lanes"], Array]:
+    """Which of `count` drones each trial flies, and its key.
+
+    Neither depends on the other trials or policies.
+    """
+
+    def one(own: Array, trial: Array) -> tuple[Array, Array]:
+        drone_key, flight_key = jax.random.split(
+            jax.random.fold_in(jax.random.fold_in(key, own), trial)
+        )
+        return jax.random.randint(drone_key, (), 0, count), flight_key
+
+    return jax.vmap(jax.vmap(one, in_axes=(None, 0)))(own, trials)
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def fly_together(
+    env: Environment,
+    every: int,
+    trials: Trials,
+    limits: Limits,
+    start: Start,
+) -> End:
+    """Flies until the last flight has ended, on each device for itself.
+
+    Args:
+        env: what is simulated; its actions are held for a row of 10 ms.
+        every: rows from one action of the policies to the next.
+        trials: what is flown.
+        limits: of each flight.
+        start: spread of first states.
+    """
+
+    def take_over(policy: Policy, drone: Parameters, key: Array) -> tuple[EnvState, Array]:
+        start_key, begin_key = jax.random.split(jax.random.fold_in(key, 0))
+        state = start.draw(env, drone, start_key)
+        begun = environment.begin(env, state, jnp.zeros(()), drone, begin_key)
+        env_state = after_hover(env, begun, drone)
+        return env_state, jnp.broadcast_to(
+            env_state.history[-1], (policy.spec.history, OBSERVATION_SIZE)
+        )
+
+    def fly(trials: Trials, limits: Limits) -> End:
+        policies, drones, keys, wanted = trials
+
+        def decide(now: tuple[Array, Any, End]) -> tuple[Array, Any, End]:
+            row, before, flights = now
+            act = partial(_until_next_action, env, every, limits, row)
+            after, reasons = jax.vmap(jax.vmap(act, in_axes=(None, 0, 0, 0)))(
+                policies, drones, keys, before
+            )
+            first = jnp.argmax(reasons > 0, axis=-1)
+            reason = jnp.take_along_axis(reasons, first[..., None], axis=-1)[..., 0]
+            over = flights.reason > 0
+            flown = End(
+                jnp.where(over, flights.steps, row + first + 1),
+                jnp.where(over, flights.reason, reason),
+            )
+            return row + every, after, flown
+
+        begun = jax.vmap(jax.vmap(take_over, in_axes=(None, 0, 0)))(policies, drones, keys)
+        flights = End(jnp.zeros(wanted.shape, jnp.int32), jnp.where(wanted, 0, failures.TIME_LIMIT))
+        first = jnp.zeros((), jnp.int32), begun, flights
+        return lax.while_loop(lambda now: jnp.any(now[-1].reason == 0), decide, first)[-1]
+
+    laid, everywhere = PartitionSpec(POLICIES), PartitionSpec()
+    specs = (laid, everywhere)
+    shared = jax.shard_map(fly, mesh=mesh(), in_specs=specs, out_specs=laid, check_vma=False)
+    return shared(trials, limits)
+
+
+def _until_next_action(
+    env: Environment,
+    every: int,
+    limits: Limits,
+    row: Int[Array, ""],
+    policy: Policy,
+    drone: Parameters,
+    key: Array,
+    before: tuple[EnvState, Float[Array, "H 20"]],
+) -> tuple[tuple[EnvState, Float[Array, "H 20"]], Int[Array, "every"]]:
+    """Drone and history one action, `every` rows of 10 ms, later.
+
+    Also, after each row, why the flight would end.
+    """
+    env_state, history = before
+    seen = environment.observation(env, env_state._replace(history=history))
+    action = policy(seen)
+
+    def hold(env_state: EnvState, row: Array) -> tuple[EnvState, Array]:
+        after, step_result = stepping.step(
+            env, env_state, action, drone, jax.random.fold_in(key, row)
+        )
+        reason = end_reason(after, step_result.setpoint, limits.farthest)
+        return after, jnp.where((reason == 0) & (row >= limits.rows), failures.TIME_LIMIT, reason)
+
+    env_state, reasons = lax.scan(hold, env_state, row + jnp.arange(1, every + 1))
+    instant = environment.observe(
+        env_state.measurement, env.task.reference(env_state.time), env_state.action
+    )
+    return (env_state, jnp.concatenate([history[1:], instant[None]])), reasons
+
+
+def end_reason(
+    env_state: EnvState, setpoint: Float[Array, "3"], farthest: Float[Array, ""]
+) -> Int[Array, ""]:
+    """Returns why the drone's guards would stop the policy now, by its measurements.
+
+    An index of `END_REASONS`; 0: they would not.
+
+    Args:
+        env_state: the drone.
+        setpoint: [m].
+        farthest: distance from it [m].
+
+    Source: Gronauer et al. 2022, sec. Zero-Shot Experiments; the ground and the distance are ours.
+    """
+    seen, guard = env_state.measurement, BACKUP._replace(position_error=farthest)
+    attitude = rotations.to_attitude(seen.quaternion)
+    tripped = guard.trips(seen.position, attitude, seen.body_rates, setpoint)
+    return failures.reason(**tripped, height=env_state.state.position[2] < 0.0)

@@ -1,0 +1,107 @@
+"""What is logged of a simulated flight, and the `Flight` log that is made of it."""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Array, Float
+
+from maidenflight.flights.log import Flight
+from maidenflight.parameters import Parameters
+from maidenflight.simulator import battery, failures
+from maidenflight.simulator.battery import Supply
+from maidenflight.simulator.failures import END_REASONS, TIME_LIMIT, End, Guard
+
+
+class Rows(NamedTuple):
+    """What is logged of N control periods: the rows of `Flight`, and the true state."""
+
+    position: Float[Array, "N 3"]
+    velocity: Float[Array, "N 3"]
+    attitude: Float[Array, "N 3"]
+    body_rates: Float[Array, "N 3"]
+    ratio: Float[Array, "N 4"]
+    """Motor ratio; the thrust command where no battery is simulated. That of the row's own period
+    where a command holds for it, else that in force when the row was measured."""
+    battery: Float[Array, "N"]
+    setpoint: Float[Array, "N 3"]
+    true_position: Float[Array, "N 3"]
+    """At the end of the period [m]."""
+    true_setpoint: Float[Array, "N 3"]
+    """At the end of the period [m]."""
+    true_attitude: Float[Array, "N 3"]
+    true_body_rates: Float[Array, "N 3"]
+    true_velocity: Float[Array, "N 3"]
+    """At the end of the period [m/s]; NaN where a reality does not tell."""
+
+    @property
+    def distance(self) -> Float[np.ndarray, "N"]:
+        """Distance from the set-point at the end of each period [m]."""
+        away = np.subtract(self.true_position, self.true_setpoint, dtype=np.float64)
+        return np.linalg.norm(away, axis=1)
+
+    def end(self, guard: Guard) -> End:
+        """Returns when a guard that looks at the true state ends the flight, and why."""
+        judged = self.true_position, self.true_attitude, self.true_body_rates, self.true_setpoint
+        tripped = guard.trips(*(np.asarray(part) for part in judged))
+        return failures.first_end(failures.reason(**tripped))
+
+
+@dataclass(frozen=True, eq=False)
+class Flown:
+    """A simulated flight."""
+
+    rows: Rows
+    """Up to its end."""
+    rate: int
+    """Rows a second [Hz]."""
+    zero_order_hold: bool
+    """Whether a motor command holds for the whole period between two rows."""
+    supply: Supply
+    """What became of thrust commands before the motors."""
+    reality: str
+    """Name of what was flown."""
+    reason: int = TIME_LIMIT
+    """Why it ended, an index of `END_REASONS`."""
+    drone: Parameters | None = None
+    """The virtual drone that flew, where one did."""
+
+    @property
+    def end_reason(self) -> str:
+        """One of `END_REASONS`."""
+        return END_REASONS[self.reason]
+
+    @property
+    def duration(self) -> float:
+        """[s]."""
+        return len(self.rows.position) / self.rate
+
+    def to_flight(self, name: str) -> Flight:
+        """Returns its log.
+
+        The command is computed from the motor ratio by the law of the supply, as for a real log.
+        """
+        logged: Any = Rows(*map(np.asarray, self.rows))
+        supply = self.supply
+        command = battery.thrust_command(logged.ratio, logged.battery[:, None], supply)
+        return Flight(
+            name=name,
+            period=1 / self.rate,
+            **{signal: getattr(logged, signal) for signal in _LOGGED},
+            command=np.asarray(command),
+            full_scale_counts=supply.full_scale_counts,
+            zero_order_hold=self.zero_order_hold,
+            simulated=self.reality,
+            true_position=_at_rows(logged.true_position, logged.true_velocity, 1 / self.rate),
+        )
+
+
+_LOGGED = ("position", "velocity", "attitude", "body_rates", "battery", "setpoint")
+
+
+def _at_rows(
+    position: Float[np.ndarray, "N 3"], velocity: Float[np.ndarray, "N 3"], period: float
+) -> Float[np.ndarray, "N 3"]:
+    """True positions when the rows were measured, at the end of the period before."""
+    first = position[:1] - period * np.nan_to_num(velocity[:1])
+    return np.concatenate([first, position[:-1]]).astype(np.float32)
