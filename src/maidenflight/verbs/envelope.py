@@ -70,10 +70,11 @@ class Envelope(InRealities):
         picture = results.write(path.with_suffix(".svg"), core.svg(core.envelope_figure(summary)))
         rows = summary.to_dicts()
         return self.conclude(
-            {"envelope": rows, "task": task, "notes": notes, "output": str(output)},
+            {"envelope": rows},
             [_tabulate(rows)],
             fleet.path_of(core.comparison.best_in_envelope(summary, fleet.own_names)),
             "greatest mean share of all axes",
+            output,
             written={"envelope": [path], "picture": [picture]},
             read={"policies": fleet.inputs},
             record=record,

@@ -40,20 +40,30 @@ class FliesPolicies(Verb):
         summary: Sequence[Table | str],
         best: Path | None,
         reason: str,
+        output: Path,
         **parts: Any,
     ) -> Result:
         """Returns the result, with the best policy and the command that exports it.
 
         Args:
-            content: for `--json`, without the best policy.
+            content: of the flights, for `--json`.
             summary: likewise for people.
             best: the best policy, if any of ours flew.
             reason: why it is the best.
+            output: where the results are.
             parts: the other parts of the result.
         """
+        task = parts["record"]["settings"].get("task")
         named = [f"best: {best} ({reason})"] if best and len(self.fleet.files) > 1 else []
         return Result(
-            content={**content, "best": str(best) if best else None, "simulated": True},
+            content={
+                **content,
+                "best": str(best) if best else None,
+                **({"task": task} if task else {}),
+                "notes": parts["notes"],
+                "simulated": True,
+                "output": str(output),
+            },
             summary=[*summary, *named],
             next=export_command(best, self.fleet.policy_of(best)) if best else (),
             **parts,

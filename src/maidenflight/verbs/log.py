@@ -78,8 +78,8 @@ def _tabulate(logs: list[Row]) -> list[Table | str]:
         rows.append({**one, "signals": ", ".join([*state, *signals]), "battery": battery})
     holding = {"log": "{name}", "signals": "{signals}", "commands": "{commands}"}
     holding |= {"usable": "{seconds:.1f s}", "rate": "{rate:.4g Hz}", "battery": "{battery}"}
-    moved = {"log": "{name}", "speed": "{speed:.2f m/s}", "most tilt": "{tilt:.0f deg}"}
-    moved |= {"body rates": "{body_rates:.0f deg/s}", "mean u": "{command:.3f}"}
+    moved = {"log": "{name}", "speed": "{speed:.2f m/s}", "most\ntilt": "{tilt:.0f deg}"}
+    moved |= {"body\nrates": "{body_rates:.0f deg/s}", "mean u": "{command:.3f}"}
     moved |= {"SD of\nthrust": "{thrust_spread:.3f}", "SD of\ntorque": "{torque_spread:.3f}"}
     calm = sum(one["is_calm"] for one in logs)
     remark = (

@@ -95,10 +95,11 @@ class Predict(FliesPolicies):
         best = [path for path, mean in zip(fleet.paths, means, strict=True) if mean == max(means)]
         alike = "".join(f", as {path}" for path in best[1:])
         return self.conclude(
-            {"policies": policies, "notes": notes, "output": str(output)},
+            {"policies": policies},
             [_tabulate(rows, ends)],
             best[0],
             f"longest mean, {max(means):.2f} s{alike}",
+            output,
             written={"prediction": [output]},
             read={"drone": drone, "policies": fleet.paths},
             record=record,

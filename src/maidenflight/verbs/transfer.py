@@ -58,11 +58,11 @@ class Transfer(InRealities):
         notes += core.comparison.describe_limit_cycles(summary)
         rows = summary.to_dicts()
         return self.conclude(
-            {"flights": flights, "summary": rows, "task": task, "notes": notes}
-            | {"output": str(output)},
+            {"flights": flights, "summary": rows},
             [*([tabulate_flights(flights)] if len(flights) <= _FEW else []), _tabulate(rows)],
             fleet.path_of(core.comparison.best_in_transfer(flown.table, fleet.own_names)),
             "longest mean flight; among equals no limit cycle and the smallest mean error",
+            output,
             written={"flights": [table], "flight_logs": logs},
             read={"policies": fleet.inputs},
             record=record,
