@@ -11,23 +11,25 @@ from maidenflight.simulator.randomization import randomize, relative_box, stacke
 from maidenflight.training.evaluation import Evaluation, evaluate, evaluate_together, starts_of
 
 BOX = relative_box(crazyflie(), 0.10)
+ENV, EPISODES, STEPS = Environment(), 4, 300
+"""The same in every test, so that evaluation is compiled once."""
 
 
 @pytest.mark.slow
 def test_a_score_is_what_a_plain_loop_counts() -> None:
-    simulated, policy, episodes, steps = Environment(), untrained(jax.random.key(4)), 3, 80
-    score = evaluate(simulated, policy, BOX, jax.random.key(1), episodes, steps)
+    policy = untrained(jax.random.key(4))
+    score = evaluate(ENV, policy, BOX, jax.random.key(1), EPISODES, STEPS)
     step = jax.jit(stepping.step, static_argnums=0)
     returns, survivals, distances = [], [], []
-    for key in jax.random.split(jax.random.key(1), episodes):
+    for key in jax.random.split(jax.random.key(1), EPISODES):
         launch_key, key = jax.random.split(key)
         drone_key, reset_key = jax.random.split(launch_key)
         drone = randomize(BOX, drone_key)
-        env_state = environment.reset(simulated, drone, reset_key)
+        env_state = environment.reset(ENV, drone, reset_key)
         total, alive = 0.0, True
-        for now in jax.random.split(key, steps):
-            seen = environment.observation(simulated, env_state)
-            env_state, step_result = step(simulated, env_state, policy(seen), drone, now)
+        for now in jax.random.split(key, STEPS):
+            seen = environment.observation(ENV, env_state)
+            env_state, step_result = step(ENV, env_state, policy(seen), drone, now)
             total += float(step_result.reward)
             if bool(step_result.terminated):
                 alive = False
@@ -42,12 +44,12 @@ def test_a_score_is_what_a_plain_loop_counts() -> None:
 
 @pytest.mark.slow
 def test_policies_are_scored_together_as_each_alone() -> None:
-    simulated, episodes, keys = Environment(), 4, jax.random.split(jax.random.key(5), 2)
-    policies = jax.vmap(untrained)(keys)
-    starts = starts_of(simulated, episodes, stacked([BOX, BOX]))
-    together = evaluate_together(simulated, episodes, policies, starts)
+    keys = jax.random.split(jax.random.key(5), 2)
+    starts = starts_of(ENV, EPISODES, stacked([BOX, BOX]))
+    together = evaluate_together(ENV, EPISODES, jax.vmap(untrained)(keys), starts)
     for number, key in enumerate(keys):
-        alone = evaluate(simulated, untrained(key), BOX, jax.random.key(0), episodes)
+        # Both fall within these steps of the whole episode.
+        alone = evaluate(ENV, untrained(key), BOX, jax.random.key(0), EPISODES, STEPS)
         for one, all_of_them in zip(alone, together, strict=True):
             np.testing.assert_allclose(one, all_of_them[number], rtol=1e-4)
 
@@ -72,6 +74,6 @@ def test_survival_comes_first_and_return_among_equals(
 
 @pytest.mark.slow
 def test_failing_costs_the_terminal_penalty() -> None:
-    score = evaluate(Environment(), untrained(jax.random.key(4)), BOX, jax.random.key(2), 8, 300)
+    score = evaluate(ENV, untrained(jax.random.key(4)), BOX, jax.random.key(2), EPISODES, STEPS)
     assert float(score.survival) == 0.0
     assert -140.0 < float(score.episode_return) < -100.0
