@@ -160,7 +160,7 @@ def circles(imports: dict[str, set[str]]) -> set[str]:
     while free := [name for name, targets in left.items() if not targets & left.keys()]:
         for name in free:
             del left[name]
-    return left.keys()
+    return set(left)
 
 
 def test_no_modules_import_each_other_in_a_circle():
@@ -186,7 +186,7 @@ def test_what_a_registry_names_is_there(registry):
         place = Path(*module.split(".")[1:])
         (path,) = {ROOT / place / "__init__.py", ROOT / f"{place}.py"} & set(ROOT.rglob("*.py"))
         names = [
-            getattr(node, "name", None) or ast.unparse(node.targets[0])
+            ast.unparse(node.targets[0]) if isinstance(node, ast.Assign) else node.name
             for node in ast.parse(path.read_text()).body
             if isinstance(node, ast.FunctionDef | ast.ClassDef | ast.Assign)
         ]

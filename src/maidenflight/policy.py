@@ -52,8 +52,8 @@ class Policy:
         Not clipped, because the next observation holds it as it is.
         """
         form, size = self.spec.policy_form, self.spec.seen_size
-        seen, memory = form.observed(observation[:size]), observation[size:]
-        values = (seen - self.observation_mean) / self.observation_std
+        seen, memory = observation[:size], observation[size:]
+        values = (form.observed(seen) - self.observation_mean) / self.observation_std
         for number, (weight, bias) in enumerate(
             zip(self.weights[:-1], self.biases[:-1], strict=True)
         ):

@@ -129,10 +129,9 @@ def logged(file: Path, battery_law: str | None = None) -> Logged | Table:
             # Rows with what is not finite are dropped by `checking`.
             found, notes = recording.flights(file, name)
         return Logged(name, found, notes)
+    table = table or _table(file, name)
+    kind = kind or _format_of(table)
     if kind is None:
-        table = table or _table(file, name)
-        kind = _format_of(table)
-    if kind is None or table is None:
         return table
     if battery_law:
         if not kind.compensated:
@@ -145,7 +144,7 @@ def logged(file: Path, battery_law: str | None = None) -> Logged | Table:
 def unknown(table: Table) -> str:
     """What is wrong with a table in no known format."""
     columns = ",".join(table.frame.columns)
-    known = [kind.what for of in (TableFormat, PackedTable, Recording) for kind in _formats(of)]
+    known = [kind.what for kind in map(_imported, LOG_FORMATS) if not isinstance(kind, str)]
     return (
         f"{table.name}: unknown format; its columns are {columns[:60]!r}. Known are "
         f"{'; '.join(known)}.{_unusable()}"
