@@ -16,7 +16,8 @@ from maidenflight.manifest import Entry, Kind, Manifest
 class FileOptions(TypedDict, total=False):
     """Files that a user gives in place of a run's; `maidenflight report --help` says what each is.
 
-    What commands write beside such files is shown too: windows beside a validation, `training.csv` beside policies, and logs `flight_*.csv` beside test flights.
+    What commands write beside such files is shown too: windows beside a validation, `training.csv`
+    beside policies, and logs `flight_*.csv` beside test flights.
     """
 
     logs: StrPath | Sequence[StrPath]
