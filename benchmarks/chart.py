@@ -22,11 +22,12 @@ def lines(curves: dict[str, dict[int, float]], across: str, up: str) -> str:
         for place, value in sorted(curve.items())
     ]
     places = sorted({place for curve in curves.values() for place in curve})
+    powers = [10**power for power in range(16)]
     log = {"type": "log", "nice": False}
     x = charts.number("x", across, scale=log, axis={"values": places, "format": ","})
-    y = charts.number("y", up, scale={"type": "log"}, axis={"format": "~s"})
-    dashes = {"domain": list(curves)}
-    dashes["range"] = [[7, 4] if entry.sample == "dashed" else [1, 0] for entry in legend]
+    y = charts.number("y", up, scale={"type": "log"}, axis={"format": "~s", "values": powers})
+    strokes = [[7, 4] if entry.sample == "dashed" else [1, 0] for entry in legend]
+    dashes = {"domain": list(curves), "range": strokes}
     layer: Spec = {
         "mark": {"type": "line", "strokeWidth": 2.5},
         "encoding": {

@@ -22,6 +22,7 @@ from maidenflight.reporting.figures.corner import corner
 from maidenflight.reporting.figures.delays import delay_posterior
 from maidenflight.reporting.figures.picture import svg
 from maidenflight.reporting.figures.training import learning_curves
+from maidenflight.reporting.sections.head import NAMES
 
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 LARGEST = 200_000
@@ -76,14 +77,15 @@ def _of_charts(run: Path, to: Path) -> None:
     """Writes charts of the report as files."""
     read = runs.read(run)
     assert read.training is not None
-    best = {name: estimate.value for name, estimate in read.estimates.items()}
+    best = {name: read.estimates[name].value for name in NAMES}
+    draws = {name: read.posterior[name] for name in NAMES}
     figures = {
-        "corner": corner(read.posterior, best),
+        "corner": corner(draws, best),
         "delays": delay_posterior(read.posterior, read.estimates, runs.truth(read)),
         "learning": learning_curves(read.training),
     }
     for name, figure in figures.items():
-        (to / f"{name}.svg").write_text(svg(figure, 560 if name == "delays" else 900))
+        (to / f"{name}.svg").write_text(svg(figure, 900 if name == "learning" else 560))
 
 
 def _of_rerun(run: Path, to: Path) -> None:

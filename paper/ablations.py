@@ -501,9 +501,11 @@ def chart(table: polars.DataFrame, drone: str) -> Figure:
             ("reality", own.filter(variant=BASELINE), "flown on other drones"),
         ):
             title = f"{structure.replace('_', ' ')}: {words}"
-            panels += _block(block, column, title, ranges, colours) if block.height else []
+            cells = list(_block(block, column, ranges, colours)) if block.height else []
+            head = {"text": title, "frame": "group"}
+            panels += [{"title": head, "hconcat": cells, "spacing": 14}] if cells else []
     title = f"What zero-shot flights depend on: drone {drone}"
-    return Figure(title, panels, legend, columns=len(MEASURES))
+    return Figure(title, panels, legend, columns=1)
 
 
 def _trained_in(table: polars.DataFrame) -> list[str]:
@@ -522,7 +524,6 @@ def _ends(rows: polars.DataFrame) -> Float[np.ndarray, "n"]:
 def _block(
     block: polars.DataFrame,
     column: str,
-    title: str,
     ranges: Mapping[str, tuple[float, float]],
     colours: Mapping[str, str],
 ) -> Iterator[Spec]:
@@ -548,7 +549,6 @@ def _block(
             [(name, "") for name in left],
             marks,
             {**x, "axis": {"tickCount": 4}},
-            title=title if number == 0 else " ",
             across=[(0.0, nothing)],
         )
         yield {**panel, "width": COLUMN}

@@ -206,22 +206,30 @@ def draw_chart(rows: dict[str, polars.DataFrame]) -> Figure:
         (1e3 * polars.col(name)).round(1).cast(polars.String).str.strip_suffix(".0")
         for name in ("motor_time_constant", "latency")
     )
+    late = latency + " ms in training"
     names = polars.col("control").replace(kinds) + ", " + lag + " ms"
     order = polars.col("control").replace_strict({kind: n for n, kind in enumerate(COLOURS)})
     drawn = [
         flights.sort("latency", "motor_time_constant", order, maintain_order=True).select(
             names.alias("row"),
             polars.col("control").replace(COLOURS).alias("colour"),
-            (polars.lit(f"{name}: latency ") + latency + " ms in training").alias("panel"),
+            (polars.lit(f"{name}: latency ") + late).alias("panel"),
             *("duration", "end_reason"),
         )
         for name, flights in rows.items()
     ]
     title = "Zero-shot flight times by the motor time constant that policies were trained for"
-    figure = flight_times(
-        polars.concat(drawn), title, {colour: kinds[kind] for kind, colour in COLOURS.items()}
-    )
-    return dataclasses.replace(figure, columns=max(part["panel"].n_unique() for part in drawn))
+    labels = {colour: kinds[kind] for kind, colour in COLOURS.items()}
+    flown = polars.concat(drawn)
+    figure = flight_times(flown, title, labels)
+    made = dict(zip(flown["panel"].unique(maintain_order=True), figure.panels, strict=True))
+    every = polars.concat([flights.select("latency") for flights in rows.values()])
+    columns = every.unique().sort("latency").select(late.alias("latency"))["latency"].to_list()
+    # A table without flights of a latency has an empty panel in its place.
+    empty = {**figure.panels[0], "data": {"values": []}}
+    heads = [f"{name}: latency {each}" for name in rows for each in columns]
+    panels = [{**made.get(head, empty), "title": head} for head in heads]
+    return dataclasses.replace(figure, panels=panels, columns=len(columns))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -396,7 +396,7 @@ def chart(flights: polars.DataFrame, longest: float) -> Figure:
         _panel(policies.filter(control=kind), kind, places, chosen, f"{longest:g} s reached [%]")
         for kind in kinds
     ]
-    title = f"Flights that reach {longest:g} s, by what policies were trained over"
+    title = f"Share of flights that reach {longest:g} s"
     return Figure(title, panels, legend, columns=1)
 
 
@@ -417,7 +417,10 @@ def _panel(
     # The firmware stands below the place.
     lines = f"split(replace(datum.label, '{OLD}', '|{OLD.strip()}'), '|')"
     x = {"field": "place", "type": "nominal", "sort": places, "title": None}
-    x |= {"scale": {"domain": places, "padding": 0}, "axis": {"labelExpr": lines, "labelAngle": 0}}
+    x |= {
+        "scale": {"domain": places, "padding": 0},
+        "axis": {"labelExpr": lines, "labelAngle": 0, "labelFlush": False},
+    }
     y = charts.number("y", label, **charts.within(-4.0, 104.0))
     shared = {"x": x, "y": y, "color": {"field": "colour", "type": "nominal", "scale": None}}
     shared["xOffset"] = charts.number("shift", scale={"domain": [-0.5, 0.5]})

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from maidenflight.errors import InputError
-from maidenflight.identification.drone_file import DroneFile, Estimate
+from maidenflight.identification.drone_file import DroneFile, Estimate, Search, Source
 from maidenflight.parameters import COMPONENTS, QUANTITIES, crazyflie
 from reporting.drawn import of, rows
 from scripts import script
@@ -41,7 +41,8 @@ def test_a_drone_file_is_drawn_beside_the_literature(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     drone, truth = tmp_path / "drone.toml", tmp_path / "truth.toml"
-    DroneFile(crazyflie(), FOUND).write(drone)
+    source, search = Source(2, 20.0, True, "subsampled", 60000.0), Search("replay", 1.0, 258, 9)
+    DroneFile(crazyflie(), FOUND, source=source, search=search).write(drone)
     DroneFile(crazyflie()).write(truth)
     literature.main([str(drone), "--truth", str(truth), "-o", str(tmp_path / "made.svg")])
     assert "SimpleFlight 2025" in capsys.readouterr().out

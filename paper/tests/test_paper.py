@@ -261,7 +261,7 @@ def test_figure_4_computes_gathers_and_draws_a_study_and_goes_on_where_it_was(
     picture = made / "figure_4.svg"
     drawn = picture.read_text()
     assert all(
-        f'data-panel="{name} {latency}"' in drawn
+        f"{name}: latency {latency} ms in training" in drawn
         for name in ("near-7", "real")
         for latency in (0, 15)
     )

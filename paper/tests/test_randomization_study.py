@@ -181,7 +181,7 @@ def test_policies_train_and_fly_and_a_second_run_draws_from_the_tables(
         ("virtual:1", 4),
     ]
     assert table["duration"].is_between(0.01, 0.3).all()
-    assert 'data-panel="pwm"' in (made / "randomization.svg").read_text()
+    assert ">pwm</text>" in (made / "randomization.svg").read_text()
     assert "share of 20 s" in capsys.readouterr().out
 
     def never(*_: Any, **__: Any) -> None:

@@ -17,4 +17,5 @@ def of(figure: Figure, panel: int = 0, **wanted: Any) -> list[dict[str, Any]]:
 
 
 def titles(figure: Figure) -> list[str]:
-    return [panel.get("title", "") for panel in figure.panels]
+    found = [panel.get("title", "") for panel in figure.panels]
+    return [title["text"] if isinstance(title, dict) else title for title in found]

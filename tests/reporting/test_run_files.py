@@ -33,7 +33,6 @@ def mine(run: Path, tmp_path: Path) -> Path:
     folder.mkdir()
     shutil.copy(run / "drone.toml", folder / "my_drone.toml")
     shutil.copy(run / "reality.toml", folder / "truth of it.toml")
-    shutil.copy(run / "identification.csv", folder / "my_drone_identification.csv")
     policy_file.write(
         folder / "my policies" / "a.json",
         policy.untrained(jax.random.key(0), spec=PolicySpec(hidden=(4,))),
@@ -85,7 +84,6 @@ def test_a_run_folder_that_was_moved_is_read(run: Path, tmp_path: Path) -> None:
 def test_a_file_of_a_user_comes_before_that_of_the_run(run: Path, mine: Path) -> None:
     found = find_files(run, {"drone": mine / "my_drone.toml", "logs": [mine / "logs of may"]})
     assert found.first("drone") == mine / "my_drone.toml"
-    assert found.first("evaluations") == mine / "my_drone_identification.csv"
     assert found.files["logs"] == [mine / "logs of may" / "flight_01.csv"]
     assert found.files["truth"] == []
     assert found.first("validation") == run / "validation.csv"

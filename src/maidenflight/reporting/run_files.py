@@ -16,8 +16,8 @@ from maidenflight.manifest import Entry, Kind, Manifest
 class FileOptions(TypedDict, total=False):
     """Files that a user gives in place of a run's; `maidenflight report --help` says what each is.
 
-    What commands write beside such files is shown too: evaluations beside a drone, windows beside
-    a validation, `training.csv` beside policies, and logs `flight_*.csv` beside test flights.
+    What commands write beside such files is shown too: windows beside a validation, `training.csv`
+    beside policies, and logs `flight_*.csv` beside test flights.
     """
 
     logs: StrPath | Sequence[StrPath]
@@ -31,7 +31,7 @@ class FileOptions(TypedDict, total=False):
 
 
 _GROUPS: tuple[tuple[Kind, ...], ...] = (
-    ("drone", "evaluations"),
+    ("drone",),
     ("validation", "windows"),
     ("policies", "training"),
     ("flights", "flight_logs"),
@@ -144,8 +144,6 @@ def _with_companions(kind: Kind, paths: Sequence[Path]) -> dict[Kind, list[Path]
         found[kind] = [
             log for each in paths for log in (reading.log_files(each) if each.is_dir() else [each])
         ]
-    elif kind == "drone":
-        found["evaluations"] = [run_folder.beside(path)]
     elif kind == "validation":
         found["windows"] = [run_folder.windows_beside(path)]
     elif kind == "flights":

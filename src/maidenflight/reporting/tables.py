@@ -45,9 +45,9 @@ def number(label: str | Markup, decimals: int, scale: float = 1.0) -> Column:
     """Returns a column of numbers with so many decimals, in units of 1 / `scale`."""
 
     def show(value: Any, _: Mapping[str, Any]) -> Cell:
-        known = value is not None and np.isfinite(value)
-        shown = f"{scale * value:.{decimals}f}" if known else text.NOTHING
-        return Cell(text.signed(shown), float("nan") if value is None else float(value))
+        real = float("nan") if value is None else float(value)
+        shown = f"{scale * real:.{decimals}f}" if np.isfinite(real) else text.NOTHING
+        return Cell(text.signed(shown), real)
 
     return Column(label, show)
 

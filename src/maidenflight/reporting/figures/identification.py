@@ -112,7 +112,7 @@ def _gains(gains: Sequence[GroupGain]) -> Spec:
         low, high = (value + side * (error or 0.0) for side in (-2, 2))
         bar = {"row": row, "kind": "bar", "x": low, "x2": high, "colour": colour}
         marks += [bar, {"row": row, "kind": "value", "x": value, "colour": colour}]
-        width = "" if error is None else f" ± {error:.1g}"
+        width = "" if error is None else f" ± {text.number(error, 1)}"
         numbers = f"{'+' if value > 0 else ''}{text.number(value, 2)}{width}"
         kept = "kept" if gain.kept else "not kept"
         names.append((gain.group.replace("_", " "), f"{numbers}, {kept}"))

@@ -45,6 +45,7 @@ def rows(
     y: dict[str, Any] = {"field": "key", "type": "nominal", "title": None, "sort": keys}
     y["scale"] = {"domain": keys}
     axis = {"ticks": False, "domain": False, "labelLimit": 400, "labelPadding": 8}
+    axis["minExtent"] = 0
     left = {**axis, "labelExpr": "split(datum.label, '\\t')[1]", "grid": True}
     right = {**axis, "labelExpr": "split(datum.label, '\\t')[2]", "orient": "right", "grid": False}
     # Each side of the panel is a layer of its own, without marks.
@@ -66,7 +67,7 @@ def rows(
             encoding |= {"x2": {"field": "x2"}} if mark["type"] == "rule" else {}
             encoding |= {"tooltip": charts.tooltip(told)} if told else {}
             layers.append(charts.layer(kind, {**mark, "opacity": 1, "clip": True}, **encoding))
-    panel = charts.panel(
-        charts.rows(data), layers, title=title, height=ROW * len(names) + 8, zooms=()
-    )
-    return {**panel, "resolve": {"axis": {"y": "independent"}}}
+    panel = charts.panel(charts.rows(data), layers, height=ROW * len(names) + 8, zooms=())
+    # Titles begin where the frames do, however long the names beside them are.
+    head = {"title": {"text": title, "frame": "group"}} if title else {}
+    return {**panel, **head, "resolve": {"axis": {"y": "independent"}}}

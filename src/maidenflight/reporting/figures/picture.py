@@ -53,28 +53,32 @@ def svg(figure: Figure, width: int = WIDTH, note: str = "") -> str:
     each = (width - 2 * _PADDING - (columns - 1) * _SPACE) / columns
     # Axes take what their numbers and names need, which is known once they are drawn.
     inner = int(each) - 50
-    lines = textwrap.wrap(note, int(width / _LETTER))
-    drawn = _drawn(figure, lines, columns, inner)
+    # Letters of the title are larger and bold.
+    words = [textwrap.wrap(figure.title, int(width / 1.5 / _LETTER))]
+    words.append(textwrap.wrap(note, int(width / _LETTER)))
+    drawn = _drawn(figure, words, columns, inner)
     [size] = re.findall(r'^<svg [^>]*? width="(\d+)"', drawn)
-    if any("width" not in panel for panel in figure.panels) and int(size) != width:
-        drawn = _drawn(figure, lines, columns, inner + (width - int(size)) // columns)
+    if any("width" not in panel for panel in figure.panels if "layer" in panel):
+        drawn = _drawn(figure, words, columns, inner + (width - int(size)) // columns)
     return _in_light_and_dark(drawn, figure.title)
 
 
-def _drawn(figure: Figure, note: Sequence[str], columns: int, inner: int) -> str:
-    panels = [panel if "vconcat" in panel else {"width": inner, **panel} for panel in figure.panels]
+def _drawn(figure: Figure, words: Sequence[list[str]], columns: int, inner: int) -> str:
+    panels = [{"width": inner, **panel} if "layer" in panel else panel for panel in figure.panels]
     resolve = {"scale": dict.fromkeys(_OWN, "independent")}
-    grid = {"concat": panels, "columns": columns, "spacing": _SPACE, "resolve": resolve}
+    grid = {"concat": panels, "columns": columns, "align": "each", "spacing": _SPACE}
+    grid["resolve"] = resolve
     parts = [_legend(figure.legend, columns * inner), grid] if figure.legend else [grid]
     look = json.loads(_asset("look.json"))["config"]
     look |= {"background": _colours()[0]["paper"], "font": _FONT, "padding": _PADDING}
     look["aria"] = False
     # In a grid the page's expressions of a panel's size mean nothing.
-    look["axisX"]["tickCount"] = max(2, inner // 90)
+    look["axisX"]["tickCount"] = max(2, inner // 70)
     del look["axisY"]["tickCount"]
-    title = {"text": figure.title, "fontSize": 17, "offset": 10}
-    title |= {"subtitle": note, "subtitleFontSize": 13, "subtitleLineHeight": 18} if note else {}
-    title |= {"subtitleColor": "var(--soft)", "subtitlePadding": 6}
+    title = {"text": words[0], "fontSize": 17, "offset": 10}
+    below = {"subtitle": words[1], "subtitleColor": "var(--soft)", "subtitlePadding": 6}
+    below |= {"subtitleFontSize": 13, "subtitleLineHeight": 18}
+    title |= below if words[1] else {}
     spec = {"title": title, "vconcat": parts, "config": look}
     spec |= {"spacing": 14, "resolve": resolve}
     drawn = vl_convert.vegalite_to_svg(_plain(spec, columns * inner), vl_version=_VEGA_LITE)

@@ -129,7 +129,7 @@ def _predictions(flown: polars.DataFrame) -> Markup:
 
     columns: dict[str, Column | str] = {
         "policy": "Policy",
-        "control": Column("Control", lambda name, _: Cell(NAMES.get(name, name), name)),
+        "control": Column("Control", lambda name, _: Cell(NAMES.get(str(name), str(name)), name)),
         "trials": "Flights",
         "mean": tables.number("Mean [s]", 2),
         **{f"quantile_{share}": tables.number(f"{share} % [s]", 2) for share in (10, 50, 90)},
