@@ -19,7 +19,7 @@ import jax
 import pytest
 
 import maidenflight
-from commands import run
+from commands import Command
 from maidenflight import manifest, parameters, policy, policy_file, results
 from maidenflight.errors import InputError
 from maidenflight.registry import VERBS
@@ -90,8 +90,8 @@ COMMANDS = {
 with other machines."""
 
 
-def asked(command: str, small: Path, place: Path) -> list[str]:
-    return [argument.format(small=small, place=place) for argument in COMMANDS[command]]
+def asked(verb: str, small: Path, place: Path) -> list[str]:
+    return [argument.format(small=small, place=place) for argument in COMMANDS[verb]]
 
 
 def files(folder: Path) -> dict[str, bytes]:
@@ -106,10 +106,10 @@ def test_every_command_that_writes_is_here() -> None:
     assert COMMANDS.keys() == VERBS.own.keys() - {"fly", "sweep"}
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("verb", COMMANDS)
 @pytest.mark.parametrize("what", ["file", "folder", "link"])
 def test_nothing_is_written_over_what_is_there(
-    command: str, what: str, small: Path, tmp_path: Path, monkeypatch: Any, capsys: Any
+    verb: str, what: str, small: Path, tmp_path: Path, command: Command
 ) -> None:
     place = tmp_path / "mine"
     if what == "file":
@@ -121,14 +121,14 @@ def test_nothing_is_written_over_what_is_there(
         (tmp_path / "thesis.txt").write_text("my thesis")
         place.symlink_to(tmp_path / "thesis.txt")
     before = files(tmp_path)
-    code, out, err = run(monkeypatch, capsys, *asked(command, small, place))
+    code, out, err = command(asked(verb, small, place))
     assert (code, out, len(err.splitlines())) == (2, "", 1)
     assert "already there" in err
     assert files(tmp_path) == before
 
 
 @pytest.mark.parametrize(
-    ("command", "beside"),
+    ("verb", "beside"),
     [
         ("identify", "made_identification.csv"),
         ("identify", "made_identification.svg"),
@@ -137,26 +137,21 @@ def test_nothing_is_written_over_what_is_there(
     ids=["identify", "its picture", "validate"],
 )
 def test_nor_over_the_second_file(
-    command: str, beside: str, small: Path, tmp_path: Path, monkeypatch: Any, capsys: Any
+    verb: str, beside: str, small: Path, tmp_path: Path, command: Command
 ) -> None:
     (tmp_path / beside).write_text("my thesis")
-    code, _, err = run(monkeypatch, capsys, *asked(command, small, tmp_path / "made.csv"))
+    code, _, err = command(asked(verb, small, tmp_path / "made.csv"))
     assert code == 2
     assert f"{beside}: already there" in err
     assert files(tmp_path) == {beside: b"my thesis"}
 
 
-def test_a_report_replaces_a_report(
-    small: Path, tmp_path: Path, monkeypatch: Any, capsys: Any
-) -> None:
+def test_a_report_replaces_a_report(small: Path, tmp_path: Path, command: Command) -> None:
     for _ in range(2):
-        assert run(monkeypatch, capsys, *asked("report", small, tmp_path / "page.html"))[0] == 0
+        assert command(asked("report", small, tmp_path / "page.html"))[0] == 0
     (tmp_path / "page.html").write_text("my thesis")
-    assert run(monkeypatch, capsys, *asked("report", small, tmp_path / "page.html"))[0] == 2
-    assert (
-        run(monkeypatch, capsys, *asked("report", small, tmp_path / "page.html"), "--overwrite")[0]
-        == 0
-    )
+    assert command(asked("report", small, tmp_path / "page.html"))[0] == 2
+    assert command(asked("report", small, tmp_path / "page.html"), "--overwrite")[0] == 0
 
 
 QUICK = ("drone", "export", "report")
@@ -167,12 +162,18 @@ QUICK = ("drone", "export", "report")
     "number", [errno.ENOSPC, errno.EROFS, errno.EACCES, errno.EIO, errno.EDQUOT]
 )
 @pytest.mark.parametrize("call", ["mkstemp", "fsync", "replace"])
-@pytest.mark.parametrize("command", QUICK)
+@pytest.mark.parametrize("verb", QUICK)
 def test_a_place_that_cannot_be_written_gives_one_line_and_keeps_what_it_held(
-    command: str, call: str, number: int, small: Path, tmp_path: Path, monkeypatch: Any, capsys: Any
+    verb: str,
+    call: str,
+    number: int,
+    small: Path,
+    tmp_path: Path,
+    monkeypatch: Any,
+    command: Command,
 ) -> None:
     place = tmp_path / "made"
-    code, *_ = run(monkeypatch, capsys, *asked(command, small, place))
+    code, *_ = command(asked(verb, small, place))
     assert code == 0
     before = files(tmp_path)
 
@@ -180,20 +181,20 @@ def test_a_place_that_cannot_be_written_gives_one_line_and_keeps_what_it_held(
         raise OSError(number, os.strerror(number))
 
     monkeypatch.setattr(tempfile if call == "mkstemp" else os, call, fails)
-    code, out, err = run(monkeypatch, capsys, *asked(command, small, place), "--overwrite")
+    code, out, err = command(asked(verb, small, place), "--overwrite")
     monkeypatch.undo()
     assert (code, out, len(err.splitlines())) == (2, "", 1)
     assert f"cannot be written ({os.strerror(number)})" in err
     assert files(tmp_path) == before
 
 
-@pytest.mark.parametrize("command", QUICK)
+@pytest.mark.parametrize("verb", QUICK)
 @pytest.mark.parametrize("place", ["file/below", "/proc/1/below", "/dev/null/below"])
 def test_a_place_that_is_no_folder_is_told(
-    command: str, place: str, small: Path, tmp_path: Path, monkeypatch: Any, capsys: Any
+    verb: str, place: str, small: Path, tmp_path: Path, command: Command
 ) -> None:
     (tmp_path / "file").write_text("mine")
-    code, out, err = run(monkeypatch, capsys, *asked(command, small, tmp_path / place))
+    code, out, err = command(asked(verb, small, tmp_path / place))
     assert (code, out, len(err.splitlines())) == (2, "", 1)
     assert "cannot be written" in err
     assert files(tmp_path) == {"file": b"mine"}
@@ -208,9 +209,7 @@ time.sleep(60)
 """
 
 
-def test_two_runs_in_one_place_do_not_mix(
-    small: Path, tmp_path: Path, monkeypatch: Any, capsys: Any
-) -> None:
+def test_two_runs_in_one_place_do_not_mix(small: Path, tmp_path: Path, command: Command) -> None:
     place = tmp_path / "made"
     other = subprocess.Popen(
         [sys.executable, "-c", _HOLDS, str(place)], stdout=subprocess.PIPE, text=True
@@ -218,15 +217,15 @@ def test_two_runs_in_one_place_do_not_mix(
     assert other.stdout is not None
     assert other.stdout.readline() == "held\n"
     try:
-        for command in COMMANDS:
-            code, out, err = run(monkeypatch, capsys, *asked(command, small, place))
-            assert (code, out) == (2, ""), command
+        for verb in COMMANDS:
+            code, out, err = command(asked(verb, small, place))
+            assert (code, out) == (2, ""), verb
             assert "another maidenflight is writing there" in err
         assert files(tmp_path) == {}
     finally:
         other.send_signal(signal.SIGKILL)
         other.communicate()
-    assert run(monkeypatch, capsys, *asked("drone", small, place))[0] == 0
+    assert command(asked("drone", small, place))[0] == 0
 
 
 def test_a_place_is_given_back(tmp_path: Path) -> None:
@@ -268,26 +267,24 @@ def test_a_place_that_is_given_back_while_another_asks_for_it_is_claimed_anew(
 
 
 @pytest.mark.parametrize("option", ["--duration", "--excitation"])
-def test_a_number_that_is_none_is_refused(
-    option: str, tmp_path: Path, monkeypatch: Any, capsys: Any
-) -> None:
-    code, _, err = run(monkeypatch, capsys, "record", "-o", tmp_path / "made", option, "nan")
+def test_a_number_that_is_none_is_refused(option: str, tmp_path: Path, command: Command) -> None:
+    code, _, err = command(f"record -o {tmp_path}/made {option} nan")
     assert code == 2
     assert "'nan'; expected a number from" in err
 
 
 @pytest.mark.parametrize(
-    "command",
+    "verb",
     [name for name in COMMANDS if find_verb(name).resumable_from is None],
 )
 def test_ctrl_c_is_one_line_and_130(
-    command: str, small: Path, tmp_path: Path, monkeypatch: Any, capsys: Any
+    verb: str, small: Path, tmp_path: Path, monkeypatch: Any, command: Command
 ) -> None:
     def interrupted(*_arguments: Any, **_options: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(find_verb(command), "compute", interrupted)
-    code, out, err = run(monkeypatch, capsys, *asked(command, small, tmp_path / "made"))
+    monkeypatch.setattr(find_verb(verb), "compute", interrupted)
+    code, out, err = command(asked(verb, small, tmp_path / "made"))
     assert (code, out) == (130, "")
     assert (
         err.strip()
@@ -306,7 +303,7 @@ def hears_ctrl_c() -> Iterator[None]:
 
 @pytest.mark.usefixtures("hears_ctrl_c")
 def test_ctrl_c_in_a_callback_of_the_garbage_collector_is_not_lost(
-    monkeypatch: Any, capsys: Any
+    monkeypatch: Any, command: Command
 ) -> None:
     def collecting(phase: str, _told: Any) -> None:
         if phase == "start" and not fired:
@@ -322,7 +319,7 @@ def test_ctrl_c_in_a_callback_of_the_garbage_collector_is_not_lost(
     fired: list[int] = []
     monkeypatch.setattr(parameters, "read", busy)
     try:
-        code, out, err = run(monkeypatch, capsys, "drone", "crazyflie")
+        code, out, err = command("drone crazyflie")
     finally:
         gc.callbacks.remove(collecting)
     assert (code, out, fired) == (130, "", [1])
@@ -332,7 +329,7 @@ def test_ctrl_c_in_a_callback_of_the_garbage_collector_is_not_lost(
 @pytest.mark.usefixtures("hears_ctrl_c")
 @pytest.mark.parametrize("sent", [True, False])
 def test_ctrl_c_that_an_extension_module_turns_into_an_import_error_is_not_lost(
-    sent: bool, monkeypatch: Any, capsys: Any
+    sent: bool, monkeypatch: Any, command: Command
 ) -> None:
     """As jaxlib does when it falls into its start; an import that fails by itself stays what it
     is."""
@@ -347,12 +344,12 @@ def test_ctrl_c_that_an_extension_module_turns_into_an_import_error_is_not_lost(
     monkeypatch.setattr(parameters, "read", importing)
     before = signal.getsignal(signal.SIGINT)
     if sent:
-        code, out, err = run(monkeypatch, capsys, "drone", "crazyflie")
+        code, out, err = command("drone crazyflie")
         assert (code, out) == (130, "")
         assert err.strip().startswith("maidenflight: interrupted")
     else:
         with pytest.raises(ImportError, match="initializing"):
-            run(monkeypatch, capsys, "drone", "crazyflie")
+            command("drone crazyflie")
     assert signal.getsignal(signal.SIGINT) is before
 
 

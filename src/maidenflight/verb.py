@@ -195,7 +195,8 @@ class Verb:
             WriteError: a file cannot be written.
         """
         # A verb may keep what it reads: of this run alone.
-        verb = replace(self)  # type: ignore[type-var]
+        verb = object.__new__(type(self))
+        vars(verb).update((name, getattr(self, name)) for name, _ in self.settings().values())
         verb.check_early()
         verb.check()
         place = verb.choose_output(output)
