@@ -26,7 +26,7 @@ from maidenflight.simulator.virtual_drone import virtual_drone
 
 pytestmark = pytest.mark.slow
 
-IMU = Path(__file__).parents[3] / "shared" / "data" / "usd_imu"
+IMU = Path(__file__).parents[4] / "shared" / "data" / "usd_imu"
 ONCE = Likelihood(trials=1)
 DRONE = virtual_drone(1)
 

@@ -12,7 +12,7 @@ from maidenflight.identification.signals.flight_signals import lagged
 from maidenflight.identification.signals.motor_response import BETWEEN, motor_response
 from maidenflight.parameters import crazyflie
 
-USD = Path(__file__).parents[3] / "shared" / "data" / "usd"
+USD = Path(__file__).parents[4] / "shared" / "data" / "usd"
 DRONE = crazyflie()
 PERIOD, LAG, LATENCY, THRUST = 0.002, 0.07, 0.006, 4.4
 
