@@ -40,6 +40,7 @@ from maidenflight.policy_file import read
 from maidenflight.simulator import control, mellinger, tasks, trajectories
 from maidenflight.simulator.control import Controller
 from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.position_pid import position_pid
 from maidenflight.simulator.trajectories import Trajectory
 from maidenflight.simulator.virtual_drone import VirtualDrone, virtual_drone
@@ -226,8 +227,8 @@ def precision(
     for place, (name, policy) in enumerate([*several, *((name, None) for name in makers)]):
         assert policy is None or isinstance(policy, Policy)
         controller = makers[name] if policy is None else control.controller_for(policy.interface)
-        seen = {} if policy is None else {"spec": policy.spec}
-        env = drone.environment(task, controller, **seen)
+        spec = PolicySpec() if policy is None else policy.spec
+        env = drone.environment(task, controller, spec=spec)
         flown = jax.tree.map(np.asarray, _fly(env, drone.parameters, keys, policy, SECONDS))
         for number in range(flights):
             one = Rows(*(column[number] for column in flown))

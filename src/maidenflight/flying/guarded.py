@@ -32,7 +32,7 @@ class Trials(NamedTuple):
     """What each trial of each policy flies."""
     keys: Array
     """Of each trial."""
-    wanted: Bool[Array, "policies lanes"]
+    wanted: Bool[Any, "policies lanes"]
     """Whether a trial is flown at all; the others end at once."""
 
 

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -81,7 +82,7 @@ class Flown:
 
         The command is computed from the motor ratio by the law of the supply, as for a real log.
         """
-        logged: Any = Rows(*map(np.asarray, self.rows))
+        logged: Any = jax.tree.map(np.asarray, self.rows)
         supply = self.supply
         command = battery.thrust_command(logged.ratio, logged.battery[:, None], supply)
         return Flight(
