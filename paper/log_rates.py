@@ -21,7 +21,7 @@ import maidenflight as mf
 from maidenflight import results
 from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight, thinned
-from maidenflight.identification import identify as accepted
+from maidenflight.identification.outcome import problem as accepted
 from maidenflight.parameters import Parameters, component
 
 OVER = ("thrust_to_weight", "motor_time_constant", "latency", "inertia_x")

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from maidenflight import terminal
-from maidenflight.identification import identify, likelihood
+from maidenflight.identification import identify, methods
 from maidenflight.training import defaults
 from maidenflight.verb import Progress, Result
 from maidenflight.verbs.demo import Demo, Stages
@@ -47,10 +47,10 @@ def runs(
     tmp_path_factory: pytest.TempPathFactory,
 ) -> Iterator[list[tuple[Path, Result]]]:
     """Two demos of a seed, each with its folder."""
-    assert identify.Likelihood is likelihood.Likelihood
-    coarse = partial(likelihood.Likelihood, physics_step=0.005, coarse_physics_step=0.005)
+    assert identify.Likelihood is methods.Likelihood
+    coarse = partial(methods.Likelihood, physics_step=0.005, coarse_physics_step=0.005)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(likelihood, "Likelihood", coarse)
+        patch.setattr(methods, "Likelihood", coarse)
         patch.setitem(defaults.SETTINGS, "pwm", QUICK)
         folders = [tmp_path_factory.mktemp(name) / "run" for name in ("one", "two")]
         yield [(folder, Demo(seed=3).compute(folder, HEARD, LESS)) for folder in folders]

@@ -4,8 +4,8 @@ from typing import Any
 import jax
 import numpy as np
 import pytest
-from flights.made_flights import calm
 
+from made_flights import calm
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import activity, transfer
 from maidenflight.flying import engine

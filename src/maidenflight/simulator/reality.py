@@ -187,7 +187,10 @@ _MEMBERS = ("name", "rate", "hover", "takes", "reset", "step", "observe", "truth
 
 
 def _hint(kind: str, rest: str) -> str:
-    meant = get_close_matches(kind, [*VARIANTS, *REALITIES, *parameters.DRONES], 1)
+    own = [*VARIANTS, *parameters.DRONES]
+    # Without a word behind it, a name as like a drone's as a simulator's is the drone's.
+    meant = [] if rest else get_close_matches(kind, own, 1)
+    meant = meant or get_close_matches(kind, [*own, *REALITIES], 1)
     if not meant:
         return ""
     if meant[0] in parameters.DRONES:

@@ -61,13 +61,14 @@ class Plan(Verb):
         cure = "Plan for a drone's TOML file or name, or virtual:SEED."
         known = core.must_be_virtual(core.drones.find_reality(self.drone, self.accept_bounds), cure)
         found = core.planning.plan(
-            *(known, self.room, self.seconds, self.key),
-            interest=self.interest,
-            rate=self.rate,
-            motors=self.motors,
-            firmware=self.firmware,
-            seed=self.seed,
-            held=self.drone in core.parameters.DRONES,
+            known,
+            core.planning.Request(
+                *(self.room, self.seconds, self.interest, self.rate, self.motors),
+                firmware=self.firmware,
+                seed=self.seed,
+                held=self.drone in core.parameters.DRONES,
+            ),
+            self.key,
             on_stage=progress.move,
         )
         drone = shared.own_files(self.drone)

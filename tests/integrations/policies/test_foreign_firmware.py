@@ -33,6 +33,6 @@ def test_flights_begin_anew() -> None:
     seen = drone.observe()
     fly = policy.begin(0.5, tasks.circle())
     first, second = fly(seen, setpoint), fly(seen, setpoint)
-    assert first.shape == (4,)
+    assert np.shape(first) == (4,)
     assert not np.array_equal(first, second)
     np.testing.assert_array_equal(policy.begin(0.5, tasks.circle())(seen, setpoint), first)
