@@ -80,19 +80,17 @@ def test_a_module_imports_only_earlier_stages(module):
 
 
 MOST_ARGUMENTS, MOST_LINES = 8, 100
-UNDER_WAY = ("flights", "experiments", "identification", "reporting")
-"""Folders whose functions are not yet within these limits."""
+BEYOND = {"predict_flight_times"}
+"""Functions that take more: each of its settings is one that callers change alone."""
 
 
-@pytest.mark.parametrize(
-    "module", [path for path in MODULES if path.parts[0] not in UNDER_WAY], ids=str
-)
+@pytest.mark.parametrize("module", MODULES, ids=str)
 def test_functions_are_short_and_take_few_arguments(module):
     for node in ast.walk(ast.parse((ROOT / module).read_text())):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             taken = (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)
             names = [one.arg for one in taken if one.arg not in ("self", "cls")]
-            assert len(names) <= MOST_ARGUMENTS, node.name
+            assert len(names) <= MOST_ARGUMENTS or node.name in BEYOND, node.name
             assert (node.end_lineno or 0) - node.lineno < MOST_LINES, node.name
 
 
