@@ -17,9 +17,9 @@ from maidenflight.verbs.identify import Identify
 from maidenflight.verbs.logs import note_mass, read_start
 
 NOTHING = Identification(
-    *(crazyflie(), {}, {}, {}, "likelihood", 0.0, 0.0, 1),
-    *(Source(1, 9.0, True, "subsampled", 65535.0), 1, 0.0),
-    *(polars.DataFrame({"trial": [1], "objective": [0.0]}), {}, (), {}, ()),
+    *(crazyflie(), {}, "likelihood", 0.0, 0.0, 1),
+    *(Source(1, 9.0, True, "subsampled", 65535.0), 1),
+    *(polars.DataFrame({"trial": [1], "objective": [0.0]}), {}, ()),
 )
 """What an identification found that identified nothing."""
 
