@@ -7,8 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from maidenflight.identification.likelihood.estimator import Estimated, Models, Question, estimated
-from maidenflight.identification.likelihood.laplace import measured_by_others
+from maidenflight.identification.likelihood.estimator import (
+    Answer,
+    Models,
+    Question,
+    answer_question,
+)
+from maidenflight.identification.likelihood.laplace import Others
 from maidenflight.identification.likelihood.observation import NoiseModel, ObservationModel
 from maidenflight.identification.likelihood.selection import Parts
 from maidenflight.identification.methods import Likelihood
@@ -49,13 +54,13 @@ class Lines(ObservationModel):
         return self(parameters), scores / self.rows, curvatures / self.rows
 
 
-def answer(names: tuple[str, ...], trials: int = 1, **known: Any) -> Estimated:
+def answer(names: tuple[str, ...], trials: int = 1, **known: Any) -> Answer:
     flights: Any = [SimpleNamespace(name="none")]
     source: Any = None
     problem = Problem(flights, source, START, None, {}, np.random.default_rng(3), Reporter(None))
     model = Lines(0)
     question = Question(Models(model, model, model), names, START, **known)
-    return estimated(problem, Likelihood(trials=trials), question)
+    return answer_question(problem, Likelihood(trials=trials), question)
 
 
 def least_squares(columns: list[int], left: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -76,7 +81,7 @@ def test_value_and_interval_are_those_of_least_squares() -> None:
     np.testing.assert_allclose(found.optima[0], found.optima[1], atol=1e-4)
 
 
-def follows(found: Estimated) -> None:
+def follows(found: Answer) -> None:
     """Where the first slope is larger the second is smaller, by the causes' regression."""
     one, other = (Lines(0).causes[..., place].ravel() for place in (0, 1))
     slope = np.polyfit(found.samples["drag_x"], found.samples["drag_y"], 1)[0]
@@ -85,7 +90,7 @@ def follows(found: Estimated) -> None:
 
 def test_what_is_seen_is_not_searched_for_and_the_rest_follows() -> None:
     shown = np.random.default_rng(1).normal(1.0, 0.1, 500)
-    found = answer(NAMES[:2], seen={"drag_x": shown})
+    found = answer(NAMES[:2], samples={"drag_x": shown})
     assert found.best.drone.drag[0] == pytest.approx(np.median(shown), rel=1e-6)
     left = Lines(0).measured - np.median(shown) * Lines(0).causes[..., 0]
     assert found.best.drone.drag[1] == pytest.approx(least_squares([1], left)[0][0], abs=1e-3)
@@ -94,7 +99,7 @@ def test_what_is_seen_is_not_searched_for_and_the_rest_follows() -> None:
 
 def test_samples_of_another_sensor_are_followed_and_handed_on() -> None:
     shown = np.random.default_rng(1).normal(0.2, 0.1, 500)
-    found = answer(NAMES[1:2], others=lambda drone: measured_by_others({"drag_x": shown}, drone))
+    found = answer(NAMES[1:2], others=lambda drone: Others.from_samples({"drag_x": shown}, drone))
     assert list(found.samples) == ["drag_y", "drag_x"]
     np.testing.assert_array_equal(found.samples["drag_x"], shown)
     assert found.best.drone.drag[0] == START.drag[0]

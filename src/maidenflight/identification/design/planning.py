@@ -165,7 +165,7 @@ def plan(
         for one in library(half_width, half_height, request.motors)
     }
     keys = jax.random.split(key, len(looks) + 2)
-    drone, drones, found, flights, notes = _held(drone, request, looks, keys, on_stage)
+    drone, drones, found, flights, notes = _find_held_drone(drone, request, looks, keys, on_stage)
     left_out = {one.name: why for one in looks if (why := allowed.excess(found[one], room))}
     kept = [number for number, one in enumerate(looks) if one.name not in left_out]
     on_stage(OTHERS + 1, OTHERS + 3, "information of each manoeuvre")
@@ -192,7 +192,7 @@ def plan(
     return Planned(made, left_out, untold, excess, tuple(notes))
 
 
-def _held(
+def _find_held_drone(
     drone: VirtualDrone,
     request: Request,
     looks: Mapping[Manoeuvre, FlightPlan],

@@ -19,7 +19,6 @@ from maidenflight.identification.likelihood.laplace import (
     NO_OTHERS,
     Others,
     Posterior,
-    anywhere_in,
     posterior,
 )
 from maidenflight.identification.likelihood.observation import ObservationModel
@@ -66,7 +65,7 @@ class Question:
     """By which groups of parameters are chosen; none are without."""
     groups: Mapping[str, Sequence[str]] = field(default_factory=dict)
     """Parameters that are added if they predict held-out flight better."""
-    seen: Mapping[str, Float[np.ndarray, "N"]] = field(default_factory=dict)
+    samples: Mapping[str, Float[np.ndarray, "N"]] = field(default_factory=dict)
     """Samples of parameters that logs show by themselves, and which are not searched for."""
     others: Callable[[Parameters], Others] = lambda drone: NO_OTHERS
     """From the drone found, parameters that are not fitted and have samples of their own."""
@@ -79,8 +78,8 @@ class Question:
 
 
 @dataclass(frozen=True)
-class Estimated:
-    """An answer to a `Question`."""
+class Answer:
+    """What answers a `Question`."""
 
     fits: tuple[Fit, ...]
     """One for each trial."""
@@ -109,16 +108,14 @@ class Estimated:
         """The best point of each trial, in the unit cube."""
         return np.array([one.points[int(np.argmin(one.values))] for one in self.fits])
 
-    def without(
-        self, lost: Ranges, start: Parameters, generator: np.random.Generator
-    ) -> "Estimated":
+    def without(self, lost: Ranges, start: Parameters, generator: np.random.Generator) -> "Answer":
         """Returns the same without some parameters.
 
         They have the start's values, and samples anywhere in the ranges that are plausible.
         """
         values = {name: np.float32(component(start, name)) for name in lost}
         drone = replace_values(self.best.drone, **values)
-        others = {**self.posterior.others, **anywhere_in(lost, drone, generator).samples}
+        others = {**self.posterior.others, **Others.from_ranges(lost, drone, generator).samples}
         return replace(
             self,
             best=replace(self.best, drone=drone),
@@ -127,7 +124,7 @@ class Estimated:
         )
 
 
-def estimated(problem: Problem, settings: Likelihood, question: Question) -> Estimated:
+def answer_question(problem: Problem, settings: Likelihood, question: Question) -> Answer:
     """Answers a question.
 
     Args:
@@ -138,28 +135,28 @@ def estimated(problem: Problem, settings: Likelihood, question: Question) -> Est
     Raises:
         InputError: there is nothing to fit, or something that cannot be searched.
     """
-    names, first, gains = _chosen(problem, settings.evaluations, question)
+    names, first, gains = _choose(problem, settings.evaluations, question)
     fits, best = _trials(problem, settings, question, names, first)
     found, tell = fits[best], problem.reporter.stage
     tell(INTERVALS, 0, 2)
     others = {
-        way: fit(problem, settings.evaluations, [model], some, found.drone, question.seen)
+        way: fit(problem, settings.evaluations, [model], some, found.drone, question.samples)
         for way, (model, some) in question.ways(names).items()
     }
     tell(INTERVALS, 1, 2)
     drawn = posterior(
         found,
-        question.seen,
+        question.samples,
         question.others(found.drone),
         question.doubt(found, others),
         problem.generator,
         at_least_laplace=question.at_least_laplace,
     )
     tell(INTERVALS, 2, 2)
-    return Estimated(tuple(fits), found, others, drawn, tuple(gains))
+    return Answer(tuple(fits), found, others, drawn, tuple(gains))
 
 
-def _chosen(
+def _choose(
     problem: Problem, evaluations: int, question: Question
 ) -> tuple[tuple[str, ...], Parameters, list[GroupGain]]:
     """The parameters that predict held-out flights better, and the best drone of the others."""
@@ -170,7 +167,7 @@ def _chosen(
 
     def roughly(names: Sequence[str], first: Parameters) -> Parameters:
         found = fit(
-            problem, evaluations, models, names, first, question.seen, close=selection.ROUGH
+            problem, evaluations, models, names, first, question.samples, close=selection.ROUGH
         )
         return found.drone
 
@@ -198,15 +195,15 @@ def _trials(
     # The last steps are the fine model's, whose optimum is farther away than this.
     close, count = (0.0, trials) if fine is coarse else (selection.ROUGH, trials + 1)
     tell(FITTING, 0, count)
-    found = [fit(problem, most, [coarse], names, first, question.seen, close=close)]
+    found = [fit(problem, most, [coarse], names, first, question.samples, close=close)]
     for trial in range(1, trials):
         tell(FITTING, trial, count)
         models, start = [pilot, coarse], question.start
         found.append(
-            fit(problem, most, models, names, start, question.seen, at_random=True, close=close)
+            fit(problem, most, models, names, start, question.samples, at_random=True, close=close)
         )
     best = int(np.argmin([one.value for one in found]))
     if fine is not coarse:
         tell(FITTING, trials, count)
-        found[best] = fit(problem, most, [fine], names, found[best].drone, question.seen)
+        found[best] = fit(problem, most, [fine], names, found[best].drone, question.samples)
     return found, best

@@ -41,29 +41,33 @@ class Others(NamedTuple):
     vary: bool
     """Whether segments of flight may differ in them."""
 
+    @classmethod
+    def from_samples(
+        cls, samples: Mapping[str, Float[np.ndarray, "N"]], drone: Parameters
+    ) -> "Others":
+        """Returns parameters of a drone of which another sensor gave samples."""
+        if not samples:
+            return NO_OTHERS
+        values = np.array([float(component(drone, name)) for name in samples])
+        moves = np.stack(list(samples.values()), axis=1) - values
+        return cls(samples, moves, np.ones(len(values)), False)
+
+    @classmethod
+    def from_ranges(
+        cls, ranges: Ranges, drone: Parameters, generator: np.random.Generator
+    ) -> "Others":
+        """Returns parameters of a drone that may be anywhere in their ranges."""
+        samples = {name: generator.uniform(*ends, RESAMPLES) for name, ends in ranges.items()}
+        if not samples:
+            return NO_OTHERS
+        box = Box(tuple(ranges), *zip(*ranges.values(), strict=True))
+        unit = box.unit_of(drone)
+        moves = box.unit(np.stack(list(samples.values()), axis=1)) - unit
+        return cls(samples, moves, box.slope(unit), True)
+
 
 NO_OTHERS = Others({}, np.empty((RESAMPLES, 0)), np.empty(0), False)
 """None of them."""
-
-
-def measured_by_others(samples: Mapping[str, Float[np.ndarray, "N"]], drone: Parameters) -> Others:
-    """Returns parameters of a drone of which another sensor gave samples."""
-    if not samples:
-        return NO_OTHERS
-    values = np.array([float(component(drone, name)) for name in samples])
-    moves = np.stack(list(samples.values()), axis=1) - values
-    return Others(samples, moves, np.ones(len(values)), False)
-
-
-def anywhere_in(ranges: Ranges, drone: Parameters, generator: np.random.Generator) -> Others:
-    """Returns parameters of a drone that may be anywhere in their ranges."""
-    samples = {name: generator.uniform(*ends, RESAMPLES) for name, ends in ranges.items()}
-    if not samples:
-        return NO_OTHERS
-    box = Box(tuple(ranges), *zip(*ranges.values(), strict=True))
-    unit = box.unit_of(drone)
-    moves = box.unit(np.stack(list(samples.values()), axis=1)) - unit
-    return Others(samples, moves, box.slope(unit), True)
 
 
 @dataclass(frozen=True)

@@ -41,14 +41,14 @@ FILTER = 1e-3
 commands are samples of a faster loop, half a row is added."""
 
 
-def is_held(flights: Sequence[Flight]) -> bool:
+def commands_are_held(flights: Sequence[Flight]) -> bool:
     """Returns whether each logged command acted until the next."""
     return all(flight.zero_order_hold for flight in flights)
 
 
-def of_states(flights: Sequence[Flight], settings: Likelihood, names: Sequence[str]) -> Ways:
+def ways_of_states(flights: Sequence[Flight], settings: Likelihood, names: Sequence[str]) -> Ways:
     """Returns other ways of fitting logs with a state."""
-    if is_held(flights):
+    if commands_are_held(flights):
         return {}
     sparse = [thinned(one, _SPARSER) for one in flights]
     model = one_step_objective(sparse, settings, _SPARSER * settings.physics_step)
@@ -61,12 +61,12 @@ def doubt_of_states(found: Fit, others: Mapping[str, Fit]) -> Float[np.ndarray, 
     return np.diag(np.sum(np.square(apart), axis=0) if apart else np.zeros(len(found.box.names)))
 
 
-def of_sensor(flights: Sequence[Flight], model: SensorErrors, names: Sequence[str]) -> Ways:
+def ways_of_sensor(flights: Sequence[Flight], model: SensorErrors, names: Sequence[str]) -> Ways:
     """Returns other ways of fitting a sensor."""
     found: dict[str, tuple[SensorErrors, Sequence[str]]] = {WHITE: (model.white(), names)}
     if {"inertia_x", "inertia_y"} <= set(names):
         found[OWN_LAG] = model, (*names, *DELAYS)
-    if not is_held(flights):
+    if not commands_are_held(flights):
         sparse = [thinned(one, _SPARSER) for one in flights]
         found[SPARSER] = type(model).of(sparse, model.priors), names
     return found
@@ -76,7 +76,11 @@ def doubt_of_sensor(
     flights: Sequence[Flight], found: Fit, others: Mapping[str, Fit]
 ) -> Float[np.ndarray, "d d"]:
     """Returns the covariance in the unit cube of what they differ by, and of the sensor's delay."""
-    late = FILTER if is_held(flights) else float(np.hypot(FILTER, flights[0].period / np.sqrt(12)))
+    late = (
+        FILTER
+        if commands_are_held(flights)
+        else float(np.hypot(FILTER, flights[0].period / np.sqrt(12)))
+    )
     box, names, unit = found.box, found.box.names, found.optimum
     slope = box.slope(unit)
     covariance = np.zeros((len(names), len(names)))

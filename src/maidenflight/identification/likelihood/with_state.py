@@ -14,10 +14,10 @@ from jaxtyping import Float
 
 from maidenflight.flights.log import Flight
 from maidenflight.identification.likelihood import information, other_ways, selection
-from maidenflight.identification.likelihood.estimator import Models, Question, estimated
+from maidenflight.identification.likelihood.estimator import Models, Question, answer_question
 from maidenflight.identification.likelihood.fit import box_of, fit
 from maidenflight.identification.likelihood.flight_differences import differences
-from maidenflight.identification.likelihood.laplace import anywhere_in
+from maidenflight.identification.likelihood.laplace import Others
 from maidenflight.identification.likelihood.noise_levels import noise_levels
 from maidenflight.identification.likelihood.observation import ObservationModel
 from maidenflight.identification.likelihood.one_step import LENGTH, OneStep, one_step_objective
@@ -78,7 +78,7 @@ def identified(problem: Problem, settings: Likelihood) -> Identification:
     untold = {name: one.prior for name, one in expected.items() if not one.identifiable}
     while True:
         question = _question(problem, settings, (coarse, fine), motors, untold)
-        found = estimated(problem, settings, question)
+        found = answer_question(problem, settings, question)
         box, draws = found.best.box, found.samples
         wide = _too_wide(draws, box.names, expected, _groups(problem, motors))
         if not wide:
@@ -216,8 +216,8 @@ def _question(
         parts,
         {group: names for group, names in left.items() if names},
         _seen(motors),
-        partial(anywhere_in, untold, generator=problem.generator),
-        partial(other_ways.of_states, problem.flights, settings),
+        partial(Others.from_ranges, untold, generator=problem.generator),
+        partial(other_ways.ways_of_states, problem.flights, settings),
         other_ways.doubt_of_states,
     )
 

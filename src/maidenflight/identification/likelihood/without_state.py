@@ -16,14 +16,14 @@ from jaxtyping import Float
 from maidenflight.errors import InputError
 from maidenflight.identification.likelihood import other_ways
 from maidenflight.identification.likelihood.estimator import (
-    Estimated,
+    Answer,
     Models,
     Question,
-    estimated,
+    answer_question,
 )
 from maidenflight.identification.likelihood.fit import Fit, box_of
 from maidenflight.identification.likelihood.inertial_errors import AccelerometerErrors, GyroErrors
-from maidenflight.identification.likelihood.laplace import measured_by_others
+from maidenflight.identification.likelihood.laplace import Others
 from maidenflight.identification.likelihood.observation import MOTORS
 from maidenflight.identification.likelihood.other_ways import ABOUT_Z, OWN_LAG, WHITE
 from maidenflight.identification.likelihood.sensor_errors import SensorErrors
@@ -156,7 +156,7 @@ def _asked(problem: Problem, first: tuple[str, ...], shown: tuple[str, ...]) -> 
     return first if problem.over is None else tuple(one for one in problem.over if one in shown)
 
 
-def _force(problem: Problem, settings: Likelihood) -> Estimated | None:
+def _force(problem: Problem, settings: Likelihood) -> Answer | None:
     """What the accelerometer tells."""
     names, start = _asked(problem, FORCE, OF_ACCELEROMETER), problem.start
     if not names:
@@ -170,7 +170,7 @@ def _force(problem: Problem, settings: Likelihood) -> Estimated | None:
     }
     model = AccelerometerErrors.of(problem.flights, priors)
     groups = FORCE_GROUPS if problem.over is None else {}
-    found = _told(problem, settings, model, names, groups, start)
+    found = _ask_sensor(problem, settings, model, names, groups, start)
     plausible = _plausible(problem, tuple(found.samples), priors)
     lost = [name for name in DELAYS if name in names and not _lag_is_told(found, plausible)]
     if lost:
@@ -186,11 +186,11 @@ def _force(problem: Problem, settings: Likelihood) -> Estimated | None:
     if not kept:
         return less
     known = {name: less.samples[name] for name in lost}
-    again = _told(problem, settings, model, kept, {}, less.best.drone, known)
+    again = _ask_sensor(problem, settings, model, kept, {}, less.best.drone, known)
     return replace_(again, untold=less.untold, gains=found.gains)
 
 
-def _told(
+def _ask_sensor(
     problem: Problem,
     settings: Likelihood,
     model: SensorErrors,
@@ -198,7 +198,7 @@ def _told(
     groups: Mapping[str, Sequence[str]],
     start: Parameters,
     known: Mapping[str, Float[np.ndarray, "N"]] | None = None,
-) -> Estimated:
+) -> Answer:
     """What a sensor tells of some parameters, given samples of others."""
     question = Question(
         Models(model, model, model),
@@ -206,12 +206,12 @@ def _told(
         start,
         parts=model.parts() if groups else None,
         groups=groups,
-        others=partial(measured_by_others, known or {}),
-        ways=partial(other_ways.of_sensor, problem.flights, model),
+        others=partial(Others.from_samples, known or {}),
+        ways=partial(other_ways.ways_of_sensor, problem.flights, model),
         doubt=partial(other_ways.doubt_of_sensor, problem.flights),
         at_least_laplace=True,
     )
-    return estimated(problem, settings, question)
+    return answer_question(problem, settings, question)
 
 
 def _plausible(
@@ -227,7 +227,7 @@ def _plausible(
     return found
 
 
-def _lag_is_told(found: Estimated, plausible: Ranges) -> bool:
+def _lag_is_told(found: Answer, plausible: Ranges) -> bool:
     """Whether lag and latency together are told, and neither lies at a search bound."""
     if np.isinf([found.posterior.error.get(name, 0.0) for name in DELAYS]).any():
         return False
@@ -237,7 +237,7 @@ def _lag_is_told(found: Estimated, plausible: Ranges) -> bool:
     )
 
 
-def _torque(problem: Problem, settings: Likelihood, force: Estimated | None) -> Estimated | None:
+def _torque(problem: Problem, settings: Likelihood, force: Answer | None) -> Answer | None:
     """What the gyro tells, given what the accelerometer tells."""
     names = _asked(problem, TORQUE, OF_GYRO)
     if not names:
@@ -245,7 +245,7 @@ def _torque(problem: Problem, settings: Likelihood, force: Estimated | None) -> 
     known, drone = ({}, problem.start) if force is None else (force.samples, force.best.drone)
     model = GyroErrors.of(problem.flights)
     groups = TORQUE_GROUPS if problem.over is None else {}
-    found = _told(problem, settings, model, names, groups, drone, known)
+    found = _ask_sensor(problem, settings, model, names, groups, drone, known)
     plausible = _plausible(problem, names, {})
     error = found.posterior.error
     lost = {name: plausible[name] for name in names if not is_told(error[name], plausible[name])}
@@ -301,7 +301,7 @@ def _in_box(fit: Fit, box: Box) -> tuple[Float[np.ndarray, "n d"], Float[np.ndar
     return box.unit(values), fit.values
 
 
-def _motors(found: Sequence[Estimated]) -> MotorResponse | None:
+def _motors(found: Sequence[Answer]) -> MotorResponse | None:
     """What the signals show of the motors' lag."""
     force = found[0]
     if not set(DELAYS) <= force.samples.keys():
