@@ -4,10 +4,8 @@ from collections.abc import Collection
 
 import polars
 
+from maidenflight.experiments.recovery import LASTS
 from maidenflight.experiments.transfer import LIMIT_CYCLE
-from maidenflight.simulator.failures import END_REASONS, TIME_LIMIT
-
-_LASTS = END_REASONS[TIME_LIMIT]
 
 
 def summarize(flights: polars.DataFrame) -> polars.DataFrame:
@@ -20,7 +18,7 @@ def summarize(flights: polars.DataFrame) -> polars.DataFrame:
     """
     return flights.group_by("policy", "reality", maintain_order=True).agg(
         polars.len().alias("flights"),
-        (polars.col("end_reason") == _LASTS).sum().alias("time_limit"),
+        (polars.col("end_reason") == LASTS).sum().alias("time_limit"),
         polars.col("duration").mean(),
         polars.col("position_error").mean(),
         polars.col("command_change").mean(),

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from maidenflight import names
-from maidenflight.deployment import EXPORTERS
+from maidenflight.registry import EXPORTERS
 from maidenflight.settings import choice, setting
 from maidenflight.terminal import Table
 from maidenflight.verb import Progress, Result, Verb
