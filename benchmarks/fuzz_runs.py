@@ -32,7 +32,6 @@ def run_readers() -> list[Reader]:
         run_folder.WINDOWS.name: run_folder.WINDOWS,
         f"{run_folder.POLICIES}/{run_folder.TRAINING.name}": run_folder.TRAINING,
         f"{run_folder.TRANSFER}/{run_folder.FLIGHTS.name}": run_folder.FLIGHTS,
-        run_folder.EVALUATIONS.name: run_folder.EVALUATIONS,
     }
     tables = {place: tuple(table.columns) for place, table in places.items()}
     own = tuple(column for columns in log.GROUPS.values() for column in columns)
@@ -81,8 +80,6 @@ def whole_run() -> dict[str, bytes]:
     around = {
         "reality.toml": drone(record=RECORD),
         "drone.toml": IDENTIFIED.to_toml("drone").encode(),
-        "identification.csv": b"trial,motor_time_constant,latency,objective\n"
-        b"1,0.08,0.018,5.0\n1,0.09,0.017,6.0\n1,0.07,0.015,7.0\n",
         "validation.csv": "# errors\n# record: "
         f"{json.dumps(RECORD)}\n{tests.errors().write_csv()}".encode(),
         "validation_windows.csv": "# windows\n# record: "
