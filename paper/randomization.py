@@ -38,9 +38,9 @@ from scipy import stats
 
 from maidenflight import compiler, results, terminal
 from maidenflight.errors import InputError
-from maidenflight.experiments.real_controller import real_controller
 from maidenflight.experiments.drones import distribution_of, find_reality, possible_drones
 from maidenflight.experiments.flight_times import predict_flight_times
+from maidenflight.experiments.real_controller import real_controller
 from maidenflight.experiments.transfer import MAX_DURATION_S, transfer
 from maidenflight.names import POSTERIOR, TRIMS, WIDE
 from maidenflight.policy import Policy

@@ -20,7 +20,7 @@ from maidenflight.simulator.controllers.interface import INTERFACES
 from maidenflight.simulator.physics import battery
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.studies import worker
-from maidenflight.studies.worker import TaskResult, Order
+from maidenflight.studies.worker import Order, TaskResult
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.verbs.train import Train
 from scripts import PAPER, script
