@@ -67,7 +67,7 @@ class Simulated:
 def find_cells() -> dict[str, list[Train]]:
     """Returns what trains the paper's policies, by control structure, a cell each."""
     cells: dict[str, list[Train]] = {}
-    for task in study.read(STUDY).tasks:
+    for task in study.read_study(STUDY).tasks:
         if task.kind == "train":
             cells.setdefault(task.settings["control"], []).append(Train(**changes_of(task)))
     return cells
@@ -129,7 +129,7 @@ def train(structure: str, together: int, updates: int, folder: Path | None) -> N
             for cell, policies in zip(cells, made, strict=True):
                 place = folder / "_".join([structure, *map(str, cell.changes.values())])
                 for number, policy in enumerate(policies, 1):
-                    policy_file.write(
+                    policy_file.write_policy(
                         run_folder.POLICY.path(place, number), policy, cell.make_record()
                     )
         tell(seconds=seconds, peak=peak())

@@ -60,7 +60,7 @@ def main() -> None:
         "|---|---|---|---|",
     ]
     for mass in MASSES_G:
-        drone = with_mass(parameters.read(DRONE), mass / 1000, DRONE)
+        drone = with_mass(parameters.read_drone(DRONE), mass / 1000, DRONE)
         sunk = [f"{100 * sinking(drone, tilt):.0f} cm" for tilt in TILTS_DEG]
         counts = COUNTS / float(drone.thrust_to_weight)
         rows.append(f"| {mass:.0f} g | {counts:,.0f} counts | {' | '.join(sunk)} |")

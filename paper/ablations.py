@@ -640,7 +640,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def run(given: argparse.Namespace) -> None:
     """All of it, for given arguments."""
-    nominal = parameters.read(given.drone)
+    nominal = parameters.read_drone(given.drone)
     home = VirtualDrone(ITSELF, replace(nominal, time_step=np.float32(0.001)))
     realities = {
         one.name: [one]

@@ -207,8 +207,8 @@ def test_the_python_of_the_transfer_page_runs(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for path in ("policies/policy_1.json", "attitude_rate_066.json"):
-        policy_file.write(path, policy.untrained(jax.random.key(0)))
-    parameters.write("drone.toml", parameters.crazyflie(), {})
+        policy_file.write_policy(path, policy.untrained(jax.random.key(0)))
+    parameters.write_drone("drone.toml", parameters.crazyflie(), {})
     monkeypatch.setattr(
         mf,
         "predict_flight_times",
@@ -226,9 +226,11 @@ def test_the_python_of_the_transfer_page_runs(
 def test_the_python_and_the_commands_of_the_envelopes_page_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("maidenflight.simulator.tasks.trajectories.QUICKENING", 1.0)
+    monkeypatch.setattr("maidenflight.simulator.tasks.trajectories.RAMP_DURATION_S", 1.0)
     monkeypatch.setattr("maidenflight.experiments.envelope.DURATION_S", 0.1)
-    policy_file.write(tmp_path / "policies" / "policy_1.json", policy.untrained(jax.random.key(0)))
+    policy_file.write_policy(
+        tmp_path / "policies" / "policy_1.json", policy.untrained(jax.random.key(0))
+    )
     (snippet,) = blocks("docs/envelope.md", "python")
     names: dict[str, Any] = {}
     exec(compile(snippet, "docs/envelope.md", "exec"), names)
@@ -280,7 +282,7 @@ def test_the_python_and_the_commands_of_the_realities_page_run(
     names: dict[str, Any] = {"policies": policies}
     exec(compile(snippet, "docs/realities.md", "exec"), names)
     assert set(names["flown"].table["reality"]) == {"virtual-7", "worn-7"}
-    policy_file.write("policies/policy_1.json", policies[0])
+    policy_file.write_policy("policies/policy_1.json", policies[0])
     commands = [
         line
         for line in blocks("docs/realities.md", "sh")[0].splitlines()
@@ -326,7 +328,7 @@ def test_a_reality_of_ones_own_as_the_page_on_extending_shows_it(
     assert set(names["flown"].table["reality"]) == {"virtual-7", "mine"}
     assert mf.reality("mine:0").name == "mine"
     Path("my_simulator.py").write_text(made)
-    policy_file.write("policies/policy_1.json", policy.untrained(jax.random.key(0)))
+    policy_file.write_policy("policies/policy_1.json", policy.untrained(jax.random.key(0)))
     (command,) = [
         shlex.split(line)
         for line in blocks("docs/extending.md", "sh")[-1].splitlines()
@@ -594,7 +596,7 @@ def test_a_control_structure_is_added_in_three_places(monkeypatch: pytest.Monkey
     ]
     names: dict[str, Any] = {}
     exec(compile(snippet, "docs/extending.md", "exec"), names)
-    read = policy_file.read("policies/torques.json")
+    read = policy_file.read_policy("policies/torques.json")
     assert read.interface == names["TORQUES"]
     assert control.controller_for(read.interface).interface == names["TORQUES"]
     assert '#define MF_CONTROL "torques"' in Path("firmware/policy.h").read_text()
@@ -716,8 +718,8 @@ def test_a_verb_is_a_file_and_a_line(delay: type[Verb], monkeypatch: pytest.Monk
     (command,) = re.findall(r"`maidenflight (delay [^`]*)`", page)
     cli.commands(shlex.split(command), standalone_mode=False)
     by_command = Path("delayed.toml").read_bytes()
-    usual = float(parameters.read("x500").latency)
-    assert float(parameters.read("delayed.toml").latency) == pytest.approx(usual + 5e-3)
+    usual = float(parameters.read_drone("x500").latency)
+    assert float(parameters.read_drone("delayed.toml").latency) == pytest.approx(usual + 5e-3)
     (call,) = re.findall(r"`(Delay\([^`]*)`", page)
     result = eval(call, {"Delay": delay})
     assert Path("delayed.toml").read_bytes() == by_command
@@ -752,7 +754,7 @@ def test_a_verb_of_ones_own_is_swept_as_the_page_on_clusters_tells(delay: type[V
 
 def test_the_study_of_the_page_on_clusters_has_as_many_tasks_as_it_says() -> None:
     Path("study.toml").write_text(blocks("docs/clusters.md", "toml")[0])
-    kinds = Counter(task.kind for task in study.read("study.toml").tasks)
+    kinds = Counter(task.kind for task in study.read_study("study.toml").tasks)
     assert kinds == {"train": 40, "transfer": 40}
     page = (ROOT / "docs/clusters.md").read_text()
     assert "This one has 40 tasks that train and 40 that fly." in page
@@ -760,7 +762,7 @@ def test_the_study_of_the_page_on_clusters_has_as_many_tasks_as_it_says() -> Non
 
 @pytest.mark.slow
 def test_the_python_of_the_page_on_commands_runs(capsys: pytest.CaptureFixture[str]) -> None:
-    parameters.write("drone.toml", parameters.crazyflie(), {})
+    parameters.write_drone("drone.toml", parameters.crazyflie(), {})
     (snippet,) = blocks("docs/api/index.md", "python")
     less = snippet.replace("updates=200", "updates=2")
     assert less != snippet
@@ -775,7 +777,7 @@ FIRST_HOURS = ("docs/first-hour-crazyflie.md", "docs/first-hour-px4-betaflight.m
 def test_the_snippet_for_a_drone_of_ones_own_writes_it() -> None:
     (drone,) = blocks(FIRST_HOURS[1], "python")
     exec(compile(drone, FIRST_HOURS[1], "exec"), {})
-    assert float(parameters.read("mine.toml").mass) == pytest.approx(1.3)
+    assert float(parameters.read_drone("mine.toml").mass) == pytest.approx(1.3)
 
 
 @pytest.mark.slow
@@ -787,7 +789,7 @@ def test_the_commands_of_a_first_hour_run(
     for number, flight in enumerate(flown):
         for folder in ("flights", "more_flights", "blackbox_flights"):
             log.write(f"{folder}/flight_{number}.csv", flight)
-    parameters.write("mine.toml", parameters.crazyflie(), {})
+    parameters.write_drone("mine.toml", parameters.crazyflie(), {})
     commands = [
         shlex.split(line, comments=True) for line in "".join(blocks(page, "sh")).splitlines()
     ]
@@ -808,7 +810,7 @@ def test_the_commands_of_the_first_hour_with_the_paper_run(
     ):
         log.write(f"authors_flights/pwm/flight_{number}.csv", flight)
     for name in ("pwm_024", "attitude_rate_066", "attitude_021"):
-        policy_file.write(f"{name}.json", policy.untrained(jax.random.key(0)))
+        policy_file.write_policy(f"{name}.json", policy.untrained(jax.random.key(0)))
     for line in "".join(blocks(page, "sh")).splitlines():
         words = shlex.split(line)
         monkeypatch.setattr(sys, "argv", words + LESS_WORK.get(words[1], []))

@@ -27,7 +27,10 @@ physics computes the first again for each use of the next and takes for ever
 
 @functools.cache
 def has_older_emitter() -> bool:
-    """Whether XLA still has its older emitter of loops: up to jaxlib 0.10, Python 3.11's last."""
+    """Returns whether XLA still has its older emitter of loops.
+
+    Up to jaxlib 0.10, Python 3.11's last.
+    """
     from jaxlib.version import __version__
 
     return tuple(map(int, __version__.split(".")[:2])) < (0, 11)

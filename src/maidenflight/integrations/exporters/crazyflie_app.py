@@ -119,7 +119,7 @@ def export_crazyflie(
 
 
 def drives() -> list[str]:
-    """Names of the interfaces whose commands the app can give to the firmware, each a file."""
+    """Lists the interfaces whose commands the app can give to the firmware, each a file."""
     names = [entry.name for entry in _FOLDER.joinpath("src").iterdir()]
     return sorted(name.removesuffix(".drive") for name in names if name.endswith(".drive"))
 
