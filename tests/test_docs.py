@@ -18,19 +18,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import tomlkit
 from click.testing import CliRunner
 from jaxtyping import Array
 
 import maidenflight as mf
 from maidenflight import (
     cli,
-    inputs,
     parameters,
     policy,
     policy_file,
-    results,
-    run_folder,
 )
 from maidenflight import simulator as sim
 from maidenflight.errors import InputError
@@ -51,7 +47,8 @@ from maidenflight.verb import Verb, find_verb
 from quick import QUICK
 
 ROOT = Path(__file__).parent.parent
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+GUIDES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+PAGES = [*GUIDES, ROOT / "CONTRIBUTING.md", *sorted((ROOT / "paper" / "notes").glob("*.md"))]
 LESS_WORK = {
     "record": ["--flights", "2", "--duration", "4"],
     "identify": ["--trials", "1", "--evaluations", "15", "--over", "thrust_to_weight,latency"],
@@ -357,26 +354,6 @@ def test_every_command_that_a_page_shows_is_one_that_there_is() -> None:
     assert shown > 20
 
 
-@pytest.mark.slow
-def test_the_commands_of_the_zero_shot_page_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of its study one cell is trained and flown, and that for moments."""
-    commands = blocks("docs/studies/zero-shot.md", "sh")[0].splitlines()
-    sweeping, drawing = (shlex.split(command, comments=True) for command in commands)
-    train, flown = inputs.from_toml((ROOT / sweeping[2]).read_text())["task"][:2]
-    train["settings"] |= {"policies": 1, "updates": 2}
-    train["settings"]["learner"] |= {
-        **{"num_envs": 4, "horizon": 4, "evaluations": 1, "episodes": 4}
-    }
-    train["grid"] = {name: values[:1] for name, values in train["grid"].items()}
-    flown["settings"] |= {"trials": 1, "duration": 0.5, "reality": ["near:7"]}
-    results.write(sweeping[2], tomlkit.dumps({"task": [train, flown]}))
-    monkeypatch.setattr(sys, "argv", sweeping)
-    cli.main()
-    rows, _ = run_folder.STUDY.read(Path("zero_shot/study.csv"))
-    assert dict(rows.group_by("kind").len().iter_rows()) == {"train": 1, "transfer": 1}
-    assert (ROOT / drawing[1]).exists()
-
-
 def test_the_commands_of_the_pilots_guide_are_ones_that_there_are() -> None:
     lines = [
         shlex.split(line, comments=True)
@@ -514,7 +491,7 @@ def test_the_cells_of_the_notebook_run_and_it_stores_no_outputs() -> None:
 
 
 def test_the_papers_page_names_existing_functions_and_tests_and_every_cited_equation() -> None:
-    text = (ROOT / "docs/studies/paper.md").read_text()
+    text = (ROOT / "paper/notes/paper.md").read_text()
     folders = (ROOT / "tests", ROOT / "paper" / "tests")
     tests = {path.name: path.read_text() for one in folders for path in one.rglob("test_*.py")}
     named = re.findall(r"`(test_\w+\.py)::(test_\w+)`", text)
@@ -528,7 +505,7 @@ def test_the_papers_page_names_existing_functions_and_tests_and_every_cited_equa
     }
     rows = [line for line in text.splitlines() if line.startswith("| `eq:")]
     assert {row.split("`")[1] for row in rows} == cited
-    assert all("](../api/" in row and "::test_" in row for row in rows)
+    assert all("](../../docs/api/" in row and "::test_" in row for row in rows)
 
 
 def shown(page: Path) -> set[str]:
