@@ -27,9 +27,9 @@ from maidenflight.integrations.radio.blocks import MOTORS, STATE
 from maidenflight.names import POSTERIOR
 from maidenflight.parameters import QUANTITIES, Parameters
 from maidenflight.policy import Policy, untrained
-from maidenflight.simulator.interface import INTERFACES, ControlInterface
+from maidenflight.simulator.controllers.interface import INTERFACES, ControlInterface
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.simulator.trajectories import read_waypoints
+from maidenflight.simulator.tasks.trajectories import read_waypoints
 from maidenflight.studies import study as studies
 from maidenflight.studies.study import Study
 from maidenflight.training import checkpoint

@@ -13,7 +13,7 @@ from fuzz_reader import Good, Reader, made
 
 from maidenflight.flights.log import GROUPS, OPTIONAL
 from maidenflight.flights.reading import Flights, read_flights
-from maidenflight.simulator.battery import LARGEST_COMMAND
+from maidenflight.simulator.physics.battery import LARGEST_COMMAND
 
 ROWS = 160
 """Of each good log."""

@@ -29,7 +29,7 @@ import maidenflight as mf
 from maidenflight import parameters, policy_file, run_folder
 from maidenflight.parameters import crazyflie
 from maidenflight.policy import Policy
-from maidenflight.simulator import control
+from maidenflight.simulator.controllers import control
 from maidenflight.simulator.randomization import relative_box
 from maidenflight.studies import study
 from maidenflight.training import defaults

@@ -18,12 +18,15 @@ from page import write
 from maidenflight import parameters
 from maidenflight.parameters import Parameters, noiseless
 from maidenflight.parameters.scaling import with_mass
-from maidenflight.simulator import control, dynamics, environment, rotations, tasks
-from maidenflight.simulator.battery import COUNTS
+from maidenflight.simulator import environment
+from maidenflight.simulator.controllers import control
+from maidenflight.simulator.controllers.pid import ATTITUDE_RATE
+from maidenflight.simulator.controllers.position_pid import position_pid
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.pid import ATTITUDE_RATE
-from maidenflight.simulator.position_pid import position_pid
+from maidenflight.simulator.physics import dynamics, rotations
+from maidenflight.simulator.physics.battery import COUNTS
 from maidenflight.simulator.rollouts import rollout
+from maidenflight.simulator.tasks import tasks
 
 DRONE, MASSES_G, TILTS_DEG = "crazyflie_2.1+", (27.0, 29.0, 31.0, 33.0, 35.0), (0.0, 33.0)
 HEIGHT, SECONDS = 1.0, 4.0

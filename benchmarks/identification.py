@@ -30,7 +30,7 @@ from maidenflight.identification.search import bayesian, gradient
 from maidenflight.identification.search.box import PAPER_BOUNDS, Box
 from maidenflight.identification.search.gauss_newton import NormalEquations, in_unit_cube
 from maidenflight.parameters import Parameters, crazyflie, replace
-from maidenflight.simulator.virtual_drone import VirtualDrone
+from maidenflight.simulator.realities.virtual_drone import VirtualDrone
 
 PAGE = Path(__file__).parent.parent / "paper" / "notes" / "benchmarks.md"
 WINDOWS = 37_673

@@ -28,12 +28,14 @@ import numpy as np  # noqa: E402
 from jax.sharding import Mesh, NamedSharding, PartitionSpec  # noqa: E402
 
 from maidenflight.parameters import Parameters, crazyflie, replace  # noqa: E402
-from maidenflight.simulator import control, dynamics, environment, latency, stepping, vectors  # noqa: E402
-from maidenflight.simulator.actuators import rotor_speed_command  # noqa: E402
+from maidenflight.simulator import environment, stepping  # noqa: E402
+from maidenflight.simulator.controllers import control  # noqa: E402
 from maidenflight.simulator.environment import Environment  # noqa: E402
+from maidenflight.simulator.physics import dynamics, latency, vectors  # noqa: E402
+from maidenflight.simulator.physics.actuators import rotor_speed_command  # noqa: E402
+from maidenflight.simulator.physics.sensors import Measurement  # noqa: E402
 from maidenflight.simulator.randomization import relative_box  # noqa: E402
 from maidenflight.simulator.rollouts import randomized_reset, rollout_with_auto_reset  # noqa: E402
-from maidenflight.simulator.sensors import Measurement  # noqa: E402
 
 LAYOUTS = {
     "one core": (1, 0),

@@ -44,9 +44,10 @@ from maidenflight.flights.windows import LEAD_IN, Windows
 from maidenflight.identification.likelihood import one_step_errors
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import untrained
-from maidenflight.simulator import control, tasks
+from maidenflight.simulator.controllers import control
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.randomization import relative_box, stacked
+from maidenflight.simulator.tasks import tasks
 from maidenflight.training import analytic_gradient
 from maidenflight.training.defaults import SETTINGS, choose_hidden
 from maidenflight.training.evaluation import evaluate_together, starts_of

@@ -35,11 +35,13 @@ from maidenflight.parameters import crazyflie, noiseless, replace
 from maidenflight.policy import Policy
 from maidenflight.reporting.figures import picture, training
 from maidenflight.reporting.figures.charts import Figure
-from maidenflight.simulator import control, environment, failures, stepping, tasks
+from maidenflight.simulator import environment, stepping
+from maidenflight.simulator.controllers import control
 from maidenflight.simulator.environment import Environment, EnvState
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import RelativeBox, relative_box
 from maidenflight.simulator.rollouts import randomized_reset
+from maidenflight.simulator.tasks import failures, tasks
 from maidenflight.training import defaults
 from maidenflight.training.evaluation import evaluate
 from maidenflight.training.train import Progress, train

@@ -41,12 +41,14 @@ from maidenflight.parameters import Parameters, component, replace
 from maidenflight.policy import Policy
 from maidenflight.reporting.figures import charts, intervals, picture
 from maidenflight.reporting.figures.charts import Entry, Figure, Spec
-from maidenflight.simulator import control, dynamics, tasks
-from maidenflight.simulator.control import Controller
-from maidenflight.simulator.interface import HIGHEST_RATE_DEG
+from maidenflight.simulator.controllers import control
+from maidenflight.simulator.controllers.control import Controller
+from maidenflight.simulator.controllers.interface import HIGHEST_RATE_DEG
+from maidenflight.simulator.physics import dynamics
 from maidenflight.simulator.randomization import Ensemble, relative_box
-from maidenflight.simulator.rewards import ACTION_PENALTY, ACTION_RATE_PENALTY
-from maidenflight.simulator.virtual_drone import VirtualDrone
+from maidenflight.simulator.realities.virtual_drone import VirtualDrone
+from maidenflight.simulator.tasks import tasks
+from maidenflight.simulator.tasks.rewards import ACTION_PENALTY, ACTION_RATE_PENALTY
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.settings import recorded
 from maidenflight.training.train import train

@@ -28,11 +28,13 @@ from maidenflight.flying import engine
 from maidenflight.parameters import Parameters, crazyflie, replace
 from maidenflight.policy import Policy
 from maidenflight.policy_file import read
-from maidenflight.simulator import additions, control, tasks
 from maidenflight.simulator.any_drone import AnyDrone
+from maidenflight.simulator.controllers import control
 from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.realities import additions
+from maidenflight.simulator.realities.virtual_drone import VARIANTS, virtual_drone
 from maidenflight.simulator.rollouts import randomized_reset, rollout
-from maidenflight.simulator.virtual_drone import VARIANTS, virtual_drone
+from maidenflight.simulator.tasks import tasks
 
 JUMP_S, FLIGHT_S = 5.0, 12.0
 """When the drone changes, and the length of a flight [s]."""

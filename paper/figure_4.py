@@ -29,7 +29,7 @@ from maidenflight.experiments.transfer import MAX_DURATION_S
 from maidenflight.reporting.figures import picture
 from maidenflight.reporting.figures.charts import Figure
 from maidenflight.reporting.figures.flight_times import COLOURS, REACHED, flight_times
-from maidenflight.simulator.interface import INTERFACES
+from maidenflight.simulator.controllers.interface import INTERFACES
 from maidenflight.studies import study as studies
 from maidenflight.studies.store import Folder
 from maidenflight.studies.study import Study, Task

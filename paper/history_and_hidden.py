@@ -25,12 +25,13 @@ from maidenflight import parameters, results
 from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import transfer
 from maidenflight.policy import Policy
-from maidenflight.simulator import control, tasks
+from maidenflight.simulator.controllers import control
+from maidenflight.simulator.controllers.interface import CONTROLS
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.interface import CONTROLS
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import RelativeBox, relative_box
-from maidenflight.simulator.virtual_drone import virtual_drone
+from maidenflight.simulator.realities.virtual_drone import virtual_drone
+from maidenflight.simulator.tasks import tasks
 from maidenflight.training.defaults import SETTINGS
 from maidenflight.training.evaluation import evaluate
 from maidenflight.training.train import train

@@ -53,8 +53,8 @@ from maidenflight.parameters import Parameters, replace
 from maidenflight.reporting.figures import charts, picture
 from maidenflight.reporting.figures.charts import Entry, Figure, Spec
 from maidenflight.reporting.figures.flight_times import COLOURS
-from maidenflight.simulator.interface import CONTROLS, INTERFACES
-from maidenflight.simulator.virtual_drone import VirtualDrone
+from maidenflight.simulator.controllers.interface import CONTROLS, INTERFACES
+from maidenflight.simulator.realities.virtual_drone import VirtualDrone
 
 IDENTIFIED = {"motor_time_constant": 0.0490, "spin_down_ratio": 2.278, "latency": 0.00687}
 """Of the authors' drone, from its PWM flights, identified with lags alone: a lag that grows with

@@ -29,8 +29,8 @@ from maidenflight.flying import engine
 from maidenflight.flying.rows import Flown, Rows
 from maidenflight.parameters import Parameters, crazyflie, replace
 from maidenflight.policy import Policy
-from maidenflight.simulator.battery import Supply
 from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.physics.battery import Supply
 from maidenflight.simulator.randomization import uniform_box
 
 DRAWN = {

@@ -46,8 +46,9 @@ from maidenflight.names import POSTERIOR, TRIMS, WIDE
 from maidenflight.policy import Policy
 from maidenflight.reporting.figures import charts, picture
 from maidenflight.reporting.figures.charts import Entry, Figure, Spec
-from maidenflight.simulator import control, tasks
-from maidenflight.simulator.tasks import Task
+from maidenflight.simulator.controllers import control
+from maidenflight.simulator.tasks import tasks
+from maidenflight.simulator.tasks.tasks import Task
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.settings import recorded
 from maidenflight.training.train import train

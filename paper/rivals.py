@@ -37,13 +37,14 @@ from maidenflight.names import ANY, POSTERIOR, WIDE
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy
 from maidenflight.policy_file import read
-from maidenflight.simulator import control, mellinger, tasks, trajectories
-from maidenflight.simulator.control import Controller
+from maidenflight.simulator.controllers import control, mellinger
+from maidenflight.simulator.controllers.control import Controller
+from maidenflight.simulator.controllers.position_pid import position_pid
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.simulator.position_pid import position_pid
-from maidenflight.simulator.trajectories import Trajectory
-from maidenflight.simulator.virtual_drone import VirtualDrone, virtual_drone
+from maidenflight.simulator.realities.virtual_drone import VirtualDrone, virtual_drone
+from maidenflight.simulator.tasks import tasks, trajectories
+from maidenflight.simulator.tasks.trajectories import Trajectory
 from maidenflight.verbs.identify import Identify
 from maidenflight.verbs.record import Record
 from maidenflight.verbs.train import Train

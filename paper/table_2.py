@@ -31,8 +31,8 @@ from maidenflight.identification.outcome.estimates import Identification
 from maidenflight.identification.replay.objective import Objective
 from maidenflight.identification.search.box import PAPER_BOUNDS
 from maidenflight.parameters import crazyflie, replace
-from maidenflight.simulator.control import CONTROLLERS
-from maidenflight.simulator.virtual_drone import VirtualDrone
+from maidenflight.simulator.controllers.control import CONTROLLERS
+from maidenflight.simulator.realities.virtual_drone import VirtualDrone
 
 PAPER: dict[int, dict[str, tuple[float, float]]] = {
     10: {

@@ -30,10 +30,10 @@ from maidenflight.flights import tables
 from maidenflight.integrations.logs import authors
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy
-from maidenflight.simulator import dynamics
-from maidenflight.simulator.battery import COUNTS
-from maidenflight.simulator.geometry import TORQUES
-from maidenflight.simulator.interface import CONTROLS
+from maidenflight.simulator.controllers.interface import CONTROLS
+from maidenflight.simulator.physics import dynamics
+from maidenflight.simulator.physics.battery import COUNTS
+from maidenflight.simulator.physics.geometry import TORQUES
 
 BEGIN = 0.5
 """Time after which a flight counts [s]: before it the PID hands over and the yaw rate settles."""

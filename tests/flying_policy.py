@@ -7,9 +7,9 @@ from made_flights import calm
 from maidenflight.flights.log import Flight
 from maidenflight.parameters import Parameters, levers
 from maidenflight.policy import Actor, Policy
-from maidenflight.simulator import dynamics, rotations
+from maidenflight.simulator.physics import dynamics, rotations
+from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.simulator.sensors import Measurement
 
 SIZE = 20
 """Of an instant: position, quaternion, velocity, body rates, set-point - position, last action."""

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from maidenflight.parameters import crazyflie, noiseless, replace
-from maidenflight.simulator.reality import MOTORS, Truth
-from maidenflight.simulator.sensors import Measurement
-from maidenflight.simulator.virtual_drone import VirtualDrone
+from maidenflight.simulator.physics.sensors import Measurement
+from maidenflight.simulator.realities.reality import MOTORS, Truth
+from maidenflight.simulator.realities.virtual_drone import VirtualDrone
 from numpy_reference import PAPER, rk4
 
 STEP = 0.001

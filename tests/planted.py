@@ -14,8 +14,10 @@ import numpy as np
 
 from maidenflight.flights.log import Flight
 from maidenflight.parameters import crazyflie, noiseless, replace
-from maidenflight.simulator import dynamics, environment, rotations, stepping, tasks
+from maidenflight.simulator import environment, stepping
 from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.physics import dynamics, rotations
+from maidenflight.simulator.tasks import tasks
 
 WORLD = Environment(task=tasks.circle())
 ROWS = 200

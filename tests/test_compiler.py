@@ -21,7 +21,8 @@ import sys
 import jax, jax.numpy as jnp, numpy as np
 import maidenflight as mf
 from maidenflight.policy import untrained
-from maidenflight.simulator import control, environment
+from maidenflight.simulator import environment
+from maidenflight.simulator.controllers import control
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.rollouts import rollout

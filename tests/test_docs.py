@@ -35,12 +35,14 @@ from maidenflight.identification.drone_file import DroneFile
 from maidenflight.parameters import noiseless
 from maidenflight.policy import Policy, untrained
 from maidenflight.registry import EXPORTERS, REALITIES, VERBS
-from maidenflight.simulator import control, dynamics, environment
-from maidenflight.simulator.control import Controller
+from maidenflight.simulator import environment
+from maidenflight.simulator.controllers import control
+from maidenflight.simulator.controllers.control import Controller
+from maidenflight.simulator.physics import dynamics
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import Distribution
-from maidenflight.simulator.tasks import Task
-from maidenflight.simulator.virtual_drone import VirtualDrone
+from maidenflight.simulator.realities.virtual_drone import VirtualDrone
+from maidenflight.simulator.tasks.tasks import Task
 from maidenflight.studies import study
 from maidenflight.training import defaults
 from maidenflight.verb import Verb, find_verb
@@ -221,7 +223,7 @@ def test_the_python_of_the_transfer_page_runs(
 def test_the_python_and_the_commands_of_the_envelopes_page_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("maidenflight.simulator.trajectories.QUICKENING", 1.0)
+    monkeypatch.setattr("maidenflight.simulator.tasks.trajectories.QUICKENING", 1.0)
     monkeypatch.setattr("maidenflight.experiments.envelope.DURATION_S", 0.1)
     policy_file.write(tmp_path / "policies" / "policy_1.json", policy.untrained(jax.random.key(0)))
     (snippet,) = blocks("docs/envelope.md", "python")
@@ -633,7 +635,7 @@ def named_in_source(*words: str) -> set[str]:
 
 def test_a_property_of_a_policy_s_input_is_named_in_five_files_and_its_own() -> None:
     """Look-ahead, which touched 33 when it came; its own are its arithmetic and its C."""
-    own = {"simulator/look_ahead.py", "deployment/look_ahead.py"}
+    own = {"simulator/tasks/look_ahead.py", "deployment/look_ahead.py"}
     assert named_in_source("look_ahead", "LookAhead") - own == {
         "simulator/policy_spec.py",
         "integrations/raptor/form.py",

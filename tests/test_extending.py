@@ -26,7 +26,7 @@ PARAMETER: Patches = {
         "        flapping_moment=0.0,\n",
         "        flapping_moment=0.0,\n        buoyancy=0.0,\n",
     ),
-    "simulator/dynamics.py": (
+    "simulator/physics/dynamics.py": (
         "lift[2] - parameters.gravity",
         "lift[2] - parameters.gravity + parameters.buoyancy",
     ),
@@ -41,7 +41,7 @@ import numpy as np
 import maidenflight as mf
 from maidenflight import parameters
 from maidenflight.identification.search.box import physical_bounds
-from maidenflight.simulator import dynamics
+from maidenflight.simulator.physics import dynamics
 
 lifted = parameters.replace(mf.crazyflie(), buoyancy=0.5)
 parameters.write("lifted.toml", lifted, {})
@@ -56,7 +56,7 @@ found = mf.identify(flights, few, over=("latency", "buoyancy"))
 assert "buoyancy" in {**found.estimates, **found.unidentified}
 """
 TASK: Patches = {
-    "simulator/tasks.py": (
+    "simulator/tasks/tasks.py": (
         "TASKS: dict[str,",
         '@once\ndef high() -> Task:\n    return hover(2.0)._replace(name="high")\n\n\n'
         "TASKS: dict[str,",
@@ -67,7 +67,7 @@ FLIES = """
 import jax
 import maidenflight as mf
 from maidenflight.policy import untrained
-from maidenflight.simulator.tasks import TASKS
+from maidenflight.simulator.tasks.tasks import TASKS
 from maidenflight.verbs.train import Train
 
 assert Train(task="high").task == "high"

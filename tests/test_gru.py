@@ -11,8 +11,8 @@ from maidenflight.errors import InputError
 from maidenflight.gru import Gru, untrained_gru
 from maidenflight.policy import Actor, untrained
 from maidenflight.policy_file import from_json, to_json
+from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.simulator.sensors import Measurement
 
 KEY = jax.random.key(0)
 UNIT = untrained_gru(KEY, 7, 4)

@@ -10,12 +10,14 @@ import pytest
 from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie
 from maidenflight.policy import Actor, untrained
-from maidenflight.simulator import dynamics, environment, interface
+from maidenflight.simulator import environment
+from maidenflight.simulator.controllers import interface
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.physics import dynamics
+from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.rollouts import rollout
-from maidenflight.simulator.sensors import Measurement
+from maidenflight.simulator.tasks.look_ahead import LookAhead
 from noisy_policy import noisy
 
 KEY = jax.random.key(0)

@@ -13,10 +13,10 @@ from maidenflight.errors import InputError
 from maidenflight.parameters import GEOMETRY
 from maidenflight.policy import Policy, untrained
 from maidenflight.policy_file import from_json, read, to_json, write
-from maidenflight.simulator import interface
-from maidenflight.simulator.interface import ControlInterface
-from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.controllers import interface
+from maidenflight.simulator.controllers.interface import ControlInterface
 from maidenflight.simulator.policy_spec import PolicySpec
+from maidenflight.simulator.tasks.look_ahead import LookAhead
 from noisy_policy import noisy
 
 KEY = jax.random.key(0)

@@ -14,8 +14,9 @@ import pytest
 from maidenflight.flights import tables
 from maidenflight.integrations.logs import authors
 from maidenflight.policy import Policy
-from maidenflight.simulator import battery, environment, rotations
-from maidenflight.simulator.sensors import Measurement
+from maidenflight.simulator import environment
+from maidenflight.simulator.physics import battery, rotations
+from maidenflight.simulator.physics.sensors import Measurement
 
 AUTHORS = Path(__file__).parents[2] / "shared/data/authors"
 ROWS_PER_ACTION = {"pwm": 1, "attitude_rate": 2, "attitude": 4}

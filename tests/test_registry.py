@@ -26,7 +26,7 @@ from pathlib import Path
 from maidenflight.flights import log
 from maidenflight.flights.formats import Recording, TableFormat
 from maidenflight.settings import setting, whole
-from maidenflight.simulator.virtual_drone import virtual_drone
+from maidenflight.simulator.realities.virtual_drone import virtual_drone
 from maidenflight.verb import Output, Result, Verb
 
 

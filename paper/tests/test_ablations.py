@@ -12,9 +12,11 @@ import pytest
 from maidenflight import policy
 from maidenflight.experiments.transfer import transfer
 from maidenflight.parameters import crazyflie, replace
-from maidenflight.simulator import control, dynamics, tasks
+from maidenflight.simulator.controllers import control
+from maidenflight.simulator.physics import dynamics
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.simulator.virtual_drone import VirtualDrone
+from maidenflight.simulator.realities.virtual_drone import VirtualDrone
+from maidenflight.simulator.tasks import tasks
 from scripts import script
 
 

@@ -16,8 +16,8 @@ from scipy import stats
 from maidenflight import parameters, policy_file
 from maidenflight.flights import log
 from maidenflight.integrations.logs import authors
-from maidenflight.simulator import battery
-from maidenflight.simulator.interface import INTERFACES
+from maidenflight.simulator.controllers.interface import INTERFACES
+from maidenflight.simulator.physics import battery
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.studies import worker
 from maidenflight.studies.worker import Ending, Order

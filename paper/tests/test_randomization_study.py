@@ -18,7 +18,8 @@ from maidenflight.experiments.drones import distribution_of
 from maidenflight.experiments.flight_times import predict_flight_times
 from maidenflight.identification.drone_file import DroneFile, Estimate, Search, Source
 from maidenflight.policy import untrained
-from maidenflight.simulator import control, dynamics
+from maidenflight.simulator.controllers import control
+from maidenflight.simulator.physics import dynamics
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import randomize
 from scripts import script

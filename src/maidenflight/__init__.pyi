@@ -24,8 +24,8 @@ from .policy import Policy as Policy
 from .policy_file import PolicyFile as PolicyFile
 from .reporting.page import report as report
 from .simulator.policy_spec import PolicySpec as PolicySpec
-from .simulator.reality import reality as reality
-from .simulator.virtual_drone import virtual_drone as virtual_drone
+from .simulator.realities.reality import reality as reality
+from .simulator.realities.virtual_drone import virtual_drone as virtual_drone
 from .studies.sweeping import sweep as sweep
 from .training.analytic_gradient import AnalyticGradient as AnalyticGradient
 from .training.distillation import Distillation as Distillation

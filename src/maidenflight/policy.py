@@ -11,11 +11,11 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 
 from maidenflight.errors import InputError
 from maidenflight.gru import Gru, untrained_gru
-from maidenflight.simulator import interface as interfaces
+from maidenflight.simulator.controllers import interface as interfaces
+from maidenflight.simulator.controllers.interface import ControlInterface
 from maidenflight.simulator.environment import observe, remember
-from maidenflight.simulator.interface import ControlInterface
+from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.policy_spec import ACTION_SIZE, OBSERVATION_SIZE, PolicySpec
-from maidenflight.simulator.sensors import Measurement
 
 
 @jax.tree_util.register_dataclass

@@ -21,7 +21,7 @@ from maidenflight.inputs import StrPath
 from maidenflight.parameters import GEOMETRY
 from maidenflight.policy import Policy
 from maidenflight.registry import POLICY_FORMATS
-from maidenflight.simulator.interface import ControlInterface
+from maidenflight.simulator.controllers.interface import ControlInterface
 from maidenflight.simulator.policy_spec import INSTANT, PolicySpec
 
 FORMAT = "maidenflight policy 2"

@@ -25,11 +25,11 @@ from maidenflight.parameters import crazyflie
 from maidenflight.policy import Actor, untrained
 from maidenflight.policy_file import to_json
 from maidenflight.simulator import environment
-from maidenflight.simulator.interface import INTERFACES
-from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.controllers.interface import INTERFACES
+from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.rollouts import rollout
-from maidenflight.simulator.sensors import Measurement
+from maidenflight.simulator.tasks.look_ahead import LookAhead
 
 STRICT = (
     "-Wall",

@@ -19,12 +19,14 @@ from maidenflight.integrations.exporters.crazyflie_app import drives, export_cra
 from maidenflight.parameters import crazyflie, noiseless, replace
 from maidenflight.policy import Actor, Policy
 from maidenflight.registry import EXPORTERS
-from maidenflight.simulator import control, dynamics, environment, interface
+from maidenflight.simulator import environment
+from maidenflight.simulator.controllers import control, interface
+from maidenflight.simulator.controllers.interface import THRUST, ControlInterface
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.interface import THRUST, ControlInterface
+from maidenflight.simulator.physics import dynamics
+from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.rollouts import rollout
-from maidenflight.simulator.sensors import Measurement
 
 ROLL = 0.25
 """Action of roll: a quarter of the highest rate."""

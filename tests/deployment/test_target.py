@@ -21,9 +21,9 @@ from test_c import STRICT, restless, walk
 from maidenflight.deployment.c import export_c
 from maidenflight.policy import Policy
 from maidenflight.simulator import environment
-from maidenflight.simulator.control import CONTROLLERS
+from maidenflight.simulator.controllers.control import CONTROLLERS
+from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.simulator.sensors import Measurement
 from maidenflight.training.defaults import DISTILLED_HIDDEN
 
 HERE = Path(__file__).parent / "target"

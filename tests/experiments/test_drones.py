@@ -12,8 +12,8 @@ from maidenflight.flights import log
 from maidenflight.identification.drone_file import DroneFile, Estimate
 from maidenflight.names import ANY, ANY_DAY, POSTERIOR, TRIMS
 from maidenflight.parameters import crazyflie
-from maidenflight.simulator import control
 from maidenflight.simulator.any_drone import AnyDay, AnyDrone
+from maidenflight.simulator.controllers import control
 
 
 def test_drones_of_any_make_are_about_the_named_drone() -> None:

@@ -17,10 +17,10 @@ from maidenflight.experiments.envelope import AXES, Condition, Pace
 from maidenflight.flying.rows import Rows
 from maidenflight.parameters import check, crazyflie, replace
 from maidenflight.policy import untrained
-from maidenflight.simulator import dynamics
-from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.physics import dynamics
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.simulator.virtual_drone import virtual_drone
+from maidenflight.simulator.realities.virtual_drone import virtual_drone
+from maidenflight.simulator.tasks.look_ahead import LookAhead
 from numpy_drone import NumpyDrone
 
 DRONE = virtual_drone(7)

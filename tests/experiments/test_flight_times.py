@@ -19,20 +19,14 @@ from maidenflight.flying import guarded
 from maidenflight.flying.scenario import PUBLISHED_START
 from maidenflight.parameters import Parameters, crazyflie, noiseless, replace
 from maidenflight.policy import Policy, untrained
-from maidenflight.simulator import (
-    control,
-    dynamics,
-    environment,
-    failures,
-    interface,
-    rotations,
-    stepping,
-    tasks,
-)
+from maidenflight.simulator import environment, stepping
+from maidenflight.simulator.controllers import control, interface
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.look_ahead import NONE, LookAhead
+from maidenflight.simulator.physics import dynamics, rotations
+from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.simulator.sensors import Measurement
+from maidenflight.simulator.tasks import failures, tasks
+from maidenflight.simulator.tasks.look_ahead import NONE, LookAhead
 
 KEY = jax.random.key(0)
 STILL = jax.tree.map(np.zeros_like, PUBLISHED_START)

@@ -12,11 +12,11 @@ from maidenflight.flying import engine
 from maidenflight.flying.foreign_policy import foreign_policy
 from maidenflight.parameters import crazyflie
 from maidenflight.policy import untrained
-from maidenflight.simulator.control import attitude_rate
-from maidenflight.simulator.look_ahead import NONE, LookAhead
+from maidenflight.simulator.controllers.control import attitude_rate
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.simulator.reality import reality as named
-from maidenflight.simulator.virtual_drone import virtual_drone
+from maidenflight.simulator.realities.reality import reality as named
+from maidenflight.simulator.realities.virtual_drone import virtual_drone
+from maidenflight.simulator.tasks.look_ahead import NONE, LookAhead
 from numpy_drone import TWIN, NumpyDrone
 
 POLICIES = [untrained(jax.random.key(number)) for number in range(2)]

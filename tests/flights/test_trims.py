@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from made_flights import calm
 from maidenflight.flights.trims import ENOUGH_FLIGHTS, Trim, between_flights, trim
 from maidenflight.parameters import crazyflie, replace
-from maidenflight.simulator import dynamics
+from maidenflight.simulator.physics import dynamics
 
 torques = st.floats(-2e-3, 2e-3)
 

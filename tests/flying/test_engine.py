@@ -8,8 +8,8 @@ import pytest
 
 from maidenflight.errors import InputError
 from maidenflight.flying import recording
-from maidenflight.simulator.reality import POSITION, Truth
-from maidenflight.simulator.sensors import Measurement
+from maidenflight.simulator.physics.sensors import Measurement
+from maidenflight.simulator.realities.reality import POSITION, Truth
 from numpy_drone import TWIN, NumpyDrone
 
 KEY = jax.random.key(3)

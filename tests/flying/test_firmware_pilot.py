@@ -12,7 +12,7 @@ from maidenflight.flights.manoeuvres import MOTORS, Manoeuvre
 from maidenflight.flying.extremes import extremes_of, worst_of
 from maidenflight.flying.firmware_pilot import dither
 from maidenflight.flying.recording import fly_plans, record_plan
-from maidenflight.simulator.virtual_drone import virtual_drone
+from maidenflight.simulator.realities.virtual_drone import virtual_drone
 from numpy_drone import NumpyDrone
 
 DRONE = virtual_drone(3)

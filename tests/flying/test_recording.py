@@ -10,13 +10,14 @@ import pytest
 
 from made_flights import same, volts
 from maidenflight.errors import InputError
-from maidenflight.flights import checking, log
+from maidenflight.flights import log
+from maidenflight.flights.checks import checking
 from maidenflight.flights.flight_plan import Block, FlightPlan
 from maidenflight.flights.manoeuvres import Manoeuvre
 from maidenflight.flying import recording
 from maidenflight.identification.signals.flight_signals import lagged
 from maidenflight.parameters import replace as with_values
-from maidenflight.simulator.virtual_drone import virtual_drone
+from maidenflight.simulator.realities.virtual_drone import virtual_drone
 from numpy_drone import NumpyDrone
 from numpy_reference import PAPER
 

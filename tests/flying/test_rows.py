@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from maidenflight.flying.rows import Flown, Rows
-from maidenflight.simulator.battery import Supply
-from maidenflight.simulator.failures import BACKUP, END_REASONS, LOST, ZERO_SHOT, Guard
+from maidenflight.simulator.physics.battery import Supply
+from maidenflight.simulator.tasks.failures import BACKUP, END_REASONS, LOST, ZERO_SHOT, Guard
 
 
 def rows(**changes: tuple[int, Any, Any]) -> Rows:

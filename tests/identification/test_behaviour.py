@@ -13,9 +13,9 @@ from maidenflight.identification.behaviour import (
 )
 from maidenflight.parameters import crazyflie
 from maidenflight.policy import Policy, untrained
-from maidenflight.simulator import control
-from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.controllers import control
 from maidenflight.simulator.policy_spec import PolicySpec
+from maidenflight.simulator.tasks.look_ahead import LookAhead
 
 pytestmark = pytest.mark.slow
 

@@ -11,8 +11,9 @@ from maidenflight.flying import engine
 from maidenflight.identification.behaviour import BEHAVIOUR
 from maidenflight.identification.closed_loop import PRIOR, ClosedLoop, match
 from maidenflight.parameters import crazyflie, replace
-from maidenflight.simulator import control, tasks
+from maidenflight.simulator.controllers import control
 from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.tasks import tasks
 
 NOISY: dict[str, Any] = {"position_walk": 0.05, "velocity_walk": 0.05, "gyro_noise": 0.03}
 START = replace(crazyflie(), motor_time_constant=0.05, latency=0.006, **NOISY)

@@ -8,8 +8,8 @@ from maidenflight.flying.recording import record
 from maidenflight.identification.identify import identify
 from maidenflight.identification.methods import Likelihood
 from maidenflight.parameters import component, crazyflie, noiseless, plus_frame, replace
-from maidenflight.simulator import dynamics
-from maidenflight.simulator.virtual_drone import VirtualDrone
+from maidenflight.simulator.physics import dynamics
+from maidenflight.simulator.realities.virtual_drone import VirtualDrone
 
 FRAMES = {
     "+": plus_frame(0.05),

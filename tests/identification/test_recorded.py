@@ -12,7 +12,7 @@ from maidenflight.flying import recording
 from maidenflight.identification.identify import identify
 from maidenflight.identification.methods import Likelihood
 from maidenflight.parameters import component, crazyflie, replace
-from maidenflight.simulator.virtual_drone import virtual_drone
+from maidenflight.simulator.realities.virtual_drone import virtual_drone
 
 DRONE = virtual_drone(4)
 OVER = ("thrust_to_weight", "motor_time_constant", "latency", "spin_down_ratio", "inertia_x")

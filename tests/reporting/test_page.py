@@ -39,7 +39,7 @@ from maidenflight.reporting import run as runs
 from maidenflight.reporting.page import report
 from maidenflight.reporting.sections import flights as flight_section
 from maidenflight.reporting.sections.flights import NAMES as STRUCTURES
-from maidenflight.simulator.interface import INTERFACES
+from maidenflight.simulator.controllers.interface import INTERFACES
 from maidenflight.simulator.policy_spec import PolicySpec
 
 CHROMIUM = (

@@ -14,20 +14,12 @@ import numpy_reference
 from arrays import float32, float64
 from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, noiseless, replace, x_frame
-from maidenflight.simulator import (
-    control,
-    dynamics,
-    environment,
-    failures,
-    interface,
-    latency,
-    stepping,
-    tasks,
-    vectors,
-)
-from maidenflight.simulator.control import Controller
+from maidenflight.simulator import environment, stepping
+from maidenflight.simulator.controllers import control, interface
+from maidenflight.simulator.controllers.control import Controller
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.latency import DelayLine
+from maidenflight.simulator.physics import dynamics, latency, vectors
+from maidenflight.simulator.physics.latency import DelayLine
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import relative_box
 from maidenflight.simulator.rollouts import (
@@ -36,6 +28,7 @@ from maidenflight.simulator.rollouts import (
     rollout,
     rollout_with_auto_reset,
 )
+from maidenflight.simulator.tasks import failures, tasks
 
 WORLD = Environment()
 PAPER, QUIET = crazyflie(), noiseless(crazyflie())

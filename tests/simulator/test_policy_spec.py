@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from maidenflight.errors import InputError
-from maidenflight.simulator.look_ahead import LookAhead
 from maidenflight.simulator.policy_spec import PolicySpec
+from maidenflight.simulator.tasks.look_ahead import LookAhead
 
 FULL = PolicySpec(history=3, look_ahead=LookAhead(2, 0.25), memory=5, hidden=(8, 6))
 

@@ -21,7 +21,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(autouse=True)
 def less_work(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("maidenflight.simulator.trajectories.QUICKENING", 1.0)
+    monkeypatch.setattr("maidenflight.simulator.tasks.trajectories.QUICKENING", 1.0)
     monkeypatch.setattr("maidenflight.experiments.envelope.DURATION_S", 0.1)
     monkeypatch.setattr(defaults, "choose_settings", lambda *_: QUICK)
 

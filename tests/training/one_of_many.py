@@ -8,9 +8,10 @@ import jax
 import numpy as np
 
 from maidenflight.parameters import crazyflie
-from maidenflight.simulator import control, tasks
+from maidenflight.simulator.controllers import control
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import relative_box
+from maidenflight.simulator.tasks import tasks
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.ppo_settings import PPO
 from maidenflight.training.train import train

@@ -8,7 +8,8 @@ import pytest
 
 from maidenflight.parameters import crazyflie, noiseless, replace
 from maidenflight.policy import untrained
-from maidenflight.simulator import control, environment
+from maidenflight.simulator import environment
+from maidenflight.simulator.controllers import control
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import relative_box, stacked

@@ -7,11 +7,12 @@ import pytest
 from maidenflight.errors import InputError
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import untrained
-from maidenflight.simulator import control, tasks
-from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.controllers import control
+from maidenflight.simulator.controllers.position_pid import position_pid
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.simulator.position_pid import position_pid
 from maidenflight.simulator.randomization import ensemble, relative_box
+from maidenflight.simulator.tasks import tasks
+from maidenflight.simulator.tasks.look_ahead import LookAhead
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.asked import Asked, checked
 from maidenflight.training.ppo_settings import PPO

@@ -13,8 +13,10 @@ from maidenflight.identification.drone_file import DroneFile
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import untrained
 from maidenflight.registry import EXPORTERS
-from maidenflight.simulator import control, dynamics, tasks
+from maidenflight.simulator.controllers import control
+from maidenflight.simulator.physics import dynamics
 from maidenflight.simulator.policy_spec import PolicySpec
+from maidenflight.simulator.tasks import tasks
 from maidenflight.training import defaults
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.ppo_settings import PPO

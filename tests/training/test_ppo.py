@@ -10,11 +10,11 @@ import pytest
 
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import untrained
-from maidenflight.simulator import tasks
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import relative_box, stacked
 from maidenflight.simulator.rollouts import randomized_reset
+from maidenflight.simulator.tasks import tasks
 from maidenflight.training import ppo
 from maidenflight.training.critic import Moments, advantages, merged, moments_of
 from maidenflight.training.devices import DRONES

@@ -19,12 +19,13 @@ from maidenflight.errors import InputError
 from maidenflight.experiments.transfer import transfer
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import Policy, untrained
-from maidenflight.simulator import control, tasks
+from maidenflight.simulator.controllers import control
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.look_ahead import LookAhead
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import relative_box, stacked
-from maidenflight.simulator.virtual_drone import virtual_drone
+from maidenflight.simulator.realities.virtual_drone import virtual_drone
+from maidenflight.simulator.tasks import tasks
+from maidenflight.simulator.tasks.look_ahead import LookAhead
 from maidenflight.training import analytic_gradient, checkpoint, defaults
 from maidenflight.training import train as module
 from maidenflight.training.analytic_gradient import AnalyticGradient

@@ -12,7 +12,7 @@ from maidenflight.deployment.check import check_export
 from maidenflight.errors import InputError
 from maidenflight.parameters import GEOMETRY, crazyflie, plain, plus_frame, replace
 from maidenflight.registry import EXPORTERS
-from maidenflight.simulator import control
+from maidenflight.simulator.controllers import control
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.verbs.export import Export
 from maidenflight.verbs.in_realities import export_command

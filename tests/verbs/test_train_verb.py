@@ -15,10 +15,11 @@ from maidenflight.identification.drone_file import DroneFile, Search, Source
 from maidenflight.names import CONTROLS, TASKS
 from maidenflight.parameters import crazyflie
 from maidenflight.policy import Policy, untrained
-from maidenflight.simulator import control, dynamics
-from maidenflight.simulator.control import Controller
-from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.controllers import control
+from maidenflight.simulator.controllers.control import Controller
+from maidenflight.simulator.physics import dynamics
 from maidenflight.simulator.policy_spec import PolicySpec
+from maidenflight.simulator.tasks.look_ahead import LookAhead
 from maidenflight.terminal import Bar
 from maidenflight.training import defaults
 from maidenflight.training.evaluation import Evaluation

@@ -8,8 +8,8 @@ from maidenflight.deployment import export
 from maidenflight.errors import InputError
 from maidenflight.parameters import Parameters
 from maidenflight.policy import untrained
-from maidenflight.simulator.interface import ControlInterface
-from maidenflight.simulator.mixing import mixer_of
+from maidenflight.simulator.controllers.interface import ControlInterface
+from maidenflight.simulator.physics.mixing import mixer_of
 from maidenflight.simulator.policy_spec import PolicySpec
 
 

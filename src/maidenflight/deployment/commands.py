@@ -4,7 +4,7 @@ import numpy as np
 
 from maidenflight.errors import InputError
 from maidenflight.policy import Policy
-from maidenflight.simulator.interface import THRUST, ControlInterface
+from maidenflight.simulator.controllers.interface import THRUST, ControlInterface
 from maidenflight.simulator.policy_spec import INSTANTS
 
 _FOLLOWED = (

@@ -9,11 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from maidenflight.simulator import control, firmware
-from maidenflight.simulator.control import Controller
-from maidenflight.simulator.interface import ControlInterface
-from maidenflight.simulator.pid import RATE_GAINS, Generation, PIDMemory, pid
-from maidenflight.simulator.sensors import Measurement
+from maidenflight.simulator.controllers import control, firmware
+from maidenflight.simulator.controllers.control import Controller
+from maidenflight.simulator.controllers.interface import ControlInterface
+from maidenflight.simulator.controllers.pid import RATE_GAINS, Generation, PIDMemory, pid
+from maidenflight.simulator.physics.sensors import Measurement
 
 FIRMWARE: Generation = "2021.10"
 """What the authors' drone ran."""

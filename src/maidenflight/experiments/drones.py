@@ -20,9 +20,9 @@ from maidenflight.identification.outcome.ensembles import (
 from maidenflight.inputs import StrPath
 from maidenflight.names import ANY, ANY_DAY, POSTERIOR, TRIMS, WIDE
 from maidenflight.parameters import Parameters
-from maidenflight.simulator import additions, control
 from maidenflight.simulator.any_drone import AnyDay, AnyDrone
-from maidenflight.simulator.control import Controller
+from maidenflight.simulator.controllers import control
+from maidenflight.simulator.controllers.control import Controller
 from maidenflight.simulator.randomization import (
     Distribution,
     Ensemble,
@@ -30,8 +30,9 @@ from maidenflight.simulator.randomization import (
     relative_box,
     wide_box,
 )
-from maidenflight.simulator.reality import AnyReality, is_drone
-from maidenflight.simulator.reality import reality as named_reality
+from maidenflight.simulator.realities import additions
+from maidenflight.simulator.realities.reality import AnyReality, is_drone
+from maidenflight.simulator.realities.reality import reality as named_reality
 
 POSSIBLE = 256
 """Drones drawn from a box, of which each predicted flight flies one."""

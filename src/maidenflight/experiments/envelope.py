@@ -28,11 +28,12 @@ from maidenflight.flying.pilots import (
 from maidenflight.flying.rows import Flown, Rows
 from maidenflight.flying.scenario import Change, Scenario
 from maidenflight.parameters import QUANTITIES, Parameters, replace
-from maidenflight.simulator import additions, tasks, trajectories
-from maidenflight.simulator.failures import LOST, TIME_LIMIT
-from maidenflight.simulator.reality import AnyReality, Reality
-from maidenflight.simulator.tasks import Task
-from maidenflight.simulator.virtual_drone import VirtualDrone, must_be_virtual
+from maidenflight.simulator.realities import additions
+from maidenflight.simulator.realities.reality import AnyReality, Reality
+from maidenflight.simulator.realities.virtual_drone import VirtualDrone, must_be_virtual
+from maidenflight.simulator.tasks import tasks, trajectories
+from maidenflight.simulator.tasks.failures import LOST, TIME_LIMIT
+from maidenflight.simulator.tasks.tasks import Task
 
 WITHIN_M = 0.10
 """Mean distance from the set-point [m] up to which a flight is flown."""

@@ -35,11 +35,12 @@ from maidenflight.flying import guarded
 from maidenflight.flying.scenario import PUBLISHED_START, Start
 from maidenflight.parameters import Parameters, replace
 from maidenflight.policy import Policy
-from maidenflight.simulator import control, tasks
-from maidenflight.simulator.control import Controller
+from maidenflight.simulator.controllers import control
+from maidenflight.simulator.controllers.control import Controller
+from maidenflight.simulator.controllers.interface import ControlInterface
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.failures import END_REASONS, End
-from maidenflight.simulator.interface import ControlInterface
+from maidenflight.simulator.tasks import tasks
+from maidenflight.simulator.tasks.failures import END_REASONS, End
 
 MAX_POSITION_ERROR_M = 2.5
 """Distance from the set-point [m] at which a flight ends: no guard of the drone, but the room; one

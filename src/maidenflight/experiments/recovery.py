@@ -8,8 +8,8 @@ import polars
 from jaxtyping import Float
 
 from maidenflight.flights.log import Flight
-from maidenflight.simulator import additions
-from maidenflight.simulator.failures import END_REASONS, TIME_LIMIT
+from maidenflight.simulator.realities import additions
+from maidenflight.simulator.tasks.failures import END_REASONS, TIME_LIMIT
 
 WITHIN_M = 0.05
 """Distance from the set-point [m] within which a flight is back."""

@@ -17,11 +17,11 @@ from maidenflight.flights.log import Flight
 from maidenflight.flying.engine import fly_all
 from maidenflight.flying.pilots import AnyPolicy, pilots_of
 from maidenflight.flying.scenario import Scenario
-from maidenflight.simulator import tasks
-from maidenflight.simulator.control import Controller
-from maidenflight.simulator.failures import ZERO_SHOT
-from maidenflight.simulator.reality import AnyReality, checked
-from maidenflight.simulator.tasks import Task
+from maidenflight.simulator.controllers.control import Controller
+from maidenflight.simulator.realities.reality import AnyReality, checked
+from maidenflight.simulator.tasks import tasks
+from maidenflight.simulator.tasks.failures import ZERO_SHOT
+from maidenflight.simulator.tasks.tasks import Task
 
 MAX_DURATION_S = 20.0
 """Time after which a flight is stopped [s]."""

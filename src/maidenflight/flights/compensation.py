@@ -23,8 +23,8 @@ from jaxtyping import Float
 from maidenflight import names
 from maidenflight.errors import InputError
 from maidenflight.flights.tables import Table
-from maidenflight.simulator import battery
-from maidenflight.simulator.battery import MOST_COUNTS
+from maidenflight.simulator.physics import battery
+from maidenflight.simulator.physics.battery import MOST_COUNTS
 
 PLUS = battery.PLUS.name
 """The law of today's Crazyflie, taken where a log cannot decide."""

@@ -17,7 +17,7 @@ from maidenflight.flights import tables
 from maidenflight.flights.tables import Table
 from maidenflight.inputs import StrPath
 from maidenflight.names import COMMANDS, OPTIONAL_SIGNALS
-from maidenflight.simulator.battery import COUNTS, MOST_COUNTS
+from maidenflight.simulator.physics.battery import COUNTS, MOST_COUNTS
 
 FAMILY = "# maidenflight flight"
 MARK = f"{FAMILY} 3"

@@ -15,7 +15,8 @@ from typing import NamedTuple
 
 from maidenflight import names, run_folder
 from maidenflight.errors import InputError
-from maidenflight.flights import checking, compensation, formats, log, not_logs
+from maidenflight.flights import compensation, formats, log, not_logs
+from maidenflight.flights.checks import checking
 from maidenflight.flights.formats import Logged
 from maidenflight.flights.log import ZERO_ORDER_HOLD, Flight
 from maidenflight.flights.sampling import sampled

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from maidenflight.flights.log import Flight
 from maidenflight.parameters import Parameters, replace
-from maidenflight.simulator import actuators, dynamics, latency
+from maidenflight.simulator.physics import actuators, dynamics, latency
 
 STEP_S = 0.002
 """Physics step, about [s]."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from maidenflight.flights.log import SUBSAMPLED, ZERO_ORDER_HOLD, Flight, by_log
-from maidenflight.simulator.geometry import TORQUES
+from maidenflight.simulator.physics.geometry import TORQUES
 
 CALM = 0.02
 """Spread of the motors' differences [-] below which a flight is calm: inertia, lag and latency show

@@ -21,15 +21,16 @@ from maidenflight.flying.pilots import Act, ForeignPilot, PolicyPilot
 from maidenflight.flying.rows import Flown, Rows
 from maidenflight.flying.scenario import Change, Scenario, near_reference
 from maidenflight.parameters import Parameters
-from maidenflight.simulator import dynamics, environment, rotations, stepping
-from maidenflight.simulator.battery import Supply
+from maidenflight.simulator import environment, stepping
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.failures import Guard
-from maidenflight.simulator.reality import MOTORS, AnyReality, Reality, Truth
-from maidenflight.simulator.sensors import Measurement
-from maidenflight.simulator.stepped import Stepped
-from maidenflight.simulator.tasks import Task
-from maidenflight.simulator.virtual_drone import VirtualDrone
+from maidenflight.simulator.physics import dynamics, rotations
+from maidenflight.simulator.physics.battery import Supply
+from maidenflight.simulator.physics.sensors import Measurement
+from maidenflight.simulator.realities.reality import MOTORS, AnyReality, Reality, Truth
+from maidenflight.simulator.realities.stepped import Stepped
+from maidenflight.simulator.realities.virtual_drone import VirtualDrone
+from maidenflight.simulator.tasks.failures import Guard
+from maidenflight.simulator.tasks.tasks import Task
 
 PilotOfMany = PolicyPilot | FirmwarePilot
 Pilot = PilotOfMany | ForeignPilot

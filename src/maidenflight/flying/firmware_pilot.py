@@ -17,17 +17,18 @@ from maidenflight.flights.flight_plan import FlightPlan
 from maidenflight.flights.manoeuvres import RATE as PLAN_RATE
 from maidenflight.flying.pilots import Act, Commands, cascade
 from maidenflight.flying.scenario import Scenario
-from maidenflight.simulator import dynamics, mellinger
-from maidenflight.simulator.battery import COUNTS, MOST_COUNTS, law_for
-from maidenflight.simulator.control import Controller
+from maidenflight.simulator.controllers import mellinger
+from maidenflight.simulator.controllers.control import Controller
+from maidenflight.simulator.controllers.firmware import LEAST_THRUST_COUNTS
+from maidenflight.simulator.controllers.pid import POSITION_RATE, Generation, checked
+from maidenflight.simulator.controllers.position_pid import EXCITATION, position_pid
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.firmware import LEAST_THRUST_COUNTS
-from maidenflight.simulator.pid import POSITION_RATE, Generation, checked
-from maidenflight.simulator.position_pid import EXCITATION, position_pid
-from maidenflight.simulator.reality import MOTORS, POSITION, Reality
-from maidenflight.simulator.tasks import Task
-from maidenflight.simulator.trajectories import Trajectory
-from maidenflight.simulator.virtual_drone import VirtualDrone
+from maidenflight.simulator.physics import dynamics
+from maidenflight.simulator.physics.battery import COUNTS, MOST_COUNTS, law_for
+from maidenflight.simulator.realities.reality import MOTORS, POSITION, Reality
+from maidenflight.simulator.realities.virtual_drone import VirtualDrone
+from maidenflight.simulator.tasks.tasks import Task
+from maidenflight.simulator.tasks.trajectories import Trajectory
 
 CONTROLLERS: dict[str, Callable[[Trajectory, str, float], Controller]] = dict(
     zip(

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from maidenflight.flying.pilots import ForeignPolicy
 from maidenflight.registry import POLICIES
-from maidenflight.simulator.tasks import Task
+from maidenflight.simulator.tasks.tasks import Task
 
 
 def foreign_policy(name: str | Path) -> ForeignPolicy | None:

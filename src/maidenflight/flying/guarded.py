@@ -17,10 +17,12 @@ from jaxtyping import Array, Bool, Float, Int, UInt
 from maidenflight.flying.scenario import Start, after_hover
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy
-from maidenflight.simulator import environment, failures, rotations, stepping
+from maidenflight.simulator import environment, stepping
 from maidenflight.simulator.environment import Environment, EnvState
-from maidenflight.simulator.failures import BACKUP, End
+from maidenflight.simulator.physics import rotations
 from maidenflight.simulator.policy_spec import OBSERVATION_SIZE
+from maidenflight.simulator.tasks import failures
+from maidenflight.simulator.tasks.failures import BACKUP, End
 
 
 class Trials(NamedTuple):

@@ -17,15 +17,15 @@ from jaxtyping import Array, ArrayLike, Float, Int
 from maidenflight.errors import InputError
 from maidenflight.flying.scenario import Scenario
 from maidenflight.policy import Actor, Policy
-from maidenflight.simulator import control
-from maidenflight.simulator.battery import COUNTS
-from maidenflight.simulator.control import Controller
+from maidenflight.simulator.controllers import control
+from maidenflight.simulator.controllers.control import Controller
 from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.physics.battery import COUNTS
+from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.policy_spec import PolicySpec, points_at
-from maidenflight.simulator.reality import MOTORS, Reality
-from maidenflight.simulator.sensors import Measurement
-from maidenflight.simulator.tasks import Task
-from maidenflight.simulator.virtual_drone import VirtualDrone
+from maidenflight.simulator.realities.reality import MOTORS, Reality
+from maidenflight.simulator.realities.virtual_drone import VirtualDrone
+from maidenflight.simulator.tasks.tasks import Task
 
 Fly = Callable[[Measurement, Float[np.ndarray, "3"]], Float[ArrayLike, "4"]]
 """(measurement, set-point [m]) to four numbers, once a command; it may keep a state."""

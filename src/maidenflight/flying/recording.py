@@ -15,9 +15,10 @@ from maidenflight.flying.engine import fly_all
 from maidenflight.flying.firmware_pilot import CONTROLLERS, RATE, FirmwarePilot, planned
 from maidenflight.flying.rows import Flown
 from maidenflight.flying.scenario import Scenario
-from maidenflight.simulator import sensors, tasks
-from maidenflight.simulator.pid import checked as generation
-from maidenflight.simulator.reality import AnyReality, checked
+from maidenflight.simulator.controllers.pid import checked as generation
+from maidenflight.simulator.physics import sensors
+from maidenflight.simulator.realities.reality import AnyReality, checked
+from maidenflight.simulator.tasks import tasks
 
 
 def record(

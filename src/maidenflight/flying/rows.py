@@ -9,9 +9,10 @@ from jaxtyping import Array, Float
 
 from maidenflight.flights.log import Flight
 from maidenflight.parameters import Parameters
-from maidenflight.simulator import battery, failures
-from maidenflight.simulator.battery import Supply
-from maidenflight.simulator.failures import END_REASONS, TIME_LIMIT, End, Guard
+from maidenflight.simulator.physics import battery
+from maidenflight.simulator.physics.battery import Supply
+from maidenflight.simulator.tasks import failures
+from maidenflight.simulator.tasks.failures import END_REASONS, TIME_LIMIT, End, Guard
 
 
 class Rows(NamedTuple):

@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from maidenflight.parameters import Parameters
-from maidenflight.simulator import actuators, dynamics, rotations
-from maidenflight.simulator.balance import balanced
 from maidenflight.simulator.environment import Environment, EnvState
-from maidenflight.simulator.tasks import Task
+from maidenflight.simulator.physics import actuators, dynamics, rotations
+from maidenflight.simulator.physics.balance import balanced
+from maidenflight.simulator.tasks.tasks import Task
 
 Change = Callable[[Parameters, Float[Array, ""]], Parameters]
 """(drone, time since the flight began [s]) to the drone as it is then; a pytree."""

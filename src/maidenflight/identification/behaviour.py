@@ -13,9 +13,10 @@ from maidenflight.errors import InputError
 from maidenflight.flights.log import Flight
 from maidenflight.parameters import Parameters, levers
 from maidenflight.policy import Policy
-from maidenflight.simulator import control, environment
+from maidenflight.simulator import environment
+from maidenflight.simulator.controllers import control
+from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.policy_spec import OBSERVATION_SIZE
-from maidenflight.simulator.sensors import Measurement
 
 BEHAVIOUR = (
     "body rates",

@@ -35,11 +35,12 @@ from maidenflight.identification.behaviour import (
 )
 from maidenflight.parameters import Parameters, replace
 from maidenflight.policy import Policy
-from maidenflight.simulator import control, tasks
-from maidenflight.simulator.control import Controller
+from maidenflight.simulator.controllers import control
+from maidenflight.simulator.controllers.control import Controller
+from maidenflight.simulator.controllers.interface import ControlInterface
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.failures import BACKUP
-from maidenflight.simulator.interface import ControlInterface
+from maidenflight.simulator.tasks import tasks
+from maidenflight.simulator.tasks.failures import BACKUP
 
 PRIOR: Mapping[str, tuple[str, float]] = {
     "latency": ("added", 0.004),

@@ -33,7 +33,7 @@ from maidenflight.errors import InputError
 from maidenflight.flights.log import SUBSAMPLED, ZERO_ORDER_HOLD
 from maidenflight.inputs import Fields, StrPath
 from maidenflight.parameters import COMPONENTS, DRONES, Parameters
-from maidenflight.simulator.battery import COUNTS, MOST_COUNTS
+from maidenflight.simulator.physics.battery import COUNTS, MOST_COUNTS
 
 CLOSED_LOOP = "closed_loop"
 OBJECTIVES = ("likelihood", "replay", CLOSED_LOOP)

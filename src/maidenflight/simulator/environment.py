@@ -14,22 +14,16 @@ from jaxtyping import Array, Float
 
 from maidenflight.errors import InputError
 from maidenflight.parameters import Parameters
-from maidenflight.simulator import (
-    actuators,
-    control,
-    dynamics,
-    latency,
-    noise,
-    sensors,
-    tasks,
-)
-from maidenflight.simulator.actuators import Actuators
-from maidenflight.simulator.battery import MOST_COUNTS, PLUS, Supply, ThrustLaw
-from maidenflight.simulator.control import Controller
-from maidenflight.simulator.dynamics import Integrator, State
+from maidenflight.simulator.controllers import control
+from maidenflight.simulator.controllers.control import Controller
+from maidenflight.simulator.physics import actuators, dynamics, latency, noise, sensors
+from maidenflight.simulator.physics.actuators import Actuators
+from maidenflight.simulator.physics.battery import MOST_COUNTS, PLUS, Supply, ThrustLaw
+from maidenflight.simulator.physics.dynamics import Integrator, State
+from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.policy_spec import OBSERVATION_SIZE, PolicySpec
-from maidenflight.simulator.sensors import Measurement
-from maidenflight.simulator.tasks import Task
+from maidenflight.simulator.tasks import tasks
+from maidenflight.simulator.tasks.tasks import Task
 
 
 @dataclass(frozen=True)
@@ -60,8 +54,8 @@ class Environment:
     def __post_init__(self) -> None:
         if self.battery and self.thrust_law is None:
             raise InputError(
-                "battery = True without a thrust law. Give one of simulator.battery.LAWS, such as "
-                "thrust_law=battery.FIRMWARE_2021."
+                "battery = True without a thrust law. Give one of simulator.physics.battery.LAWS, "
+                "such as thrust_law=battery.FIRMWARE_2021."
             )
         rates = self.controller.command_rate, self.estimate_rate, self.controller.interface.rate
         if min(rates) < 1 or rates[0] % max(rates) or max(rates[1:]) % min(rates[1:]):

@@ -12,7 +12,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from maidenflight.errors import InputError
 from maidenflight.registry import POLICY_FORMS
-from maidenflight.simulator.interface import ControlInterface
+from maidenflight.simulator.controllers.interface import ControlInterface
 
 
 def _same(values: Any) -> Any:

@@ -15,10 +15,11 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from maidenflight.errors import InputError
-from maidenflight.simulator import look_ahead, policy_form
-from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator import policy_form
 from maidenflight.simulator.policy_form import PolicyForm
-from maidenflight.simulator.trajectories import Trajectory
+from maidenflight.simulator.tasks import look_ahead
+from maidenflight.simulator.tasks.look_ahead import LookAhead
+from maidenflight.simulator.tasks.trajectories import Trajectory
 
 ACTION_SIZE = 4
 OBSERVATION_SIZE = 20

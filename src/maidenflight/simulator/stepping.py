@@ -12,11 +12,12 @@ from jax import lax, tree
 from jaxtyping import Array, Bool, Float, Int
 
 from maidenflight.parameters import Parameters
-from maidenflight.simulator import actuators, dynamics, failures, latency, noise, sensors, vectors
-from maidenflight.simulator.dynamics import Integrator, State
 from maidenflight.simulator.environment import Environment, EnvState, observe, remember
-from maidenflight.simulator.latency import DelayLine
+from maidenflight.simulator.physics import actuators, dynamics, latency, noise, sensors, vectors
+from maidenflight.simulator.physics.dynamics import Integrator, State
+from maidenflight.simulator.physics.latency import DelayLine
 from maidenflight.simulator.policy_spec import ACTION_SIZE
+from maidenflight.simulator.tasks import failures
 
 
 class StepResult(NamedTuple):

@@ -21,12 +21,13 @@ from jaxtyping import Array, Bool, Float
 
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy, untrained
-from maidenflight.simulator import dynamics, environment, rotations, stepping
+from maidenflight.simulator import environment, stepping
 from maidenflight.simulator.environment import Environment, EnvState
+from maidenflight.simulator.physics import dynamics, rotations
+from maidenflight.simulator.physics.vectors import norm, squared
 from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.rollouts import EnvInstance, PolicyFunction, randomized_reset
 from maidenflight.simulator.stepping import StepResult
-from maidenflight.simulator.vectors import norm, squared
 from maidenflight.training.devices import DRONES, REPLICATED, SHARDED, begun, learning, own
 
 STATIC = {"static": True}

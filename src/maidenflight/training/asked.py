@@ -9,12 +9,12 @@ from jaxtyping import Array
 
 from maidenflight.errors import InputError
 from maidenflight.policy import Policy
-from maidenflight.simulator.control import Controller
+from maidenflight.simulator.controllers.control import Controller
+from maidenflight.simulator.controllers.position_pid import EXCITATION
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.simulator.position_pid import EXCITATION
 from maidenflight.simulator.randomization import Distribution, stacked
-from maidenflight.simulator.tasks import Task
+from maidenflight.simulator.tasks.tasks import Task
 from maidenflight.training import checkpoint
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.ppo_settings import PPO

@@ -7,10 +7,12 @@ from maidenflight.errors import InputError
 from maidenflight.names import ANY_DAY, WIDE
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy
-from maidenflight.simulator import control, dynamics, tasks
-from maidenflight.simulator.battery import COUNTS
-from maidenflight.simulator.control import Controller
+from maidenflight.simulator.controllers import control
+from maidenflight.simulator.controllers.control import Controller
+from maidenflight.simulator.physics import dynamics
+from maidenflight.simulator.physics.battery import COUNTS
 from maidenflight.simulator.policy_spec import PolicySpec
+from maidenflight.simulator.tasks import tasks
 from maidenflight.training import distillation
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.distillation import Distillation

@@ -25,10 +25,10 @@ from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy, untrained
 from maidenflight.simulator import environment, stepping
 from maidenflight.simulator.environment import Environment, EnvState
+from maidenflight.simulator.physics.vectors import squared
 from maidenflight.simulator.policy_spec import ACTION_SIZE, INSTANTS
 from maidenflight.simulator.randomization import Distribution
 from maidenflight.simulator.rollouts import EnvInstance
-from maidenflight.simulator.vectors import squared
 from maidenflight.training import analytic_gradient
 from maidenflight.training.analytic_gradient import (
     STATIC,

@@ -11,7 +11,7 @@ from maidenflight import manifest, parameters, policy_file, results, run_folder
 from maidenflight.errors import InputError
 from maidenflight.parameters import Parameters
 from maidenflight.policy import Policy
-from maidenflight.simulator import dynamics
+from maidenflight.simulator.physics import dynamics
 
 
 def write_policies(

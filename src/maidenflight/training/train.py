@@ -23,11 +23,11 @@ from maidenflight import compiler
 from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
 from maidenflight.policy import Policy
-from maidenflight.simulator.control import Controller
+from maidenflight.simulator.controllers.control import Controller
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import Distribution
-from maidenflight.simulator.tasks import Task
+from maidenflight.simulator.tasks.tasks import Task
 from maidenflight.training import analytic_gradient, checkpoint, distillation, ppo
 from maidenflight.training.analytic_gradient import AnalyticGradient
 from maidenflight.training.asked import Asked, checked

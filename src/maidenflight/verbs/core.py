@@ -59,12 +59,12 @@ if TYPE_CHECKING:
     from maidenflight.reporting.page import report
     from maidenflight.reporting.run import read_flights_of
     from maidenflight.reporting.text import ERRORS
-    from maidenflight.simulator import control
-    from maidenflight.simulator.look_ahead import LookAhead
+    from maidenflight.simulator.controllers import control
     from maidenflight.simulator.policy_spec import PolicySpec
-    from maidenflight.simulator.reality import AnyReality
-    from maidenflight.simulator.tasks import TASKS, with_yaw_penalty
-    from maidenflight.simulator.virtual_drone import VirtualDrone, must_be_virtual
+    from maidenflight.simulator.realities.reality import AnyReality
+    from maidenflight.simulator.realities.virtual_drone import VirtualDrone, must_be_virtual
+    from maidenflight.simulator.tasks.look_ahead import LookAhead
+    from maidenflight.simulator.tasks.tasks import TASKS, with_yaw_penalty
     from maidenflight.studies import sweeping
     from maidenflight.studies.engine import Resources
     from maidenflight.studies.status import Progress as Status

@@ -14,7 +14,7 @@ from maidenflight.flying.extremes import extremes_of
 from maidenflight.flying.recording import fly_plans
 from maidenflight.identification.design import optimal_design, planning
 from maidenflight.identification.design.planning import CHUNK, LOWEST, MARGIN, Allowed, Request
-from maidenflight.simulator.virtual_drone import virtual_drone
+from maidenflight.simulator.realities.virtual_drone import virtual_drone
 from maidenflight.verbs.record import Record
 from run_listing import entries, unlisted
 

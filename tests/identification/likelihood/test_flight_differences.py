@@ -15,7 +15,7 @@ from maidenflight.identification.identify import identify
 from maidenflight.identification.likelihood import one_step
 from maidenflight.identification.likelihood.flight_differences import _groups
 from maidenflight.identification.methods import Likelihood
-from maidenflight.simulator.virtual_drone import virtual_drone
+from maidenflight.simulator.realities.virtual_drone import virtual_drone
 
 OVER = ("thrust_to_weight", "motor_time_constant", "latency")
 

@@ -17,9 +17,10 @@ from maidenflight.identification.likelihood.one_step import LENGTH
 from maidenflight.identification.likelihood.one_step_errors import COLUMNS, errors
 from maidenflight.identification.replay.open_loop import under_way
 from maidenflight.parameters import QUANTITIES, crazyflie, noiseless, replace
-from maidenflight.simulator import dynamics, rotations, stepping
-from maidenflight.simulator.dynamics import State
-from maidenflight.simulator.latency import DelayLine
+from maidenflight.simulator import stepping
+from maidenflight.simulator.physics import dynamics, rotations
+from maidenflight.simulator.physics.dynamics import State
+from maidenflight.simulator.physics.latency import DelayLine
 
 TRUTH = planted.drone(1.9, 0.06, 0.012)
 STEPS = 2

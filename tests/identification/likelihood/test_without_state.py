@@ -21,8 +21,8 @@ from maidenflight.identification.methods import Likelihood, Replay
 from maidenflight.identification.outcome.estimates import Identification
 from maidenflight.identification.signals.flight_signals import lagged
 from maidenflight.parameters import Parameters, component, crazyflie, replace
-from maidenflight.simulator.battery import MOST_COUNTS
-from maidenflight.simulator.virtual_drone import virtual_drone
+from maidenflight.simulator.physics.battery import MOST_COUNTS
+from maidenflight.simulator.realities.virtual_drone import virtual_drone
 
 pytestmark = pytest.mark.slow
 

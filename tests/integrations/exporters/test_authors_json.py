@@ -21,10 +21,11 @@ from maidenflight.integrations.exporters.onnx import to_onnx
 from maidenflight.integrations.logs import authors
 from maidenflight.integrations.policies.authors_policy import EPSILON, RATES, interface_of
 from maidenflight.policy_file import from_json, read
-from maidenflight.simulator import interface, rotations
-from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.controllers import interface
+from maidenflight.simulator.physics import rotations
+from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.simulator.sensors import Measurement
+from maidenflight.simulator.tasks.look_ahead import LookAhead
 
 GENERATOR = np.random.default_rng(0)
 SIZES = (40, 6, 5, 4)

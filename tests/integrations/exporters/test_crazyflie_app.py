@@ -30,23 +30,17 @@ from maidenflight.integrations.radio.blocks import ACTIVE, ENABLE, REASONS
 from maidenflight.names import PROPELLERS
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import Policy, untrained
-from maidenflight.simulator import (
-    control,
-    dynamics,
-    environment,
-    firmware,
-    interface,
-    rotations,
-    tasks,
-    trajectories,
-)
-from maidenflight.simulator.control import CONTROLLERS
+from maidenflight.simulator import environment
+from maidenflight.simulator.controllers import control, firmware, interface
+from maidenflight.simulator.controllers.control import CONTROLLERS
+from maidenflight.simulator.controllers.position_pid import position_pid
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.physics import dynamics, rotations
+from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.simulator.position_pid import position_pid
 from maidenflight.simulator.rollouts import rollout
-from maidenflight.simulator.sensors import Measurement
+from maidenflight.simulator.tasks import tasks, trajectories
+from maidenflight.simulator.tasks.look_ahead import LookAhead
 
 HERE = Path(__file__).parent / "crazyflie"
 PAGE = Path(__file__).parents[3] / "docs/crazyflie.md"

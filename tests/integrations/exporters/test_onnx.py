@@ -25,9 +25,9 @@ from maidenflight.integrations.exporters.authors_json import interface_of
 from maidenflight.integrations.exporters.onnx import IR, OPSET, export_onnx, to_onnx
 from maidenflight.policy import untrained
 from maidenflight.policy_file import to_json
-from maidenflight.simulator.interface import ControlInterface
-from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.controllers.interface import ControlInterface
 from maidenflight.simulator.policy_spec import PolicySpec
+from maidenflight.simulator.tasks.look_ahead import LookAhead
 from maidenflight.verbs.export import Export
 
 onnx = pytest.importorskip("onnx")

@@ -18,10 +18,11 @@ from maidenflight import parameters  # noqa: E402
 from maidenflight.errors import InputError  # noqa: E402
 from maidenflight.integrations.gym import arguments, rewards  # noqa: E402
 from maidenflight.parameters import crazyflie, noiseless, replace  # noqa: E402
-from maidenflight.simulator import dynamics, tasks, trajectories  # noqa: E402
-from maidenflight.simulator.look_ahead import LookAhead  # noqa: E402
+from maidenflight.simulator.physics import dynamics  # noqa: E402
 from maidenflight.simulator.policy_spec import PolicySpec  # noqa: E402
 from maidenflight.simulator.randomization import relative_box  # noqa: E402
+from maidenflight.simulator.tasks import tasks, trajectories  # noqa: E402
+from maidenflight.simulator.tasks.look_ahead import LookAhead  # noqa: E402
 
 IDS = [f"maidenflight/{name}-v0" for name in maidenflight.integrations.gym.TASKS]
 CIRCLE = "maidenflight/Circle-v0"

@@ -14,7 +14,7 @@ from maidenflight.errors import InputError
 from maidenflight.flights import compensation, tables
 from maidenflight.flights.reading import read_flights
 from maidenflight.integrations.logs import cflib
-from maidenflight.simulator.battery import LARGEST_COMMAND
+from maidenflight.simulator.physics.battery import LARGEST_COMMAND
 
 ROWS = 600
 DEGREE = np.pi / 180

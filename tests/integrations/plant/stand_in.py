@@ -13,9 +13,10 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 
 from maidenflight.integrations.plant.running_plant import SIZE
-from maidenflight.simulator import battery, firmware, rotations
-from maidenflight.simulator.control import NOTHING
-from maidenflight.simulator.firmware import ABSOLUTE, DISABLE, VELOCITY, StateEstimate
+from maidenflight.simulator.controllers import firmware
+from maidenflight.simulator.controllers.control import NOTHING
+from maidenflight.simulator.controllers.firmware import ABSOLUTE, DISABLE, VELOCITY, StateEstimate
+from maidenflight.simulator.physics import battery, rotations
 
 STRUCTURES = ("position", "pwm", "attitude", "attitude_rate")
 MODES = {

@@ -15,7 +15,7 @@ import stand_in
 from maidenflight.errors import InputError
 from maidenflight.integrations.plant import lock_step
 from maidenflight.integrations.plant.running_plant import find_plant
-from maidenflight.simulator.tasks import STANDING_HEIGHT_M
+from maidenflight.simulator.tasks.tasks import STANDING_HEIGHT_M
 
 OFF = (0, 0, 0, 0)
 

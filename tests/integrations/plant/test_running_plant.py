@@ -9,9 +9,9 @@ import pytest
 
 from maidenflight.integrations.plant import running_plant as plant
 from maidenflight.parameters import noiseless
-from maidenflight.simulator import battery, dynamics
-from maidenflight.simulator.tasks import STANDING_HEIGHT_M
-from maidenflight.simulator.virtual_drone import virtual_drone
+from maidenflight.simulator.physics import battery, dynamics
+from maidenflight.simulator.realities.virtual_drone import virtual_drone
+from maidenflight.simulator.tasks.tasks import STANDING_HEIGHT_M
 
 pytestmark = pytest.mark.slow
 

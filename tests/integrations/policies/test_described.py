@@ -15,9 +15,9 @@ from maidenflight.flying.pilots import ForeignPolicy
 from maidenflight.integrations.exporters.onnx import export_onnx
 from maidenflight.integrations.policies.described import INPUTS, DescribedPolicy, described
 from maidenflight.policy import untrained
-from maidenflight.simulator import tasks
-from maidenflight.simulator.look_ahead import LookAhead
 from maidenflight.simulator.policy_spec import PolicySpec
+from maidenflight.simulator.tasks import tasks
+from maidenflight.simulator.tasks.look_ahead import LookAhead
 from numpy_drone import NumpyDrone
 
 PAGE = Path(__file__).parents[3] / "docs" / "realities.md"

@@ -8,7 +8,7 @@ from maidenflight.experiments.transfer import transfer
 from maidenflight.flying.foreign_policy import foreign_policy
 from maidenflight.flying.pilots import ForeignPolicy
 from maidenflight.integrations.policies.firmware import CONTROLLERS, FirmwareController
-from maidenflight.simulator import tasks
+from maidenflight.simulator.tasks import tasks
 from numpy_drone import NumpyDrone
 
 pytestmark = pytest.mark.slow

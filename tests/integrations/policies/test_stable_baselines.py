@@ -13,12 +13,12 @@ from maidenflight.experiments.transfer import transfer
 from maidenflight.flying.foreign_policy import foreign_policy
 from maidenflight.flying.pilots import ForeignPolicy
 from maidenflight.integrations.policies.described import DescribedPolicy, described
-from maidenflight.simulator import tasks
+from maidenflight.simulator.controllers.interface import NOTE
 from maidenflight.simulator.environment import observe, remember
-from maidenflight.simulator.interface import NOTE
-from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.policy_spec import PolicySpec, points_at
-from maidenflight.simulator.sensors import Measurement
+from maidenflight.simulator.tasks import tasks
+from maidenflight.simulator.tasks.look_ahead import LookAhead
 from numpy_drone import NumpyDrone
 
 AHEAD = PolicySpec(history=3, look_ahead=LookAhead(2, 0.3))

@@ -21,7 +21,7 @@ from maidenflight.flights import tables
 from maidenflight.integrations.radio import session
 from maidenflight.integrations.radio.flight import COMPLETE, FIRMWARE_STOPS, PROMISED, Plan
 from maidenflight.integrations.radio.watch import Limits
-from maidenflight.simulator import trajectories
+from maidenflight.simulator.tasks import trajectories
 
 PATH = trajectories.circle(0.5, 3.0, 1.0)
 SECONDS = 1.0

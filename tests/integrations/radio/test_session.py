@@ -36,7 +36,7 @@ from maidenflight.integrations.radio.blocks import (
 from maidenflight.integrations.radio.crazyflie import Crazyflie
 from maidenflight.integrations.radio.flight import COMPLETE, PROMISED, Plan
 from maidenflight.integrations.radio.watch import GUARDS, Limits
-from maidenflight.simulator import trajectories
+from maidenflight.simulator.tasks import trajectories
 from run_listing import entries, unlisted
 
 CIRCLE = trajectories.circle(0.5, 3.0, 1.0)

@@ -13,10 +13,10 @@ from maidenflight.flying.foreign_policy import foreign_policy, reference_velocit
 from maidenflight.flying.pilots import ForeignPolicy
 from maidenflight.integrations.raptor.foundation_policy import _network, observed
 from maidenflight.policy import untrained
-from maidenflight.simulator import tasks
-from maidenflight.simulator.reality import reality
-from maidenflight.simulator.sensors import Measurement
-from maidenflight.simulator.virtual_drone import virtual_drone
+from maidenflight.simulator.physics.sensors import Measurement
+from maidenflight.simulator.realities.reality import reality
+from maidenflight.simulator.realities.virtual_drone import virtual_drone
+from maidenflight.simulator.tasks import tasks
 from maidenflight.verbs.transfer import Transfer
 
 

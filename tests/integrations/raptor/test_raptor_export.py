@@ -24,10 +24,13 @@ from maidenflight.integrations.raptor.foundation_policy import observed
 from maidenflight.parameters import crazyflie
 from maidenflight.policy import Actor, Policy, untrained
 from maidenflight.registry import EXPORTERS
-from maidenflight.simulator import control, dynamics, environment, stepping, tasks
+from maidenflight.simulator import environment, stepping
+from maidenflight.simulator.controllers import control
 from maidenflight.simulator.environment import Environment
+from maidenflight.simulator.physics import dynamics
+from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.simulator.sensors import Measurement
+from maidenflight.simulator.tasks import tasks
 
 h5py: Any = pytest.importorskip("h5py")
 Evaluate = Callable[[np.ndarray], np.ndarray]

@@ -13,9 +13,9 @@ from maidenflight.errors import InputError
 from maidenflight.integrations.raptor import form as raptor_form
 from maidenflight.integrations.raptor.foundation_policy import observed as seen_by_raptor
 from maidenflight.policy import untrained
-from maidenflight.simulator import interface
+from maidenflight.simulator.controllers import interface
+from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.policy_spec import PolicySpec
-from maidenflight.simulator.sensors import Measurement
 
 OBSERVED = jax.jit(raptor_form.observed)
 SLOPES = jax.jit(jax.jacobian(raptor_form.observed))

@@ -20,10 +20,13 @@ from maidenflight.integrations.simulators import bullet
 from maidenflight.integrations.simulators.bullet import DAMPING, Bullet, bullet_drone
 from maidenflight.parameters import crazyflie, replace
 from maidenflight.policy import untrained
-from maidenflight.simulator import control, dynamics, environment, rotations, tasks
-from maidenflight.simulator.dynamics import State
+from maidenflight.simulator import environment
+from maidenflight.simulator.controllers import control
+from maidenflight.simulator.physics import dynamics, rotations
+from maidenflight.simulator.physics.dynamics import State
+from maidenflight.simulator.realities.virtual_drone import virtual_drone
 from maidenflight.simulator.rollouts import rollout
-from maidenflight.simulator.virtual_drone import virtual_drone
+from maidenflight.simulator.tasks import tasks
 
 UNEQUAL = replace(
     crazyflie(), inertia=(1.33e-5, 1.6e-5, 2.64e-5), drag=(0.3, 0.2, 0.1), spin_down_ratio=1.4

@@ -14,9 +14,9 @@ from maidenflight.errors import InputError
 from maidenflight.flying import recording
 from maidenflight.integrations.simulators.l2f import BODIES, L2F
 from maidenflight.parameters import replace
-from maidenflight.simulator import dynamics
-from maidenflight.simulator.geometry import TORQUES
-from maidenflight.simulator.reality import checked, reality
+from maidenflight.simulator.physics import dynamics
+from maidenflight.simulator.physics.geometry import TORQUES
+from maidenflight.simulator.realities.reality import checked, reality
 
 START = np.array([0.2, -0.1, 1.0])
 

@@ -30,7 +30,7 @@ from maidenflight.identification.outcome.plausible import UNIFORM, prior_ranges
 from maidenflight.identification.search.box import physical_bounds
 from maidenflight.identification.signals.flight_signals import stride
 from maidenflight.parameters import replace as changed
-from maidenflight.simulator.virtual_drone import VirtualDrone, virtual_drone
+from maidenflight.simulator.realities.virtual_drone import VirtualDrone, virtual_drone
 
 LOOK = 9.0
 """Seconds for which each manoeuvre is simulated, the rest after it not counted."""

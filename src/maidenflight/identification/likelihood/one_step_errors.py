@@ -23,10 +23,11 @@ from maidenflight.identification.replay.open_loop import (
     wrapped,
 )
 from maidenflight.parameters import Parameters, replace
-from maidenflight.simulator import dynamics, rotations, stepping
-from maidenflight.simulator.dynamics import State
-from maidenflight.simulator.latency import DelayLine
-from maidenflight.simulator.vectors import entries
+from maidenflight.simulator import stepping
+from maidenflight.simulator.physics import dynamics, rotations
+from maidenflight.simulator.physics.dynamics import State
+from maidenflight.simulator.physics.latency import DelayLine
+from maidenflight.simulator.physics.vectors import entries
 
 ORDER = 16
 """Rows of the past in an error's autoregression. Half as many cannot tell slow disturbances from a

@@ -22,7 +22,7 @@ from maidenflight.identification.likelihood.selection import HELD_OUT
 from maidenflight.identification.signals.flight_signals import delayed, force_along_z, gyro, means
 from maidenflight.parameters import Parameters
 from maidenflight.parameters import replace as with_values
-from maidenflight.simulator import dynamics
+from maidenflight.simulator.physics import dynamics
 
 LEAD_IN = 1.0
 """Flight before a segment from which its rotors' speeds follow [s]."""

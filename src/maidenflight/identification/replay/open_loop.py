@@ -16,10 +16,11 @@ from jaxtyping import Array, Float, Int
 from maidenflight import cores
 from maidenflight.flights.windows import Windows
 from maidenflight.parameters import Parameters
-from maidenflight.simulator import actuators, dynamics, rotations, stepping
-from maidenflight.simulator.dynamics import State
-from maidenflight.simulator.latency import DelayLine
-from maidenflight.simulator.vectors import entries
+from maidenflight.simulator import stepping
+from maidenflight.simulator.physics import actuators, dynamics, rotations
+from maidenflight.simulator.physics.dynamics import State
+from maidenflight.simulator.physics.latency import DelayLine
+from maidenflight.simulator.physics.vectors import entries
 
 PHYSICS_STEP = 0.005
 """Nominal physics step [s]: the paper simulates at 200 Hz."""

@@ -16,7 +16,7 @@ from maidenflight.integrations.policies.authors_policy import (
     interface_of,
 )
 from maidenflight.policy import Policy
-from maidenflight.simulator.interface import CONTROLS, ControlInterface
+from maidenflight.simulator.controllers.interface import CONTROLS, ControlInterface
 
 MOST_LAYERS = 7
 """Layers that their firmware takes."""

@@ -10,13 +10,14 @@ from maidenflight.errors import InputError
 from maidenflight.inputs import StrPath
 from maidenflight.integrations.gym import rewards
 from maidenflight.parameters import DRONES, Parameters, crazyflie, read
-from maidenflight.simulator import control, failures, tasks, trajectories
-from maidenflight.simulator.control import Controller
+from maidenflight.simulator.controllers import control
+from maidenflight.simulator.controllers.control import Controller
 from maidenflight.simulator.environment import Environment
 from maidenflight.simulator.policy_spec import PolicySpec
 from maidenflight.simulator.randomization import Distribution, relative_box
-from maidenflight.simulator.tasks import Task
-from maidenflight.simulator.trajectories import Trajectory
+from maidenflight.simulator.tasks import failures, tasks, trajectories
+from maidenflight.simulator.tasks.tasks import Task
+from maidenflight.simulator.tasks.trajectories import Trajectory
 
 Drones = Parameters | Distribution | StrPath | None
 """One drone, drones to draw from, a named drone, a TOML file, or the Crazyflie +-10 %."""
@@ -126,7 +127,7 @@ def _tracking(
     if not callable(trajectory):
         raise InputError(
             f"trajectory = {trajectory!r}; expected a function of time, such as those of "
-            "maidenflight.simulator.trajectories."
+            "maidenflight.simulator.tasks.trajectories."
         )
     return tasks.tracking(trajectory, duration or trajectories.NORMAL, farthest, latest_start)
 

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from PIL import Image, ImageDraw, ImageFont
 
 from maidenflight.parameters import Parameters, arm_length, rotors
-from maidenflight.simulator.tasks import Task
+from maidenflight.simulator.tasks.tasks import Task
 
 SIZE = (640, 480)
 """Width and height of a picture [pixels]."""

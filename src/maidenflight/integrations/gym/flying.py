@@ -16,11 +16,12 @@ from jax import lax, tree
 from jaxtyping import Array, Bool, Float, UInt32
 
 from maidenflight.parameters import crazyflie
-from maidenflight.simulator import environment, rotations, stepping
+from maidenflight.simulator import environment, stepping
 from maidenflight.simulator.environment import Environment
-from maidenflight.simulator.failures import END_REASONS
+from maidenflight.simulator.physics import rotations
 from maidenflight.simulator.randomization import Distribution, relative_box
 from maidenflight.simulator.rollouts import EnvInstance, randomized_reset
+from maidenflight.simulator.tasks.failures import END_REASONS
 
 GROUP = 128
 """Most float32 numbers of an array of 512 bytes."""

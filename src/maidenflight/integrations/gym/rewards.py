@@ -11,9 +11,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from maidenflight.errors import InputError
-from maidenflight.simulator.dynamics import State
-from maidenflight.simulator.tasks import Task
-from maidenflight.simulator.vectors import norm
+from maidenflight.simulator.physics.dynamics import State
+from maidenflight.simulator.physics.vectors import norm
+from maidenflight.simulator.tasks.tasks import Task
 
 REWARDS = ("task", "shaped")
 """Names of rewards."""

@@ -12,9 +12,9 @@ from jaxtyping import Float
 from maidenflight.errors import InputError
 from maidenflight.integrations.gym import arguments, flying
 from maidenflight.integrations.gym.drawing import Scene, View
-from maidenflight.simulator.failures import TIME_LIMIT
-from maidenflight.simulator.interface import NOTE, ControlInterface
+from maidenflight.simulator.controllers.interface import NOTE, ControlInterface
 from maidenflight.simulator.policy_spec import ACTION_SIZE, PolicySpec
+from maidenflight.simulator.tasks.failures import TIME_LIMIT
 
 # A step takes less time than to hand it to another thread, which JAX does on a CPU unless it is
 # told not to before its first use.

@@ -14,8 +14,8 @@ from maidenflight.errors import InputError
 from maidenflight.integrations.gym import arguments, flying
 from maidenflight.integrations.gym.drawing import Scene, View
 from maidenflight.integrations.gym.single import spaces
-from maidenflight.simulator.failures import TIME_LIMIT
 from maidenflight.simulator.policy_spec import PolicySpec
+from maidenflight.simulator.tasks.failures import TIME_LIMIT
 
 Steps = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
 

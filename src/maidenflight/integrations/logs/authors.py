@@ -14,7 +14,7 @@ from maidenflight.flights import tables
 from maidenflight.flights.formats import Found, TableFormat
 from maidenflight.flights.log import Flight, flight_of
 from maidenflight.flights.tables import Table
-from maidenflight.simulator import battery
+from maidenflight.simulator.physics import battery
 
 COLUMNS = (
     *(

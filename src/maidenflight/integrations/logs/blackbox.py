@@ -25,9 +25,9 @@ import numpy as np
 from jaxtyping import Float
 
 from maidenflight.errors import InputError, optional
-from maidenflight.flights import rates, streams
 from maidenflight.flights.formats import Found, Recording
 from maidenflight.flights.log import LONGEST_DELAY, Flight, flight_of
+from maidenflight.flights.streams import rates, streams
 
 DSHOT_ZERO, DSHOT_MOST = 48, 2047
 """DShot values of a motor that just does not turn, and of full throttle."""

@@ -17,11 +17,12 @@ import numpy as np
 import polars
 
 from maidenflight.errors import InputError
-from maidenflight.flights import attitudes, compensation, streams, tables
+from maidenflight.flights import compensation, tables
 from maidenflight.flights.formats import Found, TableFormat
 from maidenflight.flights.log import flight_of
+from maidenflight.flights.streams import attitudes, streams
 from maidenflight.flights.tables import Table
-from maidenflight.simulator.battery import MOST_COUNTS
+from maidenflight.simulator.physics.battery import MOST_COUNTS
 
 CLOCKS = ("timestamp", "time", "t")
 """Names of the column of time, in any case; ms if its steps are 1 or more, else s."""

@@ -26,11 +26,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from maidenflight.flights import attitudes, compensation, tables
+from maidenflight.flights import compensation, tables
 from maidenflight.flights.formats import Found, TableFormat
 from maidenflight.flights.log import flight_of
+from maidenflight.flights.streams import attitudes
 from maidenflight.flights.tables import Table
-from maidenflight.simulator.battery import MOST_COUNTS
+from maidenflight.simulator.physics.battery import MOST_COUNTS
 
 VICON = ("px", "py", "pz", "vx", "vy", "vz", "roll", "pitch", "yaw")
 GYRO = ("imu_gyro_x", "imu_gyro_y", "imu_gyro_z")

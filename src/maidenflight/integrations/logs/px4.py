@@ -16,9 +16,10 @@ frames), src/modules/land_detector/land_detector_params_mc.c.
 import numpy as np
 from jaxtyping import Bool, Float
 
-from maidenflight.flights import airborne, joining, rates, streams
+from maidenflight.flights.checks import airborne
 from maidenflight.flights.log import LONGEST_DELAY, Flight
-from maidenflight.flights.streams import Stream
+from maidenflight.flights.streams import joining, rates, streams
+from maidenflight.flights.streams.streams import Stream
 from maidenflight.integrations.logs import px4_motors
 from maidenflight.integrations.logs.px4_topics import REMEDY, Parameters, Topics, columns, vector
 

@@ -17,8 +17,8 @@ import numpy as np
 from jaxtyping import Int
 
 from maidenflight.errors import InputError
-from maidenflight.flights import streams
-from maidenflight.flights.streams import Stream
+from maidenflight.flights.streams import streams
+from maidenflight.flights.streams.streams import Stream
 from maidenflight.integrations.logs.px4_topics import REMEDY, Parameters, Topics, columns, vector
 
 _ORDER = (0, 3, 1, 2)

@@ -17,10 +17,10 @@ import numpy as np
 import polars
 
 from maidenflight.errors import InputError, optional
-from maidenflight.flights import joining, streams
 from maidenflight.flights.formats import Found, Recording
 from maidenflight.flights.log import Flight
-from maidenflight.flights.streams import Stream
+from maidenflight.flights.streams import joining, streams
+from maidenflight.flights.streams.streams import Stream
 from maidenflight.flights.tables import Table
 from maidenflight.integrations.logs import cflib, px4, ros_topics
 from maidenflight.integrations.logs.px4_topics import vector

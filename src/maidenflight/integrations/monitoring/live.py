@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from maidenflight.errors import InputError, WriteError, optional
 from maidenflight.flights.log import Flight
 from maidenflight.reporting.run import usable
-from maidenflight.simulator import geometry
+from maidenflight.simulator.physics import geometry
 
 if TYPE_CHECKING:
     from maidenflight.policy import Policy

@@ -22,7 +22,7 @@ from jaxtyping import Array, Float
 
 from maidenflight.experiments.drones import drone_of, find_reality
 from maidenflight.parameters import Parameters, full_scale_counts, replace
-from maidenflight.simulator import (
+from maidenflight.simulator.physics import (
     actuators,
     battery,
     dynamics,
@@ -31,10 +31,10 @@ from maidenflight.simulator import (
     rotations,
     sensors,
 )
-from maidenflight.simulator.battery import Supply
-from maidenflight.simulator.dynamics import Integrator, State
-from maidenflight.simulator.tasks import STANDING_HEIGHT_M
-from maidenflight.simulator.virtual_drone import VirtualDrone, must_be_virtual
+from maidenflight.simulator.physics.battery import Supply
+from maidenflight.simulator.physics.dynamics import Integrator, State
+from maidenflight.simulator.realities.virtual_drone import VirtualDrone, must_be_virtual
+from maidenflight.simulator.tasks.tasks import STANDING_HEIGHT_M
 
 STEP = 0.001
 """Time from a message to the next [s]: the firmware's main loop."""

@@ -21,7 +21,7 @@ from maidenflight import inputs
 from maidenflight.errors import InputError
 from maidenflight.policy import Policy
 from maidenflight.policy_file import PolicyFormat, UnknownControl
-from maidenflight.simulator.interface import CONTROLS, INTERFACES, ControlInterface
+from maidenflight.simulator.controllers.interface import CONTROLS, INTERFACES, ControlInterface
 from maidenflight.simulator.policy_spec import OBSERVATION_SIZE, PolicySpec
 
 EPSILON = 1e-5

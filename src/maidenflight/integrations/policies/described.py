@@ -33,9 +33,9 @@ from maidenflight.flying.pilots import Fly
 from maidenflight.inputs import StrPath
 from maidenflight.integrations.policies import onnx_file, stable_baselines
 from maidenflight.integrations.policies.onnx_file import Network
+from maidenflight.simulator.physics.sensors import Measurement
 from maidenflight.simulator.policy_spec import PolicySpec, points_at
-from maidenflight.simulator.sensors import Measurement
-from maidenflight.simulator.tasks import Task
+from maidenflight.simulator.tasks.tasks import Task
 
 
 class Instant(NamedTuple):

@@ -11,12 +11,12 @@ import numpy as np
 
 from maidenflight.errors import InputError
 from maidenflight.flying.pilots import Fly, cascade
-from maidenflight.simulator.control import Controller
-from maidenflight.simulator.mellinger import mellinger
-from maidenflight.simulator.pid import ATTITUDE_RATE, POSITION_RATE
-from maidenflight.simulator.position_pid import position_pid
-from maidenflight.simulator.tasks import Task
-from maidenflight.simulator.trajectories import Trajectory
+from maidenflight.simulator.controllers.control import Controller
+from maidenflight.simulator.controllers.mellinger import mellinger
+from maidenflight.simulator.controllers.pid import ATTITUDE_RATE, POSITION_RATE
+from maidenflight.simulator.controllers.position_pid import position_pid
+from maidenflight.simulator.tasks.tasks import Task
+from maidenflight.simulator.tasks.trajectories import Trajectory
 
 CONTROLLERS: dict[str, Callable[[Trajectory], Controller]] = {
     "pid": lambda _: position_pid(),

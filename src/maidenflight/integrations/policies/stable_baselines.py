@@ -20,7 +20,7 @@ from jaxtyping import Float
 
 from maidenflight.errors import InputError, optional
 from maidenflight.inputs import StrPath
-from maidenflight.simulator.interface import NOTE
+from maidenflight.simulator.controllers.interface import NOTE
 from maidenflight.simulator.policy_spec import PolicySpec
 
 SCALING = "vecnormalize.pkl"

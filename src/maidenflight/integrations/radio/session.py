@@ -22,8 +22,8 @@ from maidenflight.integrations.radio.clock import Clock, WallClock
 from maidenflight.integrations.radio.crazyflie import Crazyflie
 from maidenflight.integrations.radio.flight import COMPLETE, Ending, Plan, fly
 from maidenflight.integrations.radio.watch import Limits, Standing
-from maidenflight.simulator import tasks
-from maidenflight.simulator.trajectories import Trajectory
+from maidenflight.simulator.tasks import tasks
+from maidenflight.simulator.tasks.trajectories import Trajectory
 
 SETTLING = 10.0
 """Longest wait for the estimator [s]."""

@@ -17,10 +17,11 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from maidenflight.errors import InputError
-from maidenflight.simulator import interface, rotations
-from maidenflight.simulator.interface import ControlInterface
-from maidenflight.simulator.look_ahead import LookAhead
+from maidenflight.simulator.controllers import interface
+from maidenflight.simulator.controllers.interface import ControlInterface
+from maidenflight.simulator.physics import rotations
 from maidenflight.simulator.policy_form import PolicyForm
+from maidenflight.simulator.tasks.look_ahead import LookAhead
 
 RAPTOR = "raptor"
 """Name of the form."""

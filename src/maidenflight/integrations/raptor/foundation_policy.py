@@ -26,8 +26,8 @@ from maidenflight.errors import InputError, optional
 from maidenflight.flying.foreign_policy import reference_velocity
 from maidenflight.flying.pilots import Fly
 from maidenflight.integrations.raptor.form import MAX_POSITION_ERROR_M, MAX_VELOCITY_ERROR_M_S
-from maidenflight.simulator.sensors import Measurement
-from maidenflight.simulator.tasks import Task
+from maidenflight.simulator.physics.sensors import Measurement
+from maidenflight.simulator.tasks.tasks import Task
 
 RATES = {"raptor": 100, "raptor:500hz": 500}
 """Commands a second [Hz] by name."""

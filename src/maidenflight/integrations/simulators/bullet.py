@@ -34,10 +34,10 @@ from jaxtyping import Array, ArrayLike, Float
 from maidenflight.errors import optional
 from maidenflight.parameters import Parameters
 from maidenflight.parameters.frames import PLACES
-from maidenflight.simulator import dynamics
-from maidenflight.simulator.dynamics import State
-from maidenflight.simulator.reality import seed_of
-from maidenflight.simulator.virtual_drone import VirtualDrone, virtual_drone
+from maidenflight.simulator.physics import dynamics
+from maidenflight.simulator.physics.dynamics import State
+from maidenflight.simulator.realities.reality import seed_of
+from maidenflight.simulator.realities.virtual_drone import VirtualDrone, virtual_drone
 
 DAMPING = 0.04
 """Bullet's own linear and angular damping [-], in force unless switched off."""

@@ -32,9 +32,9 @@ from maidenflight.errors import InputError, optional
 from maidenflight.integrations.simulators import crazyflow_process
 from maidenflight.integrations.simulators.crazyflow_process import BEGIN, RATE, STEP, TOLD
 from maidenflight.parameters import Parameters, crazyflie, noiseless, replace, x_frame
-from maidenflight.simulator import dynamics
-from maidenflight.simulator.reality import MOTORS, Truth
-from maidenflight.simulator.sensors import Measurement
+from maidenflight.simulator.physics import dynamics
+from maidenflight.simulator.physics.sensors import Measurement
+from maidenflight.simulator.realities.reality import MOTORS, Truth
 
 _RPM = 2 * math.pi / 60
 """rad/s of a revolution a minute."""

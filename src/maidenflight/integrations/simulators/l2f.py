@@ -31,9 +31,9 @@ from maidenflight.parameters import (
     replace,
     rotors,
 )
-from maidenflight.simulator import dynamics
-from maidenflight.simulator.reality import MOTORS, Truth
-from maidenflight.simulator.sensors import Measurement
+from maidenflight.simulator.physics import dynamics
+from maidenflight.simulator.physics.sensors import Measurement
+from maidenflight.simulator.realities.reality import MOTORS, Truth
 
 RATE = 500
 """Steps a second [Hz]."""

@@ -6,7 +6,7 @@ import polars
 from maidenflight.errors import InputError
 from maidenflight.reporting.figures import charts
 from maidenflight.reporting.figures.charts import Entry, Figure, Spec
-from maidenflight.simulator.failures import END_REASONS, TIME_LIMIT
+from maidenflight.simulator.tasks.failures import END_REASONS, TIME_LIMIT
 
 COLOURS = {"pwm": "blue", "attitude_rate": "orange", "attitude": "green"}
 """Of control structures, in all pictures."""

@@ -1,0 +1,1 @@
+"""Judges rows of a log: whether the drone flies, and whether the signals agree."""

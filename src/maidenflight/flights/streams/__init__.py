@@ -1,0 +1,1 @@
+"""Joins signals that were logged apart, each at its own rate."""

@@ -1,0 +1,152 @@
+"""A flight of signals that were logged each at a rate of its own.
+
+Rows are the samples of the body rates, or of the state estimate where that is rarer. The others are
+joined as physics needs them: what is measured lies on straight lines between its samples, and of
+the motors each row holds what they were told until the next.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from maidenflight.errors import InputError
+from maidenflight.flights.log import Flight, flight_of
+from maidenflight.flights.streams import attitudes, rates, streams
+from maidenflight.flights.streams.streams import Stream
+
+ALONE = "read as accelerometer, gyro and motors alone"
+
+
+@dataclass(frozen=True)
+class Signals:
+    """What a drone's log holds, in SI units, our axes and our order of the motors."""
+
+    body_rates: Stream
+    motors: Stream
+    """sqrt(u), the rotor speeds that are asked for."""
+    accelerometer: Stream | None = None
+    state: Stream | None = None
+    """Position, velocity, and roll, pitch, yaw without jumps of a turn; see `state`."""
+    rotor_speed: Stream | None = None
+    battery: Stream | None = None
+    whole: bool = False
+    """Whether the motors are all commands that were given, so that each holds until the next."""
+    accelerometer_delay: float = 0.0
+    """[s]; see `Flight`."""
+    gyro_delay: float = 0.0
+    """[s]."""
+
+
+def everywhere(at: Float[np.ndarray, "N"]) -> tuple[Bool[np.ndarray, "N"], list[str]]:
+    """All rows, and no notes."""
+    return np.ones(len(at), bool), []
+
+
+def state(name: str, place: Stream, quaternion: Stream) -> tuple[Stream | None, list[str]]:
+    """Position, velocity and attitude in the rarer one's samples; none where they are too rare.
+
+    Args:
+        name: of the file, for notes.
+        place: position [m] and velocity [m/s] in the world.
+        quaternion: x, y, z, w, body to world.
+    """
+    angles = attitudes.of_quaternions(quaternion.values)
+    known = np.isfinite(angles).all(axis=1)
+    seen = Stream(quaternion.time[known], np.unwrap(angles[known], axis=0))
+    if min(place.rate, seen.rate) < 0.97 * rates.LEAST_HZ:
+        return None, [
+            f"{name}: position logged at {place.rate:.3g} Hz and attitude at {seen.rate:.3g} Hz, "
+            f"below {rates.LEAST_HZ:g} Hz: {ALONE}"
+        ]
+    at = place.time if place.step >= seen.step else seen.time
+    rows = np.concatenate([streams.between(at, place), streams.between(at, seen)], axis=1)
+    return Stream(at, rows), []
+
+
+def flight(
+    name: str,
+    signals: Signals,
+    remedy: str,
+    kept: Callable[[Float[np.ndarray, "N"]], tuple[Bool[np.ndarray, "N"], list[str]]] = everywhere,
+) -> tuple[Flight, Float[np.ndarray, "N"], list[str]]:
+    """The flight in some signals, unchecked.
+
+    Args:
+        name: of the file, for errors and notes.
+        signals: as logged.
+        remedy: a sentence that says what makes the drone log faster.
+        kept: of the times of rows, which are of the flight, and notes on the others.
+
+    Returns:
+        The flight, the time of its rows [s] and what was left out or is known less well.
+
+    Raises:
+        InputError: a signal is missing or logged too rarely.
+    """
+    body_rates, motors, force = signals.body_rates, signals.motors, signals.accelerometer
+    needed = {"body rates": body_rates.rate, "motors": motors.rate}
+    if signals.state is None:
+        needed["specific force"] = force.rate if force else 0.0
+    rates.refuse_too_slow(name, needed, remedy)
+    rarer = signals.state is not None and signals.state.step > body_rates.step
+    at = signals.state.time if signals.state is not None and rarer else body_rates.time
+    wanted, notes = kept(at)
+    at = at[wanted]
+    if len(at) < 2:
+        raise InputError(f"{name}: never in the air with armed motors. Leave it out.")
+    speed, means = _told(at, motors, signals.whole)
+    found: dict[str, Any] = {}
+    if signals.state is not None:
+        rows = streams.between(at, signals.state)
+        found = {
+            "position": rows[:, :3],
+            "velocity": rows[:, 3:6],
+            "attitude": attitudes.wrapped(rows[:, 6:9]),
+        }
+    if force is not None and force.rate >= 0.97 * rates.LEAST_HZ:
+        found["accelerometer"] = streams.between(at, force)
+    turns = signals.rotor_speed
+    if turns is not None and turns.rate >= 0.5 / streams.period(at):
+        found["rotor_speed"] = streams.between(at, turns)
+        notes = [*notes, f"{name}: measured rotor speeds, {turns.rate:.0f} Hz"]
+    elif turns is not None:
+        notes = [
+            *notes,
+            f"{name}: rotor speeds at {turns.rate:.3g} Hz are too rare for rows at "
+            f"{1 / streams.period(at):.4g} Hz and passed over",
+        ]
+    volts = np.full(len(at), np.nan)
+    if signals.battery is not None:
+        volts = streams.held(at, signals.battery)[:, 0]
+    logged = flight_of(
+        name,
+        streams.period(at),
+        body_rates=streams.between(at, body_rates),
+        command=np.square(speed),
+        battery=np.where(volts > 0.5, volts, np.nan),
+        zero_order_hold=means,
+        by_battery_law=False,
+        accelerometer_delay=signals.accelerometer_delay,
+        gyro_delay=signals.gyro_delay,
+        **found,
+    )
+    return logged, at - at[0], [*notes, *rates.notes(name, needed, remedy)]
+
+
+def _told(
+    at: Float[np.ndarray, "N"], speeds: Stream, whole: bool
+) -> tuple[Float[np.ndarray, "N 4"], bool]:
+    """Rotor speeds that are asked for in rows, and whether they are means until the next row.
+
+    Where every command was logged, each holds until the next. Of a faster loop's, each stands for
+    the step about it, and rows that are as frequent lie between two of them.
+    """
+    if whole:
+        return streams.mean_until_next(at, speeds), True
+    if speeds.rate > 1.5 / streams.period(at):
+        about = Stream(speeds.time - speeds.step / 2, speeds.values)
+        return streams.mean_until_next(at, about), True
+    return streams.between(at, speeds), False

@@ -1,0 +1,1 @@
+"""Control structures between a policy and the motors, and the firmware's own controllers."""

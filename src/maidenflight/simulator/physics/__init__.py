@@ -1,0 +1,1 @@
+"""The rigid body, its motors, battery, sensors and delays."""

@@ -1,0 +1,27 @@
+"""Commands at which a drone with constant torques and unequal rotors neither moves nor turns."""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from maidenflight.parameters import Parameters
+from maidenflight.simulator.physics import dynamics
+
+
+def balanced(parameters: Parameters) -> Float[Array, "4"]:
+    """Thrust commands u at which the rotors carry the weight and balance the constant torques.
+
+    Within [0, 1]; without torques and weak rotors each is `hover_command`.
+    """
+    each = jax.vmap(
+        lambda forces: jnp.stack([jnp.sum(forces), *dynamics.torque(forces, parameters)])
+    )
+    offset = each(jnp.zeros((1, 4)))[0]
+    wanted = jnp.concatenate(
+        [jnp.reshape(parameters.mass * parameters.gravity, (1,)), -parameters.torque_bias]
+    )
+    forces = jnp.linalg.solve((each(jnp.eye(4)) - offset[None]).T, wanted - offset)
+    full = parameters.mass * parameters.gravity / 4 * parameters.thrust_to_weight
+    shares = forces / (full * parameters.rotor_thrust)
+    beyond = jnp.maximum(shares - parameters.thrust_offset, 0.0)
+    return jnp.clip(dynamics.speed_for(beyond, parameters), 0.0, 1.0) ** 2

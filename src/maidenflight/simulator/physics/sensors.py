@@ -1,0 +1,235 @@
+"""Sensors: a noisy, optionally late estimate of the state, gyro and accelerometer."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+import scipy
+from jaxtyping import Array, Float
+
+from maidenflight.parameters import Parameters
+from maidenflight.simulator.physics import rotations
+from maidenflight.simulator.physics.dynamics import State
+
+
+class Measurement(NamedTuple):
+    """The state as the controller and the policy see it."""
+
+    position: Float[Array, "3"]
+    velocity: Float[Array, "3"]
+    quaternion: Float[Array, "4"]
+    body_rates: Float[Array, "3"]
+
+
+NORMALS, UNIFORMS = 9, 6
+"""Random numbers of one `measure`."""
+DRIFT_NORMALS = 3
+"""Random numbers of one `walk_estimate`."""
+ACCELEROMETER_CUTOFF = 30.0
+"""Cut-off of a Crazyflie's accelerometer filter, Butterworth of second order [Hz] (firmware,
+sensors_bmi088_bmp3xx.c)."""
+ACCELEROMETER_NOISE = 0.5
+"""Standard deviation of a reading before the filter, at 500 Hz [m/s2]: motors' vibration, of the
+size seen between 20 and 40 Hz in logs of a brushed Crazyflie (IMRCLab 2026)."""
+DRIFT_TIME = 1.0
+"""Correlation time of the error of the estimated velocity [s]; a flight log of seconds cannot
+distinguish it from a pure random walk."""
+
+
+def turn_on_bias(parameters: Parameters, normal: Float[Array, "3"]) -> Float[Array, "3"]:
+    """Gyro bias [rad/s] at power-on.
+
+    Args:
+        parameters: uses `gyro_turn_on_bias`.
+        normal: draws from the standard normal distribution.
+
+    Source: Furrer et al. 2016 (RotorS), gyroscope model.
+    """
+    return parameters.gyro_turn_on_bias * normal
+
+
+def walk_bias(
+    bias: Float[Array, "3"],
+    elapsed: Float[Array, ""],
+    parameters: Parameters,
+    normal: Float[Array, "3"],
+) -> Float[Array, "3"]:
+    """The gyro's bias after some time: a first-order Gauss-Markov process, exact at any time step.
+
+    Source: Furrer et al. 2016 (RotorS): sigma_b^2 tau / 2 (1 - exp(-2 t / tau)).
+    """
+    tau = parameters.gyro_bias_time
+    kept = jnp.exp(-elapsed / tau)
+    spread = parameters.gyro_bias_walk * jnp.sqrt(-tau / 2 * jnp.expm1(-2 * elapsed / tau))
+    return kept * bias + spread * normal
+
+
+def walk_estimate(
+    drift: Float[Array, "6"],
+    elapsed: Float[Array, ""],
+    parameters: Parameters,
+    normal: Float[Array, "3"],
+) -> Float[Array, "6"]:
+    """Random-walk drift of the estimated position [m] and velocity [m/s] after some time.
+
+    What a Kalman filter's measurement corrects moves both alike: in the authors' flights the steps
+    of horizontal position and velocity correlate by 0.92 to 0.97.
+
+    The position error integrates the velocity error. The error of an estimator without a position
+    sensor, such as that of optical flow, is a random walk, which a policy follows. White noise of
+    the size seen between two rows of a log averages out within a few rows and does not model this.
+
+    Args:
+        drift: errors of position and velocity before.
+        elapsed: time between the two [s].
+        parameters: uses `position_walk`, `height_walk` and `velocity_walk`.
+        normal: draws from the standard normal distribution.
+
+    Source: ours; sizes and spectrum from the authors' flights (docs/identification.md).
+    """
+    kept = jnp.exp(-elapsed / DRIFT_TIME)
+    root = jnp.sqrt(elapsed)
+    velocity = kept * drift[3:] + parameters.velocity_walk * root * normal
+    across = parameters.position_walk
+    walk = jnp.array([across, across, parameters.height_walk])
+    position = drift[:3] + elapsed * velocity + walk * root * normal
+    return jnp.concatenate([position, velocity])
+
+
+def low_pass(
+    filtered: Float[Array, "3"],
+    before: Float[Array, "3"],
+    after: Float[Array, "3"],
+    elapsed: Float[Array, ""],
+    parameters: Parameters,
+) -> Float[Array, "3"]:
+    """The gyro's low-pass filter after some time: tau_g dy/dt = omega - y.
+
+    Exact for body rates that change linearly.
+
+    Args:
+        filtered: y before [rad/s].
+        before: body rates before [rad/s].
+        after: body rates now [rad/s].
+        elapsed: time between the two [s].
+        parameters: uses `gyro_time_constant` tau_g [s]; 0 is no filter.
+    """
+    kept = jnp.exp(-elapsed / jnp.maximum(parameters.gyro_time_constant, 1e-6))
+    behind = (after - before) * (parameters.gyro_time_constant / elapsed)
+    return after - behind + kept * (filtered - before + behind)
+
+
+def gyro_noise(
+    before: Float[Array, "3"],
+    elapsed: Float[Array, ""],
+    parameters: Parameters,
+    normal: Float[Array, "3"],
+) -> Float[Array, "3"]:
+    """Noise of the gyro's next reading [rad/s].
+
+    White noise behind a Butterworth filter of second order: two readings 2 ms apart have most of it
+    in common, two 10 ms apart none. An autoregression of first order, whose coefficient is the
+    filtered noise's autocorrelation, has it right from each reading to the next. It matters to rate
+    PIDs, whose derivative takes the difference of two readings 2 ms apart.
+
+    Args:
+        before: that of the reading before.
+        elapsed: time between the two [s].
+        parameters: uses `gyro_noise` and `gyro_cutoff`.
+        normal: draws from the standard normal distribution.
+
+    Source: Crazyflie firmware, sensors_bmi088_bmp3xx.c. In ten logs of two Crazyflies (IMRCLab
+        2026) what the gyro reads above 30 Hz correlates by 0.59 to 0.69 over 2 ms; here by 0.69.
+    """
+    turned = np.float32(np.sqrt(2.0) * np.pi) * parameters.gyro_cutoff * elapsed
+    filtered = jnp.exp(-turned) * (jnp.cos(turned) + jnp.sin(turned))
+    kept = jnp.where(parameters.gyro_cutoff > 0.0, filtered, 0.0)
+    return kept * before + jnp.sqrt(1.0 - kept * kept) * parameters.gyro_noise * normal
+
+
+def measure(
+    state: State,
+    parameters: Parameters,
+    normal: Float[Array, "9"],
+    uniform: Float[Array, "6"],
+) -> Measurement:
+    """One noisy reading of the state.
+
+    Position and attitude carry Gaussian and uniform noise, velocity Gaussian noise. The attitude
+    noise is a small rotation in the body frame, which for small tilt is what adding noise to roll,
+    pitch and yaw does, and has no singular attitude.
+
+    Args:
+        state: what is read; its body rates are what the gyro reads.
+        parameters: uses the noise fields.
+        normal: draws from the standard normal distribution.
+        uniform: draws from the uniform distribution on [-1, 1].
+
+    Source: Gronauer et al. 2022, sec. Simulation Environment, Noise.
+    """
+    tilt = parameters.attitude_noise * normal[6:9] + parameters.attitude_noise_uniform * uniform[3:]
+    turned = state.quaternion + rotations.quaternion_derivative(state.quaternion, tilt)
+    return Measurement(
+        position=state.position
+        + parameters.position_noise * normal[:3]
+        + parameters.position_noise_uniform * uniform[:3],
+        velocity=state.velocity + parameters.velocity_noise * normal[3:6],
+        quaternion=rotations.normalise(turned),
+        body_rates=state.body_rates,
+    )
+
+
+def accelerometer(
+    velocity: Float[np.ndarray, "N 3"],
+    attitude: Float[np.ndarray, "N 3"],
+    period: float,
+    gravity: float,
+    generator: np.random.Generator,
+) -> Float[np.ndarray, "N 3"]:
+    """What an accelerometer behind its low-pass filter reads in a flight [m/s2].
+
+    Args:
+        velocity: true velocity, world [m/s].
+        attitude: true roll, pitch and yaw [rad].
+        period: time between rows [s], at most 1/60 s.
+        gravity: [m/s2].
+        generator: random numbers for the noise.
+
+    Returns:
+        Specific force along body x, y and z.
+    """
+    change = np.gradient(velocity, period, axis=0)
+    turned = scipy.spatial.transform.Rotation.from_euler("ZYX", attitude[:, ::-1])
+    force = turned.inv().apply(change + np.array([0.0, 0.0, gravity]))
+    noise = ACCELEROMETER_NOISE * np.sqrt(1.0 / (500.0 * period))
+    read = force + noise * generator.standard_normal(force.shape)
+    filters = scipy.signal.butter(2, ACCELEROMETER_CUTOFF, fs=1.0 / period, output="sos")
+    rest = scipy.signal.sosfilt_zi(filters)[:, :, None] * force[:1]
+    return scipy.signal.sosfilt(filters, read, axis=0, zi=rest)[0]
+
+
+def remember(past: Float[Array, "memory 10"], state: State) -> Float[Array, "memory 10"]:
+    """Puts the newest position, velocity and quaternion in front and drops the oldest."""
+    newest = jnp.concatenate([state.position, state.velocity, state.quaternion])
+    return jnp.concatenate([newest[None], past[:-1]])
+
+
+def delayed(
+    past: Float[Array, "memory 10"], state: State, period: Float[Array, ""], parameters: Parameters
+) -> State:
+    """The state with its position, velocity and attitude `estimator_delay` old.
+
+    Interpolated between remembered instants.
+
+    Args:
+        past: memory, newest first, one row an estimate; row 0 is the present.
+        state: the present; its body rates are kept, because the gyro is read afresh.
+        period: time between two estimates [s].
+        parameters: uses `estimator_delay` [s], at most (memory - 1) periods.
+    """
+    age = jnp.clip(parameters.estimator_delay / period, 0.0, past.shape[0] - 1.0)
+    shares = jnp.clip(1.0 - jnp.abs(jnp.arange(past.shape[0], dtype=jnp.float32) - age), 0.0, 1.0)
+    late = shares @ past
+    return state._replace(
+        position=late[:3], velocity=late[3:6], quaternion=rotations.normalise(late[6:])
+    )

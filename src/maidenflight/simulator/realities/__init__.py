@@ -1,0 +1,1 @@
+"""What policies are flown on: virtual drones, wrappers around them, and foreign simulators."""

@@ -1,0 +1,174 @@
+"""What a reality's name adds: `+sensors`, `+10ms`, `+yaw6000`, `+weak10` and `+payload15`.
+
+Virtual drones get other parameters, from the start or, as `+yaw6000@5`, in the course of a flight.
+Other realities are wrapped: `Sensing` reads them through the noise and delay of a Crazyflie's
+sensors, `Late` holds back their commands, and `Uneven` changes them as a trim in yaw or a weak
+motor does.
+"""
+
+import dataclasses
+import re
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from maidenflight import parameters
+from maidenflight.errors import InputError
+from maidenflight.parameters import Parameters, crazyflie, replace
+from maidenflight.simulator.realities.around import SENSORS, Late, Sensing, Uneven, milliseconds
+from maidenflight.simulator.realities.virtual_drone import Later, VirtualDrone
+
+_ADDITION = re.compile(
+    r"(?P<before>.+)\+(?P<what>"
+    r"(?:sensors|\d+(?:\.\d+)?ms|yaw-?\d{1,5}|weak\d{1,2}|payload\d{1,3})(?:@\d+(?:\.\d+)?)?)"
+)
+_PARTS = re.compile(r"(?P<kind>[a-z]*)(?P<amount>-?[0-9.]*)(?P<unit>ms)?(?:@(?P<at>[0-9.]+))?")
+_COUNTS = 65535.0
+"""Of full PWM."""
+_LATENCY = "latency"
+IN_FLIGHT = ("yaw", "weak", "payload")
+"""Additions that may appear in the course of a flight."""
+
+
+class Addition(NamedTuple):
+    """What a name adds, read."""
+
+    kind: str
+    """`sensors`, `latency`, `yaw`, `weak` or `payload`."""
+    amount: float
+    """Latency [s], trim [counts of PWM], thrust or mass [%]."""
+    at: float | None
+    """When it appears [s after the flight's start]; None: it holds from the start."""
+
+    @property
+    def said(self) -> str:
+        """As it stands in a name."""
+        amount = "" if self.kind == "sensors" else f"{self.amount:g}"
+        said = milliseconds(self.amount) if self.kind == _LATENCY else f"{self.kind}{amount}"
+        return said if self.at is None else f"{said}@{self.at:g}"
+
+
+def split(name: str) -> tuple[str, list[str]]:
+    """A reality's name without what it adds, and what that is, in order, such as `["10ms"]`."""
+    added: list[str] = []
+    while found := _ADDITION.fullmatch(name):
+        name, added = found["before"], [found["what"], *added]
+    return name, added
+
+
+def jump_of(name: str) -> float | None:
+    """When a reality of a name changes in the course of a flight [s]; None where it does not."""
+    times = [_read(one).at for one in split(name)[1]]
+    return next((at for at in times if at is not None), None)
+
+
+def with_additions(drone: Any, added: list[str]) -> Any:
+    """A reality with what its name adds.
+
+    Args:
+        drone: a `VirtualDrone`, or one that follows the `Reality` protocol.
+        added: of `split`.
+
+    Raises:
+        InputError: the same twice; a latency that is no whole number of the reality's steps or
+            longer than a drone's may be; a trim or weak motor of a reality that is not given
+            commands of its motors; a payload of a reality that is no virtual drone, or one with
+            which the drone cannot hover; or a change in the course of a flight of a reality that is
+            no virtual drone, of what cannot change so, or at two times.
+    """
+    read = [_read(one) for one in added]
+    kinds = [one.kind for one in read]
+    if len(set(kinds)) < len(kinds):
+        raise InputError(f"{drone.name} + {' + '.join(added)}: expected each addition once.")
+    for one in read:
+        if one.at is not None and one.kind not in IN_FLIGHT:
+            raise InputError(
+                f"{drone.name}+{one.said}: only {', '.join(f'+{kind}N' for kind in IN_FLIGHT)} may "
+                f"appear in the course of a flight. Leave out @{one.at:g}."
+            )
+        drone = _with(drone, one) if isinstance(drone, VirtualDrone) else _around(drone, one)
+    return drone
+
+
+def _read(added: str) -> Addition:
+    """An entry of what `split` gives."""
+    found = _PARTS.fullmatch(added)
+    assert found is not None, added
+    kind, amount = found["kind"], float(found["amount"] or 0)
+    at = None if found["at"] is None else float(found["at"])
+    return Addition(_LATENCY, amount / 1000, at) if found["unit"] else Addition(kind, amount, at)
+
+
+def _with(drone: VirtualDrone, one: Addition) -> VirtualDrone:
+    """A virtual drone with an addition, which holds from the start or from a time on."""
+    name, now, later = f"{drone.name}+{one.said}", drone.parameters, drone.later
+    if one.at is None:
+        now = _changed(now, one, name)
+    elif later is None:
+        later = Later(now, one.at)
+    elif later.at != one.at:
+        raise InputError(
+            f"{name}: changes at {later.at:g} s and {one.at:g} s; expected one time. Give both the "
+            f"same, such as @{later.at:g}, or fly one reality for each."
+        )
+    if later is not None:
+        later = later._replace(parameters=_changed(later.parameters, one, name))
+    return dataclasses.replace(drone, name=name, parameters=now, later=later)
+
+
+def _changed(own: Parameters, one: Addition, name: str) -> Parameters:
+    """A virtual drone's parameters with an addition."""
+    if one.kind == "sensors":
+        return replace(own, **SENSORS)
+    if one.kind == "yaw":
+        share = one.amount / _COUNTS
+        torque = share * own.torque_to_thrust * own.thrust_to_weight * own.mass * own.gravity
+        bias = np.asarray(own.torque_bias + np.array([0.0, 0.0, torque]), np.float32)
+        return replace(own, torque_bias=bias)
+    if one.kind == "weak":
+        thrusts = np.asarray(own.rotor_thrust * _weak(one.amount), np.float32)
+        return replace(own, rotor_thrust=thrusts)
+    if one.kind == "payload":
+        return parameters.check(loaded(own, one.amount / 100), name)
+    late = replace(own, latency=float(own.latency) + one.amount)
+    return parameters.check(late, name)
+
+
+def loaded(drone: Parameters, share: float) -> Parameters:
+    """A drone with a payload at its centre of mass: thrust [N], torques and air drag [N] stay.
+
+    Args:
+        drone: which; also stacked or traced.
+        share: of its mass [-].
+    """
+    heavier = np.float32(1.0 + share)
+    return replace(
+        drone,
+        mass=drone.mass * heavier,
+        thrust_to_weight=drone.thrust_to_weight / heavier,
+        drag=drone.drag / heavier,
+    )
+
+
+def _weak(percent: float) -> Float[np.ndarray, "4"]:
+    """Shares of the motors' thrust where the first has so much less."""
+    return np.array([1.0 - percent / 100, 1.0, 1.0, 1.0])
+
+
+def _around(drone: Any, one: Addition) -> Any:
+    """Another reality with an addition."""
+    if one.kind == "payload" or one.at is not None:
+        raise InputError(
+            f"{drone.name}+{one.said}: {drone.name} has physics of its own, in which neither the "
+            "mass is ours to change nor anything in the course of a flight. Expected a virtual "
+            "drone, such as virtual:7, or a drone's TOML file."
+        )
+    if one.kind == "sensors":
+        return Sensing(drone)
+    if one.kind == "yaw":
+        directions = np.array(crazyflie().rotor_direction, np.float64)
+        return Uneven(drone, one.said, one.amount / _COUNTS * directions)
+    if one.kind == "weak":
+        return Uneven(drone, one.said, np.zeros(4), _weak(one.amount))
+    return Late(drone, one.amount)

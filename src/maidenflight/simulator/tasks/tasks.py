@@ -1,0 +1,330 @@
+"""Tasks: where they start, where they lead, what they pay and when they are over."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache, partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from maidenflight import names
+from maidenflight.errors import InputError
+from maidenflight.parameters import Parameters
+from maidenflight.simulator.physics import dynamics, noise, rotations
+from maidenflight.simulator.physics.dynamics import State
+from maidenflight.simulator.tasks import trajectories
+from maidenflight.simulator.tasks.failures import (
+    MAX_POSITION_ERROR_M,
+    hover_failure,
+    hover_margin,
+    position_margin,
+    strayed,
+    take_off_failure,
+    take_off_margin,
+)
+from maidenflight.simulator.tasks.rewards import (
+    ACTION_PENALTY,
+    ACTION_RATE_PENALTY,
+    hover_reward,
+    paper_reward,
+    take_off_reward,
+)
+from maidenflight.simulator.tasks.trajectories import Trajectory, once
+
+Reset = Callable[[Parameters, Array], tuple[State, Float[Array, ""]]]
+
+
+class Task(NamedTuple):
+    """A task of one drone."""
+
+    name: str
+    reference: Trajectory
+    """Set-point [m] at a time [s]."""
+    reset: Reset
+    """(parameters, key) to a first state and the reference's time [s] at which the episode
+    starts."""
+    reward: Callable[
+        [State, Float[Array, "3"], Float[Array, "4"], Float[Array, "4"]], Float[Array, ""]
+    ]
+    """(state, setpoint, action, previous action) to the reward of one step."""
+    failure: Callable[[State, Float[Array, "3"]], Int[Array, ""]]
+    """(state, setpoint) to why the drone has failed, an index of `END_REASONS`; 0: it has not."""
+    duration: float
+    """Time after which an episode is truncated [s]."""
+    first_command: Callable[[Parameters], Float[Array, ""]] = dynamics.hover_command
+    """(parameters) to the command u, in [0, 1], that the motors had before the episode."""
+    floor: float | None = None
+    """Height [m] at which the drone stands on a floor; `None`: there is no floor."""
+    failure_margin: Callable[[State, Float[Array, "3"]], Float[Array, ""]] | None = None
+    """(state, setpoint) to the differentiable margin to failure as a share of its limit: 1 where
+    nothing is wrong, positive while safe, at most 0 where the drone has failed. `None`: training by
+    gradients learns of failure from distance, tilt and body rates alone."""
+    tilt_margin: float = 0.30
+    """Sine of the tilt beyond which training by gradients penalises it: on the drone a guard ends
+    the flight at 30 degrees, sine 0.5."""
+
+
+STANDING_HEIGHT_M = 0.0125
+"""Height [m] of a drone that stands on the ground (authors' code, take-off)."""
+FASTEST = {"fast_circle": 2.5, "fast_figure_eight": 2.0}
+"""Top speeds of fast tasks [m/s], near what the Crazyflie's thrust allows."""
+STEEP = 0.94
+"""Sine of the tilt, 70 degrees, beyond which fast tasks penalise it; ours."""
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Half widths of the uniform distributions that an episode's first state is drawn from."""
+
+    position: tuple[float, float, float]
+    """About the reference, world [m]."""
+    attitude: tuple[float, float, float]
+    """Roll, pitch, yaw [deg]."""
+    velocity: float
+    """Each world axis [m/s]."""
+    body_rates: tuple[float, float, float]
+    """[deg/s]."""
+    rotor_speed: float = 0.02
+    """Standard deviation of a normal distribution about hover [-] (authors' code, all tasks)."""
+
+
+CIRCLE_START = Spread((0.05, 0.05, 0.05), (20.0, 20.0, 18.0), 0.1, (50.0, 50.0, 20.0))
+"""Source: Gronauer et al. 2022, sec. Experimental Setup; the numbers are from the authors' code."""
+HOVER_START = Spread((0.25, 0.25, 0.25), (30.0, 30.0, 180.0), 0.1, (200.0, 200.0, 20.0))
+"""Source: authors' code; its yaw of +-360 deg is the same attitudes, but of both signs of the
+quaternion."""
+TAKE_OFF_START = Spread((0.25, 0.25, 0.0), (0.0, 0.0, 180.0), 0.0, (0.0, 0.0, 0.0), rotor_speed=0.0)
+"""Source: authors' code."""
+
+
+def _starting(
+    reference: Trajectory, spread: Spread, latest: float = 0.0, moving: bool = False
+) -> Reset:
+    """A reset near a reference.
+
+    Args:
+        reference: set-point [m] at a time [s].
+        spread: how near.
+        latest: the start on the reference's clock is uniform up to it [s].
+        moving: whether the drone starts with the reference's velocity, else about at rest.
+    """
+    tilt = np.radians(np.array(spread.attitude, np.float32))
+    spin = np.radians(np.array(spread.body_rates, np.float32))
+    box = np.array(spread.position, np.float32)
+
+    def reset(parameters: Parameters, key: Array) -> tuple[State, Float[Array, ""]]:
+        normal, uniform = noise.draw(key, 4, 13)
+        start, draws = latest * (uniform[12] + 1.0) / 2.0, uniform[:12].reshape(4, 3)
+        hover = dynamics.at_hover(reference(start) + box * draws[0], parameters)
+        velocity = spread.velocity * draws[1]
+        if moving:
+            velocity = velocity + jax.jvp(reference, (start,), (jnp.ones_like(start),))[1]
+        state = hover._replace(
+            velocity=velocity,
+            quaternion=rotations.from_attitude(jnp.asarray(tilt) * draws[2]),
+            body_rates=spin * draws[3],
+            rotor_speed=jnp.clip(hover.rotor_speed + spread.rotor_speed * normal, 0.0, 1.0),
+        )
+        return state, start
+
+    return reset
+
+
+@cache
+def with_yaw_penalty(task: Task, yaw_penalty: float) -> Task:
+    """The task with a cost of yaw.
+
+    The paper's rewards do not depend on yaw, and its episodes last 5 s. Constant torques and the
+    gyro's bias turn a drone further than training has seen, where the policy fails.
+
+    Args:
+        task: the task; its failures stay the same.
+        yaw_penalty: cost of a radian of yaw, per control period.
+    """
+
+    def reward(
+        state: State,
+        setpoint: Float[Array, "3"],
+        action: Float[Array, "4"],
+        previous_action: Float[Array, "4"],
+    ) -> Float[Array, ""]:
+        return task.reward(state, setpoint, action, previous_action) - yaw_penalty * jnp.abs(
+            rotations.heading(state.quaternion)
+        )
+
+    # A name of its own, so that training is not resumed with another penalty.
+    return task._replace(name=f"{task.name}, yaw penalty {yaw_penalty:g}", reward=reward)
+
+
+@once
+def circle(
+    diameter: float = 0.5,
+    period: float = 3.0,
+    height: float = 1.0,
+    action_penalty: float = ACTION_PENALTY,
+    action_rate_penalty: float = ACTION_RATE_PENALTY,
+) -> Task:
+    """Follow a circle, clock-wise, from a random point on it; 5 s an episode.
+
+    Start values are uniform: +-5 cm about the reference, roll and pitch +-20 deg, yaw +-18 deg,
+    velocity +-0.1 m/s a world axis, body rates +-50 deg/s (yaw 20); rotor speeds are normal about
+    hover with a deviation of 0.02.
+
+    Args:
+        diameter: [m].
+        period: [s].
+        height: [m].
+        action_penalty: weight of |a| in `paper_reward`.
+        action_rate_penalty: weight of |a - a_previous| there.
+
+    Source: Gronauer et al. 2022, sec. Experimental Setup; start values from the authors' code.
+    """
+    reference = trajectories.circle(diameter, period, height)
+    reset = _starting(reference, CIRCLE_START, latest=period)
+    reward = partial(
+        paper_reward, action_penalty=action_penalty, action_rate_penalty=action_rate_penalty
+    )
+    return Task(
+        "circle", reference, reset, reward, strayed, duration=5.0, failure_margin=position_margin
+    )
+
+
+@once
+def hover(height: float = 1.0) -> Task:
+    """Come to rest above the origin, from up to 0.25 m away, tilted, turning, with any yaw.
+
+    5 s an episode.
+
+    Source: authors' code.
+    """
+    reference = trajectories.hold((0.0, 0.0, height))
+    reset = _starting(reference, HOVER_START)
+    return Task(
+        "hover",
+        reference,
+        reset,
+        hover_reward,
+        hover_failure,
+        duration=5.0,
+        failure_margin=hover_margin,
+    )
+
+
+@once
+def take_off(height: float = 1.0, duration: float = 1.5) -> Task:
+    """Rise from the ground, motors off, to a height [m] within a duration [s], and stay there.
+
+    5 s an episode.
+
+    The ground stops the drone without a bounce or a tilt; near it, thrust grows
+    (`dynamics.near_ground`).
+
+    Source: authors' code, there called "not yet working properly".
+    """
+    reference = trajectories.climb(height, duration)
+    near = _starting(reference, TAKE_OFF_START)
+
+    def reset(parameters: Parameters, key: Array) -> tuple[State, Float[Array, ""]]:
+        state, start = near(parameters, key)
+        return state._replace(
+            position=state.position.at[2].set(STANDING_HEIGHT_M), rotor_speed=jnp.zeros(4)
+        ), start
+
+    def motors_off(parameters: Parameters) -> Float[Array, ""]:
+        return jnp.zeros(())
+
+    return Task(
+        "take_off",
+        reference,
+        reset,
+        take_off_reward,
+        take_off_failure,
+        duration=5.0,
+        first_command=motors_off,
+        floor=STANDING_HEIGHT_M,
+        failure_margin=take_off_margin,
+    )
+
+
+@once
+def tracking(
+    trajectory: Trajectory,
+    duration: float,
+    farthest: float = MAX_POSITION_ERROR_M,
+    latest_start: float = 0.0,
+) -> Task:
+    """Follow any trajectory, with the paper's reward, from near it and as fast as it.
+
+    Args:
+        trajectory: what to follow.
+        duration: of an episode [s].
+        farthest: distance from the set-point [m] at which an episode fails.
+        latest_start: episodes start on the trajectory's clock uniformly up to this time [s]: a
+            period, for a closed curve.
+
+    Raises:
+        InputError: the trajectory does not make three numbers of a time by functions of
+            `jax.numpy`, or the duration is not above 0.
+
+    Source: reward, failure and all start values but velocity as in `circle`.
+    """
+    if not duration > 0.0:
+        raise InputError(f"duration = {duration} s of an episode; expected more than 0.")
+    try:
+        shape = jax.eval_shape(trajectory, jnp.zeros(())).shape
+    except (TypeError, AttributeError, jax.errors.JAXTypeError) as error:
+        raise InputError(
+            "the trajectory is not a function of time that JAX can trace; write it with jax.numpy, "
+            f"without if ({error})."
+        ) from error
+    if shape != (3,):
+        raise InputError(
+            f"the trajectory gives an array of shape {shape} at a time; expected 3 numbers, a "
+            "position [m]."
+        )
+    reset = _starting(trajectory, CIRCLE_START, latest_start, moving=True)
+    reward, failed, margin = (
+        partial(rule, farthest=farthest) for rule in (paper_reward, strayed, position_margin)
+    )
+    return Task("tracking", trajectory, reset, reward, failed, duration, failure_margin=margin)
+
+
+@once
+def figure_eight(period: float = trajectories.NORMAL) -> Task:
+    """Fly a horizontal figure-eight in a period [s], from anywhere on it, one period an episode."""
+    return tracking(trajectories.figure_eight(period), period, latest_start=period)._replace(
+        name="figure_eight"
+    )
+
+
+@once
+def fast_circle(fastest: float = FASTEST["fast_circle"]) -> Task:
+    """Fly a level circle of 1 m at any speed up to the fastest [m/s]; 5 s an episode.
+
+    At 2.5 m/s it takes a thrust of 1.6 times the weight and 52 degrees of tilt.
+    """
+    return _fast("fast_circle", trajectories.quickening_circle(fastest), fastest)
+
+
+@once
+def fast_figure_eight(fastest: float = FASTEST["fast_figure_eight"]) -> Task:
+    """Fly a level figure-eight, 2 m wide, at any top speed up to the fastest [m/s]; 5 s an episode.
+
+    At 2 m/s its tips take a thrust of 1.6 times the weight.
+    """
+    return _fast("fast_figure_eight", trajectories.quickening_figure_eight(fastest), fastest)
+
+
+def _fast(name: str, reference: Trajectory, fastest: float) -> Task:
+    """A task whose episodes start anywhere on a reference that grows faster."""
+    task = tracking(reference, 5.0, latest_start=trajectories.QUICKENING)
+    usual = fastest == FASTEST[name]
+    # Another name for another speed, so that training is not resumed with it.
+    return task._replace(name=name if usual else f"{name} up to {fastest:g} m/s", tilt_margin=STEEP)
+
+
+TASKS: dict[str, Callable[[], Task]] = {name: globals()[name] for name in names.TASKS}
+"""Tasks by name; each is a function of this module."""

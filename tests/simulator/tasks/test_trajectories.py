@@ -1,0 +1,304 @@
+"""References: continuous, of the stated size, period and start; way-points are passed, and bad
+files are named by row."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from arrays import float32
+from maidenflight.errors import InputError
+from maidenflight.simulator.tasks import trajectories
+
+PATH = ((0.0, 0.0, 0.0, 1.0), (1.0, 0.5, 0.0, 1.2), (1.5, 0.5, -0.5, 1.1), (3.0, 0.0, 0.2, 0.9))
+SHAPES = {
+    "circle": (trajectories.circle(), 3.0),
+    "hold": (trajectories.hold(), 1.0),
+    "climb": (trajectories.climb(), 1.5),
+    "figure-eight": (trajectories.figure_eight(), 5.5),
+    "pentagram": (trajectories.pentagram(), 5.0),
+    "quickening circle": (trajectories.quickening_circle(2.5), 6.0),
+    "zigzag": (trajectories.zigzag(PATH), 3.0),
+    "polynomial": (trajectories.polynomial(PATH), 3.0),
+}
+shapes = pytest.mark.parametrize("name", SHAPES)
+periodic = pytest.mark.parametrize("name", ["circle", "figure-eight", "pentagram"])
+
+
+def points(trajectory, times):
+    return np.asarray(jax.jit(jax.vmap(trajectory))(jnp.asarray(float32(times))), np.float64)
+
+
+def velocity(trajectory):
+    return lambda time: jax.jvp(trajectory, (time,), (jnp.ones_like(time),))[1]
+
+
+@shapes
+def test_a_reference_is_continuous_and_its_velocity_is_its_slope(name):
+    trajectory, duration = SHAPES[name]
+    times = np.linspace(-0.1 * duration, 1.1 * duration, 2401)
+    path, slopes = points(trajectory, times), points(velocity(trajectory), times)
+    step = times[1] - times[0]
+    assert np.abs(np.diff(path, axis=0)).max() < 3 * step, "nothing here is faster than 3 m/s"
+    slope = (path[2:] - path[:-2]) / (2 * step)
+    wrong = np.any(np.abs(slope - slopes[1:-1]) > 0.02, axis=1)
+    assert wrong.sum() <= 12, "only where a straight line ends"
+
+
+@shapes
+def test_a_reference_works_alone_in_a_batch_and_under_reverse_differentiation(name):
+    trajectory, duration = SHAPES[name]
+    times = float32(np.linspace(0.07, 0.93, 5) * duration)
+    alone = [trajectory(jnp.float32(time)) for time in times]
+    assert all(point.shape == (3,) and point.dtype == jnp.float32 for point in alone)
+    np.testing.assert_allclose(points(trajectory, times), alone, atol=2e-6)
+    backward = points(jax.grad(lambda time: jnp.sum(trajectory(time))), times)
+    np.testing.assert_allclose(backward, points(velocity(trajectory), times).sum(axis=1), atol=1e-5)
+
+
+@periodic
+def test_a_closed_curve_starts_above_the_origin_and_repeats_after_its_period_and_not_before(name):
+    trajectory, period = SHAPES[name]
+    times = np.linspace(0, period, 40, endpoint=False)
+    np.testing.assert_allclose(points(trajectory, [0.0])[0], [0, 0, 1], atol=1e-6)
+    np.testing.assert_allclose(
+        points(trajectory, times + 3 * period), points(trajectory, times), atol=1e-5
+    )
+    for part in (2, 3, 5):
+        assert (
+            np.abs(points(trajectory, times + period / part) - points(trajectory, times)).max()
+            > 0.1
+        )
+    assert np.ptp(points(trajectory, times)[:, 2]) == 0
+
+
+@pytest.mark.parametrize("period", [trajectories.SLOW, trajectories.NORMAL, trajectories.FAST])
+def test_a_figure_eight_crosses_its_centre_twice_a_period_once_each_way(period):
+    trajectory = trajectories.figure_eight(period, width=1.6, height=0.8)
+    times = np.linspace(0, period, 1000, endpoint=False)
+    path = points(trajectory, times)
+    distance = np.linalg.norm(path - [0, 0, 0.8], axis=1)
+    near = distance < np.roll(distance, 1)
+    crossings = times[near & (distance <= np.roll(distance, -1)) & (distance < 0.01)]
+    np.testing.assert_allclose(crossings, [0, period / 2], atol=period / 1000)
+    heading = points(velocity(trajectory), [0, period / 2])
+    np.testing.assert_allclose(
+        heading[:, :2] * period / (2 * np.pi), [[0.4, 0.4], [-0.4, 0.4]], atol=1e-5
+    )
+    np.testing.assert_allclose([path[:, 0].max(), path[:, 0].min()], [0.8, -0.8], rtol=1e-4)
+    np.testing.assert_allclose(
+        distance**4, 0.64 * (path[:, 0] ** 2 - path[:, 1] ** 2), atol=1e-6
+    )  # Bernoulli's equation
+
+
+@pytest.mark.parametrize(
+    ("make", "length"),
+    [(trajectories.quickening_circle, 1.0), (trajectories.quickening_figure_eight, 2.0)],
+)
+def test_a_quickening_reference_starts_at_rest_and_gains_speed_evenly_to_its_fastest(make, length):
+    """The distance on a circle is by hand: half of the fastest times the time, to the end."""
+    reference, end, period = make(2.0), trajectories.QUICKENING, np.pi * length / 2.0
+    times = np.linspace(0.0, end, 3001)
+    speeds = np.linalg.norm(jax.vmap(velocity(reference))(jnp.asarray(float32(times))), axis=1)
+    after = np.linspace(end, end + period, 3001)
+    late = np.linalg.norm(jax.vmap(velocity(reference))(jnp.asarray(float32(after))), axis=1)
+    assert speeds[0] == 0.0
+    assert late.max() == pytest.approx(2.0, rel=1e-3)
+    assert np.all(speeds <= 2.0 * times / end + 1e-3)
+    np.testing.assert_allclose(*points(reference, [end + 1.0, end + 1.0 + period]), atol=1e-3)
+    if make is trajectories.quickening_circle:
+        np.testing.assert_allclose(speeds, 2.0 * times / end, atol=1e-3)
+        assert np.trapezoid(speeds, times) == pytest.approx(0.5 * 2.0 * end, rel=1e-4)
+
+
+def test_a_pentagram_has_five_equal_edges_at_one_speed_and_corners_of_36_degrees():
+    trajectory = trajectories.pentagram(diameter=1.0, period=4.0, height=0.6)
+    corners = points(trajectory, np.arange(6) * 0.8)
+    edges = np.diff(corners, axis=0)
+    np.testing.assert_allclose(np.linalg.norm(edges, axis=1), np.sin(np.radians(72)), rtol=1e-5)
+    turns = np.sum(edges * np.roll(edges, -1, axis=0), axis=1) / np.sin(np.radians(72)) ** 2
+    np.testing.assert_allclose(turns, -np.cos(np.radians(36)), rtol=1e-5)
+    np.testing.assert_allclose(
+        points(trajectory, (np.arange(5) + 0.5) * 0.8), (corners[1:] + corners[:-1]) / 2, atol=1e-6
+    )
+    np.testing.assert_allclose(corners[:, 2], 0.6, rtol=1e-6)
+
+
+def test_a_climb_ends_at_its_height_after_its_duration_and_never_sinks():
+    trajectory = trajectories.climb(height=0.8, duration=2.0)
+    path = points(trajectory, [-1.0, 0.0, 1.0, 2.0, 9.0])
+    np.testing.assert_allclose(
+        path, [[0, 0, 0], [0, 0, 0], [0, 0, 0.4], [0, 0, 0.8], [0, 0, 0.8]], atol=1e-6
+    )
+    rising = points(velocity(trajectory), np.linspace(0, 2, 101))[:, 2]
+    assert rising.min() >= 0
+    np.testing.assert_allclose([rising[0], rising[50], rising[-1]], [0, 1.875 * 0.4, 0], atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", [trajectories.zigzag, trajectories.polynomial])
+@pytest.mark.parametrize("path", [PATH, PATH[:2], trajectories.random_waypoints(jax.random.key(1))])
+def test_every_way_point_is_passed_in_time_and_the_ends_are_held(kind, path):
+    table = np.array(path)
+    trajectory = kind(path)
+    np.testing.assert_allclose(points(trajectory, table[:, 0]), table[:, 1:], atol=2e-6)
+    np.testing.assert_allclose(
+        points(trajectory, [-1.0, table[-1, 0] + 5]), table[[0, -1], 1:], atol=1e-6
+    )
+
+
+def test_a_zigzag_is_straight_and_leaves_its_corners_in_the_new_direction():
+    trajectory = trajectories.zigzag(PATH)
+    np.testing.assert_allclose(
+        points(trajectory, [0.25, 2.25]), [[0.125, 0, 1.05], [0.25, -0.15, 1.0]], atol=1e-6
+    )
+    speeds = [[0.5, 0, 0.2], [0, -1, -0.2], [-1 / 3, 0.7 / 1.5, -0.2 / 1.5], [0, 0, 0]]
+    np.testing.assert_allclose(
+        points(velocity(trajectory), [row[0] for row in PATH]), speeds, atol=1e-6
+    )
+
+
+def test_a_polynomial_rests_at_its_ends_and_four_derivatives_have_no_steps():
+    derivative = trajectories.polynomial(PATH)
+    for order in range(1, 5):
+        derivative = velocity(derivative)
+        if order <= 2:
+            np.testing.assert_allclose(points(derivative, [0.0, 3.0]), 0, atol=1e-4)
+        for corner in (1.0, 1.5):
+            before, at = points(derivative, [corner - 1e-5, corner])
+            np.testing.assert_allclose(before, at, atol=1e-3 * np.abs(at).max())
+            assert np.abs(at).max() > 0.1, "it does not stop there"
+
+
+def test_two_points_give_the_minimum_jerk_curve_that_a_climb_is():
+    times = np.linspace(0, 1.5, 50)
+    smooth = trajectories.polynomial(((0.0, 0.0, 0.0, 0.0), (1.5, 0.0, 0.0, 1.0)))
+    np.testing.assert_allclose(
+        points(smooth, times), points(trajectories.climb(1.0, 1.5), times), atol=1e-6
+    )
+
+
+def test_random_way_points_are_repeatable_level_and_within_their_bounds():
+    draw = np.array(
+        [
+            trajectories.random_waypoints(jax.random.key(seed), 20, 0.5, 0.8, 1.2, 0.7)
+            for seed in range(30)
+        ]
+    )
+    assert np.all(draw[:, 0] == [0, 0, 0, 0.7])
+    assert np.all(draw[:, :, 3] == 0.7)
+    pauses = np.diff(draw[:, :, 0], axis=1)
+    for values, low, high in ((draw[:, 1:, 1:3], -0.5, 0.5), (pauses, 0.8, 1.2)):
+        assert low - 1e-5 <= values.min() < low + 0.02
+        assert high - 0.02 < values.max() <= high + 1e-5
+    key = jax.random.key(4)
+    assert (
+        trajectories.random_waypoints(key)
+        == trajectories.random_waypoints(key)
+        != trajectories.random_waypoints(jax.random.key(5))
+    )
+
+
+def test_the_same_arguments_give_the_same_object_so_that_nothing_compiles_twice(tmp_path):
+    path = trajectories.random_waypoints(jax.random.key(2))
+    again = trajectories.random_waypoints(jax.random.key(2))
+    assert trajectories.zigzag(path) is trajectories.zigzag(again)
+    assert trajectories.polynomial(path) is trajectories.polynomial(again)
+    assert trajectories.figure_eight(3.5) is trajectories.figure_eight(trajectories.FAST)
+    assert (
+        trajectories.circle()
+        is trajectories.circle(0.5, height=1.0)
+        is not trajectories.circle(0.5, height=2.0)
+    )
+    assert trajectories.pentagram() is trajectories.pentagram(diameter=0.5)
+    assert (
+        trajectories.hold((0.0, 0.0, 1.0))
+        is trajectories.hold((0.0, 0.0, 1.0))
+        is not trajectories.hold((0.0, 0.0, 2.0))
+    )
+    assert trajectories.climb(1.0) is trajectories.climb(1.0)
+    for name in ("one.csv", "two.csv"):
+        (tmp_path / name).write_text("time,x,y,z\n0,0,0,1\n1,1,0,1\n")
+    assert trajectories.waypoints(tmp_path / "one.csv") is trajectories.waypoints(
+        tmp_path / "two.csv"
+    )
+
+
+def test_a_way_point_file_is_read_as_it_was_written_and_its_clock_starts_at_zero(tmp_path):
+    file = tmp_path / "path.csv"
+    rows = [f"{x},{time + 100},{z},{y},note" for time, x, y, z in PATH]
+    file.write_text("\ufeffx, time, z, y, comment\n" + "\n".join(rows) + "\n\n", encoding="utf-8")
+    np.testing.assert_allclose(trajectories.read_waypoints(file), PATH, atol=1e-12)
+    times = np.linspace(0, 3, 20)
+    np.testing.assert_allclose(
+        points(trajectories.waypoints(file), times), points(SHAPES["zigzag"][0], times), atol=1e-6
+    )
+    np.testing.assert_allclose(
+        points(trajectories.waypoints(file, smooth=True), times),
+        points(SHAPES["polynomial"][0], times),
+        atol=1e-6,
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "missing column time, x, y, z"),
+        ("0,0,0,1\n1,0,0,1\n", "expected a header line with time,x,y,z"),
+        ("time,x,z\n0,0,1\n1,0,1\n", "missing column y;"),
+        ("time,x,y,z\n", "0 way-points; expected two or more"),
+        ("time,x,y,z\n0,0,0,1\n", "1 way-points; expected two or more"),
+        ("time,x,y,z\n0,0,0,1\n1,a,0,1\n", "line 3: x is 'a'; expected a number"),
+        ("time,x,y,z\n0,0,0\n1,0,0,1\n", "line 2: z is None; expected a number"),
+        ("time,x,y,z\n0,0,0,1\n1,,0,1\n", "line 3: x is ''; expected a number"),
+        (
+            "time,x,y,z\n0,0,0,1\n\n1,0,nan,1\n",
+            "line 4 is (1.0, 0.0, nan, 1.0); expected four finite numbers",
+        ),
+        (
+            "time,x,y,z\ninf,0,0,1\n1,0,0,1\n",
+            "line 2 is (inf, 0.0, 0.0, 1.0); expected four finite",
+        ),
+        (
+            "time,x,y,z\n0,0,0,1\n1,1e39,0,1\n",
+            "line 3 is (1.0, 1e+39, 0.0, 1.0); expected four finite",
+        ),
+        (
+            "time,x,y,z\n0,0,0,1\n1,0,0,1\n1,0,0,1\n",
+            "line 4: time goes from 1.0 to 1.0 s; expected it to increase",
+        ),
+        ("time,x,y,z\n0,0,0,1\n2,0,0,1\n1,0,0,1\n", "line 4: time goes from 2.0 to 1.0 s"),
+        (
+            "time,x,y,z\n0,0,0,1\n1,3,4.1,1\n",
+            "line 3: 5.1 m/s from the point before it, but at most 5 m/s",
+        ),
+    ],
+)
+def test_a_bad_way_point_file_is_refused_with_file_row_and_cure(tmp_path, text, message):
+    file = tmp_path / "path.csv"
+    file.write_text(text)
+    with pytest.raises(InputError) as raised:
+        trajectories.waypoints(file)
+    assert str(raised.value).startswith(str(file))
+    assert message in str(raised.value)
+
+
+def test_an_unreadable_file_is_refused_and_a_fast_path_can_be_allowed(tmp_path):
+    fast, binary = tmp_path / "fast.csv", tmp_path / "binary.csv"
+    fast.write_text("time,x,y,z\n0,0,0,1\n1,6,0,1\n")
+    binary.write_bytes(b"time,x,y,z\n\xff\xfe\n")
+    assert trajectories.read_waypoints(fast, fastest=7.0)[-1] == (1.0, 6.0, 0.0, 1.0)
+    for file in (tmp_path / "absent.csv", tmp_path, binary):
+        with pytest.raises(InputError, match="not a readable CSV file"):
+            trajectories.read_waypoints(file)
+
+
+@pytest.mark.parametrize("kind", [trajectories.zigzag, trajectories.polynomial])
+def test_bad_way_points_given_in_python_are_refused_by_number(kind):
+    for path, message in [
+        (((0.0, 0.0, 0.0, 1.0),), "1 way-points"),
+        ((PATH[0], (1.0, 0.0, 0.0)), "way-point 2 is"),
+        ((PATH[0], (1.0, 0.0, np.nan, 1.0)), "way-point 2 is"),
+        ((PATH[1], PATH[0]), "way-point 2: time goes from 1.0 to 0.0"),
+    ]:
+        with pytest.raises(InputError, match=message):
+            kind(path)
