@@ -1,4 +1,4 @@
-"""MkDocs hook: adds paper/notes to the site, outside of its navigation and its search."""
+"""MkDocs hook: adds paper/notes to the site, and ranks pages in its search."""
 
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,8 @@ def on_files(files: Files, config: Any) -> Files:
 def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
     """Turns the links between docs/ and paper/notes/ of the repository into those of the site."""
     folder = "../" * page.file.src_uri.count("/")
+    if page.file.src_uri.startswith("api/") and page.file.name != "index":
+        page.meta["search"] = {"boost": 0.5}
     if page.file.src_uri.startswith("notes/"):
         page.meta["search"] = {"exclude": True}
         return markdown.replace("](../../docs/", "](../")

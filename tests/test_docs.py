@@ -32,7 +32,10 @@ from maidenflight import (
 from maidenflight import simulator as sim
 from maidenflight.errors import InputError
 from maidenflight.flights import log
+from maidenflight.flights.rotors import rotors
 from maidenflight.identification.drone_file import DroneFile
+from maidenflight.identification.likelihood.estimator import Models, Question, answer_question
+from maidenflight.identification.outcome.problem import Problem
 from maidenflight.parameters import noiseless
 from maidenflight.policy import Policy, untrained
 from maidenflight.registry import EXPORTERS, REALITIES, VERBS
@@ -135,19 +138,10 @@ def test_the_log_format_page_lists_every_column_of_the_format() -> None:
             assert f"`{column}`" in rows or column in ("command_2", "command_3"), column
 
 
-def test_the_questions_list_every_named_drone_with_its_values() -> None:
+def test_the_questions_list_every_named_drone() -> None:
     page = section("docs/questions.md", "How do I describe my drone?")
-    rows = dict(re.findall(r"^\| `([^`]*)`(.*)\|$", page, re.MULTILINE))
-    assert list(rows) == list(parameters.DRONES)
-    for name, drone in parameters.DRONES.items():
-        one = drone.make()
-        lags = f"{1e3 * float(one.motor_time_constant):.3g} + {1e3 * float(one.latency):.3g}"
-        assert lags in rows[name]
-        if not drone.frameless:
-            inertia = ", ".join(f"{1e6 * float(value):.1f}" for value in one.inertia)
-            for value in (f"{1e3 * float(one.mass):.4g} g", inertia):
-                assert value in rows[name]
-            assert f"| {1e3 * parameters.arm_length(one):.3g} |" in rows[name]
+    (names,) = re.findall(r"^They are (.*?)\.$", page, re.M | re.S)
+    assert re.findall(r"`(.*?)`", names) == list(parameters.DRONES)
 
 
 def test_pages_link_only_to_what_exists_and_name_only_files_that_exist() -> None:
@@ -181,19 +175,11 @@ def test_the_python_of_the_training_page_runs(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(mf, "AnalyticGradient", lambda updates: QUICK, raising=False)
-    snippet, _ = blocks("docs/training.md", "python")
+    (snippet,) = blocks("docs/training.md", "python")
     names: dict[str, Any] = {}
     exec(compile(snippet, "docs/training.md", "exec"), names)
     assert [policy.layer_sizes for policy in names["policies"]] == [(40, 50, 50, 4)] * 3
     assert Path("training.npz").exists()
-
-
-def test_the_python_of_the_training_page_on_look_ahead_runs() -> None:
-    _, snippet = blocks("docs/training.md", "python")
-    names: dict[str, Any] = {}
-    exec(compile(snippet, "docs/training.md", "exec"), names)
-    assert names["actor"].policy.layer_sizes == (55, 50, 50, 4)
-    assert names["command"].shape == (4,)
 
 
 def test_the_python_on_predicted_flights_runs(
@@ -216,16 +202,10 @@ def test_the_python_on_predicted_flights_runs(
 
 
 @pytest.mark.slow
-def test_the_python_and_the_commands_on_the_envelope_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_commands_on_the_envelope_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("maidenflight.simulator.tasks.trajectories.QUICKENING", 1.0)
     monkeypatch.setattr("maidenflight.experiments.envelope.DURATION_S", 0.1)
     policy_file.write(tmp_path / "policies" / "policy_1.json", policy.untrained(jax.random.key(0)))
-    (snippet,) = blocks("docs/evaluation.md", "python", "Envelope")
-    names: dict[str, Any] = {}
-    exec(compile(snippet, "docs/evaluation.md", "exec"), names)
-    assert names["flights"].height == 5
     commands = "".join(blocks("docs/evaluation.md", "sh", "Envelope"))
     for number, line in enumerate(commands.splitlines()):
         words = shlex.split(line, comments=True)[1:]
@@ -276,17 +256,6 @@ def test_the_python_and_the_commands_on_realities_run(monkeypatch: pytest.Monkey
     DroneFile(mf.crazyflie()).write("drone.toml")
     assert run_commands(blocks("docs/evaluation.md", "sh", "Transfer"), monkeypatch) == 3
     assert Path("recorded/reality.toml").exists()
-
-
-@pytest.mark.parametrize(("place", "package"), [(0, "l2f"), (1, "crazyflow")])
-def test_the_python_on_simulators_by_others_runs(
-    place: int, package: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    if importlib.util.find_spec(package) is None:
-        pytest.skip(f"{package} is not installed (extra [{package}])")
-    monkeypatch.setattr(mf, "transfer", partial(mf.transfer, duration=0.5), raising=False)
-    names: dict[str, Any] = {"mf": mf, "policies": [policy.untrained(jax.random.key(0))]}
-    exec(blocks("docs/evaluation.md", "python", "Simulators by others")[place], names)
 
 
 @pytest.mark.slow
@@ -584,17 +553,27 @@ def test_a_property_of_a_policy_s_input_is_one_class(monkeypatch: pytest.MonkeyP
 
 @pytest.mark.slow
 def test_an_observation_model_is_one_class_that_the_estimator_fits() -> None:
+    """That of the page, of measured rotor speeds in whole rad/s."""
+    (snippet,) = extensions("An observation model")
     names: dict[str, Any] = {}
-    for snippet in extensions("An observation model"):
-        exec(compile(snippet, "docs/extending.md", "exec"), names)
-    drone, truth = names["posterior"].best.drone, names["drone"].parameters
-    assert set(names["posterior"].samples) == set(names["names"])
+    exec(compile(snippet, "docs/extending.md", "exec"), names)
+    truth, flights = mf.virtual_drone(7), []
+    for flight in mf.record(truth, jax.random.key(0), flights=2, duration=8.0):
+        after = 2300 * rotors(flight, truth.parameters).speed  # at the end of each row
+        speeds = np.round(np.concatenate([after[:1], after[:-1]]))
+        flights.append(dataclasses.replace(flight, rotor_speed=speeds))
+    problem, model = Problem.of(flights), names["RotorSpeedErrors"].of(flights)
+    lags = ("motor_time_constant", "spin_down_ratio", "motor_coasting", "latency")
+    question = Question(Models(model, model, model), lags, problem.start)
+    posterior = answer_question(problem, mf.Likelihood(), question)
+    assert set(posterior.samples) == set(lags)
     for name, error in {
         "motor_time_constant": 5e-4,
         "latency": 3e-4,
         "spin_down_ratio": 0.02,
     }.items():
-        assert getattr(drone, name) == pytest.approx(getattr(truth, name), abs=error), name
+        best, true = getattr(posterior.best.drone, name), getattr(truth.parameters, name)
+        assert best == pytest.approx(true, abs=error), name
 
 
 def named_in_source(*words: str) -> set[str]:
