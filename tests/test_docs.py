@@ -397,9 +397,8 @@ def test_the_python_of_a_question_is_short_and_runs(
     (title,) = [one for one in titles if word in one and blocks(page, "python", one)]
     (snippet,) = blocks(page, "python", title)
     assert len([line for line in snippet.splitlines() if line]) <= 15
-    if word == "task":
-        monkeypatch.setattr(mf, "train", traced_training)
-        monkeypatch.setattr(mf, "transfer", traced_flights)
+    monkeypatch.setattr(mf, "train", traced_training)
+    monkeypatch.setattr(mf, "transfer", traced_flights)
     if word == "logs":
         (flight,) = mf.record(mf.virtual_drone(7), jax.random.key(0), rate=100)[:1]
         table = np.hstack(
