@@ -65,7 +65,9 @@ def main() -> None:
         counts = COUNTS / float(drone.thrust_to_weight)
         rows.append(f"| {mass:.0f} g | {counts:,.0f} counts | {' | '.join(sunk)} |")
         click.echo(rows[-1])
-    write(Path(__file__).parents[1] / "paper" / "notes" / "export.md", {"hand-back": "\n".join(rows)})
+    write(
+        Path(__file__).parents[1] / "paper" / "notes" / "export.md", {"hand-back": "\n".join(rows)}
+    )
 
 
 if __name__ == "__main__":
