@@ -203,7 +203,7 @@ def test_the_python_on_predicted_flights_runs(
 
 @pytest.mark.slow
 def test_the_commands_on_the_envelope_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("maidenflight.simulator.tasks.trajectories.QUICKENING", 1.0)
+    monkeypatch.setattr("maidenflight.simulator.tasks.trajectories.RAMP_DURATION_S", 1.0)
     monkeypatch.setattr("maidenflight.experiments.envelope.DURATION_S", 0.1)
     policy_file.write(tmp_path / "policies" / "policy_1.json", policy.untrained(jax.random.key(0)))
     commands = "".join(blocks("docs/evaluation.md", "sh", "Envelope"))
