@@ -1,6 +1,6 @@
 """Measures the simulator and the training of the paper's 81 policies on a GPU.
 
-Beside crazyflow on the same card. Writes the tables of docs/studies/benchmarks.md.
+Beside crazyflow on the same card. Writes the tables of paper/notes/benchmarks.md.
 
 Every figure is of a process of its own. All compile at once, wait, and are asked in turn.
 """
@@ -209,7 +209,7 @@ def card() -> str:
 @click.option(
     "--output",
     type=click.Path(path_type=Path, exists=True),
-    default=FOLDER.parent / "docs" / "studies" / "benchmarks.md",
+    default=FOLDER.parent / "paper" / "notes" / "benchmarks.md",
     show_default=True,
 )
 @click.option("--crazyflow", default=sys.executable, help=f"A Python that has crazyflow {VERSION}.")

@@ -62,7 +62,7 @@ QUICK = {
     ),
 }
 """Settings of training, by control structure: a quarter as long as the command line's, and by Adam
-alone, as docs/studies/ablations.md was measured."""
+alone, as paper/notes/ablations.md was measured."""
 NO_LAG = 0.0025
 """T_m [s] of a motor without lag: in steps of 5 ms the trapezoidal rule then reaches the command at
 the end of the step, and a shorter one would overshoot."""

@@ -130,7 +130,7 @@ LEARNERS = {
         updates=600, hidden_learning_rate=0.0, action_change_penalty=0.0, horizon=32
     ),
 }
-"""With which docs/studies/zero-shot.md was measured."""
+"""With which paper/notes/zero-shot.md was measured."""
 
 
 @pytest.mark.parametrize(("name", "rate"), [("zero_shot", None), ("zero_shot_100hz", 100)])

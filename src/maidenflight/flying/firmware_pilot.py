@@ -172,5 +172,5 @@ def require_zero_order_hold(name: str, hover_command: float, full_scale_counts: 
             f"{name} hovers at {hover:.0f} counts of thrust; the Crazyflie's position PID, "
             f"which records flights, gives {LEAST_THRUST_COUNTS:.0f} to {MOST_COUNTS:.0f}. "
             "Identify it from logs of its own autopilot, or give a reality that flies its own "
-            "position controller (docs/realities.md)."
+            "position controller (docs/evaluation.md)."
         )

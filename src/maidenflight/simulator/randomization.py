@@ -230,7 +230,7 @@ rotor torque so large; trained over less, PWM policies flew worse on all others.
 LATER = 0.015
 """Least width of `wide_box` above the latency where that is randomized [s]: no factor widens an
 identified latency of zero, and another link or controller adds milliseconds to any. From 6 to 18 ms
-it costs 0.5 mm on the circle (docs/studies/training.md)."""
+it costs 0.5 mm on the circle (paper/notes/training.md)."""
 TRIM_WIDTHS = {"pwm": 2.0, "attitude_rate": 2.0, "attitude": 1.0}
 """Half width of `wide_box` in constant torques, in their deviations between flights."""
 
@@ -240,7 +240,7 @@ def wide_box(
 ) -> UniformBox:
     """Returns a wide box about an identified drone, for policies that fly drones unlike it too.
 
-    Chosen by how well policies transfer to virtual drones (docs/studies/randomization.md).
+    Chosen by how well policies transfer to virtual drones (paper/notes/randomization.md).
 
     Args:
         nominal: the identified drone.

@@ -131,7 +131,7 @@ def step(
         after, _ = until_estimate(env_state, tree.map(lambda numbers: numbers[0], drawn))
     else:
         # A gradient computes the PIDs' 500 Hz loop once more instead of keeping all of it, which is
-        # faster (docs/studies/roofline.md) and changes nothing else.
+        # faster (paper/notes/roofline.md) and changes nothing else.
         again = jax.checkpoint(until_estimate, prevent_cse=False)
         after, _ = lax.scan(again, env_state, drawn)
 

@@ -76,7 +76,7 @@ class AnalyticGradient:
     action_change_penalty: float = 0.02
     """Cost of the length of an action's change, beside the task's own. Policies that answer noise
     less keep the motors calm and tolerate more latency, at the same distance from the circle
-    (docs/studies/training.md)."""
+    (paper/notes/training.md)."""
     failure_penalty: float = 5.0
     """Cost of a horizon with a failure: a sigmoid of the task's smallest `failure_margin`. It is
     flat far beyond failure, so that the gradient comes from drones that can still be saved."""

@@ -51,7 +51,7 @@ class Distillation(AnalyticGradient):
     """Settings of distillation: those of training by analytic gradients, for each third.
 
     Learning rates and resets were chosen by returns over drones of any make
-    (docs/studies/adaptation.md).
+    (paper/notes/adaptation.md).
     """
 
     updates: int = 4500

@@ -117,7 +117,7 @@ def layout(path: StrPath, model: Model) -> dict[str, Any]:
         raise InputError(
             f"{path}: trained in an environment that is none of maidenflight.integrations.gym, or "
             "that was wrapped, so what its numbers are is not known. Describe it in a TOML file "
-            f"with network = {Path(path).name!r} and give that (docs/realities.md)."
+            f"with network = {Path(path).name!r} and give that (docs/evaluation.md)."
         )
     if note["control"] != "pwm":
         raise InputError(

@@ -20,7 +20,7 @@ class Entries:
     Over many drones each entry is an array with one number a drone, and XLA makes of a formula a
     few loops that the processor's vector units do whole. Of arrays with three or four numbers a
     drone, whose entries are cut out and stacked, it makes loops of single numbers: physics then
-    takes twice as long (docs/studies/roofline.md).
+    takes twice as long (paper/notes/roofline.md).
     """
 
     __array_ufunc__ = None
