@@ -48,7 +48,7 @@ def optional(package: str, extra: str, what: str, remark: str = "") -> Iterator[
 
 
 class WriteError(InputError):
-    """A file cannot be written, as on a full disk; what it held before is kept."""
+    """A file cannot be written, as on a full disk; its former content stays."""
 
     def __init__(self, path: str | PathLike[str], error: OSError) -> None:
         self.wrong = f"{path}: cannot be written ({error.strerror})."

@@ -115,7 +115,7 @@ def untrained(
 
     Args:
         key: random key.
-        interface: what its actions command; PWM at 100 Hz unless given.
+        interface: what its actions command; PWM at 100 Hz by default.
         spec: what it sees and remembers, and its hidden layers.
 
     Raises:
@@ -193,10 +193,10 @@ class Actor:
             measurement: what is known of the drone now.
             setpoint: where it shall be now [m], world, (3,).
             ahead: where it shall be at the K instants that the policy looks ahead at [m], world,
-                (K, 3); to be given where it looks ahead, and only there.
+                (K, 3); required where it looks ahead, and only there.
 
         Raises:
-            InputError: a number that is given, or an action, is not finite, or there are not K
+            InputError: an argument, or an action, is not finite, or there are not K
                 points ahead. What is remembered stays as it was.
         """
         points = np.zeros((0, 3), np.float32) if ahead is None else np.asarray(ahead, np.float32)

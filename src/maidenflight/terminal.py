@@ -11,7 +11,7 @@ from typing import Any, Self
 _WIDE = 110
 """Columns of a terminal from which a bar may be long."""
 _PER_SI = {"cm": 100.0, "g": 1e3, "deg": math.degrees(1.0), "deg/s": math.degrees(1.0)}
-"""Shown value per value in SI units, of the units that are none."""
+"""Displayed value per value in SI units, of the units that are none."""
 _NUMBER = re.compile(r"[-+*]? ?\d|-?$|- |unknown$")
 """How cells begin that are aligned right."""
 

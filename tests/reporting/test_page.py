@@ -243,7 +243,7 @@ def test_a_whole_run_shows_every_part(run, tmp_path):
     assert "22.0 <small>(command + sensors)" in content
     assert "87.12 .. 88.88" not in content
     assert "87.1 .. 88.9" in content
-    assert "no real drone has flown" in content
+    assert "no real drone flew" in content
     assert "<span class=badge>simulated</span>" in content
 
 

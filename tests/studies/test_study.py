@@ -127,7 +127,7 @@ GOOD: dict[str, Any] = {"name": "a", "kind": "train", "settings": {"drone": "cra
             "bbb",
         ),
         ([{**GOOD, "settings": {"drone": "my.toml"}}], "no file my.toml"),
-        ([{**GOOD, "grid": {"drone": ["crazyflie"]}}], "drone is given twice"),
+        ([{**GOOD, "grid": {"drone": ["crazyflie"]}}], "drone is set twice"),
         ([{**GOOD, "grid": {"seed": []}}], "grid seed"),
         ([{**GOOD, "grid": {"seed": [1, 1]}}], "twice"),
         ([{**GOOD, "grid": {"seed": {"first": 0}}}], "grid seed"),

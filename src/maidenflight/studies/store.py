@@ -1,4 +1,4 @@
-"""Where the results of a study are: a folder each, named by its key, seen whole or not at all.
+"""Where the results of a study are: a folder each, named by its key, whole or not at all.
 
 A store is a folder, which machines share, or an address of fsspec such as s3://BUCKET/STUDY.
 """

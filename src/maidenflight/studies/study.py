@@ -71,7 +71,7 @@ class Study:
     home: Path
     """The folder that paths are relative to."""
     entries: tuple[Mapping[str, Any], ...]
-    """As they were given."""
+    """As the study has them."""
     cpus: int = 1
     gpus: int = 0
 
@@ -187,7 +187,7 @@ def _entry(content: Any, where: str, known: Mapping[str, _Entry]) -> _Entry:
             expected = ", ".join(settings)
             raise InputError(f"{label}: {name} is no setting of {kind}. Expected {expected}.")
         if names.count(name) > 1:
-            raise InputError(f"{label}: {name} is given twice. Give it in one place.")
+            raise InputError(f"{label}: {name} is set twice. Set it in one place.")
     for name, setting in settings.items():
         if name not in names:
             setting.check(setting.default, f"{label}: {name}")
@@ -341,7 +341,7 @@ def _digests(value: str, label: str, known: dict[str, list[str]]) -> list[str]:
             if os.path.isdir(part):
                 files += sorted(path for path in part.rglob("*") if path.is_file())
             elif os.path.isfile(part):
-                # A policy by others is described by one file and held by another beside it.
+                # A policy by others is described by one file and stored in another beside it.
                 neighbours = part.parent.iterdir() if part.suffix == ".toml" else ()
                 files += [
                     part,

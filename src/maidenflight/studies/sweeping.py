@@ -54,7 +54,7 @@ def sweep(
 
     Returns:
         A row a row of each task, in the order of the study: `task`, `kind`, what is swept as
-        `ENTRY.SETTING`, and what the task found.
+        `ENTRY.SETTING`, and the task's results.
 
     Raises:
         InputError: the study is wrong (see `study.of`) or the engine cannot be used, before any
@@ -121,7 +121,7 @@ def compute(
         on_progress: called with how far it is.
 
     Returns:
-        By its key, what each task said that failed as often as it may.
+        By its key, the message of each task that failed as often as it may.
 
     Raises:
         InputError: the engine cannot be used.

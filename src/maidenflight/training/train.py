@@ -196,7 +196,7 @@ def _begin(
     env, settings, drones, keys = spec.env, spec.settings, spec.drones, spec.keys
 
     def start(stages: tuple[int, ...]) -> _State:
-        # Of a checkpoint, which has stages, shapes alone are asked for.
+        # Of a checkpoint, which has stages, only shapes count.
         begin = method.begin if stages else partial(_begun, method.begin)
         learners = begin(env, settings, drones, keys)
         if spec.initial is not None:
@@ -231,7 +231,7 @@ def _begun(
 
 
 def _advanced(state: _State, learners: Any, scores: Evaluation) -> _State:
-    """The state after one more evaluation; of each policy the better one is kept."""
+    """The state after one more evaluation; of each policy the better one counts."""
     better = scores.beats(state.best_score)
 
     def chosen(new: Array, old: Array) -> Array:

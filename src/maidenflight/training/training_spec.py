@@ -1,4 +1,4 @@
-"""What a training is asked for: checked, with a fingerprint that tells it from others."""
+"""Validates the arguments of a training, and makes the fingerprint of it."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -66,7 +66,7 @@ def validate(
     settings: Settings,
     policy: PolicySpec | Policy,
 ) -> TrainingSpec:
-    """Returns what `train` is asked for by its arguments of these names.
+    """Validates the arguments of `train` of these names.
 
     Raises:
         InputError: see `train`; not for settings of no known method.

@@ -35,7 +35,7 @@ class Sweep(Verb):
         "Machines",
     )
     workers: int | None = setting(
-        whole(1, 100_000), None, "Tasks at once at most; as many as there is room for unless given."
+        whole(1, 100_000), None, "Tasks at once at most; as many as there is room for by default."
     )
     cpus: int = setting(
         whole(1, 1024), 1, "Cores of each task. Results of another number are others."

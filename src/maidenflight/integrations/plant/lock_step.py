@@ -38,7 +38,7 @@ class Served(NamedTuple):
     """How a flight went."""
 
     steps: int
-    """Milliseconds flown."""
+    """Milliseconds of flight."""
     position: tuple[float, float, float]
     """Where it ended [m]."""
 
@@ -74,7 +74,7 @@ def by_pipe(plant: RunningPlant, reader: BinaryIO, writer: BinaryIO, steps: int 
         plant: what flies.
         reader: of the firmware's answers.
         writer: to the firmware.
-        steps: most milliseconds; any number unless given.
+        steps: most milliseconds; any number by default.
 
     Raises:
         InputError: an answer is none, or of another step.
@@ -108,7 +108,7 @@ def by_udp(
     Args:
         begin: makes the plant of a flight.
         address: where to listen: host and port.
-        steps: most milliseconds of a flight; any number unless given.
+        steps: most milliseconds of a flight; any number by default.
 
     Yields:
         Each flight that ended.

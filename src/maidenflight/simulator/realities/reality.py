@@ -1,7 +1,7 @@
 """What policies fly in: the `Reality` protocol, and `reality` by name.
 
-A reality is a `VirtualDrone`, of which many are flown at once in JAX, or anything that follows the
-`Reality` protocol: another simulator or a test bench, flown one command at a time.
+A reality is a `VirtualDrone`, of which many fly at once in JAX, or anything that follows the
+`Reality` protocol: another simulator or a test bench, which takes one command at a time.
 """
 
 import dataclasses
@@ -44,7 +44,7 @@ class Truth(NamedTuple):
 
 @runtime_checkable
 class Reality(Protocol):
-    """A drone flown one command at a time; it keeps its own state and needs no JAX.
+    """A drone that takes one command at a time; it keeps its own state and needs no JAX.
 
     Arrays may be of NumPy or lists; axes, units and motors are those of `dynamics.State`.
     """
