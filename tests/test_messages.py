@@ -376,7 +376,7 @@ def test_estimates_have_units_to_read_and_say_what_they_rest_on(capsys: Any) -> 
     assert re.search(r"torque_bias_x +-58\.83 +-97\.05 \.\. -23\.16 +110 +1e-6 N m", out)
     assert "inertia_x 9.3 .. 20 1e-6 kg m2, drag_x 0 .. 0.5 1/s" in " ".join(out.split())
     assert "taken from crazyflie: mass 28 g and rotors 39.6 mm from the centre" in out
-    assert "noise found: position_walk 0.0924 m/sqrt(s), actuator_noise 0.02\n" in out
+    assert "noise: position_walk 0.0924 m/sqrt(s), actuator_noise 0.02\n" in out
     assert (
         "log-likelihood 14.82 nats a row (13.42 for crazyflie; more is better), after 8 "
         "evaluations of it in 107.2 s" in out
