@@ -60,6 +60,8 @@ def set_flags(flags: str) -> None:
     """
     if os.environ.get("XLA_FLAGS") in (None, QUICK, FUSED):
         os.environ["XLA_FLAGS"] = flags
+    # On a busy machine XLA asks to file a bug of its slow compilation; what fails is an exception.
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 
 def prepare_jax(number: int | None = None, *, fused: bool = False) -> None:

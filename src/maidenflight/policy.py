@@ -64,6 +64,12 @@ class Policy:
         output = self.weights[-1] @ values + self.biases[-1]
         return jnp.concatenate([form.action_of(output), memory])
 
+    def __repr__(self) -> str:
+        """Returns its kind and sizes; its numbers would fill a screen."""
+        memory = "" if self.gru is None else f", memory of {self.gru.size}"
+        layers = "-".join(map(str, self.layer_sizes))
+        return f"Policy({self.interface.name}, {self.interface.rate} Hz, layers {layers}{memory})"
+
     @property
     def multiplications(self) -> int:
         """Of one action."""
