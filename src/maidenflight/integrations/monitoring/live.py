@@ -36,8 +36,8 @@ TIME = "time"
 STEPS = "simulated steps"
 """Timeline of training."""
 _REACH = 0.06
-"""From the drawn drone's centre to a rotor [m], about half as much again as a Crazyflie's, so that
-it is viewer_open."""
+"""From the drawn drone's centre to a rotor [m], half as much again as a Crazyflie's, to be
+visible."""
 _BLUE, _ORANGE, _GREEN, _PURPLE, _GREY, _INK = (
     (0, 103, 165),
     (194, 77, 0),

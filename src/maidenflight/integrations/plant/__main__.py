@@ -15,7 +15,7 @@ from maidenflight.integrations.plant import crazysim, lock_step
 from maidenflight.integrations.plant.running_plant import RunningPlant, find_plant
 
 ADDRESS = "127.0.0.1:19960"
-"""Where datagrams are served unless another way is options."""
+"""Where datagrams are served by default."""
 
 
 def _address(text: str) -> tuple[str, int]:
