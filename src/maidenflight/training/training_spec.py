@@ -61,7 +61,7 @@ class TrainingSpec(NamedTuple):
 def validate(
     task: Task,
     controller: Controller,
-    box: Distribution | Sequence[Distribution],
+    distribution: Distribution | Sequence[Distribution],
     keys: Array,
     settings: Settings,
     policy: PolicySpec | Policy,
@@ -90,7 +90,7 @@ def validate(
         raise InputError(
             "keys must be random keys, one a policy: jax.random.split(jax.random.key(0), 3)."
         )
-    boxes = _one_each(box, len(keys))
+    boxes = _one_each(distribution, len(keys))
     if controller.interface.name == EXCITATION.name:
         raise InputError(
             f"control structure {EXCITATION.name} cannot be trained for: it flies by itself. Give "

@@ -328,7 +328,7 @@ class Train(Verb):
             learner,
             policy=self.spec if start is None else start,
             on_progress=on_progress,
-            saved=core.Checkpoint(saved, restart=not self.resume),
+            checkpoint=core.Checkpoint(saved, restart=not self.resume),
         )
 
     @contextmanager
