@@ -387,3 +387,11 @@ def test_estimates_have_units_to_read_and_say_what_they_rest_on(capsys: Any) -> 
     out = capsys.readouterr().out
     assert "between trials: standard deviation" in out
     assert re.search(r"torque_bias_x .* -60 +1e-6 N m", out)
+
+
+def test_nothing_foreign_controls_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    name = "\x1b[31mred\x07 \u202eevil [bold]x[/bold] \udcff"
+    shown = r"\u001b[31mred\u0007 \u202eevil [bold]x[/bold] \udcff"
+    show(name, Table("title", {"name": "{name}"}, [{"name": name}]))
+    assert capsys.readouterr().out.count(shown) == 2
+    assert str(InputError(name)) == shown

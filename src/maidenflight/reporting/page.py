@@ -109,7 +109,8 @@ def to_html(run: Run) -> str:
         logs=embedded(logs) if logs else "",
         scripts=scripts,
     )
-    return f"{page}\n"
+    # A file's name may hold bytes that are no UTF-8.
+    return f"{page}\n".encode(errors="backslashreplace").decode()
 
 
 def vega() -> list[Markup]:
