@@ -812,4 +812,4 @@ def test_243_flights_are_drawn_by_a_page_of_less_than_six_megabytes(tmp_path):
 
 def test_a_name_that_is_no_utf8_is_shown_by_its_bytes() -> None:
     run = runs.Run(policies=1, records={"policies/\udcff.json": {"seed": 1}})
-    assert r"policies/\udcff.json" in page.to_html(run).encode().decode()
+    assert r"policies/\udcff.json" in page_module.to_html(run).encode().decode()
