@@ -155,6 +155,13 @@ def is_drone(name: str) -> bool:
     return name in parameters.DRONES or os.path.exists(name)
 
 
+def imports_code(name: str) -> bool:
+    """Tests whether a reality's name stands for Python code: `MODULE:FACTORY`."""
+    kind, _, rest = additions.split(name)[0].partition("@")[0].partition(":")
+    known = kind in VARIANTS or kind in REALITIES or rest.isdecimal()
+    return bool(rest) and not known and not is_drone(name)
+
+
 def _virtual_about(drawn_name: str, centre: str) -> VirtualDrone:
     """A virtual drone about another."""
     kind, _, seed = drawn_name.partition(":")
