@@ -13,13 +13,21 @@ inertial navigation technology, ch. 3.
 """
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
 from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
-from maidenflight.flights.checkup.kinematics import GRAVITY
+from maidenflight.flights.checkup.kinematics import AXES, GRAVITY, rotations
+from maidenflight.flights.checkup.relations import (
+    Samples,
+    best_reading,
+    sample_spans,
+    slow_down,
+    span_mean,
+)
 from maidenflight.flights.checkup.result import FAILS, PASSES, WARNS, CheckResult, unknown
 from maidenflight.flights.log import Flight
 
@@ -35,6 +43,12 @@ BAND_HZ = (0.3, 4.0)
 """Band in which drag answers tilts."""
 EXPLAINED = 0.6
 """Share of a horizontal force that drag has to explain for its axes to be judged."""
+DRAG_MATCH, DRAG_MARGIN = 0.8, 0.35
+"""Correlation of drag with velocity from which it shows the axes, and by how much they must be
+better in another frame to be named."""
+LEAST_DRAG_SPEED = 0.05
+"""Standard deviation of the velocity from which drag shows [m/s]."""
+FRAME = "accelerometer axes"
 _UNITS = {
     1 / GRAVITY: "g; expected m/s2",
     1e3 / GRAVITY: "thousandths of g; expected m/s2",
@@ -156,8 +170,46 @@ def _fit(
     return float(1 - left @ left / max(force @ force, 1e-12)), solved
 
 
+def _drag(axes: Float[np.ndarray, "3 3"] | None, piece: Flight, rows: int) -> Samples:
+    """Measures the force from the side, read in some axes, and the velocity that it drags against.
+
+    Without axes the force is turned from the world's to the body's.
+    """
+    attitude = rotations(piece)
+    force = np.asarray(piece.accelerometer).astype(float)
+    force = attitude.inv().apply(force) if axes is None else force @ axes.T
+    against = -attitude.inv().apply(piece.velocity.astype(float))[:, :2]
+    return span_mean(force[:, :2], rows), span_mean(against, rows)
+
+
+def _check_by_velocity(pieces: Sequence[Flight]) -> CheckResult | None:
+    """Checks the frame of the accelerometer by the drag against a known velocity."""
+    pieces = [slow_down(piece) for piece in pieces]
+    ways: dict[str, Float[np.ndarray, "3 3"] | None] = {"": np.eye(3), **AXES}
+    ways["turned from world to body axes"] = None
+    readings = {
+        name: sample_spans(pieces, partial(_drag, axes))
+        for name, axes in ways.items()
+        if "z with" not in name and "y and z" not in name and "x and z" not in name
+    }
+    best = best_reading(readings, LEAST_DRAG_SPEED)
+    if best is None or best.score < DRAG_MATCH:
+        return None
+    threshold = f"within {DRAG_MARGIN:g} of the best reading"
+    said = f"drag follows the velocity to {best.logged:.2f}"
+    if best.score - best.logged < DRAG_MARGIN:
+        return CheckResult(FRAME, PASSES, said, best.logged, threshold)
+    sentence = (
+        f"the accelerometer's {said} as logged, and to {best.score:.2f} with {best.name}. "
+        "Expected specific force along the body's x forward, y left, z up. Convert it."
+    )
+    return CheckResult(FRAME, FAILS, sentence, best.logged, threshold)
+
+
 def _check_frame(pieces: Sequence[Flight]) -> CheckResult:
-    name = "accelerometer axes"
+    name = FRAME
+    if pieces[0].has_state and (known := _check_by_velocity(pieces)) is not None:
+        return known
     found = _responses(pieces)
     if found is None:
         return unknown(name, "no piece lasts 6 s, in which drag would show the axes")

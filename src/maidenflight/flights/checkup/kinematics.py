@@ -22,7 +22,7 @@ from maidenflight.flights.log import Flight
 
 GRAVITY = 9.81
 """[m/s2]."""
-LEAST_RATE, LEAST_SPEED, LEAST_PUSH = 0.06, 0.05, 0.25
+LEAST_RATE, LEAST_SPEED, LEAST_PUSH = 0.03, 0.012, 0.25
 """Standard deviations below which an axis is too quiet to judge [rad/s, m/s, m/s2]."""
 MATCH = 0.7
 """Mean correlation from which a reading explains a signal."""
@@ -42,7 +42,7 @@ _UNITS = {
 }
 _PITCH = " Positive pitch is nose down here, a Crazyflie's stateEstimate.pitch is nose up."
 
-_AXES: Mapping[str, Float[np.ndarray, "3 3"]] = {
+AXES: Mapping[str, Float[np.ndarray, "3 3"]] = {
     "x with the opposite sign": np.diag([-1.0, 1.0, 1.0]),
     "y with the opposite sign": np.diag([1.0, -1.0, 1.0]),
     "z with the opposite sign": np.diag([1.0, 1.0, -1.0]),
@@ -187,7 +187,7 @@ def _read_axes(samples: Sequence[Samples]) -> dict[str, list[Samples]]:
         "": [*samples],
         **{
             name: [(first @ axes.T, second) for first, second in samples]
-            for name, axes in _AXES.items()
+            for name, axes in AXES.items()
         },
     }
 

@@ -46,6 +46,8 @@ _YAW_LEADS_S = (0.0, 0.02, 0.05, 0.1, 0.3)
 """How much the rotors' inertia lets yaw lead the drag of the blades [s]."""
 CURVE = (0.5, 1.75)
 """Change of thrust by that of command, both as shares, that a thrust command may have."""
+CABLE_S = 0.055
+"""Difference of the lags of force and of roll and pitch that shows a load on a cable [s]."""
 FORCE_EXPLAINED = 0.6
 """Correlation of the force along z with the commands from which the curve is judged."""
 THRUST_TO_WEIGHT = (1.02, 16.0)
@@ -85,7 +87,7 @@ def check_motors(pieces: Sequence[Flight]) -> list[CheckResult]:
     results.append(_check_delay(logged, answer))
     results.append(_check_yaw(found, logged))
     if pieces[0].accelerometer is not None:
-        results.append(_check_curve(pieces, answer))
+        results.append(_check_curve(pieces, answer, logged))
     results.append(_check_thrust(pieces))
     return results
 
@@ -253,7 +255,7 @@ def _check_delay(logged: Fit, answer: Responses) -> CheckResult:
     return CheckResult(name, FAILS, sentence, late, threshold)
 
 
-def _check_curve(pieces: Sequence[Flight], answer: Responses) -> CheckResult:
+def _check_curve(pieces: Sequence[Flight], answer: Responses, logged: Fit) -> CheckResult:
     name = "thrust curve"
     matches = answer.correlation(FORCE, np.ones(4))[:, _within(EARLIEST_S, LATEST_S)]
     lag, delay = np.unravel_index(int(np.argmax(matches)), matches.shape)
@@ -263,6 +265,10 @@ def _check_curve(pieces: Sequence[Flight], answer: Responses) -> CheckResult:
     if match < FORCE_EXPLAINED or answer.segments < FEWEST or command <= 0:
         return unknown(name, f"the force along z follows the commands to {match:.2f} only", match)
     place = int(np.flatnonzero(_within(EARLIEST_S, LATEST_S))[delay])
+    apart = float(LAGS_S[lag] + DELAYS_S[place]) - logged.lag - logged.delay
+    if abs(apart) > CABLE_S:
+        said = f"the force along z follows the commands {1e3 * apart:.0f} ms after roll and pitch"
+        return unknown(name, f"{said}, as with a load on a cable", apart)
     product = answer.products[FORCE, lag, place].sum()
     gain = 4 * product / answer.power[FORCE, lag].sum()
     share = float(gain * command / max(float(force.mean(dtype=np.float64)), 0.1 * GRAVITY))

@@ -17,13 +17,13 @@ from scipy.ndimage import uniform_filter1d
 
 from maidenflight.flights.log import Flight, thinned
 
-SPANS_S = (0.06, 0.1, 0.15, 0.3, 0.6, 1.0)
+SPANS_S = (0.1, 0.3, 1.0)
 """Times over which signals are averaged [s]."""
 RATE_HZ = 100.0
 """Rows a second that are enough to look at [Hz]."""
 FEWEST = 100
 """Samples below which nothing is concluded."""
-_MOST = 2000
+_MOST = 1500
 """Samples that are looked at, evenly chosen of more."""
 _TRIMMED = 0.95
 """Share of samples that counts: those nearest to one line."""
@@ -146,7 +146,7 @@ def _score(
     first: Float[np.ndarray, "M K"], second: Float[np.ndarray, "M K"], least: float
 ) -> float | None:
     deviations = second.std(axis=0)
-    loud = deviations > max(least, 0.1 * deviations.max())
+    loud = deviations > max(least, 0.02 * deviations.max())
     if not loud.any():
         return None
     rows = [

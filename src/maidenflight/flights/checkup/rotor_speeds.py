@@ -20,7 +20,7 @@ NAME = "rotor speeds"
 FOLLOWS = 0.5
 """Correlation of a speed with its lagged command below which it does not follow it."""
 MOTION = 0.6
-"""Or of the motion with speeds, by that with commands, below which motion contradicts the speeds."""
+"""Correlation of motion with speeds, by that with commands, below which they contradict it."""
 STOPPED = 0.2
 """Share of rows with a command in which a rotor may read 0."""
 _BAND_HZ = (0.3, 10.0)
