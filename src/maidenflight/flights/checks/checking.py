@@ -1,8 +1,8 @@
 """Checking flights: what can be used, what is dropped and why.
 
 A flight is cut into gapless pieces of rows in which the drone really flies; the notes say what was
-left out, and from which row on. What is wrong with a flight as a whole, a unit, a sign or the order
-of columns, is refused: dropping rows would hide it.
+left out, and from which row on. A wrong unit of a whole flight is refused: dropping rows would hide
+it. Signs, frames, clocks and the order of the motors are judged by `checkup`.
 """
 
 from dataclasses import replace
@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from maidenflight.errors import InputError
-from maidenflight.flights.checks import airborne, consistency, resampling
+from maidenflight.flights.checks import airborne, resampling
 from maidenflight.flights.log import GROUPS, OPTIONAL, Flight
 from maidenflight.simulator.physics.battery import LARGEST_COMMAND
 
@@ -55,8 +55,7 @@ def pieces(
         The pieces, and notes on what was dropped.
 
     Raises:
-        InputError: the rate is not steady, or a whole flight is in the wrong unit or contradicts
-            itself.
+        InputError: the rate is not steady, or a whole flight is in the wrong unit.
     """
     cuts, notes = np.zeros(len(flight), bool), []
     if time is not None:
@@ -93,9 +92,6 @@ def pieces(
             f"{shortest * flight.period:g} s"
         )
     _refuse_what_never_changes(kept, flight.name)
-    contradictions = consistency.contradictions(kept)
-    if contradictions:
-        raise InputError(f"{flight.name}: {' '.join(contradictions)}")
     weak = sum(int((piece.battery < EMPTY).sum()) for piece in kept)
     if weak:
         notes.append(

@@ -137,13 +137,13 @@ def _check_order(fits: dict[tuple[int, ...], Fit], found: Spectra, segments: flo
     name = "motor order"
     logged = fits[ORDERS[0]]
     best = max(fits.values(), key=lambda fit: fit.score)
-    gain = best.score - logged.score
-    threshold = f"none better by {BETTER / 2:.2f}"
+    gain = max(best.score - logged.score, 0.0)
+    threshold = f"below {BETTER / 2:.2f}"
     said = f"roll and pitch follow the motors as logged, correlation {logged.score / 2:.2f}"
     if gain < BETTER:
-        return CheckResult(name, PASSES, said, -gain / 2, threshold)
+        return CheckResult(name, PASSES, said, gain / 2, threshold)
     if segments < FEWEST and gain < 0.4:
-        return unknown(name, "the flight is too short to show the order of the motors", -gain / 2)
+        return unknown(name, "the flight is too short to show the order of the motors", gain / 2)
     right = ", ".join(f"command_{motor + 1}" for motor in best.order)
     sentence = (
         f"roll and pitch follow the motors in the order {right} with correlations of "
@@ -153,7 +153,7 @@ def _check_order(fits: dict[tuple[int, ...], Fit], found: Spectra, segments: flo
     other = _as_frame(best.order)
     if other:
         sentence += f" Or {other}.{_decide_by_yaw(found, best)}"
-    return CheckResult(name, FAILS, sentence, -gain / 2, threshold)
+    return CheckResult(name, FAILS, sentence, gain / 2, threshold)
 
 
 def _as_frame(order: tuple[int, ...]) -> str:
